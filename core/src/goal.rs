@@ -1,0 +1,146 @@
+//! The temporary target: a point at a fixed distance on the source's bearing (main paper, section III-A and IV: 2 m).
+//!
+//! Bearings are averaged as unit vectors in the NED frame, each with the weight of its precision, over a memory that is as
+//! long as they are noisy: a tenth of a second for good ones, a second or two for bearings of 10 or 20 degrees.
+
+use crate::bearing::Bearing;
+use crate::error::{ConfigError, check};
+use crate::frame::Horizontal;
+use crate::time::Instant;
+use crate::units::wrap_pi;
+
+/// What the goal needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Distance of the temporary target.
+    pub target_distance_m: f32,
+    /// Memory of perfect bearings.
+    pub memory_min_s: f32,
+    /// Memory added per radian of the bearings' sigma.
+    pub memory_s_per_rad: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { target_distance_m: 2.0, memory_min_s: 0.1, memory_s_per_rad: 6.0 }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Seeker, ConfigError> {
+        check("goal.target_distance_m", self.target_distance_m, 0.5, 20.0)?;
+        check("goal.memory_min_s", self.memory_min_s, 0.0, 10.0)?;
+        check("goal.memory_s_per_rad", self.memory_s_per_rad, 0.0, 100.0)?;
+        Ok(Seeker { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seeker {
+    config: Config,
+}
+
+/// The averaged direction of the source.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    sum: Horizontal,
+    updated: Option<Instant>,
+}
+
+impl State {
+    /// Bearing of the source from north, clockwise; `None` before the first valid bearing.
+    #[must_use]
+    pub fn source_bearing_ned_rad(&self) -> Option<f32> {
+        self.updated.map(|_| self.sum.bearing_rad())
+    }
+
+    /// When the last valid bearing was measured.
+    #[must_use]
+    pub fn updated(&self) -> Option<Instant> {
+        self.updated
+    }
+}
+
+impl Seeker {
+    /// Takes in a valid bearing measured at a given yaw.
+    pub fn observe(&self, state: &mut State, bearing: &Bearing, yaw_rad: f32) {
+        let direction = Horizontal::from_bearing(wrap_pi(bearing.azimuth_rad + yaw_rad));
+        let sigma_rad = if bearing.sigma_rad > 1e-3 { bearing.sigma_rad } else { 1e-3 };
+        let weight = 1.0 / (sigma_rad * sigma_rad);
+        let kept = match state.updated {
+            None => 0.0,
+            Some(updated) => {
+                let memory_s = self.config.memory_min_s + self.config.memory_s_per_rad * sigma_rad;
+                let age = bearing.time.seconds_since(updated) / if memory_s > 1e-3 { memory_s } else { 1e-3 };
+                // exp(-age), by the first terms of its series: exact enough for a weight.
+                1.0 / (1.0 + age + 0.5 * age * age)
+            }
+        };
+        state.sum = state.sum.times(kept).plus(direction.times(weight));
+        state.updated = Some(bearing.time);
+    }
+
+    /// The temporary target as seen from a position; `None` before the first valid bearing.
+    #[must_use]
+    pub fn target_ned_m(&self, state: &State, position_ned_m: Horizontal) -> Option<Horizontal> {
+        let norm = state.sum.norm();
+        if state.updated.is_none() || !(norm > 0.0) {
+            return None;
+        }
+        Some(position_ned_m.plus(state.sum.times(self.config.target_distance_m / norm)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bearing::{Flags, Quality};
+    use crate::rng::Rng;
+
+    fn bearing(time_us: u64, azimuth_rad: f32, sigma_rad: f32) -> Bearing {
+        Bearing {
+            time: Instant(time_us),
+            valid: true,
+            azimuth_rad,
+            sigma_rad,
+            elevation_rad: 0.0,
+            elevation_sigma_rad: 1.0,
+            quality: Quality::default(),
+            flags: Flags::default(),
+        }
+    }
+
+    #[test]
+    fn the_target_lies_two_metres_off_on_azimuth_plus_yaw() {
+        let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
+        assert_eq!(seeker.target_ned_m(&state, Horizontal::default()), None);
+        seeker.observe(&mut state, &bearing(0, 0.5, 0.01), core::f32::consts::FRAC_PI_2 - 0.5);
+        let target = seeker.target_ned_m(&state, Horizontal { north: 1.0, east: 1.0 }).unwrap();
+        assert!((target.north - 1.0).abs() < 1e-5 && (target.east - 3.0).abs() < 1e-5, "{target:?}");
+    }
+
+    #[test]
+    fn noisy_bearings_are_averaged_longer_than_good_ones_and_across_the_wrap() {
+        let seeker = Config::default().build().unwrap();
+        for (sigma, expected) in [(0.0025_f32, 0.002), (0.35, 0.10)] {
+            let (mut state, mut rng) = (State::default(), Rng::new(5, 0));
+            let mut squares = 0.0;
+            for k in 0..2000_u64 {
+                let azimuth = wrap_pi(core::f32::consts::PI + sigma * rng.gaussian());
+                seeker.observe(&mut state, &bearing(k * 20_000, azimuth, sigma), 0.0);
+                if k >= 1000 {
+                    let error = wrap_pi(state.source_bearing_ned_rad().unwrap() - core::f32::consts::PI);
+                    squares += error * error;
+                }
+            }
+            let rms = libm::sqrtf(squares / 1000.0);
+            assert!(rms < expected, "sigma {sigma}: {rms}");
+        }
+    }
+}

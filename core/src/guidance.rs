@@ -1,0 +1,757 @@
+//! The fast door: one step takes in a frame and the telemetry, and gives out one setpoint. Here the rooms are wired, in the
+//! order of the data; this is the only file that knows them all.
+//!
+//! The planner is not called from here. A step that wants a plan says so ([`Output::plan_requested`]); whoever drives the
+//! step lets [`crate::planner`] answer [`State::request`], now or on a slower task, and hands the answer to any later step.
+//! It takes effect [`Config::handover_ticks`] steps after the request, neither earlier nor later, so that the flight does
+//! not depend on how fast the planner ran. An answer that comes later than that is dropped and counted; the old plan goes
+//! on while it lasts.
+
+use heapless::Vec;
+
+use crate::adc::Snapshot;
+use crate::bearing::{Bearing, Flags};
+use crate::error::{ConfigError, Why, check};
+use crate::field::Obstacle;
+use crate::frame::Horizontal;
+use crate::guard::{self, Setpoint, Situation};
+use crate::map::{CIRCLES_MAX, Circle, Map};
+use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
+use crate::ownship::Ownship;
+use crate::planner::{Plan, PlanRequest, Verdict};
+use crate::rollout::{WAYPOINTS, swept_clearance_m};
+use crate::scan::{Pose, Scan};
+use crate::time::Instant;
+use crate::trace::Trace;
+use crate::track::Demand;
+use crate::{array, bearing, goal, map, mission, phase, planner, response, scan, track};
+
+/// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
+const NEAR_M: f32 = 4.0;
+
+/// What the antennas brought.
+#[derive(Clone, Copy, Debug)]
+pub enum FrontEnd<'a, const N: usize> {
+    /// Four channels of codes: the real thing.
+    Snapshot(&'a Snapshot<N>),
+    /// A bearing made elsewhere.
+    Bearing(Bearing),
+    /// No frame in this step.
+    Nothing,
+}
+
+/// Everything that one step of the fast loop may know.
+#[derive(Clone, Debug)]
+pub struct Input<'a, const N: usize> {
+    /// The time of the step.
+    pub now: Instant,
+    /// What the antennas brought.
+    pub front_end: FrontEnd<'a, N>,
+    /// The vehicle as last heard; `None` before the first word.
+    pub ownship: Option<Ownship>,
+    /// A new obstacle scan.
+    pub scan: Option<&'a Scan>,
+    /// Obstacles that a sensor delivers as circles already.
+    pub circles: Option<&'a [Circle]>,
+    /// Whether we are in control.
+    pub control: Control,
+    /// The planner's answer, handed over once, as soon as there is one.
+    pub plan: Option<&'a Plan>,
+}
+
+/// What one step came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Output {
+    /// The time of the step.
+    pub time: Instant,
+    /// What it came to.
+    pub outcome: Outcome,
+    /// The command; always finite and inside the limits.
+    pub setpoint: Setpoint,
+    /// A bearing measured in this step (it may be invalid; see its flags).
+    pub bearing: Option<Bearing>,
+    /// The bearing of the source that guidance now follows, from north, clockwise.
+    pub source_bearing_ned_rad: Option<f32>,
+    /// The temporary target that guidance now follows.
+    pub target_ned_m: Option<Horizontal>,
+    /// What the guard did.
+    pub guard: guard::Action,
+    /// A plan is wanted: [`State::request`] says for what.
+    pub plan_requested: bool,
+    /// A plan took effect in this step.
+    pub plan_activated: bool,
+    /// Plans that came too late so far.
+    pub plans_late: u32,
+    /// Hash over every bearing, plan and setpoint so far.
+    pub trace_hash: u64,
+}
+
+/// Configuration of the whole chain, room by room.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Seed of everything random in the flight.
+    pub seed: u64,
+    /// Period of the steps.
+    pub tick_s: f32,
+    /// Steps from a plan's request to its taking effect.
+    pub handover_ticks: u32,
+    /// The next plan is asked for when this many waypoints are passed (main paper, section IV: 5).
+    pub replan_at_waypoint: u8,
+    /// A plan that says brake is asked for again after this long.
+    pub retry_s: f32,
+    /// Phasor extraction.
+    pub phase: phase::Config,
+    /// Antenna array.
+    pub array: array::Config,
+    /// Angle of arrival.
+    pub bearing: bearing::Config,
+    /// Circles from scans.
+    pub scan: scan::Config,
+    /// Obstacle memory.
+    pub map: map::Config,
+    /// Temporary target.
+    pub goal: goal::Config,
+    /// Planner.
+    pub planner: planner::Config,
+    /// The vehicle's answer to setpoints.
+    pub response: response::Config,
+    /// Waypoint tracker.
+    pub track: track::Config,
+    /// Safety filter.
+    pub guard: guard::Config,
+    /// State machine.
+    pub mission: mission::Config,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            tick_s: 0.02,
+            handover_ticks: 5,
+            replan_at_waypoint: 5,
+            retry_s: 0.5,
+            phase: phase::Config::default(),
+            array: array::Config::default(),
+            bearing: bearing::Config::default(),
+            scan: scan::Config::default(),
+            map: map::Config::default(),
+            goal: goal::Config::default(),
+            planner: planner::Config::default(),
+            response: response::Config::default(),
+            track: track::Config::default(),
+            guard: guard::Config::default(),
+            mission: mission::Config::default(),
+        }
+    }
+}
+
+impl Config {
+    /// Sets the vehicle's radius wherever it counts.
+    pub fn set_vehicle_radius_m(&mut self, radius_m: f32) {
+        self.planner.vehicle_radius_m = radius_m;
+        self.guard.vehicle_radius_m = radius_m;
+    }
+
+    /// Checks every room's part.
+    ///
+    /// # Errors
+    /// The first field that is refused.
+    pub fn build<const N: usize>(&self) -> Result<Guidance<N>, ConfigError> {
+        check("tick_s", self.tick_s, 0.005, 0.1)?;
+        check("handover_ticks", self.handover_ticks as f32, 2.0, 100.0)?;
+        check("replan_at_waypoint", f32::from(self.replan_at_waypoint), 1.0, WAYPOINTS as f32)?;
+        check("retry_s", self.retry_s, 0.05, 10.0)?;
+        if self.planner.vehicle_radius_m < self.guard.vehicle_radius_m {
+            let why = Why::Inconsistent("the planner may not think the vehicle smaller than the guard does");
+            return Err(ConfigError { field: "planner.vehicle_radius_m", value: self.planner.vehicle_radius_m, why });
+        }
+        self.planner.build()?;
+        Ok(Guidance {
+            seed: self.seed,
+            tick_s: self.tick_s,
+            handover_ticks: self.handover_ticks,
+            replan_at_waypoint: usize::from(self.replan_at_waypoint),
+            retry_ticks: libm::ceilf(self.retry_s / self.tick_s) as u32,
+            plan_margin_m: 0.5 * self.planner.margin_m,
+            target_distance_m: self.goal.target_distance_m,
+            phase: self.phase.build()?,
+            bearing: self.bearing.build(self.array.build()?)?,
+            scan: self.scan.build()?,
+            map: self.map.build()?,
+            goal: self.goal.build()?,
+            response: self.response.build(self.tick_s)?,
+            track: self.track.build()?,
+            guard: self.guard.build()?,
+            mission: self.mission.build()?,
+        })
+    }
+}
+
+/// The configured fast loop.
+#[derive(Clone, Debug)]
+pub struct Guidance<const N: usize> {
+    seed: u64,
+    tick_s: f32,
+    handover_ticks: u32,
+    replan_at_waypoint: usize,
+    retry_ticks: u32,
+    plan_margin_m: f32,
+    target_distance_m: f32,
+    phase: phase::Extractor<N>,
+    bearing: bearing::Finder,
+    scan: scan::Fitter,
+    map: map::Keeper,
+    goal: goal::Seeker,
+    response: response::Response,
+    track: track::Tracker,
+    guard: guard::Guard,
+    mission: mission::Mission,
+}
+
+/// What the fast loop carries from step to step.
+#[derive(Clone, Debug)]
+pub struct State<const N: usize> {
+    tick: u32,
+    phase: phase::State<N>,
+    map: Map,
+    goal: goal::State,
+    response: response::State,
+    track: track::State,
+    guard: guard::State,
+    mission: mission::State,
+    /// Obstacles near the vehicle, as of this step.
+    near: Vec<Obstacle, CIRCLES_MAX>,
+    ownship: Option<Ownship>,
+    last_flags: Flags,
+    hold_down_m: Option<f32>,
+    request: PlanRequest,
+    /// The step at which the request's answer takes effect; `None` when nothing is asked.
+    due: Option<u32>,
+    pending: Option<Plan>,
+    active: Option<Plan>,
+    /// When the active plan took effect.
+    activated: u32,
+    plans_late: u32,
+    trace: Trace,
+}
+
+impl<const N: usize> State<N> {
+    /// The plan request that is under way.
+    #[must_use]
+    pub fn request(&self) -> &PlanRequest {
+        &self.request
+    }
+
+    /// The known obstacles.
+    #[must_use]
+    pub fn map(&self) -> &Map {
+        &self.map
+    }
+
+    /// The plan that is being followed.
+    #[must_use]
+    pub fn plan(&self) -> Option<&Plan> {
+        self.active.as_ref()
+    }
+}
+
+impl<const N: usize> Guidance<N> {
+    /// The state before the first step.
+    #[must_use]
+    pub fn start(&self) -> State<N> {
+        State {
+            tick: 0,
+            phase: phase::State::default(),
+            map: Map::default(),
+            goal: goal::State::default(),
+            response: response::State::default(),
+            track: track::State::default(),
+            guard: guard::State::default(),
+            mission: mission::State::default(),
+            near: Vec::new(),
+            ownship: None,
+            last_flags: Flags::default(),
+            hold_down_m: None,
+            request: PlanRequest::default(),
+            due: None,
+            pending: None,
+            active: None,
+            activated: 0,
+            plans_late: 0,
+            trace: Trace::default(),
+        }
+    }
+
+    /// One step of the fast loop.
+    pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
+        state.tick = state.tick.wrapping_add(1);
+        if let Some(ownship) = input.ownship.filter(Ownship::is_finite) {
+            state.ownship = Some(ownship);
+        }
+        let bearing = self.hear(state, input);
+        self.look(state, input);
+        let plan_activated = self.take_over(state, input.plan);
+
+        let situation = self.situation(state);
+        let facts = self.facts(state, input, &situation);
+        let mut outcome = self.mission.admit(&mut state.mission, &facts);
+        let mut guard_action = guard::Action::Passed;
+        let mut setpoint = Setpoint::default();
+        let mut plan_requested = false;
+        match outcome.behaviour() {
+            Behaviour::None => self.let_go(state),
+            Behaviour::Hold => (setpoint, _) = self.command(state, &Demand::default(), &situation),
+            Behaviour::Follow => {
+                let demand = self.demand(state, &situation);
+                (setpoint, guard_action) = self.command(state, &demand.unwrap_or_default(), &situation);
+                let progress = progress(state, demand, guard_action);
+                outcome = self.mission.conclude(&mut state.mission, input.now, progress);
+                plan_requested = self.ask(state, &situation, progress);
+            }
+        }
+        self.response.command(&mut state.response, setpoint.velocity_ned_mps.horizontal());
+
+        if let Some(bearing) = &bearing {
+            state.trace.float(bearing.azimuth_rad);
+            state.trace.float(bearing.sigma_rad);
+            state.trace.word(u32::from(bearing.flags.0) | u32::from(bearing.valid) << 16);
+        }
+        let velocity = setpoint.velocity_ned_mps;
+        for value in [velocity.north, velocity.east, velocity.down, setpoint.yaw_rate_radps] {
+            state.trace.float(value);
+        }
+        Output {
+            time: input.now,
+            outcome,
+            setpoint,
+            bearing,
+            source_bearing_ned_rad: state.goal.source_bearing_ned_rad(),
+            target_ned_m: state.active.as_ref().map(|_| state.request.target_ned_m),
+            guard: guard_action,
+            plan_requested,
+            plan_activated,
+            plans_late: state.plans_late,
+            trace_hash: state.trace.hash(),
+        }
+    }
+
+    /// Frame -> phasors -> bearing -> direction of the source.
+    fn hear(&self, state: &mut State<N>, input: &Input<'_, N>) -> Option<Bearing> {
+        let bearing = match input.front_end {
+            FrontEnd::Snapshot(snapshot) => self.bearing.find(&self.phase.step(&mut state.phase, snapshot)),
+            FrontEnd::Bearing(bearing) => bearing,
+            FrontEnd::Nothing => return None,
+        };
+        state.last_flags = bearing.flags;
+        let sane = bearing.azimuth_rad.is_finite() && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
+        if bearing.valid
+            && sane
+            && let Some(ownship) = &state.ownship
+        {
+            self.goal.observe(&mut state.goal, &bearing, ownship.yaw_at(bearing.time));
+        }
+        Some(bearing)
+    }
+
+    /// Scan -> circles -> map -> what is near.
+    fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
+        let Some(ownship) = state.ownship else { return };
+        let place = ownship.position_ned_m.horizontal();
+        if let Some(scan) = input.scan {
+            let since_s = scan.time.seconds_since(ownship.position_time);
+            let moved = ownship.velocity_ned_mps.horizontal().times(since_s.clamp(0.0, 0.1));
+            let pose = Pose { position_ned_m: place.plus(moved), yaw_rad: ownship.yaw_at(scan.time) };
+            let detections = self.scan.fit(scan, &pose);
+            self.map.observe_scan(&mut state.map, input.now, scan, &pose, &detections);
+        }
+        if let Some(circles) = input.circles {
+            self.map.observe_circles(&mut state.map, input.now, place, circles);
+        }
+        self.map.advance(&mut state.map, input.now);
+        state.near.clear();
+        for circle in state.map.circles() {
+            let obstacle = self.guard.obstacle(circle);
+            let limit = obstacle.reach_m + NEAR_M;
+            if circle.center_ned_m.minus(place).norm_squared() < limit * limit {
+                // Cannot fail: as many places as circles.
+                let _ = state.near.push(obstacle);
+            }
+        }
+    }
+
+    /// Takes in the planner's answer and lets it take effect at its step; true if one did.
+    fn take_over(&self, state: &mut State<N>, answer: Option<&Plan>) -> bool {
+        if let Some(plan) = answer
+            && state.due.is_some()
+            && plan.id == state.request.id
+        {
+            state.pending = Some(plan.clone());
+        }
+        if state.due != Some(state.tick) {
+            return false;
+        }
+        state.due = None;
+        let Some(plan) = state.pending.take() else {
+            state.plans_late = state.plans_late.saturating_add(1);
+            return false;
+        };
+        state.trace.word(plan.id);
+        for waypoint in &plan.waypoints_ned_m {
+            state.trace.float(waypoint.north);
+            state.trace.float(waypoint.east);
+        }
+        state.active = Some(plan);
+        state.activated = state.tick;
+        state.track.restart();
+        true
+    }
+
+    /// Where the vehicle is and where it would come to rest.
+    fn situation(&self, state: &State<N>) -> Situation {
+        let ownship = state.ownship.unwrap_or_default();
+        let position_ned_m = ownship.position_ned_m.horizontal();
+        let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
+        let rest_ned_m = self.response.rest_point(&state.response, position_ned_m, velocity_ned_mps);
+        Situation { position_ned_m, rest_ned_m, yaw_rad: ownship.yaw_rad }
+    }
+
+    fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &Situation) -> Facts {
+        let heard = input.ownship.filter(Ownship::is_finite);
+        Facts {
+            now: input.now,
+            control: input.control,
+            position: heard.map(|ownship| ownship.position_time),
+            attitude: heard.map(|ownship| ownship.attitude_time),
+            obstacles: state.map.updated(),
+            bearing: state.goal.updated(),
+            bearing_flags: state.last_flags,
+            place_ned_m: situation.position_ned_m,
+        }
+    }
+
+    /// What the active plan asks for; `None` when there is nothing to follow.
+    fn demand(&self, state: &mut State<N>, situation: &Situation) -> Option<Demand> {
+        let plan = state.active.as_ref()?;
+        let trajectory = &plan.waypoints_ned_m;
+        let mut demand = self.track.step(&mut state.track, trajectory, situation.rest_ned_m, situation.yaw_rad, self.tick_s);
+        if plan.verdict == Verdict::Brake {
+            demand.velocity_ned_mps = Horizontal::default();
+            // Nothing safe in sight: look where the source is.
+            if let Some(bearing_rad) = state.goal.source_bearing_ned_rad() {
+                demand.yaw_rate_radps = self.track.turn_to(bearing_rad, situation.yaw_rad);
+            }
+        }
+        Some(demand)
+    }
+
+    /// The demand, with the altitude held, through the guard.
+    fn command(&self, state: &mut State<N>, demand: &Demand, situation: &Situation) -> (Setpoint, guard::Action) {
+        let down_m = state.ownship.unwrap_or_default().position_ned_m.down;
+        let wanted_m = *state.hold_down_m.get_or_insert(down_m);
+        let demand = Demand { down_mps: self.track.hold_altitude(wanted_m, down_m), ..*demand };
+        self.guard.step(&mut state.guard, &demand, situation, &state.near, self.tick_s)
+    }
+
+    /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
+    fn let_go(&self, state: &mut State<N>) {
+        state.guard = guard::State::default();
+        state.track = track::State::default();
+        state.hold_down_m = None;
+        state.due = None;
+        state.pending = None;
+        state.active = None;
+    }
+
+    /// Asks for a plan where one is wanted; true if it did.
+    fn ask(&self, state: &mut State<N>, situation: &Situation, progress: Progress) -> bool {
+        let since = state.tick.wrapping_sub(state.activated);
+        let wanted = match progress {
+            Progress::RanOut => true,
+            Progress::NoPath => since >= self.retry_ticks,
+            Progress::GuardBraked | Progress::NotFinite => since >= self.handover_ticks,
+            Progress::Following => {
+                state.track.passed >= self.replan_at_waypoint || self.is_invalid(state, situation)
+            }
+        };
+        if !wanted || state.due.is_some() {
+            return false;
+        }
+        // The rest point obeys at once, so that is where it will be when the plan takes effect.
+        let ahead_s = self.tick_s * self.handover_ticks as f32;
+        let start_ned_m = situation.rest_ned_m.plus(state.guard.command_ned_mps().times(ahead_s));
+        let Some(bearing_rad) = state.goal.source_bearing_ned_rad() else { return false };
+        // On the measured line, which begins at the vehicle and not at the start of the plan.
+        let direction = Horizontal::from_bearing(bearing_rad);
+        let along_m = start_ned_m.minus(situation.position_ned_m).dot(direction);
+        let distance_m = self.target_distance_m + if along_m > 0.0 { along_m } else { 0.0 };
+        state.request.id = state.request.id.wrapping_add(1);
+        state.request.seed = self.seed;
+        state.request.start_ned_m = start_ned_m;
+        state.request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
+        state.request.circles = state.map.circles().copied().collect();
+        state.due = Some(state.tick.wrapping_add(self.handover_ticks));
+        true
+    }
+
+    /// Whether what is known by now stands in the way of the active plan's next waypoints.
+    fn is_invalid(&self, state: &State<N>, situation: &Situation) -> bool {
+        let Some(plan) = &state.active else { return false };
+        let from = state.track.passed.min(WAYPOINTS);
+        let to = (from + 6).min(WAYPOINTS);
+        let next = &plan.waypoints_ned_m[from..to];
+        let rest = situation.rest_ned_m;
+        state.near.iter().any(|obstacle| {
+            let at_rest = obstacle.clearance_m(rest) - 0.01;
+            let least = if at_rest < self.plan_margin_m { at_rest } else { self.plan_margin_m };
+            swept_clearance_m(rest, next, core::slice::from_ref(obstacle)) < least
+        })
+    }
+}
+
+/// What became of the plan in this step.
+fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: guard::Action) -> Progress {
+    match (&state.active, demand) {
+        (Some(_), Some(demand)) if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
+        (Some(plan), Some(_)) if plan.verdict == Verdict::Brake => Progress::NoPath,
+        (Some(_), Some(_)) if state.track.passed >= WAYPOINTS => Progress::RanOut,
+        (Some(_), Some(_)) if action == guard::Action::Braked => Progress::GuardBraked,
+        (Some(_), Some(_)) => Progress::Following,
+        _ => Progress::RanOut,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bearing::Quality;
+    use crate::frame::Ned;
+    use crate::planner::Scratch;
+    use crate::units::wrap_pi;
+    use std::vec::Vec as StdVec;
+
+    const DT: f32 = 0.02;
+
+    /// A vehicle with dead time and lag among pillars, seen as circles within 3 m and 90 deg; bearings without noise.
+    struct Flight {
+        config: Config,
+        pillars: StdVec<Circle>,
+        source: Horizontal,
+        position: Horizontal,
+        velocity: Horizontal,
+        yaw: f32,
+        line: std::collections::VecDeque<Setpoint>,
+        /// Steps that the planner needs.
+        planning: u32,
+    }
+
+    struct Report {
+        reached: bool,
+        closest_m: f32,
+        outputs: StdVec<Output>,
+    }
+
+    impl Flight {
+        fn new(pillars: &[(f32, f32, f32)], source: (f32, f32)) -> Self {
+            let circle = |&(north, east, radius_m): &(f32, f32, f32)| Circle {
+                center_ned_m: Horizontal { north, east },
+                radius_m,
+                ..Circle::default()
+            };
+            Self {
+                config: Config::default(),
+                pillars: pillars.iter().map(circle).collect(),
+                source: Horizontal { north: source.0, east: source.1 },
+                position: Horizontal::default(),
+                velocity: Horizontal::default(),
+                yaw: 0.0,
+                line: std::vec![Setpoint::default(); 16].into(),
+                planning: 1,
+            }
+        }
+
+        fn bearing(&self, now: Instant) -> Bearing {
+            let azimuth_rad = wrap_pi(self.source.minus(self.position).bearing_rad() - self.yaw);
+            Bearing {
+                time: now,
+                valid: true,
+                azimuth_rad,
+                sigma_rad: 0.01,
+                elevation_rad: 0.0,
+                elevation_sigma_rad: 1.0,
+                quality: Quality::default(),
+                flags: Flags::default(),
+            }
+        }
+
+        fn visible(&self) -> StdVec<Circle> {
+            let seen = |c: &&Circle| {
+                let away = c.center_ned_m.minus(self.position);
+                away.norm() - c.radius_m < 3.0 && wrap_pi(away.bearing_rad() - self.yaw).abs() < 0.785
+            };
+            self.pillars.iter().filter(seen).copied().collect()
+        }
+
+        fn run(&mut self, seconds: f32, twist: impl Fn(u32, &mut Input<'_, 64>)) -> Report {
+            let guidance = self.config.build::<64>().unwrap();
+            let planner = self.config.planner.build().unwrap();
+            let (mut state, mut scratch) = (guidance.start(), Scratch::default());
+            let mut ready: Option<(u32, Plan)> = None;
+            let mut report = Report { reached: false, closest_m: f32::INFINITY, outputs: StdVec::new() };
+            for step in 0..(seconds / DT) as u32 {
+                let now = Instant(1_000_000 + u64::from(step) * 20_000);
+                let circles = self.visible();
+                let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
+                let ownship = Ownship {
+                    position_time: now,
+                    position_ned_m: ned(self.position),
+                    velocity_ned_mps: ned(self.velocity),
+                    attitude_time: now,
+                    yaw_rad: self.yaw,
+                    ..Ownship::default()
+                };
+                let plan = ready.take_if(|(at, _)| *at <= step).map(|(_, plan)| plan);
+                let mut input = Input {
+                    now,
+                    front_end: FrontEnd::Bearing(self.bearing(now)),
+                    ownship: Some(ownship),
+                    scan: None,
+                    circles: Some(&circles),
+                    control: Control::Granted,
+                    plan: plan.as_ref(),
+                };
+                twist(step, &mut input);
+                let output = guidance.step(&mut state, &input);
+                if output.plan_requested {
+                    ready = Some((step + self.planning, planner.plan(&mut scratch, state.request())));
+                }
+                report.outputs.push(output);
+
+                self.line.push_back(output.setpoint);
+                let acting = self.line.pop_front().unwrap();
+                self.velocity = self.velocity.plus(
+                    acting.velocity_ned_mps.horizontal().minus(self.velocity).times(DT / 0.5),
+                );
+                self.position = self.position.plus(self.velocity.times(DT));
+                self.yaw = wrap_pi(self.yaw + acting.yaw_rate_radps * DT);
+                for pillar in &self.pillars {
+                    let clearance = pillar.center_ned_m.minus(self.position).norm() - pillar.radius_m - 0.15;
+                    report.closest_m = report.closest_m.min(clearance);
+                }
+                if self.source.minus(self.position).norm() < 0.5 {
+                    report.reached = true;
+                    break;
+                }
+            }
+            report
+        }
+    }
+
+    const PILLARS: [(f32, f32, f32); 7] = [
+        (2.0, 0.1, 0.3),
+        (3.2, -0.9, 0.25),
+        (3.4, 1.0, 0.25),
+        (4.8, 0.2, 0.35),
+        (6.2, 1.1, 0.3),
+        (6.4, -0.6, 0.3),
+        (8.0, 0.4, 0.25),
+    ];
+
+    #[test]
+    fn it_reaches_the_source_through_pillars_without_touching_one() {
+        for seed in 0..20 {
+            let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
+            flight.config.seed = seed;
+            let report = flight.run(60.0, |_, _| {});
+            let end = report.outputs.last().unwrap();
+            assert!(report.reached, "seed {seed}: {:?} after {} steps", end.outcome, report.outputs.len());
+            assert!(report.closest_m > 0.0, "seed {seed}: {}", report.closest_m);
+        }
+    }
+
+    #[test]
+    fn the_trace_does_not_depend_on_how_fast_the_planner_is() {
+        let hash = |planning: u32| {
+            let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
+            flight.planning = planning;
+            let report = flight.run(10.0, |_, _| {});
+            (report.outputs.last().unwrap().trace_hash, report.outputs.last().unwrap().plans_late)
+        };
+        assert_eq!(hash(1), hash(4));
+        assert_eq!(hash(1).1, 0);
+    }
+
+    #[test]
+    fn a_planner_that_is_always_late_means_hold_and_is_counted() {
+        let mut flight = Flight::new(&[], (10.0, 0.0));
+        flight.planning = 50;
+        let report = flight.run(5.0, |_, _| {});
+        let end = report.outputs.last().unwrap();
+        assert_eq!(end.outcome, Outcome::PlanLate);
+        assert!(end.plans_late > 10 && flight.position.norm() < 1e-3);
+    }
+
+    #[test]
+    fn losing_the_mode_stops_at_once_and_a_fresh_entry_goes_on() {
+        let mut flight = Flight::new(&[], (30.0, 0.0));
+        let report = flight.run(12.0, |step, input| {
+            if (200..300).contains(&step) {
+                input.control = Control::NotInControl;
+            }
+        });
+        assert!(report.outputs[199].setpoint.velocity_ned_mps.north > 0.5);
+        assert!(report.outputs[200..300].iter().all(|o| o.setpoint == Setpoint::default()));
+        assert!(report.outputs[200..300].iter().all(|o| o.outcome == Outcome::NotInControl));
+        assert!(report.outputs[500].setpoint.velocity_ned_mps.north > 0.5, "{:?}", report.outputs[500]);
+    }
+
+    #[test]
+    fn a_lost_bearing_brakes_within_the_acceleration_limit_and_holds() {
+        let mut flight = Flight::new(&[], (30.0, 0.0));
+        let report = flight.run(10.0, |step, input| {
+            if step >= 200 {
+                input.front_end = FrontEnd::Nothing;
+            }
+        });
+        let speeds: StdVec<f32> = report.outputs.iter().map(|o| o.setpoint.velocity_ned_mps.horizontal().norm()).collect();
+        assert!(speeds.windows(2).all(|w| (w[1] - w[0]).abs() < 2.0 * DT * 1.01));
+        assert_eq!(report.outputs[499].outcome, Outcome::NoSignal);
+        assert_eq!(speeds[499], 0.0);
+    }
+
+    #[test]
+    fn garbage_on_every_input_never_reaches_the_setpoint() {
+        let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
+        let limits = guard::Config::default();
+        let report = flight.run(20.0, |step, input| {
+            let junk = [f32::NAN, f32::INFINITY, -1e30, 1e-40][(step % 4) as usize];
+            if step % 7 == 3
+                && let FrontEnd::Bearing(bearing) = &mut input.front_end
+            {
+                (bearing.azimuth_rad, bearing.sigma_rad) = (junk, junk);
+            }
+            if step % 11 == 5
+                && let Some(ownship) = &mut input.ownship
+            {
+                (ownship.position_ned_m.north, ownship.yaw_rad) = (junk, junk);
+            }
+        });
+        for output in &report.outputs {
+            let velocity = output.setpoint.velocity_ned_mps;
+            assert!(velocity.is_finite() && output.setpoint.yaw_rate_radps.is_finite());
+            assert!(velocity.horizontal().norm() <= limits.v_max_mps * 1.001);
+        }
+    }
+
+    #[test]
+    fn a_planner_that_thinks_the_vehicle_smaller_is_refused() {
+        let mut config = Config::default();
+        config.guard.vehicle_radius_m = 0.3;
+        assert_eq!(config.build::<64>().unwrap_err().field, "planner.vehicle_radius_m");
+        config.set_vehicle_radius_m(0.3);
+        assert!(config.build::<64>().is_ok());
+    }
+}

@@ -1,0 +1,69 @@
+//! # Foxhound core
+//!
+//! Four coherent antenna channels in, one velocity setpoint out. No heap, no clock, no IO, no globals: time,
+//! samples, telemetry and seeds are arguments, results are return values. The same code runs on a Cortex-M4F and on
+//! the desktop and computes the same bits on both.
+//!
+//! ```text
+//!  adc -> spectrum -> phase -> bearing -> goal -> planner -> track -> guard -> setpoint
+//!  i16    fixed point  phasors  rad, sigma  2 m     10 x 15    PID     limits, swept check
+//! ```
+//!
+//! One file (or folder) is one room; a room uses the output types of earlier rooms only. Two doors lead in:
+//! [`guidance`], stepped at every snapshot, and [`planner`], asked now and then. Each room has the same parts in the
+//! same order: what it does and after whom, `Config` with defaults in SI units, `build` which checks it, the immutable
+//! stage, its `State` and outputs, `step`, tests.
+//!
+//! ## Frames and units
+//!
+//! North-east-down and body forward-right-down everywhere; azimuth from the nose, clockwise positive. Metres, metres a
+//! second, radians, hertz, microseconds, with the unit in the name of every dimensional scalar.
+//!
+//! ## Same bits everywhere
+//!
+//! Only `+ - * /`, comparisons and the free functions of `libm` on `f32`, and integers, so that host and target agree
+//! bit for bit; [`trace`] hashes what came out. Float *methods* of the standard library are never used: they would be
+//! other functions on the host.
+//!
+//! ## Sources
+//!
+//! *main paper*: S. M. Mulla, A. Kanakapudi, L. Narasimhan, A. Tiwari, "RF-source Seeking with Obstacle Avoidance using
+//! Real-time Modified Artificial Potential Fields in Unknown Environments", IIT Madras. Equation numbers in the docs of
+//! the rooms are that paper's unless another is named.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod error;
+pub mod frame;
+pub mod ownship;
+pub mod rng;
+pub mod time;
+pub mod trace;
+pub mod units;
+
+pub mod adc;
+pub mod phase;
+pub mod spectrum;
+
+pub mod array;
+pub mod bearing;
+
+pub mod map;
+pub mod scan;
+
+pub mod field;
+pub mod goal;
+pub mod planner;
+pub mod rollout;
+
+pub mod response;
+
+pub mod guard;
+pub mod mission;
+pub mod track;
+
+pub mod guidance;
+
+pub use error::ConfigError;

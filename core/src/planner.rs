@@ -1,0 +1,470 @@
+//! The slow door: a temporary target and the known obstacles in, a trajectory of 15 waypoints out.
+//!
+//! The main paper's method (section III-B, Algorithm 2): draw ten sets of field parameters (eq. 38-40), follow each field,
+//! cost each trajectory (eq. 41-45), weigh them by `w = exp(-S / lambda)` (eq. 46), average their offsets from the initial
+//! trajectory (eq. 47) and follow the sampled trajectory nearest to that average. Three kinds:
+//!
+//! - [`Kind::Paper`], to the letter, with eq. 47's `|T_j - T_init|` read as the signed offset point by point (a distance
+//!   cannot be added to a point);
+//! - [`Kind::Standard`], the paper's baseline: the initial trajectory alone;
+//! - [`Kind::Foxhound`], the default: the same samples and waypoints, but soft repulsion, a sampled swirl, and only
+//!   trajectories whose swept path keeps its margin may be chosen. None left: a brake plan, which says so. (The paper
+//!   holds that sampled trajectories cannot cross obstacles; with finite steps they do.)
+//!
+//! The paper says that a larger lambda makes the weights stricter; eq. 46 says the opposite, and eq. 46 is what is built.
+
+use heapless::Vec;
+
+use crate::error::{ConfigError, check};
+use crate::field::{Gains, Obstacle};
+use crate::frame::Horizontal;
+use crate::map::{CIRCLES_MAX, Circle};
+use crate::rng::Rng;
+use crate::rollout::{Trajectory, WAYPOINTS, cost, roll, swept_clearance_m};
+
+/// Parameter samples of one replan (main paper, section IV).
+pub const SAMPLES: usize = 10;
+/// Draws of one parameter before its limit is taken instead; the paper draws "until".
+const DRAWS_MAX: usize = 8;
+
+/// Which planner.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Kind {
+    /// Ours.
+    #[default]
+    Foxhound,
+    /// The main paper's Algorithm 2.
+    Paper,
+    /// The plain field with fixed gains.
+    Standard,
+}
+
+/// What the planner needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Which planner.
+    pub kind: Kind,
+    /// Mean of the sampled gains, and the gains of the initial trajectory.
+    pub gains: Gains,
+    /// Their standard deviations.
+    pub gains_sigma: Gains,
+    /// Sampled gains stay above these; the swirl has no limit.
+    pub gains_min: Gains,
+    /// Temperature of eq. 46, in units of the cost.
+    pub lambda: f32,
+    /// Radius of the vehicle.
+    pub vehicle_radius_m: f32,
+    /// Clearance that a trajectory of [`Kind::Foxhound`] keeps from every known obstacle.
+    pub margin_m: f32,
+    /// Segments, from the start, that must keep it: what may be flown before the next replan and some more.
+    pub checked_segments: u8,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::of(Kind::Foxhound)
+    }
+}
+
+impl Config {
+    /// The defaults of a kind. The paper's gains are not printed; these are the ones an independent reproduction found.
+    #[must_use]
+    pub const fn of(kind: Kind) -> Self {
+        let (gains, gains_sigma) = match kind {
+            Kind::Foxhound => (
+                Gains { k_att: 1.0, k_rep: 0.05, influence_m: 0.8, swirl: 0.0 },
+                Gains { k_att: 0.3, k_rep: 0.05, influence_m: 0.3, swirl: 3.0 },
+            ),
+            Kind::Paper | Kind::Standard => (
+                Gains { k_att: 1.0, k_rep: 0.2, influence_m: 0.8, swirl: 0.0 },
+                Gains { k_att: 0.3, k_rep: 0.1, influence_m: 0.32, swirl: 0.0 },
+            ),
+        };
+        Self {
+            kind,
+            gains,
+            gains_sigma,
+            gains_min: Gains { k_att: 0.05, k_rep: 0.005, influence_m: 0.05, swirl: 0.0 },
+            lambda: 1.0,
+            vehicle_radius_m: 0.15,
+            margin_m: 0.05,
+            checked_segments: 6,
+        }
+    }
+
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Planner, ConfigError> {
+        for (field, value, min) in [
+            ("planner.gains.k_att", self.gains.k_att, self.gains_min.k_att),
+            ("planner.gains.k_rep", self.gains.k_rep, self.gains_min.k_rep),
+            ("planner.gains.influence_m", self.gains.influence_m, self.gains_min.influence_m),
+        ] {
+            check("planner.gains_min", min, 1e-6, 100.0)?;
+            check(field, value, min, 100.0)?;
+        }
+        check("planner.gains.swirl", self.gains.swirl, -100.0, 100.0)?;
+        let sigma = &self.gains_sigma;
+        for value in [sigma.k_att, sigma.k_rep, sigma.influence_m, sigma.swirl] {
+            check("planner.gains_sigma", value, 0.0, 100.0)?;
+        }
+        check("planner.lambda", self.lambda, 1e-3, 1e3)?;
+        check("planner.vehicle_radius_m", self.vehicle_radius_m, 0.0, 5.0)?;
+        check("planner.margin_m", self.margin_m, 0.0, 5.0)?;
+        check("planner.checked_segments", f32::from(self.checked_segments), 1.0, WAYPOINTS as f32)?;
+        Ok(Planner { config: *self })
+    }
+}
+
+/// What the planner is asked; a copy, so that it may be answered while the fast loop goes on.
+#[derive(Clone, Debug, Default)]
+pub struct PlanRequest {
+    /// Counts the requests of a flight; seeds the draws together with `seed`.
+    pub id: u32,
+    /// Seed of the flight.
+    pub seed: u64,
+    /// Where the trajectory starts.
+    pub start_ned_m: Horizontal,
+    /// Where it should lead.
+    pub target_ned_m: Horizontal,
+    /// The known obstacles.
+    pub circles: Vec<Circle, CIRCLES_MAX>,
+}
+
+/// What came of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Verdict {
+    /// A trajectory to follow.
+    Follow,
+    /// Nothing keeps its margin: stay where you are.
+    Brake,
+}
+
+/// The planner's answer.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Plan {
+    /// The request that it answers.
+    pub id: u32,
+    /// What came of it.
+    pub verdict: Verdict,
+    /// Where it starts.
+    pub start_ned_m: Horizontal,
+    /// The trajectory to follow; for a brake plan, the start throughout.
+    pub waypoints_ned_m: Trajectory,
+    /// The gains behind it.
+    pub gains: Gains,
+    /// Its cost (eq. 41).
+    pub cost: f32,
+}
+
+/// The planner's working memory; after a replan it shows what was drawn.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    /// The trajectory with the mean gains.
+    pub initial: Trajectory,
+    /// The sampled trajectories.
+    pub samples: [Trajectory; SAMPLES],
+    /// Their gains.
+    pub gains: [Gains; SAMPLES],
+    /// Their costs (eq. 41).
+    pub costs: [f32; SAMPLES],
+    /// Whether they may be chosen.
+    pub feasible: [bool; SAMPLES],
+    obstacles: Vec<Obstacle, CIRCLES_MAX>,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self {
+            initial: [Horizontal::default(); WAYPOINTS],
+            samples: [[Horizontal::default(); WAYPOINTS]; SAMPLES],
+            gains: [Gains::default(); SAMPLES],
+            costs: [0.0; SAMPLES],
+            feasible: [false; SAMPLES],
+            obstacles: Vec::new(),
+        }
+    }
+}
+
+/// The configured planner.
+#[derive(Clone, Debug)]
+pub struct Planner {
+    config: Config,
+}
+
+impl Planner {
+    /// Answers one request.
+    pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+        let c = &self.config;
+        let (start, target) = (request.start_ned_m, request.target_ned_m);
+        self.gather(scratch, request);
+
+        scratch.initial = roll(&c.gains, start, target, &scratch.obstacles);
+        if c.kind == Kind::Standard {
+            let cost = cost(start, &scratch.initial, target, &scratch.obstacles).total();
+            return follow(request, &scratch.initial, c.gains, cost);
+        }
+
+        let mut rng = Rng::new(request.seed, u64::from(request.id));
+        for index in 0..SAMPLES {
+            let gains = self.draw(&mut rng);
+            let trajectory = roll(&gains, start, target, &scratch.obstacles);
+            scratch.gains[index] = gains;
+            scratch.costs[index] = cost(start, &trajectory, target, &scratch.obstacles).total();
+            scratch.feasible[index] =
+                c.kind == Kind::Paper || self.keeps_margin(start, &trajectory, &scratch.obstacles);
+            scratch.samples[index] = trajectory;
+        }
+        let Some(optimal) = weighted(scratch, c.lambda) else {
+            return Plan {
+                id: request.id,
+                verdict: Verdict::Brake,
+                start_ned_m: start,
+                waypoints_ned_m: [start; WAYPOINTS],
+                gains: c.gains,
+                cost: f32::INFINITY,
+            };
+        };
+        let chosen = nearest(scratch, &optimal);
+        follow(request, &scratch.samples[chosen], scratch.gains[chosen], scratch.costs[chosen])
+    }
+
+    /// The obstacles as the field sees them, without those that cannot matter within the two metres.
+    fn gather(&self, scratch: &mut Scratch, request: &PlanRequest) {
+        scratch.obstacles.clear();
+        let horizon_m = request.target_ned_m.minus(request.start_ned_m).norm() + 2.0;
+        for circle in &request.circles {
+            let obstacle = Obstacle::of(circle, self.config.vehicle_radius_m);
+            let limit = horizon_m + obstacle.reach_m;
+            if circle.center_ned_m.minus(request.start_ned_m).norm_squared() < limit * limit {
+                // Cannot fail: as many places as circles.
+                let _ = scratch.obstacles.push(obstacle);
+            }
+        }
+    }
+
+    /// One set of gains (eq. 38-40), each drawn until it is above its limit.
+    fn draw(&self, rng: &mut Rng) -> Gains {
+        let c = &self.config;
+        let mut above = |mean: f32, sigma: f32, min: f32| {
+            let mut value = min;
+            for _ in 0..DRAWS_MAX {
+                let drawn = mean + sigma * rng.gaussian();
+                if drawn > min {
+                    value = drawn;
+                    break;
+                }
+            }
+            value
+        };
+        Gains {
+            k_att: above(c.gains.k_att, c.gains_sigma.k_att, c.gains_min.k_att),
+            k_rep: above(c.gains.k_rep, c.gains_sigma.k_rep, c.gains_min.k_rep),
+            influence_m: above(c.gains.influence_m, c.gains_sigma.influence_m, c.gains_min.influence_m),
+            swirl: c.gains.swirl + c.gains_sigma.swirl * rng.gaussian(),
+        }
+    }
+
+    /// Whether the first segments keep the margin. From a start that is already too close, whatever does not come closer
+    /// keeps it.
+    fn keeps_margin(&self, start: Horizontal, trajectory: &Trajectory, obstacles: &[Obstacle]) -> bool {
+        let checked = &trajectory[..usize::from(self.config.checked_segments).min(WAYPOINTS)];
+        obstacles.iter().all(|obstacle| {
+            let at_start = obstacle.clearance_m(start) - 1e-3;
+            let wanted = if at_start < self.config.margin_m { at_start } else { self.config.margin_m };
+            swept_clearance_m(start, checked, core::slice::from_ref(obstacle)) >= wanted
+        })
+    }
+}
+
+/// A plan that follows a trajectory.
+fn follow(request: &PlanRequest, trajectory: &Trajectory, gains: Gains, cost: f32) -> Plan {
+    Plan {
+        id: request.id,
+        verdict: Verdict::Follow,
+        start_ned_m: request.start_ned_m,
+        waypoints_ned_m: *trajectory,
+        gains,
+        cost,
+    }
+}
+
+/// Eq. 46 and 47: the initial trajectory plus the weighted mean of the offsets of those that may be chosen; `None` if
+/// there are none.
+fn weighted(scratch: &Scratch, lambda: f32) -> Option<Trajectory> {
+    let chosen = || (0..SAMPLES).filter(|j| scratch.feasible[*j]);
+    // Weights relative to the best, so that they cannot all vanish.
+    let best = chosen().map(|j| scratch.costs[j]).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
+    if !best.is_finite() {
+        return None;
+    }
+    let mut optimal = scratch.initial;
+    let mut total = 0.0;
+    let mut offsets = [Horizontal::default(); WAYPOINTS];
+    for j in chosen() {
+        let weight = libm::expf((best - scratch.costs[j]) / lambda);
+        total += weight;
+        for ((offset, sample), initial) in offsets.iter_mut().zip(&scratch.samples[j]).zip(&scratch.initial) {
+            *offset = offset.plus(sample.minus(*initial).times(weight));
+        }
+    }
+    for (point, offset) in optimal.iter_mut().zip(offsets) {
+        *point = point.plus(offset.times(1.0 / total));
+    }
+    Some(optimal)
+}
+
+/// Line 16 of Algorithm 2: the sample nearest to the average, by the sum of the distances of its points.
+fn nearest(scratch: &Scratch, optimal: &Trajectory) -> usize {
+    let (mut chosen, mut least) = (0, f32::INFINITY);
+    for (j, sample) in scratch.samples.iter().enumerate() {
+        if !scratch.feasible[j] {
+            continue;
+        }
+        let distance = sample.iter().zip(optimal).map(|(a, b)| a.minus(*b).norm()).sum::<f32>();
+        if distance < least {
+            (chosen, least) = (j, distance);
+        }
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request(circles: &[(f32, f32, f32)]) -> PlanRequest {
+        let circles = circles
+            .iter()
+            .map(|(north, east, radius_m)| Circle {
+                center_ned_m: Horizontal { north: *north, east: *east },
+                radius_m: *radius_m,
+                ..Circle::default()
+            })
+            .collect();
+        PlanRequest { id: 1, seed: 9, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, circles, ..PlanRequest::default() }
+    }
+
+    fn plan(kind: Kind, request: &PlanRequest) -> (Plan, Scratch) {
+        let mut scratch = Scratch::default();
+        let plan = Config::of(kind).build().unwrap().plan(&mut scratch, request);
+        (plan, scratch)
+    }
+
+    #[test]
+    fn all_kinds_fly_straight_through_the_open() {
+        for kind in [Kind::Foxhound, Kind::Paper, Kind::Standard] {
+            let (plan, _) = plan(kind, &request(&[]));
+            assert_eq!(plan.verdict, Verdict::Follow);
+            assert!(plan.waypoints_ned_m[14].minus(Horizontal { north: 2.0, east: 0.0 }).norm() < 1e-4, "{kind:?}");
+        }
+    }
+
+    #[test]
+    fn ours_never_returns_a_path_that_loses_its_margin() {
+        let planner = Config::default().build().unwrap();
+        let mut scratch = Scratch::default();
+        let (mut followed, mut braked) = (0, 0);
+        for seed in 0..400_u64 {
+            let mut rng = Rng::new(seed, 77);
+            let mut place = || (0.3 + 2.0 * rng.uniform(), -1.0 + 2.0 * rng.uniform(), 0.1 + 0.25 * rng.uniform());
+            let mut request = request(&[place(), place(), place(), place()]);
+            request.seed = seed;
+            let plan = planner.plan(&mut scratch, &request);
+            let obstacles: std::vec::Vec<_> = request
+                .circles
+                .iter()
+                .map(|c| Obstacle::of(c, 0.15))
+                .collect();
+            let at_start = obstacles.iter().map(|o| o.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
+            match plan.verdict {
+                Verdict::Follow => {
+                    let clearance = swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m[..6], &obstacles);
+                    assert!(clearance >= 0.0499_f32.min(at_start - 0.0011), "seed {seed}: {clearance} from {at_start}");
+                    followed += 1;
+                }
+                Verdict::Brake => {
+                    assert!(plan.waypoints_ned_m.iter().all(|p| *p == plan.start_ned_m));
+                    braked += 1;
+                }
+            }
+        }
+        assert!(followed > 300, "{followed} followed, {braked} braked");
+    }
+
+    #[test]
+    fn an_obstacle_exactly_on_the_line_is_passed_on_one_side() {
+        let (plan, _) = plan(Kind::Foxhound, &request(&[(1.0, 0.0, 0.3)]));
+        assert_eq!(plan.verdict, Verdict::Follow);
+        assert!(plan.waypoints_ned_m[14].north > 1.2, "{:?}", plan.waypoints_ned_m);
+    }
+
+    #[test]
+    fn the_paper_mode_follows_the_sample_nearest_to_the_weighted_mean() {
+        let request = request(&[(1.0, 0.1, 0.25), (1.4, -0.5, 0.2)]);
+        let (plan, scratch) = plan(Kind::Paper, &request);
+        // Eq. 46-47 again, in f64 and without the shift of the exponent.
+        let weights: std::vec::Vec<f64> = scratch.costs.iter().map(|s| (-f64::from(*s)).exp()).collect();
+        let total: f64 = weights.iter().sum();
+        let mean = |t: usize, pick: &dyn Fn(&Horizontal) -> f32| {
+            let initial = f64::from(pick(&scratch.initial[t]));
+            let offset: f64 =
+                weights.iter().zip(&scratch.samples).map(|(w, s)| w * (f64::from(pick(&s[t])) - initial)).sum();
+            initial + offset / total
+        };
+        let distance = |s: &Trajectory| -> f64 {
+            (0..WAYPOINTS)
+                .map(|t| {
+                    let north = f64::from(s[t].north) - mean(t, &|p| p.north);
+                    let east = f64::from(s[t].east) - mean(t, &|p| p.east);
+                    north.hypot(east)
+                })
+                .sum()
+        };
+        let best = scratch.samples.iter().map(distance).fold(f64::INFINITY, f64::min);
+        assert!((distance(&plan.waypoints_ned_m) - best).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_sealed_start_yields_a_brake_plan() {
+        let ring: std::vec::Vec<_> = (0..12)
+            .map(|k| {
+                let angle = core::f32::consts::TAU * k as f32 / 12.0;
+                let p = Horizontal::from_bearing(angle).times(0.55);
+                (p.north, p.east, 0.2)
+            })
+            .collect();
+        assert_eq!(plan(Kind::Foxhound, &request(&ring)).0.verdict, Verdict::Brake);
+    }
+
+    #[test]
+    fn same_seed_same_plan_and_another_seed_another() {
+        let request = request(&[(1.0, 0.1, 0.3)]);
+        let other = PlanRequest { seed: 10, ..request.clone() };
+        assert_eq!(plan(Kind::Foxhound, &request).0, plan(Kind::Foxhound, &request).0);
+        assert_ne!(plan(Kind::Foxhound, &request).1.gains, plan(Kind::Foxhound, &other).1.gains);
+    }
+
+    #[test]
+    fn bad_gains_are_refused_by_name() {
+        let refused = |change: &dyn Fn(&mut Config)| {
+            let mut config = Config::default();
+            change(&mut config);
+            config.build().unwrap_err().field
+        };
+        assert_eq!(refused(&|c| c.lambda = 0.0), "planner.lambda");
+        assert_eq!(refused(&|c| c.gains.k_rep = f32::NAN), "planner.gains.k_rep");
+        assert_eq!(refused(&|c| c.gains.influence_m = -1.0), "planner.gains.influence_m");
+        assert_eq!(refused(&|c| c.gains_sigma.swirl = -1.0), "planner.gains_sigma");
+        assert_eq!(refused(&|c| c.checked_segments = 0), "planner.checked_segments");
+    }
+}
