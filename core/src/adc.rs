@@ -44,9 +44,7 @@ impl<const N: usize> Snapshot<N> {
     /// Samples at a rail, per channel.
     #[must_use]
     pub fn clip_count(&self) -> [u16; CHANNELS] {
-        self.codes.each_ref().map(|row| {
-            row.iter().map(|code| u16::from(*code <= CODE_MIN || *code >= CODE_MAX)).sum()
-        })
+        self.codes.each_ref().map(|row| row.iter().map(|code| u16::from(*code <= CODE_MIN || *code >= CODE_MAX)).sum())
     }
 }
 

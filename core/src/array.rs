@@ -71,16 +71,15 @@ impl Config {
         }
         let side = side_m / wavelength_m;
         if side >= SIDE_REFUSED {
-            let why = Why::Inconsistent("antennas half a wavelength or more apart cannot tell opposite directions apart");
+            let why =
+                Why::Inconsistent("antennas half a wavelength or more apart cannot tell opposite directions apart");
             return Err(ConfigError { field: "side_m", value: side_m, why });
         }
         if side < 0.02 {
             let why = Why::Inconsistent("antennas closer than 0.02 wavelength measure no angle");
             return Err(ConfigError { field: "side_m", value: side_m, why });
         }
-        let [xx, xy, yy] = steering.iter().fold([0.0; 3], |[xx, xy, yy], [x, y]| {
-            [xx + x * x, xy + x * y, yy + y * y]
-        });
+        let [xx, xy, yy] = steering.iter().fold([0.0; 3], |[xx, xy, yy], [x, y]| [xx + x * x, xy + x * y, yy + y * y]);
         if xx * yy - xy * xy < 1e-3 * (xx + yy) * (xx + yy) {
             let why = Why::Inconsistent("the antennas lie on one line and see only half of the circle");
             return Err(ConfigError { field: "antennas_m", value: side_m, why });
@@ -95,6 +94,8 @@ impl Config {
         }
         Ok(Array {
             steering,
+            wavenumber,
+            closure: closure(&steering),
             side_wavelengths: side,
             correction,
             calibrated: self.channel_gain.is_some(),
@@ -108,11 +109,27 @@ impl Config {
 pub struct Array {
     /// Positions from their centroid times the wavenumber, `[forward, right]`: radians of phase per unit of direction.
     pub steering: [[f32; 2]; CHANNELS],
+    /// Free-space wavenumber, radians a metre.
+    pub wavenumber: f32,
+    /// The one combination of the four phases in which every plane wave cancels; largest element 1. On the square it is
+    /// `1, -1, 1, -1`.
+    pub closure: [f32; CHANNELS],
     /// Longest distance between neighbours, in wavelengths.
     pub side_wavelengths: f32,
     correction: [Complex; CHANNELS],
     calibrated: bool,
     require_calibration: bool,
+}
+
+/// The null vector of `[1; x; y]`: signed areas of the triangles that remain when one antenna is left out.
+fn closure(p: &[[f32; 2]; CHANNELS]) -> [f32; CHANNELS] {
+    let area = |a: usize, b: usize, c: usize| {
+        (p[b][0] - p[a][0]) * (p[c][1] - p[a][1]) - (p[c][0] - p[a][0]) * (p[b][1] - p[a][1])
+    };
+    let areas = [area(1, 2, 3), -area(0, 2, 3), area(0, 1, 3), -area(0, 1, 2)];
+    let largest = areas.iter().fold(0.0_f32, |a, b| if libm::fabsf(*b) > a { libm::fabsf(*b) } else { a });
+    let scale = if areas[0] < 0.0 { -largest } else { largest };
+    areas.map(|area| area / scale)
 }
 
 impl Array {
@@ -151,6 +168,23 @@ mod tests {
         assert_eq!(Config::square(0.345, 0.5 * 0.345).build().unwrap_err().field, "side_m");
         assert!(Config::square(0.345, 0.49 * 0.345).build().unwrap().is_nearly_ambiguous());
         assert!(!Config::default().build().unwrap().is_nearly_ambiguous());
+    }
+
+    #[test]
+    fn the_closure_cancels_every_plane_wave() {
+        let skewed = [[0.05, 0.06], [0.07, -0.05], [-0.04, -0.06], [-0.06, 0.04]];
+        for config in [Config::default(), Config { antennas_m: skewed, ..Config::default() }] {
+            let array = config.build().unwrap();
+            for (a, b, c) in [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.3, -2.0, 0.7)] {
+                let sum: f32 =
+                    array.closure.iter().zip(array.steering).map(|(k, p)| k * (a + b * p[0] + c * p[1])).sum();
+                assert!(sum.abs() < 1e-5, "{sum}");
+            }
+        }
+        assert_eq!(
+            Config::default().build().unwrap().closure.map(|c| (c * 1e4) as i32),
+            [10_000, -10_000, 10_000, -10_000]
+        );
     }
 
     #[test]

@@ -111,7 +111,8 @@ mod tests {
         for i in 0..20 {
             for j in 0..20 {
                 let q = Horizontal { north: -0.5 + 0.15 * i as f32, east: -1.5 + 0.15 * j as f32 };
-                let near = |o: &Obstacle| o.clearance_m(q) < 0.05 || (o.clearance_m(q) - gains.influence_m).abs() < 0.01;
+                let near =
+                    |o: &Obstacle| o.clearance_m(q) < 0.05 || (o.clearance_m(q) - gains.influence_m).abs() < 0.01;
                 if obstacles.iter().any(near) {
                     continue;
                 }

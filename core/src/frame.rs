@@ -108,11 +108,7 @@ impl Horizontal {
     pub fn distance_to_segment(point: Self, a: Self, b: Self) -> f32 {
         let along = b.minus(a);
         let length_squared = along.norm_squared();
-        let t = if length_squared > 0.0 {
-            (point.minus(a).dot(along) / length_squared).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
+        let t = if length_squared > 0.0 { (point.minus(a).dot(along) / length_squared).clamp(0.0, 1.0) } else { 0.0 };
         point.minus(a.plus(along.times(t))).norm()
     }
 }

@@ -7,7 +7,6 @@ use crate::bearing::Bearing;
 use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
 use crate::time::Instant;
-use crate::units::wrap_pi;
 
 /// What the goal needs to know.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,9 +67,9 @@ impl State {
 }
 
 impl Seeker {
-    /// Takes in a valid bearing measured at a given yaw.
-    pub fn observe(&self, state: &mut State, bearing: &Bearing, yaw_rad: f32) {
-        let direction = Horizontal::from_bearing(wrap_pi(bearing.azimuth_rad + yaw_rad));
+    /// Takes in a valid bearing and where it points in the NED frame.
+    pub fn observe(&self, state: &mut State, bearing: &Bearing, bearing_ned_rad: f32) {
+        let direction = Horizontal::from_bearing(bearing_ned_rad);
         let sigma_rad = if bearing.sigma_rad > 1e-3 { bearing.sigma_rad } else { 1e-3 };
         let weight = 1.0 / (sigma_rad * sigma_rad);
         let kept = match state.updated {
@@ -102,12 +101,13 @@ mod tests {
     use super::*;
     use crate::bearing::{Flags, Quality};
     use crate::rng::Rng;
+    use crate::units::wrap_pi;
 
-    fn bearing(time_us: u64, azimuth_rad: f32, sigma_rad: f32) -> Bearing {
+    fn bearing(time_us: u64, sigma_rad: f32) -> Bearing {
         Bearing {
             time: Instant(time_us),
             valid: true,
-            azimuth_rad,
+            azimuth_rad: 0.0,
             sigma_rad,
             elevation_rad: 0.0,
             elevation_sigma_rad: 1.0,
@@ -117,10 +117,10 @@ mod tests {
     }
 
     #[test]
-    fn the_target_lies_two_metres_off_on_azimuth_plus_yaw() {
+    fn the_target_lies_two_metres_off_on_the_bearing() {
         let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
         assert_eq!(seeker.target_ned_m(&state, Horizontal::default()), None);
-        seeker.observe(&mut state, &bearing(0, 0.5, 0.01), core::f32::consts::FRAC_PI_2 - 0.5);
+        seeker.observe(&mut state, &bearing(0, 0.01), core::f32::consts::FRAC_PI_2);
         let target = seeker.target_ned_m(&state, Horizontal { north: 1.0, east: 1.0 }).unwrap();
         assert!((target.north - 1.0).abs() < 1e-5 && (target.east - 3.0).abs() < 1e-5, "{target:?}");
     }
@@ -132,8 +132,8 @@ mod tests {
             let (mut state, mut rng) = (State::default(), Rng::new(5, 0));
             let mut squares = 0.0;
             for k in 0..2000_u64 {
-                let azimuth = wrap_pi(core::f32::consts::PI + sigma * rng.gaussian());
-                seeker.observe(&mut state, &bearing(k * 20_000, azimuth, sigma), 0.0);
+                let heard = wrap_pi(core::f32::consts::PI + sigma * rng.gaussian());
+                seeker.observe(&mut state, &bearing(k * 20_000, sigma), heard);
                 if k >= 1000 {
                     let error = wrap_pi(state.source_bearing_ned_rad().unwrap() - core::f32::consts::PI);
                     squares += error * error;

@@ -192,12 +192,7 @@ impl Guard {
     }
 
     /// Takes out of a velocity what runs into circles faster than can be stopped.
-    fn half_spaces(
-        &self,
-        velocity: Horizontal,
-        rest: Horizontal,
-        obstacles: &[Obstacle],
-    ) -> Horizontal {
+    fn half_spaces(&self, velocity: Horizontal, rest: Horizontal, obstacles: &[Obstacle]) -> Horizontal {
         let c = &self.config;
         let mut velocity = velocity;
         for _ in 0..SWEEPS {
@@ -237,12 +232,7 @@ impl Guard {
     /// Whether a command keeps the vehicle out of every circle: on the way to its rest point, from there until the command
     /// is braked away, and on the straight line to where it leads next. What touches a circle already may move if it does
     /// not go deeper.
-    fn is_clear(
-        &self,
-        velocity: Horizontal,
-        situation: &Situation,
-        obstacles: &[Obstacle],
-    ) -> bool {
+    fn is_clear(&self, velocity: Horizontal, situation: &Situation, obstacles: &[Obstacle]) -> bool {
         let (position, rest) = (situation.position_ned_m, situation.rest_ned_m);
         let brake_s = 0.5 * velocity.norm() / self.config.a_max_mps2;
         let ahead_s = if brake_s > CORNER_S { brake_s } else { CORNER_S };

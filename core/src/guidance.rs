@@ -72,7 +72,9 @@ pub struct Output {
     pub setpoint: Setpoint,
     /// A bearing measured in this step (it may be invalid; see its flags).
     pub bearing: Option<Bearing>,
-    /// The bearing of the source that guidance now follows, from north, clockwise.
+    /// Where that bearing points, from north, clockwise: attitude and yaw taken into account.
+    pub bearing_ned_rad: Option<f32>,
+    /// The bearing of the source that guidance now follows, averaged, from north, clockwise.
     pub source_bearing_ned_rad: Option<f32>,
     /// The temporary target that guidance now follows.
     pub target_ned_m: Option<Horizontal>,
@@ -292,7 +294,8 @@ impl<const N: usize> Guidance<N> {
         if let Some(ownship) = input.ownship.filter(Ownship::is_finite) {
             state.ownship = Some(ownship);
         }
-        let bearing = self.hear(state, input);
+        let (bearing, bearing_ned_rad) = self.hear(state, input).unzip();
+        let bearing_ned_rad = bearing_ned_rad.flatten();
         self.look(state, input);
         let plan_activated = self.take_over(state, input.plan);
 
@@ -329,6 +332,7 @@ impl<const N: usize> Guidance<N> {
             outcome,
             setpoint,
             bearing,
+            bearing_ned_rad,
             source_bearing_ned_rad: state.goal.source_bearing_ned_rad(),
             target_ned_m: state.active.as_ref().map(|_| state.request.target_ned_m),
             guard: guard_action,
@@ -340,7 +344,7 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Frame -> phasors -> bearing -> direction of the source.
-    fn hear(&self, state: &mut State<N>, input: &Input<'_, N>) -> Option<Bearing> {
+    fn hear(&self, state: &mut State<N>, input: &Input<'_, N>) -> Option<(Bearing, Option<f32>)> {
         let bearing = match input.front_end {
             FrontEnd::Snapshot(snapshot) => self.bearing.find(&self.phase.step(&mut state.phase, snapshot)),
             FrontEnd::Bearing(bearing) => bearing,
@@ -348,13 +352,12 @@ impl<const N: usize> Guidance<N> {
         };
         state.last_flags = bearing.flags;
         let sane = bearing.azimuth_rad.is_finite() && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
-        if bearing.valid
-            && sane
-            && let Some(ownship) = &state.ownship
-        {
-            self.goal.observe(&mut state.goal, &bearing, ownship.yaw_at(bearing.time));
+        let usable = state.ownship.filter(|_| bearing.valid && sane);
+        let bearing_ned_rad = usable.map(|ownship| ownship.bearing_ned_rad(bearing.azimuth_rad, bearing.time));
+        if let Some(bearing_ned_rad) = bearing_ned_rad {
+            self.goal.observe(&mut state.goal, &bearing, bearing_ned_rad);
         }
-        Some(bearing)
+        Some((bearing, bearing_ned_rad))
     }
 
     /// Scan -> circles -> map -> what is near.
@@ -437,7 +440,8 @@ impl<const N: usize> Guidance<N> {
     fn demand(&self, state: &mut State<N>, situation: &Situation) -> Option<Demand> {
         let plan = state.active.as_ref()?;
         let trajectory = &plan.waypoints_ned_m;
-        let mut demand = self.track.step(&mut state.track, trajectory, situation.rest_ned_m, situation.yaw_rad, self.tick_s);
+        let mut demand =
+            self.track.step(&mut state.track, trajectory, situation.rest_ned_m, situation.yaw_rad, self.tick_s);
         if plan.verdict == Verdict::Brake {
             demand.velocity_ned_mps = Horizontal::default();
             // Nothing safe in sight: look where the source is.
@@ -473,9 +477,7 @@ impl<const N: usize> Guidance<N> {
             Progress::RanOut => true,
             Progress::NoPath => since >= self.retry_ticks,
             Progress::GuardBraked | Progress::NotFinite => since >= self.handover_ticks,
-            Progress::Following => {
-                state.track.passed >= self.replan_at_waypoint || self.is_invalid(state, situation)
-            }
+            Progress::Following => state.track.passed >= self.replan_at_waypoint || self.is_invalid(state, situation),
         };
         if !wanted || state.due.is_some() {
             return false;
@@ -632,9 +634,8 @@ mod tests {
 
                 self.line.push_back(output.setpoint);
                 let acting = self.line.pop_front().unwrap();
-                self.velocity = self.velocity.plus(
-                    acting.velocity_ned_mps.horizontal().minus(self.velocity).times(DT / 0.5),
-                );
+                self.velocity =
+                    self.velocity.plus(acting.velocity_ned_mps.horizontal().minus(self.velocity).times(DT / 0.5));
                 self.position = self.position.plus(self.velocity.times(DT));
                 self.yaw = wrap_pi(self.yaw + acting.yaw_rate_radps * DT);
                 for pillar in &self.pillars {
@@ -716,7 +717,8 @@ mod tests {
                 input.front_end = FrontEnd::Nothing;
             }
         });
-        let speeds: StdVec<f32> = report.outputs.iter().map(|o| o.setpoint.velocity_ned_mps.horizontal().norm()).collect();
+        let speeds: StdVec<f32> =
+            report.outputs.iter().map(|o| o.setpoint.velocity_ned_mps.horizontal().norm()).collect();
         assert!(speeds.windows(2).all(|w| (w[1] - w[0]).abs() < 2.0 * DT * 1.01));
         assert_eq!(report.outputs[499].outcome, Outcome::NoSignal);
         assert_eq!(speeds[499], 0.0);

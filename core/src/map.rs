@@ -1,7 +1,7 @@
 //! The obstacle map: a bounded store of circles, remembered once seen.
 //!
-//! A detection that meets a known circle is averaged into it with the weight of its precision; one that meets none is
-//! added; when the store is full the farthest circle from the vehicle gives way and [`Map::overflow_count`] says so. A
+//! A detection that meets a known circle is averaged into it with the weight of its precision, one that lies inside a
+//! better known circle is a glimpse of it and adds nothing, and one that meets none is added; when the store is full the farthest circle from the vehicle gives way and [`Map::overflow_count`] says so. A
 //! circle through whose centre the sensor looks freely is forgotten. Circles that move are carried along and forgotten
 //! when unseen for a while.
 
@@ -157,6 +157,14 @@ impl Keeper {
             }
             let information = 1.0 / (detection.sigma_m * detection.sigma_m);
             let known = Known { circle, information, seen: now, carried: now, clear_looks: 0 };
+            // The edge of a pillar at the edge of the view looks like a thin pillar of its own.
+            let glimpse = |k: &&mut Known| k.information > information && holds(&k.circle, &circle);
+            if let Some(old) = map.known.iter_mut().find(glimpse) {
+                old.seen = now;
+                old.clear_looks = 0;
+                continue;
+            }
+            map.known.retain(|k| k.information > information || !holds(&circle, &k.circle));
             match map.known.iter_mut().find(|k| meets(&k.circle, &circle)) {
                 Some(old) => {
                     let share = information / (old.information + information);
@@ -234,6 +242,12 @@ impl Keeper {
     }
 }
 
+/// Whether the inner circle is clearly smaller and inside the outer one, but for what a bad fit may stick out.
+fn holds(outer: &Circle, inner: &Circle) -> bool {
+    let apart = outer.center_ned_m.minus(inner.center_ned_m).norm();
+    apart + inner.radius_m < outer.radius_m + 0.10 && inner.radius_m < 0.7 * outer.radius_m
+}
+
 /// Whether two circles are the same obstacle: the centre of one lies well inside the other.
 fn meets(a: &Circle, b: &Circle) -> bool {
     let larger = if a.radius_m > b.radius_m { a.radius_m } else { b.radius_m };
@@ -281,6 +295,21 @@ mod tests {
     }
 
     #[test]
+    fn a_glimpse_of_a_pillars_edge_adds_no_ghost_before_or_after_the_pillar_itself() {
+        let keeper = keeper();
+        let (pillar, glimpse) = (detection(2.0, 0.0, 0.3, 0.01), detection(1.85, 0.2, 0.05, 0.08));
+        for looks in [[pillar, glimpse], [glimpse, pillar]] {
+            let mut map = Map::default();
+            for look in looks {
+                keeper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &[look]);
+            }
+            let circles: StdVec<_> = map.circles().collect();
+            assert_eq!(circles.len(), 1, "{circles:?}");
+            assert!((circles[0].radius_m - 0.3).abs() < 1e-3);
+        }
+    }
+
+    #[test]
     fn the_farthest_circle_gives_way_when_the_store_is_full() {
         let (keeper, mut map) = (keeper(), Map::default());
         for k in 0..CIRCLES_MAX as i32 + 10 {
@@ -295,7 +324,12 @@ mod tests {
     #[test]
     fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
         let (keeper, mut map) = (keeper(), Map::default());
-        keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)]);
+        keeper.observe_circles(
+            &mut map,
+            Instant(1),
+            Horizontal::default(),
+            &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)],
+        );
         let scan = Scan { sectors: [Sector::Clear; SECTORS_MAX], ..unknown_scan() };
         for look in 0..3 {
             assert_eq!(map.circles().count(), 2, "{look}");
@@ -319,7 +353,12 @@ mod tests {
     #[test]
     fn absurd_circles_are_refused_at_the_door() {
         let (keeper, mut map) = (keeper(), Map::default());
-        let bad = [circle(f32::NAN, 0.0, 0.2), circle(0.0, 0.0, -1.0), circle(0.0, 0.0, f32::INFINITY), circle(0.0, 0.0, 1e9)];
+        let bad = [
+            circle(f32::NAN, 0.0, 0.2),
+            circle(0.0, 0.0, -1.0),
+            circle(0.0, 0.0, f32::INFINITY),
+            circle(0.0, 0.0, 1e9),
+        ];
         keeper.observe_circles(&mut map, Instant(0), Horizontal::default(), &bad);
         assert_eq!((map.circles().count(), map.refused_count()), (0, 4));
     }

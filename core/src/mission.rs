@@ -391,7 +391,15 @@ mod tests {
         let later = |s: u64| {
             let at = Instant(NOW.0 + s * 1_000_000);
             let place_ned_m = Horizontal { north: s as f32 * 2.0, east: 0.0 };
-            Facts { now: at, position: Some(at), attitude: Some(at), obstacles: Some(at), bearing: Some(at), place_ned_m, ..fresh() }
+            Facts {
+                now: at,
+                position: Some(at),
+                attitude: Some(at),
+                obstacles: Some(at),
+                bearing: Some(at),
+                place_ned_m,
+                ..fresh()
+            }
         };
         assert_eq!(mission.admit(&mut state, &later(14)), Outcome::Nominal);
         let outcome = mission.admit(&mut state, &later(16));

@@ -351,7 +351,13 @@ mod tests {
                 ..Circle::default()
             })
             .collect();
-        PlanRequest { id: 1, seed: 9, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, circles, ..PlanRequest::default() }
+        PlanRequest {
+            id: 1,
+            seed: 9,
+            target_ned_m: Horizontal { north: 2.0, east: 0.0 },
+            circles,
+            ..PlanRequest::default()
+        }
     }
 
     fn plan(kind: Kind, request: &PlanRequest) -> (Plan, Scratch) {
@@ -380,11 +386,7 @@ mod tests {
             let mut request = request(&[place(), place(), place(), place()]);
             request.seed = seed;
             let plan = planner.plan(&mut scratch, &request);
-            let obstacles: std::vec::Vec<_> = request
-                .circles
-                .iter()
-                .map(|c| Obstacle::of(c, 0.15))
-                .collect();
+            let obstacles: std::vec::Vec<_> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
             let at_start = obstacles.iter().map(|o| o.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
             match plan.verdict {
                 Verdict::Follow => {
@@ -432,6 +434,47 @@ mod tests {
         };
         let best = scratch.samples.iter().map(distance).fold(f64::INFINITY, f64::min);
         assert!((distance(&plan.waypoints_ned_m) - best).abs() < 1e-4);
+    }
+
+    #[test]
+    fn the_fast_arctangent_does_not_change_the_choice() {
+        let planner = Config::default().build().unwrap();
+        let mut scratch = Scratch::default();
+        let (mut same, mut runs) = (0, 0);
+        for seed in 0..2000_u64 {
+            let mut rng = Rng::new(seed, 78);
+            let mut place = || (0.3 + 2.0 * rng.uniform(), -1.0 + 2.0 * rng.uniform(), 0.1 + 0.25 * rng.uniform());
+            let request = PlanRequest { seed, ..request(&[place(), place(), place(), place(), place()]) };
+            if planner.plan(&mut scratch, &request).verdict == Verdict::Brake {
+                continue;
+            }
+            let chosen = nearest(&scratch, &weighted(&scratch, 1.0).unwrap());
+            for (sample, cost) in scratch.samples.iter().zip(&mut scratch.costs) {
+                // Eq. 44 in f64.
+                let mut heading: Option<f64> = None;
+                let (mut turns, mut fast) = (0.0, 0.0);
+                let mut previous = (request.start_ned_m, None::<f32>);
+                for waypoint in sample {
+                    let step = waypoint.minus(previous.0);
+                    if step.norm() > 1e-4 {
+                        let exact = f64::from(step.east).atan2(f64::from(step.north));
+                        let micromath::F32(coarse) = micromath::F32(step.east).atan2(micromath::F32(step.north));
+                        let wrap = |a: f64| {
+                            (a + 9.0 * std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+                        };
+                        turns += heading.map_or(0.0, |h| wrap(exact - h).abs());
+                        fast += previous.1.map_or(0.0, |h| wrap(f64::from(coarse) - f64::from(h)).abs());
+                        heading = Some(exact);
+                        previous.1 = Some(coarse);
+                    }
+                    previous.0 = *waypoint;
+                }
+                *cost += (turns - fast) as f32;
+            }
+            runs += 1;
+            same += i32::from(nearest(&scratch, &weighted(&scratch, 1.0).unwrap()) == chosen);
+        }
+        assert!(runs > 1500 && same * 1000 >= runs * 995, "{same} of {runs} choices are the same");
     }
 
     #[test]

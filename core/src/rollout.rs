@@ -3,6 +3,11 @@
 //! The main paper descends the gradient for 15 steps (section IV) and leaves the step open; here a step is one force
 //! evaluation and 2 m / 15 of path in its direction, the reading that its budget allows (two metres of target distance
 //! in fifteen waypoints). Cost by eq. 41-45: length, error at the end, turns, proximity.
+//!
+//! Headings for eq. 44 come from `micromath`'s arctangent: within 0.16 degrees and three times as fast as `libm`'s. A test
+//! of [`crate::planner`] shows that it does not change which trajectory is chosen.
+
+use micromath::F32;
 
 use crate::field::{Gains, Obstacle, force};
 use crate::frame::Horizontal;
@@ -73,7 +78,7 @@ pub fn cost(start: Horizontal, trajectory: &Trajectory, target: Horizontal, obst
         let step = waypoint.minus(previous);
         let length = step.norm();
         if length > 1e-4 {
-            let bearing_rad = step.bearing_rad();
+            let F32(bearing_rad) = F32(step.east).atan2(F32(step.north));
             if let Some(heading_rad) = heading_rad {
                 cost.turns += libm::fabsf(wrap_pi(bearing_rad - heading_rad));
             }
@@ -151,10 +156,11 @@ mod tests {
         let mut trajectory = [Horizontal { north: 1.0, east: 1.0 }; WAYPOINTS];
         trajectory[0] = Horizontal { north: 1.0, east: 0.0 };
         let target = Horizontal { north: 1.0, east: 3.0 };
-        let obstacle = Obstacle { center_ned_m: Horizontal { north: 0.0, east: 1.0 }, reach_m: 0.5, ..Obstacle::default() };
+        let obstacle =
+            Obstacle { center_ned_m: Horizontal { north: 0.0, east: 1.0 }, reach_m: 0.5, ..Obstacle::default() };
         let cost = cost(start, &trajectory, target, &[obstacle]);
         assert!((cost.length - 2.0).abs() < 1e-6 && (cost.error - 2.0).abs() < 1e-6);
-        assert!((cost.turns - core::f32::consts::FRAC_PI_2).abs() < 1e-5);
+        assert!((cost.turns - core::f32::consts::FRAC_PI_2).abs() < 2.0 * 0.0029);
         assert!((cost.proximity - 2.0).abs() < 1e-5, "{cost:?}");
         // Between the waypoints (1,0) and (1,1) the obstacle is 0.5 m away, from the start to (1,0) 0.5 m as well.
         assert!((swept_clearance_m(start, &trajectory, &[obstacle]) - 0.5).abs() < 1e-5);
@@ -164,7 +170,8 @@ mod tests {
     fn a_segment_that_jumps_over_a_pillar_is_seen() {
         let start = Horizontal::default();
         let trajectory = [Horizontal { north: 2.0, east: 0.0 }];
-        let pillar = Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.05 }, reach_m: 0.2, ..Obstacle::default() };
+        let pillar =
+            Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.05 }, reach_m: 0.2, ..Obstacle::default() };
         assert!((swept_clearance_m(start, &trajectory, &[pillar]) + 0.15).abs() < 1e-5);
     }
 }

@@ -1,4 +1,4 @@
-//! Obstacle scans: sectors of distance around the nose, as OBSTACLE_DISTANCE brings them, and the circles behind them.
+//! Obstacle scans: sectors of distance around the nose, as `OBSTACLE_DISTANCE` brings them, and the circles behind them.
 //!
 //! Neighbouring hits whose distance does not jump belong together; each such run becomes one circle if one fits
 //! (algebraic least squares of Kasa, 1976: linear, closed, well posed on the wide arc that a pillar shows), and is cut in
@@ -190,8 +190,7 @@ impl Fitter {
             Some(Sector::Clear) => false,
             Some(Sector::Unknown) | None => true,
         };
-        let partial =
-            hidden(first.sector.checked_sub(1), first.range_m) || hidden(Some(last.sector + 1), last.range_m);
+        let partial = hidden(first.sector.checked_sub(1), first.range_m) || hidden(Some(last.sector + 1), last.range_m);
         let nearest = piece.iter().fold(first.range_m, |m, hit| if hit.range_m < m { hit.range_m } else { m });
 
         // From the angle it fills: r / (nearest + r) = sin(half of the angle).
@@ -336,10 +335,8 @@ mod tests {
         assert!(found.len() >= 3, "{found:?}");
         for azimuth in (-40..=40).map(|a| f64::from(a).to_radians()) {
             let point = Horizontal { north: 1.5, east: (1.5 * azimuth.tan()) as f32 };
-            let nearest = found
-                .iter()
-                .map(|d| d.center_ned_m.minus(point).norm() - d.radius_m)
-                .fold(f32::INFINITY, f32::min);
+            let nearest =
+                found.iter().map(|d| d.center_ned_m.minus(point).norm() - d.radius_m).fold(f32::INFINITY, f32::min);
             assert!(nearest < 0.15, "open at {azimuth}: {nearest}");
         }
     }
@@ -347,10 +344,8 @@ mod tests {
     #[test]
     fn the_pose_turns_and_shifts_what_is_seen() {
         let scan = cast(&[(1.5, 0.0, 0.25)]);
-        let pose = Pose {
-            position_ned_m: Horizontal { north: 10.0, east: -4.0 },
-            yaw_rad: core::f32::consts::FRAC_PI_2,
-        };
+        let pose =
+            Pose { position_ned_m: Horizontal { north: 10.0, east: -4.0 }, yaw_rad: core::f32::consts::FRAC_PI_2 };
         let found = Config::default().build().unwrap().fit(&scan, &pose);
         assert_eq!(found.len(), 1);
         assert!((found[0].center_ned_m.north - 10.0).abs() < 0.05, "{found:?}");

@@ -95,7 +95,14 @@ pub struct Demand {
 
 impl Tracker {
     /// One step along a trajectory.
-    pub fn step(&self, state: &mut State, trajectory: &Trajectory, rest: Horizontal, yaw_rad: f32, dt_s: f32) -> Demand {
+    pub fn step(
+        &self,
+        state: &mut State,
+        trajectory: &Trajectory,
+        rest: Horizontal,
+        yaw_rad: f32,
+        dt_s: f32,
+    ) -> Demand {
         let c = &self.config;
         state.passed = progress(state.passed, trajectory, rest);
         let ahead = libm::roundf(c.lookahead_m / SPACING_M) as usize;
@@ -103,12 +110,12 @@ impl Tracker {
         let error = aim.minus(rest);
 
         state.integral_mps = state.integral_mps.plus(error.times(c.ki_per_s2 * dt_s)).clamped(c.integral_max_mps);
-        let velocity_ned_mps =
-            error.times(c.kp_per_s).plus(state.integral_mps).minus(state.last_mps.times(c.kd));
+        let velocity_ned_mps = error.times(c.kp_per_s).plus(state.integral_mps).minus(state.last_mps.times(c.kd));
         state.last_mps = velocity_ned_mps;
 
         // Too close to tell a direction: keep the nose where it is.
-        let yaw_rate_radps = if error.norm() > 0.5 * SPACING_M { self.turn_to(error.bearing_rad(), yaw_rad) } else { 0.0 };
+        let yaw_rate_radps =
+            if error.norm() > 0.5 * SPACING_M { self.turn_to(error.bearing_rad(), yaw_rad) } else { 0.0 };
         Demand { velocity_ned_mps, down_mps: 0.0, yaw_rate_radps }
     }
 
@@ -131,8 +138,7 @@ fn progress(passed: usize, trajectory: &Trajectory, rest: Horizontal) -> usize {
     while passed < WAYPOINTS {
         let here = trajectory[passed].minus(rest).norm_squared();
         let near = 0.25 * SPACING_M * SPACING_M;
-        let next_is_nearer =
-            passed + 1 < WAYPOINTS && trajectory[passed + 1].minus(rest).norm_squared() < here;
+        let next_is_nearer = passed + 1 < WAYPOINTS && trajectory[passed + 1].minus(rest).norm_squared() < here;
         if here > near && !next_is_nearer {
             break;
         }

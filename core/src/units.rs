@@ -28,7 +28,7 @@ pub fn wrap_pi(angle_rad: f32) -> f32 {
 pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     let quadrant = libm::roundf(angle_rad * FRAC_2_PI);
     // pi/2 in three parts, so that the products are exact for the quadrants that matter.
-    let x = ((angle_rad - quadrant * 1.570_312_5) - quadrant * 4.837_512_97e-4) - quadrant * 7.549_789_4e-8;
+    let x = ((angle_rad - quadrant * 1.570_312_5) - quadrant * 4.837_513e-4) - quadrant * 7.549_789_4e-8;
     let x2 = x * x;
     let sine = x + x * x2 * (-1.666_665_5e-1 + x2 * (8.332_161e-3 - x2 * 1.951_529_6e-4));
     let cosine = 1.0 - 0.5 * x2 + x2 * x2 * (4.166_664_6e-2 + x2 * (-1.388_731_6e-3 + x2 * 2.443_315_7e-5));

@@ -16,11 +16,10 @@ pub const fn cos_sin(phase: u32) -> (i32, i32) {
     let quadrant = phase.wrapping_add(1 << 29) >> 30;
     let offset = phase.wrapping_sub(quadrant << 30) as i32 as i64;
     // Q32 turns times Q29 is Q61; x in Q30.
-    let x = (offset * TAU_Q29 + (1 << 30)) >> 31;
-    let x2 = (x * x) >> 30;
-    let cosine = nested(x2, [2, 12, 30, 56, 90]);
-    let sine = (x * nested(x2, [6, 20, 42, 72, 110]) + (1 << 29)) >> 30;
-    let (cosine, sine) = (cosine as i32, sine as i32);
+    let x = ((offset * TAU_Q29 + (1 << 30)) >> 31) as i32;
+    let x2 = product(x, x);
+    let cosine = nested(x2, &COSINE);
+    let sine = product(x, nested(x2, &SINE));
     match quadrant & 3 {
         0 => (cosine, sine),
         1 => (-sine, cosine),
@@ -29,16 +28,36 @@ pub const fn cos_sin(phase: u32) -> (i32, i32) {
     }
 }
 
-/// `1 - x2/d0 (1 - x2/d1 (1 - ...))` in Q30.
-const fn nested(x2: i64, divisors: [i64; 5]) -> i64 {
-    let mut sum = ONE as i64;
-    let mut i = divisors.len();
+/// Reciprocals in Q30 of what each term of the series is divided by.
+const COSINE: [i32; 5] = reciprocals([2, 12, 30, 56, 90]);
+const SINE: [i32; 5] = reciprocals([6, 20, 42, 72, 110]);
+
+const fn reciprocals(divisors: [i32; 5]) -> [i32; 5] {
+    let mut result = divisors;
+    let mut i = 0;
+    while i < result.len() {
+        result[i] = (ONE + divisors[i] / 2) / divisors[i];
+        i += 1;
+    }
+    result
+}
+
+/// `1 - r0 x2 (1 - r1 x2 (1 - ...))` in Q30.
+#[inline(always)]
+const fn nested(x2: i32, reciprocals: &[i32; 5]) -> i32 {
+    let mut sum = ONE;
+    let mut i = reciprocals.len();
     while i > 0 {
         i -= 1;
-        let factor = (ONE as i64 + divisors[i] / 2) / divisors[i];
-        sum = ONE as i64 - ((((sum * x2) >> 30) * factor + (1 << 29)) >> 30);
+        sum = ONE - product(product(sum, x2), reciprocals[i]);
     }
     sum
+}
+
+/// Product in Q30, rounded.
+#[inline(always)]
+const fn product(a: i32, b: i32) -> i32 {
+    ((a as i64 * b as i64 + (1 << 29)) >> 30) as i32
 }
 
 /// A phasor that turns by the same angle at every step, in Q30.
@@ -63,9 +82,9 @@ impl Oscillator {
     #[inline(always)]
     pub fn turn(&mut self) -> (i32, i32) {
         let now = (self.cosine, self.sine);
-        let product = |a: i32, b: i32| i64::from(a) * i64::from(b);
-        self.cosine = ((product(now.0, self.step_cosine) - product(now.1, self.step_sine) + (1 << 29)) >> 30) as i32;
-        self.sine = ((product(now.0, self.step_sine) + product(now.1, self.step_cosine) + (1 << 29)) >> 30) as i32;
+        let product = |a: i32, b: i32| ((i64::from(a) * i64::from(b)) >> 32) as i32;
+        self.cosine = (product(now.0, self.step_cosine) - product(now.1, self.step_sine)) << 2;
+        self.sine = (product(now.0, self.step_sine) + product(now.1, self.step_cosine)) << 2;
         now
     }
 }
