@@ -1,0 +1,53 @@
+//! # Foxhound link
+//!
+//! How Foxhound talks to an autopilot: MAVLink 2, as a companion computer. No heap, no clock, no IO: bytes and the time
+//! go in as arguments, bytes come out, so that the firmware's UART, the simulator and a test drive the same code.
+//!
+//! ```text
+//!  bytes in  -> framer -> companion -> ownship, scan, control  -> guidance
+//!  bytes out <- outbox <- companion <- setpoint, what happened <- guidance
+//! ```
+//!
+//! [`companion`] is the door for whoever flies. [`framer`] and [`dialect`] serve both ends of a link: the simulator
+//! plays the autopilot with them.
+//!
+//! ## Sources
+//!
+//! The MAVLink guide (<https://mavlink.io/en/guide/serialization.html>) for the frame, the public message definitions
+//! for [`dialect`], ArduPilot's and PX4's documentation of GUIDED and OFFBOARD for the behaviour.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+#[expect(clippy::allow_attributes, reason = "generated code")]
+#[allow(
+    clippy::all,
+    clippy::doc_markdown,
+    clippy::panic,
+    clippy::use_self,
+    deprecated,
+    missing_docs,
+    non_camel_case_types,
+    non_snake_case,
+    rustdoc::bare_urls,
+    unreachable_pub,
+    unused_imports,
+    reason = "generated code"
+)]
+pub mod dialect {
+    //! The messages and names that we use, generated from `dialect/foxhound.xml`.
+    include!(concat!(env!("OUT_DIR"), "/dialect.rs"));
+}
+
+pub mod companion;
+pub mod framer;
+pub mod mailbox;
+
+mod autopilot;
+mod obstacles;
+mod outbox;
+mod requests;
+
+pub use mavlink_core::types::CharArray;
+pub use mavlink_core::{Message, MessageData};

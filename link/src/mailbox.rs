@@ -1,0 +1,512 @@
+//! The mailbox: how a simulator hands frames to the firmware's twin in QEMU, and what it gets back.
+//!
+//! The twin's external memory is a file shared with the simulator. A byte on UART1 rings the bell, as the half-transfer
+//! interrupt of a DMA does on the real board; a byte back says that the answer lies ready. Here is only the layout; who
+//! maps, reads and rings is the business of the two sides.
+//!
+//! | block | at | bytes | written by | content |
+//! |---|---|---|---|---|
+//! | setup | `0x0000` | 4096 | simulator | head, [`Setup`] |
+//! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, codes from byte 2048 (`i16`, channel by channel) |
+//! | report | `0x2000` | 4096 | twin | head, then [`Ready`], [`Report`] or the text of a refusal |
+//!
+//! Every block starts with the same head: [`MAGIC`] (`u32`, its last letter is the version of the layout), then the
+//! length in bytes of what follows (`u32`). Everything is little-endian; records are in postcard's format, in which
+//! floats keep their bits.
+//!
+//! | doorbell | direction | meaning |
+//! |---|---|---|
+//! | [`SETUP`] `S` | to the twin | the setup block is filled: start anew from it |
+//! | [`FRAME`] `F` | to the twin | the step block is filled: do one step |
+//! | [`DONE`] `K` | to the simulator | done: the report block holds [`Ready`] after `S`, [`Report`] after `F` |
+//! | [`REFUSED`] `E` | to the simulator | not done; the report block holds the reason |
+//!
+//! The two serial lines and the memory are not ordered with each other. So a step says how many bytes of UART0 the twin
+//! must have taken in before it ([`Step::rx_expected`]), and a report says how many it has sent ([`Report::tx_total`]):
+//! that makes every step, and with it the whole flight, repeatable.
+
+use foxhound_core::adc::{CHANNELS, Snapshot};
+use foxhound_core::bearing::Bearing;
+use foxhound_core::frame::Horizontal;
+use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::map::{CIRCLES_MAX, Circle};
+use foxhound_core::planner::SAMPLES;
+use foxhound_core::rollout::WAYPOINTS;
+use foxhound_core::time::Instant;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// First word of every block; the last letter is the version of the layout.
+pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM1");
+
+/// Bytes of one block.
+pub const BLOCK_BYTES: usize = 4096;
+/// Where the setup block begins.
+pub const SETUP_AT: usize = 0;
+/// Where the step block begins.
+pub const STEP_AT: usize = BLOCK_BYTES;
+/// Where the report block begins.
+pub const REPORT_AT: usize = 2 * BLOCK_BYTES;
+
+/// Doorbell to the twin: the setup block is filled.
+pub const SETUP: u8 = b'S';
+/// Doorbell to the twin: the step block is filled.
+pub const FRAME: u8 = b'F';
+/// Doorbell to the simulator: done.
+pub const DONE: u8 = b'K';
+/// Doorbell to the simulator: refused.
+pub const REFUSED: u8 = b'E';
+
+/// One block.
+pub type Block = [u8; BLOCK_BYTES];
+
+const HEAD_BYTES: usize = 8;
+const CIRCLES_FROM: usize = 512;
+const CODES_FROM: usize = 2048;
+
+/// What the twin is set up with.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Setup {
+    /// The whole chain.
+    pub guidance: guidance::Config,
+}
+
+/// One step of the fast loop, as the simulator asks for it.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a, const N: usize> {
+    /// Counts the steps since the setup.
+    pub sequence: u32,
+    /// The time of the step: the only clock of guidance and link.
+    pub now: Instant,
+    /// Bytes of UART0 since the twin's start that it must have taken in before this step.
+    pub rx_expected: u32,
+    /// What the antennas brought.
+    pub front_end: FrontEnd<'a, N>,
+    /// Obstacles that a sensor delivers as circles already.
+    pub circles: Option<&'a [Circle]>,
+}
+
+/// Where a twin keeps what came with a step.
+#[derive(Clone, Debug)]
+pub struct Arrivals<const N: usize> {
+    head: StepHead,
+    snapshot: Snapshot<N>,
+    circles: [Circle; CIRCLES_MAX],
+}
+
+impl<const N: usize> Arrivals<N> {
+    const CODES_FIT: () = assert!(CODES_FROM + CHANNELS * N * 2 <= BLOCK_BYTES, "at most 256 samples a channel");
+
+    /// Nothing yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        let none = Horizontal { north: 0.0, east: 0.0 };
+        let nowhere = Circle { center_ned_m: none, radius_m: 0.0, velocity_ned_mps: none };
+        let head =
+            StepHead { sequence: 0, now: Instant(0), rx_expected: 0, front_end: FrontEndKind::Nothing, circles: None };
+        Self { head, snapshot: Snapshot::zeroed(), circles: [nowhere; CIRCLES_MAX] }
+    }
+
+    /// Reads the step block.
+    ///
+    /// # Errors
+    /// What is wrong with the block; [`Self::step`] is then not to be used.
+    pub fn decode(&mut self, block: &Block) -> Result<(), Error> {
+        const { Self::CODES_FIT };
+        let (records, codes) = block.split_at(CODES_FROM);
+        let (first, mut rest) = records.split_at(CIRCLES_FROM);
+        self.head = read_record(first)?;
+        let count = usize::from(self.head.circles.unwrap_or(0));
+        for circle in self.circles.get_mut(..count).ok_or(Error::Length)? {
+            (*circle, rest) = postcard::take_from_bytes(rest).map_err(|_| Error::Content)?;
+        }
+        if let FrontEndKind::Snapshot { time } = self.head.front_end {
+            self.snapshot.time = time;
+            for (code, bytes) in self.snapshot.codes.as_flattened_mut().iter_mut().zip(codes.as_chunks().0) {
+                *code = i16::from_le_bytes(*bytes);
+            }
+        }
+        Ok(())
+    }
+
+    /// The step that was read last.
+    #[must_use]
+    pub fn step(&self) -> Step<'_, N> {
+        let head = &self.head;
+        Step {
+            sequence: head.sequence,
+            now: head.now,
+            rx_expected: head.rx_expected,
+            front_end: match head.front_end {
+                FrontEndKind::Snapshot { .. } => FrontEnd::Snapshot(&self.snapshot),
+                FrontEndKind::Bearing(bearing) => FrontEnd::Bearing(bearing),
+                FrontEndKind::Nothing => FrontEnd::Nothing,
+            },
+            circles: head.circles.and_then(|count| self.circles.get(..usize::from(count))),
+        }
+    }
+}
+
+impl<const N: usize> Default for Arrivals<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The answer to a setup.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ready {
+    /// Bytes sent on UART0 before the setup: what follows belongs to the first step.
+    pub tx_total: u32,
+}
+
+/// What one step came to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// The step that it answers.
+    pub sequence: u32,
+    /// What guidance said.
+    pub output: guidance::Output,
+    /// Bytes sent on UART0 since the twin's start.
+    pub tx_total: u32,
+    /// Length of the guidance step in ticks of the 25 MHz timer; [`instructions`] converts.
+    pub fast_ticks: u32,
+    /// A replan that was finished in this step.
+    pub plan: Option<Planned>,
+}
+
+/// A finished replan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Planned {
+    /// The request that it answers.
+    pub id: u32,
+    /// The trajectory to follow.
+    pub waypoints_ned_m: [Horizontal; WAYPOINTS],
+    /// The sampled trajectories that it was made from.
+    pub samples_ned_m: [[Horizontal; WAYPOINTS]; SAMPLES],
+    /// Length of the replan in ticks of the 25 MHz timer; [`instructions`] converts.
+    pub ticks: u32,
+}
+
+/// Executed instructions, from ticks of the twin's 25 MHz timer, when QEMU runs with `-icount shift=8`.
+///
+/// An instruction then takes 256 ns of the twin's time, which is 6.4 ticks.
+#[must_use]
+pub fn instructions(ticks: u32) -> u32 {
+    ((u64::from(ticks) * 10 + 32) / 64) as u32
+}
+
+/// Why a block cannot be written or read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Error {
+    /// The block does not begin with [`MAGIC`]: nothing there, or another version.
+    Magic,
+    /// The content does not fit, or its length is impossible.
+    Length,
+    /// The content is not what this version writes.
+    Content,
+}
+
+impl core::fmt::Display for Error {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Magic => "the mailbox block is empty or of another version",
+            Self::Length => "the mailbox block is too small for its content",
+            Self::Content => "the mailbox block cannot be read",
+        })
+    }
+}
+
+impl core::error::Error for Error {}
+
+impl Setup {
+    /// Fills the setup block.
+    ///
+    /// # Errors
+    /// [`Error::Length`].
+    pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
+        write_record(block, self)
+    }
+
+    /// Reads the setup block.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn decode(block: &Block) -> Result<Self, Error> {
+        read_record(block)
+    }
+}
+
+impl Ready {
+    /// Fills the report block.
+    ///
+    /// # Errors
+    /// [`Error::Length`].
+    pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
+        write_record(block, self)
+    }
+
+    /// Reads the report block.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn decode(block: &Block) -> Result<Self, Error> {
+        read_record(block)
+    }
+}
+
+impl Report {
+    /// Fills the report block.
+    ///
+    /// # Errors
+    /// [`Error::Length`].
+    pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
+        write_record(block, self)
+    }
+
+    /// Reads the report block.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn decode(block: &Block) -> Result<Self, Error> {
+        read_record(block)
+    }
+}
+
+/// Fills the report block with the reason of a refusal, cut off where the block ends.
+pub fn encode_refusal(block: &mut Block, reason: core::fmt::Arguments<'_>) {
+    let (head, body) = block.split_at_mut(HEAD_BYTES);
+    let mut text = Text { body, len: 0 };
+    // Text stops by itself when it is full.
+    let _ = core::fmt::write(&mut text, reason);
+    let len = text.len;
+    write_head(head, len);
+}
+
+/// Reads the reason of a refusal.
+///
+/// # Errors
+/// What is wrong with the block.
+pub fn decode_refusal(block: &Block) -> Result<&str, Error> {
+    core::str::from_utf8(body(block)?).map_err(|_| Error::Content)
+}
+
+/// The part of a step that is a record; circles and codes follow it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct StepHead {
+    sequence: u32,
+    now: Instant,
+    rx_expected: u32,
+    front_end: FrontEndKind,
+    circles: Option<u8>,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+enum FrontEndKind {
+    Snapshot { time: Instant },
+    Bearing(Bearing),
+    Nothing,
+}
+
+impl<const N: usize> Step<'_, N> {
+    /// Fills the step block.
+    ///
+    /// # Errors
+    /// [`Error::Length`] when there are more circles than [`CIRCLES_MAX`].
+    pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
+        const { Arrivals::<N>::CODES_FIT };
+        let circles = match self.circles {
+            Some(circles) if circles.len() > CIRCLES_MAX => return Err(Error::Length),
+            Some(circles) => Some(circles.len() as u8),
+            None => None,
+        };
+        let front_end = match self.front_end {
+            FrontEnd::Snapshot(snapshot) => FrontEndKind::Snapshot { time: snapshot.time },
+            FrontEnd::Bearing(bearing) => FrontEndKind::Bearing(bearing),
+            FrontEnd::Nothing => FrontEndKind::Nothing,
+        };
+        let head =
+            StepHead { sequence: self.sequence, now: self.now, rx_expected: self.rx_expected, front_end, circles };
+        let (records, codes) = block.split_at_mut(CODES_FROM);
+        let (first, mut rest) = records.split_at_mut(CIRCLES_FROM);
+        write_record(first, &head)?;
+        for circle in self.circles.unwrap_or_default() {
+            let used = postcard::to_slice(circle, rest).map_err(|_| Error::Length)?.len();
+            rest = rest.split_at_mut_checked(used).ok_or(Error::Length)?.1;
+        }
+        if let FrontEnd::Snapshot(snapshot) = self.front_end {
+            for (bytes, code) in codes.as_chunks_mut().0.iter_mut().zip(snapshot.codes.as_flattened()) {
+                *bytes = code.to_le_bytes();
+            }
+        }
+        Ok(())
+    }
+}
+
+fn write_record(block: &mut [u8], record: &impl Serialize) -> Result<(), Error> {
+    let (head, body) = block.split_at_mut_checked(HEAD_BYTES).ok_or(Error::Length)?;
+    let len = postcard::to_slice(record, body).map_err(|_| Error::Length)?.len();
+    write_head(head, len);
+    Ok(())
+}
+
+fn read_record<T: DeserializeOwned>(block: &[u8]) -> Result<T, Error> {
+    postcard::from_bytes(body(block)?).map_err(|_| Error::Content)
+}
+
+fn write_head(head: &mut [u8], len: usize) {
+    for (bytes, word) in head.as_chunks_mut().0.iter_mut().zip([MAGIC, len as u32]) {
+        *bytes = word.to_le_bytes();
+    }
+}
+
+fn body(block: &[u8]) -> Result<&[u8], Error> {
+    let (head, body) = block.split_at_checked(HEAD_BYTES).ok_or(Error::Length)?;
+    let [magic, len] = *head.as_chunks().0 else {
+        return Err(Error::Length);
+    };
+    if u32::from_le_bytes(magic) != MAGIC {
+        return Err(Error::Magic);
+    }
+    body.get(..u32::from_le_bytes(len) as usize).ok_or(Error::Length)
+}
+
+/// Writes text into bytes, whole characters only.
+struct Text<'a> {
+    body: &'a mut [u8],
+    len: usize,
+}
+
+impl core::fmt::Write for Text<'_> {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        let room = self.body.get_mut(self.len..).unwrap_or_default();
+        let mut fits = text.len().min(room.len());
+        while !text.is_char_boundary(fits) {
+            fits -= 1;
+        }
+        for (byte, letter) in room.iter_mut().zip(text.bytes().take(fits)) {
+            *byte = letter;
+        }
+        self.len += fits;
+        if fits < text.len() { Err(core::fmt::Error) } else { Ok(()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foxhound_core::bearing::{Flags, Quality};
+
+    const N: usize = 256;
+
+    fn circle(k: usize) -> Circle {
+        let k = k as f32;
+        Circle {
+            center_ned_m: Horizontal { north: k * 0.1, east: -k },
+            radius_m: 0.3 + k,
+            velocity_ned_mps: Horizontal { north: -0.0, east: f32::MIN_POSITIVE },
+        }
+    }
+
+    fn step<'a>(front_end: FrontEnd<'a, N>, circles: Option<&'a [Circle]>) -> Step<'a, N> {
+        Step { sequence: 7, now: Instant(u64::MAX - 3), rx_expected: 90_000, front_end, circles }
+    }
+
+    #[test]
+    fn a_full_step_comes_back_with_every_bit() {
+        let mut snapshot = Snapshot::<N>::zeroed();
+        snapshot.time = Instant(123_456_789_012);
+        for (k, code) in snapshot.codes.as_flattened_mut().iter_mut().enumerate() {
+            *code = (k as i16).wrapping_mul(31) - 2048;
+        }
+        let circles: [Circle; CIRCLES_MAX] = core::array::from_fn(circle);
+        let sent = step(FrontEnd::Snapshot(&snapshot), Some(&circles));
+        let mut block = [0xa5; BLOCK_BYTES];
+        sent.encode(&mut block).unwrap();
+
+        let mut arrivals = Arrivals::<N>::new();
+        arrivals.decode(&block).unwrap();
+        let got = arrivals.step();
+        assert_eq!((got.sequence, got.now, got.rx_expected), (sent.sequence, sent.now, sent.rx_expected));
+        let FrontEnd::Snapshot(came) = got.front_end else { panic!("no snapshot") };
+        assert_eq!(came, &snapshot);
+        let bits = |circle: &Circle| {
+            [circle.center_ned_m.north, circle.radius_m, circle.velocity_ned_mps.north, circle.velocity_ned_mps.east]
+                .map(f32::to_bits)
+        };
+        assert!(got.circles.unwrap().iter().map(bits).eq(circles.iter().map(bits)));
+    }
+
+    #[test]
+    fn no_circles_and_an_empty_list_of_circles_stay_apart() {
+        let mut block = [0; BLOCK_BYTES];
+        let mut arrivals = Arrivals::<N>::new();
+        step(FrontEnd::Nothing, None).encode(&mut block).unwrap();
+        arrivals.decode(&block).unwrap();
+        assert_eq!(arrivals.step().circles, None);
+        step(FrontEnd::Nothing, Some(&[])).encode(&mut block).unwrap();
+        arrivals.decode(&block).unwrap();
+        assert_eq!(arrivals.step().circles, Some([].as_slice()));
+    }
+
+    #[test]
+    fn a_bearing_comes_back() {
+        let bearing = Bearing {
+            time: Instant(5),
+            valid: true,
+            azimuth_rad: -3.1,
+            sigma_rad: 0.01,
+            elevation_rad: 0.2,
+            elevation_sigma_rad: 0.1,
+            quality: Quality::default(),
+            flags: Flags::CLIP,
+        };
+        let mut block = [0; BLOCK_BYTES];
+        step(FrontEnd::Bearing(bearing), None).encode(&mut block).unwrap();
+        let mut arrivals = Arrivals::<N>::new();
+        arrivals.decode(&block).unwrap();
+        let FrontEnd::Bearing(came) = arrivals.step().front_end else { panic!("no bearing") };
+        assert_eq!(came, bearing);
+    }
+
+    #[test]
+    fn too_many_circles_an_empty_block_and_an_impossible_length_are_refused() {
+        let circles = [circle(1); CIRCLES_MAX + 1];
+        let mut block = [0; BLOCK_BYTES];
+        assert_eq!(step(FrontEnd::Nothing, Some(&circles)).encode(&mut block), Err(Error::Length));
+        assert_eq!(Report::decode(&block), Err(Error::Magic));
+        block[..4].copy_from_slice(&MAGIC.to_le_bytes());
+        block[4..8].fill(0xff);
+        assert_eq!(Report::decode(&block), Err(Error::Length));
+        block[4..8].copy_from_slice(&1_u32.to_le_bytes());
+        assert_eq!(Report::decode(&block), Err(Error::Content));
+    }
+
+    #[test]
+    fn a_setup_fits_its_block_and_comes_back() {
+        let setup = Setup { guidance: guidance::Config { seed: 0xfeed_beef_dead_0001, ..guidance::Config::default() } };
+        let mut block = [0; BLOCK_BYTES];
+        setup.encode(&mut block).unwrap();
+        assert_eq!(Setup::decode(&block).unwrap().guidance.seed, setup.guidance.seed);
+    }
+
+    #[test]
+    fn a_refusal_is_text_and_a_long_one_is_cut_at_a_character() {
+        let mut block = [0; BLOCK_BYTES];
+        encode_refusal(&mut block, format_args!("{} = {}", "planner.lambda", -1));
+        assert_eq!(decode_refusal(&block), Ok("planner.lambda = -1"));
+        let long = ["\u{20ac}"; 2000].concat();
+        encode_refusal(&mut block, format_args!("{long}"));
+        let cut = decode_refusal(&block).unwrap();
+        assert_eq!(cut.len(), (BLOCK_BYTES - HEAD_BYTES) / 3 * 3);
+        assert!(cut.chars().all(|letter| letter == '\u{20ac}'));
+    }
+
+    #[test]
+    fn at_shift_eight_six_and_four_tenths_ticks_are_one_instruction() {
+        for count in [0_u32, 1, 2, 3, 7, 1_000, 45_311, 1_700_000] {
+            assert_eq!(instructions((u64::from(count) * 64 / 10) as u32), count);
+            assert_eq!(instructions((u64::from(count) * 64).div_ceil(10) as u32), count);
+        }
+    }
+}
