@@ -1,0 +1,226 @@
+//! The tasks: link, guidance and planner, the same on every board.
+//!
+//! Guidance and link run in an interrupt executor, the planner in another of the lowest priority: every step pre-empts
+//! a replan that is under way. A plan is handed to guidance at the step after it was finished; guidance itself takes
+//! it up at a fixed tick after its request, so that nothing depends on how long the replan took.
+
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use embassy_sync::signal::Signal;
+use foxhound_core::ConfigError;
+use foxhound_core::frame::Horizontal;
+use foxhound_core::guidance::{self, Guidance, Input, Output};
+use foxhound_core::planner::{Plan, PlanRequest, Planner, SAMPLES, Scratch};
+use foxhound_core::rollout::WAYPOINTS;
+use foxhound_link::companion::{self, Companion};
+use static_cell::StaticCell;
+
+use crate::boards::board::{self, Pacer, Receiver, Transmitter};
+use crate::boards::{Call, Done, Step};
+
+/// Samples of one channel in one snapshot.
+pub const SAMPLES_PER_CHANNEL: usize = 256;
+
+/// Room for some whole MAVLink frames.
+const TRANSMIT_BYTES: usize = 512;
+
+/// Bytes between the serial line and guidance, one pipe for each direction.
+pub type Bytes = Pipe<CriticalSectionRawMutex, 2048>;
+
+/// What the planner is to do; a newer order replaces one that it has not begun.
+pub type Orders = Signal<CriticalSectionRawMutex, Order>;
+
+/// What the planner has found; a newer plan replaces one that nobody has taken.
+pub type Plans = Signal<CriticalSectionRawMutex, Planned>;
+
+/// An order to the planner.
+#[derive(Clone, Debug)]
+pub struct Order {
+    /// With this one.
+    pub planner: Planner,
+    /// Answer this.
+    pub request: PlanRequest,
+}
+
+/// A plan, and how it came about.
+#[derive(Clone, Debug)]
+pub struct Planned {
+    /// The plan.
+    pub plan: Plan,
+    /// The sampled trajectories that it was made from.
+    pub samples_ned_m: [[Horizontal; WAYPOINTS]; SAMPLES],
+    /// Length of the replan, in `board::ticks`.
+    pub ticks: u32,
+}
+
+/// Bytes of the autopilot, from the serial line into the pipe.
+#[embassy_executor::task]
+pub async fn receive(mut line: Receiver, incoming: &'static Bytes) {
+    let mut bytes = [0; 256];
+    loop {
+        let count = line.read(&mut bytes).await;
+        incoming.write_all(bytes.get(..count).unwrap_or_default()).await;
+    }
+}
+
+/// Bytes to the autopilot, from the pipe onto the serial line.
+#[embassy_executor::task]
+pub async fn transmit(mut line: Transmitter, outgoing: &'static Bytes) {
+    let mut bytes = [0; 256];
+    loop {
+        let count = outgoing.read(&mut bytes).await;
+        line.write(bytes.get(..count).unwrap_or_default()).await;
+    }
+}
+
+/// The planner: answers orders, and may be pre-empted at any moment.
+#[embassy_executor::task]
+pub async fn plan(orders: &'static Orders, plans: &'static Plans) {
+    static SCRATCH: StaticCell<Scratch> = StaticCell::new();
+    let scratch = SCRATCH.init_with(Scratch::default);
+    loop {
+        let order = orders.wait().await;
+        let begin = board::ticks();
+        let plan = order.planner.plan(scratch, &order.request);
+        let ticks = board::ticks().wrapping_sub(begin);
+        plans.signal(Planned { plan, samples_ned_m: scratch.samples, ticks });
+    }
+}
+
+/// The fast loop: does what the board's pacer says, a step at a time.
+#[embassy_executor::task]
+pub async fn guide(
+    mut pacer: Pacer,
+    incoming: &'static Bytes,
+    outgoing: &'static Bytes,
+    orders: &'static Orders,
+    plans: &'static Plans,
+) {
+    let mut flight = match Flight::begin(&guidance::Config::default()) {
+        Ok(flight) => flight,
+        Err(error) => board::halt(format_args!("the built-in configuration: {error}")),
+    };
+    let mut line = Line { incoming, outgoing, rx_total: 0, tx_total: 0 };
+    let mut plan = None;
+    let mut last_request = None;
+    loop {
+        match pacer.next().await {
+            Call::Setup(config) => {
+                let begun = Flight::begin(&config);
+                if begun.is_ok() {
+                    settle(plans, &mut last_request).await;
+                }
+                pacer.accept(begun.map(|begun| (flight, plan) = (begun, None)), line.tx_total).await;
+            }
+            Call::Step(step) => {
+                let lock_step = step.lock_step.is_some();
+                line.read(&mut flight.companion, &step).await;
+                if !lock_step {
+                    plan = plans.try_take();
+                }
+                let (output, fast_ticks) = flight.step(&step, plan.as_ref());
+                line.write(&mut flight.companion, lock_step).await;
+                if output.plan_requested {
+                    let request = flight.state.request().clone();
+                    last_request = Some(request.id);
+                    orders.signal(Order { planner: flight.planner.clone(), request });
+                }
+                plan = if lock_step { settle(plans, &mut last_request).await } else { None };
+                pacer.done(Done { output, fast_ticks, tx_total: line.tx_total, plan: plan.as_ref() }).await;
+            }
+        }
+    }
+}
+
+/// Waits until the planner is idle; its answer to the last request, if that was still to come.
+async fn settle(plans: &'static Plans, last_request: &mut Option<u32>) -> Option<Planned> {
+    let id = last_request.take()?;
+    loop {
+        let planned = plans.wait().await;
+        if planned.plan.id == id {
+            return Some(planned);
+        }
+    }
+}
+
+/// Everything that is begun anew with a configuration.
+struct Flight {
+    guidance: Guidance<SAMPLES_PER_CHANNEL>,
+    state: guidance::State<SAMPLES_PER_CHANNEL>,
+    planner: Planner,
+    companion: Companion,
+}
+
+impl Flight {
+    fn begin(config: &guidance::Config) -> Result<Self, ConfigError> {
+        let guidance = config.build()?;
+        let state = guidance.start();
+        let planner = config.planner.build()?;
+        Ok(Self { guidance, state, planner, companion: companion::Config::default().build()? })
+    }
+
+    /// One step, and how long guidance took. The simulator does the same in the same order: bit for bit.
+    fn step(&mut self, step: &Step<'_>, plan: Option<&Planned>) -> (Output, u32) {
+        let scan = self.companion.take_scan();
+        let input = Input {
+            now: step.now,
+            front_end: step.front_end,
+            ownship: self.companion.ownship(),
+            scan: scan.as_ref(),
+            circles: step.circles,
+            control: self.companion.control(step.now),
+            plan: plan.map(|planned| &planned.plan),
+        };
+        let begin = board::ticks();
+        let output = self.guidance.step(&mut self.state, &input);
+        let ticks = board::ticks().wrapping_sub(begin);
+        self.companion.publish(step.now, &output);
+        self.companion.poll(step.now);
+        (output, ticks)
+    }
+}
+
+/// The serial line as guidance sees it.
+struct Line {
+    incoming: &'static Bytes,
+    outgoing: &'static Bytes,
+    rx_total: u32,
+    tx_total: u32,
+}
+
+impl Line {
+    /// Hands over what has come: in lock-step exactly what belongs before this step, else what there is.
+    async fn read(&mut self, companion: &mut Companion, step: &Step<'_>) {
+        let mut bytes = [0; 256];
+        loop {
+            let count = match step.lock_step {
+                Some(expected) => {
+                    let missing = (expected.wrapping_sub(self.rx_total) as usize).min(bytes.len());
+                    match bytes.get_mut(..missing) {
+                        Some(missing) if !missing.is_empty() => self.incoming.read(missing).await,
+                        _ => return,
+                    }
+                }
+                None => match self.incoming.try_read(&mut bytes) {
+                    Ok(count) => count,
+                    Err(_) => return,
+                },
+            };
+            self.rx_total = self.rx_total.wrapping_add(count as u32);
+            companion.receive(step.now, bytes.get(..count).unwrap_or_default());
+        }
+    }
+
+    /// Sends what the companion has to say: in lock-step all of it, else what there is room for; the rest waits there.
+    async fn write(&mut self, companion: &mut Companion, lock_step: bool) {
+        let mut bytes = [0; TRANSMIT_BYTES];
+        while lock_step || self.outgoing.free_capacity() >= bytes.len() {
+            let count = companion.transmit(&mut bytes);
+            if count == 0 {
+                return;
+            }
+            self.outgoing.write_all(bytes.get(..count).unwrap_or_default()).await;
+            self.tx_total = self.tx_total.wrapping_add(count as u32);
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! The boards. Exactly one is compiled in, and `app` knows only this of it:
+//!
+//! | name | what |
+//! |---|---|
+//! | `NAME` | the name in `--board` and in the image's `.foxhound_board` section |
+//! | `start()` | clocks, peripherals, executors -> `Board { urgent, relaxed, receiver, transmitter, pacer }` |
+//! | `Receiver::read(&mut self, &mut [u8]) -> usize` | waits for bytes from the autopilot |
+//! | `Transmitter::write(&mut self, &[u8])` | returns when the bytes are on their way |
+//! | `Pacer::next(&mut self) -> Call` | waits for what to do next |
+//! | `Pacer::accept(&mut self, Result)`, `Pacer::done(&mut self, Done)` | takes note of how it went |
+//! | `ticks() -> u32` | a fast free-running counter, to measure with |
+//! | `halt(reason) -> !` | the end, said as loudly as the board can |
+//!
+//! Everything `unsafe` of the firmware is in the boards.
+
+#[cfg(feature = "board-mps2_an386")]
+pub mod mps2_an386;
+#[cfg(feature = "board-nucleo_g474re")]
+pub mod nucleo_g474re;
+
+#[cfg(feature = "board-mps2_an386")]
+pub use mps2_an386 as board;
+#[cfg(feature = "board-nucleo_g474re")]
+pub use nucleo_g474re as board;
+
+use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::map::Circle;
+use foxhound_core::time::Instant;
+
+use crate::app::{Planned, SAMPLES_PER_CHANNEL as N};
+
+/// What the board wants done.
+#[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one at a time")]
+pub enum Call<'a> {
+    /// Start anew with this configuration.
+    Setup(guidance::Config),
+    /// One step of the fast loop.
+    Step(Step<'a>),
+}
+
+/// One step of the fast loop.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a> {
+    /// The time of the step: the only clock of guidance and link.
+    pub now: Instant,
+    /// In lock-step with a simulator: how many bytes of the autopilot, counted from the start, come before this step;
+    /// and nothing is left running when it is done, so that the result does not depend on the simulator's speed.
+    pub lock_step: Option<u32>,
+    /// What the antennas brought.
+    pub front_end: FrontEnd<'a, N>,
+    /// Obstacles that a sensor delivers as circles already.
+    pub circles: Option<&'a [Circle]>,
+}
+
+/// What one step came to.
+#[derive(Debug)]
+pub struct Done<'a> {
+    /// What guidance said.
+    pub output: guidance::Output,
+    /// Length of the guidance step, in `ticks`.
+    pub fast_ticks: u32,
+    /// Bytes handed to the transmitter since the start.
+    pub tx_total: u32,
+    /// A replan that was finished in this step (lock-step only).
+    pub plan: Option<&'a Planned>,
+}

@@ -1,0 +1,265 @@
+//! The twin: Arm's MPS2 board with the AN386 image (Cortex-M4F) as QEMU has it.
+//!
+//! | what | where |
+//! |---|---|
+//! | MAVLink | UART0 |
+//! | doorbell of the simulator | UART1 |
+//! | frames and reports | the mailbox at `0x2100_0000`, layout in `foxhound_link::mailbox` |
+//! | time | timers 0 and 1 |
+//!
+//! It runs freely from its own time, 50 steps a second with no frames, until the simulator sends a setup. From then on
+//! it is in lock-step: a step is made when the bell rings, its time is the simulator's, and the answer goes out when
+//! everything that the step has set off is finished. When the bell stays silent for 5 s the twin runs freely again,
+//! from the time where it stood, so that the autopilot is not left alone; it then wants a new setup.
+
+#![expect(unsafe_code, reason = "registers, vectors and the mailbox's memory")]
+
+mod clock;
+mod console;
+mod interrupt;
+mod registers;
+mod uart;
+
+use core::sync::atomic::{Ordering, fence};
+
+use embassy_executor::{InterruptExecutor, SendSpawner};
+use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
+use embassy_time::{Duration, Timer};
+use foxhound_core::ConfigError;
+use foxhound_core::guidance::FrontEnd;
+use foxhound_core::time::Instant;
+use foxhound_link::mailbox::{self, Arrivals, Block};
+use static_cell::ConstStaticCell;
+
+use super::{Call, Done, Step};
+use crate::app::SAMPLES_PER_CHANNEL as N;
+use interrupt::Interrupt;
+use uart::Doorbell;
+
+pub use clock::ticks;
+pub use console::halt;
+pub use uart::{Receiver, Transmitter};
+
+/// The name of this board.
+pub const NAME: &str = "mps2_an386";
+
+// SAFETY: the memory map keeps this section and puts it into flash; it is only read, from outside.
+#[unsafe(link_section = ".foxhound_board")]
+#[used]
+static MARK: [u8; NAME.len()] = *b"mps2_an386";
+
+/// A step of the free run.
+const FREE_RUN_PERIOD: Duration = Duration::from_millis(20);
+/// How long the bell may be silent in lock-step.
+const BELL_TIMEOUT: Duration = Duration::from_secs(5);
+
+static URGENT: InterruptExecutor = InterruptExecutor::new();
+static RELAXED: InterruptExecutor = InterruptExecutor::new();
+
+static BLOCK: ConstStaticCell<Block> = ConstStaticCell::new([0; mailbox::BLOCK_BYTES]);
+static ARRIVALS: ConstStaticCell<Arrivals<N>> = ConstStaticCell::new(Arrivals::new());
+
+/// The board, started.
+pub struct Board {
+    /// Guidance and link.
+    pub urgent: SendSpawner,
+    /// The planner.
+    pub relaxed: SendSpawner,
+    /// From the autopilot.
+    pub receiver: Receiver,
+    /// To the autopilot.
+    pub transmitter: Transmitter,
+    /// What to do next.
+    pub pacer: Pacer,
+}
+
+/// Starts the board. To be called once.
+pub fn start() -> Board {
+    let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
+    interrupt::prioritise(&mut core.NVIC);
+    clock::start();
+    uart::start();
+    let (receiver, transmitter, doorbell) = uart::ends();
+    Board {
+        urgent: URGENT.start(Interrupt::GuidanceExecutor),
+        relaxed: RELAXED.start(Interrupt::PlannerExecutor),
+        receiver,
+        transmitter,
+        pacer: Pacer {
+            doorbell,
+            block: BLOCK.take(),
+            arrivals: ARRIVALS.take(),
+            pace: Pace::Free { next: embassy_time::Instant::now() },
+            now: Instant(0),
+            now_at: embassy_time::Instant::MIN,
+        },
+    }
+}
+
+/// Says what to do next.
+pub struct Pacer {
+    doorbell: Doorbell,
+    block: &'static mut Block,
+    arrivals: &'static mut Arrivals<N>,
+    pace: Pace,
+    /// The time of the last step, and when it was made in embassy's time.
+    now: Instant,
+    now_at: embassy_time::Instant,
+}
+
+#[derive(Clone, Copy)]
+enum Pace {
+    Free { next: embassy_time::Instant },
+    LockStep { alarm: embassy_time::Instant },
+}
+
+impl Pacer {
+    /// Waits for the bell or, running freely, for the next period.
+    pub async fn next(&mut self) -> Call<'_> {
+        loop {
+            let (Pace::Free { next: alarm } | Pace::LockStep { alarm }) = self.pace;
+            match select(self.doorbell.wait(), Timer::at(alarm)).await {
+                Either::First(mailbox::SETUP) => {
+                    read(mailbox::SETUP_AT, self.block);
+                    match mailbox::Setup::decode(self.block) {
+                        Ok(setup) => return Call::Setup(setup.guidance),
+                        Err(error) => self.refuse(format_args!("{error}")),
+                    }
+                }
+                Either::First(mailbox::FRAME) => match self.take_in() {
+                    Ok(()) => break,
+                    Err(reason) => self.refuse(reason),
+                },
+                Either::First(_) => {}
+                Either::Second(()) => {
+                    self.pace = Pace::Free { next: alarm + FREE_RUN_PERIOD };
+                    return Call::Step(self.free_step());
+                }
+            }
+        }
+        let step = self.arrivals.step();
+        (self.now, self.now_at) = (step.now, embassy_time::Instant::now());
+        Call::Step(Step {
+            now: step.now,
+            lock_step: Some(step.rx_expected),
+            front_end: step.front_end,
+            circles: step.circles,
+        })
+    }
+
+    fn take_in(&mut self) -> Result<(), core::fmt::Arguments<'static>> {
+        if matches!(self.pace, Pace::Free { .. }) {
+            return Err(format_args!(
+                "the twin runs freely (no setup yet, or a bell silent for 5 s): send a setup first"
+            ));
+        }
+        read(mailbox::STEP_AT, self.block);
+        self.arrivals.decode(self.block).map_err(|error| match error {
+            mailbox::Error::Magic => {
+                format_args!("the step block is empty or of another version")
+            }
+            mailbox::Error::Length => format_args!("the step block has an impossible length"),
+            mailbox::Error::Content => format_args!("the step block cannot be read"),
+        })
+    }
+
+    fn free_step(&mut self) -> Step<'static> {
+        let at = embassy_time::Instant::now();
+        self.now = self.now.plus_micros((at - self.now_at).as_micros());
+        self.now_at = at;
+        Step { now: self.now, lock_step: None, front_end: FrontEnd::Nothing, circles: None }
+    }
+
+    /// Answers a setup.
+    pub async fn accept(&mut self, result: Result<(), ConfigError>, tx_total: u32) {
+        match result {
+            Ok(()) => {
+                flush(tx_total).await;
+                let written = mailbox::Ready { tx_total }.encode(self.block);
+                self.answer(written);
+            }
+            Err(error) => self.refuse(format_args!("{error}")),
+        }
+    }
+
+    /// Answers a step.
+    pub async fn done(&mut self, done: Done<'_>) {
+        let Pace::LockStep { .. } = self.pace else {
+            return;
+        };
+        flush(done.tx_total).await;
+        let report = mailbox::Report {
+            sequence: self.arrivals.step().sequence,
+            output: done.output,
+            tx_total: done.tx_total,
+            fast_ticks: done.fast_ticks,
+            plan: done.plan.map(|planned| mailbox::Planned {
+                id: planned.plan.id,
+                waypoints_ned_m: planned.plan.waypoints_ned_m,
+                samples_ned_m: planned.samples_ned_m,
+                ticks: planned.ticks,
+            }),
+        };
+        let written = report.encode(self.block);
+        self.answer(written);
+    }
+
+    fn answer(&mut self, written: Result<(), mailbox::Error>) {
+        self.pace = Pace::LockStep { alarm: embassy_time::Instant::now() + BELL_TIMEOUT };
+        match written {
+            Ok(()) => {
+                write(mailbox::REPORT_AT, self.block);
+                self.doorbell.ring(mailbox::DONE);
+            }
+            Err(error) => self.refuse(format_args!("the report: {error}")),
+        }
+    }
+
+    fn refuse(&mut self, reason: core::fmt::Arguments<'_>) {
+        mailbox::encode_refusal(self.block, reason);
+        write(mailbox::REPORT_AT, self.block);
+        self.doorbell.ring(mailbox::REFUSED);
+    }
+}
+
+/// Waits until everything that was handed to the transmitter has left.
+async fn flush(tx_total: u32) {
+    while uart::sent() != tx_total {
+        yield_now().await;
+    }
+}
+
+const PSRAM: usize = 0x2100_0000;
+const _: () = assert!(mailbox::BLOCK_BYTES.is_multiple_of(4));
+
+/// Takes a block out of the memory that we share with the simulator.
+fn read(from: usize, block: &mut Block) {
+    fence(Ordering::Acquire);
+    let words = (PSRAM + from) as *const u32;
+    for (index, bytes) in block.as_chunks_mut().0.iter_mut().enumerate() {
+        // SAFETY: word-aligned and inside the 16 MB PSRAM, where no Rust object lies; volatile, because somebody else
+        // writes there.
+        *bytes = unsafe { words.add(index).read_volatile() }.to_le_bytes();
+    }
+}
+
+/// Puts a block into the memory that we share with the simulator.
+fn write(to: usize, block: &Block) {
+    let words = (PSRAM + to) as *mut u32;
+    for (index, bytes) in block.as_chunks().0.iter().enumerate() {
+        // SAFETY: as above.
+        unsafe { words.add(index).write_volatile(u32::from_le_bytes(*bytes)) };
+    }
+    fence(Ordering::Release);
+}
+
+extern "C" fn on_urgent() {
+    // SAFETY: this is the executor's interrupt handler, and the interrupt is unmasked by `start` only.
+    unsafe { URGENT.on_interrupt() }
+}
+
+extern "C" fn on_relaxed() {
+    // SAFETY: as above.
+    unsafe { RELAXED.on_interrupt() }
+}

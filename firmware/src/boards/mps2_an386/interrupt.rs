@@ -1,0 +1,78 @@
+//! The interrupts of the mps2-an386 (Arm AN386, table 3-7) and their vectors.
+
+use cortex_m::interrupt::InterruptNumber;
+use cortex_m::peripheral::NVIC;
+
+/// An interrupt that we use.
+#[derive(Clone, Copy, Debug)]
+#[repr(u16)]
+pub enum Interrupt {
+    /// UART0 has a byte.
+    Uart0Rx = 0,
+    /// UART0 takes a byte.
+    Uart0Tx = 1,
+    /// UART1 has a byte.
+    Uart1Rx = 2,
+    /// The time has wrapped.
+    Timer0 = 8,
+    /// The alarm.
+    Timer1 = 9,
+    /// Nothing is wired here: the executor of guidance and link.
+    GuidanceExecutor = 30,
+    /// Nothing is wired here: the executor of the planner.
+    PlannerExecutor = 31,
+}
+
+// SAFETY: the numbers are inside the vector table below and belong to the vectors of the same name.
+unsafe impl InterruptNumber for Interrupt {
+    fn number(self) -> u16 {
+        self as u16
+    }
+}
+
+/// Sets priorities (lower is more urgent): time and serial lines before guidance before the planner.
+pub fn prioritise(nvic: &mut NVIC) {
+    use Interrupt as I;
+    let levels = [
+        (I::Timer0, 0x20),
+        (I::Timer1, 0x20),
+        (I::Uart0Rx, 0x40),
+        (I::Uart0Tx, 0x40),
+        (I::Uart1Rx, 0x40),
+        (I::GuidanceExecutor, 0x80),
+        (I::PlannerExecutor, 0xe0),
+    ];
+    for (interrupt, level) in levels {
+        // SAFETY: called at the start, before any of these is unmasked and inside no critical section that counts on
+        // priorities.
+        unsafe { nvic.set_priority(interrupt, level) };
+    }
+}
+
+/// Lets an interrupt through.
+pub fn unmask(interrupt: Interrupt) {
+    // SAFETY: every handler takes what it shares from statics that are safe to share; no mask-based critical section
+    // is in use.
+    unsafe { NVIC::unmask(interrupt) };
+}
+
+/// The vectors, by interrupt number.
+// SAFETY: the section and the name are those under which cortex-m-rt's linker script wants the table, and every entry
+// is a function that may be called at any time.
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(no_mangle)]
+static __INTERRUPTS: [extern "C" fn(); 32] = {
+    let mut table: [extern "C" fn(); 32] = [unexpected; 32];
+    table[Interrupt::Uart0Rx as usize] = super::uart::on_byte;
+    table[Interrupt::Uart0Tx as usize] = super::uart::on_room;
+    table[Interrupt::Uart1Rx as usize] = super::uart::on_bell;
+    table[Interrupt::Timer0 as usize] = super::clock::on_wrap;
+    table[Interrupt::Timer1 as usize] = super::clock::on_alarm;
+    table[Interrupt::GuidanceExecutor as usize] = super::on_urgent;
+    table[Interrupt::PlannerExecutor as usize] = super::on_relaxed;
+    table
+};
+
+extern "C" fn unexpected() {
+    super::halt(format_args!("an interrupt that nobody handles"));
+}

@@ -1,0 +1,141 @@
+//! The two serial lines: UART0 to the autopilot, UART1 to the simulator.
+//!
+//! Bytes come in by interrupt into a ring. When the ring is full the interrupt is masked until somebody reads: the
+//! byte stays in the receiver, where QEMU lets the sender wait.
+
+use core::future::poll_fn;
+use core::sync::atomic::{AtomicU32, Ordering};
+use core::task::Poll;
+
+use cortex_m::peripheral::NVIC;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use embassy_sync::waitqueue::AtomicWaker;
+
+use super::interrupt::{Interrupt, unmask};
+use super::registers::{Peripheral, Register, UART0, UART1};
+
+const TX_FULL: u32 = 1;
+const RX_FULL: u32 = 1 << 1;
+
+const TX_ENABLE: u32 = 1;
+const RX_ENABLE: u32 = 1 << 1;
+const TX_INTERRUPT_ENABLE: u32 = 1 << 2;
+const RX_INTERRUPT_ENABLE: u32 = 1 << 3;
+
+const TX_INTERRUPT: u32 = 1;
+const RX_INTERRUPT: u32 = 1 << 1;
+
+/// 25 MHz over 921 600 baud.
+const DIVIDER: u32 = 27;
+
+static RING: Pipe<CriticalSectionRawMutex, 4096> = Pipe::new();
+static BELL: Pipe<CriticalSectionRawMutex, 16> = Pipe::new();
+static ROOM: AtomicWaker = AtomicWaker::new();
+static SENT: AtomicU32 = AtomicU32::new(0);
+
+/// Opens both lines.
+pub fn start() {
+    for uart in [UART0, UART1] {
+        uart.write(Register::Divider, DIVIDER);
+    }
+    UART0.write(Register::Control, TX_ENABLE | RX_ENABLE | TX_INTERRUPT_ENABLE | RX_INTERRUPT_ENABLE);
+    UART1.write(Register::Control, TX_ENABLE | RX_ENABLE | RX_INTERRUPT_ENABLE);
+    unmask(Interrupt::Uart0Rx);
+    unmask(Interrupt::Uart1Rx);
+}
+
+/// From the autopilot.
+#[derive(Debug)]
+pub struct Receiver(());
+
+/// To the autopilot.
+#[derive(Debug)]
+pub struct Transmitter(());
+
+/// To and from the simulator.
+#[derive(Debug)]
+pub struct Doorbell(());
+
+/// The ends of the lines, once.
+pub(super) fn ends() -> (Receiver, Transmitter, Doorbell) {
+    (Receiver(()), Transmitter(()), Doorbell(()))
+}
+
+impl Receiver {
+    /// Waits for bytes.
+    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        let count = RING.read(bytes).await;
+        unmask(Interrupt::Uart0Rx);
+        count
+    }
+}
+
+impl Transmitter {
+    /// Sends bytes; returns when the last one has been taken.
+    pub async fn write(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            poll_fn(|context| {
+                if UART0.read(Register::State) & TX_FULL == 0 {
+                    return Poll::Ready(());
+                }
+                ROOM.register(context.waker());
+                unmask(Interrupt::Uart0Tx);
+                // It may have drained before the interrupt was let through.
+                if UART0.read(Register::State) & TX_FULL == 0 { Poll::Ready(()) } else { Poll::Pending }
+            })
+            .await;
+            UART0.write(Register::Data, u32::from(*byte));
+            SENT.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Bytes sent to the autopilot since the start.
+pub(super) fn sent() -> u32 {
+    SENT.load(Ordering::Relaxed)
+}
+
+impl Doorbell {
+    /// Waits for a ring.
+    pub async fn wait(&mut self) -> u8 {
+        let mut bell = [0];
+        BELL.read(&mut bell).await;
+        unmask(Interrupt::Uart1Rx);
+        bell[0]
+    }
+
+    /// Rings. A byte that the line cannot take is dropped: then nobody is there.
+    pub fn ring(&mut self, bell: u8) {
+        if UART1.read(Register::State) & TX_FULL == 0 {
+            UART1.write(Register::Data, u32::from(bell));
+        }
+    }
+}
+
+fn receive<const N: usize>(uart: Peripheral, interrupt: Interrupt, ring: &Pipe<CriticalSectionRawMutex, N>) {
+    uart.write(Register::Interrupt, RX_INTERRUPT);
+    while uart.read(Register::State) & RX_FULL != 0 {
+        if ring.is_full() {
+            NVIC::mask(interrupt);
+            NVIC::pend(interrupt);
+            return;
+        }
+        // There is room for one.
+        let _ = ring.try_write(&[uart.read(Register::Data) as u8]);
+    }
+}
+
+pub(super) extern "C" fn on_byte() {
+    receive(UART0, Interrupt::Uart0Rx, &RING);
+}
+
+pub(super) extern "C" fn on_room() {
+    UART0.write(Register::Interrupt, TX_INTERRUPT);
+    NVIC::mask(Interrupt::Uart0Tx);
+    ROOM.wake();
+}
+
+pub(super) extern "C" fn on_bell() {
+    receive(UART1, Interrupt::Uart1Rx, &BELL);
+}

@@ -1,0 +1,206 @@
+//! NUCLEO-G474RE (MB1367): STM32G474RET6, Cortex-M4F at 170 MHz from the 24 MHz crystal.
+//!
+//! | what | where |
+//! |---|---|
+//! | MAVLink, 921 600 baud, 8N1 | USART1: TX PA9 (CN5-1, D8), RX PA10 (CN9-3, D2); DMA1 channels 1 and 2 |
+//! | antennas | PA0, PA1, PB0, PB12: see `acquisition` |
+//! | log | defmt over RTT, through the ST-LINK |
+//! | time | a timer of embassy-stm32's choice, 1 MHz ticks |
+//!
+//! Priorities, most urgent first: DMA and time (embassy's), guidance and link, planner. The thread sleeps.
+
+#![expect(unsafe_code, reason = "registers, interrupt handlers and the memory that DMA writes")]
+
+mod acquisition;
+
+use core::fmt;
+
+use defmt_rtt as _;
+use embassy_executor::{InterruptExecutor, SendSpawner};
+use embassy_stm32::interrupt::{InterruptExt as _, Priority};
+use embassy_stm32::mode::Async;
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
+use embassy_stm32::{bind_interrupts, dma, interrupt, peripherals, rcc};
+use embassy_time::{Duration, with_timeout};
+use foxhound_core::ConfigError;
+use foxhound_core::adc::Snapshot;
+use foxhound_core::guidance::FrontEnd;
+use foxhound_core::time::Instant;
+use panic_probe as _;
+use static_cell::ConstStaticCell;
+
+use super::{Call, Done, Step};
+use crate::app::SAMPLES_PER_CHANNEL as N;
+use acquisition::Acquisition;
+
+/// The name of this board.
+pub const NAME: &str = "nucleo_g474re";
+
+// SAFETY: the memory map keeps this section and puts it into flash; it is only read, from outside.
+#[unsafe(link_section = ".foxhound_board")]
+#[used]
+static MARK: [u8; NAME.len()] = *b"nucleo_g474re";
+
+const BAUD: u32 = 921_600;
+/// Frames come every 20 ms; after two that did not, the link goes on without.
+const FRAME_TIMEOUT: Duration = Duration::from_millis(45);
+
+bind_interrupts!(struct Irqs {
+    USART1 => usart::InterruptHandler<peripherals::USART1>;
+    DMA1_CHANNEL1 => dma::InterruptHandler<peripherals::DMA1_CH1>;
+    DMA1_CHANNEL2 => dma::InterruptHandler<peripherals::DMA1_CH2>;
+});
+
+static URGENT: InterruptExecutor = InterruptExecutor::new();
+static RELAXED: InterruptExecutor = InterruptExecutor::new();
+static RING: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
+static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
+
+/// The board, started.
+pub struct Board {
+    /// Guidance and link.
+    pub urgent: SendSpawner,
+    /// The planner.
+    pub relaxed: SendSpawner,
+    /// From the autopilot.
+    pub receiver: Receiver,
+    /// To the autopilot.
+    pub transmitter: Transmitter,
+    /// What to do next.
+    pub pacer: Pacer,
+}
+
+/// Starts the board. To be called once.
+pub fn start() -> Board {
+    let board = embassy_stm32::init(clocks());
+    let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+
+    let mut config = usart::Config::default();
+    config.baudrate = BAUD;
+    let uart = Uart::new(board.USART1, board.PA10, board.PA9, board.DMA1_CH1, board.DMA1_CH2, Irqs, config);
+    let (tx, rx) = match uart {
+        Ok(uart) => uart.split(),
+        Err(_) => halt(format_args!("USART1 does not take {BAUD} baud")),
+    };
+
+    // Two vectors whose peripherals are off.
+    interrupt::CORDIC.set_priority(Priority::P6);
+    interrupt::FMAC.set_priority(Priority::P15);
+    Board {
+        urgent: URGENT.start(interrupt::CORDIC),
+        relaxed: RELAXED.start(interrupt::FMAC),
+        receiver: Receiver(rx.into_ring_buffered(RING.take())),
+        transmitter: Transmitter(tx),
+        pacer: Pacer { acquisition: Acquisition::start(), snapshot: SNAPSHOT.take() },
+    }
+}
+
+/// 24 MHz / 6 * 85 / 2 = 170 MHz, which needs the core's boost mode.
+fn clocks() -> embassy_stm32::Config {
+    let mut config = embassy_stm32::Config::default();
+    config.rcc.hse = Some(rcc::Hse { freq: Hertz(24_000_000), mode: rcc::HseMode::Oscillator });
+    config.rcc.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSE,
+        prediv: rcc::PllPreDiv::DIV6,
+        mul: rcc::PllMul::MUL85,
+        divp: None,
+        divq: None,
+        divr: Some(rcc::PllRDiv::DIV2),
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_R;
+    config.rcc.boost = true;
+    config
+}
+
+/// From the autopilot.
+pub struct Receiver(RingBufferedUartRx<'static>);
+
+impl Receiver {
+    /// Waits for bytes. After noise or an overrun the receiver goes on; MAVLink finds its next frame by itself.
+    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        loop {
+            match self.0.read(bytes).await {
+                Ok(count) => return count,
+                Err(error) => defmt::warn!("USART1: {}", defmt::Debug2Format(&error)),
+            }
+        }
+    }
+}
+
+/// To the autopilot.
+pub struct Transmitter(UartTx<'static, Async>);
+
+impl Transmitter {
+    /// Sends bytes; returns when DMA has handed over the last one.
+    pub async fn write(&mut self, bytes: &[u8]) {
+        if let Err(error) = self.0.write(bytes).await {
+            defmt::warn!("USART1: {}", defmt::Debug2Format(&error));
+        }
+    }
+}
+
+/// Says what to do next: a step for every frame.
+pub struct Pacer {
+    acquisition: Acquisition,
+    snapshot: &'static mut Snapshot<N>,
+}
+
+impl Pacer {
+    /// Waits for the next frame.
+    pub async fn next(&mut self) -> Call<'_> {
+        let fresh = match with_timeout(FRAME_TIMEOUT, self.acquisition.ready()).await {
+            Ok(block) => self.acquisition.take(block, self.snapshot),
+            Err(_) => {
+                self.acquisition.restart();
+                false
+            }
+        };
+        if !fresh {
+            defmt::warn!("no frame; {} restarts so far", self.acquisition.restarts());
+        }
+        Call::Step(Step {
+            now: Instant(embassy_time::Instant::now().as_micros()),
+            lock_step: None,
+            front_end: if fresh { FrontEnd::Snapshot(self.snapshot) } else { FrontEnd::Nothing },
+            circles: None,
+        })
+    }
+
+    /// Nobody sets this board up from outside.
+    pub async fn accept(&mut self, _result: Result<(), ConfigError>, _tx_total: u32) {}
+
+    /// Logs what a step took.
+    pub async fn done(&mut self, done: Done<'_>) {
+        defmt::trace!("guidance took {} cycles: {}", done.fast_ticks, done.output.outcome);
+    }
+}
+
+/// Cycles of the core; wraps after 25 s.
+#[must_use]
+pub fn ticks() -> u32 {
+    cortex_m::peripheral::DWT::cycle_count()
+}
+
+/// The end: says why and stops. Without setpoints the autopilot brakes by itself.
+pub fn halt(reason: fmt::Arguments<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    defmt::error!("{}", defmt::Display2Format(&reason));
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+#[interrupt]
+fn CORDIC() {
+    // SAFETY: this is the executor's interrupt handler, and the interrupt is unmasked by `start` only.
+    unsafe { URGENT.on_interrupt() }
+}
+
+#[interrupt]
+fn FMAC() {
+    // SAFETY: as above.
+    unsafe { RELAXED.on_interrupt() }
+}

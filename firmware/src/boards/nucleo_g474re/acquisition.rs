@@ -1,0 +1,278 @@
+//! Four coherent antenna channels: ADC1 to ADC4, triggered together, written to memory by DMA.
+//!
+//! TIM6 runs at 170 MHz / 1660 = 102.41 kHz and its update event (TRGO) starts all four converters at the same instant.
+//! Each converter's results go by its own DMA channel into its own ring of two blocks. DMA interrupts when a half of
+//! the last ring is full; the other half fills in the 2.5 ms that follow, and until then the full one may be read.
+//! Every eighth block is handed to guidance: one in 20 ms.
+//!
+//! | channel | converter, input | pin | connector | DMA | request |
+//! |---|---|---|---|---|---|
+//! | A1 front-right | ADC1 IN1 | PA0 | CN8-1 (A0) | DMA2 channel 1 | 5 |
+//! | A2 front-left | ADC2 IN2 | PA1 | CN8-2 (A1) | DMA2 channel 2 | 36 |
+//! | A3 back-left | ADC3 IN12 | PB0 | CN8-4 (A3) | DMA2 channel 3 | 37 |
+//! | A4 back-right | ADC4 IN3 | PB12 | CN10-16 | DMA2 channel 4 | 38 |
+//!
+//! After RM0440, chapters ADC (clocks; deep-power-down and regulator; calibration; on-off control; external triggers:
+//! `TIM6_TRGO` is input 13 of the regular groups of all five converters; overrun; DMA circular mode) and DMAMUX (its
+//! channels 8 to 15 serve DMA2).
+//!
+//! - **Clock.** Synchronous, HCLK / 4 = 42.5 MHz: below the 52 MHz that are allowed with several converters at work, and
+//!   a trigger from a timer of the same clock then has no jitter. The dividers of the pairs ADC1/2 and ADC3/4 may stand
+//!   up to three HCLK cycles (18 ns) apart; `calibrate` measures what is left, `skew_s` of the array takes it off.
+//! - **Time.** 92.5 cycles of sampling and 12.5 of conversion, 2.5 us of the 9.8 us between two triggers.
+//! - **Overrun.** When DMA does not fetch a result in time the converter sets OVR and sends no more requests; the rings
+//!   would then be out of step with each other. It is looked for at every block that is handed over, and everything is
+//!   started anew.
+
+use core::cell::UnsafeCell;
+use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
+
+use embassy_stm32::interrupt;
+use embassy_stm32::pac::adc::Adc;
+use embassy_stm32::pac::adc::vals::{Adcaldif, Adstp, Dmacfg, Dmaen, Exten, Ovrmod, SampleTime};
+use embassy_stm32::pac::adccommon::vals::Ckmode;
+use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
+use embassy_stm32::pac::timer::vals::Mms;
+use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, DMA2, DMAMUX1, GPIOA, GPIOB, RCC, TIM6};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::{Duration, Instant, block_for};
+use foxhound_core::adc::{CHANNELS, Snapshot};
+use foxhound_core::time;
+
+use crate::app::SAMPLES_PER_CHANNEL as N;
+
+/// TIM6 counts this many cycles of 170 MHz from sample to sample.
+const CYCLES_PER_SAMPLE: u32 = 1660;
+const CLOCK_MHZ: u32 = 170;
+/// Of this many blocks, one is handed over.
+const DECIMATION: u32 = 8;
+/// `TIM6_TRGO`, for the regular groups of all converters.
+const TRIGGER: u8 = 13;
+/// The first DMA multiplexer channel of DMA2.
+const DMAMUX_OF_DMA2: usize = 8;
+/// From the middle of a block to its last sample.
+const HALF_BLOCK: Duration =
+    Duration::from_micros(((N as u64 - 1) * CYCLES_PER_SAMPLE as u64 / 2).div_ceil(CLOCK_MHZ as u64));
+
+struct Channel {
+    converter: Adc,
+    input: u8,
+    request: u8,
+}
+
+const CHANNEL: [Channel; CHANNELS] = [
+    Channel { converter: ADC1, input: 1, request: 5 },
+    Channel { converter: ADC2, input: 2, request: 36 },
+    Channel { converter: ADC3, input: 12, request: 37 },
+    Channel { converter: ADC4, input: 3, request: 38 },
+];
+
+/// What DMA writes: a ring of two blocks for each channel.
+struct Rings(UnsafeCell<[[[u16; N]; 2]; CHANNELS]>);
+
+// SAFETY: DMA writes, `Acquisition::take` reads, and there is one of each; see there.
+unsafe impl Sync for Rings {}
+
+static RINGS: Rings = Rings(UnsafeCell::new([[[0; N]; 2]; CHANNELS]));
+/// Halves that have been filled since the start.
+static FILLED: AtomicU32 = AtomicU32::new(0);
+static READY: Signal<CriticalSectionRawMutex, Block> = Signal::new();
+
+/// A block that is waiting to be read.
+#[derive(Clone, Copy, Debug)]
+pub struct Block {
+    /// `FILLED` when it was full.
+    count: u32,
+    /// When its last sample had been taken.
+    end: Instant,
+}
+
+/// The four channels, running.
+#[derive(Debug)]
+pub struct Acquisition {
+    restarts: u32,
+}
+
+impl Acquisition {
+    /// Calibrates and starts. To be called once, when the clocks run; takes some hundred microseconds.
+    pub fn start() -> Self {
+        RCC.ahb1enr().modify(|w| {
+            w.set_dma2en(true);
+            w.set_dmamux1en(true);
+        });
+        RCC.ahb2enr().modify(|w| {
+            w.set_adc12en(true);
+            w.set_adc345en(true);
+            w.set_gpioaen(true);
+            w.set_gpioben(true);
+        });
+        RCC.apb1enr1().modify(|w| w.set_tim6en(true));
+        // A clock takes two cycles to arrive: the read is the wait.
+        let _ = RCC.apb1enr1().read();
+
+        // Analogue, without pull: PA0, PA1, PB0, PB12.
+        for (port, pin) in [(GPIOA, 0), (GPIOA, 1), (GPIOB, 0), (GPIOB, 12)] {
+            port.moder().modify(|w| w.set_moder(pin, embassy_stm32::pac::gpio::vals::Moder::ANALOG));
+            port.pupdr().modify(|w| w.set_pupdr(pin, embassy_stm32::pac::gpio::vals::Pupdr::FLOATING));
+        }
+
+        // Only while all converters are off.
+        ADC12_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
+        ADC345_COMMON.ccr().modify(|w| w.set_ckmode(Ckmode::SYNC_DIV4));
+
+        for Channel { converter, .. } in &CHANNEL {
+            converter.cr().modify(|w| w.set_deeppwd(false));
+            converter.cr().modify(|w| w.set_advregen(true));
+        }
+        // The regulators' start-up time, t_ADCVREG_STUP, is 20 us at most.
+        block_for(Duration::from_micros(25));
+        for Channel { converter, .. } in &CHANNEL {
+            converter.cr().modify(|w| w.set_adcaldif(Adcaldif::SINGLE_ENDED));
+            converter.cr().modify(|w| w.set_adcal(true));
+            while converter.cr().read().adcal() {}
+        }
+        // ADEN may be set four converter clocks after the calibration at the earliest.
+        block_for(Duration::from_micros(2));
+        for Channel { converter, input, .. } in &CHANNEL {
+            converter.isr().write(|w| w.set_adrdy(true));
+            converter.cr().modify(|w| w.set_aden(true));
+            while !converter.isr().read().adrdy() {}
+            converter.sqr1().write(|w| {
+                w.set_l(0);
+                w.set_sq(0, *input);
+            });
+            if *input < 10 {
+                converter.smpr().write(|w| w.set_smp(usize::from(*input), SampleTime::CYCLES92_5));
+            } else {
+                converter.smpr2().write(|w| w.set_smp(usize::from(*input) - 10, SampleTime::CYCLES92_5));
+            }
+            converter.cfgr().write(|w| {
+                w.set_exten(Exten::RISING_EDGE);
+                w.set_extsel(TRIGGER);
+                w.set_ovrmod(Ovrmod::PRESERVE);
+                w.set_dmacfg(Dmacfg::CIRCULAR);
+                w.set_dmaen(Dmaen::ENABLE);
+                w.set_jqdis(true);
+            });
+        }
+
+        TIM6.psc().write_value(0);
+        TIM6.arr().write(|w| w.set_arr((CYCLES_PER_SAMPLE - 1) as u16));
+        TIM6.cr2().modify(|w| w.set_mms(Mms::UPDATE));
+
+        let this = Self { restarts: 0 };
+        this.arm();
+        // SAFETY: the handler below is ready, and no mask-based critical section is in use.
+        unsafe { cortex_m::peripheral::NVIC::unmask(interrupt::DMA2_CHANNEL4) };
+        this
+    }
+
+    /// Starts everything anew, after an overrun or when no block comes.
+    pub fn restart(&mut self) {
+        TIM6.cr1().modify(|w| w.set_cen(false));
+        for Channel { converter, .. } in &CHANNEL {
+            if converter.cr().read().adstart() {
+                converter.cr().modify(|w| w.set_adstp(Adstp::STOP));
+                while converter.cr().read().adstart() {}
+            }
+        }
+        for channel in 0..CHANNELS {
+            DMA2.ch(channel).cr().modify(|w| w.set_en(false));
+        }
+        self.restarts = self.restarts.wrapping_add(1);
+        self.arm();
+    }
+
+    /// Points the DMA channels at the rings' beginnings, starts the converters, then the timer: the first trigger finds
+    /// all four waiting.
+    fn arm(&self) {
+        DMA2.ifcr().write(|w| (0..CHANNELS).for_each(|channel| w.set_gif(channel, true)));
+        FILLED.store(0, Ordering::Relaxed);
+        READY.reset();
+        let rings = RINGS.0.get().cast::<[[u16; N]; 2]>();
+        for (index, Channel { converter, request, .. }) in CHANNEL.iter().enumerate() {
+            DMAMUX1.ccr(DMAMUX_OF_DMA2 + index).write(|w| w.set_dmareq_id(*request));
+            let dma = DMA2.ch(index);
+            dma.par().write_value(converter.dr().as_ptr() as u32);
+            dma.mar().write_value(rings.wrapping_add(index) as u32);
+            dma.ndtr().write(|w| w.set_ndt(2 * N as u16));
+            let last = index == CHANNELS - 1;
+            dma.cr().write(|w| {
+                w.set_dir(Dir::FROM_PERIPHERAL);
+                w.set_circ(true);
+                w.set_minc(true);
+                w.set_psize(Size::BITS16);
+                w.set_msize(Size::BITS16);
+                w.set_pl(Pl::VERY_HIGH);
+                w.set_htie(last);
+                w.set_tcie(last);
+                w.set_en(true);
+            });
+        }
+        for Channel { converter, .. } in &CHANNEL {
+            converter.isr().write(|w| {
+                w.set_ovr(true);
+                w.set_eoc(true);
+                w.set_eos(true);
+            });
+            converter.cr().modify(|w| w.set_adstart(true));
+        }
+        TIM6.egr().write(|w| w.set_ug(true));
+        TIM6.cr1().modify(|w| w.set_cen(true));
+    }
+
+    /// Waits for the next block that is to be handed over.
+    pub async fn ready(&mut self) -> Block {
+        READY.wait().await
+    }
+
+    /// Copies a block into a snapshot. Says no when it came too late or a result was lost: the snapshot is then not to
+    /// be used, and after a loss everything has been started anew.
+    pub fn take(&mut self, block: Block, snapshot: &mut Snapshot<N>) -> bool {
+        if CHANNEL.iter().any(|channel| channel.converter.isr().read().ovr()) {
+            self.restart();
+            return false;
+        }
+        let half = (block.count.wrapping_sub(1) & 1) as usize;
+        let rings = RINGS.0.get().cast::<[[u16; N]; 2]>();
+        compiler_fence(Ordering::Acquire);
+        let raw = core::array::from_fn(|channel| {
+            // SAFETY: aligned and inside RINGS. DMA has filled this half and writes the other one for the next 2.5 ms;
+            // if we are later than that, the check below says so and what was read is thrown away.
+            unsafe { &*rings.add(channel).cast::<[u16; N]>().add(half) }
+        });
+        let middle = time::Instant((block.end - HALF_BLOCK).as_micros());
+        snapshot.fill_from_unsigned(middle, raw);
+        compiler_fence(Ordering::Acquire);
+        FILLED.load(Ordering::Relaxed) == block.count
+    }
+
+    /// How often everything had to be started anew.
+    pub fn restarts(&self) -> u32 {
+        self.restarts
+    }
+}
+
+/// A half of the last ring is full; those of the other channels have been since some hundred nanoseconds.
+#[interrupt]
+fn DMA2_CHANNEL4() {
+    let end = Instant::now();
+    let flags = DMA2.isr().read();
+    let (half, full) = (flags.htif(3), flags.tcif(3));
+    DMA2.ifcr().write(|w| {
+        w.set_htif(3, half);
+        w.set_tcif(3, full);
+        w.set_gif(3, true);
+    });
+    if !half && !full {
+        // Left over from before a restart.
+        return;
+    }
+    // Both at once: one interrupt was late by a whole block.
+    let count = FILLED.load(Ordering::Relaxed).wrapping_add(u32::from(half) + u32::from(full));
+    FILLED.store(count, Ordering::Relaxed);
+    if count.is_multiple_of(DECIMATION) {
+        READY.signal(Block { count, end });
+    }
+}
