@@ -1,0 +1,137 @@
+//! Builds an image of the firmware and measures it.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use object::{Object as _, ObjectSection as _};
+
+use crate::{Board, Failure};
+
+pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// A linked image.
+pub(crate) struct Image {
+    /// Absolute path of the ELF file.
+    pub(crate) elf: PathBuf,
+}
+
+/// How much of the chip an image takes.
+pub(crate) struct Size {
+    /// Program, constants, and the initial values of the variables.
+    pub(crate) flash_bytes: u64,
+    /// Variables; the stack comes on top.
+    pub(crate) ram_bytes: u64,
+}
+
+impl Image {
+    /// Builds one of the firmware's programs.
+    pub(crate) fn build(board: Board, program: &str) -> Result<Self, Failure> {
+        let mut cargo = toolchain()?;
+        cargo
+            .current_dir(workspace())
+            .args([
+                "build",
+                "--profile",
+                "firmware",
+                "--package",
+                "foxhound-firmware",
+                "--bin",
+                program,
+                "--target",
+                TARGET,
+            ])
+            .args(["--features", &format!("board-{}", board.name())])
+            .arg("--message-format=json-render-diagnostics")
+            .stderr(Stdio::inherit());
+        let output = cargo.output().map_err(|error| Failure(format!("cargo cannot be started: {error}")))?;
+        if !output.status.success() {
+            return Err(Failure(format!("the firmware for {} does not build", board.name())));
+        }
+        // One JSON object a line; the program's own says where it was put.
+        let built = String::from_utf8_lossy(&output.stdout)
+            .lines()
+            .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
+            .filter(|message| message["target"]["name"] == program)
+            .find_map(|message| message["executable"].as_str().map(PathBuf::from))
+            .ok_or_else(|| Failure("cargo does not say where the image is".to_owned()))?;
+        // Cargo puts every board's image in the same place.
+        let elf = built.with_file_name(format!("{program}-{}.elf", board.name()));
+        std::fs::copy(&built, &elf).map_err(|error| Failure(format!("{}: {error}", elf.display())))?;
+        Ok(Self { elf })
+    }
+
+    /// Adds up the sections that are loaded.
+    pub(crate) fn size(&self) -> Result<Size, Failure> {
+        let unreadable = |why: String| Failure(format!("{}: {why}", self.elf.display()));
+        let bytes = std::fs::read(&self.elf).map_err(|error| unreadable(error.to_string()))?;
+        let image = object::File::parse(bytes.as_slice()).map_err(|error| unreadable(error.to_string()))?;
+        let mut size = Size { flash_bytes: 0, ram_bytes: 0 };
+        for section in image.sections() {
+            let object::SectionFlags::Elf { sh_flags, .. } = section.flags() else { continue };
+            if !sh_flags.contains(object::elf::SHF_ALLOC) {
+                continue;
+            }
+            // On both boards, everything from here on is RAM.
+            if section.address() >= 0x2000_0000 {
+                size.ram_bytes += section.size();
+            }
+            if section.kind() != object::SectionKind::UninitializedData {
+                size.flash_bytes += section.size();
+            }
+        }
+        Ok(size)
+    }
+}
+
+pub(crate) fn workspace() -> &'static Path {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.parent().unwrap_or(here)
+}
+
+/// A cargo that can build for the target: the one that runs us, with the target added if need be; or Debian's, which
+/// brings the library's source.
+fn toolchain() -> Result<Command, Failure> {
+    if has_target() || add_target() {
+        return Ok(Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())));
+    }
+    let linker = rust_lld()
+        .filter(|_| Path::new("/usr/bin/cargo").exists() && Path::new("/usr/bin/rustc").exists())
+        .ok_or_else(|| {
+            Failure(format!(
+                "the target {TARGET} is missing: `rustup target add {TARGET}`, or on Debian \
+                 `apt-get install rustc-web cargo-web rust-web-src`"
+            ))
+        })?;
+    let mut cargo = Command::new("/usr/bin/cargo");
+    cargo
+        .env("RUSTC_BOOTSTRAP", "1")
+        .env("RUSTC", "/usr/bin/rustc")
+        .env_remove("RUSTUP_TOOLCHAIN")
+        .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker)
+        .arg("-Zbuild-std=core");
+    Ok(cargo)
+}
+
+fn has_target() -> bool {
+    rustc_prints(&["--print", "target-libdir", "--target", TARGET]).is_some_and(|folder| folder.is_dir())
+}
+
+fn add_target() -> bool {
+    Command::new("rustup")
+        .args(["target", "add", TARGET])
+        .stdout(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success())
+        && has_target()
+}
+
+fn rust_lld() -> Option<PathBuf> {
+    let library = rustc_prints(&["--print", "target-libdir"])?;
+    let linker = library.parent()?.join("bin/rust-lld");
+    linker.exists().then_some(linker)
+}
+
+fn rustc_prints(arguments: &[&str]) -> Option<PathBuf> {
+    let output = Command::new("rustc").current_dir(workspace()).args(arguments).output().ok()?;
+    output.status.success().then(|| PathBuf::from(String::from_utf8_lossy(&output.stdout).trim()))
+}

@@ -1,0 +1,148 @@
+//! Developer commands: `cargo xtask <test | firmware | flash | qemu | bench>`.
+//!
+//! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
+//! for its own target.
+
+mod bench;
+mod build;
+mod test;
+
+use std::fmt;
+use std::process::{Command, ExitCode};
+
+use clap::{Parser, Subcommand, ValueEnum};
+use serde_json::json;
+
+use build::Image;
+
+#[derive(Parser)]
+#[command(name = "cargo xtask", about = "Test everything; build, flash, boot and measure the firmware")]
+struct Arguments {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Install what is missing, then run every check: format, lints, documentation, images, tests, flights in QEMU
+    Test,
+    /// Build the release image of a board and say how large it is
+    Firmware {
+        /// The board
+        #[arg(long)]
+        board: Board,
+        /// Print one JSON object: board, elf, `flash_bytes`, `ram_bytes`
+        #[arg(long)]
+        json: bool,
+    },
+    /// Build for the NUCLEO-G474RE, write it through the ST-LINK and show its log (needs probe-rs)
+    Flash,
+    /// Boot the twin in QEMU; MAVLink is served on the given serial line
+    Qemu {
+        /// What UART0 is connected to, as QEMU's -serial wants it
+        #[arg(long, default_value = "tcp:127.0.0.1:5760,server=on,wait=off")]
+        serial: String,
+    },
+    /// Count the instructions of the rooms in QEMU
+    Bench {
+        /// Print one JSON object: the rows with name, instructions, ceiling
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[value(rename_all = "snake_case")]
+enum Board {
+    /// NUCLEO-G474RE
+    #[value(name = "nucleo_g474re")]
+    NucleoG474re,
+    /// The twin in QEMU
+    #[value(name = "mps2_an386")]
+    Mps2An386,
+}
+
+impl Board {
+    fn name(self) -> &'static str {
+        match self {
+            Self::NucleoG474re => "nucleo_g474re",
+            Self::Mps2An386 => "mps2_an386",
+        }
+    }
+}
+
+/// What went wrong, in words.
+#[derive(Debug)]
+struct Failure(String);
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse().task) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("xtask: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(task: &Task) -> Result<(), Failure> {
+    match task {
+        Task::Test => test::run(),
+        Task::Firmware { board, json } => firmware(*board, *json),
+        Task::Flash => {
+            let image = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
+            let mut probe = Command::new("probe-rs");
+            probe.args(["run", "--chip", "STM32G474RETx"]).arg(&image.elf);
+            attend(&mut probe)
+        }
+        Task::Qemu { serial } => {
+            let image = Image::build(Board::Mps2An386, "foxhound-firmware")?;
+            eprintln!("UART0 (MAVLink) is at {serial}; end with Ctrl-C");
+            let mut qemu = qemu(&image);
+            qemu.args(["-serial", serial]);
+            attend(&mut qemu)
+        }
+        Task::Bench { json } => bench::run(*json),
+    }
+}
+
+fn firmware(board: Board, json: bool) -> Result<(), Failure> {
+    let image = Image::build(board, "foxhound-firmware")?;
+    let size = image.size()?;
+    if json {
+        let line = json!({
+            "board": board.name(),
+            "elf": image.elf,
+            "flash_bytes": size.flash_bytes,
+            "ram_bytes": size.ram_bytes,
+        });
+        println!("{line}");
+    } else {
+        println!("{}", image.elf.display());
+        println!("flash {:>7} bytes of 524288", size.flash_bytes);
+        println!("RAM   {:>7} bytes of 131072, the rest is stack", size.ram_bytes);
+    }
+    Ok(())
+}
+
+/// QEMU with an image: `-icount shift=8` makes an instruction last 256 ns of the machine's time.
+fn qemu(image: &Image) -> Command {
+    let mut qemu = Command::new("qemu-system-arm");
+    qemu.args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-icount", "shift=8"])
+        .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
+        .arg(&image.elf);
+    qemu
+}
+
+/// Runs a program to its end, with our terminal.
+fn attend(command: &mut Command) -> Result<(), Failure> {
+    let name = command.get_program().to_string_lossy().into_owned();
+    let status = command.status().map_err(|error| Failure(format!("{name} cannot be started: {error}")))?;
+    if status.success() { Ok(()) } else { Err(Failure(format!("{name} ended with {status}"))) }
+}

@@ -1,0 +1,112 @@
+//! The whole check, and what it needs installed: `cargo xtask test`.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::build::{Image, TARGET, workspace};
+use crate::{Board, Failure, attend};
+
+/// The peer that reads our bytes, at the version that the tests were written against.
+const PYMAVLINK: &str = "pymavlink==2.4.50";
+
+/// Installs what is missing, then runs everything, cheapest first.
+pub(crate) fn run() -> Result<(), Failure> {
+    let python = install()?;
+    let firmware = ["--package", "foxhound-firmware", "--target", TARGET];
+    let strict = ["--", "--deny", "warnings"];
+
+    step("format");
+    cargo(&["fmt", "--all", "--check"], &[])?;
+    step("lints, host");
+    cargo(&["clippy", "--workspace", "--exclude", "foxhound-firmware", "--all-targets"], &strict)?;
+    for board in [Board::NucleoG474re, Board::Mps2An386] {
+        step(&format!("lints, {}", board.name()));
+        let feature = format!("board-{}", board.name());
+        cargo(&["clippy", "--profile", "firmware", "--features", &feature], &[&firmware[..], &strict].concat())?;
+    }
+    step("documentation");
+    let mut doc = command(&["doc", "--no-deps", "--workspace", "--exclude", "foxhound-firmware"]);
+    attend(doc.env("RUSTDOCFLAGS", "--deny warnings"))?;
+
+    step("firmware images");
+    let board = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
+    let twin = Image::build(Board::Mps2An386, "foxhound-firmware")?;
+    for (name, image) in [("nucleo_g474re", &board), ("mps2_an386", &twin)] {
+        let size = image.size()?;
+        println!("{name}: flash {} bytes of 262144 allowed, RAM {} of 114688", size.flash_bytes, size.ram_bytes);
+        if size.flash_bytes > 256 * 1024 || size.ram_bytes > 112 * 1024 {
+            return Err(Failure(format!("{name} is over its budget")));
+        }
+    }
+
+    step("tests");
+    let mut test = command(&["test", "--", "--include-ignored"]);
+    test.env("FOXHOUND_QEMU_ELF", &twin.elf).env("FOXHOUND_G474_ELF", &board.elf).env("FOXHOUND_PYTHON", &python);
+    attend(&mut test)?;
+
+    step("instructions, counted in QEMU");
+    crate::bench::run(false)?;
+    println!("\nall checks passed");
+    Ok(())
+}
+
+fn step(name: &str) {
+    println!("\n== {name}");
+}
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.current_dir(workspace()).args(arguments);
+    command
+}
+
+fn cargo(arguments: &[&str], more: &[&str]) -> Result<(), Failure> {
+    attend(command(arguments).args(more))
+}
+
+/// Installs what the checks need and says so; returns a Python that has pymavlink.
+fn install() -> Result<PathBuf, Failure> {
+    for component in ["rustfmt", "clippy"] {
+        if !runs(&format!("cargo-{}", component.trim_start_matches("rust")), "--version") {
+            println!("installing {component} (rustup)");
+            attend(Command::new("rustup").args(["component", "add", component]))?;
+        }
+    }
+    if !runs("qemu-system-arm", "--version") {
+        println!("installing qemu-system-arm (apt)");
+        apt("qemu-system-arm")?;
+    }
+    let folder = workspace().join("target/venv");
+    let python = folder.join("bin/python");
+    let has_peer = |python: &Path| {
+        Command::new(python)
+            .args(["-c", "from pymavlink.dialects.v20 import ardupilotmega"])
+            .output()
+            .is_ok_and(|output| output.status.success())
+    };
+    if !has_peer(&python) {
+        println!("installing {PYMAVLINK} (pip) into {}", folder.display());
+        if attend(Command::new("python3").args(["-m", "venv"]).arg(&folder)).is_err() {
+            println!("installing python3-venv (apt)");
+            apt("python3-venv")?;
+            attend(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
+        }
+        attend(Command::new(&python).args(["-m", "pip", "install", "--quiet", PYMAVLINK]))?;
+    }
+    if has_peer(&python) { Ok(python) } else { Err(Failure("pymavlink does not load".to_owned())) }
+}
+
+fn runs(program: &str, argument: &str) -> bool {
+    Command::new(program).arg(argument).output().is_ok_and(|output| output.status.success())
+}
+
+/// Installs a Debian package, as root or through sudo.
+fn apt(package: &str) -> Result<(), Failure> {
+    let sudo: &[&str] = if runs("sudo", "--version") { &["sudo"] } else { &[] };
+    for arguments in [&["apt-get", "update", "-qq"][..], &["apt-get", "install", "-qq", "-y", package]] {
+        let line = [sudo, arguments].concat();
+        let mut apt = Command::new(line[0]);
+        attend(apt.args(&line[1..]).env("DEBIAN_FRONTEND", "noninteractive"))?;
+    }
+    Ok(())
+}
