@@ -1,0 +1,287 @@
+//! Recorded frames in, bearings out: what `foxhound bearing` does.
+//!
+//! `looks` frames make one answer. Their bearings are carried into the world frame by the yaw of each look and averaged
+//! as unit vectors, each weighted by `1 / sigma^2`; the answer is the azimuth in the body frame of the last look. Its
+//! sigma is that of the weighted mean, widened by the square root of the reduced chi-square when the looks scatter more
+//! than their own sigmas say, as they do in reflections.
+
+use std::f64::consts::PI;
+
+use foxhound_core::adc::{CHANNELS, Snapshot};
+use foxhound_core::bearing::{self, Bearing, Estimator, Flags};
+use foxhound_core::phase;
+use foxhound_core::time::Instant;
+use serde::{Serialize, Serializer};
+
+use crate::frames::{ArrayDescription, Recording};
+use crate::input::InputError;
+use crate::world::wrap_pi;
+
+/// How frames become answers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// The estimator.
+    pub estimator: Estimator,
+    /// Frames an answer.
+    pub looks: usize,
+    /// Yaw of each frame, rad; empty when the array did not turn.
+    pub yaw_rad: Vec<f64>,
+    /// Frames (groups of looks) are not consecutive in time: nothing is carried from one to the next.
+    pub independent: bool,
+}
+
+/// One answer: a line of the output.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Line {
+    /// Index of the (last) frame.
+    pub frame: usize,
+    /// Whether it may be used.
+    pub valid: bool,
+    /// Azimuth from the nose, clockwise positive.
+    #[serde(serialize_with = "finite")]
+    pub azimuth_deg: Option<f64>,
+    /// Its standard deviation.
+    #[serde(serialize_with = "finite")]
+    pub sigma_deg: Option<f64>,
+    /// Magnitude of the elevation.
+    #[serde(serialize_with = "finite")]
+    pub elevation_deg: Option<f64>,
+    /// Its standard deviation.
+    #[serde(serialize_with = "finite")]
+    pub elevation_sigma_deg: Option<f64>,
+    /// Signal-to-noise ratio per sample.
+    #[serde(serialize_with = "finite")]
+    pub snr_db: Option<f64>,
+    /// Frequency of the tone.
+    #[serde(serialize_with = "finite")]
+    pub freq_hz: Option<f64>,
+    /// Chi-square of the wavefront fit; none with a dead channel.
+    #[serde(serialize_with = "finite")]
+    pub closure_chi2: Option<f64>,
+    /// Names of the flags.
+    pub flags: Vec<&'static str>,
+}
+
+/// JSON holds neither NaN nor infinity.
+fn finite<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+    value.filter(|number| number.is_finite()).serialize(serializer)
+}
+
+const FLAG_NAMES: [(Flags, &str); 10] = [
+    (Flags::CLIP, "clip"),
+    (Flags(Flags::DEAD_1.0), "dead_1"),
+    (Flags(Flags::DEAD_1.0 << 1), "dead_2"),
+    (Flags(Flags::DEAD_1.0 << 2), "dead_3"),
+    (Flags(Flags::DEAD_1.0 << 3), "dead_4"),
+    (Flags::INTERFERER, "interferer"),
+    (Flags::MULTIPATH, "multipath"),
+    (Flags::AMBIGUOUS, "ambiguous"),
+    (Flags::UNCALIBRATED, "uncalibrated"),
+    (Flags::NO_SIGNAL, "no_signal"),
+];
+
+impl Line {
+    fn new(frame: usize, bearing: &Bearing) -> Self {
+        let has_signal = !bearing.flags.contains(Flags::NO_SIGNAL);
+        // A finder that could not solve for a direction says so with a sigma of a half turn.
+        let has_direction = has_signal && f64::from(bearing.sigma_rad) < PI - 1e-3;
+        let all_alive = bearing.flags.0 & (0b1111 * Flags::DEAD_1.0) == 0;
+        let degrees = |angle_rad: f32| has_direction.then_some(f64::from(angle_rad).to_degrees());
+        Self {
+            frame,
+            valid: bearing.valid,
+            azimuth_deg: degrees(bearing.azimuth_rad),
+            sigma_deg: degrees(bearing.sigma_rad),
+            elevation_deg: degrees(bearing.elevation_rad),
+            elevation_sigma_deg: degrees(bearing.elevation_sigma_rad),
+            snr_db: has_signal.then_some(f64::from(bearing.quality.snr_db)),
+            freq_hz: has_signal.then_some(f64::from(bearing.quality.frequency_hz)),
+            closure_chi2: (has_direction && all_alive).then_some(f64::from(bearing.quality.closure_chi2)),
+            flags: FLAG_NAMES.iter().filter(|(flag, _)| bearing.flags.contains(*flag)).map(|(_, name)| *name).collect(),
+        }
+    }
+}
+
+/// Finds the bearings of a recording.
+///
+/// # Errors
+/// A field of the array description that the core refuses, or a count of yaws that is not that of the frames.
+pub fn find(recording: &Recording, description: &ArrayDescription, options: &Options) -> Result<Vec<Line>, InputError> {
+    match recording.block_length {
+        64 => find_in::<64>(recording, description, options),
+        128 => find_in::<128>(recording, description, options),
+        256 => find_in::<256>(recording, description, options),
+        512 => find_in::<512>(recording, description, options),
+        1024 => find_in::<1024>(recording, description, options),
+        n => Err(InputError::new(format!("N = {n} samples a frame"))),
+    }
+}
+
+fn find_in<const N: usize>(
+    recording: &Recording,
+    description: &ArrayDescription,
+    options: &Options,
+) -> Result<Vec<Line>, InputError> {
+    let looks = options.looks.max(1);
+    let extractor = description.phase.build::<N>()?;
+    let finder = bearing::Config { estimator: options.estimator, ..bearing::Config::default() }
+        .build(description.array.build()?)?;
+    let block_us = 1e6 * N as f64 / f64::from(description.phase.sample_rate_hz);
+    let mut state = phase::State::<N>::default();
+    let mut snapshot = Snapshot::<N>::zeroed();
+    let mut group: Vec<(Bearing, f64)> = Vec::with_capacity(looks);
+    let mut lines = Vec::with_capacity(recording.frames().len() / looks);
+    for (frame, codes) in recording.frames().enumerate() {
+        if options.independent && frame % looks == 0 {
+            state = phase::State::default();
+        }
+        snapshot.time = Instant(((frame as f64 + 0.5) * block_us) as u64);
+        for (row, source) in snapshot.codes.iter_mut().zip(codes.chunks_exact(codes.len() / CHANNELS)) {
+            row.copy_from_slice(source);
+        }
+        let bearing = finder.find(&extractor.step(&mut state, &snapshot));
+        group.push((bearing, options.yaw_rad.get(frame).copied().unwrap_or(0.0)));
+        if group.len() == looks {
+            lines.push(Line::new(frame, &combine(&group)));
+            group.clear();
+        }
+    }
+    Ok(lines)
+}
+
+/// Combines the looks of one group, each with its yaw.
+fn combine(group: &[(Bearing, f64)]) -> Bearing {
+    let (last, yaw_last_rad) = group[group.len() - 1];
+    let usable: Vec<&(Bearing, f64)> = group.iter().filter(|(bearing, _)| bearing.valid).collect();
+    if group.len() == 1 || usable.is_empty() {
+        return last;
+    }
+    let weight = |bearing: &Bearing| 1.0 / f64::from(bearing.sigma_rad).powi(2);
+    let total: f64 = usable.iter().map(|(bearing, _)| weight(bearing)).sum();
+    let mean = |value: &dyn Fn(&Bearing) -> f32| {
+        (usable.iter().map(|(bearing, _)| weight(bearing) * f64::from(value(bearing))).sum::<f64>() / total) as f32
+    };
+    let (mut north, mut east) = (0.0, 0.0);
+    for (bearing, yaw_rad) in &usable {
+        let direction_rad = f64::from(bearing.azimuth_rad) + yaw_rad;
+        north += weight(bearing) * libm::cos(direction_rad);
+        east += weight(bearing) * libm::sin(direction_rad);
+    }
+    let direction_rad = libm::atan2(east, north);
+    let chi2: f64 = usable
+        .iter()
+        .map(|(bearing, yaw_rad)| {
+            weight(bearing) * wrap_pi(f64::from(bearing.azimuth_rad) + yaw_rad - direction_rad).powi(2)
+        })
+        .sum();
+    let reduced = if usable.len() > 1 { chi2 / (usable.len() - 1) as f64 } else { 1.0 };
+    let flags = usable.iter().fold(Flags::default(), |flags, (bearing, _)| flags.with(bearing.flags));
+    Bearing {
+        time: last.time,
+        valid: true,
+        azimuth_rad: wrap_pi(direction_rad - yaw_last_rad) as f32,
+        sigma_rad: libm::sqrt(reduced.max(1.0) / total) as f32,
+        elevation_rad: mean(&|bearing| bearing.elevation_rad),
+        elevation_sigma_rad: mean(&|bearing| bearing.elevation_sigma_rad),
+        quality: bearing::Quality {
+            snr_db: mean(&|bearing| bearing.quality.snr_db),
+            frequency_hz: mean(&|bearing| bearing.quality.frequency_hz),
+            closure_chi2: mean(&|bearing| bearing.quality.closure_chi2),
+            wavenumber: mean(&|bearing| bearing.quality.wavenumber),
+        },
+        flags,
+    }
+}
+
+/// The answers as a table for people.
+#[must_use]
+pub fn table(lines: &[Line]) -> String {
+    let number = |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
+    let mut text = format!(
+        "{:>6} {:>5} {:>12} {:>10} {:>14} {:>8} {:>10} {:>8}  {}\n",
+        "frame", "valid", "azimuth_deg", "sigma_deg", "elevation_deg", "snr_db", "freq_hz", "closure", "flags"
+    );
+    for line in lines {
+        text.push_str(&format!(
+            "{:>6} {:>5} {:>12} {:>10} {:>14} {:>8} {:>10} {:>8}  {}\n",
+            line.frame,
+            if line.valid { "yes" } else { "no" },
+            number(line.azimuth_deg, 3),
+            number(line.sigma_deg, 3),
+            number(line.elevation_deg, 1),
+            number(line.snr_db, 1),
+            number(line.freq_hz, 1),
+            number(line.closure_chi2, 2),
+            line.flags.join(" "),
+        ));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn look(azimuth_deg: f32, sigma_deg: f32) -> Bearing {
+        Bearing {
+            time: Instant(0),
+            valid: true,
+            azimuth_rad: azimuth_deg.to_radians(),
+            sigma_rad: sigma_deg.to_radians(),
+            elevation_rad: 0.0,
+            elevation_sigma_rad: 0.1,
+            quality: bearing::Quality::default(),
+            flags: Flags::default(),
+        }
+    }
+
+    #[test]
+    fn looks_are_weighted_by_their_sigma_in_the_world_frame() {
+        // The vehicle turned by 90 deg between the looks: 100 and 10 deg in the body frame are the same direction.
+        let combined = combine(&[(look(100.0, 1.0), 0.0), (look(13.0, 1.0), PI / 2.0)]);
+        assert!((combined.azimuth_rad.to_degrees() - 11.5).abs() < 1e-3);
+        let combined = combine(&[(look(0.0, 1.0), 0.0), (look(5.0, 2.0), 0.0)]);
+        assert!((combined.azimuth_rad.to_degrees() - 1.0).abs() < 0.01, "weights 4 to 1");
+    }
+
+    #[test]
+    fn looks_that_agree_gain_by_the_root_of_their_number_and_scatter_takes_it_back() {
+        let group = [(look(1.0, 2.0), 0.0); 4];
+        assert!((combine(&group).sigma_rad.to_degrees() - 1.0).abs() < 1e-3);
+        let scattered: Vec<_> = [-12.0, -6.0, 6.0, 12.0].map(|azimuth| (look(azimuth, 2.0), 0.0)).to_vec();
+        let sigma_deg = combine(&scattered).sigma_rad.to_degrees();
+        // Standard error of the mean of these four: 10.95 / 2.
+        assert!((sigma_deg - 5.48).abs() < 0.05, "{sigma_deg}");
+    }
+
+    #[test]
+    fn looks_across_the_back_do_not_average_to_the_nose() {
+        let combined = combine(&[(look(179.0, 1.0), 0.0), (look(-179.0, 1.0), 0.0)]);
+        assert!(combined.azimuth_rad.abs().to_degrees() > 179.9);
+    }
+
+    #[test]
+    fn useless_looks_are_left_out_and_a_group_of_them_stays_useless() {
+        let dud = Bearing { valid: false, flags: Flags::NO_SIGNAL, sigma_rad: std::f32::consts::PI, ..look(90.0, 1.0) };
+        let combined = combine(&[(look(10.0, 1.0), 0.0), (dud, 0.0)]);
+        assert!(combined.valid && (combined.azimuth_rad.to_degrees() - 10.0).abs() < 1e-3);
+        assert!(!combine(&[(dud, 0.0), (dud, 0.0)]).valid);
+    }
+
+    #[test]
+    fn a_line_without_signal_has_nulls_and_all_its_keys() {
+        let dud = Bearing { valid: false, flags: Flags::NO_SIGNAL, sigma_rad: std::f32::consts::PI, ..look(90.0, 1.0) };
+        let json = serde_json::to_value(Line::new(3, &dud)).unwrap();
+        let expected = serde_json::json!({"frame": 3, "valid": false, "azimuth_deg": null, "sigma_deg": null,
+            "elevation_deg": null, "elevation_sigma_deg": null, "snr_db": null, "freq_hz": null, "closure_chi2": null,
+            "flags": ["no_signal"]});
+        assert_eq!(json, expected);
+    }
+
+    #[test]
+    fn a_nan_becomes_null() {
+        let mut bearing = look(1.0, 1.0);
+        bearing.quality.snr_db = f32::NAN;
+        assert!(serde_json::to_value(Line::new(0, &bearing)).unwrap()["snr_db"].is_null());
+    }
+}

@@ -1,0 +1,384 @@
+//! The command line. Results go to stdout; notes, progress and errors to stderr. Exit status: 0 done as asked, 1 flown
+//! but the goal was not reached, 2 bad usage or input.
+
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use foxhound_core::bearing::Estimator;
+use foxhound_core::planner::Kind;
+use foxhound_link::mailbox::Setup;
+use foxhound_sim::bearings::{self, Options};
+use foxhound_sim::computer::{Computer, HostComputer};
+use foxhound_sim::flight::{self, Ending, Mission, Record};
+use foxhound_sim::frames::{ArrayDescription, Recording, read_yaw};
+use foxhound_sim::input::{InputError, read_text};
+use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::scenario::{BearingModel, Scenario};
+use foxhound_sim::{plot, tlog};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
+
+/// Lets a small drone find a radio beacon by itself: direction finding with four antennas, planning among unknown
+/// obstacles, velocity setpoints for the autopilot. Without a command, flies the built-in mission.
+#[derive(Debug, Parser)]
+#[command(name = "foxhound", version, after_help = EXAMPLES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Prints JSON on stdout and nothing else there.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Seed of everything random; the same seed gives the same flight.
+    #[arg(long, global = true, default_value_t = 1)]
+    seed: u64,
+    /// Folder for the files that are written [default: out; with --json nothing is written unless asked for].
+    #[arg(long, global = true, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+const EXAMPLES: &str = "Examples:
+  foxhound                                          fly through a pillar forest; picture in out/flight.svg
+  foxhound fly --scenario gate.json --json          fly a scenario file, result as JSON
+  foxhound fly --via qemu:firmware.elf --tlog f.tlog   the same flight with the firmware in QEMU
+  foxhound bearing --adc frames.npy --array array.toml --json
+  foxhound tlog f.tlog --json
+
+Exit status: 0 done as asked; 1 flown, but the goal was not reached; 2 bad usage or input.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Flies one mission in closed loop.
+    Fly(Fly),
+    /// Finds the bearings in recorded ADC frames.
+    Bearing(BearingCommand),
+    /// Counts the MAVLink frames of a telemetry log.
+    Tlog(TlogCommand),
+}
+
+const FLY_HELP: &str = "Examples:
+  foxhound fly --seed 7 --plot flight.png
+  foxhound fly --snr-db 0 --planner paper --json
+  foxhound fly --scenario gate.json --tlog flight.tlog
+
+A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
+  name, bounds [x0,y0,x1,y1], drone_radius (0.15), start [x,y], goal [x,y], goal_velocity [vx,vy],
+  obstacles [{x,y,r,vx,vy}], sensor {fov_deg (90), range_m (3), occlusion (true), model circles|scan},
+  bearing {only, model rf|noise, sigma_deg, snr_db, outlier {rate, offset_deg}, dropout [t0,t1]},
+  limits {v_max (1.0), a_max (2.0)}, vehicle {model point|arducopter, lag_s (0.15)},
+  goal_tolerance (0.5: within that many metres of the beacon it counts as reached), max_time_s (90),
+  faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s, stale_ownship [t0,t1]}";
+
+#[derive(Args, Debug, Default)]
+#[command(after_help = FLY_HELP)]
+struct Fly {
+    /// Scenario file [default: the built-in pillar forest].
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    /// Which planner.
+    #[arg(long, value_enum, default_value_t)]
+    planner: PlannerName,
+    /// Which angle-of-arrival estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorName,
+    /// Which computer flies: `host`, or `qemu:ELF` for a firmware image in QEMU.
+    #[arg(long, value_name = "COMPUTER", default_value = "host")]
+    via: Via,
+    /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrules the scenario.
+    #[arg(long, value_name = "DB", allow_negative_numbers = true)]
+    snr_db: Option<f64>,
+    /// Picture of the flight, .svg or .png [default: flight.svg in the output folder].
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Telemetry log of every MAVLink frame in both directions, with simulated time.
+    #[arg(long, value_name = "FILE")]
+    tlog: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum PlannerName {
+    /// Sampled fields, only collision-free trajectories.
+    #[default]
+    Foxhound,
+    /// The main paper's algorithm to the letter.
+    Paper,
+    /// A potential field with fixed gains.
+    Standard,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum EstimatorName {
+    /// Cross-spectra and least squares.
+    #[default]
+    Cross,
+    /// The main paper's algorithm to the letter.
+    Paper,
+}
+
+impl From<PlannerName> for Kind {
+    fn from(name: PlannerName) -> Self {
+        match name {
+            PlannerName::Foxhound => Self::Foxhound,
+            PlannerName::Paper => Self::Paper,
+            PlannerName::Standard => Self::Standard,
+        }
+    }
+}
+
+impl From<EstimatorName> for Estimator {
+    fn from(name: EstimatorName) -> Self {
+        match name {
+            EstimatorName::Cross => Self::CrossSpectrum,
+            EstimatorName::Paper => Self::PaperSquare,
+        }
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+enum Via {
+    #[default]
+    Host,
+    Qemu(PathBuf),
+}
+
+impl std::str::FromStr for Via {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once(':') {
+            None if text == "host" => Ok(Self::Host),
+            Some(("qemu", elf)) if !elf.is_empty() => Ok(Self::Qemu(elf.into())),
+            _ => Err("expected `host` or `qemu:ELF`".to_owned()),
+        }
+    }
+}
+
+const BEARING_HELP: &str =
+    "Frames: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024.
+Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, right), sample_rate_hz,
+  optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration] gain, phase_rad.
+Looks: their bearings are averaged as unit vectors in the world frame of --yaw, weighted by 1/sigma^2; the azimuth is
+  that in the body frame of the last look. Frames left over at the end are not answered.
+
+Example:
+  foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json";
+
+#[derive(Args, Debug)]
+#[command(after_help = BEARING_HELP)]
+struct BearingCommand {
+    /// Recorded frames.
+    #[arg(long, value_name = "FILE")]
+    adc: PathBuf,
+    /// Description of the array.
+    #[arg(long, value_name = "FILE")]
+    array: PathBuf,
+    /// Which angle-of-arrival estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorName,
+    /// Consecutive frames an answer.
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    looks: u32,
+    /// Yaw at each frame: .npy, float64, rad, one per frame.
+    #[arg(long, value_name = "FILE")]
+    yaw: Option<PathBuf>,
+    /// The frames are not consecutive in time.
+    #[arg(long)]
+    independent: bool,
+}
+
+#[derive(Args, Debug)]
+struct TlogCommand {
+    /// The log.
+    file: PathBuf,
+    /// The file is a plain byte stream without time stamps.
+    #[arg(long)]
+    raw: bool,
+}
+
+/// Runs the command that was given.
+pub(crate) fn run() -> ExitCode {
+    let cli = Cli::parse();
+    let done = match &cli.command {
+        None => fly(&cli, &Fly::default()),
+        Some(Command::Fly(args)) => fly(&cli, args),
+        Some(Command::Bearing(args)) => bearing(&cli, args),
+        Some(Command::Tlog(args)) => read_log(&cli, args),
+    };
+    match done {
+        Ok(code) => code,
+        Err(error) => {
+            note(&format!("error: {error}"));
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn note(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// Writes to stdout; a reader that has gone away is not our error.
+fn say(text: &str) {
+    let _ = io::stdout().lock().write_all(text.as_bytes());
+}
+
+fn json_line(value: &impl Serialize) -> Result<String, InputError> {
+    let mut line = serde_json::to_string(value).map_err(|error| InputError::new(error.to_string()))?;
+    line.push('\n');
+    Ok(line)
+}
+
+fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
+    let mut scenario = match &args.scenario {
+        Some(path) => Scenario::parse(&read_text(path)?).map_err(|error| error.in_file(path))?,
+        None => Scenario::built_in(),
+    };
+    if let Some(snr_db) = args.snr_db {
+        foxhound_sim::input::check("--snr-db", snr_db, -30.0, 80.0)?;
+        scenario.bearing.snr_db = Some(snr_db);
+        scenario.bearing.model = Some(BearingModel::Rf);
+    }
+    let mission = Mission { scenario, seed: cli.seed, planner: args.planner.into(), estimator: args.estimator.into() };
+    let plot_path = args.plot.clone().or_else(|| {
+        let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")))?;
+        Some(folder.join("flight.svg"))
+    });
+    if let Some(path) = plot_path.as_deref().filter(|path| !matches!(ending(path), Some("svg" | "png"))) {
+        return Err(InputError::new(format!("--plot {}: expected a file ending in .svg or .png", path.display())));
+    }
+
+    let config = mission.guidance();
+    // Checked here for every computer, so that a refused field is named the same way.
+    let host = HostComputer::new(&config)?;
+    let mut computer: Box<dyn Computer> = match &args.via {
+        Via::Host => Box::new(host),
+        Via::Qemu(elf) => {
+            let qemu = QemuComputer::start(elf, &Setup { guidance: config });
+            Box::new(qemu.map_err(|error| InputError::new(format!("--via: {error}")))?)
+        }
+    };
+    let mut log = match &args.tlog {
+        Some(path) => Some(
+            tlog::Writer::create(path)
+                .map_err(|error| InputError::new(format!("--tlog {}: {error}", path.display())))?,
+        ),
+        None => None,
+    };
+
+    let progress = progress_bar(cli, mission.scenario.max_time_s);
+    let flown = flight::fly(&mission, computer.as_mut(), log.as_mut(), |time_s| progress.set_position(time_s as u64));
+    progress.finish_and_clear();
+    let record = flown.map_err(|error| InputError::new(error.to_string()))?;
+    if let Some(log) = log {
+        log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
+    }
+    if let Some(path) = &plot_path {
+        plot::draw(&record, path)?;
+        if cli.json {
+            note(&format!("picture: {}", path.display()));
+        }
+    }
+    if cli.json {
+        say(&json_line(&record.report)?);
+    } else {
+        say(&summary(&record, plot_path.as_deref()));
+    }
+    Ok(if record.report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+fn ending(path: &Path) -> Option<&str> {
+    path.extension().and_then(|ending| ending.to_str())
+}
+
+fn progress_bar(cli: &Cli, max_time_s: f64) -> ProgressBar {
+    // Hidden by itself where stderr is no terminal.
+    let target = if cli.json { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+    let bar = ProgressBar::with_draw_target(Some(max_time_s as u64), target);
+    match ProgressStyle::with_template("flying {bar:40} {pos} of at most {len} s") {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
+/// A flight for people.
+fn summary(record: &Record, plot: Option<&Path>) -> String {
+    let report = &record.report;
+    let word = match report.result {
+        Ending::Reached => "reached the beacon",
+        Ending::Hold => "holds",
+        Ending::Collision => "collided",
+        Ending::Timeout => "ran out of time",
+    };
+    let mut text = String::new();
+    let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
+    let _ = writeln!(text, "{}: {word}{reason} after {:.1} s", report.name, report.time_s);
+    let _ = writeln!(
+        text,
+        "  path             {:.2} m, straight line {:.2} m",
+        report.path_length_m, report.straight_line_m
+    );
+    if let Some(clearance_m) = report.min_clearance_m {
+        let _ = writeln!(text, "  least clearance  {clearance_m:.3} m");
+    }
+    if let Some(rms_deg) = report.bearing_rms_deg {
+        let _ = writeln!(text, "  bearing error    {rms_deg:.2} deg rms");
+    }
+    let _ = writeln!(text, "  plans            {}", report.replans);
+    let _ = writeln!(text, "  trace            {} (seed {})", report.trace_hash, report.seed);
+    if let Some(path) = plot {
+        let _ = writeln!(text, "  picture          {}", path.display());
+    }
+    text
+}
+
+fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, InputError> {
+    let description = ArrayDescription::read(&args.array)?;
+    if description.array.build()?.is_nearly_ambiguous() {
+        note("warning: side_m is close to half a wavelength: noise will turn some bearings round");
+    }
+    let recording = Recording::read(&args.adc)?;
+    let frames = recording.frames().len();
+    let yaw_rad = match &args.yaw {
+        Some(path) => read_yaw(path, frames)?,
+        None => Vec::new(),
+    };
+    let looks = args.looks as usize;
+    let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
+    let lines = bearings::find(&recording, &description, &options)?;
+    if frames % looks != 0 {
+        note(&format!(
+            "note: the last {} of {frames} frames make no group of {looks} and are not answered",
+            frames % looks
+        ));
+    }
+    if cli.json {
+        let mut text = String::new();
+        for line in &lines {
+            text.push_str(&json_line(line)?);
+        }
+        say(&text);
+    } else {
+        say(&bearings::table(&lines));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
+    let bytes = std::fs::read(&args.file).map_err(|error| InputError::new(error.to_string()).in_file(&args.file))?;
+    let summary = if args.raw { tlog::read_raw(&bytes) } else { tlog::read_stamped(&bytes) };
+    if cli.json {
+        say(&json_line(&summary)?);
+    } else {
+        let mut text = format!(
+            "{} frames, {} with a wrong checksum, {} bytes skipped\n",
+            summary.frames, summary.bad_crc, summary.skipped_bytes
+        );
+        for (id, count) in &summary.counts {
+            let _ = writeln!(text, "{count:>8}  message {id}");
+        }
+        say(&text);
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,581 @@
+//! One closed-loop flight at a fixed step of 20 ms: world, sensor, autopilot, computer, autopilot, vehicle, and again.
+//!
+//! The truth decides what the flight came to: *reached* within the goal tolerance (horizontally), *collision* when the
+//! hull meets a pillar, *hold* when the vehicle stands still and says why, *timeout* otherwise. Simulated time is the only
+//! time.
+
+use std::fmt;
+use std::io;
+
+use foxhound_core::bearing::{self, Estimator, Flags};
+use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::map::Circle;
+use foxhound_core::mission::Outcome;
+use foxhound_core::planner::Kind;
+use foxhound_core::time::Instant;
+use foxhound_core::{planner, response};
+use foxhound_link::mailbox::Planned;
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::antennas::{Antennas, Pose};
+use crate::autopilot::Autopilot;
+use crate::computer::{BLOCK, Computer, ComputerError};
+use crate::random::Random;
+use crate::scenario::{BearingModel, FLIGHT_DOWN_M, Scenario, SensorModel, VehicleModel, inside};
+use crate::sensor::View;
+use crate::tlog;
+use crate::vehicle::Vehicle;
+use crate::world::{Horizontal, Hull, World, wrap_pi};
+
+/// Length of one step.
+pub const TICK_S: f64 = 0.02;
+const TICK_US: u64 = 20_000;
+/// Parts of a step after which the hull is checked.
+const CHECKS_PER_TICK: usize = 4;
+/// Steps from one word of the obstacle sensor to the next: 10 Hz.
+const SENSOR_TICKS: u64 = 5;
+/// A vehicle that moved less than this within the last while stands still.
+const STILL_M: f64 = 0.1;
+const STILL_TICKS: usize = 150;
+/// How far the clock jumps back as a fault.
+const CLOCK_JUMP_US: u64 = 1_000_000;
+/// Steps of the dead time and lag of the point mass: a setpoint waits for its 20 Hz slot, telemetry for the next step.
+const POINT_DEAD_TIME_S: f32 = 0.06;
+/// Sigma of a bearing that is known exactly, so that no weight is infinite.
+const SIGMA_FLOOR_RAD: f64 = 1e-3;
+
+/// What is flown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mission {
+    /// The world and the vehicle.
+    pub scenario: Scenario,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Which planner.
+    pub planner: Kind,
+    /// Which estimator.
+    pub estimator: Estimator,
+}
+
+impl Mission {
+    /// The configuration of the computer for this mission.
+    #[must_use]
+    pub fn guidance(&self) -> guidance::Config {
+        let scenario = &self.scenario;
+        let mut config = guidance::Config {
+            seed: self.seed,
+            planner: planner::Config::of(self.planner),
+            ..guidance::Config::default()
+        };
+        config.set_vehicle_radius_m(scenario.drone_radius as f32);
+        config.bearing.estimator = self.estimator;
+        config.guard.v_max_mps = scenario.limits.v_max as f32;
+        config.guard.a_max_mps2 = scenario.limits.a_max as f32;
+        config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
+        config.response = match scenario.vehicle.model {
+            VehicleModel::Point => {
+                response::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }
+            }
+            VehicleModel::Arducopter => response::Config::default(),
+        };
+        config
+    }
+}
+
+/// How a flight ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// Within the goal tolerance.
+    Reached,
+    /// Standing still, with a reason.
+    Hold,
+    /// The hull met a pillar.
+    Collision,
+    /// Still under way at the end of the time.
+    Timeout,
+}
+
+/// What a flight came to: the object that is printed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// The scenario's name.
+    pub name: String,
+    /// Seed of the flight.
+    pub seed: u64,
+    /// How it ended.
+    pub result: Ending,
+    /// The outcome that explains it, by name.
+    pub reason: &'static str,
+    /// Duration of the flight.
+    pub time_s: f64,
+    /// Length of the path flown.
+    pub path_length_m: f64,
+    /// Distance from the start to the goal's place at the end.
+    pub straight_line_m: f64,
+    /// Smallest distance between hull and pillars; none in a world without pillars.
+    pub min_clearance_m: Option<f64>,
+    /// Collisions, 0 or 1: the first one ends the flight.
+    pub collisions: u32,
+    /// Plans made.
+    pub replans: u32,
+    /// Error of the valid bearings, rms; none without any.
+    pub bearing_rms_deg: Option<f64>,
+    /// Hash over every bearing, plan and setpoint.
+    pub trace_hash: String,
+    /// Carried through from the scenario.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expect: Option<Value>,
+    /// Carried through from the scenario.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_length_m: Option<Value>,
+}
+
+/// One step of the flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// When.
+    pub time_s: f64,
+    /// Where the vehicle was.
+    pub position: Horizontal,
+    /// Where its nose pointed.
+    pub yaw_rad: f64,
+    /// How fast it was, horizontally.
+    pub speed_mps: f64,
+    /// What guidance said.
+    pub outcome: Outcome,
+}
+
+/// A plan that was made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Replan {
+    /// When.
+    pub time_s: f64,
+    /// The temporary target that it was made for.
+    pub target: Option<Horizontal>,
+    /// The plan and its samples.
+    pub plan: Planned,
+}
+
+/// Everything that a picture of the flight needs.
+#[derive(Clone, Debug)]
+pub struct Record {
+    /// What was flown.
+    pub scenario: Scenario,
+    /// What it came to.
+    pub report: Report,
+    /// Where it went.
+    pub path: Vec<Sample>,
+    /// The plans on the way.
+    pub replans: Vec<Replan>,
+    /// The obstacles that the computer remembers at the end.
+    pub remembered: Vec<Circle>,
+}
+
+/// Why a flight could not be flown to its end.
+#[derive(Debug)]
+pub enum FlightError {
+    /// The computer failed.
+    Computer(ComputerError),
+    /// The telemetry log could not be written.
+    Log(io::Error),
+}
+
+impl fmt::Display for FlightError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Computer(error) => error.fmt(f),
+            Self::Log(error) => write!(f, "telemetry log: {error}"),
+        }
+    }
+}
+
+impl std::error::Error for FlightError {}
+
+impl From<ComputerError> for FlightError {
+    fn from(error: ComputerError) -> Self {
+        Self::Computer(error)
+    }
+}
+
+impl From<io::Error> for FlightError {
+    fn from(error: io::Error) -> Self {
+        Self::Log(error)
+    }
+}
+
+/// Flies a mission with a computer; `watch` is told the time as it passes.
+///
+/// # Errors
+/// The computer fails, or the log cannot be written.
+pub fn fly(
+    mission: &Mission,
+    computer: &mut dyn Computer,
+    mut log: Option<&mut tlog::Writer>,
+    mut watch: impl FnMut(f64),
+) -> Result<Record, FlightError> {
+    let scenario = &mission.scenario;
+    let world = scenario.world();
+    let start = Horizontal::from_xy(scenario.start);
+    let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose_at_start(&world, start));
+    let mut autopilot = Autopilot::default();
+    let mut ears = Ears::new(mission);
+    let mut hull = Hull::new(&world, scenario.drone_radius, start);
+    let mut path: Vec<Sample> = Vec::new();
+    let mut replans = Vec::new();
+    let mut bearing_errors = (0.0, 0_u32);
+    let mut trace_hash = 0;
+    let mut path_length_m = 0.0;
+
+    let ticks = libm::ceil(scenario.max_time_s / TICK_S) as u64;
+    let mut ending = None;
+    let mut tick = 0;
+    while tick < ticks && ending.is_none() {
+        let now_us = tick * TICK_US;
+        let time_s = now_us as f64 * 1e-6;
+        watch(time_s);
+
+        // What the autopilot and the obstacle sensor say.
+        let motion = vehicle.motion;
+        autopilot.telemetry(now_us, &motion, inside(scenario.faults.stale_ownship, time_s));
+        let looks = tick % SENSOR_TICKS == 0 && !inside(scenario.faults.stale_obstacles, time_s);
+        let position = horizontal(&motion.pose);
+        let view = View { world: &world, time_s, position, yaw_rad: motion.pose.yaw_rad, sensor: scenario.sensor };
+        let circles = (looks && scenario.sensor.model == SensorModel::Circles).then(|| view.circles());
+        if looks && scenario.sensor.model == SensorModel::Scan {
+            autopilot.forward(&view.scan(now_us));
+        }
+        let rx = autopilot.transmit();
+
+        // What the computer makes of it.
+        let now = Instant(match scenario.faults.clock_back_s {
+            Some(at_s) if time_s >= at_s => now_us.saturating_sub(CLOCK_JUMP_US),
+            _ => now_us,
+        });
+        let heard = ears.hear(&world, &motion.pose, now, time_s);
+        let report = computer.step(now, heard.front_end(), circles.as_deref(), &rx)?;
+        if let Some(log) = log.as_deref_mut() {
+            log.bytes(now_us, tlog::Direction::ToCompanion, &rx)?;
+            log.bytes(now_us, tlog::Direction::ToAutopilot, &report.tx)?;
+        }
+        trace_hash = report.output.trace_hash;
+        if let Some(bearing_ned_rad) = report.output.bearing_ned_rad {
+            let truth_rad = world.source_at(time_s).minus(position).bearing_rad();
+            let error_rad = wrap_pi(f64::from(bearing_ned_rad) - truth_rad);
+            bearing_errors = (bearing_errors.0 + error_rad * error_rad, bearing_errors.1 + 1);
+        }
+        if let Some(plan) = report.plan {
+            let target = report.output.target_ned_m.map(from_core);
+            replans.push(Replan { time_s, target, plan });
+        }
+        let outcome = report.output.outcome;
+        let [north_mps, east_mps, _] = motion.velocity_ned_mps;
+        let speed_mps = libm::hypot(north_mps, east_mps);
+        path.push(Sample { time_s, position, yaw_rad: motion.pose.yaw_rad, speed_mps, outcome });
+
+        // What the vehicle does.
+        autopilot.receive(now_us, &motion, &report.tx);
+        for part in 1..=CHECKS_PER_TICK {
+            vehicle.step(autopilot.command(now_us), TICK_S / CHECKS_PER_TICK as f64);
+            let at_s = time_s + TICK_S * part as f64 / CHECKS_PER_TICK as f64;
+            if hull.collides(&world, horizontal(&vehicle.motion.pose), at_s) {
+                ending = Some(Ending::Collision);
+                break;
+            }
+        }
+        let position_now = horizontal(&vehicle.motion.pose);
+        path_length_m += position_now.minus(position).norm();
+        tick += 1;
+        let to_goal_m = world.source_at(tick as f64 * TICK_S).minus(position_now).norm();
+        if ending.is_none() && to_goal_m <= scenario.goal_tolerance {
+            ending = Some(Ending::Reached);
+        }
+        if ending.is_none() && outcome == Outcome::GoalUnreachable && is_still(&path) {
+            ending = Some(Ending::Hold);
+        }
+    }
+
+    let time_s = tick as f64 * TICK_US as f64 / 1e6;
+    let last_outcome = path.last().map_or(Outcome::Nominal, |sample| sample.outcome);
+    let (result, reason) = match ending {
+        Some(ending) => (ending, last_outcome),
+        None => match why_still(&path) {
+            Some(outcome) => (Ending::Hold, outcome),
+            None => (Ending::Timeout, last_outcome),
+        },
+    };
+    let report = Report {
+        name: scenario.name.clone(),
+        seed: mission.seed,
+        result,
+        reason: reason.name(),
+        time_s,
+        path_length_m,
+        straight_line_m: world.source_at(time_s).minus(start).norm(),
+        min_clearance_m: Some(hull.min_clearance_m).filter(|clearance| clearance.is_finite()),
+        collisions: u32::from(result == Ending::Collision),
+        replans: replans.len() as u32,
+        bearing_rms_deg: (bearing_errors.1 > 0)
+            .then(|| libm::sqrt(bearing_errors.0 / f64::from(bearing_errors.1)).to_degrees()),
+        trace_hash: format!("{trace_hash:016x}"),
+        expect: scenario.expect.clone(),
+        reference_length_m: scenario.reference_length_m.clone(),
+    };
+    Ok(Record { scenario: scenario.clone(), report, path, replans, remembered: computer.remembered() })
+}
+
+fn pose_at_start(world: &World, start: Horizontal) -> Pose {
+    Pose {
+        position_ned_m: [start.north, start.east, FLIGHT_DOWN_M],
+        yaw_rad: world.source.minus(start).bearing_rad(),
+        ..Pose::default()
+    }
+}
+
+fn horizontal(pose: &Pose) -> Horizontal {
+    Horizontal { north: pose.position_ned_m[0], east: pose.position_ned_m[1] }
+}
+
+/// From the core's single precision.
+#[must_use]
+pub fn from_core(vector: foxhound_core::frame::Horizontal) -> Horizontal {
+    Horizontal { north: f64::from(vector.north), east: f64::from(vector.east) }
+}
+
+/// Whether the vehicle has stood still for the last while.
+fn is_still(path: &[Sample]) -> bool {
+    let Some(recent) = path.len().checked_sub(STILL_TICKS).map(|from| &path[from..]) else { return false };
+    recent.iter().all(|sample| sample.position.minus(recent[0].position).norm() < STILL_M)
+}
+
+/// The latest outcome that explains why the vehicle stands still.
+fn why_still(path: &[Sample]) -> Option<Outcome> {
+    let recent = is_still(path).then(|| &path[path.len() - STILL_TICKS..])?;
+    recent.iter().rev().map(|sample| sample.outcome).find(|outcome| *outcome != Outcome::Nominal)
+}
+
+/// What the direction finding receives.
+struct Ears<'a> {
+    mission: &'a Mission,
+    antennas: Antennas,
+    random: Random,
+}
+
+/// What it received in one step.
+enum Heard {
+    Snapshot(Box<foxhound_core::adc::Snapshot<BLOCK>>),
+    Bearing(bearing::Bearing),
+    Nothing,
+}
+
+impl Heard {
+    fn front_end(&self) -> FrontEnd<'_, BLOCK> {
+        match self {
+            Self::Snapshot(snapshot) => FrontEnd::Snapshot(snapshot),
+            Self::Bearing(bearing) => FrontEnd::Bearing(*bearing),
+            Self::Nothing => FrontEnd::Nothing,
+        }
+    }
+}
+
+impl<'a> Ears<'a> {
+    fn new(mission: &'a Mission) -> Self {
+        let snr_db = mission.scenario.bearing.snr_db.unwrap_or(DEFAULT_SNR_DB);
+        let antennas = Antennas { snr_db: Some(snr_db), ..Antennas::default() };
+        Self { mission, antennas, random: Random::new(mission.seed, 1) }
+    }
+
+    fn hear(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Heard {
+        let scenario = &self.mission.scenario;
+        let settings = &scenario.bearing;
+        let from = horizontal(vehicle);
+        let to_source = world.source_at(time_s).minus(from);
+        let is_outlier = settings.outlier.rate > 0.0 && self.random.uniform() < settings.outlier.rate;
+        let offset_rad = if is_outlier { settings.outlier.offset_deg.to_radians() } else { 0.0 };
+        let bearing_ned_rad = to_source.bearing_rad() + offset_rad;
+        if inside(scenario.faults.nan_bearing, time_s) {
+            return Heard::Bearing(bearing_of(now, f64::NAN, SIGMA_FLOOR_RAD));
+        }
+        let is_silent = inside(settings.dropout, time_s);
+        match scenario.bearing_model() {
+            BearingModel::Noise if is_silent => Heard::Nothing,
+            BearingModel::Noise => {
+                let sigma_rad = if settings.only { settings.sigma_deg.to_radians() } else { 0.0 };
+                let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
+                Heard::Bearing(bearing_of(now, wrap_pi(azimuth_rad), sigma_rad.max(SIGMA_FLOOR_RAD)))
+            }
+            BearingModel::Rf => {
+                let apparent = from.along(Horizontal::from_bearing(bearing_ned_rad), to_source.norm());
+                let source = [apparent.north, apparent.east, world.source_down_m];
+                self.antennas.channel_gain = [if is_silent { 0.0 } else { 1.0 }; 4];
+                Heard::Snapshot(Box::new(self.antennas.frame(now, vehicle, source, &mut self.random)))
+            }
+        }
+    }
+}
+
+/// Signal-to-noise ratio of waveforms when the scenario names none.
+const DEFAULT_SNR_DB: f64 = 20.0;
+
+fn bearing_of(time: Instant, azimuth_rad: f64, sigma_rad: f64) -> bearing::Bearing {
+    bearing::Bearing {
+        time,
+        valid: true,
+        azimuth_rad: azimuth_rad as f32,
+        sigma_rad: sigma_rad as f32,
+        elevation_rad: 0.0,
+        elevation_sigma_rad: std::f32::consts::FRAC_PI_2,
+        quality: bearing::Quality { snr_db: DEFAULT_SNR_DB as f32, wavenumber: 1.0, ..bearing::Quality::default() },
+        flags: Flags::default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::computer::HostComputer;
+
+    fn mission(scenario: Scenario, seed: u64) -> Mission {
+        Mission { scenario, seed, planner: Kind::Foxhound, estimator: Estimator::CrossSpectrum }
+    }
+
+    fn flown(mission: &Mission) -> Record {
+        let mut computer = HostComputer::new(&mission.guidance()).unwrap();
+        fly(mission, &mut computer, None, |_| ()).unwrap()
+    }
+
+    fn parsed(text: &str) -> Scenario {
+        Scenario::parse(text).unwrap()
+    }
+
+    #[test]
+    fn the_built_in_mission_reaches_the_beacon_by_its_waves_alone() {
+        for seed in 1..=5 {
+            let report = flown(&mission(Scenario::built_in(), seed)).report;
+            assert_eq!((report.result, report.collisions), (Ending::Reached, 0), "seed {seed}: {report:?}");
+            // The straight line less the tolerance is the least that anyone can fly.
+            assert!(report.path_length_m > report.straight_line_m - 0.51);
+            assert!(report.path_length_m < 1.5 * report.straight_line_m);
+            assert!(report.min_clearance_m.unwrap() > 0.0);
+            assert!(report.bearing_rms_deg.unwrap() < 2.0);
+        }
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_flight_and_another_seed_another() {
+        let hash = |seed| flown(&mission(Scenario::built_in(), seed)).report;
+        assert_eq!(hash(3), hash(3));
+        assert_ne!(hash(3).trace_hash, hash(4).trace_hash);
+    }
+
+    #[test]
+    fn the_printed_object_has_the_promised_keys_and_no_others() {
+        let report = flown(&mission(parsed(r#"{"goal":[3,1],"reference_length_m":2,"max_time_s":20}"#), 1)).report;
+        let json = serde_json::to_value(&report).unwrap();
+        let mut keys: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
+        keys.sort_unstable();
+        let promised = [
+            "bearing_rms_deg",
+            "collisions",
+            "min_clearance_m",
+            "name",
+            "path_length_m",
+            "reason",
+            "reference_length_m",
+            "replans",
+            "result",
+            "seed",
+            "straight_line_m",
+            "time_s",
+            "trace_hash",
+        ];
+        assert_eq!(keys, promised);
+        assert_eq!(json["result"], "reached");
+        assert_eq!(json["trace_hash"].as_str().unwrap().len(), 16);
+        assert!(json["min_clearance_m"].is_null(), "there is nothing to be clear of");
+        assert_eq!(json["reference_length_m"], 2);
+    }
+
+    #[test]
+    fn in_the_open_the_path_is_the_straight_line_to_the_tolerance() {
+        let report = flown(&mission(parsed(r#"{"start":[0,0],"goal":[6,0],"bounds":[-1,-1,7,1]}"#), 1)).report;
+        assert_eq!(report.result, Ending::Reached);
+        assert!((report.path_length_m - 5.5).abs() < 0.1, "{}", report.path_length_m);
+        // Six metres at 1 m/s, and the start.
+        assert!(report.time_s > 5.5 && report.time_s < 9.0, "{}", report.time_s);
+    }
+
+    #[test]
+    fn the_noise_of_the_bearings_is_the_one_that_was_asked_for() {
+        let report = flown(&mission(parsed(r#"{"bearing":{"sigma_deg":5}}"#), 2)).report;
+        // 500 bearings: the rms is known to 3 %.
+        assert!((report.bearing_rms_deg.unwrap() - 5.0).abs() < 0.6, "{:?}", report.bearing_rms_deg);
+    }
+
+    #[test]
+    fn a_vehicle_without_a_signal_holds_and_says_why() {
+        let record = flown(&mission(parsed(r#"{"bearing":{"snr_db":20,"dropout":[0,99]},"max_time_s":8}"#), 1));
+        assert_eq!((record.report.result, record.report.reason), (Ending::Hold, "no_signal"));
+        assert!(record.report.path_length_m < 0.05, "noise alone moves nothing");
+        assert_eq!(record.report.bearing_rms_deg, None);
+    }
+
+    #[test]
+    fn a_vehicle_without_telemetry_or_obstacle_data_holds_and_goes_on_afterwards() {
+        for (fault, name) in [("stale_ownship", "stale_ownship"), ("stale_obstacles", "stale_obstacles")] {
+            let text = format!(r#"{{"faults":{{"{fault}":[3,6]}},"limits":{{"v_max":1}}}}"#);
+            let record = flown(&mission(parsed(&text), 1));
+            assert_eq!(record.report.result, Ending::Reached, "{fault}");
+            let during = record.path.iter().find(|sample| sample.time_s > 5.0).unwrap();
+            assert_eq!(during.outcome.name(), name);
+            assert!(during.speed_mps < 0.1, "{fault}: {} m/s", during.speed_mps);
+        }
+    }
+
+    #[test]
+    fn bearings_that_are_not_numbers_move_nothing() {
+        let record = flown(&mission(parsed(r#"{"faults":{"nan_bearing":[0,99]},"max_time_s":8}"#), 1));
+        assert_eq!(record.report.result, Ending::Hold);
+        assert!(record.report.path_length_m < 0.05);
+        assert!(serde_json::to_value(&record.report).unwrap()["bearing_rms_deg"].is_null());
+    }
+
+    #[test]
+    fn a_clock_that_jumps_back_does_not_end_the_mission() {
+        let report = flown(&mission(parsed(r#"{"faults":{"clock_back_s":4}}"#), 1)).report;
+        assert_eq!(report.result, Ending::Reached, "{report:?}");
+    }
+
+    #[test]
+    fn a_beacon_behind_a_closed_ring_is_never_reached_and_nothing_is_hit() {
+        let ring: Vec<String> = (0..16)
+            .map(|k| {
+                let angle = std::f64::consts::TAU * f64::from(k) / 16.0;
+                format!(r#"{{"x":{},"y":{},"r":0.35}}"#, 7.0 + 1.5 * angle.cos(), 7.0 + 1.5 * angle.sin())
+            })
+            .collect();
+        let text = format!(r#"{{"goal":[7,7],"max_time_s":60,"obstacles":[{}]}}"#, ring.join(","));
+        let report = flown(&mission(parsed(&text), 1)).report;
+        assert_ne!(report.result, Ending::Reached);
+        assert_eq!(report.collisions, 0, "{report:?}");
+    }
+
+    #[test]
+    fn the_bytes_of_a_logged_flight_are_clean_mavlink() {
+        let path = std::env::temp_dir().join(format!("foxhound-flight-test-{}.tlog", std::process::id()));
+        let mission = mission(Scenario::built_in(), 1);
+        let mut computer = HostComputer::new(&mission.guidance()).unwrap();
+        let mut log = tlog::Writer::create(&path).unwrap();
+        let record = fly(&mission, &mut computer, Some(&mut log), |_| ()).unwrap();
+        log.finish().unwrap();
+        let summary = tlog::read_stamped(&std::fs::read(&path).unwrap());
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!((summary.bad_crc, summary.skipped_bytes), (0, 0));
+        let rate_hz = |id: u32| summary.counts.get(&id).copied().unwrap_or(0) as f64 / record.report.time_s;
+        assert!((rate_hz(84) - 20.0).abs() < 2.0, "setpoints at {} Hz", rate_hz(84));
+        assert!((rate_hz(330) - 10.0).abs() < 1.0, "scans at {} Hz", rate_hz(330));
+        // Two ends, one beat a second each.
+        assert!((rate_hz(0) - 2.0).abs() < 0.3, "heartbeats at {} Hz", rate_hz(0));
+    }
+}

@@ -1,0 +1,329 @@
+//! Recorded ADC frames (`.npy`) and the description of the array that they were taken with (TOML).
+
+use std::io::Cursor;
+use std::path::Path;
+
+use foxhound_core::adc::{CHANNELS, CODE_MAX, CODE_MIN};
+use foxhound_core::phase::Complex;
+use foxhound_core::{array, phase};
+use npyz::{NpyFile, Order};
+use serde::Deserialize;
+
+use crate::input::{InputError, check, parse_strictly, read_text};
+
+/// Block lengths that the core is built for.
+pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];
+
+/// Frames of four channels of signed 12-bit codes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Recording {
+    /// Samples per channel and frame.
+    pub block_length: usize,
+    /// Frame after frame, channel after channel.
+    codes: Vec<i16>,
+}
+
+impl Recording {
+    /// Reads int16 frames of shape (frames, 4, N) in C order.
+    ///
+    /// # Errors
+    /// Names the file and what is wrong with it.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
+        Self::parse(&bytes).map_err(|error| error.in_file(path))
+    }
+
+    fn parse(bytes: &[u8]) -> Result<Self, InputError> {
+        let (shape, codes) = read_npy::<i16>(bytes, "int16")?;
+        let [frames, channels, block_length] = shape[..] else {
+            return Err(InputError::new(format!("shape {shape:?}: expected (frames, {CHANNELS}, N)")));
+        };
+        if channels != CHANNELS as u64 {
+            return Err(InputError::new(format!(
+                "channels = {channels}: expected {CHANNELS}, shape (frames, channels, N)"
+            )));
+        }
+        let block_length = BLOCK_LENGTHS.into_iter().find(|n| *n as u64 == block_length).ok_or_else(|| {
+            InputError::new(format!("N = {block_length} samples a frame: expected one of {BLOCK_LENGTHS:?}"))
+        })?;
+        if frames == 0 {
+            return Err(InputError::new("no frames: shape (0, 4, N)"));
+        }
+        if let Some(at) = codes.iter().position(|code| !(CODE_MIN..=CODE_MAX).contains(code)) {
+            let (frame, channel) = (at / (CHANNELS * block_length), at / block_length % CHANNELS);
+            return Err(InputError::new(format!(
+                "code {} in frame {frame}, channel {} is outside the 12-bit range {CODE_MIN}..={CODE_MAX}",
+                codes[at],
+                channel + 1,
+            )));
+        }
+        Ok(Self { block_length, codes })
+    }
+
+    /// The frames in order, each four rows of `block_length` codes.
+    pub fn frames(&self) -> impl ExactSizeIterator<Item = &[i16]> {
+        self.codes.chunks_exact(CHANNELS * self.block_length)
+    }
+}
+
+/// Reads one float64 yaw a frame, rad.
+///
+/// # Errors
+/// Names the file and what is wrong with it.
+pub fn read_yaw(path: &Path, frames: usize) -> Result<Vec<f64>, InputError> {
+    let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
+    let parse = || {
+        let (shape, yaw) = read_npy::<f64>(&bytes, "float64")?;
+        if shape != [frames as u64] {
+            return Err(InputError::new(format!("shape {shape:?}: expected one yaw a frame, ({frames},)")));
+        }
+        if let Some(at) = yaw.iter().position(|yaw| !yaw.is_finite() || yaw.abs() > 1e4) {
+            return Err(InputError::new(format!("yaw[{at}] = {}: expected radians", yaw[at])));
+        }
+        Ok(yaw)
+    };
+    parse().map_err(|error: InputError| error.in_file(path))
+}
+
+fn read_npy<T: npyz::Deserialize>(bytes: &[u8], dtype: &str) -> Result<(Vec<u64>, Vec<T>), InputError> {
+    refuse_absurd_shape(bytes)?;
+    let mut cursor = Cursor::new(bytes);
+    let header = npyz::NpyHeader::from_reader(&mut cursor)
+        .map_err(|error| InputError::new(format!("not a NumPy .npy file: {error}")))?;
+    let found = header.dtype().descr();
+    let elements = header.shape().iter().try_fold(1_u64, |product, n| product.checked_mul(*n));
+    let shape = header.shape().to_vec();
+    if header.order() == Order::Fortran && shape.len() > 1 {
+        return Err(InputError::new("Fortran order: expected C order (numpy.ascontiguousarray)"));
+    }
+    let wrong_type = || InputError::new(format!("dtype {found}: expected {dtype}"));
+    let item_bytes = std::mem::size_of::<T>() as u64;
+    let held = bytes.len() as u64 - cursor.position();
+    let file = NpyFile::with_header(header, cursor);
+    let data = file.data::<T>().map_err(|_| wrong_type())?;
+    let wanted = elements.and_then(|n| n.checked_mul(item_bytes));
+    if wanted != Some(held) {
+        let wanted = wanted.map_or_else(|| "more bytes than there can be".to_owned(), |n| format!("{n} bytes"));
+        let why = if held == 0 { "empty" } else { "truncated or overlong" };
+        return Err(InputError::new(format!("{why}: the shape {shape:?} needs {wanted}, the file holds {held}")));
+    }
+    let values = data.collect::<Result<Vec<T>, _>>().map_err(|error| InputError::new(error.to_string()))?;
+    Ok((shape, values))
+}
+
+/// The header's reader multiplies the shape without looking; a shape that no file can hold is caught before.
+fn refuse_absurd_shape(bytes: &[u8]) -> Result<(), InputError> {
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(4096)]);
+    let shape =
+        head.split_once("shape").and_then(|(_, rest)| rest.split_once('(')).and_then(|(_, rest)| rest.split_once(')'));
+    let Some((shape, _)) = shape else { return Ok(()) };
+    let numbers = shape.split(',').map(|n| n.trim().trim_end_matches('L')).filter(|n| !n.is_empty());
+    let bytes_needed = numbers.map(|n| n.parse::<u64>().ok()).try_fold(8_u64, |product, n| product.checked_mul(n?));
+    match bytes_needed {
+        Some(_) => Ok(()),
+        None => Err(InputError::new(format!("truncated or overlong: no file holds the shape ({shape})"))),
+    }
+}
+
+/// Every key of an array file.
+const ARRAY_KEYS: [&str; 11] = [
+    "wavelength_m",
+    "side_m",
+    "antennas_m",
+    "sample_rate_hz",
+    "tone_hz",
+    "tone_band_hz",
+    "skew_s",
+    "require_calibration",
+    "calibration",
+    "calibration.gain",
+    "calibration.phase_rad",
+];
+
+/// The array file as written.
+#[derive(Clone, Debug, Deserialize)]
+struct ArrayFile {
+    wavelength_m: f64,
+    side_m: Option<f64>,
+    antennas_m: Option<[[f64; 2]; CHANNELS]>,
+    sample_rate_hz: f64,
+    tone_hz: Option<f64>,
+    tone_band_hz: Option<[f64; 2]>,
+    skew_s: Option<[f64; CHANNELS]>,
+    #[serde(default)]
+    require_calibration: bool,
+    calibration: Option<CalibrationTable>,
+}
+
+/// Gain and phase of each channel relative to their mean.
+#[derive(Clone, Debug, Deserialize)]
+struct CalibrationTable {
+    gain: [f64; CHANNELS],
+    phase_rad: [f64; CHANNELS],
+}
+
+/// What an array file says, as the core wants it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArrayDescription {
+    /// Geometry and calibration.
+    pub array: array::Config,
+    /// Sampling and where the tone is.
+    pub phase: phase::Config,
+}
+
+impl ArrayDescription {
+    /// Reads and checks an array file.
+    ///
+    /// # Errors
+    /// Names the file and the field.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        Self::parse(&read_text(path)?).map_err(|error| error.in_file(path))
+    }
+
+    fn parse(text: &str) -> Result<Self, InputError> {
+        let document = toml::Deserializer::parse(text).map_err(|error| InputError::new(error.to_string()))?;
+        let file: ArrayFile = parse_strictly(document, &ARRAY_KEYS)?;
+        check("wavelength_m", file.wavelength_m, 1e-3, 10.0)?;
+        check("sample_rate_hz", file.sample_rate_hz, 1e3, 1e7)?;
+        let wavelength_m = file.wavelength_m as f32;
+        let mut array = match (file.side_m, file.antennas_m) {
+            (Some(side_m), None) => {
+                check("side_m", side_m, 1e-4, 10.0)?;
+                array::Config::square(wavelength_m, side_m as f32)
+            }
+            (None, Some(antennas_m)) => array::Config {
+                wavelength_m,
+                antennas_m: antennas_m.map(|xy| xy.map(|coordinate| coordinate as f32)),
+                ..array::Config::default()
+            },
+            (Some(_), Some(_)) => return Err(InputError::new("side_m and antennas_m: give one of the two")),
+            (None, None) => return Err(InputError::new("side_m or antennas_m: one of the two is missing")),
+        };
+        array.require_calibration = file.require_calibration;
+        if let Some(table) = file.calibration {
+            let mut gains = [Complex::default(); CHANNELS];
+            for (channel, gain) in gains.iter_mut().enumerate() {
+                let (magnitude, phase_rad) = (table.gain[channel], table.phase_rad[channel]);
+                check("calibration.gain", magnitude, 0.01, 100.0)?;
+                check("calibration.phase_rad", phase_rad, -100.0, 100.0)?;
+                *gain = Complex {
+                    re: (magnitude * libm::cos(phase_rad)) as f32,
+                    im: (magnitude * libm::sin(phase_rad)) as f32,
+                };
+            }
+            array.channel_gain = Some(gains);
+        }
+        array.build()?;
+
+        let nyquist_hz = file.sample_rate_hz / 2.0;
+        let mut phase = phase::Config { sample_rate_hz: file.sample_rate_hz as f32, ..phase::Config::default() };
+        let share = file.sample_rate_hz / f64::from(phase::Config::default().sample_rate_hz);
+        phase.tone_band_hz = phase.tone_band_hz.map(|edge| (f64::from(edge) * share) as f32);
+        if let Some(tone_hz) = file.tone_hz {
+            check("tone_hz", tone_hz, 0.0, nyquist_hz)?;
+            phase.tone_hz = Some(tone_hz as f32);
+        }
+        if let Some([low_hz, high_hz]) = file.tone_band_hz {
+            check("tone_band_hz[0]", low_hz, 0.0, nyquist_hz)?;
+            check("tone_band_hz[1]", high_hz, low_hz, nyquist_hz)?;
+            // A band says that the tone may be elsewhere in it.
+            phase.tone_hz = None;
+            phase.tone_band_hz = [low_hz as f32, high_hz as f32];
+        }
+        for (channel, skew_s) in file.skew_s.into_iter().flatten().enumerate() {
+            check(&format!("skew_s[{channel}]"), skew_s, -4.0 / file.sample_rate_hz, 4.0 / file.sample_rate_hz)?;
+            phase.skew_s[channel] = skew_s as f32;
+        }
+        Ok(Self { array, phase })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A .npy file of format version 1.0 as NumPy's format specification lays it out, not made by the crate under test.
+    fn npy(descr: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+        let mut header = format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}");
+        while (10 + header.len() + 1) % 64 != 0 {
+            header.push(' ');
+        }
+        header.push('\n');
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        bytes.extend(data);
+        bytes
+    }
+
+    fn codes(n: usize) -> Vec<u8> {
+        (0..n).flat_map(|k| ((k % 4096) as i16 - 2048).to_le_bytes()).collect()
+    }
+
+    #[test]
+    fn a_file_laid_out_as_numpy_does_is_read_in_c_order() {
+        let recording = Recording::parse(&npy("<i2", "False", "(2, 4, 64)", &codes(512))).unwrap();
+        assert_eq!(recording.block_length, 64);
+        assert_eq!(recording.frames().len(), 2);
+        let second = recording.frames().nth(1).unwrap();
+        assert_eq!(second[0], 256 - 2048);
+        assert_eq!(second[3 * 64 + 63], 511 - 2048);
+    }
+
+    #[test]
+    fn every_kind_of_bad_file_is_refused_and_named() {
+        let refused = |bytes: &[u8]| Recording::parse(bytes).unwrap_err().to_string();
+        let good = codes(256);
+        assert!(refused(b"").contains(".npy"));
+        assert!(refused(b"PK\x03\x04").contains(".npy"));
+        assert!(refused(&npy("<f8", "False", "(1, 4, 64)", &[0; 2048])).contains("dtype"));
+        assert!(refused(&npy("<i4", "False", "(1, 4, 64)", &[0; 1024])).contains("int16"));
+        assert!(refused(&npy("<i2", "True", "(1, 4, 64)", &good)).contains("Fortran"));
+        assert!(refused(&npy("<i2", "False", "(4, 64)", &good)).contains("shape"));
+        assert!(refused(&npy("<i2", "False", "(1, 3, 64)", &codes(192))).contains("channels = 3"));
+        assert!(refused(&npy("<i2", "False", "(1, 4, 100)", &codes(400))).contains("N = 100"));
+        assert!(refused(&npy("<i2", "False", "(0, 4, 64)", &[])).contains("no frames"));
+        assert!(refused(&npy("<i2", "False", "(1, 4, 64)", &good[..511])).contains("truncated"));
+        assert!(refused(&npy("<i2", "False", "(9999999999, 9999999999, 64)", &good)).contains("truncated"));
+        let mut loud = good.clone();
+        loud[2 * 130..2 * 130 + 2].copy_from_slice(&2048_i16.to_le_bytes());
+        assert!(refused(&npy("<i2", "False", "(1, 4, 64)", &loud)).contains("code 2048 in frame 0, channel 3"));
+    }
+
+    const GOOD: &str = "wavelength_m = 0.345\nside_m = 0.138\nsample_rate_hz = 102400.0\n";
+
+    #[test]
+    fn every_key_of_an_array_file_reaches_the_core() {
+        let text = "wavelength_m = 0.345\nantennas_m = [[0.06,0.06],[0.06,-0.06],[-0.06,-0.06],[-0.06,0.06]]\n\
+            sample_rate_hz = 204800\ntone_hz = 14800\ntone_band_hz = [14000, 15000.0]\nskew_s = [0.0, 1e-7, 2e-7, 3e-7]\n\
+            require_calibration = true\n[calibration]\ngain = [1.0, 1.1, 0.9, 1.0]\nphase_rad = [0.0, 0.5, 0.0, 0.0]\n";
+        let description = ArrayDescription::parse(text).unwrap();
+        assert_eq!(description.phase.sample_rate_hz, 204_800.0);
+        assert_eq!(description.phase.tone_band_hz, [14_000.0, 15_000.0]);
+        assert_eq!(description.phase.skew_s[3], 3e-7);
+        assert_eq!(description.array.antennas_m[1], [0.06, -0.06]);
+        assert!(description.array.require_calibration);
+        let gain = description.array.channel_gain.unwrap()[1];
+        assert!((gain.norm_squared() - 1.21).abs() < 1e-5 && (gain.arg() - 0.5).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_refused_array_file_names_the_field() {
+        let refused = |text: &str| ArrayDescription::parse(text).unwrap_err().to_string();
+        assert!(ArrayDescription::parse(GOOD).is_ok());
+        assert!(refused("side_m = 0.138\nsample_rate_hz = 1e5\n").contains("wavelength_m"));
+        assert!(refused("wavelength_m = 0.345\nsample_rate_hz = 1e5\n").contains("side_m"));
+        assert!(refused("wavelength_m = 0.345\nside_m = 0.1725\nsample_rate_hz = 1e5\n").contains("side_m"));
+        assert!(refused("wavelength_m = -1\nside_m = 0.1\nsample_rate_hz = 1e5\n").contains("wavelength_m"));
+        assert!(refused("wavelength_m = nan\nside_m = 0.1\nsample_rate_hz = 1e5\n").contains("wavelength_m"));
+        assert!(refused(&format!("{GOOD}antennas_m = [[0,0],[0,1],[1,1],[1,0]]\n")).contains("antennas_m"));
+        assert!(refused(&format!("{GOOD}tone_hz = 60e3\n")).contains("tone_hz"));
+        assert!(refused(&format!("{GOOD}tone_band_hz = [9e3, 8e3]\n")).contains("tone_band_hz[1]"));
+        assert!(refused(&format!("{GOOD}tone_hertz = 9e3\n")).contains("did you mean `tone_hz`"));
+        assert!(refused(&format!("{GOOD}side_m = 0.1\n")).contains("side_m"), "a key twice");
+        let table = format!("{GOOD}[calibration]\ngain = [1,1,1,0]\nphase_rad = [0,0,0,0]\n");
+        assert!(refused(&table).contains("calibration.gain"));
+        let table = format!("{GOOD}[calibration]\ngain = [1,1,1,1]\nphase_deg = [0,0,0,0]\nphase_rad = [0,0,0,0]\n");
+        assert!(refused(&table).contains("calibration.phase_deg"));
+    }
+}

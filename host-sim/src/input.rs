@@ -1,0 +1,118 @@
+//! Reading what users wrote: a refused input names the file, the field, the value and what would have been accepted.
+
+use std::fmt;
+use std::path::Path;
+
+use serde::de::{DeserializeOwned, Deserializer};
+
+/// A refused input. Its text is meant for the user and names the field.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InputError(String);
+
+impl InputError {
+    /// An error with this text.
+    pub fn new(text: impl Into<String>) -> Self {
+        Self(text.into())
+    }
+
+    /// The same error, with the file that it is about.
+    #[must_use]
+    pub fn in_file(self, path: &Path) -> Self {
+        Self(format!("{}: {}", path.display(), self.0))
+    }
+}
+
+impl fmt::Display for InputError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for InputError {}
+
+impl From<foxhound_core::ConfigError> for InputError {
+    fn from(error: foxhound_core::ConfigError) -> Self {
+        Self::new(error.to_string())
+    }
+}
+
+/// Reads a text file.
+///
+/// # Errors
+/// Names the file.
+pub fn read_text(path: &Path) -> Result<String, InputError> {
+    std::fs::read_to_string(path).map_err(|error| InputError::new(error.to_string()).in_file(path))
+}
+
+/// Reads a document, refusing unknown keys at every level; `known` lists every key that there is, with its path, where
+/// `[]` stands for any element of a list.
+///
+/// # Errors
+/// The path of the first key that is unknown or has a value of the wrong type.
+pub fn parse_strictly<'de, T, D>(document: D, known: &[&str]) -> Result<T, InputError>
+where
+    T: DeserializeOwned,
+    D: Deserializer<'de>,
+    D::Error: fmt::Display,
+{
+    let mut unknown = None;
+    let mut note_unknown = |path: serde_ignored::Path<'_>| {
+        unknown.get_or_insert(path.to_string());
+    };
+    let mut track = serde_path_to_error::Track::new();
+    let tracked = serde_path_to_error::Deserializer::new(document, &mut track);
+    let parsed = T::deserialize(serde_ignored::Deserializer::new(tracked, &mut note_unknown));
+    let parsed = parsed.map_err(|error| match track.path().to_string() {
+        path if path == "." => InputError::new(error.to_string()),
+        path => InputError::new(format!("{path}: {error}")),
+    })?;
+    match unknown {
+        Some(path) => Err(unknown_key(&path, known)),
+        None => Ok(parsed),
+    }
+}
+
+fn unknown_key(path: &str, known: &[&str]) -> InputError {
+    // serde_ignored writes `a.0.b` and `a.?.b`; a user writes `a[0].b`.
+    let mut shown = String::new();
+    let mut general = String::new();
+    for part in path.split('.').filter(|part| *part != "?") {
+        if part.parse::<usize>().is_ok() {
+            shown.push_str(&format!("[{part}]"));
+            general.push_str("[]");
+        } else {
+            let dot = if shown.is_empty() { "" } else { "." };
+            shown.push_str(&format!("{dot}{part}"));
+            general.push_str(&format!("{dot}{part}"));
+        }
+    }
+    let (parent, key) = general.rsplit_once('.').unwrap_or(("", &general));
+    let siblings: Vec<&str> = known
+        .iter()
+        .filter_map(|path| {
+            let (its_parent, name) = path.rsplit_once('.').unwrap_or(("", path));
+            (its_parent == parent).then_some(name)
+        })
+        .collect();
+    let nearest = siblings
+        .iter()
+        .map(|name| (strsim::jaro_winkler(key, name), *name))
+        .filter(|(likeness, _)| *likeness > 0.7)
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    let hint = match nearest {
+        Some((_, name)) => format!("did you mean `{name}`?"),
+        None => format!("known here: {}", siblings.join(", ")),
+    };
+    InputError::new(format!("{shown}: unknown key; {hint}"))
+}
+
+/// Accepts a finite number inside `[min, max]`.
+///
+/// # Errors
+/// Names the field, the value and the range.
+pub fn check(field: &str, value: f64, min: f64, max: f64) -> Result<(), InputError> {
+    if value.is_finite() && value >= min && value <= max {
+        return Ok(());
+    }
+    Err(InputError::new(format!("{field} = {value} is outside {min}..={max}")))
+}

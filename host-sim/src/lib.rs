@@ -1,0 +1,25 @@
+//! # Foxhound simulator
+//!
+//! The world around the core: antennas, pillars, a vehicle and an autopilot that speaks MAVLink. A flight steps the same
+//! two functions that the firmware steps, over the same bytes, so a simulated flight and one in QEMU agree bit for bit.
+//!
+//! ```text
+//!  scenario -> world -> antennas --codes--> computer <--MAVLink--> autopilot -> vehicle -> world
+//!                    `-> sensor --OBSTACLE_DISTANCE--^
+//! ```
+
+pub mod antennas;
+pub mod autopilot;
+pub mod bearings;
+pub mod computer;
+pub mod flight;
+pub mod frames;
+pub mod input;
+pub mod plot;
+pub mod qemu;
+pub mod random;
+pub mod scenario;
+pub mod sensor;
+pub mod tlog;
+pub mod vehicle;
+pub mod world;

@@ -1,0 +1,492 @@
+//! The picture of a flight: what the world was, what the computer knew of it, what it considered and what it flew.
+//!
+//! SVG or PNG, by the ending of the file. Lengths on the page are in points of a 1280 x 960 page; the page is drawn four
+//! times as large, because the drawing library has whole pixels only. A PNG is averaged down to half of that.
+
+use std::f64::consts::TAU;
+use std::fmt;
+use std::fs;
+use std::io::BufWriter;
+use std::path::Path;
+
+use plotters::coord::Shift;
+use plotters::prelude::{
+    BitMapBackend, Circle, DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement,
+    Polygon, RGBColor, Rectangle, SVGBackend, Text, TextStyle,
+};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color as _, ShapeStyle, register_font};
+
+use crate::flight::{Ending, Record, from_core};
+use crate::input::InputError;
+use crate::scenario::VehicleModel;
+use crate::world::Horizontal;
+
+const PAGE: (u32, u32) = (1280, 960);
+const OVERSIZE: u32 = 4;
+const PNG_REDUCTION: u32 = 2;
+
+const PAPER: RGBColor = RGBColor(255, 255, 255);
+const GROUND: RGBColor = RGBColor(247, 248, 250);
+const GRID: RGBColor = RGBColor(228, 231, 236);
+const FRAME: RGBColor = RGBColor(176, 184, 196);
+const INK: RGBColor = RGBColor(31, 41, 55);
+const FAINT_INK: RGBColor = RGBColor(107, 114, 128);
+const PILLAR: RGBColor = RGBColor(198, 205, 215);
+const PILLAR_EDGE: RGBColor = RGBColor(139, 150, 167);
+const REMEMBERED: RGBColor = RGBColor(200, 58, 84);
+const SAMPLE: RGBColor = RGBColor(71, 112, 178);
+const CHOSEN: RGBColor = RGBColor(240, 140, 30);
+const TARGET: RGBColor = RGBColor(240, 140, 30);
+const VIEW: RGBColor = RGBColor(56, 152, 236);
+const BEACON: RGBColor = RGBColor(220, 38, 38);
+const START: RGBColor = RGBColor(21, 128, 61);
+const GOOD: RGBColor = RGBColor(21, 128, 61);
+const BAD: RGBColor = RGBColor(185, 28, 28);
+
+/// Colours of the path, from slow to fast.
+const SPEED: [RGBColor; 5] = [
+    RGBColor(76, 20, 100),
+    RGBColor(62, 74, 137),
+    RGBColor(38, 112, 142),
+    RGBColor(30, 147, 140),
+    RGBColor(44, 176, 118),
+];
+
+/// Map area on the page: left, top, width, height; the rest is the legend.
+const MAP: [f64; 4] = [64.0, 40.0, 868.0, 868.0];
+const LEGEND_LEFT: f64 = 968.0;
+const MARGIN_M: f64 = 0.35;
+
+/// Draws a flight into a file.
+///
+/// # Errors
+/// The file's ending is neither `.svg` nor `.png`, or it cannot be written.
+pub fn draw(record: &Record, path: &Path) -> Result<(), InputError> {
+    let failed = |error: &dyn fmt::Display| InputError::new(error.to_string()).in_file(path);
+    register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
+        .map_err(|_| InputError::new("the built-in font cannot be read"))?;
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder).map_err(|error| failed(&error))?;
+    }
+    let (width, height) = (PAGE.0 * OVERSIZE, PAGE.1 * OVERSIZE);
+    match path.extension().and_then(|ending| ending.to_str()) {
+        Some("svg") => {
+            let mut svg = String::new();
+            let area = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
+            page(&area, record).map_err(|error| failed(&error))?;
+            drop(area);
+            // Drawn oversize for the sake of fractions of a point; shown at the page's size.
+            let svg = svg.replacen(&format!("width=\"{width}\""), &format!("width=\"{}\"", PAGE.0), 1).replacen(
+                &format!("height=\"{height}\""),
+                &format!("height=\"{}\"", PAGE.1),
+                1,
+            );
+            fs::write(path, svg).map_err(|error| failed(&error))
+        }
+        Some("png") => {
+            let mut pixels = vec![0; (width * height * 3) as usize];
+            let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
+            page(&area, record).map_err(|error| failed(&error))?;
+            drop(area);
+            write_png(&pixels, width, path).map_err(|error| failed(&error))
+        }
+        _ => Err(failed(&"a plot ends in .svg or .png")),
+    }
+}
+
+/// Averages blocks of pixels, which smooths every edge, and writes them.
+fn write_png(pixels: &[u8], width: u32, path: &Path) -> Result<(), png::EncodingError> {
+    let n = PNG_REDUCTION as usize;
+    let row_bytes = width as usize * 3;
+    let (out_width, out_height) = (width as usize / n, pixels.len() / row_bytes / n);
+    let mut reduced = Vec::with_capacity(out_width * out_height * 3);
+    for y in 0..out_height {
+        for x in 0..out_width {
+            for channel in 0..3 {
+                let block = (0..n * n).map(|k| pixels[(y * n + k / n) * row_bytes + (x * n + k % n) * 3 + channel]);
+                reduced.push((block.map(usize::from).sum::<usize>() / (n * n)) as u8);
+            }
+        }
+    }
+    let mut encoder = png::Encoder::new(BufWriter::new(fs::File::create(path)?), out_width as u32, out_height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.write_header()?.write_image_data(&reduced)
+}
+
+type Drawn<B> = Result<(), plotters::drawing::DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+/// A page that takes points and, inside the map, metres.
+struct Page<'a, B: DrawingBackend> {
+    area: &'a DrawingArea<B, Shift>,
+    /// Lower left corner of the map, x and y in metres.
+    west_m: f64,
+    south_m: f64,
+    /// Upper right corner.
+    east_m: f64,
+    north_m: f64,
+    points_per_m: f64,
+}
+
+fn pixels(points: f64) -> i32 {
+    libm::rint(points * f64::from(OVERSIZE)) as i32
+}
+
+fn fill(color: RGBColor, opacity: f64) -> ShapeStyle {
+    color.mix(opacity).filled()
+}
+
+fn line(color: RGBColor, opacity: f64, width: f64) -> ShapeStyle {
+    color.mix(opacity).stroke_width(pixels(width).max(1) as u32)
+}
+
+impl<B: DrawingBackend> Page<'_, B> {
+    fn at(&self, place: Horizontal) -> (i32, i32) {
+        let (x, y) = place.xy();
+        let left = MAP[0] + (x - self.west_m) * self.points_per_m;
+        let top = MAP[1] + (self.north_m - y) * self.points_per_m;
+        (pixels(left), pixels(top))
+    }
+
+    fn circle(&self, center: Horizontal, radius_m: f64, style: ShapeStyle) -> Drawn<B> {
+        self.area.draw(&Circle::new(self.at(center), pixels(radius_m * self.points_per_m), style))
+    }
+
+    fn dot(&self, center: Horizontal, radius: f64, style: ShapeStyle) -> Drawn<B> {
+        self.area.draw(&Circle::new(self.at(center), pixels(radius), style))
+    }
+
+    fn path(&self, places: impl IntoIterator<Item = Horizontal>, style: ShapeStyle) -> Drawn<B> {
+        let points: Vec<(i32, i32)> = places.into_iter().map(|place| self.at(place)).collect();
+        self.area.draw(&PathElement::new(points, style))
+    }
+
+    fn dashed_circle(&self, center: Horizontal, radius_m: f64, style: ShapeStyle) -> Drawn<B> {
+        let dashes = libm::rint((radius_m * self.points_per_m * TAU / 11.0).max(6.0)) as usize;
+        for dash in 0..dashes {
+            let arc = (0..=4).map(|k| TAU * (dash as f64 + 0.6 * f64::from(k) / 4.0) / dashes as f64);
+            self.path(arc.map(|angle| center.along(Horizontal::from_bearing(angle), radius_m)), style)?;
+        }
+        Ok(())
+    }
+
+    fn wedge(&self, from: Horizontal, yaw_rad: f64, fov_rad: f64, range_m: f64, style: ShapeStyle) -> Drawn<B> {
+        let rim = (0..=32).map(|k| {
+            let bearing = yaw_rad + fov_rad * (f64::from(k) / 32.0 - 0.5);
+            from.along(Horizontal::from_bearing(bearing), range_m)
+        });
+        let points: Vec<(i32, i32)> = std::iter::once(from).chain(rim).map(|place| self.at(place)).collect();
+        self.area.draw(&Polygon::new(points, style))
+    }
+
+    fn text(&self, text: &str, at: (f64, f64), size: f64, color: RGBColor, anchor: (HPos, VPos)) -> Drawn<B> {
+        let style = TextStyle::from(("sans-serif", size * f64::from(OVERSIZE)).into_font())
+            .color(&color)
+            .pos(Pos::new(anchor.0, anchor.1));
+        self.area.draw(&Text::new(text.to_owned(), (pixels(at.0), pixels(at.1)), style))
+    }
+
+    fn rectangle(&self, [left, top, width, height]: [f64; 4], style: ShapeStyle) -> Drawn<B> {
+        let corners = [(pixels(left), pixels(top)), (pixels(left + width), pixels(top + height))];
+        self.area.draw(&Rectangle::new(corners, style))
+    }
+}
+
+fn page<B: DrawingBackend>(area: &DrawingArea<B, Shift>, record: &Record) -> Drawn<B> {
+    area.fill(&PAPER)?;
+    let page = framed(area, record);
+    let map = [MAP[0], MAP[1], page.width_points(), page.height_points()];
+    page.rectangle(map, fill(GROUND, 1.0))?;
+    grid(&page, map)?;
+    views(&page, record)?;
+    pillars(&page, record)?;
+    trajectories(&page, record)?;
+    ends(&page, record)?;
+    flown(&page, record)?;
+    // What reaches beyond the map is covered again.
+    for cover in [
+        [0.0, 0.0, f64::from(PAGE.0), map[1]],
+        [0.0, map[1] + map[3], f64::from(PAGE.0), f64::from(PAGE.1) - map[1] - map[3]],
+        [0.0, 0.0, map[0], f64::from(PAGE.1)],
+        [map[0] + map[2], 0.0, f64::from(PAGE.0) - map[0] - map[2], f64::from(PAGE.1)],
+    ] {
+        page.rectangle(cover, fill(PAPER, 1.0))?;
+    }
+    page.rectangle(map, line(FRAME, 1.0, 1.0))?;
+    axes(&page, map)?;
+    legend(&page, record)?;
+    area.present()
+}
+
+/// The page whose map shows the bounds and the whole path.
+fn framed<'a, B: DrawingBackend>(area: &'a DrawingArea<B, Shift>, record: &Record) -> Page<'a, B> {
+    let [mut west, mut south, mut east, mut north] = record.scenario.bounds;
+    let places = record.path.iter().map(|sample| sample.position.xy());
+    for (x, y) in places.chain([record.scenario.goal.into(), record.scenario.start.into()]) {
+        west = west.min(x - MARGIN_M);
+        east = east.max(x + MARGIN_M);
+        south = south.min(y - MARGIN_M);
+        north = north.max(y + MARGIN_M);
+    }
+    let points_per_m = (MAP[2] / (east - west)).min(MAP[3] / (north - south));
+    Page { area, west_m: west, south_m: south, east_m: east, north_m: north, points_per_m }
+}
+
+impl<B: DrawingBackend> Page<'_, B> {
+    fn width_points(&self) -> f64 {
+        (self.east_m - self.west_m) * self.points_per_m
+    }
+
+    fn height_points(&self) -> f64 {
+        (self.north_m - self.south_m) * self.points_per_m
+    }
+
+    /// Distance of the grid lines: 1, 2 or 5 times a power of ten, at most 12 of them.
+    fn grid_m(&self) -> f64 {
+        let extent_m = (self.east_m - self.west_m).max(self.north_m - self.south_m);
+        let decade = libm::pow(10.0, libm::floor(libm::log10(extent_m / 12.0)));
+        [1.0, 2.0, 5.0, 10.0].map(|m| m * decade).into_iter().find(|m| extent_m / m <= 12.0).unwrap_or(extent_m)
+    }
+}
+
+/// Grid values inside an interval.
+fn marks(from: f64, to: f64, step: f64) -> impl Iterator<Item = f64> {
+    let (first, last) = (libm::ceil(from / step - 1e-9) as i64, libm::floor(to / step + 1e-9) as i64);
+    (first..=last).map(move |k| k as f64 * step)
+}
+
+fn grid<B: DrawingBackend>(page: &Page<'_, B>, _map: [f64; 4]) -> Drawn<B> {
+    let step = page.grid_m();
+    for x in marks(page.west_m, page.east_m, step) {
+        page.path([[x, page.south_m], [x, page.north_m]].map(Horizontal::from_xy), line(GRID, 1.0, 0.75))?;
+    }
+    for y in marks(page.south_m, page.north_m, step) {
+        page.path([[page.west_m, y], [page.east_m, y]].map(Horizontal::from_xy), line(GRID, 1.0, 0.75))?;
+    }
+    Ok(())
+}
+
+fn axes<B: DrawingBackend>(page: &Page<'_, B>, [left, top, width, height]: [f64; 4]) -> Drawn<B> {
+    let step = page.grid_m();
+    for x in marks(page.west_m, page.east_m, step) {
+        let at = (left + (x - page.west_m) * page.points_per_m, top + height + 8.0);
+        page.text(&format!("{x}"), at, 13.0, FAINT_INK, (HPos::Center, VPos::Top))?;
+    }
+    for y in marks(page.south_m, page.north_m, step) {
+        let at = (left - 9.0, top + (page.north_m - y) * page.points_per_m);
+        page.text(&format!("{y}"), at, 13.0, FAINT_INK, (HPos::Right, VPos::Center))?;
+    }
+    page.text("x east, m", (left + width, top + height + 27.0), 13.0, FAINT_INK, (HPos::Right, VPos::Top))?;
+    page.text("y north, m", (left - 9.0, top - 12.0), 13.0, FAINT_INK, (HPos::Left, VPos::Bottom))
+}
+
+/// What the obstacle sensor overlooked at the start and twice on the way.
+fn views<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+    let sensor = &record.scenario.sensor;
+    for share in [0.0, 1.0 / 3.0, 2.0 / 3.0] {
+        if let Some(sample) = record.path.get((share * record.path.len() as f64) as usize) {
+            let fov_rad = sensor.fov_deg.to_radians();
+            page.wedge(sample.position, sample.yaw_rad, fov_rad, sensor.range_m, fill(VIEW, 0.10))?;
+        }
+    }
+    Ok(())
+}
+
+fn pillars<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+    let world = record.scenario.world();
+    for (then, now) in world.pillars_at(0.0).zip(world.pillars_at(record.report.time_s)) {
+        if then.velocity_mps.norm() > 0.0 {
+            page.circle(then.center, then.radius_m, fill(PILLAR, 0.35))?;
+            page.path([then.center, now.center], line(PILLAR_EDGE, 0.8, 1.0))?;
+        }
+        page.circle(now.center, now.radius_m, fill(PILLAR, 1.0))?;
+        page.circle(now.center, now.radius_m, line(PILLAR_EDGE, 1.0, 1.25))?;
+    }
+    for circle in &record.remembered {
+        let radius_m = f64::from(circle.radius_m).max(0.02);
+        page.dashed_circle(from_core(circle.center_ned_m), radius_m, line(REMEMBERED, 0.9, 1.5))?;
+    }
+    Ok(())
+}
+
+fn trajectories<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+    for replan in &record.replans {
+        for sample in &replan.plan.samples_ned_m {
+            page.path(sample.iter().map(|point| from_core(*point)), line(SAMPLE, 0.16, 0.9))?;
+        }
+    }
+    for replan in &record.replans {
+        page.path(replan.plan.waypoints_ned_m.iter().map(|point| from_core(*point)), line(CHOSEN, 0.65, 1.2))?;
+    }
+    for target in record.replans.iter().filter_map(|replan| replan.target) {
+        page.dot(target, 2.6, fill(PAPER, 1.0))?;
+        page.dot(target, 2.6, line(TARGET, 1.0, 1.2))?;
+    }
+    Ok(())
+}
+
+/// Start and goal.
+fn ends<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+    let world = record.scenario.world();
+    let goal = world.source_at(record.report.time_s);
+    page.circle(goal, record.scenario.goal_tolerance, fill(BEACON, 0.08))?;
+    page.dashed_circle(goal, record.scenario.goal_tolerance, line(BEACON, 0.7, 1.2))?;
+    if world.source_velocity_mps.norm() > 0.0 {
+        page.path([world.source, goal], line(BEACON, 0.5, 1.0))?;
+    }
+    for radius in [15.0, 10.5] {
+        page.dot(goal, radius, line(BEACON, 0.55, 1.2))?;
+    }
+    page.dot(goal, 5.0, fill(BEACON, 1.0))?;
+    let start = Horizontal::from_xy(record.scenario.start);
+    page.dot(start, 7.0, fill(PAPER, 1.0))?;
+    page.dot(start, 7.0, line(START, 1.0, 2.5))
+}
+
+/// The path, coloured by speed, and the hull at its end.
+fn flown<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+    /// Steps of one coloured piece.
+    const PIECE: usize = 4;
+    let fastest = record.scenario.limits.v_max;
+    let places: Vec<Horizontal> = record.path.iter().map(|sample| sample.position).collect();
+    page.path(places, line(PAPER, 0.9, 6.0))?;
+    for from in (0..record.path.len().saturating_sub(1)).step_by(PIECE) {
+        let piece = &record.path[from..(from + PIECE + 1).min(record.path.len())];
+        let speed = piece.iter().map(|sample| sample.speed_mps).sum::<f64>() / piece.len() as f64;
+        page.path(piece.iter().map(|sample| sample.position), line(speed_color(speed / fastest), 1.0, 3.4))?;
+    }
+    let Some(last) = record.path.last() else { return Ok(()) };
+    let hull_m = record.scenario.drone_radius;
+    page.circle(last.position, hull_m, fill(PAPER, 0.85))?;
+    page.circle(last.position, hull_m, line(INK, 1.0, 1.6))?;
+    page.path([last.position, last.position.along(Horizontal::from_bearing(last.yaw_rad), hull_m)], line(INK, 1.0, 1.6))
+}
+
+fn speed_color(share: f64) -> RGBColor {
+    let at = share.clamp(0.0, 1.0) * (SPEED.len() - 1) as f64;
+    let index = (at as usize).min(SPEED.len() - 2);
+    let (low, high, t) = (SPEED[index], SPEED[index + 1], at - index as f64);
+    let mix = |a: u8, b: u8| libm::rint(f64::from(a) + t * (f64::from(b) - f64::from(a))) as u8;
+    RGBColor(mix(low.0, high.0), mix(low.1, high.1), mix(low.2, high.2))
+}
+
+fn legend<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
+    let report = &record.report;
+    let left = LEGEND_LEFT;
+    let here = (HPos::Left, VPos::Center);
+    page.text("Foxhound", (left, 58.0), 36.0, INK, here)?;
+    page.text(&record.scenario.name, (left, 92.0), 18.0, FAINT_INK, here)?;
+
+    let (color, word) = match report.result {
+        Ending::Reached => (GOOD, "reached"),
+        Ending::Hold => (BAD, "hold"),
+        Ending::Collision => (BAD, "collision"),
+        Ending::Timeout => (BAD, "timeout"),
+    };
+    page.rectangle([left, 116.0, 280.0, 34.0], fill(color, 0.12))?;
+    page.rectangle([left, 116.0, 4.0, 34.0], fill(color, 1.0))?;
+    let title = if report.result == Ending::Reached {
+        format!("{word} after {:.1} s", report.time_s)
+    } else {
+        format!("{word} after {:.1} s: {}", report.time_s, report.reason)
+    };
+    page.text(&title, (left + 16.0, 133.0), 18.0, color, here)?;
+
+    let clearance = report.min_clearance_m.map_or_else(|| "-".to_owned(), |metres| format!("{metres:.2} m"));
+    let error = report.bearing_rms_deg.map_or_else(|| "-".to_owned(), |degrees| format!("{degrees:.2} deg rms"));
+    let vehicle = match record.scenario.vehicle.model {
+        VehicleModel::Point => "point mass",
+        VehicleModel::Arducopter => "ArduCopter",
+    };
+    let facts = [
+        ("path", format!("{:.2} m", report.path_length_m)),
+        ("straight line", format!("{:.2} m", report.straight_line_m)),
+        ("least clearance", clearance),
+        ("bearing error", error),
+        ("plans", report.replans.to_string()),
+        ("vehicle", vehicle.to_owned()),
+        ("seed", report.seed.to_string()),
+        ("trace", report.trace_hash.clone()),
+    ];
+    let mut y = 182.0;
+    for (name, value) in facts {
+        page.text(name, (left, y), 15.0, FAINT_INK, here)?;
+        page.text(&value, (left + 280.0, y), 15.0, INK, (HPos::Right, VPos::Center))?;
+        y += 24.0;
+    }
+
+    y += 26.0;
+    page.text("speed", (left, y), 15.0, FAINT_INK, here)?;
+    y += 18.0;
+    let strips = 140;
+    for strip in 0..strips {
+        let share = f64::from(strip) / f64::from(strips);
+        let x = left + 280.0 * share;
+        page.rectangle([x, y, 280.0 / f64::from(strips) + 0.25, 10.0], fill(speed_color(share), 1.0))?;
+    }
+    y += 24.0;
+    page.text("0", (left, y), 13.0, FAINT_INK, here)?;
+    let fastest = format!("{} m/s", record.scenario.limits.v_max);
+    page.text(&fastest, (left + 280.0, y), 13.0, FAINT_INK, (HPos::Right, VPos::Center))?;
+
+    y += 40.0;
+    keys(page, left, y)?;
+    let foot = "antenna waveforms -> bearing -> temporary target";
+    page.text(foot, (left, 890.0), 13.0, FAINT_INK, here)?;
+    page.text("-> sampled potential fields -> guard -> MAVLink", (left, 908.0), 13.0, FAINT_INK, here)
+}
+
+/// The symbols and their names.
+fn keys<B: DrawingBackend>(page: &Page<'_, B>, left: f64, mut y: f64) -> Drawn<B> {
+    let stroke = |y: f64, style: ShapeStyle| {
+        let points = vec![(pixels(left), pixels(y)), (pixels(left + 30.0), pixels(y))];
+        page.area.draw(&PathElement::new(points, style))
+    };
+    let dot = |y: f64, radius: f64, style: ShapeStyle| {
+        page.area.draw(&Circle::new((pixels(left + 15.0), pixels(y)), pixels(radius), style))
+    };
+    let names = [
+        "start",
+        "radio beacon and goal tolerance",
+        "pillar, as it is",
+        "pillar, as remembered",
+        "field of view on the way",
+        "temporary target",
+        "sampled trajectories",
+        "chosen trajectories",
+    ];
+    for (row, name) in names.into_iter().enumerate() {
+        match row {
+            0 => dot(y, 6.5, line(START, 1.0, 2.5))?,
+            1 => {
+                dot(y, 10.0, line(BEACON, 0.55, 1.2))?;
+                dot(y, 5.0, fill(BEACON, 1.0))?;
+            }
+            2 => {
+                dot(y, 9.5, fill(PILLAR, 1.0))?;
+                dot(y, 9.5, line(PILLAR_EDGE, 1.0, 1.25))?;
+            }
+            3 => {
+                for dash in 0..7 {
+                    let arc = (0..=4).map(|k| TAU * (f64::from(dash) + 0.6 * f64::from(k) / 4.0) / 7.0);
+                    let points: Vec<(i32, i32)> = arc
+                        .map(|a| (pixels(left + 15.0 + 9.5 * libm::sin(a)), pixels(y - 9.5 * libm::cos(a))))
+                        .collect();
+                    page.area.draw(&PathElement::new(points, line(REMEMBERED, 0.9, 1.5)))?;
+                }
+            }
+            4 => page.rectangle([left, y - 8.0, 30.0, 16.0], fill(VIEW, 0.16))?,
+            5 => dot(y, 3.2, line(TARGET, 1.0, 1.2))?,
+            6 => {
+                for offset in [-4.0, 0.0, 4.0] {
+                    stroke(y + offset, line(SAMPLE, 0.4, 0.9))?;
+                }
+            }
+            _ => stroke(y, line(CHOSEN, 0.9, 1.6))?,
+        }
+        page.text(name, (left + 46.0, y), 15.0, INK, (HPos::Left, VPos::Center))?;
+        y += 28.0;
+    }
+    Ok(())
+}

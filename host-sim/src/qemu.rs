@@ -1,0 +1,408 @@
+//! The flight computer in QEMU: starts the firmware's twin, hands it frames, takes back what it says.
+//!
+//! Every step is in lock-step: the step's inputs are laid into the memory that both sides share (layout in
+//! [`foxhound_link::mailbox`]), a byte on the second serial line rings the bell, and the answer is awaited. The first
+//! serial line carries the very bytes of MAVLink that the firmware would send and take. The result does not depend on
+//! how fast either side runs.
+//!
+//! `-icount shift=8` lets the twin's clock move 256 ns an instruction, which makes instruction counts exact. Its idle
+//! time passes as fast as ours (`sleep=on`, the default): with `sleep=off` it would pass at once, and while we compute
+//! the twin would believe that we were gone.
+
+use std::fmt;
+use std::fs::{DirBuilder, File};
+use std::io::{self, Read as _, Write as _};
+use std::os::unix::fs::{DirBuilderExt as _, FileExt as _};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread::sleep;
+use std::time::{Duration, Instant as WallInstant};
+
+use foxhound_core::guidance::{FrontEnd, Output};
+use foxhound_core::map::Circle;
+use foxhound_core::time::Instant;
+use foxhound_link::mailbox::{self, BLOCK_BYTES, Planned, Ready, Report, Setup, Step};
+use object::{Object as _, ObjectSection as _, ObjectSegment as _};
+
+/// Samples of one channel in one snapshot, as the firmware has it.
+pub const SAMPLES_PER_CHANNEL: usize = 256;
+
+/// The name that an image of the twin carries in its `.foxhound_board` section.
+const BOARD: &str = "mps2_an386";
+const BOARD_SECTION: &str = ".foxhound_board";
+/// The twin's memories for program and data: QEMU's, not the smaller ones that the linker may use.
+const MEMORIES: [std::ops::Range<u64>; 2] = [0..0x0040_0000, 0x2000_0000..0x2040_0000];
+
+/// How long one answer may take. A replan takes a fraction of a second.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// How long it may take before we see whether the firmware waits for us.
+const LOOK_ROUND: Duration = Duration::from_millis(20);
+
+/// The firmware, running in QEMU.
+#[derive(Debug)]
+pub struct QemuComputer {
+    qemu: Child,
+    folder: Folder,
+    memory: File,
+    mavlink: UnixStream,
+    bell: UnixStream,
+    sequence: u32,
+    rx_total: u32,
+    tx_total: u32,
+    /// MAVLink bytes that were taken out of the socket ahead of their step's end.
+    drained: Vec<u8>,
+}
+
+/// What one step came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepReport {
+    /// What guidance said.
+    pub output: Output,
+    /// MAVLink bytes that the firmware sent in this step.
+    pub tx: Vec<u8>,
+    /// A replan that was finished in this step.
+    pub plan: Option<Planned>,
+    /// Executed instructions of the guidance step.
+    pub fast_instructions: u32,
+}
+
+impl StepReport {
+    /// Executed instructions of the replan that was finished in this step.
+    #[must_use]
+    pub fn plan_instructions(&self) -> Option<u32> {
+        self.plan.as_ref().map(|plan| mailbox::instructions(plan.ticks))
+    }
+}
+
+/// Why the firmware does not fly.
+#[derive(Debug)]
+pub enum QemuError {
+    /// The file is no image for the twin.
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What it is instead.
+        why: String,
+    },
+    /// QEMU cannot be started.
+    Start(io::Error),
+    /// A file, a socket or a pipe failed.
+    Io(io::Error),
+    /// The firmware refused, in its own words.
+    Refused(String),
+    /// No answer, or none that can be read.
+    Lost {
+        /// What was awaited and what came.
+        what: String,
+        /// What QEMU and the firmware (by semihosting) had printed.
+        console: String,
+    },
+}
+
+impl fmt::Display for QemuError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Image { path, why } => {
+                write!(f, "{} is no firmware image for {BOARD}: {why}", path.display())
+            }
+            Self::Start(error) => write!(f, "qemu-system-arm cannot be started: {error}"),
+            Self::Io(error) => write!(f, "the connection to QEMU failed: {error}"),
+            Self::Refused(reason) => write!(f, "the firmware refused: {reason}"),
+            Self::Lost { what, console } if console.is_empty() => write!(f, "{what}; it printed nothing"),
+            Self::Lost { what, console } => write!(f, "{what}; it had printed: {console}"),
+        }
+    }
+}
+
+impl std::error::Error for QemuError {}
+
+impl From<io::Error> for QemuError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+impl QemuComputer {
+    /// Boots an image and sets it up.
+    ///
+    /// # Errors
+    /// [`QemuError::Image`] for a file that is no image of this board; [`QemuError::Refused`] for a configuration that
+    /// does not build.
+    pub fn start(elf: &Path, setup: &Setup) -> Result<Self, QemuError> {
+        check_image(elf)?;
+        let folder = Folder::create()?;
+        let memory_path = folder.file("memory");
+        let memory = File::options().read(true).write(true).create_new(true).open(&memory_path)?;
+        memory.set_len(16 << 20)?;
+        let listen = |name| UnixListener::bind(folder.file(name));
+        let (mavlink, bell) = (listen("mavlink")?, listen("bell")?);
+
+        let socket = |id: &str| format!("socket,id={id},path={}", folder.file(id).display());
+        let mut qemu = Command::new("qemu-system-arm")
+            .args(["-M", "mps2-an386,memory-backend=ram", "-display", "none", "-monitor", "none"])
+            .args(["-icount", "shift=8", "-semihosting-config", "enable=on,target=native"])
+            .arg("-object")
+            .arg(format!("memory-backend-file,id=ram,size=16M,share=on,mem-path={}", memory_path.display()))
+            .args(["-chardev", &socket("mavlink"), "-serial", "chardev:mavlink"])
+            .args(["-chardev", &socket("bell"), "-serial", "chardev:bell"])
+            .arg("-kernel")
+            .arg(elf)
+            .stdin(Stdio::null())
+            .stdout(File::create(folder.file("stdout"))?)
+            .stderr(File::create(folder.file("stderr"))?)
+            .spawn()
+            .map_err(QemuError::Start)?;
+        keep_together(&qemu);
+        let connected = accept(&mavlink, &mut qemu).and_then(|mavlink| Ok((mavlink, accept(&bell, &mut qemu)?)));
+        let (mavlink, bell) = match connected {
+            Ok(connected) => connected,
+            Err(error) => {
+                // It may be gone already.
+                let _ = qemu.kill();
+                let _ = qemu.wait();
+                return Err(QemuError::Lost {
+                    what: format!("QEMU did not start: {error}"),
+                    console: folder.console(),
+                });
+            }
+        };
+        mavlink.set_read_timeout(Some(PATIENCE))?;
+        bell.set_read_timeout(Some(LOOK_ROUND))?;
+
+        let mut computer =
+            Self { qemu, folder, memory, mavlink, bell, sequence: 0, rx_total: 0, tx_total: 0, drained: Vec::new() };
+        computer.set_up(setup)?;
+        Ok(computer)
+    }
+
+    /// Starts the firmware's guidance and link anew.
+    ///
+    /// # Errors
+    /// [`QemuError::Refused`] for a configuration that does not build: the old one goes on.
+    pub fn set_up(&mut self, setup: &Setup) -> Result<(), QemuError> {
+        let mut block = [0; BLOCK_BYTES];
+        setup.encode(&mut block).map_err(|error| self.lost(format!("the setup: {error}")))?;
+        self.memory.write_all_at(&block, mailbox::SETUP_AT as u64)?;
+        let block = self.ring(mailbox::SETUP)?;
+        let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
+        // What it sent while it ran freely belongs to no step.
+        self.take_sent(ready.tx_total)?;
+        self.sequence = 0;
+        Ok(())
+    }
+
+    /// One step of the fast loop. `rx` are the bytes that the autopilot has sent since the last step.
+    ///
+    /// # Errors
+    /// When the firmware does not answer.
+    pub fn step(
+        &mut self,
+        now: Instant,
+        front_end: FrontEnd<'_, SAMPLES_PER_CHANNEL>,
+        circles: Option<&[Circle]>,
+        rx: &[u8],
+    ) -> Result<StepReport, QemuError> {
+        self.mavlink.write_all(rx)?;
+        self.rx_total = self.rx_total.wrapping_add(rx.len() as u32);
+        self.sequence = self.sequence.wrapping_add(1);
+        let step = Step { sequence: self.sequence, now, rx_expected: self.rx_total, front_end, circles };
+        let mut block = [0; BLOCK_BYTES];
+        step.encode(&mut block).map_err(|error| self.lost(format!("the step: {error}")))?;
+        self.memory.write_all_at(&block, mailbox::STEP_AT as u64)?;
+        let block = self.ring(mailbox::FRAME)?;
+        let report = Report::decode(&block).map_err(|error| self.lost(format!("the report: {error}")))?;
+        if report.sequence != self.sequence {
+            return Err(self.lost(format!("step {} was answered with step {}", self.sequence, report.sequence)));
+        }
+        let tx = self.take_sent(report.tx_total)?;
+        Ok(StepReport {
+            output: report.output,
+            tx,
+            plan: report.plan,
+            fast_instructions: mailbox::instructions(report.fast_ticks),
+        })
+    }
+
+    /// Rings the bell, waits for the answer, and fetches the report block.
+    fn ring(&mut self, bell: u8) -> Result<mailbox::Block, QemuError> {
+        self.bell.write_all(&[bell])?;
+        let mut answer = [0];
+        let begin = WallInstant::now();
+        while let Err(error) = self.bell.read_exact(&mut answer) {
+            let waits = matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut);
+            if !waits || begin.elapsed() > PATIENCE {
+                return Err(self.lost(format!("the firmware does not answer ({error})")));
+            }
+            // QEMU sends byte by byte, and a socket holds fewer than 300 of such: make room, or it waits for us.
+            self.drain()?;
+        }
+        let mut block = [0; BLOCK_BYTES];
+        self.memory.read_exact_at(&mut block, mailbox::REPORT_AT as u64)?;
+        match answer {
+            [mailbox::DONE] => Ok(block),
+            [mailbox::REFUSED] => match mailbox::decode_refusal(&block) {
+                Ok(reason) => Err(QemuError::Refused(reason.to_owned())),
+                Err(error) => Err(self.lost(format!("the firmware refused, and the reason is lost: {error}"))),
+            },
+            [other] => Err(self.lost(format!("the firmware answered {other:#04x}"))),
+        }
+    }
+
+    /// Takes out of the MAVLink socket what is there.
+    fn drain(&mut self) -> io::Result<()> {
+        let mut bytes = [0; 1024];
+        self.mavlink.set_nonblocking(true)?;
+        let outcome = loop {
+            match self.mavlink.read(&mut bytes) {
+                Ok(0) => break Ok(()),
+                Ok(count) => self.drained.extend_from_slice(&bytes[..count]),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => break Ok(()),
+                Err(error) => break Err(error),
+            }
+        };
+        self.mavlink.set_nonblocking(false)?;
+        outcome
+    }
+
+    /// What the firmware has sent since the last call, up to its own count.
+    fn take_sent(&mut self, tx_total: u32) -> Result<Vec<u8>, QemuError> {
+        let mut sent = std::mem::take(&mut self.drained);
+        let drained = sent.len();
+        sent.resize((tx_total.wrapping_sub(self.tx_total) as usize).max(drained), 0);
+        if let Err(error) = self.mavlink.read_exact(&mut sent[drained..]) {
+            return Err(self.lost(format!("{} bytes of MAVLink are missing ({error})", sent.len() - drained)));
+        }
+        self.tx_total = tx_total;
+        Ok(sent)
+    }
+
+    fn lost(&mut self, what: String) -> QemuError {
+        let what = match self.qemu.try_wait() {
+            Ok(Some(status)) => format!("{what}; QEMU has ended with {status}"),
+            _ => what,
+        };
+        QemuError::Lost { what, console: self.folder.console() }
+    }
+}
+
+impl Drop for QemuComputer {
+    fn drop(&mut self) {
+        // It may be gone already.
+        let _ = self.qemu.kill();
+        let _ = self.qemu.wait();
+    }
+}
+
+/// Keeps QEMU's threads on the processor where we are. They work strictly in turn, and waking a thread on the same
+/// processor takes a sixth of the time that it takes on another one that sleeps.
+fn keep_together(qemu: &Child) {
+    use rustix::thread::{CpuSet, Pid, sched_getcpu, sched_setaffinity};
+    let mut here = CpuSet::new();
+    here.set(sched_getcpu());
+    if let Some(pid) = i32::try_from(qemu.id()).ok().and_then(Pid::from_raw) {
+        // Only the speed depends on it.
+        let _ = sched_setaffinity(Some(pid), &here);
+    }
+}
+
+/// Waits until QEMU connects, or has ended.
+fn accept(listener: &UnixListener, qemu: &mut Child) -> io::Result<UnixStream> {
+    listener.set_nonblocking(true)?;
+    let begin = WallInstant::now();
+    loop {
+        match listener.accept() {
+            Ok((stream, _)) => {
+                stream.set_nonblocking(false)?;
+                return Ok(stream);
+            }
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+            Err(error) => return Err(error),
+        }
+        if let Some(status) = qemu.try_wait()? {
+            return Err(io::Error::other(format!("it has ended with {status}")));
+        }
+        if begin.elapsed() > PATIENCE {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        sleep(Duration::from_millis(2));
+    }
+}
+
+/// Refuses every file that is not a firmware image for the twin, and says what the file is.
+fn check_image(path: &Path) -> Result<(), QemuError> {
+    let refuse = |why: String| QemuError::Image { path: path.to_owned(), why };
+    let bytes = std::fs::read(path).map_err(|error| refuse(format!("it cannot be read ({error})")))?;
+    let image = object::File::parse(bytes.as_slice()).map_err(|_| refuse("it is not an ELF file".to_owned()))?;
+    if image.format() != object::BinaryFormat::Elf
+        || image.architecture() != object::Architecture::Arm
+        || image.is_64()
+        || !image.is_little_endian()
+    {
+        let bits = if image.is_64() { 64 } else { 32 };
+        return Err(refuse(format!("it is a {bits}-bit {:?} file for {:?}", image.format(), image.architecture())));
+    }
+    if image.kind() != object::ObjectKind::Executable {
+        return Err(refuse("it is an Arm file, but not an executable".to_owned()));
+    }
+    if let Some(section) = image.section_by_name(BOARD_SECTION) {
+        let name = section.data().unwrap_or_default();
+        if name != BOARD.as_bytes() {
+            return Err(refuse(format!("it is for the board {}", String::from_utf8_lossy(name))));
+        }
+    } else {
+        return Err(refuse(format!("it is an Arm executable, but not of Foxhound (no {BOARD_SECTION} section)")));
+    }
+    let inside = |start: u64, end: u64| MEMORIES.iter().any(|memory| memory.contains(&start) && end <= memory.end);
+    for segment in image.segments().filter(|segment| segment.size() > 0) {
+        let (start, end) = (segment.address(), segment.address() + segment.size());
+        if !inside(start, end) {
+            return Err(refuse(format!("it wants memory at {start:#010x}..{end:#010x}, where the board has none")));
+        }
+    }
+    if !inside(image.entry(), image.entry() + 1) {
+        return Err(refuse(format!("it starts at {:#010x}, where the board has no memory", image.entry())));
+    }
+    Ok(())
+}
+
+/// A folder of our own for sockets, the shared memory and what is printed; removed with everything in it.
+#[derive(Debug)]
+struct Folder(PathBuf);
+
+impl Folder {
+    fn create() -> io::Result<Self> {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        loop {
+            let count = COUNT.fetch_add(1, Ordering::Relaxed);
+            let path = std::env::temp_dir().join(format!("foxhound-{}-{count}", std::process::id()));
+            match DirBuilder::new().mode(0o700).create(&path) {
+                Ok(()) => return Ok(Self(path)),
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+
+    /// What has been printed, as far as it is text.
+    fn console(&self) -> String {
+        let text = |name| {
+            let bytes = std::fs::read(self.file(name)).unwrap_or_default();
+            String::from_utf8_lossy(&bytes).trim().to_owned()
+        };
+        let (stdout, stderr) = (text("stdout"), text("stderr"));
+        [stderr, stdout].into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n")
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // Whoever cleans the temporary folder finds the rest.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}

@@ -1,0 +1,227 @@
+//! The obstacle sensor on the nose: rays against pillars, inside a cone.
+//!
+//! It reaches [`Sensor::range_m`](crate::scenario::Sensor) within a field of view centred on the nose. With occlusion a
+//! pillar hides what is behind it. Two deliveries:
+//!
+//! - circles: every pillar that some ray sees, exactly as it is, velocity included;
+//! - scan: an `OBSTACLE_DISTANCE` message of 72 sectors that share the field of view. A sector's distance is that of its
+//!   centre ray, as a scanning lidar's; sectors wider than 1.25 deg take the nearest of several rays evenly spread, so
+//!   that a wide field of view has no gaps between its rays.
+
+use foxhound_core::map::{CIRCLES_MAX, Circle};
+use foxhound_link::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA};
+
+use crate::scenario;
+use crate::world::{Horizontal, Pillar, World};
+
+/// Sectors of one scan.
+pub const SECTORS: usize = 72;
+/// Widest sector that one ray may stand for.
+const RAY_STEP_DEG: f64 = 1.25;
+/// Nearest distance that a scan reports: 0 would mean "no reading" to ArduPilot.
+const NEAREST_CM: u16 = 1;
+/// Rays by which pillars are found for the circles model, per degree.
+const CIRCLE_RAYS_PER_DEG: f64 = 2.0;
+
+/// A look at the world from a place, along a yaw.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// The pillars.
+    pub world: &'a World,
+    /// When.
+    pub time_s: f64,
+    /// From where.
+    pub position: Horizontal,
+    /// Where the nose points.
+    pub yaw_rad: f64,
+    /// The sensor.
+    pub sensor: scenario::Sensor,
+}
+
+/// Distance along a ray to a pillar's surface; 0 from inside, `None` when the ray misses it.
+fn distance_m(pillar: &Pillar, from: Horizontal, direction: Horizontal) -> Option<f64> {
+    let to_center = pillar.center.minus(from);
+    let along = to_center.dot(direction);
+    let outside = to_center.dot(to_center) - pillar.radius_m * pillar.radius_m;
+    if outside <= 0.0 {
+        return Some(0.0);
+    }
+    let reach = along * along - outside;
+    (along > 0.0 && reach >= 0.0).then(|| along - libm::sqrt(reach))
+}
+
+impl View<'_> {
+    /// Pillars that any part of could be seen, with their index.
+    fn in_range(&self) -> Vec<(usize, Pillar)> {
+        let near = |pillar: &Pillar| pillar.center.minus(self.position).norm() - pillar.radius_m <= self.sensor.range_m;
+        self.world.pillars_at(self.time_s).enumerate().filter(|(_, pillar)| near(pillar)).collect()
+    }
+
+    fn hit(&self, pillars: &[(usize, Pillar)], azimuth_deg: f64) -> Option<(usize, f64)> {
+        let direction = Horizontal::from_bearing(self.yaw_rad + azimuth_deg.to_radians());
+        pillars
+            .iter()
+            .filter_map(|(index, pillar)| Some((*index, distance_m(pillar, self.position, direction)?)))
+            .filter(|(_, distance)| *distance <= self.sensor.range_m)
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The visible pillars as the core takes them: the nearest ones, as many as it has room for.
+    #[must_use]
+    pub fn circles(&self) -> Vec<Circle> {
+        let pillars = self.in_range();
+        let rays = (self.sensor.fov_deg * CIRCLE_RAYS_PER_DEG).ceil().max(2.0) as usize;
+        let mut seen = vec![false; self.world.pillars.len()];
+        for ray in 0..=rays {
+            let azimuth_deg = self.sensor.fov_deg * (ray as f64 / rays as f64 - 0.5);
+            if self.sensor.occlusion {
+                if let Some((index, _)) = self.hit(&pillars, azimuth_deg) {
+                    seen[index] = true;
+                }
+            } else {
+                let direction = Horizontal::from_bearing(self.yaw_rad + azimuth_deg.to_radians());
+                for (index, pillar) in &pillars {
+                    let distance = distance_m(pillar, self.position, direction);
+                    seen[*index] |= distance.is_some_and(|distance| distance <= self.sensor.range_m);
+                }
+            }
+        }
+        let mut visible: Vec<&Pillar> =
+            pillars.iter().filter(|(index, _)| seen[*index]).map(|(_, pillar)| pillar).collect();
+        let gap = |pillar: &Pillar| pillar.center.minus(self.position).norm() - pillar.radius_m;
+        visible.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
+        visible.truncate(CIRCLES_MAX);
+        visible
+            .into_iter()
+            .map(|pillar| Circle {
+                center_ned_m: pillar.center.to_core(),
+                radius_m: pillar.radius_m as f32,
+                velocity_ned_mps: pillar.velocity_mps.to_core(),
+            })
+            .collect()
+    }
+
+    /// One sweep as an `OBSTACLE_DISTANCE` message in the body frame.
+    #[must_use]
+    pub fn scan(&self, time_us: u64) -> OBSTACLE_DISTANCE_DATA {
+        let pillars = self.in_range();
+        let width_deg = self.sensor.fov_deg / SECTORS as f64;
+        let first_deg = (width_deg - self.sensor.fov_deg) / 2.0;
+        let rays = (width_deg / RAY_STEP_DEG - 1e-9).ceil().max(1.0);
+        let max_cm = (self.sensor.range_m * 100.0) as u16;
+        let mut distances = [max_cm + 1; SECTORS];
+        for (sector, distance_cm) in distances.iter_mut().enumerate() {
+            let center_deg = first_deg + sector as f64 * width_deg;
+            let nearest = (0..rays as usize)
+                .map(|ray| center_deg + width_deg * ((ray as f64 + 0.5) / rays - 0.5))
+                .filter_map(|azimuth_deg| self.hit(&pillars, azimuth_deg))
+                .map(|(_, distance)| distance)
+                .min_by(f64::total_cmp);
+            if let Some(nearest_m) = nearest {
+                *distance_cm = (libm::rint(nearest_m * 100.0) as u16).clamp(NEAREST_CM, max_cm);
+            }
+        }
+        OBSTACLE_DISTANCE_DATA {
+            time_usec: time_us,
+            sensor_type: MavDistanceSensor::MAV_DISTANCE_SENSOR_LASER as u8,
+            distances,
+            increment: 0,
+            min_distance: NEAREST_CM,
+            max_distance: max_cm,
+            increment_f: width_deg as f32,
+            angle_offset: first_deg as f32,
+            frame: MavFrame::MAV_FRAME_BODY_FRD as u8,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{Scenario, SensorModel};
+
+    fn world(pillars: &[[f64; 3]]) -> World {
+        let obstacles = pillars.iter().map(|[x, y, r]| scenario::Obstacle { x: *x, y: *y, r: *r, vx: 0.0, vy: 0.0 });
+        Scenario { obstacles: obstacles.collect(), ..Scenario::default() }.world()
+    }
+
+    fn view<'a>(world: &'a World, yaw_deg: f64, fov_deg: f64, occlusion: bool) -> View<'a> {
+        View {
+            world,
+            time_s: 0.0,
+            position: Horizontal { north: 0.0, east: 0.0 },
+            yaw_rad: yaw_deg.to_radians(),
+            sensor: scenario::Sensor { fov_deg, range_m: 3.0, occlusion, model: SensorModel::Scan },
+        }
+    }
+
+    #[test]
+    fn a_pillar_dead_ahead_is_seen_at_its_surface_by_the_middle_sectors_only() {
+        // North is y; half the angle that r = 0.3 at 2 m covers is asin(0.15) = 8.63 deg.
+        let world = world(&[[0.0, 2.0, 0.3]]);
+        let scan = view(&world, 0.0, 90.0, true).scan(7);
+        assert_eq!(scan.time_usec, 7);
+        assert_eq!((scan.increment_f, scan.angle_offset), (1.25, -44.375));
+        assert_eq!((scan.max_distance, scan.frame), (300, 12));
+        for (sector, distance) in scan.distances.iter().enumerate() {
+            let azimuth = f64::from(scan.angle_offset) + 1.25 * sector as f64;
+            if azimuth.abs() > 8.7 {
+                assert_eq!(*distance, 301, "clear at {azimuth} deg");
+            } else {
+                // Law of cosines.
+                let along = 2.0 * azimuth.to_radians().cos();
+                let expected = along - (along * along - 4.0 + 0.09).sqrt();
+                assert!((f64::from(*distance) / 100.0 - expected).abs() <= 0.005 + 1e-9, "at {azimuth} deg");
+            }
+        }
+    }
+
+    #[test]
+    fn azimuth_runs_clockwise_from_the_nose() {
+        let world = world(&[[2.0, 2.0, 0.2]]);
+        let hit_deg = |yaw_deg: f64| {
+            let scan = view(&world, yaw_deg, 90.0, true).scan(0);
+            let hits: Vec<f64> = (0..SECTORS).filter(|k| scan.distances[*k] <= 300).map(|k| k as f64).collect();
+            f64::from(scan.angle_offset) + 1.25 * hits.iter().sum::<f64>() / hits.len() as f64
+        };
+        assert!((hit_deg(20.0) - 25.0).abs() < 0.7, "north-east is to the right of a nose at 20 deg");
+        assert!((hit_deg(70.0) + 25.0).abs() < 0.7);
+    }
+
+    #[test]
+    fn a_full_circle_of_sectors_misses_no_thin_pillar() {
+        // 5 deg sectors: a ray in the middle of each would miss this 1.9 deg wide pillar between two of them.
+        let bearing = 45.0_f64.to_radians();
+        let world = world(&[[3.0 * bearing.sin(), 3.0 * bearing.cos(), 0.05]]);
+        let scan = view(&world, 0.0, 360.0, true).scan(0);
+        assert!(scan.distances.iter().any(|distance| *distance <= 300));
+    }
+
+    #[test]
+    fn inside_a_pillar_the_distance_is_the_smallest_that_is_not_zero() {
+        let world = world(&[[0.1, 0.0, 0.5]]);
+        assert!(view(&world, 0.0, 90.0, true).scan(0).distances.iter().all(|distance| *distance == NEAREST_CM));
+    }
+
+    #[test]
+    fn circles_are_exact_and_hidden_far_or_sideways_ones_are_left_out() {
+        let world = world(&[[0.0, 1.5, 0.3], [0.0, 2.5, 0.2], [0.0, 4.0, 0.3], [2.0, 0.0, 0.3], [0.9, 1.9, 0.1]]);
+        let seen = view(&world, 0.0, 90.0, true).circles();
+        let centers: Vec<(f32, f32)> = seen.iter().map(|c| (c.center_ned_m.east, c.center_ned_m.north)).collect();
+        assert_eq!(centers, [(0.0, 1.5), (0.9, 1.9)]);
+        assert_eq!(seen[0].radius_m, 0.3);
+        let through = view(&world, 0.0, 90.0, false).circles();
+        assert_eq!(through.len(), 3, "without occlusion the one behind is seen too");
+    }
+
+    #[test]
+    fn moving_pillars_are_seen_where_they_are_now() {
+        let mut world = world(&[[0.0, 2.0, 0.3]]);
+        world.pillars[0].velocity_mps = Horizontal { north: 0.0, east: 1.0 };
+        let mut look = view(&world, 90.0, 90.0, true);
+        assert!(look.circles().is_empty());
+        look.time_s = 2.0;
+        let seen = look.circles();
+        assert_eq!((seen[0].center_ned_m.east, seen[0].velocity_ned_mps.east), (2.0, 1.0));
+    }
+}

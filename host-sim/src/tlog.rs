@@ -1,0 +1,244 @@
+//! Telemetry logs: MAVLink frames, each behind the time at which it passed, as ground stations write them.
+//!
+//! A record is 8 bytes of big-endian microseconds and one frame.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufWriter, Write as _};
+use std::path::Path;
+
+use foxhound_link::framer::Framer;
+use serde::Serialize;
+
+/// Writes a log.
+#[derive(Debug)]
+pub struct Writer {
+    file: BufWriter<File>,
+    framers: [Framer; 2],
+}
+
+/// Which way bytes went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// From the autopilot to the companion.
+    ToCompanion = 0,
+    /// From the companion to the autopilot.
+    ToAutopilot = 1,
+}
+
+impl Writer {
+    /// Starts a log.
+    ///
+    /// # Errors
+    /// The file cannot be created.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        Ok(Self { file: BufWriter::new(File::create(path)?), framers: [Framer::new(), Framer::new()] })
+    }
+
+    /// Takes in bytes of one direction; whole frames are written as they complete.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn bytes(&mut self, time_us: u64, direction: Direction, mut bytes: &[u8]) -> io::Result<()> {
+        let framer = &mut self.framers[direction as usize];
+        while !bytes.is_empty() {
+            bytes = &bytes[framer.push(bytes)..];
+            while let Some(frame) = framer.next_frame() {
+                self.file.write_all(&time_us.to_be_bytes())?;
+                self.file.write_all(frame.bytes)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the log.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// What a log holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Summary {
+    /// Frames whose checksum is right.
+    pub frames: u64,
+    /// Frames whose checksum is wrong.
+    pub bad_crc: u64,
+    /// Bytes outside frames and time stamps.
+    pub skipped_bytes: u64,
+    /// Frames per message id.
+    pub counts: BTreeMap<u32, u64>,
+}
+
+const STAMP_BYTES: usize = 8;
+const MAGIC: u8 = 0xFD;
+
+/// Counts the frames of a plain byte stream.
+#[must_use]
+pub fn read_raw(mut bytes: &[u8]) -> Summary {
+    let mut framer = Framer::new();
+    let mut summary = Summary::default();
+    while !bytes.is_empty() {
+        bytes = &bytes[framer.push(bytes)..];
+        while let Some(frame) = framer.next_frame() {
+            summary.frames += 1;
+            *summary.counts.entry(frame.message_id).or_default() += 1;
+        }
+    }
+    summary.bad_crc = u64::from(framer.counters().bad_crc);
+    summary.skipped_bytes = u64::from(framer.counters().skipped_bytes);
+    summary
+}
+
+/// Counts the frames of a log with time stamps, which are not skipped bytes.
+///
+/// A record is taken at its word while a frame with a right checksum stands behind its time stamp. Elsewhere bytes are
+/// skipped one by one until that holds again, as the framer does.
+#[must_use]
+pub fn read_stamped(bytes: &[u8]) -> Summary {
+    let mut summary = Summary::default();
+    let mut at = 0;
+    while let Some(record) = bytes.get(at + STAMP_BYTES..).filter(|record| !record.is_empty()) {
+        match whole_frame(record) {
+            Frame::Whole { length, message_id } => {
+                summary.frames += 1;
+                *summary.counts.entry(message_id).or_default() += 1;
+                at += STAMP_BYTES + length;
+            }
+            // Cut off by the end of the log.
+            Frame::Cut => return summary,
+            Frame::Damaged { length } if starts_record(&bytes[(at + STAMP_BYTES + length).min(bytes.len())..]) => {
+                // The next record stands where this one's length says: its stamp is a stamp, its frame is damaged.
+                summary.bad_crc += 1;
+                summary.skipped_bytes += length as u64;
+                at += STAMP_BYTES + length;
+            }
+            Frame::Damaged { .. } => {
+                summary.bad_crc += 1;
+                summary.skipped_bytes += 1;
+                at += 1;
+            }
+            Frame::None => {
+                summary.skipped_bytes += 1;
+                at += 1;
+            }
+        }
+    }
+    // Fewer bytes than a time stamp: cut inside the last record.
+    summary
+}
+
+enum Frame {
+    Whole { length: usize, message_id: u32 },
+    Damaged { length: usize },
+    Cut,
+    None,
+}
+
+fn starts_record(bytes: &[u8]) -> bool {
+    bytes.len() <= STAMP_BYTES || bytes[STAMP_BYTES] == MAGIC
+}
+
+/// The frame that stands at the start of `bytes`.
+fn whole_frame(bytes: &[u8]) -> Frame {
+    if bytes[0] != MAGIC {
+        return Frame::None;
+    }
+    let (Some(payload), Some(flags)) = (bytes.get(1), bytes.get(2)) else { return Frame::Cut };
+    if flags & !1 != 0 {
+        return Frame::None;
+    }
+    let length = 12 + usize::from(*payload) + if flags & 1 == 1 { 13 } else { 0 };
+    let Some(candidate) = bytes.get(..length) else { return Frame::Cut };
+    let mut framer = Framer::new();
+    framer.push(candidate);
+    match framer.next_frame() {
+        Some(frame) if frame.bytes.len() == length => Frame::Whole { length, message_id: frame.message_id },
+        _ => Frame::Damaged { length },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foxhound_link::dialect::{ATTITUDE_DATA, HEARTBEAT_DATA};
+    use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
+
+    fn frames() -> [Vec<u8>; 2] {
+        let header = Header { system_id: 1, component_id: 1, sequence: 0 };
+        let mut heartbeat = vec![0; FRAME_MAX];
+        let length = encode_data(header, &HEARTBEAT_DATA::default(), &mut heartbeat);
+        heartbeat.truncate(length);
+        let mut attitude = vec![0; FRAME_MAX];
+        let length = encode_data(header, &ATTITUDE_DATA { yaw: 1.5, ..ATTITUDE_DATA::default() }, &mut attitude);
+        attitude.truncate(length);
+        [heartbeat, attitude]
+    }
+
+    /// A log whose time stamps hold the frames' magic byte.
+    fn log() -> Vec<u8> {
+        let [heartbeat, attitude] = frames();
+        let stamp = 0x0000_FDFD_0000_FD01_u64.to_be_bytes();
+        [&stamp[..], &heartbeat, &stamp, &attitude, &stamp, &attitude].concat()
+    }
+
+    #[test]
+    fn a_clean_log_has_no_skipped_bytes() {
+        let summary = read_stamped(&log());
+        assert_eq!((summary.frames, summary.bad_crc, summary.skipped_bytes), (3, 0, 0));
+        assert_eq!(summary.counts, BTreeMap::from([(0, 1), (30, 2)]));
+        let json = serde_json::to_string(&summary).unwrap();
+        assert_eq!(json, r#"{"frames":3,"bad_crc":0,"skipped_bytes":0,"counts":{"0":1,"30":2}}"#);
+    }
+
+    #[test]
+    fn a_log_cut_anywhere_in_its_last_record_is_fine() {
+        let log = log();
+        let last = frames()[1].len() + STAMP_BYTES;
+        for cut in 1..last {
+            let summary = read_stamped(&log[..log.len() - cut]);
+            assert_eq!((summary.frames, summary.bad_crc, summary.skipped_bytes), (2, 0, 0), "{cut} bytes missing");
+        }
+        assert_eq!(read_stamped(&[]), Summary::default());
+    }
+
+    #[test]
+    fn a_damaged_frame_is_counted_and_the_next_one_is_found() {
+        let mut log = log();
+        let payload_of_the_second = STAMP_BYTES + frames()[0].len() + STAMP_BYTES + 12;
+        log[payload_of_the_second] ^= 0x40;
+        let summary = read_stamped(&log);
+        assert_eq!((summary.frames, summary.bad_crc), (2, 1));
+        assert_eq!(summary.skipped_bytes, frames()[1].len() as u64);
+    }
+
+    #[test]
+    fn bytes_in_between_are_skipped() {
+        let [heartbeat, attitude] = frames();
+        let stream = [&[1, 2, 3][..], &heartbeat, &[9; 5], &attitude].concat();
+        let summary = read_raw(&stream);
+        assert_eq!((summary.frames, summary.skipped_bytes), (2, 8));
+        let stamp = 77_u64.to_be_bytes();
+        let stamped = [&stamp[..], &heartbeat, &[9; 5], &stamp, &attitude].concat();
+        let summary = read_stamped(&stamped);
+        assert_eq!((summary.frames, summary.skipped_bytes), (2, 5));
+    }
+
+    #[test]
+    fn frames_split_between_writes_come_out_whole_with_their_time() {
+        let path = std::env::temp_dir().join(format!("foxhound-tlog-test-{}.tlog", std::process::id()));
+        let [heartbeat, attitude] = frames();
+        let mut writer = Writer::create(&path).unwrap();
+        writer.bytes(1, Direction::ToCompanion, &heartbeat[..7]).unwrap();
+        writer.bytes(2, Direction::ToAutopilot, &attitude).unwrap();
+        writer.bytes(0x0102, Direction::ToCompanion, &heartbeat[7..]).unwrap();
+        writer.finish().unwrap();
+        let written = std::fs::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let expected = [&2_u64.to_be_bytes()[..], &attitude, &[0, 0, 0, 0, 0, 0, 1, 2], &heartbeat].concat();
+        assert_eq!(written, expected);
+    }
+}

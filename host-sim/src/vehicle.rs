@@ -1,0 +1,270 @@
+//! The vehicle: velocity and yaw-rate commands in, motion out. NED, metres, seconds.
+//!
+//! - *Point*: a point mass whose velocity follows the command with a first-order lag and an acceleration limit.
+//! - *ArduCopter*: the delays measured on a real ArduCopter in GUIDED, under velocity setpoints. A step of 2 m/s took
+//!   0.31-0.37 s to 5 % and 1.39-1.55 s to 90 %: a dead time of 0.22 s and a critically damped second order of 3.1 rad/s,
+//!   `v'' = w^2 (v_cmd - v) - 2 w v'`. When its setpoints time out it brakes faster, without the setpoint's dead time: of
+//!   1 m/s, 85 % were left 0.24 s and 15 % 0.95 s after the time-out, which is 0.06 s and 3.8 rad/s. The yaw rate's lag
+//!   of 0.15 s is an assumption. It tilts with its acceleration.
+
+use std::collections::VecDeque;
+
+use crate::antennas::Pose;
+use crate::scenario;
+
+/// What the vehicle is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Command {
+    /// Velocity, NED.
+    pub velocity_ned_mps: [f64; 3],
+    /// Yaw rate, clockwise positive.
+    pub yaw_rate_radps: f64,
+    /// The autopilot's own brake, not a setpoint.
+    pub is_brake: bool,
+}
+
+/// Where the vehicle is and how it moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Position and attitude.
+    pub pose: Pose,
+    /// Velocity, NED.
+    pub velocity_ned_mps: [f64; 3],
+    /// Acceleration, NED, without gravity.
+    pub acceleration_ned_mps2: [f64; 3],
+    /// Yaw rate.
+    pub yaw_rate_radps: f64,
+}
+
+/// A vehicle in flight.
+#[derive(Clone, Debug)]
+pub struct Vehicle {
+    config: scenario::Vehicle,
+    a_max_mps2: f64,
+    /// Where it is now.
+    pub motion: Motion,
+    time_s: f64,
+    /// Setpoints on their way, with the time at which they take effect.
+    underway: VecDeque<(f64, Command)>,
+    command: Command,
+}
+
+const SETPOINT_DELAY_S: f64 = 0.22;
+const SETPOINT_RATE_RADPS: f64 = 3.1;
+const BRAKE_DELAY_S: f64 = 0.06;
+const BRAKE_RATE_RADPS: f64 = 3.8;
+const VERTICAL_RATE_RADPS: f64 = 8.0;
+const YAW_LAG_S: f64 = 0.15;
+const POINT_YAW_LAG_S: f64 = 0.05;
+const YAW_RATE_MAX_RADPS: f64 = 3.5;
+const SUBSTEP_S: f64 = 0.002;
+const GRAVITY_MPS2: f64 = 9.81;
+
+impl Vehicle {
+    /// A vehicle at rest.
+    #[must_use]
+    pub fn new(config: scenario::Vehicle, a_max_mps2: f64, pose: Pose) -> Self {
+        Self {
+            config,
+            a_max_mps2,
+            motion: Motion { pose, ..Motion::default() },
+            time_s: 0.0,
+            underway: VecDeque::new(),
+            command: Command::default(),
+        }
+    }
+
+    /// Flies on for `step_s` under a command.
+    pub fn step(&mut self, command: Command, step_s: f64) {
+        self.accept(command);
+        let end_s = self.time_s + step_s;
+        let substeps = libm::ceil(step_s / SUBSTEP_S - 1e-9).max(1.0);
+        let dt = step_s / substeps;
+        for _ in 0..substeps as usize {
+            while let Some((_, command)) = self.underway.pop_front_if(|(at_s, _)| *at_s <= self.time_s) {
+                self.command = command;
+            }
+            match self.config.model {
+                scenario::VehicleModel::Point => self.point(dt),
+                scenario::VehicleModel::Arducopter => self.arducopter(dt),
+            }
+            self.time_s += dt;
+        }
+        self.time_s = end_s;
+    }
+
+    fn accept(&mut self, command: Command) {
+        let delay_s = match (self.config.model, command.is_brake) {
+            (scenario::VehicleModel::Point, _) => {
+                self.command = command;
+                return;
+            }
+            (scenario::VehicleModel::Arducopter, false) => SETPOINT_DELAY_S,
+            (scenario::VehicleModel::Arducopter, true) => BRAKE_DELAY_S,
+        };
+        let latest = self.underway.back().map_or(self.command, |(_, latest)| *latest);
+        if command != latest {
+            self.underway.push_back((self.time_s + delay_s, command));
+        }
+    }
+
+    fn point(&mut self, dt: f64) {
+        let motion = &mut self.motion;
+        let lag_s = self.config.lag_s.max(dt);
+        for axis in 0..3 {
+            let wanted = (self.command.velocity_ned_mps[axis] - motion.velocity_ned_mps[axis]) / lag_s;
+            motion.acceleration_ned_mps2[axis] = wanted;
+        }
+        limit(&mut motion.acceleration_ned_mps2, self.a_max_mps2);
+        self.advance(dt, POINT_YAW_LAG_S);
+    }
+
+    fn arducopter(&mut self, dt: f64) {
+        let horizontal_rate = if self.command.is_brake { BRAKE_RATE_RADPS } else { SETPOINT_RATE_RADPS };
+        let motion = &mut self.motion;
+        for (axis, rate) in [horizontal_rate, horizontal_rate, VERTICAL_RATE_RADPS].into_iter().enumerate() {
+            let error = self.command.velocity_ned_mps[axis] - motion.velocity_ned_mps[axis];
+            let jerk = rate * (rate * error - 2.0 * motion.acceleration_ned_mps2[axis]);
+            motion.acceleration_ned_mps2[axis] += jerk * dt;
+        }
+        self.advance(dt, YAW_LAG_S);
+        self.tilt();
+    }
+
+    fn advance(&mut self, dt: f64, yaw_lag_s: f64) {
+        let motion = &mut self.motion;
+        for axis in 0..3 {
+            motion.pose.position_ned_m[axis] +=
+                dt * (motion.velocity_ned_mps[axis] + 0.5 * dt * motion.acceleration_ned_mps2[axis]);
+            motion.velocity_ned_mps[axis] += dt * motion.acceleration_ned_mps2[axis];
+        }
+        let wanted_radps = self.command.yaw_rate_radps.clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS);
+        motion.yaw_rate_radps += dt / yaw_lag_s * (wanted_radps - motion.yaw_rate_radps);
+        motion.pose.yaw_rad = crate::world::wrap_pi(motion.pose.yaw_rad + dt * motion.yaw_rate_radps);
+    }
+
+    /// Thrust leans into the acceleration.
+    fn tilt(&mut self) {
+        let motion = &mut self.motion;
+        let [north, east, _] = motion.acceleration_ned_mps2;
+        let (sine, cosine) = (libm::sin(motion.pose.yaw_rad), libm::cos(motion.pose.yaw_rad));
+        let (forward, right) = (north * cosine + east * sine, east * cosine - north * sine);
+        motion.pose.pitch_rad = -libm::atan(forward / GRAVITY_MPS2);
+        motion.pose.roll_rad = libm::atan(right / GRAVITY_MPS2);
+    }
+}
+
+fn limit(vector: &mut [f64; 3], length: f64) {
+    let norm = libm::sqrt(vector.iter().map(|x| x * x).sum());
+    if norm > length {
+        vector.iter_mut().for_each(|x| *x *= length / norm);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::VehicleModel;
+
+    fn vehicle(model: VehicleModel) -> Vehicle {
+        Vehicle::new(scenario::Vehicle { model, lag_s: 0.15 }, 2.0, Pose::default())
+    }
+
+    fn north(speed: f64) -> Command {
+        Command { velocity_ned_mps: [speed, 0.0, 0.0], ..Command::default() }
+    }
+
+    /// First time at which `reached` holds, flying under `command`.
+    fn time_until(vehicle: &mut Vehicle, command: Command, reached: impl Fn(&Motion) -> bool) -> f64 {
+        let start_s = vehicle.time_s;
+        while !reached(&vehicle.motion) {
+            vehicle.step(command, 0.002);
+            assert!(vehicle.time_s < start_s + 20.0);
+        }
+        vehicle.time_s - start_s
+    }
+
+    #[test]
+    fn arducopter_takes_as_long_to_a_step_as_the_real_one() {
+        for from in [0.0, -2.0] {
+            let mut vehicle = vehicle(VehicleModel::Arducopter);
+            for _ in 0..200 {
+                vehicle.step(north(from), 0.05);
+            }
+            let target = from + 2.0;
+            let speed = |motion: &Motion| motion.velocity_ned_mps[0] - from;
+            let t05 = time_until(&mut vehicle, north(target), |motion| speed(motion) >= 0.05 * 2.0);
+            let t90 = t05 + time_until(&mut vehicle, north(target), |motion| speed(motion) >= 0.90 * 2.0);
+            assert!((0.31..=0.37).contains(&t05), "5 % after {t05} s");
+            assert!((1.39..=1.55).contains(&t90), "90 % after {t90} s");
+            for _ in 0..100 {
+                vehicle.step(north(target), 0.05);
+            }
+            assert!((speed(&vehicle.motion) / 2.0 - 1.0).abs() < 0.03, "steady speed");
+        }
+    }
+
+    #[test]
+    fn arducopter_brakes_after_a_time_out_as_the_real_one() {
+        // Measured from the time-out, 3.0 s after the last setpoint: 0.85 m/s at 3.24 s, 0.15 m/s at 3.95 s.
+        let mut vehicle = vehicle(VehicleModel::Arducopter);
+        for _ in 0..200 {
+            vehicle.step(north(1.0), 0.05);
+        }
+        let from_m = vehicle.motion.pose.position_ned_m[0];
+        let brake = Command { is_brake: true, ..Command::default() };
+        let t85 = time_until(&mut vehicle, brake, |motion| motion.velocity_ned_mps[0] <= 0.85);
+        let t15 = t85 + time_until(&mut vehicle, brake, |motion| motion.velocity_ned_mps[0] <= 0.15);
+        assert!((t85 - 0.24).abs() < 0.05, "85 % after {t85} s");
+        assert!((t15 - 0.95).abs() < 0.05, "15 % after {t15} s");
+        for _ in 0..100 {
+            vehicle.step(brake, 0.05);
+        }
+        // 3.55 m were flown from the last setpoint on, 3.0 s of them at 0.973 m/s.
+        let braking_m = vehicle.motion.pose.position_ned_m[0] - from_m;
+        assert!((braking_m - (3.55 - 3.0 * 0.973)).abs() < 0.1, "{braking_m} m");
+    }
+
+    #[test]
+    fn arducopter_climbs_as_far_as_the_real_one() {
+        // -0.5 m/s for 4 s: 1.81 m, at 0.494 m/s then.
+        let mut vehicle = vehicle(VehicleModel::Arducopter);
+        for _ in 0..80 {
+            vehicle.step(Command { velocity_ned_mps: [0.0, 0.0, -0.5], ..Command::default() }, 0.05);
+        }
+        assert!((vehicle.motion.pose.position_ned_m[2] + 1.81).abs() < 0.05);
+        assert!((vehicle.motion.velocity_ned_mps[2] + 0.5).abs() < 0.015);
+    }
+
+    #[test]
+    fn arducopter_leans_into_its_acceleration() {
+        let mut vehicle = vehicle(VehicleModel::Arducopter);
+        for _ in 0..25 {
+            vehicle.step(north(2.0), 0.02);
+        }
+        assert!(vehicle.motion.pose.pitch_rad < -0.1, "nose down to accelerate forwards");
+        assert!(vehicle.motion.pose.roll_rad.abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_point_mass_keeps_its_acceleration_limit_and_its_lag() {
+        let mut vehicle = vehicle(VehicleModel::Point);
+        let t = time_until(&mut vehicle, north(2.0), |motion| motion.velocity_ned_mps[0] >= 1.0);
+        assert!((t - 0.5).abs() < 0.01, "at 2 m/s^2 1 m/s takes half a second, not {t} s");
+        let mut small = self::vehicle(VehicleModel::Point);
+        let t = time_until(&mut small, north(0.2), |motion| motion.velocity_ned_mps[0] >= 0.2 * 0.632_12);
+        assert!((t - 0.15).abs() < 0.005, "63 % of a small step after the lag, not after {t} s");
+    }
+
+    #[test]
+    fn yaw_follows_its_rate_clockwise() {
+        for model in [VehicleModel::Point, VehicleModel::Arducopter] {
+            let mut vehicle = vehicle(model);
+            for _ in 0..100 {
+                vehicle.step(Command { yaw_rate_radps: 0.5, ..Command::default() }, 0.02);
+            }
+            let yaw_rad = vehicle.motion.pose.yaw_rad;
+            assert!(yaw_rad > 0.75 && yaw_rad < 1.0, "{yaw_rad}");
+        }
+    }
+}

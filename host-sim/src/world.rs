@@ -1,0 +1,228 @@
+//! The true world: a beacon and vertical pillars, standing or moving, on a horizontal plane.
+//!
+//! Everything here is in the NED frame, metres and seconds, in `f64`: it is the truth that the core never sees.
+
+/// A horizontal vector of the NED frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Horizontal {
+    /// To the north.
+    pub north: f64,
+    /// To the east.
+    pub east: f64,
+}
+
+impl Horizontal {
+    /// From a map's x (east) and y (north).
+    #[must_use]
+    pub fn from_xy([x, y]: [f64; 2]) -> Self {
+        Self { north: y, east: x }
+    }
+
+    /// To a map's x (east) and y (north).
+    #[must_use]
+    pub fn xy(self) -> (f64, f64) {
+        (self.east, self.north)
+    }
+
+    /// The unit vector along a bearing (from north, clockwise).
+    #[must_use]
+    pub fn from_bearing(bearing_rad: f64) -> Self {
+        Self { north: libm::cos(bearing_rad), east: libm::sin(bearing_rad) }
+    }
+
+    /// The bearing of this vector, from north, clockwise.
+    #[must_use]
+    pub fn bearing_rad(self) -> f64 {
+        libm::atan2(self.east, self.north)
+    }
+
+    /// `self + direction * length`.
+    #[must_use]
+    pub fn along(self, direction: Self, length: f64) -> Self {
+        Self { north: self.north + direction.north * length, east: self.east + direction.east * length }
+    }
+
+    /// Difference.
+    #[must_use]
+    pub fn minus(self, other: Self) -> Self {
+        Self { north: self.north - other.north, east: self.east - other.east }
+    }
+
+    /// Inner product.
+    #[must_use]
+    pub fn dot(self, other: Self) -> f64 {
+        self.north * other.north + self.east * other.east
+    }
+
+    /// Length.
+    #[must_use]
+    pub fn norm(self) -> f64 {
+        libm::hypot(self.north, self.east)
+    }
+
+    /// Into the core's single precision.
+    #[must_use]
+    pub fn to_core(self) -> foxhound_core::frame::Horizontal {
+        foxhound_core::frame::Horizontal { north: self.north as f32, east: self.east as f32 }
+    }
+}
+
+/// Wraps an angle to (-pi, pi].
+#[must_use]
+pub fn wrap_pi(angle_rad: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    let wrapped = libm::remainder(angle_rad, TAU);
+    if wrapped <= -PI { wrapped + TAU } else { wrapped }
+}
+
+/// A vertical pillar at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pillar {
+    /// Its axis.
+    pub center: Horizontal,
+    /// Its radius.
+    pub radius_m: f64,
+    /// Its velocity.
+    pub velocity_mps: Horizontal,
+}
+
+/// The beacon and the pillars at time zero, all moving straight on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct World {
+    /// Pillars at time zero.
+    pub pillars: Vec<Pillar>,
+    /// The beacon at time zero.
+    pub source: Horizontal,
+    /// The beacon's velocity.
+    pub source_velocity_mps: Horizontal,
+    /// The beacon's height in the NED frame: down is positive.
+    pub source_down_m: f64,
+}
+
+impl World {
+    /// The pillars at a time.
+    pub fn pillars_at(&self, time_s: f64) -> impl Iterator<Item = Pillar> + '_ {
+        self.pillars
+            .iter()
+            .map(move |pillar| Pillar { center: pillar.center.along(pillar.velocity_mps, time_s), ..*pillar })
+    }
+
+    /// The beacon at a time.
+    #[must_use]
+    pub fn source_at(&self, time_s: f64) -> Horizontal {
+        self.source.along(self.source_velocity_mps, time_s)
+    }
+}
+
+/// Clearance between the vehicle's hull and the pillars, and what counts as a collision.
+///
+/// A hull that overlaps a pillar at the start has not collided while that overlap grows by no more than 1 mm; once out,
+/// the pillar is one like any other.
+#[derive(Clone, Debug)]
+pub struct Hull {
+    radius_m: f64,
+    /// Per pillar: the smallest clearance that is no collision yet.
+    allowed_m: Vec<f64>,
+    /// Smallest clearance so far; infinite in a world without pillars.
+    pub min_clearance_m: f64,
+}
+
+/// By how much an overlap at the start may grow.
+const START_OVERLAP_GROWTH_M: f64 = 1e-3;
+
+impl Hull {
+    /// The hull at the start of a flight.
+    #[must_use]
+    pub fn new(world: &World, radius_m: f64, start: Horizontal) -> Self {
+        let clearances: Vec<f64> = world.pillars_at(0.0).map(|pillar| clearance_m(&pillar, radius_m, start)).collect();
+        let min_clearance_m = clearances.iter().copied().fold(f64::INFINITY, f64::min);
+        let allowed_m = clearances
+            .into_iter()
+            .map(|clearance| if clearance < 0.0 { clearance - START_OVERLAP_GROWTH_M } else { 0.0 })
+            .collect();
+        Self { radius_m, allowed_m, min_clearance_m }
+    }
+
+    /// Whether the hull at `position` has collided at `time_s`.
+    pub fn collides(&mut self, world: &World, position: Horizontal, time_s: f64) -> bool {
+        let mut collided = false;
+        for (pillar, allowed_m) in world.pillars_at(time_s).zip(&mut self.allowed_m) {
+            let clearance = clearance_m(&pillar, self.radius_m, position);
+            self.min_clearance_m = self.min_clearance_m.min(clearance);
+            collided |= clearance < *allowed_m;
+            if clearance >= 0.0 {
+                *allowed_m = 0.0;
+            }
+        }
+        collided
+    }
+}
+
+fn clearance_m(pillar: &Pillar, hull_radius_m: f64, position: Horizontal) -> f64 {
+    position.minus(pillar.center).norm() - pillar.radius_m - hull_radius_m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one_pillar(velocity_east: f64) -> World {
+        World {
+            pillars: vec![Pillar {
+                center: Horizontal { north: 0.0, east: 0.0 },
+                radius_m: 0.5,
+                velocity_mps: Horizontal { north: 0.0, east: velocity_east },
+            }],
+            source: Horizontal::default(),
+            source_velocity_mps: Horizontal::default(),
+            source_down_m: 0.0,
+        }
+    }
+
+    fn north(north: f64) -> Horizontal {
+        Horizontal { north, east: 0.0 }
+    }
+
+    #[test]
+    fn touching_is_clear_and_any_overlap_from_outside_is_a_collision() {
+        let world = one_pillar(0.0);
+        let mut hull = Hull::new(&world, 0.15, north(2.0));
+        assert!(!hull.collides(&world, north(0.650_001), 0.0));
+        assert!(hull.collides(&world, north(0.649_9), 0.0));
+        assert!((hull.min_clearance_m + 1e-4).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_overlap_at_the_start_may_grow_by_a_millimetre_and_counts_anew_once_left() {
+        let world = one_pillar(0.0);
+        let mut hull = Hull::new(&world, 0.15, north(0.60));
+        assert!((hull.min_clearance_m + 0.05).abs() < 1e-12);
+        assert!(!hull.collides(&world, north(0.599_1), 0.0));
+        assert!(hull.clone().collides(&world, north(0.598_9), 0.0));
+        assert!(!hull.collides(&world, north(0.7), 0.0));
+        assert!(hull.collides(&world, north(0.64), 0.0), "left once: no allowance any more");
+    }
+
+    #[test]
+    fn a_moving_pillar_runs_into_a_hovering_hull() {
+        let world = one_pillar(-0.3);
+        let at = Horizontal { north: 0.0, east: -2.0 };
+        let mut hull = Hull::new(&world, 0.15, at);
+        assert!(!hull.collides(&world, at, 4.49));
+        assert!(hull.collides(&world, at, 4.51));
+    }
+
+    #[test]
+    fn map_axes_are_east_and_north() {
+        let point = Horizontal::from_xy([3.0, 4.0]);
+        assert_eq!((point.east, point.north), (3.0, 4.0));
+        assert!((Horizontal::from_xy([1.0, 0.0]).bearing_rad().to_degrees() - 90.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn wrapping_is_half_open() {
+        use std::f64::consts::PI;
+        assert_eq!(wrap_pi(-PI), PI);
+        assert!((wrap_pi(3.5 * PI) + 0.5 * PI).abs() < 1e-12);
+    }
+}
