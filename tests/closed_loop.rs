@@ -1,0 +1,100 @@
+//! The main job, flown through the command line.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use foxhound_tests::{root, run_json};
+use serde_json::Value;
+
+fn fly(extra: &[&str]) -> (i32, Value) {
+    let mut arguments = vec!["fly", "--json"];
+    arguments.extend_from_slice(extra);
+    run_json(&arguments)
+}
+
+/// Flies many argument lists on two threads.
+fn fly_all(flights: Vec<Vec<String>>) -> Vec<(i32, Value)> {
+    let half = flights.len().div_ceil(2);
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = flights
+            .chunks(half)
+            .map(|chunk| {
+                scope.spawn(move || {
+                    let run = |flight: &Vec<String>| fly(&flight.iter().map(String::as_str).collect::<Vec<_>>());
+                    chunk.iter().map(run).collect::<Vec<_>>()
+                })
+            })
+            .collect();
+        workers.into_iter().flat_map(|worker| worker.join().unwrap()).collect()
+    })
+}
+
+#[test]
+fn the_built_in_mission_is_reached_without_a_collision_by_twenty_of_twenty_seeds() {
+    let flights = (0..20).map(|seed| vec!["--seed".into(), seed.to_string()]).collect();
+    for (seed, (code, report)) in fly_all(flights).iter().enumerate() {
+        assert_eq!((*code, report["result"].as_str()), (0, Some("reached")), "seed {seed}: {report}");
+        assert_eq!(report["collisions"], 0, "seed {seed}: {report}");
+        assert!(report["min_clearance_m"].as_f64().unwrap() > 0.0, "seed {seed}: {report}");
+        // On a level array the bound at 20 dB is 0.142 deg; in flight the array tilts, and the beacon lies 2 m below.
+        assert!(report["bearing_rms_deg"].as_f64().unwrap() < 1.0, "seed {seed}: {report}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_trace_and_another_seed_another() {
+    let hash = |seed: &str| fly(&["--seed", seed]).1["trace_hash"].as_str().unwrap().to_string();
+    let first = hash("5");
+    assert_eq!(first, hash("5"));
+    assert_ne!(first, hash("6"));
+    assert_eq!(first.len(), 16);
+}
+
+#[test]
+fn every_scenario_ends_as_it_expects() {
+    let mut flights = Vec::new();
+    let mut expected = Vec::new();
+    let mut files: Vec<_> =
+        std::fs::read_dir(root().join("tests/scenarios")).unwrap().map(|e| e.unwrap().path()).collect();
+    files.sort();
+    for file in files {
+        let scenario: Value = serde_json::from_str(&std::fs::read_to_string(&file).unwrap()).unwrap();
+        for seed in 0..4 {
+            let path = file.to_string_lossy().into_owned();
+            flights.push(vec!["--scenario".into(), path.clone(), "--seed".into(), seed.to_string()]);
+            expected.push((path, seed, scenario["expect"].clone()));
+        }
+    }
+    assert!(flights.len() >= 24);
+    for ((code, report), (file, seed, expect)) in fly_all(flights).iter().zip(&expected) {
+        assert_eq!(report["result"], expect["result"], "{file} seed {seed}: {report}");
+        if let Some(reason) = expect.get("reason") {
+            assert_eq!(&report["reason"], reason, "{file} seed {seed}: {report}");
+        }
+        assert_eq!(report["collisions"], 0, "{file} seed {seed}: {report}");
+        assert_eq!(*code == 0, report["result"] == "reached", "{file} seed {seed}: {report}");
+        let length = report["path_length_m"].as_f64().unwrap();
+        if report["result"] == "reached" {
+            let straight = report["straight_line_m"].as_f64().unwrap();
+            assert!(length > straight - 1.0 && length < 2.0 * straight, "{file} seed {seed}: {report}");
+        }
+    }
+}
+
+#[test]
+fn the_report_has_every_field_of_the_interface_and_no_others_by_surprise() {
+    let (_, report) = fly(&["--seed", "1"]);
+    for field in [
+        "result",
+        "reason",
+        "time_s",
+        "path_length_m",
+        "straight_line_m",
+        "min_clearance_m",
+        "collisions",
+        "replans",
+        "bearing_rms_deg",
+        "trace_hash",
+    ] {
+        assert!(!report[field].is_null(), "{field} is missing in {report}");
+    }
+}

@@ -1,0 +1,69 @@
+//! The core stays what it says it is: no standard library, no heap.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::collections::BTreeSet;
+use std::process::Command;
+
+use foxhound_tests::root;
+
+/// All that the core may stand on, with its features off: each is `no_std` and allocates nothing.
+const ALLOWED: [&str; 15] = [
+    "byteorder",
+    "cfg-if",
+    "foxhound-core",
+    "hash32",
+    "heapless",
+    "libm",
+    "micromath",
+    "microfft",
+    "num-complex",
+    "num-traits",
+    "autocfg",
+    "rand_core",
+    "rand_xoshiro",
+    "stable_deref_trait",
+    "static_assertions",
+];
+
+#[test]
+fn the_core_depends_on_no_crate_beyond_the_known_ones() {
+    let output = Command::new(env!("CARGO"))
+        .current_dir(root())
+        .args(["tree", "-p", "foxhound-core", "-e", "normal", "--prefix", "none", "--format", "{p}"])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let found: BTreeSet<&str> = text.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(found.contains("foxhound-core"));
+    let unknown: Vec<_> = found.iter().filter(|name| !ALLOWED.contains(name)).collect();
+    assert!(unknown.is_empty(), "new under the core: {unknown:?}");
+}
+
+#[test]
+fn the_core_names_neither_alloc_nor_std_outside_of_tests() {
+    fn sources(dir: &std::path::Path, found: &mut Vec<std::path::PathBuf>) {
+        for entry in std::fs::read_dir(dir).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                sources(&path, found);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                found.push(path);
+            }
+        }
+    }
+    let mut files = Vec::new();
+    sources(&root().join("core/src"), &mut files);
+    assert!(files.len() > 20);
+    for file in files {
+        let text = std::fs::read_to_string(&file).unwrap();
+        let product = text.split("\nmod tests").next().unwrap();
+        for (number, line) in product.lines().enumerate() {
+            let code = line.split("//").next().unwrap();
+            let tests_only = number > 0 && product.lines().nth(number - 1) == Some("#[cfg(test)]");
+            let named = ["alloc::", "extern crate alloc", "std::", "extern crate std"].iter().any(|n| code.contains(n));
+            assert!(!named || tests_only, "{}:{}: {line}", file.display(), number + 1);
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! The firmware image itself, flown in QEMU. `cargo xtask test` builds the image, installs what is needed and runs these.
+
+use std::path::Path;
+use std::process::Command;
+
+use foxhound_tests::{python, qemu_image, root, run, run_json};
+use object::{Object as _, ObjectSymbol as _};
+
+fn fly(via: &str, extra: &[&str]) -> (i32, serde_json::Value) {
+    let mut arguments = vec!["fly", "--json", "--via", via];
+    arguments.extend_from_slice(extra);
+    run_json(&arguments)
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn the_built_in_mission_flies_the_same_in_qemu_and_in_process() {
+    let via = format!("qemu:{}", qemu_image());
+    for seed in ["0", "7"] {
+        let (host, twin) = (fly("host", &["--seed", seed]), fly(&via, &["--seed", seed]));
+        assert_eq!(twin.1["result"], "reached", "{}", twin.1);
+        assert_eq!(host.1["trace_hash"], twin.1["trace_hash"], "host {} twin {}", host.1, twin.1);
+        assert_eq!(host.1["time_s"], twin.1["time_s"]);
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn sixty_simulated_seconds_end_in_the_same_hash() {
+    let via = format!("qemu:{}", qemu_image());
+    let scenario = root().join("tests/parity/sixty_seconds.json");
+    let scenario = ["--seed", "11", "--scenario", &scenario.to_string_lossy()];
+    let (host, twin) = (fly("host", &scenario), fly(&via, &scenario));
+    assert!(host.1["time_s"].as_f64().unwrap() >= 60.0, "{}", host.1);
+    assert_eq!(host.1["trace_hash"], twin.1["trace_hash"], "host {} twin {}", host.1, twin.1);
+}
+
+#[test]
+#[ignore = "needs QEMU, the image and pymavlink: cargo xtask test"]
+fn pymavlink_reads_the_firmwares_own_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    let log = dir.path().join("flight.tlog");
+    let (code, report) = fly(&format!("qemu:{}", qemu_image()), &["--tlog", &log.to_string_lossy()]);
+    assert_eq!(code, 0, "{report}");
+    let output = python().arg(root().join("tests/peers/check_tlog.py")).arg(&log).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(text.contains("all checks passed"), "{text}");
+}
+
+#[test]
+#[ignore = "needs QEMU and both images: cargo xtask test"]
+fn an_image_for_another_board_is_refused() {
+    let other = std::env::var("FOXHOUND_G474_ELF").unwrap();
+    let output = run(&["fly", "--via", &format!("qemu:{other}")]);
+    assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+#[ignore = "needs both images: cargo xtask test"]
+fn no_image_holds_an_allocator() {
+    for variable in ["FOXHOUND_QEMU_ELF", "FOXHOUND_G474_ELF"] {
+        let data = std::fs::read(std::env::var(variable).unwrap()).unwrap();
+        let file = object::File::parse(&*data).unwrap();
+        let mut symbols = 0;
+        for symbol in file.symbols() {
+            let name = symbol.name().unwrap_or_default();
+            assert!(!name.contains("__rust_alloc") && !name.contains("__rg_alloc"), "{variable}: {name}");
+            symbols += 1;
+        }
+        assert!(symbols > 100, "{variable} is stripped: nothing was checked");
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn without_a_doorbell_the_image_beats_once_a_second_and_sends_no_motion() {
+    // QEMU alone, as a stranger would start it: UART0 into a file, no shared memory, no doorbell.
+    let dir = tempfile::tempdir().unwrap();
+    let bytes = dir.path().join("uart0.bin");
+    let mut qemu = Command::new("qemu-system-arm")
+        .args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-icount", "shift=8"])
+        .args(["-semihosting-config", "enable=on,target=native", "-serial"])
+        .arg(format!("file:{}", bytes.display()))
+        .args(["-serial", "null", "-kernel", &qemu_image()])
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(std::time::Duration::from_secs(6));
+    qemu.kill().unwrap();
+    qemu.wait().unwrap();
+    let (code, counts) = run_json(&["tlog", &bytes.to_string_lossy(), "--raw", "--json"]);
+    assert_eq!(code, 0, "{counts}");
+    assert_eq!((&counts["bad_crc"], &counts["skipped_bytes"]), (&0.into(), &0.into()), "{counts}");
+    let beats = counts["counts"]["0"].as_u64().unwrap();
+    // Six seconds, on a machine that may be busy: but a beat, and no flood.
+    assert!((3..=8).contains(&beats), "{counts}");
+    assert!(counts["counts"].get("84").is_none(), "no setpoint without an autopilot: {counts}");
+    assert!(Path::new(&bytes).exists());
+}

@@ -1,0 +1,92 @@
+//! How the system tests reach the product: through its command line, as a user does.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+use serde_json::Value;
+
+/// The root of the repository.
+#[must_use]
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."))
+}
+
+/// A command that runs the release build of `foxhound`, built once.
+///
+/// # Panics
+/// When the binary does not build.
+#[must_use]
+pub fn foxhound() -> Command {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    let path = BINARY.get_or_init(|| {
+        let build = escargot::CargoBuild::new()
+            .manifest_path(root().join("Cargo.toml"))
+            .package("foxhound-sim")
+            .bin("foxhound")
+            .release();
+        match build.run() {
+            Ok(run) => run.path().to_path_buf(),
+            Err(error) => fail(&format!("foxhound does not build: {error}")),
+        }
+    });
+    Command::new(path)
+}
+
+/// Runs `foxhound` with arguments.
+///
+/// # Panics
+/// When it cannot be started.
+#[must_use]
+pub fn run(arguments: &[&str]) -> Output {
+    match foxhound().args(arguments).output() {
+        Ok(output) => output,
+        Err(error) => fail(&format!("foxhound does not start: {error}")),
+    }
+}
+
+/// Runs `foxhound` and reads its standard output as one JSON object.
+///
+/// # Panics
+/// When there is anything else on it.
+#[must_use]
+pub fn run_json(arguments: &[&str]) -> (i32, Value) {
+    let output = run(arguments);
+    let text = String::from_utf8_lossy(&output.stdout);
+    match serde_json::from_str(&text) {
+        Ok(value) => (output.status.code().unwrap_or(-1), value),
+        Err(error) => {
+            let errors = String::from_utf8_lossy(&output.stderr);
+            fail(&format!("{arguments:?}: {error}\nstdout: {text}\nstderr: {errors}"))
+        }
+    }
+}
+
+/// The firmware image for QEMU, which `cargo xtask test` builds and names.
+///
+/// # Panics
+/// When it is not named.
+#[must_use]
+pub fn qemu_image() -> String {
+    match std::env::var("FOXHOUND_QEMU_ELF") {
+        Ok(path) => path,
+        Err(_) => fail("FOXHOUND_QEMU_ELF names no image; `cargo xtask test` builds one and runs this test"),
+    }
+}
+
+/// A Python with pymavlink, which `cargo xtask test` installs and names.
+///
+/// # Panics
+/// When it is not named.
+#[must_use]
+pub fn python() -> Command {
+    match std::env::var("FOXHOUND_PYTHON") {
+        Ok(path) => Command::new(path),
+        Err(_) => fail("FOXHOUND_PYTHON names no Python; `cargo xtask test` makes one and runs this test"),
+    }
+}
+
+#[expect(clippy::panic, reason = "a test that cannot run has failed")]
+fn fail(text: &str) -> ! {
+    panic!("{text}")
+}
