@@ -35,8 +35,8 @@ fn the_built_in_mission_is_reached_without_a_collision_by_twenty_of_twenty_seeds
         assert_eq!((*code, report["result"].as_str()), (0, Some("reached")), "seed {seed}: {report}");
         assert_eq!(report["collisions"], 0, "seed {seed}: {report}");
         assert!(report["min_clearance_m"].as_f64().unwrap() > 0.0, "seed {seed}: {report}");
-        // On a level array the bound at 20 dB is 0.142 deg; in flight the array tilts, and the beacon lies 2 m below.
-        assert!(report["bearing_rms_deg"].as_f64().unwrap() < 1.0, "seed {seed}: {report}");
+        // The Cramer-Rao bound at 20 dB is 0.142 deg for a source level with the array.
+        assert!(report["bearing_rms_deg"].as_f64().unwrap() < 0.2, "seed {seed}: {report}");
     }
 }
 

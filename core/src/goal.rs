@@ -1,12 +1,22 @@
 //! The temporary target: a point at a fixed distance on the source's bearing (main paper, section III-A and IV: 2 m).
 //!
+//! A beacon mostly lies below the vehicle, and a tilting array then mishears its azimuth. How far below is learned from the
+//! wavenumber, whose square is one minus that of the direction's vertical part, in moments when the array is not tilted
+//! towards the source. (A flat array cannot tell below from above; above is not expected.)
+//!
 //! Bearings are averaged as unit vectors in the NED frame, each with the weight of its precision, over a memory that is as
 //! long as they are noisy: a tenth of a second for good ones, a second or two for bearings of 10 or 20 degrees.
 
 use crate::bearing::Bearing;
 use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
+use crate::ownship::Ownship;
 use crate::time::Instant;
+
+/// The array counts as level towards the source when the horizon there is this near to its plane.
+const LEVEL_RAD: f32 = 0.03;
+/// Memory of the depression.
+const DEPRESSION_MEMORY_S: f32 = 1.0;
 
 /// What the goal needs to know.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +60,9 @@ pub struct Seeker {
 pub struct State {
     sum: Horizontal,
     updated: Option<Instant>,
+    /// Weighted sum of the squared vertical part of the direction, and of the weights.
+    sunk: f32,
+    sunk_weight: f32,
 }
 
 impl State {
@@ -57,6 +70,13 @@ impl State {
     #[must_use]
     pub fn source_bearing_ned_rad(&self) -> Option<f32> {
         self.updated.map(|_| self.sum.bearing_rad())
+    }
+
+    /// How far the source lies below the horizon.
+    #[must_use]
+    pub fn depression_rad(&self) -> f32 {
+        let squared = if self.sunk_weight > 0.0 { self.sunk / self.sunk_weight } else { 0.0 };
+        libm::asinf(libm::sqrtf(squared.clamp(0.0, 1.0)))
     }
 
     /// When the last valid bearing was measured.
@@ -67,8 +87,20 @@ impl State {
 }
 
 impl Seeker {
-    /// Takes in a valid bearing and where it points in the NED frame.
-    pub fn observe(&self, state: &mut State, bearing: &Bearing, bearing_ned_rad: f32) {
+    /// Takes in a valid bearing and returns where it points, from north, clockwise.
+    pub fn observe(&self, state: &mut State, bearing: &Bearing, ownship: &Ownship) -> f32 {
+        let at = bearing.time;
+        let bearing_ned_rad = ownship.bearing_ned_rad(bearing.azimuth_rad, state.depression_rad(), at);
+        let [_, _, tilt] = ownship.to_body(bearing_ned_rad - ownship.yaw_at(at), 0.0);
+        let since_s = state.updated.map_or(0.0, |updated| at.seconds_since(updated));
+        let fades = 1.0 / (1.0 + since_s / DEPRESSION_MEMORY_S);
+        (state.sunk, state.sunk_weight) = (state.sunk * fades, state.sunk_weight * fades);
+        if libm::fabsf(tilt) < LEVEL_RAD && bearing.quality.wavenumber > 0.0 {
+            let weight = 1.0 / (bearing.sigma_rad * bearing.sigma_rad + 1e-6);
+            let wavenumber = bearing.quality.wavenumber;
+            state.sunk += weight * (1.0 - wavenumber * wavenumber);
+            state.sunk_weight += weight;
+        }
         let direction = Horizontal::from_bearing(bearing_ned_rad);
         let sigma_rad = if bearing.sigma_rad > 1e-3 { bearing.sigma_rad } else { 1e-3 };
         let weight = 1.0 / (sigma_rad * sigma_rad);
@@ -76,13 +108,14 @@ impl Seeker {
             None => 0.0,
             Some(updated) => {
                 let memory_s = self.config.memory_min_s + self.config.memory_s_per_rad * sigma_rad;
-                let age = bearing.time.seconds_since(updated) / if memory_s > 1e-3 { memory_s } else { 1e-3 };
+                let age = at.seconds_since(updated) / if memory_s > 1e-3 { memory_s } else { 1e-3 };
                 // exp(-age), by the first terms of its series: exact enough for a weight.
                 1.0 / (1.0 + age + 0.5 * age * age)
             }
         };
         state.sum = state.sum.times(kept).plus(direction.times(weight));
-        state.updated = Some(bearing.time);
+        state.updated = Some(at);
+        bearing_ned_rad
     }
 
     /// The temporary target as seen from a position; `None` before the first valid bearing.
@@ -120,9 +153,32 @@ mod tests {
     fn the_target_lies_two_metres_off_on_the_bearing() {
         let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
         assert_eq!(seeker.target_ned_m(&state, Horizontal::default()), None);
-        seeker.observe(&mut state, &bearing(0, 0.01), core::f32::consts::FRAC_PI_2);
+        let east = Ownship { yaw_rad: core::f32::consts::FRAC_PI_2, ..Ownship::default() };
+        seeker.observe(&mut state, &bearing(0, 0.01), &east);
         let target = seeker.target_ned_m(&state, Horizontal { north: 1.0, east: 1.0 }).unwrap();
         assert!((target.north - 1.0).abs() < 1e-5 && (target.east - 3.0).abs() < 1e-5, "{target:?}");
+    }
+
+    #[test]
+    fn a_source_below_is_found_through_a_tilt_once_its_depression_is_known() {
+        let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
+        let (depression, psi) = (0.5_f32, 0.8_f32);
+        let mut worst = 0.0_f32;
+        for k in 0..200_u64 {
+            let time = k * 20_000;
+            // Level for two seconds, then rocking.
+            let tilt = if k < 100 { 0.0 } else { 0.15 };
+            let ownship =
+                Ownship { attitude_time: Instant(time), roll_rad: tilt, pitch_rad: -tilt, ..Ownship::default() };
+            let [forward, right, _] = ownship.to_body(psi, depression);
+            let mut heard = bearing(time, 0.0025);
+            heard.azimuth_rad = libm::atan2f(right, forward);
+            heard.quality.wavenumber = libm::sqrtf(forward * forward + right * right);
+            let error = wrap_pi(seeker.observe(&mut state, &heard, &ownship) - psi);
+            worst = if k > 0 && libm::fabsf(error) > worst { libm::fabsf(error) } else { worst };
+        }
+        assert!((state.depression_rad() - depression).abs() < 0.01, "{}", state.depression_rad());
+        assert!(worst < 0.002, "{worst}");
     }
 
     #[test]
@@ -133,7 +189,8 @@ mod tests {
             let mut squares = 0.0;
             for k in 0..2000_u64 {
                 let heard = wrap_pi(core::f32::consts::PI + sigma * rng.gaussian());
-                seeker.observe(&mut state, &bearing(k * 20_000, sigma), heard);
+                let turned = Ownship { yaw_rad: heard, ..Ownship::default() };
+                seeker.observe(&mut state, &bearing(k * 20_000, sigma), &turned);
                 if k >= 1000 {
                     let error = wrap_pi(state.source_bearing_ned_rad().unwrap() - core::f32::consts::PI);
                     squares += error * error;

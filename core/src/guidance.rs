@@ -353,10 +353,7 @@ impl<const N: usize> Guidance<N> {
         state.last_flags = bearing.flags;
         let sane = bearing.azimuth_rad.is_finite() && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
         let usable = state.ownship.filter(|_| bearing.valid && sane);
-        let bearing_ned_rad = usable.map(|ownship| ownship.bearing_ned_rad(bearing.azimuth_rad, bearing.time));
-        if let Some(bearing_ned_rad) = bearing_ned_rad {
-            self.goal.observe(&mut state.goal, &bearing, bearing_ned_rad);
-        }
+        let bearing_ned_rad = usable.map(|ownship| self.goal.observe(&mut state.goal, &bearing, &ownship));
         Some((bearing, bearing_ned_rad))
     }
 
@@ -454,9 +451,12 @@ impl<const N: usize> Guidance<N> {
 
     /// The demand, with the altitude held, through the guard.
     fn command(&self, state: &mut State<N>, demand: &Demand, situation: &Situation) -> (Setpoint, guard::Action) {
-        let down_m = state.ownship.unwrap_or_default().position_ned_m.down;
-        let wanted_m = *state.hold_down_m.get_or_insert(down_m);
-        let demand = Demand { down_mps: self.track.hold_altitude(wanted_m, down_m), ..*demand };
+        // The altitude of the first word heard in control; before it there is none to hold.
+        let down_mps = state.ownship.map_or(0.0, |ownship| {
+            let down_m = ownship.position_ned_m.down;
+            self.track.hold_altitude(*state.hold_down_m.get_or_insert(down_m), down_m)
+        });
+        let demand = Demand { down_mps, ..*demand };
         self.guard.step(&mut state.guard, &demand, situation, &state.near, self.tick_s)
     }
 
@@ -693,6 +693,23 @@ mod tests {
         let end = report.outputs.last().unwrap();
         assert_eq!(end.outcome, Outcome::PlanLate);
         assert!(end.plans_late > 10 && flight.position.norm() < 1e-3);
+    }
+
+    #[test]
+    fn the_altitude_held_is_the_first_one_heard_even_when_control_comes_before_it() {
+        let mut flight = Flight::new(&[], (30.0, 0.0));
+        let report = flight.run(8.0, |step, input| {
+            if step < 20 {
+                input.ownship = None;
+            } else if step > 200 {
+                // A gust has lifted the vehicle by half a metre.
+                input.ownship =
+                    input.ownship.map(|o| Ownship { position_ned_m: Ned { down: -5.5, ..o.position_ned_m }, ..o });
+            }
+        });
+        assert!(report.outputs[..200].iter().all(|o| o.setpoint.velocity_ned_mps.down == 0.0));
+        let down_mps = report.outputs[300].setpoint.velocity_ned_mps.down;
+        assert!((down_mps - 0.4).abs() < 1e-5, "0.8 a second of half a metre: {down_mps}");
     }
 
     #[test]

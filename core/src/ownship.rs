@@ -35,19 +35,35 @@ impl Ownship {
         wrap_pi(self.yaw_rad + self.yaw_rate_radps * ahead_s.clamp(-0.1, 0.1))
     }
 
-    /// The bearing, from north and clockwise, of a source at our height that is heard on a body azimuth at an instant.
-    ///
-    /// A tilted array sees the horizon as a tilted plane: 10 degrees of tilt turn an azimuth by up to 0.4 degrees. With `R`
-    /// the rotation from body to NED, a level direction `psi` is heard on `atan2(R_12 cos psi + R_22 sin psi,
-    /// R_11 cos psi + R_21 sin psi)`; this is its inverse.
+    /// The direction to a source in the body frame, `[forward, right, down]`, from its bearing relative to the nose's heading
+    /// and its depression below the horizon.
     #[must_use]
-    pub fn bearing_ned_rad(&self, azimuth_rad: f32, at: Instant) -> f32 {
+    pub fn to_body(&self, heading_off_rad: f32, depression_rad: f32) -> [f32; 3] {
         let (sin_roll, cos_roll) = sin_cos(self.roll_rad);
         let (sin_pitch, cos_pitch) = sin_cos(self.pitch_rad);
-        let (sin_azimuth, cos_azimuth) = sin_cos(azimuth_rad);
-        // Yaw is added at the end; without it R_11 = cos pitch, R_21 = 0, R_12 = sin roll sin pitch, R_22 = cos roll.
-        let level = libm::atan2f(cos_pitch * sin_azimuth - sin_roll * sin_pitch * cos_azimuth, cos_roll * cos_azimuth);
-        wrap_pi(level + self.yaw_at(at))
+        let (sin_off, cos_off) = sin_cos(heading_off_rad);
+        let (down, level) = sin_cos(depression_rad);
+        let (ahead, right) = (cos_off * level, sin_off * level);
+        // Rotations by yaw (taken off already), pitch and roll, backwards.
+        let forward = cos_pitch * ahead - sin_pitch * down;
+        let below = sin_pitch * ahead + cos_pitch * down;
+        [forward, cos_roll * right + sin_roll * below, cos_roll * below - sin_roll * right]
+    }
+
+    /// The bearing, from north and clockwise, of a source that is heard on a body azimuth at an instant and lies that far
+    /// below the horizon.
+    ///
+    /// A tilted array sees a level source off by up to half its tilt squared (10 degrees: 0.4), but a source below by up to
+    /// the tilt times the tangent of its depression, which on the last metres is degrees. Solved by a few fixed-point
+    /// steps, each of which gains a factor of about that product.
+    #[must_use]
+    pub fn bearing_ned_rad(&self, azimuth_rad: f32, depression_rad: f32, at: Instant) -> f32 {
+        let mut off_rad = azimuth_rad;
+        for _ in 0..4 {
+            let [forward, right, _] = self.to_body(off_rad, depression_rad);
+            off_rad += wrap_pi(azimuth_rad - libm::atan2f(right, forward));
+        }
+        wrap_pi(off_rad + self.yaw_at(at))
     }
 
     /// Whether every number is finite.
@@ -67,24 +83,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tilted_array_still_finds_the_level_bearing() {
-        for (roll, pitch, yaw) in [(0.0_f64, 0.0_f64, 0.0_f64), (0.3, -0.2, 1.0), (-0.25, 0.3, -2.0), (0.0, 0.35, 3.0)]
-        {
-            for degree in (-175..=180).step_by(5) {
-                let psi = f64::from(degree).to_radians();
-                // The level direction in the body frame, by the transposed rotation (yaw, pitch, roll), in f64.
-                let (n, e) = ((psi - yaw).cos(), (psi - yaw).sin());
-                let forward = pitch.cos() * n;
-                let right = roll.sin() * pitch.sin() * n + roll.cos() * e;
-                let ownship = Ownship {
-                    roll_rad: roll as f32,
-                    pitch_rad: pitch as f32,
-                    yaw_rad: yaw as f32,
-                    ..Ownship::default()
-                };
-                let found = ownship.bearing_ned_rad(right.atan2(forward) as f32, Instant(0));
-                let error = wrap_pi(found - psi as f32);
-                assert!(error.abs() < 1e-5, "{roll} {pitch} {yaw} {degree}: {error}");
+    fn a_tilted_array_still_finds_the_bearing_of_a_source_that_is_level_or_below() {
+        for (roll, pitch, yaw) in [(0.0_f64, 0.0_f64, 0.0_f64), (0.2, -0.2, 1.0), (-0.25, 0.1, -2.0), (0.0, 0.3, 3.0)] {
+            for depression in [0.0_f64, 0.1, 0.6] {
+                for degree in (-175..=180).step_by(5) {
+                    let psi = f64::from(degree).to_radians();
+                    // The direction in NED, then the transposed rotation (yaw, pitch, roll) element by element, in f64.
+                    let d = [psi.cos() * depression.cos(), psi.sin() * depression.cos(), depression.sin()];
+                    let (sr, cr, sp, cp, sy, cy) =
+                        (roll.sin(), roll.cos(), pitch.sin(), pitch.cos(), yaw.sin(), yaw.cos());
+                    let forward = cp * cy * d[0] + cp * sy * d[1] - sp * d[2];
+                    let right = (sr * sp * cy - cr * sy) * d[0] + (sr * sp * sy + cr * cy) * d[1] + sr * cp * d[2];
+                    let ownship = Ownship {
+                        roll_rad: roll as f32,
+                        pitch_rad: pitch as f32,
+                        yaw_rad: yaw as f32,
+                        ..Ownship::default()
+                    };
+                    let heard = right.atan2(forward) as f32;
+                    let error = wrap_pi(ownship.bearing_ned_rad(heard, depression as f32, Instant(0)) - psi as f32);
+                    assert!(error.abs() < 2e-3, "{roll} {pitch} {yaw} {depression} {degree}: {error}");
+                }
             }
         }
     }

@@ -141,6 +141,8 @@ pub struct Sample {
     pub position: Horizontal,
     /// Where its nose pointed.
     pub yaw_rad: f64,
+    /// How far below the origin it was; negative above.
+    pub down_m: f64,
     /// How fast it was, horizontally.
     pub speed_mps: f64,
     /// What guidance said.
@@ -272,7 +274,8 @@ pub fn fly(
         let outcome = report.output.outcome;
         let [north_mps, east_mps, _] = motion.velocity_ned_mps;
         let speed_mps = libm::hypot(north_mps, east_mps);
-        path.push(Sample { time_s, position, yaw_rad: motion.pose.yaw_rad, speed_mps, outcome });
+        let [_, _, down_m] = motion.pose.position_ned_m;
+        path.push(Sample { time_s, position, yaw_rad: motion.pose.yaw_rad, down_m, speed_mps, outcome });
 
         // What the vehicle does.
         autopilot.receive(now_us, &motion, &report.tx);
@@ -452,13 +455,17 @@ mod tests {
     #[test]
     fn the_built_in_mission_reaches_the_beacon_by_its_waves_alone() {
         for seed in 1..=5 {
-            let report = flown(&mission(Scenario::built_in(), seed)).report;
+            let Record { report, path, .. } = flown(&mission(Scenario::built_in(), seed));
             assert_eq!((report.result, report.collisions), (Ending::Reached, 0), "seed {seed}: {report:?}");
+            assert!(
+                path.iter().all(|sample| (sample.down_m - FLIGHT_DOWN_M).abs() < 0.05),
+                "seed {seed}: altitude lost"
+            );
             // The straight line less the tolerance is the least that anyone can fly.
             assert!(report.path_length_m > report.straight_line_m - 0.51);
             assert!(report.path_length_m < 1.5 * report.straight_line_m);
             assert!(report.min_clearance_m.unwrap() > 0.0);
-            assert!(report.bearing_rms_deg.unwrap() < 2.0);
+            assert!(report.bearing_rms_deg.unwrap() < 0.25);
         }
     }
 

@@ -79,6 +79,7 @@ ignored = ("x", "y", "z", "afx", "afy", "afz", "yaw")
 check(all(getattr(m, f) == 0.0 for _, m in setpoints for f in ignored), "ignored fields are zero")
 speeds = [math.hypot(m.vx, m.vy) for _, m in setpoints]
 check(max(speeds) <= 1.001 and max(speeds) > 0.3, f"speeds up to {max(speeds):.3f} m/s")
+check(all(abs(m.vz) < 0.05 for _, m in setpoints), "the altitude is kept")
 span = (setpoints[-1][0] - setpoints[0][0]) / 1e6
 rate = (len(setpoints) - 1) / span
 check(abs(rate - 20.0) < 0.5, f"setpoints at {rate:.2f} Hz")
