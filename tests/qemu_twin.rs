@@ -49,6 +49,15 @@ fn pymavlink_reads_the_firmwares_own_bytes() {
 }
 
 #[test]
+#[ignore = "needs QEMU, the image and pymavlink: cargo xtask test"]
+fn in_the_mode_without_antennas_the_image_streams_zero_velocity() {
+    let output = python().arg(root().join("tests/peers/free_run.py")).arg(qemu_image()).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(text.contains("all checks passed"), "{text}");
+}
+
+#[test]
 #[ignore = "needs QEMU and both images: cargo xtask test"]
 fn an_image_for_another_board_is_refused() {
     let other = std::env::var("FOXHOUND_G474_ELF").unwrap();
