@@ -49,6 +49,8 @@ pub mod spectrum;
 
 pub mod array;
 pub mod bearing;
+pub mod calibration;
+pub mod multipath;
 
 pub mod map;
 pub mod scan;

@@ -543,6 +543,12 @@ impl<const N: usize> Extractor<N> {
         if let Some(fit) = found {
             phasors.tone = Tone::Present;
             phasors.noise = state.variance.map(|variance| variance * state.solver.noise_gain);
+            // No noise gets through where the wave is clipped. What does stands about the zero crossings, where it turns the
+            // phase: with a share c clipped, 1 + sin(pi c) / (pi (1 - c)) times as much as the same power all round. The
+            // harmonics have raised the floor a little too; 1 + c makes up for both.
+            for (noise, level) in phasors.noise.iter_mut().zip(levels) {
+                *noise *= 1.0 + level.clipped as f32 / N as f32;
+            }
             let mut snr = 0.0;
             for ((z, noise), variance) in fit.z.iter().zip(phasors.noise).zip(state.variance) {
                 snr += (z.norm_squared() - noise) / (2.0 * CHANNELS as f32 * variance);
