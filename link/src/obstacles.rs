@@ -38,8 +38,8 @@ pub(crate) struct Reading {
 pub(crate) fn scan(message: &OBSTACLE_DISTANCE_DATA, time: Instant, reading: Reading) -> Option<Scan> {
     let step_deg = if message.increment_f == 0.0 { f32::from(message.increment) } else { message.increment_f };
     let width_deg = libm::fabsf(step_deg);
-    let sane = width_deg > 0.0
-        && width_deg <= FULL_TURN_DEG
+    // Narrower than any sensor's, and still a number in radians.
+    let sane = (0.01..=FULL_TURN_DEG).contains(&width_deg)
         && libm::fabsf(message.angle_offset) <= 2.0 * FULL_TURN_DEG
         && message.max_distance > 0
         && message.min_distance <= message.max_distance;
@@ -156,6 +156,7 @@ mod tests {
             read(&message)
         };
         assert_eq!(with(|message| message.increment = 0), None);
+        assert_eq!(with(|message| message.increment_f = f32::from_bits(1)), None);
         assert_eq!(with(|message| message.increment_f = f32::NAN), None);
         assert_eq!(with(|message| message.increment_f = f32::INFINITY), None);
         assert_eq!(with(|message| message.increment_f = -361.0), None);
