@@ -5,8 +5,12 @@
 //! `+k d_i + w t`, is a wave that converges on the beacon; it would mirror every bearing.) Mixing to the intermediate
 //! frequency keeps the phase: the four channels share one oscillator, whose phase is random from frame to frame.
 //!
-//! Signal-to-noise ratio is per sample, `A^2 / (2 sigma^2)`. Distances are three-dimensional; the array tilts and turns
-//! with the vehicle. Angles in rad, lengths in m, amplitudes in ADC codes.
+//! Signal-to-noise ratio is per sample, `A^2 / (2 sigma^2)`. Distances are three-dimensional, so that a source above or
+//! below is heard as such; the array tilts and turns with the vehicle. Angles in rad, lengths in m, amplitudes in ADC
+//! codes.
+//!
+//! [`Impairments`] are what reality adds. A reflection is a second source, the mirror image of the first: it sounds at the
+//! same time, and its phase follows from its distance. Without gain control a loud tone clips.
 
 use std::f64::consts::TAU;
 
@@ -66,6 +70,109 @@ pub struct Antennas {
     pub channel_phase_rad: [f64; CHANNELS],
     /// Offset of each channel.
     pub offset_codes: [f64; CHANNELS],
+    /// What else is wrong; nothing by default.
+    pub impairments: Impairments,
+}
+
+/// What reality adds to one tone in white noise. The default adds nothing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Impairments {
+    /// Each channel is sampled that much later than its time stamp says.
+    pub skew_s: [f64; CHANNELS],
+    /// Broken channels.
+    pub faults: [Fault; CHANNELS],
+    /// Other transmitters.
+    pub interferers: Vec<Interferer>,
+    /// Reflections of the beacon.
+    pub reflections: Vec<Reflection>,
+    /// The beacon sounds in pulses.
+    pub pulses: Option<Pulses>,
+    /// Rate at which the tone's frequency rises; `tone_hz` holds at time zero.
+    pub drift_hz_per_s: f64,
+    /// Correlation of the noise from sample to sample, -1..1: above zero it is louder at low frequencies, below at high
+    /// ones. Its power stays.
+    pub noise_correlation: f64,
+}
+
+/// How a channel is broken. (One that still makes noise but hears nothing has a `channel_gain` of zero.)
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fault {
+    /// It is not.
+    #[default]
+    None,
+    /// All codes are zero.
+    Dead,
+    /// All codes are this one.
+    Stuck(i16),
+}
+
+/// Another transmitter, far away, whose phase has nothing to do with ours.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interferer {
+    /// Its intermediate frequency.
+    pub tone_hz: f64,
+    /// Where it comes from: from north, clockwise.
+    pub azimuth_ned_rad: f64,
+    /// Where it comes from: above the horizon.
+    pub elevation_rad: f64,
+    /// Its power over that of the tone at `amplitude_codes`.
+    pub level_db: f64,
+}
+
+/// A reflection.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reflection {
+    /// Where the beacon's mirror image is.
+    pub image_ned_m: [f64; 3],
+    /// The image's power over the beacon's, at the same distance.
+    pub level_db: f64,
+}
+
+/// A beacon that sounds now and then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pulses {
+    /// From the start of one pulse to that of the next.
+    pub period_s: f64,
+    /// Length of a pulse: the period times the duty.
+    pub length_s: f64,
+    /// Start of a pulse.
+    pub start_s: f64,
+}
+
+impl Pulses {
+    fn sounds(&self, time_s: f64) -> bool {
+        let since = (time_s - self.start_s) / self.period_s;
+        (since - libm::floor(since)) * self.period_s < self.length_s
+    }
+}
+
+/// A wave at one antenna.
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    amplitude_codes: f64,
+    /// At the first sample.
+    phase_rad: f64,
+    /// Phase a sample, at the first sample.
+    step_rad: f64,
+    /// Growth of the phase a sample from sample to sample.
+    bend_rad: f64,
+}
+
+impl Arrival {
+    /// Adds the wave to a row, where `sounds` says so.
+    fn add_to(&self, row: &mut [f64], sounds: impl Fn(usize) -> bool) {
+        // One rotation a sample instead of a cosine a sample: exact to 1e-13 over a frame.
+        let (mut re, mut im) =
+            (self.amplitude_codes * libm::cos(self.phase_rad), self.amplitude_codes * libm::sin(self.phase_rad));
+        let (mut step_cos, mut step_sin) = (libm::cos(self.step_rad), libm::sin(self.step_rad));
+        let (bend_cos, bend_sin) = (libm::cos(self.bend_rad), libm::sin(self.bend_rad));
+        for (n, value) in row.iter_mut().enumerate() {
+            *value += if sounds(n) { re } else { 0.0 };
+            (re, im) = (re * step_cos - im * step_sin, re * step_sin + im * step_cos);
+            (step_cos, step_sin) =
+                (step_cos * bend_cos - step_sin * bend_sin, step_cos * bend_sin + step_sin * bend_cos);
+        }
+    }
 }
 
 impl Default for Antennas {
@@ -83,6 +190,7 @@ impl Default for Antennas {
             channel_gain: [1.0; CHANNELS],
             channel_phase_rad: [0.0; CHANNELS],
             offset_codes: [0.0; CHANNELS],
+            impairments: Impairments::default(),
         }
     }
 }
@@ -104,39 +212,97 @@ impl Antennas {
         source_ned_m: [f64; 3],
         random: &mut Random,
     ) -> Snapshot<N> {
+        let impairments = &self.impairments;
         let mut snapshot = Snapshot { time, codes: [[0; N]; CHANNELS] };
         let noise_codes =
             self.snr_db.map_or(0.0, |snr_db| self.amplitude_codes / libm::sqrt(2.0 * libm::pow(10.0, snr_db / 10.0)));
-        let full_scale = f64::from(CODE_MAX);
-        let peak = self.amplitude_codes + 4.0 * noise_codes;
-        let gain = if self.gain_control && peak > full_scale { full_scale / peak } else { 1.0 };
+        let gain = self.gain(noise_codes);
         let common_phase_rad = TAU * random.uniform();
-        let step_rad = TAU * self.tone_hz / self.sample_rate_hz;
-        let (step_sin, step_cos) = (libm::sin(step_rad), libm::cos(step_rad));
+        let interferer_phases_rad: Vec<f64> = impairments.interferers.iter().map(|_| TAU * random.uniform()).collect();
+        let colour = impairments.noise_correlation;
+        let fresh = libm::sqrt(1.0 - colour * colour);
+
+        let middle_s = time.0 as f64 * 1e-6;
+        let middle_sample = (N as f64 - 1.0) / 2.0;
+        let tone_hz = self.tone_hz + impairments.drift_hz_per_s * middle_s;
         for (channel, row) in snapshot.codes.iter_mut().enumerate() {
             let [forward, right] = self.positions_m[channel];
-            let offset = vehicle.to_ned([forward, right, 0.0]);
-            let distance_m = libm::sqrt(
-                (0..3)
-                    .map(|axis| vehicle.position_ned_m[axis] + offset[axis] - source_ned_m[axis])
-                    .map(|d| d * d)
-                    .sum(),
-            );
-            let spread = self.fall_off_from_m.map_or(1.0, |reference_m| reference_m / distance_m.max(1e-3));
-            let amplitude = gain * self.amplitude_codes * self.channel_gain[channel] * spread;
-            let phase_rad = common_phase_rad + self.channel_phase_rad[channel]
-                - TAU * distance_m / self.wavelength_m
-                - step_rad * (N as f64 - 1.0) / 2.0;
-            // One rotation a sample instead of a cosine a sample: exact to 1e-13 over a frame.
-            let (mut re, mut im) = (amplitude * libm::cos(phase_rad), amplitude * libm::sin(phase_rad));
-            for code in row.iter_mut() {
-                let noise = if noise_codes > 0.0 { gain * noise_codes * random.gaussian() } else { 0.0 };
-                *code = quantise(re + noise + self.offset_codes[channel]);
-                (re, im) = (re * step_cos - im * step_sin, re * step_sin + im * step_cos);
+            let offset_ned_m = vehicle.to_ned([forward, right, 0.0]);
+            let skew_samples = impairments.skew_s[channel] * self.sample_rate_hz;
+            let arrival = |hz: f64, hz_per_s: f64, amplitude_codes: f64, phase_rad: f64| {
+                let step_rad = TAU * hz / self.sample_rate_hz;
+                let bend_rad = TAU * hz_per_s / (self.sample_rate_hz * self.sample_rate_hz);
+                let first = skew_samples - middle_sample;
+                Arrival {
+                    amplitude_codes: gain * amplitude_codes * self.channel_gain[channel],
+                    phase_rad: phase_rad + step_rad * first + 0.5 * bend_rad * first * first,
+                    step_rad: step_rad + bend_rad * (first + 0.5),
+                    bend_rad,
+                }
+            };
+
+            let mut values = [0.0; N];
+            let beacon = [(source_ned_m, 1.0)];
+            let images = impairments.reflections.iter().map(|r| (r.image_ned_m, amplitude_ratio(r.level_db)));
+            for (position_ned_m, level) in beacon.into_iter().chain(images) {
+                let distance_m = libm::sqrt(
+                    (0..3)
+                        .map(|axis| vehicle.position_ned_m[axis] + offset_ned_m[axis] - position_ned_m[axis])
+                        .map(|d| d * d)
+                        .sum(),
+                );
+                let spread = self.fall_off_from_m.map_or(1.0, |reference_m| reference_m / distance_m.max(1e-3));
+                let phase_rad =
+                    common_phase_rad + self.channel_phase_rad[channel] - TAU * distance_m / self.wavelength_m;
+                let amplitude_codes = self.amplitude_codes * level * spread;
+                arrival(tone_hz, impairments.drift_hz_per_s, amplitude_codes, phase_rad).add_to(&mut values, |n| {
+                    let time_s = middle_s + (n as f64 + skew_samples - middle_sample) / self.sample_rate_hz;
+                    impairments.pulses.is_none_or(|pulses| pulses.sounds(time_s))
+                });
+            }
+            for (interferer, phase_rad) in impairments.interferers.iter().zip(&interferer_phases_rad) {
+                let phase_rad = phase_rad + self.channel_phase_rad[channel] + self.lead_rad(interferer, offset_ned_m);
+                let amplitude_codes = self.amplitude_codes * amplitude_ratio(interferer.level_db);
+                arrival(interferer.tone_hz, 0.0, amplitude_codes, phase_rad).add_to(&mut values, |_| true);
+            }
+
+            let mut noise = 0.0;
+            for (n, (code, value)) in row.iter_mut().zip(values).enumerate() {
+                if noise_codes > 0.0 {
+                    let draw = gain * noise_codes * random.gaussian();
+                    noise = if n == 0 { draw } else { colour * noise + fresh * draw };
+                }
+                *code = quantise(value + noise + self.offset_codes[channel]);
+            }
+            match impairments.faults[channel] {
+                Fault::None => (),
+                Fault::Dead => row.fill(0),
+                Fault::Stuck(code) => row.fill(code),
             }
         }
         snapshot
     }
+
+    /// The receiver's gain.
+    fn gain(&self, noise_codes: f64) -> f64 {
+        let full_scale = f64::from(CODE_MAX);
+        let others = self.impairments.interferers.iter().map(|i| i.level_db);
+        let others = others.chain(self.impairments.reflections.iter().map(|r| r.level_db));
+        let peak = self.amplitude_codes * (1.0 + others.map(amplitude_ratio).sum::<f64>()) + 4.0 * noise_codes;
+        if self.gain_control && peak > full_scale { full_scale / peak } else { 1.0 }
+    }
+
+    /// By how much an antenna leads the middle of the array in an interferer's plane wave.
+    fn lead_rad(&self, interferer: &Interferer, [north, east, down]: [f64; 3]) -> f64 {
+        let (sine, cosine) = (libm::sin(interferer.azimuth_ned_rad), libm::cos(interferer.azimuth_ned_rad));
+        let level = libm::cos(interferer.elevation_rad);
+        let towards = level * (north * cosine + east * sine) - libm::sin(interferer.elevation_rad) * down;
+        TAU * towards / self.wavelength_m
+    }
+}
+
+fn amplitude_ratio(level_db: f64) -> f64 {
+    libm::pow(10.0, level_db / 20.0)
 }
 
 /// The nearest code of a 12-bit converter, clipped at its rails.
@@ -259,5 +425,105 @@ mod tests {
         let controlled = Antennas { gain_control: true, ..loud };
         let frame = controlled.frame::<256>(Instant(0), &Pose::default(), [9.0, 0.0, 0.0], &mut Random::new(1, 1));
         assert!(frame.clip_count().iter().all(|clipped| *clipped < 5));
+    }
+
+    /// Frames of a source 500 m ahead of a vehicle that looks north.
+    fn heard(impairments: Impairments, time: Instant) -> Snapshot<256> {
+        let antennas = Antennas { impairments, amplitude_codes: 800.0, ..clean() };
+        antennas.frame(time, &Pose::default(), [500.0, 0.0, 0.0], &mut Random::new(2, 1))
+    }
+
+    #[test]
+    fn a_channel_sampled_later_is_further_in_phase() {
+        let plain = heard(Impairments::default(), Instant(0)).codes.each_ref().map(|row| phasor(row, 37.0).0);
+        let skew_s = [0.0, 3e-6, 0.0, -5e-6];
+        let skewed = heard(Impairments { skew_s, ..Impairments::default() }, Instant(0));
+        for (channel, row) in skewed.codes.iter().enumerate() {
+            let expected = TAU * 14_800.0 * skew_s[channel];
+            assert!((ahead(phasor(row, 37.0).0, plain[channel]) - expected).abs() < 2e-3, "channel {channel}");
+        }
+    }
+
+    #[test]
+    fn dead_and_stuck_channels_say_nothing_and_the_others_are_as_before() {
+        let plain = heard(Impairments::default(), Instant(0));
+        let faults = [Fault::None, Fault::Dead, Fault::Stuck(-77), Fault::None];
+        let broken = heard(Impairments { faults, ..Impairments::default() }, Instant(0));
+        assert_eq!(broken.codes, [plain.codes[0], [0; 256], [-77; 256], plain.codes[3]]);
+    }
+
+    #[test]
+    fn an_interferer_comes_from_its_own_direction_at_its_own_level() {
+        // From the right at bin 45, 6 dB down: the right pair leads, the front pair does not.
+        let interferer =
+            Interferer { tone_hz: 18_000.0, azimuth_ned_rad: TAU / 4.0, elevation_rad: 0.5, level_db: -6.0 };
+        let frame = heard(Impairments { interferers: vec![interferer], ..Impairments::default() }, Instant(0));
+        let [front_right, front_left, back_left, _] = frame.codes.each_ref().map(|row| phasor(row, 45.0));
+        assert!((front_right.1 / 800.0 - 0.501).abs() < 2e-3, "{}", front_right.1 / 800.0);
+        assert!((ahead(front_right.0, front_left.0) - TAU * 0.40 * 0.5_f64.cos()).abs() < 5e-3);
+        assert!(ahead(front_left.0, back_left.0).abs() < 5e-3);
+    }
+
+    #[test]
+    fn a_reflection_adds_the_image_with_the_phase_of_its_distance() {
+        // The image stands half a wavelength, then a whole one, behind the source: it weakens, then strengthens.
+        for (wavelengths, expected) in [(0.5, 0.5), (1.0, 1.5)] {
+            let image_ned_m = [500.0 + wavelengths * 0.345, 0.0, 0.0];
+            let reflections = vec![Reflection { image_ned_m, level_db: -6.0206 }];
+            let frame = heard(Impairments { reflections, ..Impairments::default() }, Instant(0));
+            for row in &frame.codes {
+                assert!((phasor(row, 37.0).1 / 800.0 - expected).abs() < 2e-3, "{}", phasor(row, 37.0).1 / 800.0);
+            }
+        }
+    }
+
+    #[test]
+    fn pulses_sound_for_their_length_once_a_period() {
+        // 20 ms every second, the first at 0.3 s: a frame of 2.5 ms at 310 ms is full, one at 320 ms half, others empty.
+        let pulses = Some(Pulses { period_s: 1.0, length_s: 0.020, start_s: 0.3 });
+        let sounding = |time_us: u64| {
+            let frame = heard(Impairments { pulses, ..Impairments::default() }, Instant(time_us));
+            frame.codes[0].iter().filter(|code| **code != 0).count()
+        };
+        assert!(sounding(310_000) > 250 && sounding(7_310_000) > 250);
+        assert!((120..=130).contains(&sounding(320_000)), "{}", sounding(320_000));
+        assert_eq!((sounding(298_000), sounding(322_000), sounding(900_000)), (0, 0, 0));
+    }
+
+    #[test]
+    fn the_frequency_drifts_with_time_and_within_the_frame() {
+        // One bin is 400 Hz: at 10 s and 40 Hz/s the tone stands on bin 38.
+        let drifting = Impairments { drift_hz_per_s: 40.0, ..Impairments::default() };
+        let frame = heard(drifting, Instant(10_000_000));
+        assert!((phasor(&frame.codes[0], 38.0).1 / 800.0 - 1.0).abs() < 2e-3);
+        // A chirp of one bin in the frame, sample by sample; the same seed starts both frames with the same phase.
+        let steady = heard(Impairments::default(), Instant(0));
+        let chirped = heard(Impairments { drift_hz_per_s: 160_000.0, ..Impairments::default() }, Instant(0));
+        let (phase, amplitude) = phasor(&steady.codes[0], 37.0);
+        for (n, code) in chirped.codes[0].iter().enumerate() {
+            let t = (n as f64 - 127.5) / 102_400.0;
+            let expected = amplitude * (phase + TAU * (14_800.0 * t + 80_000.0 * t * t)).cos();
+            assert!((f64::from(*code) - expected).abs() < 1.0, "sample {n}: {code} {expected}");
+        }
+    }
+
+    #[test]
+    fn coloured_noise_keeps_its_power_and_is_correlated() {
+        for noise_correlation in [-0.5, 0.0, 0.8] {
+            let impairments = Impairments { noise_correlation, ..Impairments::default() };
+            let antennas = Antennas { snr_db: Some(0.0), channel_gain: [0.0; 4], impairments, ..Antennas::default() };
+            let (mut power, mut product, mut random) = (0.0, 0.0, Random::new(7, 1));
+            for _ in 0..100 {
+                let frame = antennas.frame::<256>(Instant(0), &Pose::default(), [9.0, 0.0, 0.0], &mut random);
+                for pair in frame.codes.iter().flat_map(|row| row.windows(2)) {
+                    power += f64::from(pair[0]) * f64::from(pair[0]);
+                    product += f64::from(pair[0]) * f64::from(pair[1]);
+                }
+            }
+            assert!((product / power - noise_correlation).abs() < 0.02, "{} {noise_correlation}", product / power);
+            let gain = 2047.0 / (1500.0 + 4.0 * 1500.0 / 2.0_f64.sqrt());
+            let expected = 102_000.0 * (gain * 1500.0).powi(2) / 2.0;
+            assert!((power / expected - 1.0).abs() < 0.05, "{}", power / expected);
+        }
     }
 }

@@ -1,15 +1,23 @@
 //! Recorded frames in, bearings out: what `foxhound bearing` does.
 //!
-//! `looks` frames make one answer. Their bearings are carried into the world frame by the yaw of each look and averaged
-//! as unit vectors, each weighted by `1 / sigma^2`; the answer is the azimuth in the body frame of the last look. Its
-//! sigma is that of the weighted mean, widened by the square root of the reduced chi-square when the looks scatter more
-//! than their own sigmas say, as they do in reflections.
+//! `looks` frames make one answer: the azimuth in the body frame of the last of them.
+//!
+//! - **Four looks and more** are resolved together by [`foxhound_core::multipath`], which keeps a reflection apart from
+//!   the direct path: forward-backward MUSIC where the yaw does not change, alternating projection where it does, then a
+//!   fit of both. It takes the array and the source to be level and the channels to be calibrated to one degree, and it
+//!   knows no positions; the looks are meant to be a quarter of a wavelength and more apart. It holds
+//!   [`multipath::LOOKS`] looks: more are resolved in equal parts, the parts averaged as below.
+//! - **Fewer**, of which frames without a tone are none, and the paper's estimator: the looks' bearings are carried into
+//!   the world frame by the yaw of each look and averaged as unit vectors, each weighted by `1 / sigma^2`. Sigma is that of
+//!   the weighted mean, widened by the square root of the reduced chi-square when the looks scatter more than their own
+//!   sigmas say, as they do in reflections.
 
 use std::f64::consts::PI;
 
 use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::bearing::{self, Bearing, Estimator, Flags};
-use foxhound_core::phase;
+use foxhound_core::multipath;
+use foxhound_core::phase::{self, Phasors};
 use foxhound_core::time::Instant;
 use serde::{Serialize, Serializer};
 
@@ -124,12 +132,21 @@ fn find_in<const N: usize>(
 ) -> Result<Vec<Line>, InputError> {
     let looks = options.looks.max(1);
     let extractor = description.phase.build::<N>()?;
-    let finder = bearing::Config { estimator: options.estimator, ..bearing::Config::default() }
-        .build(description.array.build()?)?;
+    let config = bearing::Config { estimator: options.estimator, ..bearing::Config::default() };
+    let array = description.array.build()?;
+    let finder = config.build(array)?;
     let block_us = 1e6 * N as f64 / f64::from(description.phase.sample_rate_hz);
     let mut state = phase::State::<N>::default();
     let mut snapshot = Snapshot::<N>::zeroed();
-    let mut group: Vec<(Bearing, f64)> = Vec::with_capacity(looks);
+    let resolver = multipath::Config {
+        // The caller vouches for the looks.
+        move_min_wavelengths: 0.0,
+        age_max_s: 3600.0,
+        ..multipath::Config::default()
+    }
+    .build(finder.array())?;
+    let resolver = (options.estimator == Estimator::CrossSpectrum).then_some(resolver);
+    let mut group: Vec<Look> = Vec::with_capacity(looks);
     let mut lines = Vec::with_capacity(recording.frames().len() / looks);
     for (frame, codes) in recording.frames().enumerate() {
         if options.independent && frame % looks == 0 {
@@ -139,17 +156,54 @@ fn find_in<const N: usize>(
         for (row, source) in snapshot.codes.iter_mut().zip(codes.chunks_exact(codes.len() / CHANNELS)) {
             row.copy_from_slice(source);
         }
-        let bearing = finder.find(&extractor.step(&mut state, &snapshot));
-        group.push((bearing, options.yaw_rad.get(frame).copied().unwrap_or(0.0)));
+        let phasors = extractor.step(&mut state, &snapshot);
+        let yaw_rad = wrap_pi(options.yaw_rad.get(frame).copied().unwrap_or(0.0));
+        let bearing = description.deviation.apply(&finder.find(&phasors));
+        group.push(Look { bearing, phasors, yaw_rad });
         if group.len() == looks {
-            lines.push(Line::new(frame, &combine(&group)));
+            lines.push(Line::new(frame, &answer(resolver.as_ref(), &group)));
             group.clear();
         }
     }
     Ok(lines)
 }
 
-/// Combines the looks of one group, each with its yaw.
+/// A frame, heard.
+#[derive(Clone, Copy, Debug)]
+struct Look {
+    phasors: Phasors,
+    bearing: Bearing,
+    yaw_rad: f64,
+}
+
+/// The answer of one group.
+fn answer(resolver: Option<&multipath::Looks>, group: &[Look]) -> Bearing {
+    let parts = group.len().div_ceil(multipath::LOOKS);
+    let parts = group.chunks(group.len().div_ceil(parts));
+    let resolved = resolver.map(|resolver| parts.map(|part| resolve(resolver, part)).collect::<Vec<_>>());
+    match resolved.as_deref() {
+        Some([Some((bearing, _))]) => *bearing,
+        Some(parts) if parts.iter().all(Option::is_some) => {
+            combine(&parts.iter().flatten().copied().collect::<Vec<_>>())
+        }
+        _ => combine(&group.iter().map(|look| (look.bearing, look.yaw_rad)).collect::<Vec<_>>()),
+    }
+}
+
+/// The stronger path of some looks in the body frame of the last one, and its yaw; none when fewer than four hold a tone.
+fn resolve(resolver: &multipath::Looks, looks: &[Look]) -> Option<(Bearing, f64)> {
+    let mut state = multipath::State::default();
+    for Look { phasors, bearing, yaw_rad } in looks {
+        let yaw_rad = *yaw_rad as f32;
+        resolver.take(&mut state, &multipath::Look { phasors, bearing, yaw_rad, position_ned_m: None });
+    }
+    let arrival = resolver.solve(&state, 1.0)?;
+    let last = looks.last()?;
+    let azimuth_rad = wrap_pi(f64::from(arrival.azimuth_ned_rad) - last.yaw_rad) as f32;
+    Some((Bearing { time: last.bearing.time, azimuth_rad, ..arrival.bearing }, last.yaw_rad))
+}
+
+/// Averages bearings, each with its yaw.
 fn combine(group: &[(Bearing, f64)]) -> Bearing {
     let (last, yaw_last_rad) = group[group.len() - 1];
     let usable: Vec<&(Bearing, f64)> = group.iter().filter(|(bearing, _)| bearing.valid).collect();
@@ -221,6 +275,9 @@ pub fn table(lines: &[Line]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::antennas::{Antennas, Impairments, Pose, Reflection};
+    use crate::random::Random;
+    use foxhound_core::array;
 
     fn look(azimuth_deg: f32, sigma_deg: f32) -> Bearing {
         Bearing {
@@ -283,5 +340,69 @@ mod tests {
         let mut bearing = look(1.0, 1.0);
         bearing.quality.snr_db = f32::NAN;
         assert!(serde_json::to_value(Line::new(0, &bearing)).unwrap()["snr_db"].is_null());
+    }
+
+    /// Looks a third of a wavelength apart on the way north, turning right, at a beacon in the east and its reflection in
+    /// the south-west; silent where asked. With the direction of the beacon at the last look, from north.
+    fn passage(count: usize, is_silent: impl Fn(usize) -> bool) -> (Vec<Look>, f64) {
+        let beacon = [3.0, 40.0, 0.0];
+        let reflections = vec![Reflection { image_ned_m: [-50.0, -60.0, 0.0], level_db: -6.0 }];
+        let mut antennas = Antennas {
+            amplitude_codes: 1000.0,
+            impairments: Impairments { reflections, ..Impairments::default() },
+            ..Antennas::default()
+        };
+        let extractor = phase::Config::default().build::<256>().unwrap();
+        let finder = bearing::Config::default().build(array::Config::default().build().unwrap()).unwrap();
+        let (mut state, mut random) = (phase::State::default(), Random::new(1, 1));
+        let look = |k: usize| {
+            let (north, yaw_rad) = (0.115 * k as f64, 0.3 * k as f64);
+            let pose = Pose { position_ned_m: [north, 0.0, 0.0], yaw_rad, ..Pose::default() };
+            antennas.channel_gain = [if is_silent(k) { 0.0 } else { 1.0 }; 4];
+            let frame = antennas.frame(Instant(2500 * k as u64), &pose, beacon, &mut random);
+            let phasors = extractor.step(&mut state, &frame);
+            Look { phasors, bearing: finder.find(&phasors), yaw_rad }
+        };
+        let looks = (0..count).map(look).collect();
+        (looks, libm::atan2(40.0, 3.0 - 0.115 * (count - 1) as f64))
+    }
+
+    fn resolver() -> multipath::Looks {
+        let config = multipath::Config { move_min_wavelengths: 0.0, ..multipath::Config::default() };
+        config.build(&array::Config::default().build().unwrap()).unwrap()
+    }
+
+    #[test]
+    fn four_looks_and_more_tell_the_beacon_from_its_reflection() {
+        // The mean of parts is late by half of them, and the beacon turns 3 deg in 20 looks as it is passed.
+        for (count, bound_deg) in [(4, 0.7), (8, 0.7), (12, 0.7), (20, 1.2)] {
+            let (looks, truth_rad) = passage(count, |_| false);
+            let yaw_rad = looks[count - 1].yaw_rad;
+            let error_deg = |bearing: &Bearing, yaw_rad: f64| {
+                wrap_pi(f64::from(bearing.azimuth_rad) + yaw_rad - truth_rad).to_degrees().abs()
+            };
+            let alone = looks.iter().map(|look| error_deg(&look.bearing, look.yaw_rad)).fold(0.0, f64::max);
+            assert!(alone > 5.0, "{count} looks: the worst alone {alone}");
+            let together = answer(Some(&resolver()), &looks);
+            assert!(together.valid && together.flags.contains(Flags::MULTIPATH), "{count} looks: {together:?}");
+            assert!(error_deg(&together, yaw_rad) < bound_deg, "{count} looks: {}", error_deg(&together, yaw_rad));
+        }
+    }
+
+    #[test]
+    fn looks_without_a_tone_are_left_out_and_fewer_than_four_are_averaged() {
+        // The last look is silent: the answer is still for its yaw.
+        let (looks, truth_rad) = passage(8, |k| k == 2 || k == 7);
+        let together = answer(Some(&resolver()), &looks);
+        let error_rad = wrap_pi(f64::from(together.azimuth_rad) + looks[7].yaw_rad - truth_rad);
+        assert!(together.valid && error_rad.to_degrees().abs() < 1.0, "{}", error_rad.to_degrees());
+        assert!(!together.flags.contains(Flags::NO_SIGNAL));
+
+        let (looks, _) = passage(8, |k| k % 3 != 0);
+        let average = |looks: &[Look]| combine(&looks.iter().map(|l| (l.bearing, l.yaw_rad)).collect::<Vec<_>>());
+        assert_eq!(answer(Some(&resolver()), &looks), average(&looks));
+        assert_eq!(answer(Some(&resolver()), &looks[..3]), average(&looks[..3]));
+        assert_eq!(answer(None, &looks), average(&looks));
+        assert!(!answer(Some(&resolver()), &passage(8, |_| true).0).valid);
     }
 }

@@ -11,11 +11,13 @@ use foxhound_core::bearing::Estimator;
 use foxhound_core::planner::Kind;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::bearings::{self, Options};
+use foxhound_sim::calibrate::{self, calibrate};
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{self, Ending, Mission, Record};
 use foxhound_sim::frames::{ArrayDescription, Recording, read_yaw};
 use foxhound_sim::input::{InputError, read_text};
 use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::reproduce::{circle, crb};
 use foxhound_sim::scenario::{BearingModel, Scenario};
 use foxhound_sim::{plot, tlog};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -44,6 +46,7 @@ const EXAMPLES: &str = "Examples:
   foxhound fly --scenario gate.json --json          fly a scenario file, result as JSON
   foxhound fly --via qemu:firmware.elf --tlog f.tlog   the same flight with the firmware in QEMU
   foxhound bearing --adc frames.npy --array array.toml --json
+  foxhound calibrate --adc known.npy --array array.toml --azimuth-deg 30
   foxhound tlog f.tlog --json
 
 Exit status: 0 done as asked; 1 flown, but the goal was not reached; 2 bad usage or input.";
@@ -54,8 +57,12 @@ enum Command {
     Fly(Fly),
     /// Finds the bearings in recorded ADC frames.
     Bearing(BearingCommand),
+    /// Measures the channels with a known source and writes them into the array file.
+    Calibrate(CalibrateCommand),
     /// Counts the MAVLink frames of a telemetry log.
     Tlog(TlogCommand),
+    /// Repeats an experiment of a paper and puts our number beside its number.
+    Reproduce(Reproduce),
 }
 
 const FLY_HELP: &str = "Examples:
@@ -115,6 +122,18 @@ enum EstimatorName {
     Cross,
     /// The main paper's algorithm to the letter.
     Paper,
+    /// The same with the half-plane by the magnitudes of its angles.
+    PaperRepaired,
+    /// The same with the half-plane by cross-correlation.
+    PaperCorrelated,
+    /// The main paper's arcsine of one pair, its side by cross-correlation.
+    Pair,
+    /// The main paper's crossing of two pairs' directions.
+    TwoArray,
+    /// The main paper's crossing of two pairs that share an antenna.
+    ThreeAntenna,
+    /// The main paper's least-squares crossing of all neighbours' directions.
+    NArray,
 }
 
 impl From<PlannerName> for Kind {
@@ -132,6 +151,12 @@ impl From<EstimatorName> for Estimator {
         match name {
             EstimatorName::Cross => Self::CrossSpectrum,
             EstimatorName::Paper => Self::PaperSquare,
+            EstimatorName::PaperRepaired => Self::PaperRepaired,
+            EstimatorName::PaperCorrelated => Self::PaperCorrelated,
+            EstimatorName::Pair => Self::Pair,
+            EstimatorName::TwoArray => Self::TwoArray,
+            EstimatorName::ThreeAntenna => Self::ThreeAntenna,
+            EstimatorName::NArray => Self::NArray,
         }
     }
 }
@@ -158,9 +183,11 @@ impl std::str::FromStr for Via {
 const BEARING_HELP: &str =
     "Frames: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024.
 Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, right), sample_rate_hz,
-  optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration] gain, phase_rad.
-Looks: their bearings are averaged as unit vectors in the world frame of --yaw, weighted by 1/sigma^2; the azimuth is
-  that in the body frame of the last look. Frames left over at the end are not answered.
+  optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration]
+  (written by `foxhound calibrate`).
+Looks: from 4 on, direct path and one reflection are told apart (MUSIC over the looks); fewer are averaged as unit
+  vectors, weighted by 1/sigma^2. --yaw says how the array stood; the azimuth is that in the body frame of the last
+  look. Frames left over at the end are not answered.
 
 Example:
   foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json";
@@ -188,6 +215,51 @@ struct BearingCommand {
     independent: bool,
 }
 
+const CALIBRATE_HELP: &str = "The table goes into [calibration] of the array file; its other keys and comments stay. It holds for the tone's frequency
+in the samples (and a quarter beyond) and for the file's wavelength_m; elsewhere bearings are flagged `uncalibrated`.
+One frame at 40 dB is enough. Frames without a tone, with a clipped or a dead channel are refused.
+With --yaw the frames are a turn on the spot: swapped channels are found, and a full turn gives the deviation as well.
+
+Examples:
+  foxhound calibrate --adc known.npy --array array.toml --azimuth-deg 30
+  foxhound calibrate --adc other_tone.npy --array array.toml --splitter --add --skew
+  foxhound calibrate --adc turn.npy --yaw yaw.npy --array array.toml --azimuth-deg 0";
+
+#[derive(Args, Debug)]
+#[command(after_help = CALIBRATE_HELP)]
+struct CalibrateCommand {
+    /// Recorded frames of the known source.
+    #[arg(long, value_name = "FILE")]
+    adc: PathBuf,
+    /// Description of the array; it is rewritten.
+    #[arg(long, value_name = "FILE")]
+    array: PathBuf,
+    /// Where the source is, from the nose and clockwise; with --yaw, where it is at yaw zero.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, required_unless_present = "splitter")]
+    azimuth_deg: Option<f64>,
+    /// All channels hear the same, through a splitter.
+    #[arg(long, conflicts_with_all = ["azimuth_deg", "elevation_deg", "range_m", "yaw"])]
+    splitter: bool,
+    /// Elevation of the source.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    elevation_deg: f64,
+    /// Distance of the source [default: so far that its wave is plane].
+    #[arg(long, value_name = "M")]
+    range_m: Option<f64>,
+    /// Yaw at each frame: .npy, float64, rad, one per frame.
+    #[arg(long, value_name = "FILE")]
+    yaw: Option<PathBuf>,
+    /// Add the tone's frequency to the table, up to four, instead of replacing it.
+    #[arg(long)]
+    add: bool,
+    /// Take the channels' sampling delays out of the phases at two frequencies or more, and write `skew_s`.
+    #[arg(long)]
+    skew: bool,
+    /// Temperature of the receiver, for the record.
+    #[arg(long, value_name = "DEG_C", allow_negative_numbers = true)]
+    temperature_c: Option<f64>,
+}
+
 #[derive(Args, Debug)]
 struct TlogCommand {
     /// The log.
@@ -197,6 +269,26 @@ struct TlogCommand {
     raw: bool,
 }
 
+const REPRODUCE_HELP: &str = "Examples:
+  foxhound reproduce aoa-circle              table on stdout, picture in out/aoa-circle.svg
+  foxhound reproduce aoa-crb --json --seed 2";
+
+#[derive(Args, Debug)]
+#[command(after_help = REPRODUCE_HELP)]
+struct Reproduce {
+    /// Which one.
+    #[arg(value_enum)]
+    experiment: Experiment,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Experiment {
+    /// Bearings around a circle of 5 m without noise (main paper, fig. 8).
+    AoaCircle,
+    /// Rms error over the Cramer-Rao bound, over signal-to-noise ratio, frame length and azimuth.
+    AoaCrb,
+}
+
 /// Runs the command that was given.
 pub(crate) fn run() -> ExitCode {
     let cli = Cli::parse();
@@ -204,7 +296,9 @@ pub(crate) fn run() -> ExitCode {
         None => fly(&cli, &Fly::default()),
         Some(Command::Fly(args)) => fly(&cli, args),
         Some(Command::Bearing(args)) => bearing(&cli, args),
+        Some(Command::Calibrate(args)) => calibration(&cli, args),
         Some(Command::Tlog(args)) => read_log(&cli, args),
+        Some(Command::Reproduce(args)) => reproduce(&cli, args),
     };
     match done {
         Ok(code) => code,
@@ -338,6 +432,9 @@ fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, InputError> {
     if description.array.build()?.is_nearly_ambiguous() {
         note("warning: side_m is close to half a wavelength: noise will turn some bearings round");
     }
+    if description.array.calibration.is_some_and(|table| table.entries().is_empty()) {
+        note("warning: [calibration] is damaged, its crc does not match: all bearings are uncalibrated");
+    }
     let recording = Recording::read(&args.adc)?;
     let frames = recording.frames().len();
     let yaw_rad = match &args.yaw {
@@ -361,6 +458,79 @@ fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, InputError> {
         say(&text);
     } else {
         say(&bearings::table(&lines));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode, InputError> {
+    let text = read_text(&args.array)?;
+    ArrayDescription::parse(&text).map_err(|error| error.in_file(&args.array))?;
+    let recording = Recording::read(&args.adc)?;
+    let yaw_rad = match &args.yaw {
+        Some(path) => read_yaw(path, recording.frames().len())?,
+        None => Vec::new(),
+    };
+    let options = calibrate::Options {
+        azimuth_deg: args.azimuth_deg,
+        elevation_deg: args.elevation_deg,
+        range_m: args.range_m,
+        yaw_rad,
+        temperature_c: args.temperature_c,
+        add: args.add,
+        skew: args.skew,
+    };
+    let (text, report) = calibrate(&recording, &text, &options)?;
+    std::fs::write(&args.array, text).map_err(|error| InputError::new(error.to_string()).in_file(&args.array))?;
+    if report.interferer_frames > 0 {
+        note(&format!("warning: in {} frames another line stands within 10 dB of the tone", report.interferer_frames));
+    }
+    if args.yaw.is_some() && report.deviation_max_deg.is_none() {
+        note("note: the frames do not go all around the circle: no deviation");
+    }
+    if cli.json {
+        say(&json_line(&report)?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut text = String::from("channel     gain  phase/deg\n");
+    for (channel, (gain, phase_deg)) in report.gain.iter().zip(report.phase_deg).enumerate() {
+        let _ = writeln!(text, "{:>7} {gain:>8.4} {phase_deg:>10.3}", channel + 1);
+    }
+    let _ = writeln!(
+        text,
+        "at {:.1} Hz from {} frames at {:.1} dB; {:.3} deg a channel are left",
+        report.frequency_hz, report.frames, report.snr_db, report.residual_deg
+    );
+    if let Some(largest_deg) = report.deviation_max_deg {
+        let _ = writeln!(text, "deviation up to {largest_deg:.2} deg");
+    }
+    if let Some(skew_s) = report.skew_s {
+        let _ = writeln!(text, "skew_s = {skew_s:?}");
+    }
+    let _ = writeln!(text, "written to {}", args.array.display());
+    say(&text);
+    Ok(ExitCode::SUCCESS)
+}
+
+fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
+    let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
+    let picture = |name: &str| folder.as_ref().map(|folder| folder.join(name));
+    let (line, table, picture) = match args.experiment {
+        Experiment::AoaCircle => {
+            let report = circle::run(cli.seed)?;
+            let picture = picture("aoa-circle.svg");
+            picture.as_deref().map_or(Ok(()), |path| report.draw(path))?;
+            (json_line(&report)?, report.table(), picture)
+        }
+        Experiment::AoaCrb => {
+            let report = crb::run(cli.seed)?;
+            let picture = picture("aoa-crb.svg");
+            picture.as_deref().map_or(Ok(()), |path| report.draw(path))?;
+            (json_line(&report)?, report.table(), picture)
+        }
+    };
+    say(if cli.json { &line } else { &table });
+    if let Some(path) = picture {
+        note(&format!("picture: {}", path.display()));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -1,11 +1,37 @@
 //! Recorded ADC frames (`.npy`) and the description of the array that they were taken with (TOML).
+//!
+//! The description's `[calibration]`, which [`crate::calibrate`] writes:
+//!
+//! ```toml
+//! [calibration]
+//! wavelength_m = 0.345          # the carrier that it holds for
+//! frequency_hz = 14800.0        # the tone's frequency in the samples that it holds for
+//! gain = [1.0, 0.9, 1.1, 1.0]   # relative to their mean
+//! phase_rad = [0.1, -0.4, 0.2, 0.1]
+//! residual_deg = 0.04           # standard deviation that is left
+//! temperature_c = 21.0          # optional
+//! crc = 0x1b2f34a5              # of the record that the firmware stores
+//!
+//! [[calibration.further]]       # up to three more frequencies, the same keys
+//!
+//! [calibration.deviation]       # optional: measured by turning on the spot
+//! constant_rad = 0.01
+//! cosine_rad = [0.0, 0.0, 0.0, 0.0]
+//! sine_rad = [0.0, 0.0, 0.0, 0.0]
+//! sigma_rad = 0.001
+//! ```
+//!
+//! Written by hand, `gain` and `phase_rad` are enough and then hold at all frequencies. A table whose `crc` does not match
+//! holds nowhere.
 
 use std::io::Cursor;
 use std::path::Path;
 
 use foxhound_core::adc::{CHANNELS, CODE_MAX, CODE_MIN};
-use foxhound_core::phase::Complex;
-use foxhound_core::{array, phase};
+use foxhound_core::array::{self, Entry, Table};
+use foxhound_core::calibration::deviation::{Deviation, ORDER};
+use foxhound_core::calibration::record::Calibration;
+use foxhound_core::phase::{self, Complex};
 use npyz::{NpyFile, Order};
 use serde::Deserialize;
 
@@ -126,7 +152,7 @@ fn refuse_absurd_shape(bytes: &[u8]) -> Result<(), InputError> {
 }
 
 /// Every key of an array file.
-const ARRAY_KEYS: [&str; 11] = [
+const ARRAY_KEYS: [&str; 27] = [
     "wavelength_m",
     "side_m",
     "antennas_m",
@@ -138,6 +164,22 @@ const ARRAY_KEYS: [&str; 11] = [
     "calibration",
     "calibration.gain",
     "calibration.phase_rad",
+    "calibration.wavelength_m",
+    "calibration.frequency_hz",
+    "calibration.residual_deg",
+    "calibration.temperature_c",
+    "calibration.crc",
+    "calibration.further",
+    "calibration.further[].gain",
+    "calibration.further[].phase_rad",
+    "calibration.further[].frequency_hz",
+    "calibration.further[].residual_deg",
+    "calibration.further[].temperature_c",
+    "calibration.deviation",
+    "calibration.deviation.constant_rad",
+    "calibration.deviation.cosine_rad",
+    "calibration.deviation.sine_rad",
+    "calibration.deviation.sigma_rad",
 ];
 
 /// The array file as written.
@@ -155,11 +197,92 @@ struct ArrayFile {
     calibration: Option<CalibrationTable>,
 }
 
-/// Gain and phase of each channel relative to their mean.
+/// Gain and phase of each channel relative to their mean; at which frequency, and with what else was measured.
 #[derive(Clone, Debug, Deserialize)]
 struct CalibrationTable {
     gain: [f64; CHANNELS],
     phase_rad: [f64; CHANNELS],
+    wavelength_m: Option<f64>,
+    frequency_hz: Option<f64>,
+    residual_deg: Option<f64>,
+    temperature_c: Option<f64>,
+    crc: Option<i64>,
+    #[serde(default)]
+    further: Vec<FurtherFrequency>,
+    deviation: Option<DeviationTable>,
+}
+
+/// Another frequency of the same table.
+#[derive(Clone, Debug, Deserialize)]
+struct FurtherFrequency {
+    gain: [f64; CHANNELS],
+    phase_rad: [f64; CHANNELS],
+    frequency_hz: f64,
+    residual_deg: Option<f64>,
+    temperature_c: Option<f64>,
+}
+
+/// Fourier series of the deviation.
+#[derive(Clone, Debug, Deserialize)]
+struct DeviationTable {
+    constant_rad: f64,
+    cosine_rad: [f64; ORDER],
+    sine_rad: [f64; ORDER],
+    #[serde(default)]
+    sigma_rad: f64,
+}
+
+impl DeviationTable {
+    fn checked(&self) -> Result<Deviation, InputError> {
+        for term in self.cosine_rad.iter().chain(&self.sine_rad).chain([&self.constant_rad]) {
+            check("calibration.deviation", *term, -3.2, 3.2)?;
+        }
+        check("calibration.deviation.sigma_rad", self.sigma_rad, 0.0, 1.0)?;
+        Ok(Deviation {
+            constant_rad: self.constant_rad as f32,
+            cosine_rad: self.cosine_rad.map(|term| term as f32),
+            sine_rad: self.sine_rad.map(|term| term as f32),
+            sigma_rad: self.sigma_rad as f32,
+        })
+    }
+}
+
+impl CalibrationTable {
+    fn deviation(&self) -> Result<Deviation, InputError> {
+        self.deviation.as_ref().map_or(Ok(Deviation::default()), DeviationTable::checked)
+    }
+
+    /// The table by frequency; an empty one when it is damaged, none when it is for all frequencies.
+    fn table(&self, wavelength_m: f64) -> Result<Option<Table>, InputError> {
+        let Some(frequency_hz) = self.frequency_hz else {
+            if self.further.is_empty() {
+                // Without a frequency, the check sum has nothing to stand for.
+                return Ok(self.crc.map(|_| Table::EMPTY));
+            }
+            return Err(InputError::new("calibration.frequency_hz: missing, though there are further frequencies"));
+        };
+        let first = FurtherFrequency {
+            gain: self.gain,
+            phase_rad: self.phase_rad,
+            frequency_hz,
+            residual_deg: self.residual_deg,
+            temperature_c: self.temperature_c,
+        };
+        let entries: Vec<Entry> = std::iter::once(&first)
+            .chain(&self.further)
+            .map(|entry| Entry {
+                frequency_hz: entry.frequency_hz as f32,
+                gain: entry.gain.map(|gain| gain as f32),
+                phase_rad: entry.phase_rad.map(|phase_rad| phase_rad as f32),
+                residual_rad: (entry.residual_deg.unwrap_or(0.0) as f32).to_radians(),
+                temperature_c: entry.temperature_c.map(|temperature_c| temperature_c as f32),
+            })
+            .collect();
+        let table = Table::new(self.wavelength_m.unwrap_or(wavelength_m) as f32, &entries)?;
+        let calibration = Calibration { table, deviation: self.deviation()? };
+        let is_whole = self.crc.is_none_or(|crc| crc == i64::from(calibration.crc()));
+        Ok(Some(if is_whole { table } else { Table::EMPTY }))
+    }
 }
 
 /// What an array file says, as the core wants it.
@@ -169,6 +292,8 @@ pub struct ArrayDescription {
     pub array: array::Config,
     /// Sampling and where the tone is.
     pub phase: phase::Config,
+    /// What the airframe turns bearings by; the default, which turns nothing, when it has not been measured.
+    pub deviation: Deviation,
 }
 
 impl ArrayDescription {
@@ -180,7 +305,11 @@ impl ArrayDescription {
         Self::parse(&read_text(path)?).map_err(|error| error.in_file(path))
     }
 
-    fn parse(text: &str) -> Result<Self, InputError> {
+    /// Checks the text of an array file.
+    ///
+    /// # Errors
+    /// Names the field.
+    pub fn parse(text: &str) -> Result<Self, InputError> {
         let document = toml::Deserializer::parse(text).map_err(|error| InputError::new(error.to_string()))?;
         let file: ArrayFile = parse_strictly(document, &ARRAY_KEYS)?;
         check("wavelength_m", file.wavelength_m, 1e-3, 10.0)?;
@@ -200,7 +329,8 @@ impl ArrayDescription {
             (None, None) => return Err(InputError::new("side_m or antennas_m: one of the two is missing")),
         };
         array.require_calibration = file.require_calibration;
-        if let Some(table) = file.calibration {
+        let mut deviation = Deviation::default();
+        if let Some(table) = &file.calibration {
             let mut gains = [Complex::default(); CHANNELS];
             for (channel, gain) in gains.iter_mut().enumerate() {
                 let (magnitude, phase_rad) = (table.gain[channel], table.phase_rad[channel]);
@@ -212,6 +342,8 @@ impl ArrayDescription {
                 };
             }
             array.channel_gain = Some(gains);
+            array.calibration = table.table(file.wavelength_m)?;
+            deviation = table.deviation()?;
         }
         array.build()?;
 
@@ -234,7 +366,7 @@ impl ArrayDescription {
             check(&format!("skew_s[{channel}]"), skew_s, -4.0 / file.sample_rate_hz, 4.0 / file.sample_rate_hz)?;
             phase.skew_s[channel] = skew_s as f32;
         }
-        Ok(Self { array, phase })
+        Ok(Self { array, phase, deviation })
     }
 }
 

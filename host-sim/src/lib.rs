@@ -11,6 +11,7 @@
 pub mod antennas;
 pub mod autopilot;
 pub mod bearings;
+pub mod calibrate;
 pub mod computer;
 pub mod flight;
 pub mod frames;
@@ -18,6 +19,7 @@ pub mod input;
 pub mod plot;
 pub mod qemu;
 pub mod random;
+pub mod reproduce;
 pub mod scenario;
 pub mod sensor;
 pub mod tlog;

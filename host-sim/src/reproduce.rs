@@ -1,0 +1,57 @@
+//! Experiments of the papers and of the theory, our number beside theirs: what `foxhound reproduce` does.
+//!
+//! - [`circle`], `aoa-circle`: the main paper's angle-of-arrival experiment (fig. 8), a source on a circle of 5 m without
+//!   noise. The paper reports a mean error of 1.48 deg and neither heights nor frequencies.
+//! - [`crb`], `aoa-crb`: the rms error of whole frames, frequency not told, over the Cramer-Rao bound of the square array,
+//!   `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`.
+//!
+//! Each experiment yields one serialisable report with a table for people and a picture.
+
+pub mod circle;
+pub mod crb;
+
+mod chart;
+
+use foxhound_core::ConfigError;
+use foxhound_core::adc::Snapshot;
+use foxhound_core::array;
+use foxhound_core::bearing::{self, Bearing, Estimator, Finder};
+use foxhound_core::phase::{self, Extractor, Phasors};
+
+use crate::world::wrap_pi;
+
+/// An estimator under its name in the reports.
+#[derive(Clone, Copy, Debug)]
+struct Contender {
+    name: &'static str,
+    label: &'static str,
+    estimator: Estimator,
+}
+
+/// Ours, and what becomes of the main paper's Algorithm 1 when its half-plane rule is mended.
+const CONTENDERS: [Contender; 4] = [
+    Contender { name: "paper", label: "paper, as printed", estimator: Estimator::PaperSquare },
+    Contender { name: "paper_repaired", label: "paper, |theta| rule", estimator: Estimator::PaperRepaired },
+    Contender { name: "paper_correlated", label: "paper, cross-correlation", estimator: Estimator::PaperCorrelated },
+    Contender { name: "cross", label: "Foxhound", estimator: Estimator::CrossSpectrum },
+];
+
+/// A finder of the default array for each contender.
+fn finders() -> Result<[Finder; CONTENDERS.len()], ConfigError> {
+    let array = array::Config::default().build()?;
+    let build = |contender: Contender| {
+        bearing::Config { estimator: contender.estimator, ..bearing::Config::default() }.build(array)
+    };
+    let [a, b, c, d] = CONTENDERS.map(build);
+    Ok([a?, b?, c?, d?])
+}
+
+/// The phasors of one frame that stands alone.
+fn phasors<const N: usize>(extractor: &Extractor<N>, snapshot: &Snapshot<N>) -> Phasors {
+    extractor.step(&mut phase::State::default(), snapshot)
+}
+
+/// The error of a bearing, rad; `None` when it says that there is no direction.
+fn error_rad(bearing: &Bearing, azimuth_rad: f64) -> Option<f64> {
+    (bearing.sigma_rad < std::f32::consts::PI).then(|| wrap_pi(f64::from(bearing.azimuth_rad) - azimuth_rad))
+}

@@ -1,0 +1,251 @@
+//! Line charts, side by side: the picture of an experiment, as SVG.
+
+use std::fmt;
+use std::fs;
+use std::path::Path;
+
+use plotters::coord::Shift;
+use plotters::prelude::{
+    DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement, RGBColor, Rectangle,
+    SVGBackend, Text, TextStyle,
+};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color as _, ShapeStyle, register_font};
+
+use crate::input::InputError;
+
+/// Size of a panel's frame, and what is around it, in points.
+const PANEL: [f64; 2] = [420.0, 420.0];
+const LEFT: f64 = 76.0;
+const TOP: f64 = 104.0;
+const GAP: f64 = 84.0;
+const BOTTOM: f64 = 96.0;
+/// The drawing library has whole pixels only.
+const OVERSIZE: u32 = 4;
+
+const PAPER: RGBColor = RGBColor(255, 255, 255);
+const GROUND: RGBColor = RGBColor(247, 248, 250);
+const GRID: RGBColor = RGBColor(228, 231, 236);
+const FRAME: RGBColor = RGBColor(176, 184, 196);
+const INK: RGBColor = RGBColor(31, 41, 55);
+const FAINT_INK: RGBColor = RGBColor(107, 114, 128);
+const LEVEL: RGBColor = RGBColor(220, 38, 38);
+const COLORS: [RGBColor; 5] = [
+    RGBColor(240, 140, 30),
+    RGBColor(200, 58, 84),
+    RGBColor(62, 74, 137),
+    RGBColor(30, 147, 140),
+    RGBColor(21, 128, 61),
+];
+
+/// Charts under one title.
+pub(super) struct Chart {
+    pub(super) title: String,
+    pub(super) panels: Vec<Panel>,
+}
+
+/// One chart.
+pub(super) struct Panel {
+    pub(super) title: String,
+    pub(super) x: Axis,
+    pub(super) y: Axis,
+    pub(super) series: Vec<Series>,
+    /// A level to compare with, and its name.
+    pub(super) level: Option<(f64, String)>,
+}
+
+/// A line. Those without a label take the colours from the first one on again.
+pub(super) struct Series {
+    pub(super) label: String,
+    pub(super) dashed: bool,
+    pub(super) points: Vec<(f64, f64)>,
+}
+
+/// An axis: what it shows, and between which values.
+#[derive(Clone)]
+pub(super) struct Axis {
+    label: &'static str,
+    from: f64,
+    to: f64,
+    /// Between marks; `None` for one mark a decade.
+    step: Option<f64>,
+}
+
+impl Axis {
+    pub(super) fn linear(label: &'static str, from: f64, to: f64, step: f64) -> Self {
+        Self { label, from, to, step: Some(step) }
+    }
+
+    pub(super) fn decades(label: &'static str, from: f64, to: f64) -> Self {
+        Self { label, from, to, step: None }
+    }
+
+    /// Where a value is, 0..=1; values beyond the ends are at the ends.
+    fn share(&self, value: f64) -> f64 {
+        let share = match self.step {
+            Some(_) => (value - self.from) / (self.to - self.from),
+            None => libm::log10(value.max(self.from) / self.from) / libm::log10(self.to / self.from),
+        };
+        share.clamp(0.0, 1.0)
+    }
+
+    fn marks(&self) -> Vec<f64> {
+        match self.step {
+            Some(step) => {
+                let count = libm::rint((self.to - self.from) / step) as usize;
+                (0..=count).map(|k| self.from + step * k as f64).collect()
+            }
+            None => {
+                let decades = libm::rint(libm::log10(self.to / self.from)) as i32;
+                (0..=decades).map(|k| self.from * libm::pow(10.0, f64::from(k))).collect()
+            }
+        }
+    }
+}
+
+/// A number as a person writes it: `0.9`, not `0.8999999`.
+fn written(value: f64) -> String {
+    format!("{}", libm::rint(value * 1e6) / 1e6)
+}
+
+type Drawn<B> = Result<(), plotters::drawing::DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+fn pixels(points: f64) -> i32 {
+    libm::rint(points * f64::from(OVERSIZE)) as i32
+}
+
+fn line(color: RGBColor, width: f64) -> ShapeStyle {
+    color.stroke_width(pixels(width).max(1) as u32)
+}
+
+impl Chart {
+    /// Draws the charts into a file.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub(super) fn draw(&self, path: &Path) -> Result<(), InputError> {
+        let failed = |error: &dyn fmt::Display| InputError::new(error.to_string()).in_file(path);
+        register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
+            .map_err(|_| InputError::new("the built-in font cannot be read"))?;
+        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            fs::create_dir_all(folder).map_err(|error| failed(&error))?;
+        }
+        let count = self.panels.len() as f64;
+        let page = [LEFT + count * PANEL[0] + (count - 1.0) * GAP + 32.0, TOP + PANEL[1] + BOTTOM];
+        let size = page.map(|points| pixels(points) as u32);
+        let mut svg = String::new();
+        let area = SVGBackend::with_string(&mut svg, size.into()).into_drawing_area();
+        self.page(&area).map_err(|error| failed(&error))?;
+        drop(area);
+        // Drawn oversize for the sake of fractions of a point; shown at the page's size.
+        let svg = svg.replacen(&format!("width=\"{}\"", size[0]), &format!("width=\"{}\"", page[0]), 1).replacen(
+            &format!("height=\"{}\"", size[1]),
+            &format!("height=\"{}\"", page[1]),
+            1,
+        );
+        fs::write(path, svg).map_err(|error| failed(&error))
+    }
+
+    fn page<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+        area.fill(&PAPER)?;
+        text(area, &self.title, [LEFT, 36.0], 24.0, INK, (HPos::Left, VPos::Center))?;
+        for (index, panel) in self.panels.iter().enumerate() {
+            panel.draw(area, [LEFT + index as f64 * (PANEL[0] + GAP), TOP])?;
+        }
+        area.present()
+    }
+}
+
+fn text<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    what: &str,
+    [x, y]: [f64; 2],
+    size: f64,
+    color: RGBColor,
+    (horizontal, vertical): (HPos, VPos),
+) -> Drawn<B> {
+    let style = TextStyle::from(("sans-serif", size * f64::from(OVERSIZE)).into_font())
+        .color(&color)
+        .pos(Pos::new(horizontal, vertical));
+    area.draw(&Text::new(what.to_owned(), (pixels(x), pixels(y)), style))
+}
+
+fn path<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    points: impl IntoIterator<Item = [f64; 2]>,
+    style: ShapeStyle,
+) -> Drawn<B> {
+    let points: Vec<(i32, i32)> = points.into_iter().map(|[x, y]| (pixels(x), pixels(y))).collect();
+    area.draw(&PathElement::new(points, style))
+}
+
+impl Panel {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, [left, top]: [f64; 2]) -> Drawn<B> {
+        let [width, height] = PANEL;
+        let (right, bottom) = (left + width, top + height);
+        let at = |x: f64, y: f64| [left + width * self.x.share(x), bottom - height * self.y.share(y)];
+        let frame = [(pixels(left), pixels(top)), (pixels(right), pixels(bottom))];
+        area.draw(&Rectangle::new(frame, GROUND.filled()))?;
+        text(area, &self.title, [left, top - 16.0], 16.0, INK, (HPos::Left, VPos::Bottom))?;
+        for x in self.x.marks() {
+            path(area, [[at(x, self.y.from)[0], top], [at(x, self.y.from)[0], bottom]], line(GRID, 1.0))?;
+            let below = [at(x, self.y.from)[0], bottom + 8.0];
+            text(area, &written(x), below, 13.0, FAINT_INK, (HPos::Center, VPos::Top))?;
+        }
+        for y in self.y.marks() {
+            path(area, [[left, at(self.x.from, y)[1]], [right, at(self.x.from, y)[1]]], line(GRID, 1.0))?;
+            let beside = [left - 9.0, at(self.x.from, y)[1]];
+            text(area, &written(y), beside, 13.0, FAINT_INK, (HPos::Right, VPos::Center))?;
+        }
+        text(area, self.x.label, [right, bottom + 28.0], 13.0, FAINT_INK, (HPos::Right, VPos::Top))?;
+        text(area, self.y.label, [left + 8.0, top + 8.0], 13.0, FAINT_INK, (HPos::Left, VPos::Top))?;
+
+        if let Some((level, name)) = &self.level {
+            let y = at(self.x.from, *level)[1];
+            path(area, [[left, y], [right, y]], line(LEVEL, 1.2))?;
+            text(area, name, [right - 6.0, y - 4.0], 13.0, LEVEL, (HPos::Right, VPos::Bottom))?;
+        }
+        let mut color = 0;
+        let mut was_dashed = false;
+        for series in &self.series {
+            if series.dashed != was_dashed {
+                (color, was_dashed) = (0, series.dashed);
+            }
+            let style = line(COLORS[color % COLORS.len()], if series.dashed { 1.0 } else { 1.8 });
+            color += 1;
+            let points: Vec<[f64; 2]> = series.points.iter().map(|(x, y)| at(*x, *y)).collect();
+            if series.dashed {
+                for pair in points.windows(2) {
+                    dashes(area, [pair[0], pair[1]], style)?;
+                }
+            } else {
+                path(area, points, style)?;
+            }
+        }
+        self.names(area, [left, bottom + 56.0])?;
+        area.draw(&Rectangle::new(frame, line(FRAME, 1.0)))
+    }
+
+    /// The lines' names below the chart, three in a row at most.
+    fn names<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, [left, top]: [f64; 2]) -> Drawn<B> {
+        let named: Vec<&Series> = self.series.iter().filter(|series| !series.label.is_empty()).collect();
+        let columns = if named.len() > 4 { 3 } else { 2 };
+        for (index, series) in named.iter().enumerate() {
+            let x = left + PANEL[0] / columns as f64 * (index % columns) as f64;
+            let y = top + 20.0 * (index / columns) as f64;
+            path(area, [[x, y], [x + 24.0, y]], line(COLORS[index % COLORS.len()], 1.8))?;
+            text(area, &series.label, [x + 32.0, y], 13.0, INK, (HPos::Left, VPos::Center))?;
+        }
+        Ok(())
+    }
+}
+
+fn dashes<B: DrawingBackend>(area: &DrawingArea<B, Shift>, [a, b]: [[f64; 2]; 2], style: ShapeStyle) -> Drawn<B> {
+    let count = libm::rint(libm::hypot(b[0] - a[0], b[1] - a[1]) / 9.0).max(1.0) as usize;
+    for dash in 0..count {
+        let point = |share: f64| [0, 1].map(|axis| a[axis] + (b[axis] - a[axis]) * share);
+        let (from, to) = (dash as f64 / count as f64, (dash as f64 + 0.55) / count as f64);
+        path(area, [point(from), point(to)], style)?;
+    }
+    Ok(())
+}
