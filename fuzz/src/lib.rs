@@ -1,0 +1,570 @@
+//! What holds for any input at all. Bytes are a case: the fuzz targets get theirs from libFuzzer, the test
+//! `fuzz_properties` draws its own from a seed.
+//!
+//! | case | goes through | must hold |
+//! |---|---|---|
+//! | [`frames`] | configurations, snapshots -> phase -> bearing | no panic, no NaN, 0 < sigma <= pi, never valid without a signal |
+//! | [`looks`] | phasors, bearings, poses -> several looks -> arrival | the same, powers and directions in range |
+//! | [`link`] | bytes, broken and whole frames, outputs -> framer and companion | every whole frame is found, nothing is invented, what is sent is well formed and within the limits |
+
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::OnceLock;
+
+use foxhound_core::adc::{CHANNELS, Snapshot};
+use foxhound_core::array;
+use foxhound_core::bearing::{self, Bearing, Estimator, Flags};
+use foxhound_core::frame::Ned;
+use foxhound_core::guidance::{self, FrontEnd, Input, Output};
+use foxhound_core::mission::Control;
+use foxhound_core::multipath::{self, Look, Method};
+use foxhound_core::phase::{self, Complex, Phasors, Tone};
+use foxhound_core::scan::Sector;
+use foxhound_core::spectrum::Backend;
+use foxhound_core::time::Instant;
+use foxhound_link::companion::{self, ObstacleFrame};
+use foxhound_link::dialect::MavMessage;
+use foxhound_link::framer::Framer;
+use foxhound_link::{Message, companion::TYPE_MASK};
+
+/// Farthest position that is drawn.
+const FARTHEST_M: f32 = 1e6;
+
+/// What a case came to, so that a test can tell whether cases reach deep enough.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Reached {
+    /// The configuration was accepted.
+    pub configured: bool,
+    /// Answers: bearings, arrivals, frames found.
+    pub answers: u32,
+    /// Those that may be used: valid bearings; of the link, setpoints sent.
+    pub usable: u32,
+}
+
+/// Numbers that have broken programs before.
+const CORNERS: [f32; 12] = [
+    0.0,
+    -0.0,
+    f32::NAN,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    f32::MAX,
+    f32::MIN,
+    f32::MIN_POSITIVE,
+    1e-45,
+    1e-20,
+    1e20,
+    -1.0,
+];
+
+/// Takes a case apart. Past its end everything is zero.
+struct Draw<'a> {
+    rest: &'a [u8],
+}
+
+impl Draw<'_> {
+    fn byte(&mut self) -> u8 {
+        let Some((first, rest)) = self.rest.split_first() else { return 0 };
+        self.rest = rest;
+        *first
+    }
+
+    fn word(&mut self) -> u32 {
+        u32::from_le_bytes([(); 4].map(|()| self.byte()))
+    }
+
+    fn below(&mut self, count: u8) -> u8 {
+        self.byte() % count
+    }
+
+    fn flag(&mut self) -> bool {
+        self.byte() & 1 == 1
+    }
+
+    /// In [0, 1).
+    fn unit(&mut self) -> f32 {
+        f32::from(u16::from_le_bytes([self.byte(), self.byte()])) / 65_536.0
+    }
+
+    fn between(&mut self, low: f32, high: f32) -> f32 {
+        low + self.unit() * (high - low)
+    }
+
+    /// Any number: of the range more often than not, or a corner, or any bits.
+    fn any(&mut self, low: f32, high: f32) -> f32 {
+        match self.byte() {
+            0..=207 => self.between(low, high),
+            208..=231 => CORNERS[usize::from(self.byte()) % CORNERS.len()],
+            _ => f32::from_bits(self.word()),
+        }
+    }
+
+    /// The usual value, or another of the range, or, seldom, any number.
+    fn field(&mut self, usual: f32, low: f32, high: f32) -> f32 {
+        match self.byte() {
+            0..=127 => usual,
+            128..=251 => self.between(low, high),
+            _ => self.any(low, high),
+        }
+    }
+
+    fn instant(&mut self, after: Instant) -> Instant {
+        match self.byte() {
+            0..=199 => after.plus_micros(u64::from(self.word() % 3_000_000)),
+            200..=239 => after.plus_micros(u64::from(self.word())),
+            240..=251 => Instant(u64::from(self.word())),
+            _ => Instant(u64::from(self.word()) << 32 | u64::from(self.word())),
+        }
+    }
+}
+
+/// A small generator for what takes more numbers than a case has bytes: splitmix64.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Nearly normal: the sum of four uniform numbers, scaled.
+    fn gaussian(&mut self) -> f32 {
+        let bits = self.next();
+        let sum: u32 = (0..4).map(|k| (bits >> (16 * k)) as u16 as u32).sum();
+        (sum as f32 / 65_536.0 - 2.0) * 1.732
+    }
+}
+
+fn array_config(draw: &mut Draw<'_>) -> array::Config {
+    let wavelength_m = draw.field(0.345, 0.05, 1.0);
+    let side_m = wavelength_m * draw.field(0.40, 0.01, 0.55);
+    let mut config = array::Config::square(wavelength_m, side_m);
+    if draw.below(4) == 0 {
+        for coordinate in config.antennas_m.iter_mut().flatten() {
+            *coordinate += draw.field(0.0, -0.1, 0.1) * wavelength_m;
+        }
+    }
+    if draw.below(4) == 0 {
+        let mut gain = || Complex { re: draw.field(1.0, -2.0, 2.0), im: draw.field(0.0, -2.0, 2.0) };
+        config.channel_gain = Some([(); CHANNELS].map(|()| gain()));
+    }
+    config.require_calibration = draw.below(8) == 0;
+    config
+}
+
+fn phase_config(draw: &mut Draw<'_>) -> phase::Config {
+    let sample_rate_hz = draw.field(102_400.0, 1e3, 1e6);
+    let mut config = phase::Config { sample_rate_hz, ..phase::Config::default() };
+    config.tone_band_hz = [
+        draw.field(0.02 * sample_rate_hz, 0.0, 0.5 * sample_rate_hz),
+        draw.field(0.48 * sample_rate_hz, 0.0, 0.5 * sample_rate_hz),
+    ];
+    if draw.below(3) == 0 {
+        config.tone_hz = Some(draw.field(0.15 * sample_rate_hz, 0.0, 0.5 * sample_rate_hz));
+    }
+    config.skew_s = [(); CHANNELS].map(|()| draw.field(0.0, -1.0, 1.0) / sample_rate_hz);
+    if draw.flag() {
+        config.backend = Backend::Microfft;
+    }
+    config
+}
+
+fn bearing_config(draw: &mut Draw<'_>) -> bearing::Config {
+    let estimator = match draw.below(16) {
+        0 => Estimator::PaperSquare,
+        1 => Estimator::PaperRepaired,
+        2 => Estimator::PaperCorrelated,
+        3 => Estimator::Pair,
+        4 => Estimator::TwoArray,
+        5 => Estimator::ThreeAntenna,
+        6 => Estimator::NArray,
+        _ => Estimator::CrossSpectrum,
+    };
+    bearing::Config { estimator, channel_sigma_rad: draw.field(0.0, 0.0, 0.3) }
+}
+
+/// What stays the same from frame to frame, as a rule.
+struct Scene {
+    bins: f32,
+    amplitude: f32,
+    sigma: f32,
+    phases_rad: [f32; CHANNELS],
+}
+
+fn scene(draw: &mut Draw<'_>, half: f32) -> Scene {
+    let azimuth_rad = draw.unit() * TAU;
+    let reach_rad = draw.field(0.4 * PI, 0.0, PI);
+    let corners = [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0_f32]];
+    Scene {
+        bins: draw.field(0.2891 * half, 0.0, half),
+        amplitude: draw.field(1000.0, 0.0, 6000.0),
+        sigma: draw.field(50.0, 0.0, 2000.0),
+        phases_rad: corners.map(|[x, y]| reach_rad * (x * azimuth_rad.cos() + y * azimuth_rad.sin())),
+    }
+}
+
+fn snapshot<const N: usize>(draw: &mut Draw<'_>, scene: &Scene, time: Instant) -> Snapshot<N> {
+    let mut snapshot = Snapshot::zeroed();
+    snapshot.time = time;
+    let mut noise = Noise(u64::from(draw.word()));
+    let kind = draw.below(8);
+    let (bins, ratio) = (draw.unit() * N as f32 / 2.0, draw.unit());
+    let start_rad = draw.unit() * TAU;
+    let words = [(); 16].map(|()| (draw.word() & 0xffff) as u16 as i16);
+    for (channel, row) in snapshot.codes.iter_mut().enumerate() {
+        let turn = |bins: f32, n: usize| TAU * (bins * n as f32 / N as f32).fract();
+        for (n, code) in row.iter_mut().enumerate() {
+            let tone = scene.amplitude * (turn(scene.bins, n) + start_rad + scene.phases_rad[channel]).cos();
+            let hiss = scene.sigma * noise.gaussian();
+            let value = match kind {
+                0 => f32::from(words[(n + 5 * channel) % words.len()]),
+                1 => f32::from(noise.next() as u16 as i16),
+                2 => f32::from(words[channel]),
+                3 => hiss,
+                4 => tone + hiss + scene.amplitude * ratio * (turn(bins, n) + channel as f32).cos(),
+                _ => tone + hiss,
+            };
+            // Beyond 12 bits only where words are taken as they are.
+            *code = if kind < 2 { value as i16 } else { value.clamp(-2048.0, 2047.0).round() as i16 };
+        }
+    }
+    match draw.below(16) {
+        channel @ 0..4 => snapshot.codes[usize::from(channel)].fill(words[0] >> 4),
+        4 => snapshot.codes[2] = snapshot.codes[1],
+        _ => {}
+    }
+    snapshot
+}
+
+fn check_bearing(bearing: &Bearing) {
+    // Comparisons are false for what is not a number.
+    assert!(bearing.azimuth_rad.abs() <= PI + 1e-6, "azimuth: {bearing:?}");
+    assert!(bearing.sigma_rad > 0.0 && bearing.sigma_rad <= PI, "sigma: {bearing:?}");
+    assert!((0.0..=FRAC_PI_2 + 1e-6).contains(&bearing.elevation_rad), "elevation: {bearing:?}");
+    assert!(bearing.elevation_sigma_rad > 0.0 && bearing.elevation_sigma_rad <= PI, "elevation: {bearing:?}");
+    let quality = &bearing.quality;
+    for number in [quality.snr_db, quality.frequency_hz, quality.closure_chi2, quality.wavenumber] {
+        assert!(number.is_finite(), "quality: {bearing:?}");
+    }
+    let useless = Flags::NO_SIGNAL.0 | Flags::AMBIGUOUS.0 | Flags::UNCALIBRATED.0;
+    assert!(!bearing.valid || bearing.flags.0 & useless == 0, "valid: {bearing:?}");
+}
+
+fn check_phasors(phasors: &Phasors) {
+    for z in phasors.z {
+        assert!(z.re.is_finite() && z.im.is_finite(), "{phasors:?}");
+    }
+    assert!(phasors.noise.iter().all(|noise| *noise > 0.0 && noise.is_finite()), "{phasors:?}");
+    assert!(phasors.snr_db.is_finite() && phasors.frequency_hz.is_finite(), "{phasors:?}");
+    assert!(phasors.frequency_hz >= 0.0, "{phasors:?}");
+}
+
+/// Any frames through any configuration: phase, then bearing.
+pub fn frames(case: &[u8]) -> Reached {
+    let mut draw = Draw { rest: case };
+    match draw.below(8) {
+        0 => frames_of::<128>(&mut draw),
+        1 => frames_of::<256>(&mut draw),
+        2 => frames_of::<512>(&mut draw),
+        3 => frames_of::<1024>(&mut draw),
+        _ => frames_of::<64>(&mut draw),
+    }
+}
+
+fn frames_of<const N: usize>(draw: &mut Draw<'_>) -> Reached {
+    let (phase, array, bearing) = (phase_config(draw), array_config(draw), bearing_config(draw));
+    let (Ok(extractor), Ok(array)) = (phase.build::<N>(), array.build()) else { return Reached::default() };
+    let Ok(finder) = bearing.build(array) else { return Reached::default() };
+    let mut reached = Reached { configured: true, ..Reached::default() };
+    let mut state = phase::State::default();
+    let mut now = Instant(0);
+    let mut seen = scene(draw, N as f32 / 2.0);
+    for _ in 0..=draw.below(12) {
+        now = draw.instant(now);
+        match draw.below(16) {
+            0 => seen = scene(draw, N as f32 / 2.0),
+            1 => state.reset(),
+            _ => {}
+        }
+        let phasors = extractor.step(&mut state, &snapshot::<N>(draw, &seen, now));
+        check_phasors(&phasors);
+        let bearing = finder.find(&phasors);
+        check_bearing(&bearing);
+        assert_eq!(bearing.time, now);
+        reached.answers += 1;
+        reached.usable += u32::from(bearing.valid);
+    }
+    reached
+}
+
+/// Any looks through any configuration: phasors and bearings that no front end made, then several looks.
+pub fn looks(case: &[u8]) -> Reached {
+    let draw = &mut Draw { rest: case };
+    let (array, bearing) = (array_config(draw), bearing_config(draw));
+    let config = multipath::Config {
+        looks_min: if draw.flag() { 2 } else { draw.byte() },
+        looks_max: if draw.flag() { 8 } else { draw.byte() },
+        move_min_wavelengths: draw.field(0.0, 0.0, 1.0),
+        age_max_s: draw.field(60.0, 0.0, 10.0),
+        channel_sigma_rad: draw.field(0.0175, 0.0, 0.35),
+        method: [Method::Music, Method::Projection, Method::Mean, Method::OnePath][usize::from(draw.below(13)) / 4],
+    };
+    let Ok(array) = array.build() else { return Reached::default() };
+    let (Ok(finder), Ok(looks)) = (bearing.build(array), config.build(&array)) else { return Reached::default() };
+    let mut reached = Reached { configured: true, ..Reached::default() };
+    let mut state = multipath::State::default();
+    let mut now = Instant(0);
+    let paths = [draw.unit() * TAU, draw.unit() * TAU];
+    let mut yaw_rad = draw.any(-PI, PI);
+    for _ in 0..=draw.below(14) {
+        now = draw.instant(now);
+        if draw.below(4) == 0 {
+            yaw_rad = draw.any(-PI, PI);
+        }
+        let (phasors, mut bearing) = look(draw, &finder, paths, yaw_rad, now);
+        match draw.below(32) {
+            0 => bearing.azimuth_rad = draw.any(-PI, PI),
+            1 => bearing.sigma_rad = draw.any(0.0, PI),
+            2 => bearing.flags = Flags(draw.word() as u16),
+            _ => {}
+        }
+        let metres = draw.field(10.0, 0.0, 100.0);
+        // What is not a number stays so; the link lets nothing through that is farther away.
+        let mut coordinate = || draw.any(-metres, metres).clamp(-FARTHEST_M, FARTHEST_M);
+        let position_ned_m = Ned { north: coordinate(), east: coordinate(), down: coordinate() };
+        let position_ned_m = draw.flag().then_some(position_ned_m);
+        let _ = looks.take(&mut state, &Look { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m });
+        assert!(state.count() <= multipath::LOOKS);
+        let Some(arrival) = looks.solve(&state, draw.any(0.0, 1.0)) else {
+            assert!(state.count() < usize::from(config.looks_min));
+            continue;
+        };
+        check_bearing(&arrival.bearing);
+        assert!(arrival.azimuth_ned_rad.abs() <= PI + 1e-6, "{arrival:?}");
+        assert!(arrival.bartlett_ned_rad.abs() <= PI + 1e-6, "{arrival:?}");
+        if let Some(reflection) = arrival.reflection {
+            assert!(reflection.azimuth_ned_rad.abs() <= PI + 1e-6, "{arrival:?}");
+            assert!((0.0..=1.0).contains(&reflection.relative_power), "{arrival:?}");
+        }
+        assert_eq!(usize::from(arrival.looks), state.count());
+        reached.answers += 1;
+        reached.usable += u32::from(arrival.bearing.valid);
+    }
+    reached
+}
+
+/// One look at two paths, or at nothing that there is.
+fn look(
+    draw: &mut Draw<'_>,
+    finder: &bearing::Finder,
+    paths_rad: [f32; 2],
+    yaw_rad: f32,
+    time: Instant,
+) -> (Phasors, Bearing) {
+    let steering = finder.array().steering;
+    let (amplitude, ratio, turn_rad) = (draw.field(1000.0, 0.0, 2047.0), draw.unit(), draw.unit() * TAU);
+    let path = |p: [f32; 2], azimuth_rad: f32| {
+        let phase_rad = p[0] * (azimuth_rad - yaw_rad).cos() + p[1] * (azimuth_rad - yaw_rad).sin();
+        Complex { re: phase_rad.cos(), im: phase_rad.sin() }
+    };
+    let reflected = Complex { re: ratio * turn_rad.cos(), im: ratio * turn_rad.sin() };
+    let mut noise = Noise(u64::from(draw.word()));
+    let sigma = draw.field(5.0, 0.0, 500.0);
+    let mut z = steering.map(|p| {
+        let sum = path(p, paths_rad[0]).plus(path(p, paths_rad[1]).times(reflected));
+        Complex { re: amplitude * sum.re + sigma * noise.gaussian(), im: amplitude * sum.im + sigma * noise.gaussian() }
+    });
+    if draw.below(16) == 0 {
+        z[usize::from(draw.below(4))] = Complex { re: draw.any(-1e3, 1e3), im: draw.any(-1e3, 1e3) };
+    }
+    let mut phasors = silence();
+    phasors.time = time;
+    phasors.z = z;
+    phasors.noise = [2.0 * sigma * sigma; CHANNELS];
+    if draw.below(16) == 0 {
+        phasors.noise[usize::from(draw.below(4))] = draw.any(0.0, 1e6).abs();
+    }
+    phasors.tone = if draw.below(16) == 0 { Tone::Absent } else { Tone::Present };
+    let bearing = finder.find(&phasors);
+    check_bearing(&bearing);
+    (phasors, bearing)
+}
+
+/// The phasors of silence.
+fn silence() -> Phasors {
+    static SILENCE: OnceLock<Phasors> = OnceLock::new();
+    *SILENCE.get_or_init(|| match phase::Config::default().build::<64>() {
+        Ok(extractor) => extractor.step(&mut phase::State::default(), &Snapshot::zeroed()),
+        Err(error) => unreachable!("the default configuration: {error}"),
+    })
+}
+
+/// CRC-16/MCRF4XX, bit by bit: the one in the product goes by a table.
+fn checksum(bytes: impl Iterator<Item = u8>) -> u16 {
+    bytes.fold(0xffff, |crc, byte| {
+        (0..8).fold(crc ^ u16::from(byte), |crc, _| if crc & 1 == 1 { (crc >> 1) ^ 0x8408 } else { crc >> 1 })
+    })
+}
+
+/// A whole frame of one of our messages with any payload.
+fn whole_frame(draw: &mut Draw<'_>) -> Vec<u8> {
+    let ids = MavMessage::all_ids();
+    let id = ids[usize::from(draw.byte()) % ids.len()];
+    let length = draw.byte();
+    let signed = draw.below(8) == 0;
+    let sender = if draw.below(4) == 0 { [draw.byte(), draw.byte()] } else { [1, 1] };
+    let [low, middle, high, _] = id.to_le_bytes();
+    let mut bytes = vec![0xfd, length, u8::from(signed), 0, draw.byte(), sender[0], sender[1], low, middle, high];
+    bytes.extend((0..length).map(|_| draw.byte()));
+    if id == 0 && draw.flag() && length >= 9 {
+        // A heartbeat of an armed autopilot in a mode that gives control.
+        let copter = [4, 0, 0, 0, 2, 3, 0x89, 4, 3];
+        bytes[10..19].copy_from_slice(&copter);
+    }
+    let crc = checksum(bytes[1..].iter().copied().chain([MavMessage::extra_crc(id)]));
+    bytes.extend(crc.to_le_bytes());
+    if signed {
+        bytes.extend((0..13).map(|_| draw.byte()));
+    }
+    bytes
+}
+
+/// An output of guidance with any numbers.
+fn output(draw: &mut Draw<'_>) -> Output {
+    static SILENT: OnceLock<Output> = OnceLock::new();
+    let mut output = *SILENT.get_or_init(|| match guidance::Config::default().build::<64>() {
+        Ok(guidance) => guidance.step(
+            &mut guidance.start(),
+            &Input {
+                now: Instant(0),
+                front_end: FrontEnd::Nothing,
+                ownship: None,
+                scan: None,
+                circles: None,
+                control: Control::LinkLost,
+                plan: None,
+            },
+        ),
+        Err(error) => unreachable!("the default configuration: {error}"),
+    });
+    let velocity = &mut output.setpoint.velocity_ned_mps;
+    (velocity.north, velocity.east, velocity.down) = (draw.any(-3.0, 3.0), draw.any(-3.0, 3.0), draw.any(-3.0, 3.0));
+    output.setpoint.yaw_rate_radps = draw.any(-1.0, 1.0);
+    output.source_bearing_ned_rad = draw.flag().then(|| draw.any(-PI, PI));
+    output
+}
+
+/// Any bytes, broken and whole frames, in any pieces and at any time, and any outputs in between.
+pub fn link(case: &[u8]) -> Reached {
+    let draw = &mut Draw { rest: case };
+    let config = companion::Config {
+        system_id: if draw.below(8) == 0 { draw.byte() } else { 1 },
+        position_hz: draw.field(50.0, 0.0, 250.0),
+        setpoint_period_ms: if draw.below(8) == 0 { u16::from(draw.byte()) } else { 50 },
+        setpoint_age_max_s: draw.field(0.25, 0.0, 1.0),
+        speed_max_mps: draw.field(20.0, 0.0, 30.0),
+        heartbeat_timeout_s: draw.field(2.5, 1.0, 10.0),
+        silence_after_s: draw.field(5.0, 1.0, 30.0),
+        fresh_entry_after_silence: draw.flag(),
+        obstacle_frame: if draw.flag() { ObstacleFrame::Auto } else { companion::Config::default().obstacle_frame },
+        obstacle_age_max_s: draw.field(0.5, 0.0, 5.0),
+        ..companion::Config::default()
+    };
+    let Ok(mut companion) = config.build() else { return Reached::default() };
+    let mut reached = Reached { configured: true, ..Reached::default() };
+    let (mut framer, mut sent) = (Framer::new(), Framer::new());
+    let mut now = Instant(0);
+    // How many whole frames there were, while there was nothing else.
+    let mut whole = Some(0);
+    let (mut pushed, mut framed) = (0, 0);
+    while !draw.rest.is_empty() {
+        now = if draw.below(4) == 0 { draw.instant(now) } else { now.plus_micros(10_000) };
+        let mut bytes = match draw.below(8) {
+            0 => {
+                whole = None;
+                (0..draw.byte()).map(|_| draw.byte()).collect()
+            }
+            1..5 => {
+                whole = whole.map(|count| count + 1);
+                whole_frame(draw)
+            }
+            5 => {
+                companion.publish(now, &output(draw));
+                Vec::new()
+            }
+            _ => Vec::new(),
+        };
+        if !bytes.is_empty() && draw.below(16) == 0 {
+            whole = None;
+            let at = usize::from(draw.byte()) % bytes.len();
+            bytes[at] ^= draw.byte();
+        }
+        for piece in bytes.chunks(1 + usize::from(draw.byte())) {
+            companion.receive(now, piece);
+            let mut rest = piece;
+            while !rest.is_empty() {
+                let taken = framer.push(rest);
+                assert!(taken > 0, "a framer that takes nothing stops the stream");
+                (rest, pushed) = (&rest[taken..], pushed + taken);
+                while let Some(frame) = framer.next_frame() {
+                    let extra = if frame.signed { 13 } else { 0 };
+                    assert_eq!(frame.bytes.len(), 12 + frame.payload.len() + extra);
+                    let _ = frame.message();
+                    framed += frame.bytes.len();
+                    reached.answers += 1;
+                }
+            }
+        }
+        companion.poll(now);
+        if let Some(ownship) = companion.ownship() {
+            assert!(ownship.is_finite(), "{ownship:?}");
+        }
+        if let Some(scan) = companion.take_scan() {
+            assert!(scan.first_azimuth_rad.is_finite() && scan.step_rad.is_finite() && scan.step_rad != 0.0);
+            let sane =
+                |sector: &Sector| !matches!(sector, Sector::Hit(metres) if !(metres.is_finite() && *metres >= 0.0));
+            assert!(scan.sectors.iter().all(sane), "{scan:?}");
+        }
+        let _ = (companion.control(now), companion.autopilot(), companion.landed());
+        reached.usable += speak(&mut companion, &mut sent, draw, &config);
+    }
+    let counters = framer.counters();
+    assert!(framed + counters.skipped_bytes as usize <= pushed);
+    assert_eq!(counters, companion.counters().framer, "pieces make no difference");
+    if let Some(count) = whole {
+        assert_eq!((counters.frames, counters.skipped_bytes, counters.bad_crc), (count, 0, 0));
+    }
+    reached
+}
+
+/// Takes what the companion has to say, and checks it. Returns how many setpoints there were.
+fn speak(
+    companion: &mut companion::Companion,
+    sent: &mut Framer,
+    draw: &mut Draw<'_>,
+    config: &companion::Config,
+) -> u32 {
+    let mut setpoints = 0;
+    let mut sink = [0; 300];
+    let room = if draw.flag() { sink.len() } else { usize::from(draw.byte()) };
+    // Once around is enough: what does not fit is said next time.
+    let length = companion.transmit(&mut sink[..room]);
+    assert!(length <= room);
+    let mut rest = &sink[..length];
+    while !rest.is_empty() {
+        rest = &rest[sent.push(rest)..];
+        while let Some(frame) = sent.next_frame() {
+            let Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) = frame.message() else { continue };
+            let speed = (target.vx * target.vx + target.vy * target.vy + target.vz * target.vz).sqrt();
+            assert!(speed <= config.speed_max_mps * 1.000_001, "{target:?}");
+            assert!(target.yaw_rate.abs() <= config.yaw_rate_max_radps, "{target:?}");
+            assert_eq!(target.type_mask, TYPE_MASK);
+            setpoints += 1;
+        }
+    }
+    let counters = sent.counters();
+    assert_eq!((counters.bad_crc, counters.skipped_bytes, counters.unknown), (0, 0, 0), "what we send is whole");
+    setpoints
+}

@@ -1,0 +1,301 @@
+//! `foxhound calibrate`: uneven channels, one frame of a known bearing, and bearings at the bound after it. The frames
+//! are made here, in `f64`, by a wave model of their own.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::f64::consts::TAU;
+use std::path::{Path, PathBuf};
+
+use foxhound_tests::{run, run_json};
+use npyz::WriterBuilder as _;
+use rand_core::{Rng as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde_json::Value;
+
+const N: usize = 256;
+const FS: f64 = 102_400.0;
+const WAVELENGTH: f64 = 0.345;
+const SIDE: f64 = 0.40 * WAVELENGTH;
+
+/// Four different channels; their noise is the same.
+#[derive(Clone, Copy)]
+struct Receiver {
+    gain: [f64; 4],
+    phase_deg: [f64; 4],
+    skew_samples: [f64; 4],
+    tone_hz: f64,
+    amplitude: f64,
+    snr_db: f64,
+}
+
+const UNEVEN: Receiver = Receiver {
+    gain: [1.0, 0.708, 1.0, 0.85],
+    phase_deg: [0.0, 47.0, -31.0, 68.0],
+    skew_samples: [0.0; 4],
+    tone_hz: 37.3 * FS / 256.0,
+    amplitude: 1500.0,
+    snr_db: 20.0,
+};
+
+struct Normal(Xoshiro256PlusPlus);
+
+impl Normal {
+    fn new(seed: u64) -> Self {
+        Self(Xoshiro256PlusPlus::seed_from_u64(seed))
+    }
+
+    fn uniform(&mut self) -> f64 {
+        ((self.0.next_u64() >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    }
+
+    fn draw(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (TAU * self.uniform()).cos()
+    }
+}
+
+/// Frames of a source far away, one an azimuth; none is a splitter.
+fn frames(receiver: &Receiver, azimuths: &[Option<f64>], seed: u64) -> Vec<i16> {
+    let mut normal = Normal::new(seed);
+    let sigma = receiver.amplitude / (2.0 * 10f64.powf(receiver.snr_db / 10.0)).sqrt();
+    let h = SIDE / 2.0;
+    let antennas = [(h, h), (h, -h), (-h, -h), (-h, h)];
+    let mut codes = Vec::new();
+    for azimuth in azimuths {
+        let start = TAU * normal.uniform();
+        for (m, (x, y)) in antennas.into_iter().enumerate() {
+            let nearer = azimuth.map_or(0.0, |a| x * a.cos() + y * a.sin());
+            let phase = start + TAU / WAVELENGTH * nearer + receiver.phase_deg[m].to_radians();
+            for n in 0..N {
+                let t = (n as f64 + receiver.skew_samples[m]) / FS;
+                let wave = receiver.amplitude * receiver.gain[m] * (TAU * receiver.tone_hz * t + phase).cos();
+                codes.push((wave + sigma * normal.draw()).round().clamp(-2048.0, 2047.0) as i16);
+            }
+        }
+    }
+    codes
+}
+
+fn all_around(rounds: usize) -> Vec<Option<f64>> {
+    (0..360 * rounds).map(|degree| Some((degree as f64).to_radians())).collect()
+}
+
+fn save<T: npyz::AutoSerialize + Copy>(path: &Path, shape: &[u64], values: &[T]) -> String {
+    let options = npyz::WriteOptions::new().default_dtype().shape(shape);
+    let mut writer = options.writer(std::fs::File::create(path).unwrap()).begin_nd().unwrap();
+    writer.extend(values.iter().copied()).unwrap();
+    writer.finish().unwrap();
+    path.to_string_lossy().into_owned()
+}
+
+/// A folder with an array file in it.
+struct Bench {
+    dir: tempfile::TempDir,
+    array: PathBuf,
+}
+
+impl Bench {
+    fn new(extra: &str) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let array = dir.path().join("array.toml");
+        let text = format!(
+            "# Prototype 2\nwavelength_m = {WAVELENGTH} # 868 MHz\nside_m = {SIDE}\nsample_rate_hz = {FS}\n{extra}"
+        );
+        std::fs::write(&array, text).unwrap();
+        Self { dir, array }
+    }
+
+    fn text(&self) -> String {
+        std::fs::read_to_string(&self.array).unwrap()
+    }
+
+    fn adc(&self, codes: &[i16]) -> String {
+        save(&self.dir.path().join("adc.npy"), &[(codes.len() / (4 * N)) as u64, 4, N as u64], codes)
+    }
+
+    fn arguments<'a>(&'a self, command: &'a str, adc: &'a str, extra: &[&'a str]) -> Vec<&'a str> {
+        let mut arguments = vec![command, "--adc", adc, "--array", self.array.to_str().unwrap(), "--json"];
+        arguments.extend_from_slice(extra);
+        arguments
+    }
+
+    fn calibrate(&self, codes: &[i16], extra: &[&str]) -> Value {
+        let adc = self.adc(codes);
+        let (status, report) = run_json(&self.arguments("calibrate", &adc, extra));
+        assert_eq!(status, 0);
+        report
+    }
+
+    fn refuses(&self, codes: &[i16], extra: &[&str]) -> String {
+        let (adc, before) = (self.adc(codes), self.text());
+        let output = run(&self.arguments("calibrate", &adc, extra));
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert_eq!(self.text(), before, "a refused calibration writes nothing");
+        text
+    }
+
+    fn bearings(&self, codes: &[i16]) -> Vec<Value> {
+        let adc = self.adc(codes);
+        let output = run(&self.arguments("bearing", &adc, &["--independent"]));
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    }
+}
+
+fn uncalibrated(line: &Value) -> bool {
+    line["valid"] == false && line["flags"].as_array().unwrap().iter().any(|flag| flag == "uncalibrated")
+}
+
+/// rms error in units of the Cramer-Rao bound of equal channels, and the mean of the squared errors over their variance.
+fn rms_over_bound(lines: &[Value], azimuths: &[Option<f64>], snr_db: f64) -> (f64, f64) {
+    assert_eq!(lines.len(), azimuths.len());
+    let (mut squares, mut nees) = (0.0, 0.0);
+    for (line, truth) in lines.iter().zip(azimuths) {
+        assert_eq!(line["valid"], true, "{line}");
+        let error_deg = line["azimuth_deg"].as_f64().unwrap() - truth.unwrap().to_degrees();
+        let error_deg = (error_deg + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(error_deg.abs() < 20.0, "{line}");
+        squares += error_deg * error_deg;
+        nees += (error_deg / line["sigma_deg"].as_f64().unwrap()).powi(2);
+    }
+    let bound_deg = (SIDE / WAVELENGTH * TAU * (N as f64 * 10f64.powf(snr_db / 10.0)).sqrt()).recip().to_degrees();
+    let n = lines.len() as f64;
+    ((squares / n).sqrt() / bound_deg, nees / n)
+}
+
+#[test]
+fn one_frame_at_40_db_makes_uneven_channels_good_and_before_it_every_frame_is_uncalibrated() {
+    let bench = Bench::new("require_calibration = true # it flies\n");
+    let azimuths = all_around(8);
+    let codes = frames(&UNEVEN, &azimuths, 1);
+    assert!(bench.bearings(&codes[..360 * 4 * N]).iter().all(uncalibrated));
+
+    let known = frames(&Receiver { snr_db: 40.0, ..UNEVEN }, &[Some(0.7)], 2);
+    let report = bench.calibrate(&known, &["--azimuth-deg", &0.7_f64.to_degrees().to_string()]);
+    assert!((report["snr_db"].as_f64().unwrap() - 40.0).abs() < 3.0, "{report}");
+    assert!((report["residual_deg"].as_f64().unwrap() - 0.04).abs() < 0.02, "{report}");
+    for (m, truth_deg) in UNEVEN.phase_deg.iter().enumerate() {
+        let found = report["phase_deg"][m].as_f64().unwrap() - report["phase_deg"][0].as_f64().unwrap();
+        assert!((found - truth_deg).abs() < 0.3, "{report}");
+    }
+    let text = bench.text();
+    for kept in ["# Prototype 2", "# 868 MHz", "require_calibration = true # it flies"] {
+        assert!(text.contains(kept), "{text}");
+    }
+
+    let (ratio, nees) = rms_over_bound(&bench.bearings(&codes), &azimuths, 20.0);
+    assert!(ratio <= 1.30, "{ratio} of the bound");
+    assert!((0.8..=1.25).contains(&nees), "NEES {nees}");
+    let azimuths = all_around(1);
+    let codes = frames(&Receiver { snr_db: 30.0, ..UNEVEN }, &azimuths, 3);
+    let (ratio, _) = rms_over_bound(&bench.bearings(&codes), &azimuths, 30.0);
+    assert!(ratio <= 1.35, "{ratio} of the bound at 30 dB");
+}
+
+#[test]
+fn a_changed_or_foreign_table_makes_every_frame_uncalibrated() {
+    let bench = Bench::new("");
+    let known = frames(&Receiver { snr_db: 40.0, ..UNEVEN }, &[None; 4], 4);
+    bench.calibrate(&known, &["--splitter"]);
+    let (good, codes) = (bench.text(), frames(&UNEVEN, &all_around(1), 5));
+    assert!(bench.bearings(&codes).iter().all(|line| line["valid"] == true));
+    let elsewhere = frames(&Receiver { tone_hz: 60.25 * FS / 256.0, ..UNEVEN }, &all_around(1), 6);
+    assert!(bench.bearings(&elsewhere).iter().all(uncalibrated), "a tone at another frequency");
+    let silence = frames(&Receiver { amplitude: 0.1, snr_db: -60.0, ..UNEVEN }, &[None; 4], 7);
+    assert!(bench.bearings(&silence).iter().all(|line| line["flags"] == serde_json::json!(["no_signal"])));
+    let frequency = good.lines().find(|line| line.starts_with("frequency_hz")).unwrap();
+    let other_carrier = good.replace(&format!("wavelength_m = {WAVELENGTH} #"), "wavelength_m = 0.36 #");
+    assert_ne!(other_carrier, good);
+    for bad in [good.replace(frequency, "frequency_hz = 14921.0"), other_carrier] {
+        std::fs::write(&bench.array, bad).unwrap();
+        assert!(bench.bearings(&codes).iter().all(uncalibrated));
+    }
+}
+
+#[test]
+fn two_tones_tell_the_skew_and_with_it_the_bound_is_reached_at_any_frequency() {
+    let bench = Bench::new("");
+    let skew_samples = [0.0, 0.75, -0.75, 0.4];
+    let even = Receiver { gain: [1.0; 4], skew_samples, snr_db: 40.0, ..UNEVEN };
+    for (bins, seed, extra) in [(21.0, 6, &[][..]), (83.3, 7, &["--add", "--skew"])] {
+        let codes = frames(&Receiver { tone_hz: bins * FS / 256.0, ..even }, &[None; 8], seed);
+        let report = bench.calibrate(&codes, &[&["--splitter"], extra].concat());
+        if !extra.is_empty() {
+            assert_eq!(report["table_hz"].as_array().unwrap().len(), 2);
+            let found = |m: usize| report["skew_s"][m].as_f64().unwrap() * FS;
+            for (m, truth) in skew_samples.iter().enumerate() {
+                assert!((found(m) - found(0) - truth).abs() < 0.004, "{report}");
+            }
+        }
+    }
+    let azimuths = all_around(2);
+    for bins in [21.0, 48.6, 83.3] {
+        let receiver = Receiver { tone_hz: bins * FS / 256.0, snr_db: 30.0, ..even };
+        let (ratio, _) = rms_over_bound(&bench.bearings(&frames(&receiver, &azimuths, 8)), &azimuths, 30.0);
+        assert!(ratio <= 1.15, "{ratio} of the bound at bin {bins}");
+    }
+}
+
+#[test]
+fn a_configured_skew_of_three_quarters_of_a_sample_costs_nothing() {
+    let skew_samples = [0.0, 0.75, -0.75, 0.4];
+    let skew_s = skew_samples.map(|samples| samples / FS);
+    let bench = Bench::new(&format!("skew_s = {skew_s:?}\n"));
+    let azimuths = all_around(8);
+    let even = Receiver { gain: [1.0; 4], phase_deg: [0.0; 4], skew_samples, snr_db: 30.0, ..UNEVEN };
+    let (ratio, _) = rms_over_bound(&bench.bearings(&frames(&even, &azimuths, 9)), &azimuths, 30.0);
+    assert!(ratio <= 1.10, "{ratio} of the bound");
+}
+
+#[test]
+fn a_turn_on_the_spot_calibrates_and_names_swapped_channels() {
+    let bench = Bench::new("");
+    let yaw_rad: Vec<f64> = (0..90).map(|k| f64::from(k) * TAU / 90.0).collect();
+    let yaw = save(&bench.dir.path().join("yaw.npy"), &[90], &yaw_rad);
+    let azimuths: Vec<_> = yaw_rad.iter().map(|yaw_rad| Some(30_f64.to_radians() - yaw_rad)).collect();
+    let mut codes = frames(&Receiver { snr_db: 30.0, ..UNEVEN }, &azimuths, 10);
+    let arguments = ["--azimuth-deg", "30", "--yaw", &yaw];
+    let report = bench.calibrate(&codes, &arguments);
+    assert!(report["deviation_max_deg"].as_f64().unwrap() < 0.2, "there is none: {report}");
+    assert!((report["phase_deg"][1].as_f64().unwrap() - report["phase_deg"][0].as_f64().unwrap() - 47.0).abs() < 0.1);
+
+    for frame in codes.chunks_exact_mut(4 * N) {
+        let (first, second) = frame.split_at_mut(2 * N);
+        first[N..].swap_with_slice(&mut second[..N]);
+    }
+    let text = bench.refuses(&codes, &arguments);
+    assert!(text.contains("channels 2 and 3 look swapped"), "{text}");
+}
+
+#[test]
+fn frames_and_arrays_that_will_not_do_are_refused_by_name() {
+    let bench = Bench::new("");
+    let good = frames(&Receiver { snr_db: 40.0, ..UNEVEN }, &[Some(0.0); 3], 11);
+    let known = ["--azimuth-deg", "0"];
+    let silent = frames(&Receiver { amplitude: 0.1, snr_db: -60.0, ..UNEVEN }, &[None], 12);
+    let text = bench.refuses(&[&good[..], &silent].concat(), &known);
+    assert!(text.contains("frame 3") && text.contains("no tone"), "{text}");
+    let loud = frames(&Receiver { amplitude: 2300.0, gain: [0.8, 0.8, 1.0, 0.8], ..UNEVEN }, &[None], 13);
+    let text = bench.refuses(&loud, &known);
+    assert!(text.contains("frame 0: channel 3 is clipped"), "{text}");
+    let mut dead = good.clone();
+    dead[4 * N + 3 * N..2 * 4 * N].fill(0);
+    let text = bench.refuses(&dead, &known);
+    assert!(text.contains("frame 1: channel 4 is dead"), "{text}");
+    for options in
+        [&[][..], &["--azimuth-deg", "nan"], &["--azimuth-deg", "0", "--splitter"], &["--azimuth-deg", "0", "--add"]]
+    {
+        let text = bench.refuses(&good, options);
+        assert!(text.contains("azimuth") || text.contains("--add"), "{text}");
+    }
+    for (from, to, field) in [
+        (format!("side_m = {SIDE}"), "side_m = 0.2".to_owned(), "side_m"),
+        (format!("wavelength_m = {WAVELENGTH}"), "wavelength_m = -1".to_owned(), "wavelength_m"),
+        (format!("wavelength_m = {WAVELENGTH}"), String::new(), "wavelength_m"),
+    ] {
+        let bench = Bench::new("");
+        std::fs::write(&bench.array, bench.text().replace(&from, &to)).unwrap();
+        let text = bench.refuses(&good, &known);
+        assert!(text.contains(field), "{text}");
+    }
+}

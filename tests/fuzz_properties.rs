@@ -1,0 +1,42 @@
+//! The properties that the fuzz targets look for exceptions to, on seeded cases.
+
+#[path = "../fuzz/src/lib.rs"]
+pub mod properties;
+
+use properties::{Reached, frames, link, looks};
+use rand_core::{Rng as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+/// Runs a property on cases of up to `longest` random bytes, each with its own seed, and adds up what they reached.
+fn run(property: fn(&[u8]) -> Reached, cases: u64, longest: u32) -> (u64, Reached) {
+    let mut configured = 0;
+    let mut sum = Reached::default();
+    for seed in 0..cases {
+        let mut source = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut case = vec![0; (source.next_u32() % longest) as usize];
+        source.fill_bytes(&mut case);
+        let reached = property(&case);
+        configured += u64::from(reached.configured);
+        sum.answers += reached.answers;
+        sum.usable += reached.usable;
+    }
+    (configured, sum)
+}
+
+#[test]
+fn any_frames_and_configurations_give_finite_bearings_with_a_sigma() {
+    let (configured, sum) = run(frames, 4000, 2000);
+    assert!(configured > 1000 && sum.usable > 500, "too shallow: {configured} configured, {sum:?}");
+}
+
+#[test]
+fn any_looks_give_finite_arrivals_with_a_sigma() {
+    let (configured, sum) = run(looks, 8000, 2000);
+    assert!(configured > 1000 && sum.usable > 1000, "too shallow: {configured} configured, {sum:?}");
+}
+
+#[test]
+fn any_bytes_leave_the_link_sane_and_its_own_frames_whole() {
+    let (configured, sum) = run(link, 4000, 4000);
+    assert!(configured > 1000 && sum.usable > 500, "too shallow: {configured} configured, {sum:?}");
+}
