@@ -349,8 +349,8 @@ impl ArrayDescription {
 
         let nyquist_hz = file.sample_rate_hz / 2.0;
         let mut phase = phase::Config { sample_rate_hz: file.sample_rate_hz as f32, ..phase::Config::default() };
-        let share = file.sample_rate_hz / f64::from(phase::Config::default().sample_rate_hz);
-        phase.tone_band_hz = phase.tone_band_hz.map(|edge| (f64::from(edge) * share) as f32);
+        // Nothing is known of the tone: it may be anywhere that the spectrum can tell it from its own image.
+        phase.tone_band_hz = [0.0, phase.sample_rate_hz / 2.0];
         if let Some(tone_hz) = file.tone_hz {
             check("tone_hz", tone_hz, 0.0, nyquist_hz)?;
             phase.tone_hz = Some(tone_hz as f32);
