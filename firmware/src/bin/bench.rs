@@ -246,7 +246,7 @@ fn lock_in(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) {
     peer("phasors_and_phases", "idsp", measure(&mut || _ = black_box(by_low_pass(black_box(codes)).map(in_turns))));
     black_box((z, phases));
 
-    // 5/64 of the sample rate, as in research/performance.
+    // 5/64 of the sample rate.
     let on_bin = LockIn::new(20.0);
     accuracy("phasors_at_1500_codes", &on_bin, 1500.0, 5_000);
     accuracy("phasors_at_60_codes", &on_bin, 60.0, 65_000);
