@@ -22,10 +22,11 @@ use crate::map::{CIRCLES_MAX, Circle};
 use crate::rng::Rng;
 use crate::rollout::{Trajectory, WAYPOINTS, cost, roll, swept_clearance_m};
 
+mod paper;
+use paper::{draw, nearest, weighted};
+
 /// Parameter samples of one replan (main paper, section IV).
 pub const SAMPLES: usize = 10;
-/// Draws of one parameter before its limit is taken instead; the paper draws "until".
-const DRAWS_MAX: usize = 8;
 
 /// Which planner.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -216,7 +217,7 @@ impl Planner {
 
         let mut rng = Rng::new(request.seed, u64::from(request.id));
         for index in 0..SAMPLES {
-            let gains = self.draw(&mut rng);
+            let gains = draw(c, &mut rng);
             let trajectory = roll(&gains, start, target, &scratch.obstacles);
             scratch.gains[index] = gains;
             scratch.costs[index] = cost(start, &trajectory, target, &scratch.obstacles).total();
@@ -252,28 +253,6 @@ impl Planner {
         }
     }
 
-    /// One set of gains (eq. 38-40), each drawn until it is above its limit.
-    fn draw(&self, rng: &mut Rng) -> Gains {
-        let c = &self.config;
-        let mut above = |mean: f32, sigma: f32, min: f32| {
-            let mut value = min;
-            for _ in 0..DRAWS_MAX {
-                let drawn = mean + sigma * rng.gaussian();
-                if drawn > min {
-                    value = drawn;
-                    break;
-                }
-            }
-            value
-        };
-        Gains {
-            k_att: above(c.gains.k_att, c.gains_sigma.k_att, c.gains_min.k_att),
-            k_rep: above(c.gains.k_rep, c.gains_sigma.k_rep, c.gains_min.k_rep),
-            influence_m: above(c.gains.influence_m, c.gains_sigma.influence_m, c.gains_min.influence_m),
-            swirl: c.gains.swirl + c.gains_sigma.swirl * rng.gaussian(),
-        }
-    }
-
     /// Whether the first segments keep the margin. From a start that is already too close, whatever does not come closer
     /// keeps it.
     fn keeps_margin(&self, start: Horizontal, trajectory: &Trajectory, obstacles: &[Obstacle]) -> bool {
@@ -296,46 +275,6 @@ fn follow(request: &PlanRequest, trajectory: &Trajectory, gains: Gains, cost: f3
         gains,
         cost,
     }
-}
-
-/// Eq. 46 and 47: the initial trajectory plus the weighted mean of the offsets of those that may be chosen; `None` if
-/// there are none.
-fn weighted(scratch: &Scratch, lambda: f32) -> Option<Trajectory> {
-    let chosen = || (0..SAMPLES).filter(|j| scratch.feasible[*j]);
-    // Weights relative to the best, so that they cannot all vanish.
-    let best = chosen().map(|j| scratch.costs[j]).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
-    if !best.is_finite() {
-        return None;
-    }
-    let mut optimal = scratch.initial;
-    let mut total = 0.0;
-    let mut offsets = [Horizontal::default(); WAYPOINTS];
-    for j in chosen() {
-        let weight = libm::expf((best - scratch.costs[j]) / lambda);
-        total += weight;
-        for ((offset, sample), initial) in offsets.iter_mut().zip(&scratch.samples[j]).zip(&scratch.initial) {
-            *offset = offset.plus(sample.minus(*initial).times(weight));
-        }
-    }
-    for (point, offset) in optimal.iter_mut().zip(offsets) {
-        *point = point.plus(offset.times(1.0 / total));
-    }
-    Some(optimal)
-}
-
-/// Line 16 of Algorithm 2: the sample nearest to the average, by the sum of the distances of its points.
-fn nearest(scratch: &Scratch, optimal: &Trajectory) -> usize {
-    let (mut chosen, mut least) = (0, f32::INFINITY);
-    for (j, sample) in scratch.samples.iter().enumerate() {
-        if !scratch.feasible[j] {
-            continue;
-        }
-        let distance = sample.iter().zip(optimal).map(|(a, b)| a.minus(*b).norm()).sum::<f32>();
-        if distance < least {
-            (chosen, least) = (j, distance);
-        }
-    }
-    chosen
 }
 
 #[cfg(test)]
