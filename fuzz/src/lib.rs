@@ -26,9 +26,6 @@ use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
 use foxhound_link::{Message, companion::TYPE_MASK};
 
-/// Farthest position that is drawn.
-const FARTHEST_M: f32 = 1e6;
-
 /// What a case came to, so that a test can tell whether cases reach deep enough.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reached {
@@ -331,8 +328,7 @@ pub fn looks(case: &[u8]) -> Reached {
             _ => {}
         }
         let metres = draw.field(10.0, 0.0, 100.0);
-        // What is not a number stays so; the link lets nothing through that is farther away.
-        let mut coordinate = || draw.any(-metres, metres).clamp(-FARTHEST_M, FARTHEST_M);
+        let mut coordinate = || draw.any(-metres, metres);
         let position_ned_m = Ned { north: coordinate(), east: coordinate(), down: coordinate() };
         let position_ned_m = draw.flag().then_some(position_ned_m);
         let _ = looks.take(&mut state, &Look { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m });
@@ -384,7 +380,7 @@ fn look(
     phasors.z = z;
     phasors.noise = [2.0 * sigma * sigma; CHANNELS];
     if draw.below(16) == 0 {
-        phasors.noise[usize::from(draw.below(4))] = draw.any(0.0, 1e6).abs();
+        phasors.noise[usize::from(draw.below(4))] = draw.any(-1e3, 1e6);
     }
     phasors.tone = if draw.below(16) == 0 { Tone::Absent } else { Tone::Present };
     let bearing = finder.find(&phasors);
@@ -442,6 +438,7 @@ fn output(draw: &mut Draw<'_>) -> Output {
                 front_end: FrontEnd::Nothing,
                 ownship: None,
                 scan: None,
+                points: None,
                 circles: None,
                 control: Control::LinkLost,
                 plan: None,
@@ -526,6 +523,9 @@ pub fn link(case: &[u8]) -> Reached {
             let sane =
                 |sector: &Sector| !matches!(sector, Sector::Hit(metres) if !(metres.is_finite() && *metres >= 0.0));
             assert!(scan.sectors.iter().all(sane), "{scan:?}");
+        }
+        if let Some(points) = companion.take_points() {
+            assert!(points.points_m.iter().all(|point| point.is_finite()), "{points:?}");
         }
         let _ = (companion.control(now), companion.autopilot(), companion.landed());
         reached.usable += speak(&mut companion, &mut sent, draw, &config);

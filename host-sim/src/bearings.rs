@@ -66,6 +66,12 @@ pub struct Line {
     /// Chi-square of the wavefront fit; none with a dead channel.
     #[serde(serialize_with = "finite")]
     pub closure_chi2: Option<f64>,
+    /// Forward-backward coherence; none with a dead channel.
+    #[serde(serialize_with = "finite")]
+    pub coherence: Option<f64>,
+    /// A hint of the range, where the wavefront is curved.
+    #[serde(serialize_with = "finite")]
+    pub range_hint_m: Option<f64>,
     /// Names of the flags.
     pub flags: Vec<&'static str>,
 }
@@ -105,6 +111,8 @@ impl Line {
             snr_db: has_signal.then_some(f64::from(bearing.quality.snr_db)),
             freq_hz: has_signal.then_some(f64::from(bearing.quality.frequency_hz)),
             closure_chi2: (has_direction && all_alive).then_some(f64::from(bearing.quality.closure_chi2)),
+            coherence: bearing.quality.coherence.map(f64::from).filter(|_| has_direction),
+            range_hint_m: bearing.quality.range_hint_m.map(f64::from).filter(|_| has_direction),
             flags: FLAG_NAMES.iter().filter(|(flag, _)| bearing.flags.contains(*flag)).map(|(_, name)| *name).collect(),
         }
     }
@@ -215,6 +223,12 @@ fn combine(group: &[(Bearing, f64)]) -> Bearing {
     let mean = |value: &dyn Fn(&Bearing) -> f32| {
         (usable.iter().map(|(bearing, _)| weight(bearing) * f64::from(value(bearing))).sum::<f64>() / total) as f32
     };
+    // Of those that have one.
+    let mean_of = |value: &dyn Fn(&Bearing) -> Option<f32>| {
+        let known = usable.iter().filter_map(|(bearing, _)| Some((weight(bearing), f64::from(value(bearing)?))));
+        let (total, sum) = known.fold((0.0, 0.0), |(total, sum), (w, value)| (total + w, sum + w * value));
+        (total > 0.0).then_some((sum / total) as f32)
+    };
     let (mut north, mut east) = (0.0, 0.0);
     for (bearing, yaw_rad) in &usable {
         let direction_rad = f64::from(bearing.azimuth_rad) + yaw_rad;
@@ -242,6 +256,9 @@ fn combine(group: &[(Bearing, f64)]) -> Bearing {
             frequency_hz: mean(&|bearing| bearing.quality.frequency_hz),
             closure_chi2: mean(&|bearing| bearing.quality.closure_chi2),
             wavenumber: mean(&|bearing| bearing.quality.wavenumber),
+            coherence: mean_of(&|bearing| bearing.quality.coherence),
+            // The vehicle moves: that of the last look.
+            range_hint_m: usable.last().and_then(|(bearing, _)| bearing.quality.range_hint_m),
         },
         flags,
     }
@@ -331,7 +348,7 @@ mod tests {
         let json = serde_json::to_value(Line::new(3, &dud)).unwrap();
         let expected = serde_json::json!({"frame": 3, "valid": false, "azimuth_deg": null, "sigma_deg": null,
             "elevation_deg": null, "elevation_sigma_deg": null, "snr_db": null, "freq_hz": null, "closure_chi2": null,
-            "flags": ["no_signal"]});
+            "coherence": null, "range_hint_m": null, "flags": ["no_signal"]});
         assert_eq!(json, expected);
     }
 
@@ -339,7 +356,23 @@ mod tests {
     fn a_nan_becomes_null() {
         let mut bearing = look(1.0, 1.0);
         bearing.quality.snr_db = f32::NAN;
-        assert!(serde_json::to_value(Line::new(0, &bearing)).unwrap()["snr_db"].is_null());
+        bearing.quality.coherence = Some(f32::NAN);
+        bearing.quality.range_hint_m = Some(f32::INFINITY);
+        let json = serde_json::to_value(Line::new(0, &bearing)).unwrap();
+        assert!(["snr_db", "coherence", "range_hint_m"].iter().all(|key| json[key].is_null()), "{json}");
+    }
+
+    #[test]
+    fn looks_share_the_coherence_that_they_have_and_the_range_is_that_of_the_last_one() {
+        let with = |sigma_deg: f32, coherence: Option<f32>, range_hint_m: Option<f32>| {
+            let quality = bearing::Quality { coherence, range_hint_m, ..bearing::Quality::default() };
+            (Bearing { quality, ..look(0.0, sigma_deg) }, 0.0)
+        };
+        let group = [with(1.0, Some(0.9), Some(5.0)), with(2.0, Some(1.0), Some(4.0)), with(1.0, None, Some(3.0))];
+        let quality = combine(&group).quality;
+        assert!((quality.coherence.unwrap() - 0.92).abs() < 1e-6 && quality.range_hint_m == Some(3.0), "{quality:?}");
+        let quality = combine(&[with(1.0, None, Some(3.0)), with(1.0, None, None)]).quality;
+        assert_eq!((quality.coherence, quality.range_hint_m), (None, None));
     }
 
     /// Looks a third of a wavelength apart on the way north, turning right, at a beacon in the east and its reflection in

@@ -27,6 +27,9 @@ pub mod paper;
 
 /// Chi-square with one degree of freedom that a clean frame exceeds once in a thousand.
 const CLOSURE_LIMIT: f32 = 10.83;
+/// The same beside another line, for the whole of [`MULTIPATH_SIGMA_RAD`]: no clean frame exceeds it. The frame is marked
+/// already, and a few standard deviations in it widen sigma by as much as they stand out.
+const CLOSURE_SURE: f32 = 30.0;
 /// Gains that channels may have beside each other: 1.3 dB. More is a reflection, or a calibration that is missing.
 const GAIN_TOLERANCE: f32 = 0.16;
 /// What a reflection that shows in the closure does to a bearing, rms: -10 dB gives 5 deg.
@@ -161,6 +164,18 @@ pub struct Quality {
     pub closure_chi2: f32,
     /// Horizontal wavenumber over the free-space one: the cosine of the elevation, 1 for a source at our height.
     pub wavenumber: f32,
+    /// Forward-backward coherence, 0..=1: `|sum z_m z_(m+2)| / sum |z_m|^2` over the antennas of the square, opposite ones
+    /// multiplied. A plane wave turns them by as much either way and has 1; two waves have not, by phase or by amplitude.
+    /// Elsewhere than on the square the `z` are those less the plane wave, which on it cancels. None with a dead channel.
+    pub coherence: Option<f32>,
+    /// A hint of the range of a near source, from the curvature of its wavefront: none when that is less than three standard
+    /// deviations from a plane wave's, as it is for every far source and along the axes of the square, nor without a
+    /// calibration that is demanded.
+    ///
+    /// A reflection bends the wavefront as well. Below 2 m, where the two are alike, the bearing is flagged
+    /// [`Flags::MULTIPATH`]; less than a wavelength is taken for a reflection. The standard deviation of `1 / R` is that of
+    /// the closure over the bend: at 40 dB, N = 256, 868 MHz and 5 m, 4 % of the range on a diagonal.
+    pub range_hint_m: Option<f32>,
 }
 
 /// An angle of arrival in the body frame.
@@ -237,6 +252,7 @@ struct Wavefront {
     u: [f32; 2],
     covariance: Symmetric,
     residual: Option<Residual>,
+    coherence: Option<f32>,
 }
 
 /// The one residual that a plane wave leaves in four phases.
@@ -338,9 +354,13 @@ impl Finder {
         // More than free space allows is as impossible as a residual that does not close.
         let chi2 = fit.residual.map_or(0.0, Residual::chi2);
         let impossible = wavenumber > 1.03 + 4.0 * wavenumber_sigma;
-        if chi2 > CLOSURE_LIMIT || impossible || self.is_uneven(&z, phasors) {
+        let sure = if phasors.interferer { CLOSURE_SURE } else { CLOSURE_LIMIT };
+        if chi2 > sure || impossible || self.is_uneven(&z, phasors) {
             flags = flags.with(Flags::MULTIPATH);
             sigma_rad = libm::sqrtf(sigma_rad * sigma_rad + MULTIPATH_SIGMA_RAD * MULTIPATH_SIGMA_RAD);
+        } else if chi2 > CLOSURE_LIMIT {
+            flags = flags.with(Flags::MULTIPATH);
+            sigma_rad *= libm::sqrtf(chi2 / CLOSURE_LIMIT);
         }
         // A variance that is not a number knows nothing.
         let sigma_rad = if sigma_rad.is_finite() { sigma_rad } else { core::f32::consts::PI };
@@ -369,7 +389,13 @@ impl Finder {
             sigma_rad,
             elevation_rad,
             elevation_sigma_rad,
-            quality: Quality { closure_chi2: chi2, wavenumber, ..silent.quality },
+            quality: Quality {
+                closure_chi2: chi2,
+                wavenumber,
+                coherence: fit.coherence,
+                range_hint_m: fit.residual.and_then(|residual| self.range_hint_m(residual)),
+                ..silent.quality
+            },
             flags,
             ..silent
         }
@@ -388,22 +414,10 @@ impl Finder {
         paper::solve(this.config.estimator, &this.array, &z, living)
     }
 
-    /// A hint of the range of a near source, from the curvature of its wavefront: none when that is less than three
-    /// standard deviations from a plane wave's, as it is for every far source and along the axes of the square.
-    ///
-    /// A reflection bends the wavefront as well. Below 2 m, where the two are alike, the bearing of the same phasors is
-    /// flagged [`Flags::MULTIPATH`]; less than a wavelength is taken for a reflection. The standard deviation of `1 / R` is
-    /// that of the closure over the bend: at 40 dB, N = 256, 868 MHz and 5 m, 4 % of the range on a diagonal.
-    #[must_use]
-    pub fn range_hint_m(&self, phasors: &Phasors) -> Option<f32> {
-        let tuned = self.tuned(phasors);
-        let this = tuned.as_ref().unwrap_or(self);
-        if phasors.tone == Tone::Absent || this.array.is_uncalibrated() {
-            return None;
-        }
-        let z = this.array.correct(&phasors.z);
-        let range_m = this.wavefront(&z, &this.variances(&z, phasors))?.residual?.range_m()?;
-        (range_m * this.array.wavenumber > core::f32::consts::TAU).then_some(range_m)
+    /// The range that a residual tells, unless the channels are not known or a source that near is none.
+    fn range_hint_m(&self, residual: Residual) -> Option<f32> {
+        let far_enough = |range_m: &f32| *range_m * self.array.wavenumber > core::f32::consts::TAU;
+        residual.range_m().filter(far_enough).filter(|_| !self.array.is_uncalibrated())
     }
 
     /// Whether the amplitudes of four living channels differ by more than noise and [`GAIN_TOLERANCE`] explain: a plane
@@ -481,7 +495,8 @@ impl Finder {
         u[1] += inverse.b * right[0] + inverse.c * right[1];
         let covariance = spread.between(inverse);
         let residual = self.residual(&u, &phase, variances);
-        (u[0].is_finite() && u[1].is_finite()).then_some(Wavefront { u, covariance, residual })
+        let coherence = if weights.iter().all(|w| *w > 0.0) { coherence(&rotated) } else { None };
+        (u[0].is_finite() && u[1].is_finite()).then_some(Wavefront { u, covariance, residual, coherence })
     }
 
     /// What the fit leaves over; `None` with a dead channel.
@@ -529,6 +544,15 @@ impl Finder {
         }
         Some([(phase1 * d2[1] - phase2 * d1[1]) / determinant, (phase2 * d1[0] - phase1 * d2[0]) / determinant])
     }
+}
+
+/// Forward-backward coherence of phasors that are less the plane wave: see [`Quality::coherence`].
+fn coherence(y: &[Complex; CHANNELS]) -> Option<f32> {
+    let opposite = |a: usize, b: usize| y[a].times(y[b]);
+    let power = y.iter().fold(0.0, |sum, y| sum + y.norm_squared());
+    let gamma = 2.0 * libm::sqrtf(opposite(0, 2).plus(opposite(1, 3)).norm_squared()) / power;
+    // Rounding may exceed 1. What is not a number is none.
+    (gamma >= 0.0).then_some(gamma.min(1.0))
 }
 
 /// Elevation magnitude and its sigma from the wavenumber, which is its cosine.
@@ -747,7 +771,7 @@ mod tests {
                 // What the curvature of a sphere leaves in the closure, and the noise of four phases in it.
                 let bend = PI / 0.345 * (steering_m * range / distance).powi(2) * (2.0 * truth).sin().abs();
                 let sigma = (4.0 * 0.5 * f64::from(noise) / 1e6).sqrt() / bend;
-                let hint = finder.range_hint_m(&phasors(z, noise));
+                let hint = finder.find(&phasors(z, noise)).quality.range_hint_m;
                 // Significant at three of its own sigma: there beyond seven, elsewhere no matter.
                 assert!(hint.is_some() || 1.0 / distance < 7.0 * sigma, "{run} at {range} m: none");
                 if let Some(hint) = hint.filter(|_| 1.0 / distance > 7.0 * sigma) {
@@ -767,12 +791,87 @@ mod tests {
         let mut hints = 0;
         for run in 0..20_000 {
             let z = noisy(wave(f64::from(run), 5e4, 0.0), libm::sqrtf(noise / 2.0), &mut rng);
-            hints += i32::from(finder.range_hint_m(&phasors(z, noise)).is_some());
+            hints += i32::from(finder.find(&phasors(z, noise)).quality.range_hint_m.is_some());
         }
         // Three sigma on one side: 1.35 in a thousand.
         assert!((10..50).contains(&hints), "{hints} of 20000 far sources have a range");
         let absent = Phasors { tone: Tone::Absent, ..phasors(wave(0.7, 1.0, 0.0), noise) };
-        assert_eq!(finder.range_hint_m(&absent), None);
+        assert_eq!(finder.find(&absent).quality.range_hint_m, None);
+        let demanded = array::Config { require_calibration: true, ..array::Config::default() };
+        let unknown = Config::default().build(demanded.build().unwrap()).unwrap();
+        let near = phasors(wave(0.7, 3.0, 0.0), noise);
+        assert!(finder.find(&near).quality.range_hint_m.is_some());
+        assert_eq!(unknown.find(&near).quality.range_hint_m, None);
+    }
+
+    #[test]
+    fn the_coherence_is_one_for_one_plane_wave_on_any_array_and_less_for_two() {
+        let square = array::Config::default();
+        let skewed = [[0.05, 0.06], [0.07, -0.05], [-0.055, -0.06], [-0.065, 0.05]];
+        let mut rng = Rng::new(10, 0);
+        for config in [square, array::Config { antennas_m: skewed, ..square }] {
+            let finder = Config::default().build(config.build().unwrap()).unwrap();
+            let k = 2.0 * PI / f64::from(config.wavelength_m);
+            let plane = |azimuth: f64, level: f64, turn: f64| {
+                config.antennas_m.map(|p| {
+                    let phase = turn + k * (f64::from(p[0]) * azimuth.cos() + f64::from(p[1]) * azimuth.sin());
+                    Complex { re: (level * phase.cos()) as f32, im: (level * phase.sin()) as f32 }
+                })
+            };
+            // The noise of 20 dB, N = 256.
+            let noise = 4.0 * (1000.0_f32 * 1000.0 / 200.0) / 256.0;
+            let (mut mean, mut least) = ([0.0; 3], 1.0_f32);
+            for run in 0..3600 {
+                let azimuth = f64::from(run) * 0.1_f64.to_radians();
+                let mut turn = || f64::from(rng.uniform()) * 2.0 * PI;
+                let (direct, echo) = (plane(azimuth, 1000.0, turn()), plane(turn(), 1.0, turn()));
+                // No reflection, one at -10 dB, one as strong as the direct path.
+                for (sum, level) in mean.iter_mut().zip([0.0, 316.0, 1000.0]) {
+                    let level = Complex { re: level, im: 0.0 };
+                    let z = core::array::from_fn(|m| direct[m].plus(echo[m].times(level)));
+                    let z = noisy(z, libm::sqrtf(noise / 2.0), &mut rng);
+                    let Some(gamma) = finder.find(&phasors(z, noise)).quality.coherence else { continue };
+                    assert!((0.0..=1.0).contains(&gamma));
+                    if config == square {
+                        // The definition, in f64.
+                        let [(r0, i0), (r1, i1), (r2, i2), (r3, i3)] = z.map(|z| (f64::from(z.re), f64::from(z.im)));
+                        let re = r0 * r2 - i0 * i2 + r1 * r3 - i1 * i3;
+                        let im = r0 * i2 + i0 * r2 + r1 * i3 + i1 * r3;
+                        let power: f64 = z.iter().map(|z| f64::from(z.norm_squared())).sum();
+                        assert!((f64::from(gamma) - 2.0 * re.hypot(im) / power).abs() < 1e-5, "{gamma}");
+                    }
+                    least = if level.re == 0.0 && gamma < least { gamma } else { least };
+                    *sum += f64::from(gamma) / 3600.0;
+                }
+            }
+            assert!(least > 0.999, "a plane wave at 20 dB has {least}");
+            assert!(mean[1] < 0.98 && mean[2] < 0.85, "{mean:?}");
+        }
+        let mut z = wave(0.7, 50.0, 0.0);
+        z[2] = Complex { re: 1.0, im: 0.5 };
+        assert_eq!(finder(Estimator::CrossSpectrum).find(&phasors(z, 1.0)).quality.coherence, None);
+    }
+
+    #[test]
+    fn a_closure_that_is_in_doubt_beside_another_line_is_flagged_and_widens_sigma_by_its_excess() {
+        let finder = finder(Estimator::CrossSpectrum);
+        let noise = 400.0;
+        let sigma_of = |turn: f64, interferer: bool| {
+            let mut z = wave(0.0, 5e4, 0.0);
+            z[0] = z[0].times(Complex { re: turn.cos() as f32, im: turn.sin() as f32 });
+            let bearing = finder.find(&Phasors { interferer, ..phasors(z, noise) });
+            let flagged = bearing.flags.contains(Flags::MULTIPATH);
+            (bearing.sigma_rad.to_degrees(), bearing.quality.closure_chi2, flagged)
+        };
+        // Phases of variance 2e-4, so that the closure's sigma is 0.0283 rad. Clean, in doubt, sure; alone and beside a line.
+        // In doubt chi-square is 16 (the wrong phase costs the fit some): sqrt(16 / 10.83) more.
+        for (turn, alone, beside) in [(0.05, 0.323, 0.323), (0.12, 5.0, 0.392), (0.2, 5.0, 5.0)] {
+            for (interferer, expected) in [(false, alone), (true, beside)] {
+                let (sigma_deg, chi2, flagged) = sigma_of(turn, interferer);
+                assert!((f64::from(sigma_deg) / expected - 1.0).abs() < 0.02, "{turn} {interferer}: {sigma_deg}");
+                assert_eq!(flagged, chi2 > CLOSURE_LIMIT, "{turn} {interferer}");
+            }
+        }
     }
 
     #[test]
