@@ -8,7 +8,7 @@
 //!   centre ray, as a scanning lidar's; sectors wider than 1.25 deg take the nearest of several rays evenly spread, so
 //!   that a wide field of view has no gaps between its rays.
 
-use foxhound_core::map::{CIRCLES_MAX, Circle};
+use foxhound_core::map::{Circle, DELIVERY_MAX};
 use foxhound_link::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA};
 
 use crate::scenario;
@@ -90,7 +90,7 @@ impl View<'_> {
             pillars.iter().filter(|(index, _)| seen[*index]).map(|(_, pillar)| pillar).collect();
         let gap = |pillar: &Pillar| pillar.center.minus(self.position).norm() - pillar.radius_m;
         visible.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
-        visible.truncate(CIRCLES_MAX);
+        visible.truncate(DELIVERY_MAX);
         visible
             .into_iter()
             .map(|pillar| Circle {

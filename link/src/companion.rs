@@ -21,7 +21,7 @@ use foxhound_core::guard::Setpoint;
 use foxhound_core::guidance;
 use foxhound_core::mission::{Control, Outcome};
 use foxhound_core::ownship::Ownship;
-use foxhound_core::scan::Scan;
+use foxhound_core::scan::{Frame, Points, Scan};
 use foxhound_core::time::Instant;
 use foxhound_core::units::DEG_PER_RAD;
 
@@ -33,7 +33,7 @@ use crate::dialect::{
     STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use crate::framer::{self, Framer, Header};
-use crate::obstacles::{self, Reading};
+use crate::obstacles::{self, Heard, Reading};
 use crate::outbox::{Errand, Note, Outbox};
 use crate::requests::{Requests, Wish};
 use crate::{CharArray, MessageData};
@@ -99,7 +99,7 @@ pub struct Config {
     pub prestream: bool,
     /// What the angles of `OBSTACLE_DISTANCE` count from.
     pub obstacle_frame: ObstacleFrame,
-    /// A scan that nobody took for this long is dropped.
+    /// A scan, or points, that nobody took for this long are dropped.
     pub obstacle_age_max_s: f32,
 }
 
@@ -168,6 +168,8 @@ pub struct Counters {
     pub errands_dropped: u32,
     /// Telemetry for which there was no room.
     pub telemetry_dropped: u32,
+    /// Points of obstacles for which there was no room.
+    pub points_dropped: u32,
     /// Restarts of the autopilot.
     pub reboots: u32,
     /// Heartbeats of autopilots other than ours.
@@ -199,6 +201,7 @@ pub struct Companion {
     attitude: Option<Attitude>,
     on_ground: Option<bool>,
     scan: Option<Scan>,
+    points: Option<Points>,
 
     published: Option<Published>,
     heartbeat_due: Instant,
@@ -234,6 +237,7 @@ impl Companion {
             attitude: None,
             on_ground: None,
             scan: None,
+            points: None,
             published: None,
             heartbeat_due: Instant::default(),
             setpoint_slot: None,
@@ -304,6 +308,12 @@ impl Companion {
         self.scan.take()
     }
 
+    /// The single points, from beams and points alike, since the last call; without a point where sensors looked and saw
+    /// nothing.
+    pub fn take_points(&mut self) -> Option<Points> {
+        self.points.take()
+    }
+
     /// Takes the outcome of a guidance step: its setpoint for the stream, the rest for telemetry.
     pub fn publish(&mut self, now: Instant, output: &guidance::Output) {
         self.follow_clock(now);
@@ -328,6 +338,11 @@ impl Companion {
             && now.seconds_since(scan.time) > self.config.obstacle_age_max_s
         {
             self.scan = None;
+        }
+        if let Some(points) = &self.points
+            && now.seconds_since(points.time) > self.config.obstacle_age_max_s
+        {
+            self.points = None;
         }
         if now >= self.heartbeat_due {
             self.outbox.post_heartbeat(self.heartbeat(now));
@@ -384,6 +399,7 @@ impl Companion {
         if now < self.now {
             self.published = None;
             self.scan = None;
+            self.points = None;
             self.bearing = None;
             self.heartbeat_due = now;
             self.telemetry_due = now;
@@ -414,6 +430,12 @@ impl Companion {
                     self.requests.heard(OBSTACLE_DISTANCE_DATA::ID);
                 }
                 self.on_obstacles(now, obstacles);
+            }
+            MavMessage::OBSTACLE_DISTANCE_3D(point) if header.system_id == self.system_id() => {
+                self.on_point(now, obstacles::point(point));
+            }
+            MavMessage::DISTANCE_SENSOR(beam) if header.system_id == self.system_id() => {
+                self.on_point(now, obstacles::beam(beam));
             }
             _ if self.is_autopilot(header) => self.on_telemetry(now, message),
             _ => {}
@@ -481,6 +503,7 @@ impl Companion {
             self.attitude = None;
             self.on_ground = None;
             self.scan = None;
+            self.points = None;
             if let Some(autopilot) = &mut self.autopilot {
                 autopilot.armed = false;
             }
@@ -506,6 +529,21 @@ impl Companion {
         let zero_touches = !ardupilot;
         let heard = yaw_rad.and_then(|yaw_rad| obstacles::scan(obstacles, now, Reading { yaw_rad, zero_touches }));
         keep(&mut self.scan, heard, &mut self.counters.rejected);
+    }
+
+    fn on_point(&mut self, now: Instant, heard: Heard) {
+        let point = match heard {
+            Heard::At(point) => Some(point),
+            Heard::Free => None,
+            Heard::Nothing => return,
+            Heard::Absurd => return count(&mut self.counters.rejected),
+        };
+        // Their time is that of the first, so that none of them seems younger than it is.
+        let empty = || Points { time: now, frame: Frame::Body, ..Points::default() };
+        let points = &mut self.points.get_or_insert_with(empty).points_m;
+        if point.is_some_and(|point| points.push(point).is_err()) {
+            count(&mut self.counters.points_dropped);
+        }
     }
 
     fn on_command(&mut self, header: Header, command: &COMMAND_LONG_DATA) {

@@ -29,7 +29,7 @@ use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::bearing::Bearing;
 use foxhound_core::frame::Horizontal;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::map::{CIRCLES_MAX, Circle};
+use foxhound_core::map::{Circle, DELIVERY_MAX};
 use foxhound_core::planner::SAMPLES;
 use foxhound_core::rollout::WAYPOINTS;
 use foxhound_core::time::Instant;
@@ -91,7 +91,7 @@ pub struct Step<'a, const N: usize> {
 pub struct Arrivals<const N: usize> {
     head: StepHead,
     snapshot: Snapshot<N>,
-    circles: [Circle; CIRCLES_MAX],
+    circles: [Circle; DELIVERY_MAX],
 }
 
 impl<const N: usize> Arrivals<N> {
@@ -104,7 +104,7 @@ impl<const N: usize> Arrivals<N> {
         let nowhere = Circle { center_ned_m: none, radius_m: 0.0, velocity_ned_mps: none };
         let head =
             StepHead { sequence: 0, now: Instant(0), rx_expected: 0, front_end: FrontEndKind::Nothing, circles: None };
-        Self { head, snapshot: Snapshot::zeroed(), circles: [nowhere; CIRCLES_MAX] }
+        Self { head, snapshot: Snapshot::zeroed(), circles: [nowhere; DELIVERY_MAX] }
     }
 
     /// Reads the step block.
@@ -312,11 +312,11 @@ impl<const N: usize> Step<'_, N> {
     /// Fills the step block.
     ///
     /// # Errors
-    /// [`Error::Length`] when there are more circles than [`CIRCLES_MAX`].
+    /// [`Error::Length`] when there are more circles than [`DELIVERY_MAX`].
     pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
         const { Arrivals::<N>::CODES_FIT };
         let circles = match self.circles {
-            Some(circles) if circles.len() > CIRCLES_MAX => return Err(Error::Length),
+            Some(circles) if circles.len() > DELIVERY_MAX => return Err(Error::Length),
             Some(circles) => Some(circles.len() as u8),
             None => None,
         };
@@ -419,7 +419,7 @@ mod tests {
         for (k, code) in snapshot.codes.as_flattened_mut().iter_mut().enumerate() {
             *code = (k as i16).wrapping_mul(31) - 2048;
         }
-        let circles: [Circle; CIRCLES_MAX] = core::array::from_fn(circle);
+        let circles: [Circle; DELIVERY_MAX] = core::array::from_fn(circle);
         let sent = step(FrontEnd::Snapshot(&snapshot), Some(&circles));
         let mut block = [0xa5; BLOCK_BYTES];
         sent.encode(&mut block).unwrap();
@@ -471,7 +471,7 @@ mod tests {
 
     #[test]
     fn too_many_circles_an_empty_block_and_an_impossible_length_are_refused() {
-        let circles = [circle(1); CIRCLES_MAX + 1];
+        let circles = [circle(1); DELIVERY_MAX + 1];
         let mut block = [0; BLOCK_BYTES];
         assert_eq!(step(FrontEnd::Nothing, Some(&circles)).encode(&mut block), Err(Error::Length));
         assert_eq!(Report::decode(&block), Err(Error::Magic));

@@ -1,4 +1,6 @@
-//! `OBSTACLE_DISTANCE` to a scan in the body frame.
+//! `OBSTACLE_DISTANCE` to a scan in the body frame, `OBSTACLE_DISTANCE_3D` and `DISTANCE_SENSOR` to single points in it.
+//!
+//! ## Scans
 //!
 //! Element `j` is the middle of the sector at `angle_offset + j * increment`, clockwise positive; `increment_f`
 //! replaces `increment` unless it is 0 and may be negative. Elements past a full turn mean nothing. After the message
@@ -13,17 +15,32 @@
 //! | else | the nearest obstacle, centimetres |
 //!
 //! So 0 is unknown on ArduPilot's link and otherwise a hit at `min_distance`, at least 1 cm.
+//!
+//! ## Points
+//!
+//! A `DISTANCE_SENSOR` looks along its orientation: 0 to 7 are steps of 45 degrees, clockwise (the text of the message
+//! definition has left and right swapped, its rotations do not), 100 is what its quaternion says; one that looks up or down
+//! has nothing to say about obstacles. A distance below the sensor's range, or of signal quality 1, is no reading; one above
+//! the range says that the sensor lives and sees nothing. An `OBSTACLE_DISTANCE_3D` is a point forward, right and down of the
+//! vehicle. Points more than a metre above or below the vehicle are the ground or no concern. Nothing that is remembered is
+//! forgotten for what points and beams do not see.
 
-use core::f32::consts::PI;
+use core::f32::consts::{FRAC_PI_4, PI};
 
+use foxhound_core::frame::Horizontal;
 use foxhound_core::scan::{SECTORS_MAX, Scan, Sector};
 use foxhound_core::time::Instant;
 use foxhound_core::units::wrap_pi;
 
-use crate::dialect::OBSTACLE_DISTANCE_DATA;
+use crate::dialect::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA};
 
 const UNKNOWN_CM: u16 = u16::MAX;
 const FULL_TURN_DEG: f32 = 360.0;
+/// What is farther above or below is not in the way.
+const LEVEL_M: f32 = 1.0;
+/// The orientation of a beam whose quaternion says where it points.
+const CUSTOM: u8 = 100;
+const BAD_SIGNAL: u8 = 1;
 
 /// What the angles of a message count from, and what its zeros mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,6 +84,71 @@ pub(crate) fn scan(message: &OBSTACLE_DISTANCE_DATA, time: Instant, reading: Rea
         range_max_m: f32::from(message.max_distance) / 100.0,
         sectors,
     })
+}
+
+/// What a message about one point says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Heard {
+    /// Something is there, forward and right of the vehicle (in the fields for north and east).
+    At(Horizontal),
+    /// It looked, and nothing is in the way as far as it reaches.
+    Free,
+    /// No reading, or it does not look where the vehicle might go.
+    Nothing,
+    /// Not finite, at odds with itself, or in a frame that is not understood.
+    Absurd,
+}
+
+/// Where `OBSTACLE_DISTANCE_3D` sees something.
+pub(crate) fn point(message: &OBSTACLE_DISTANCE_3D_DATA) -> Heard {
+    let point = Horizontal { north: message.x, east: message.y };
+    let distance_m = libm::sqrtf(point.norm_squared() + message.z * message.z);
+    let sane = message.frame == MavFrame::MAV_FRAME_BODY_FRD as u8
+        && distance_m.is_finite()
+        && message.min_distance >= 0.0
+        && message.max_distance > message.min_distance
+        && message.max_distance.is_finite();
+    if !sane {
+        return Heard::Absurd;
+    }
+    if distance_m < message.min_distance {
+        Heard::Nothing
+    } else if distance_m > message.max_distance || libm::fabsf(message.z) > LEVEL_M {
+        Heard::Free
+    } else {
+        Heard::At(point)
+    }
+}
+
+/// Where `DISTANCE_SENSOR` sees something.
+pub(crate) fn beam(message: &DISTANCE_SENSOR_DATA) -> Heard {
+    if message.max_distance == 0 || message.min_distance > message.max_distance {
+        return Heard::Absurd;
+    }
+    let (direction, down) = match message.orientation {
+        step @ 0..=7 => (Horizontal::from_bearing(f32::from(step) * FRAC_PI_4), 0.0),
+        CUSTOM => {
+            // The sensor's forward axis in the body frame.
+            let [w, x, y, z] = message.quaternion;
+            let norm = w * w + x * x + y * y + z * z;
+            if !(0.98..=1.02).contains(&norm) {
+                return Heard::Absurd;
+            }
+            let forward = Horizontal { north: 1.0 - 2.0 * (y * y + z * z), east: 2.0 * (x * y + w * z) };
+            (forward, 2.0 * (x * z - w * y))
+        }
+        _ => return Heard::Nothing,
+    };
+    let distance_m = f32::from(message.current_distance) / 100.0;
+    let is_level = libm::fabsf(down * distance_m) <= LEVEL_M;
+    let is_reading = message.current_distance >= message.min_distance.max(1) && message.signal_quality != BAD_SIGNAL;
+    if !is_reading || !is_level {
+        Heard::Nothing
+    } else if message.current_distance > message.max_distance {
+        Heard::Free
+    } else {
+        Heard::At(direction.times(distance_m))
+    }
 }
 
 #[cfg(test)]
@@ -164,5 +246,99 @@ mod tests {
         assert_eq!(with(|message| message.angle_offset = 1e6), None);
         assert_eq!(with(|message| message.max_distance = 0), None);
         assert_eq!(with(|message| message.max_distance = 29), None);
+    }
+
+    fn sensor() -> DISTANCE_SENSOR_DATA {
+        DISTANCE_SENSOR_DATA {
+            min_distance: 20,
+            max_distance: 800,
+            current_distance: 200,
+            ..DISTANCE_SENSOR_DATA::DEFAULT
+        }
+    }
+
+    fn at(heard: Heard) -> (f32, f32) {
+        let Heard::At(point) = heard else { panic!("{heard:?}") };
+        (point.north, point.east)
+    }
+
+    #[test]
+    fn a_beam_points_clockwise_in_steps_of_45_degrees() {
+        let half = 2.0 * core::f32::consts::FRAC_1_SQRT_2;
+        let expected = [
+            (2.0, 0.0),
+            (half, half),
+            (0.0, 2.0),
+            (-half, half),
+            (-2.0, 0.0),
+            (-half, -half),
+            (0.0, -2.0),
+            (half, -half),
+        ];
+        for (orientation, expected) in expected.iter().enumerate() {
+            let (forward, right) = at(beam(&DISTANCE_SENSOR_DATA { orientation: orientation as u8, ..sensor() }));
+            assert!((forward - expected.0).abs() < 1e-5 && (right - expected.1).abs() < 1e-5, "{orientation}");
+        }
+        // Up, down, and what nobody mounts.
+        for orientation in [24, 25, 8, 40, 101, 255] {
+            assert_eq!(beam(&DISTANCE_SENSOR_DATA { orientation, ..sensor() }), Heard::Nothing, "{orientation}");
+        }
+    }
+
+    #[test]
+    fn a_beam_of_any_direction_points_where_its_quaternion_turns_the_nose() {
+        let custom = |quaternion| beam(&DISTANCE_SENSOR_DATA { orientation: CUSTOM, quaternion, ..sensor() });
+        let (s, c) = (30.0_f32.to_radians().sin(), 30.0_f32.to_radians().cos());
+        // A yaw of 60 degrees, and a pitch of 60 degrees, which looks up by 1.7 m.
+        let (forward, right) = at(custom([c, 0.0, 0.0, s]));
+        assert!((forward - 1.0).abs() < 1e-5 && (right - 3.0_f32.sqrt()).abs() < 1e-5);
+        assert_eq!(custom([c, 0.0, s, 0.0]), Heard::Nothing);
+        for bad in [[0.0; 4], [2.0, 0.0, 0.0, 0.0], [f32::NAN, 0.0, 0.0, 0.0], [f32::INFINITY; 4]] {
+            assert_eq!(custom(bad), Heard::Absurd);
+        }
+    }
+
+    #[test]
+    fn a_beam_without_a_reading_says_nothing_and_one_at_odds_with_itself_is_refused() {
+        let with = |change: fn(&mut DISTANCE_SENSOR_DATA)| {
+            let mut message = sensor();
+            change(&mut message);
+            beam(&message)
+        };
+        assert_eq!(with(|message| message.current_distance = 19), Heard::Nothing);
+        assert_eq!(with(|message| message.current_distance = 801), Heard::Free);
+        assert_eq!(with(|message| message.signal_quality = 1), Heard::Nothing);
+        assert!(matches!(with(|message| message.signal_quality = 0), Heard::At(_)));
+        assert_eq!(with(|message| (message.min_distance, message.current_distance) = (0, 0)), Heard::Nothing);
+        assert_eq!(with(|message| message.max_distance = 0), Heard::Absurd);
+        assert_eq!(with(|message| message.min_distance = 801), Heard::Absurd);
+    }
+
+    #[test]
+    fn a_point_is_taken_in_the_body_frame_at_the_vehicles_height_within_the_sensors_range() {
+        let good = OBSTACLE_DISTANCE_3D_DATA {
+            frame: MavFrame::MAV_FRAME_BODY_FRD as u8,
+            x: 1.5,
+            y: -2.0,
+            z: 0.5,
+            min_distance: 0.3,
+            max_distance: 8.0,
+            ..OBSTACLE_DISTANCE_3D_DATA::DEFAULT
+        };
+        assert_eq!(at(point(&good)), (1.5, -2.0));
+        let with = |change: fn(&mut OBSTACLE_DISTANCE_3D_DATA)| {
+            let mut message = good.clone();
+            change(&mut message);
+            point(&message)
+        };
+        assert_eq!(with(|message| message.z = 1.2), Heard::Free);
+        assert_eq!(with(|message| message.x = 9.0), Heard::Free);
+        assert_eq!(with(|message| (message.x, message.y, message.z) = (0.1, 0.1, 0.0)), Heard::Nothing);
+        assert_eq!(with(|message| message.frame = 0), Heard::Absurd);
+        assert_eq!(with(|message| message.x = f32::NAN), Heard::Absurd);
+        assert_eq!(with(|message| message.z = f32::INFINITY), Heard::Absurd);
+        assert_eq!(with(|message| message.x = 1e30), Heard::Absurd);
+        assert_eq!(with(|message| message.max_distance = f32::NAN), Heard::Absurd);
+        assert_eq!(with(|message| message.min_distance = -1.0), Heard::Absurd);
     }
 }

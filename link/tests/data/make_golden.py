@@ -1,4 +1,4 @@
-"""Prints golden.txt: one line a frame, `NAME CRC_EXTRA hex`, as pymavlink 2.4.50 encodes it (dialect common, MAVLink 2).
+"""Prints golden.txt: one line a frame, `NAME CRC_EXTRA hex`, as pymavlink 2.4.50 encodes it (dialect ardupilotmega, MAVLink 2).
 
     python3 -m venv venv && venv/bin/pip install pymavlink==2.4.50 && venv/bin/python make_golden.py > golden.txt
 """
@@ -6,7 +6,7 @@
 import os
 
 os.environ["MAVLINK20"] = "1"
-from pymavlink.dialects.v20 import common as m
+from pymavlink.dialects.v20 import ardupilotmega as m
 
 
 def sender(sequence):
@@ -36,6 +36,8 @@ messages = [
     m.MAVLink_statustext_message(4, b"x" * 50, 513, 3),
     m.MAVLink_obstacle_distance_message(42, 0, distances, 5, 20, 4000, -5.0, 12.5, 12),
     m.MAVLink_obstacle_distance_message(42, 0, distances, 5, 20, 4000),
+    m.MAVLink_distance_sensor_message(7, 20, 4000, 250, 0, 3, 100, 255, 0.5, 0.25, [0.5, -0.5, 0.5, -0.5], 99),
+    m.MAVLink_obstacle_distance_3d_message(8, 0, 12, 513, 1.5, -2.5, 0.25, 0.5, 40.0),
 ]
 for sequence, message in enumerate(messages):
     frame = message.pack(sender(sequence))

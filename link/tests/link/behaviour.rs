@@ -5,7 +5,7 @@ use foxhound_core::bearing::{Bearing, Flags, Quality};
 use foxhound_core::error::Why;
 use foxhound_core::guidance::Output;
 use foxhound_core::mission::{Control, Outcome};
-use foxhound_core::scan::Sector;
+use foxhound_core::scan::{Frame, Sector};
 use foxhound_core::time::Instant;
 use foxhound_link::companion::{Config, ObstacleFrame, Software};
 use foxhound_link::dialect::*;
@@ -729,6 +729,75 @@ fn a_scan_that_nobody_takes_is_dropped_when_it_is_old() {
     bench.say(&obstacles(12));
     bench.run(0.6);
     assert_eq!(bench.companion.take_scan(), None);
+}
+
+fn beam(orientation: u8, current_distance: u16) -> MavMessage {
+    MavMessage::DISTANCE_SENSOR(DISTANCE_SENSOR_DATA {
+        orientation,
+        current_distance,
+        min_distance: 20,
+        max_distance: 800,
+        ..DISTANCE_SENSOR_DATA::DEFAULT
+    })
+}
+
+fn point(x: f32, y: f32) -> MavMessage {
+    MavMessage::OBSTACLE_DISTANCE_3D(OBSTACLE_DISTANCE_3D_DATA {
+        frame: 12,
+        x,
+        y,
+        min_distance: 0.2,
+        max_distance: 8.0,
+        ..OBSTACLE_DISTANCE_3D_DATA::DEFAULT
+    })
+}
+
+#[test]
+fn beams_and_points_of_our_system_are_gathered_until_they_are_taken() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    let heard_at = bench.now();
+    bench.say(&beam(0, 300));
+    bench.step(10_000);
+    bench.say_as((1, 196), &beam(2, 150));
+    bench.say_as((1, 196), &point(1.0, -0.5));
+    bench.say_as((2, 1), &beam(0, 100));
+    let points = bench.companion.take_points().unwrap();
+    let found: Vec<(f32, f32)> = points.points_m.iter().map(|point| (point.north, point.east)).collect();
+    assert_eq!(found.len(), 3, "{found:?}");
+    for (found, expected) in found.iter().zip([(3.0, 0.0), (0.0, 1.5), (1.0, -0.5)]) {
+        assert!((found.0 - expected.0).abs() < 1e-5 && (found.1 - expected.1).abs() < 1e-5, "{found:?}");
+    }
+    assert_eq!((points.frame, points.time), (Frame::Body, heard_at), "as old as the oldest of them");
+    assert_eq!(bench.companion.take_points(), None, "taken once");
+}
+
+#[test]
+fn a_beam_that_sees_nothing_is_a_word_and_one_that_does_not_look_ahead_or_does_not_read_is_none() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    for silent in [beam(25, 300), beam(24, 300), beam(0, 5), beam(0, 0)] {
+        bench.say(&silent);
+        assert_eq!(bench.companion.take_points(), None, "{silent:?}");
+    }
+    bench.say(&beam(0, 801));
+    assert_eq!(bench.companion.take_points().map(|points| points.points_m.len()), Some(0));
+    bench.say(&point(f32::NAN, 0.0));
+    assert_eq!((bench.companion.take_points(), bench.companion.counters().rejected), (None, 1));
+}
+
+#[test]
+fn points_are_bounded_counted_and_dropped_when_they_are_old() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    for k in 0..100 {
+        bench.say(&point(1.0 + 0.01 * k as f32, 0.0));
+    }
+    assert_eq!(bench.companion.counters().points_dropped, 28);
+    assert_eq!(bench.companion.take_points().unwrap().points_m.len(), 72);
+    bench.say(&beam(0, 300));
+    bench.run(0.6);
+    assert_eq!(bench.companion.take_points(), None);
 }
 
 // ---- telemetry ----

@@ -1,0 +1,97 @@
+use super::*;
+use std::vec::Vec as StdVec;
+
+/// Ray-casts circles (north, east, radius) from the origin, nose to the north, as a 90 deg sensor of 3 m would, in cm.
+fn cast(circles: &[(f64, f64, f64)]) -> Scan {
+    let (fov, range) = (90.0_f64.to_radians(), 3.0);
+    let step = fov / 72.0;
+    let first = -fov / 2.0 + step / 2.0;
+    let mut sectors = [Sector::Clear; SECTORS_MAX];
+    for (index, sector) in sectors.iter_mut().enumerate() {
+        let azimuth = first + step * index as f64;
+        for (north, east, radius) in circles {
+            let along = north * azimuth.cos() + east * azimuth.sin();
+            let across = (north * azimuth.sin() - east * azimuth.cos()).abs();
+            if across < *radius && along > 0.0 {
+                let hit = ((along - (radius * radius - across * across).sqrt()) * 100.0).round() / 100.0;
+                let nearer = !matches!(sector, Sector::Hit(old) if f64::from(*old) < hit);
+                if hit < range && nearer {
+                    *sector = Sector::Hit(hit as f32);
+                }
+            }
+        }
+    }
+    Scan {
+        time: Instant(0),
+        first_azimuth_rad: first as f32,
+        step_rad: step as f32,
+        range_max_m: range as f32,
+        sectors,
+    }
+}
+
+fn fit(circles: &[(f64, f64, f64)]) -> StdVec<Detection> {
+    Config::default().build().unwrap().fit(&cast(circles), &Pose::default()).detections.into_iter().collect()
+}
+
+#[test]
+fn a_pillar_is_found_where_it_stands_and_as_thick_as_it_is() {
+    for radius in [0.1, 0.15, 0.25, 0.33, 0.5] {
+        for distance in [0.9, 1.5, 2.2] {
+            for side in [-0.4, 0.0, 0.3] {
+                let found = fit(&[(distance, side, radius)]);
+                assert_eq!(found.len(), 1, "{radius} {distance} {side}: {found:?}");
+                let center = found[0].center_ned_m;
+                let miss = (f64::from(center.north) - distance).hypot(f64::from(center.east) - side);
+                let allowed = 0.03 + 0.02 * distance;
+                assert!(miss < allowed, "{radius} {distance} {side}: {found:?}");
+                assert!((f64::from(found[0].radius_m) - radius).abs() < allowed, "{radius} {distance}: {found:?}");
+                // Its near face, which is what one flies into, is right to the centimetre.
+                let face = f64::from(center.norm() - found[0].radius_m);
+                let truth = (distance.hypot(side)) - radius;
+                assert!((face - truth).abs() < 0.03, "{radius} {distance} {side}: face {face} {truth}");
+            }
+        }
+    }
+}
+
+#[test]
+fn two_pillars_side_by_side_are_two_even_when_they_touch() {
+    assert_eq!(fit(&[(1.5, -0.4, 0.2), (1.6, 0.4, 0.2)]).len(), 2);
+    let touching = fit(&[(1.5, -0.25, 0.25), (1.5, 0.25, 0.25)]);
+    assert!(touching.len() >= 2, "{touching:?}");
+}
+
+#[test]
+fn a_wall_becomes_a_chain_of_circles_that_leaves_no_gap_to_slip_through() {
+    // A circle of 30 m radius is a wall at this range.
+    let found = fit(&[(31.5, 0.0, 30.0)]);
+    assert!(found.len() >= 3, "{found:?}");
+    for azimuth in (-40..=40).map(|a| f64::from(a).to_radians()) {
+        let point = Horizontal { north: 1.5, east: (1.5 * azimuth.tan()) as f32 };
+        let nearest =
+            found.iter().map(|d| d.center_ned_m.minus(point).norm() - d.radius_m).fold(f32::INFINITY, f32::min);
+        assert!(nearest < 0.15, "open at {azimuth}: {nearest}");
+    }
+}
+
+#[test]
+fn the_pose_turns_and_shifts_what_is_seen() {
+    let scan = cast(&[(1.5, 0.0, 0.25)]);
+    let pose = Pose { position_ned_m: Horizontal { north: 10.0, east: -4.0 }, yaw_rad: core::f32::consts::FRAC_PI_2 };
+    let found = Config::default().build().unwrap().fit(&scan, &pose).detections;
+    assert_eq!(found.len(), 1);
+    assert!((found[0].center_ned_m.north - 10.0).abs() < 0.05, "{found:?}");
+    assert!((found[0].center_ned_m.east + 2.5).abs() < 0.05, "{found:?}");
+}
+
+#[test]
+fn garbage_in_sectors_yields_finite_circles_or_none() {
+    for value in [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e-20, 1e30] {
+        let mut scan = cast(&[]);
+        scan.sectors = [Sector::Hit(value); SECTORS_MAX];
+        for detection in Config::default().build().unwrap().fit(&scan, &Pose::default()).detections {
+            assert!(detection.center_ned_m.is_finite() && detection.radius_m.is_finite(), "{value}");
+        }
+    }
+}
