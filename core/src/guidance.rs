@@ -12,15 +12,16 @@ use heapless::Vec;
 use crate::adc::Snapshot;
 use crate::bearing::{Bearing, Flags};
 use crate::error::{ConfigError, Why, check};
-use crate::field::Obstacle;
+use crate::field::{Obstacle, inverse_root};
 use crate::frame::Horizontal;
+use crate::goal::posterior::Estimate;
 use crate::guard::{self, Setpoint, Situation};
 use crate::map::{CIRCLES_MAX, Circle, Map};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::ownship::Ownship;
 use crate::planner::{Plan, PlanRequest, Verdict};
 use crate::rollout::{WAYPOINTS, swept_clearance_m};
-use crate::scan::{Pose, Scan};
+use crate::scan::{Points, Pose, Scan};
 use crate::time::Instant;
 use crate::trace::Trace;
 use crate::track::Demand;
@@ -28,6 +29,10 @@ use crate::{array, bearing, goal, map, mission, phase, planner, response, scan, 
 
 /// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
 const NEAR_M: f32 = 4.0;
+/// The fast loop heeds so many of the nearest ones; the planner is told all.
+pub const OBSTACLES_MAX: usize = 64;
+/// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
+const FAR: u8 = 64;
 
 /// What the antennas brought.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +56,8 @@ pub struct Input<'a, const N: usize> {
     pub ownship: Option<Ownship>,
     /// A new obstacle scan.
     pub scan: Option<&'a Scan>,
+    /// New single points of obstacles.
+    pub points: Option<&'a Points>,
     /// Obstacles that a sensor delivers as circles already.
     pub circles: Option<&'a [Circle]>,
     /// Whether we are in control.
@@ -78,8 +85,12 @@ pub struct Output {
     pub source_bearing_ned_rad: Option<f32>,
     /// The temporary target that guidance now follows.
     pub target_ned_m: Option<Horizontal>,
+    /// Where the source is believed to be, as of the active plan.
+    pub source: Option<Estimate>,
     /// What the guard did.
     pub guard: guard::Action,
+    /// What the guard has done so far; its beats tell that it is alive.
+    pub guard_counts: guard::Counts,
     /// A plan is wanted: [`State::request`] says for what.
     pub plan_requested: bool,
     /// A plan took effect in this step.
@@ -102,6 +113,8 @@ pub struct Config {
     pub handover_ticks: u32,
     /// The next plan is asked for when this many waypoints are passed (main paper, section IV: 5).
     pub replan_at_waypoint: u8,
+    /// It is asked for after this long at the latest.
+    pub replan_after_s: f32,
     /// A plan that says brake is asked for again after this long.
     pub retry_s: f32,
     /// Phasor extraction.
@@ -135,6 +148,7 @@ impl Default for Config {
             tick_s: 0.02,
             handover_ticks: 5,
             replan_at_waypoint: 5,
+            replan_after_s: 0.7,
             retry_s: 0.5,
             phase: phase::Config::default(),
             array: array::Config::default(),
@@ -166,6 +180,7 @@ impl Config {
         check("tick_s", self.tick_s, 0.005, 0.1)?;
         check("handover_ticks", self.handover_ticks as f32, 2.0, 100.0)?;
         check("replan_at_waypoint", f32::from(self.replan_at_waypoint), 1.0, WAYPOINTS as f32)?;
+        check("replan_after_s", self.replan_after_s, 0.1, 60.0)?;
         check("retry_s", self.retry_s, 0.05, 10.0)?;
         if self.planner.vehicle_radius_m < self.guard.vehicle_radius_m {
             let why = Why::Inconsistent("the planner may not think the vehicle smaller than the guard does");
@@ -177,6 +192,7 @@ impl Config {
             tick_s: self.tick_s,
             handover_ticks: self.handover_ticks,
             replan_at_waypoint: usize::from(self.replan_at_waypoint),
+            replan_ticks: libm::ceilf(self.replan_after_s / self.tick_s) as u32,
             retry_ticks: libm::ceilf(self.retry_s / self.tick_s) as u32,
             plan_margin_m: 0.5 * self.planner.margin_m,
             target_distance_m: self.goal.target_distance_m,
@@ -200,6 +216,7 @@ pub struct Guidance<const N: usize> {
     tick_s: f32,
     handover_ticks: u32,
     replan_at_waypoint: usize,
+    replan_ticks: u32,
     retry_ticks: u32,
     plan_margin_m: f32,
     target_distance_m: f32,
@@ -224,9 +241,11 @@ pub struct State<const N: usize> {
     response: response::State,
     track: track::State,
     guard: guard::State,
+    /// Where the guard wants to look before it goes on.
+    look_ned_rad: Option<f32>,
     mission: mission::State,
     /// Obstacles near the vehicle, as of this step.
-    near: Vec<Obstacle, CIRCLES_MAX>,
+    near: Vec<Obstacle, OBSTACLES_MAX>,
     ownship: Option<Ownship>,
     last_flags: Flags,
     hold_down_m: Option<f32>,
@@ -273,6 +292,7 @@ impl<const N: usize> Guidance<N> {
             response: response::State::default(),
             track: track::State::default(),
             guard: guard::State::default(),
+            look_ned_rad: None,
             mission: mission::State::default(),
             near: Vec::new(),
             ownship: None,
@@ -334,8 +354,10 @@ impl<const N: usize> Guidance<N> {
             bearing,
             bearing_ned_rad,
             source_bearing_ned_rad: state.goal.source_bearing_ned_rad(),
-            target_ned_m: state.active.as_ref().map(|_| state.request.target_ned_m),
+            target_ned_m: state.active.as_ref().map(|plan| plan.target_ned_m),
+            source: state.active.as_ref().and_then(|plan| plan.source),
             guard: guard_action,
+            guard_counts: state.guard.counts(),
             plan_requested,
             plan_activated,
             plans_late: state.plans_late,
@@ -361,24 +383,53 @@ impl<const N: usize> Guidance<N> {
     fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
         let Some(ownship) = state.ownship else { return };
         let place = ownship.position_ned_m.horizontal();
+        let looked = Pose { position_ned_m: place, yaw_rad: ownship.yaw_rad };
         if let Some(scan) = input.scan {
-            let since_s = scan.time.seconds_since(ownship.position_time);
-            let moved = ownship.velocity_ned_mps.horizontal().times(since_s.clamp(0.0, 0.1));
-            let pose = Pose { position_ned_m: place.plus(moved), yaw_rad: ownship.yaw_at(scan.time) };
+            let pose = looked_at(&ownship, scan.time);
             let detections = self.scan.fit(scan, &pose);
             self.map.observe_scan(&mut state.map, input.now, scan, &pose, &detections);
+            self.guard.look_scan(&mut state.guard, scan, &pose);
+        }
+        if let Some(points) = input.points {
+            let seen = self.scan.fit_points(points, &looked_at(&ownship, points.time));
+            self.map.observe_look(&mut state.map, input.now, &seen);
         }
         if let Some(circles) = input.circles {
             self.map.observe_circles(&mut state.map, input.now, place, circles);
         }
         self.map.advance(&mut state.map, input.now);
+        self.gather_near(state, place);
+        if input.circles.is_some() {
+            self.guard.look_circles(&mut state.guard, &state.near, &looked);
+        }
+    }
+
+    /// Lists what is near the vehicle: the nearest, where there is no room for all of it.
+    fn gather_near(&self, state: &mut State<N>, place: Horizontal) {
+        let mut rings = [FAR; CIRCLES_MAX];
+        let mut counts = [0_u8; FAR as usize];
+        for (circle, ring) in state.map.circles().zip(&mut rings) {
+            let reach_m = self.guard.obstacle(circle).reach_m;
+            let limit = reach_m + NEAR_M;
+            let squared = circle.center_ned_m.minus(place).norm_squared();
+            if squared < limit * limit {
+                // Negative, and so the first, where it is too close.
+                let clearance_m = squared * inverse_root(squared) - reach_m;
+                *ring = ((clearance_m * (FAR as f32 / NEAR_M)) as u8).min(FAR - 1);
+                counts[usize::from(*ring)] += 1;
+            }
+        }
+        // The rings that there is room for, and what is left for the next one.
+        let (mut whole, mut left) = (0, OBSTACLES_MAX as u8);
+        while let Some(rest) = counts.get(usize::from(whole)).and_then(|count| left.checked_sub(*count)) {
+            (whole, left) = (whole + 1, rest);
+        }
         state.near.clear();
-        for circle in state.map.circles() {
-            let obstacle = self.guard.obstacle(circle);
-            let limit = obstacle.reach_m + NEAR_M;
-            if circle.center_ned_m.minus(place).norm_squared() < limit * limit {
-                // Cannot fail: as many places as circles.
-                let _ = state.near.push(obstacle);
+        for (circle, ring) in state.map.circles().zip(rings) {
+            if ring < whole || (ring == whole && ring < FAR && left > 0) {
+                left -= u8::from(ring == whole);
+                // Cannot fail: so many places were shared out.
+                let _ = state.near.push(self.guard.obstacle(circle));
             }
         }
     }
@@ -416,7 +467,14 @@ impl<const N: usize> Guidance<N> {
         let position_ned_m = ownship.position_ned_m.horizontal();
         let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
         let rest_ned_m = self.response.rest_point(&state.response, position_ned_m, velocity_ned_mps);
-        Situation { position_ned_m, rest_ned_m, yaw_rad: ownship.yaw_rad }
+        Situation {
+            position_ned_m,
+            rest_ned_m,
+            yaw_rad: ownship.yaw_rad,
+            delay_s: self.response.delay_s(),
+            down_m: state.ownship.map(|ownship| ownship.position_ned_m.down),
+            held_down_m: state.hold_down_m,
+        }
     }
 
     fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &Situation) -> Facts {
@@ -439,6 +497,9 @@ impl<const N: usize> Guidance<N> {
         let trajectory = &plan.waypoints_ned_m;
         let mut demand =
             self.track.step(&mut state.track, trajectory, situation.rest_ned_m, situation.yaw_rad, self.tick_s);
+        if let Some(look_ned_rad) = state.look_ned_rad {
+            demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
+        }
         if plan.verdict == Verdict::Brake {
             demand.velocity_ned_mps = Horizontal::default();
             // Nothing safe in sight: look where the source is.
@@ -457,12 +518,15 @@ impl<const N: usize> Guidance<N> {
             self.track.hold_altitude(*state.hold_down_m.get_or_insert(down_m), down_m)
         });
         let demand = Demand { down_mps, ..*demand };
-        self.guard.step(&mut state.guard, &demand, situation, &state.near, self.tick_s)
+        let ruling = self.guard.step(&mut state.guard, &demand, situation, &state.near, self.tick_s);
+        state.look_ned_rad = ruling.look_ned_rad;
+        (ruling.setpoint, ruling.action)
     }
 
     /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
     fn let_go(&self, state: &mut State<N>) {
-        state.guard = guard::State::default();
+        state.guard.release();
+        state.look_ned_rad = None;
         state.track = track::State::default();
         state.hold_down_m = None;
         state.due = None;
@@ -477,7 +541,11 @@ impl<const N: usize> Guidance<N> {
             Progress::RanOut => true,
             Progress::NoPath => since >= self.retry_ticks,
             Progress::GuardBraked | Progress::NotFinite => since >= self.handover_ticks,
-            Progress::Following => state.track.passed >= self.replan_at_waypoint || self.is_invalid(state, situation),
+            Progress::Following => {
+                state.track.passed >= self.replan_at_waypoint
+                    || since >= self.replan_ticks
+                    || self.is_invalid(state, situation)
+            }
         };
         if !wanted || state.due.is_some() {
             return false;
@@ -494,6 +562,10 @@ impl<const N: usize> Guidance<N> {
         state.request.seed = self.seed;
         state.request.start_ned_m = start_ned_m;
         state.request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
+        state.request.fresh = state.request.id == 1;
+        state.request.position_ned_m = situation.position_ned_m;
+        state.request.direction_ned = direction;
+        state.request.sightings = state.goal.take_sightings();
         state.request.circles = state.map.circles().copied().collect();
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));
         true
@@ -512,6 +584,13 @@ impl<const N: usize> Guidance<N> {
             swept_clearance_m(rest, next, core::slice::from_ref(obstacle)) < least
         })
     }
+}
+
+/// Where the vehicle was when it looked, carried on from the last word about it.
+fn looked_at(ownship: &Ownship, time: Instant) -> Pose {
+    let since_s = time.seconds_since(ownship.position_time);
+    let moved = ownship.velocity_ned_mps.horizontal().times(since_s.clamp(0.0, 0.1));
+    Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad: ownship.yaw_at(time) }
 }
 
 /// What became of the plan in this step.
@@ -621,6 +700,7 @@ mod tests {
                     front_end: FrontEnd::Bearing(self.bearing(now)),
                     ownship: Some(ownship),
                     scan: None,
+                    points: None,
                     circles: Some(&circles),
                     control: Control::Granted,
                     plan: plan.as_ref(),
@@ -763,6 +843,89 @@ mod tests {
             assert!(velocity.is_finite() && output.setpoint.yaw_rate_radps.is_finite());
             assert!(velocity.horizontal().norm() <= limits.v_max_mps * 1.001);
         }
+    }
+
+    #[test]
+    fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_are_near() {
+        let guidance = Config::default().build::<64>().unwrap();
+        let mut rng = crate::rng::Rng::new(6, 0);
+        for crowd in [0, 10, 64, 65, 100, 128] {
+            let mut state = guidance.start();
+            let circles: StdVec<Circle> = (0..crowd)
+                .map(|k| Circle {
+                    center_ned_m: Horizontal::from_bearing(k as f32).times(0.3 + 5.0 * rng.uniform()),
+                    radius_m: 0.05 + rng.uniform(),
+                    ..Circle::default()
+                })
+                .collect();
+            for part in circles.chunks(64) {
+                guidance.map.observe_circles(&mut state.map, Instant(1), Horizontal::default(), part);
+            }
+            guidance.gather_near(&mut state, Horizontal::default());
+            let clearance = |o: &Obstacle| o.center_ned_m.norm() - o.reach_m;
+            let mut all: StdVec<f32> =
+                state.map.circles().map(|c| clearance(&guidance.guard.obstacle(c))).filter(|c| *c < NEAR_M).collect();
+            all.sort_by(f32::total_cmp);
+            let farthest = state.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
+            assert_eq!(state.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");
+            // To a ring's width.
+            assert!(all.get(state.near.len()).is_none_or(|next| farthest < next + NEAR_M / f32::from(FAR)), "{crowd}");
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() {
+        let wall_m = 4.0;
+        let mut flight = Flight::new(&[], (30.0, 0.0));
+        let guidance = flight.config.build::<64>().unwrap();
+        let (planner, mut scratch) = (flight.config.planner.build().unwrap(), Scratch::default());
+        let mut state = guidance.start();
+        let mut plan = None;
+        let mut fastest = 0.0_f32;
+        for step in 0..1500_u64 {
+            let now = Instant(1_000_000 + step * 20_000);
+            // Eight beams, every fifth step, of which those ahead see the wall across the way.
+            let mut points = Points { time: now, frame: scan::Frame::Body, ..Points::default() };
+            for beam in 0..8 {
+                let azimuth = beam as f32 * core::f32::consts::FRAC_PI_4;
+                let range_m = (wall_m - flight.position.north) / libm::cosf(azimuth + flight.yaw);
+                if range_m > 0.0 && range_m < 3.0 {
+                    points.points_m.push(Horizontal::from_bearing(azimuth).times(range_m)).unwrap();
+                }
+            }
+            let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
+            let ownship = Ownship {
+                position_time: now,
+                position_ned_m: ned(flight.position),
+                velocity_ned_mps: ned(flight.velocity),
+                attitude_time: now,
+                yaw_rad: flight.yaw,
+                ..Ownship::default()
+            };
+            let output = guidance.step(
+                &mut state,
+                &Input {
+                    now,
+                    front_end: FrontEnd::Bearing(flight.bearing(now)),
+                    ownship: Some(ownship),
+                    scan: None,
+                    points: (step % 5 == 0).then_some(&points),
+                    circles: None,
+                    control: Control::Granted,
+                    plan: plan.as_ref(),
+                },
+            );
+            plan = output.plan_requested.then(|| planner.plan(&mut scratch, state.request()));
+            flight.line.push_back(output.setpoint);
+            let acting = flight.line.pop_front().unwrap();
+            let to = acting.velocity_ned_mps.horizontal().minus(flight.velocity).times(DT / 0.5);
+            flight.velocity = flight.velocity.plus(to);
+            flight.position = flight.position.plus(flight.velocity.times(DT));
+            flight.yaw = wrap_pi(flight.yaw + acting.yaw_rate_radps * DT);
+            fastest = fastest.max(flight.velocity.north);
+            assert!(flight.position.north < wall_m - 0.15, "it hits the wall after {step} steps: {output:?}");
+        }
+        assert!(fastest > 0.3 && flight.position.north > 1.0, "{fastest} {:?}", flight.position);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //!
 //! ```text
 //!  adc -> spectrum -> phase -> bearing -> goal -> planner -> track -> guard -> setpoint
-//!  i16    fixed point  phasors  rad, sigma  2 m     10 x 15    PID     limits, swept check
+//!  i16    fixed point  phasors  rad, sigma  where   10 x 15    PID     limits, swept check
 //! ```
 //!
 //! One file (or folder) is one room; a room uses the output types of earlier rooms only. Two doors lead in:
@@ -59,8 +59,10 @@ pub mod field;
 pub mod goal;
 pub mod planner;
 pub mod rollout;
+pub mod wavefront;
 
 pub mod response;
+pub mod sight;
 
 pub mod guard;
 pub mod mission;

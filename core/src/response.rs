@@ -63,6 +63,12 @@ pub struct State {
 }
 
 impl Response {
+    /// Mean delay of the vehicle behind its rest point.
+    #[must_use]
+    pub fn delay_s(&self) -> f32 {
+        self.lag_s + self.pending as f32 * self.tick_s
+    }
+
     /// Notes the command of this step.
     pub fn command(&self, state: &mut State, velocity_ned_mps: Horizontal) {
         if self.pending == 0 {

@@ -13,7 +13,7 @@ use foxhound_core::guidance::{self, Guidance, Input, Output};
 use foxhound_core::planner::{Plan, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::rollout::WAYPOINTS;
 use foxhound_link::companion::{self, Companion};
-use static_cell::StaticCell;
+use static_cell::ConstStaticCell;
 
 use crate::boards::board::{self, Pacer, Receiver, Transmitter};
 use crate::boards::{Call, Done, Step};
@@ -76,8 +76,8 @@ pub async fn transmit(mut line: Transmitter, outgoing: &'static Bytes) {
 /// The planner: answers orders, and may be pre-empted at any moment.
 #[embassy_executor::task]
 pub async fn plan(orders: &'static Orders, plans: &'static Plans) {
-    static SCRATCH: StaticCell<Scratch> = StaticCell::new();
-    let scratch = SCRATCH.init_with(Scratch::default);
+    static SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(Scratch::new());
+    let scratch = SCRATCH.take();
     loop {
         let order = orders.wait().await;
         let begin = board::ticks();
@@ -161,12 +161,13 @@ impl Flight {
 
     /// One step, and how long guidance took. The simulator does the same in the same order: bit for bit.
     fn step(&mut self, step: &Step<'_>, plan: Option<&Planned>) -> (Output, u32) {
-        let scan = self.companion.take_scan();
+        let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let input = Input {
             now: step.now,
             front_end: step.front_end,
             ownship: self.companion.ownship(),
             scan: scan.as_ref(),
+            points: points.as_ref(),
             circles: step.circles,
             control: self.companion.control(step.now),
             plan: plan.map(|planned| &planned.plan),

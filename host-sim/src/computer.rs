@@ -106,13 +106,14 @@ impl Computer for HostComputer {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
         self.companion.receive(now, rx);
-        let scan = self.companion.take_scan();
+        let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let plan = self.finished.take();
         let input = Input {
             now,
             front_end,
             ownship: self.companion.ownship(),
             scan: scan.as_ref(),
+            points: points.as_ref(),
             circles,
             control: self.companion.control(now),
             plan: plan.as_ref(),
@@ -152,5 +153,85 @@ impl Computer for QemuComputer {
     ) -> Result<StepReport, ComputerError> {
         let report = Self::step(self, now, front_end, circles, rx).map_err(|error| ComputerError(error.to_string()))?;
         Ok(StepReport { output: report.output, plan: report.plan, tx: report.tx })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::antennas::Pose;
+    use crate::autopilot::Autopilot;
+    use crate::scenario::Scenario;
+    use crate::vehicle::Vehicle;
+    use foxhound_core::bearing::{Bearing, Flags, Quality};
+    use foxhound_core::mission::Outcome;
+    use foxhound_link::dialect::DISTANCE_SENSOR_DATA;
+    use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
+
+    const WALL_NORTH_M: f64 = 5.0;
+    const STEP_S: f64 = 0.02;
+
+    /// Eight beams around the vehicle, ten times a second, as the bytes of `DISTANCE_SENSOR` messages.
+    fn beams(position: [f64; 3], yaw_rad: f64, sequence: &mut u8) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        for orientation in 0..8_u8 {
+            let toward = (f64::from(orientation) * std::f64::consts::FRAC_PI_4 + yaw_rad).cos();
+            let range_m = if toward > 1e-3 { (WALL_NORTH_M - position[0]) / toward } else { f64::INFINITY };
+            let message = DISTANCE_SENSOR_DATA {
+                orientation,
+                min_distance: 10,
+                max_distance: 400,
+                current_distance: (range_m * 100.0).round().min(401.0) as u16,
+                ..DISTANCE_SENSOR_DATA::DEFAULT
+            };
+            let mut frame = [0; FRAME_MAX];
+            let header = Header { system_id: 1, component_id: 173, sequence: *sequence };
+            *sequence = sequence.wrapping_add(1);
+            let length = encode_data(header, &message, &mut frame);
+            bytes.extend_from_slice(&frame[..length]);
+        }
+        bytes
+    }
+
+    #[test]
+    fn a_vehicle_with_nothing_but_distance_sensors_flies_and_stops_before_a_wall() {
+        let (scenario, guidance) = (Scenario::default(), guidance::Config::default());
+        let mut computer = HostComputer::new(&guidance).unwrap();
+        let pose = Pose { position_ned_m: [0.0, 0.0, -5.0], ..Pose::default() };
+        let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose);
+        let (mut autopilot, mut sequence) = (Autopilot::default(), 0);
+        let (mut fastest_mps, mut northmost_m) = (0.0_f64, 0.0_f64);
+        let mut outcomes = Vec::new();
+        for step in 0..2000_u64 {
+            let now_us = step * 20_000;
+            let motion = vehicle.motion;
+            autopilot.telemetry(now_us, &motion, false);
+            let mut rx = autopilot.transmit();
+            if step % 5 == 0 {
+                rx.extend(beams(motion.pose.position_ned_m, motion.pose.yaw_rad, &mut sequence));
+            }
+            let now = Instant(now_us);
+            // The source is far behind the wall.
+            let heard = Bearing {
+                time: now,
+                valid: true,
+                azimuth_rad: -motion.pose.yaw_rad as f32,
+                sigma_rad: 0.01,
+                elevation_rad: 0.0,
+                elevation_sigma_rad: 1.0,
+                quality: Quality::default(),
+                flags: Flags::default(),
+            };
+            let report = computer.step(now, FrontEnd::Bearing(heard), None, &rx).unwrap();
+            outcomes.push(report.output.outcome);
+            autopilot.receive(now_us, &motion, &report.tx);
+            vehicle.step(autopilot.command(now_us), STEP_S);
+            fastest_mps = fastest_mps.max(vehicle.motion.velocity_ned_mps[0]);
+            northmost_m = northmost_m.max(vehicle.motion.pose.position_ned_m[0]);
+        }
+        assert!(!outcomes[100..].contains(&Outcome::StaleObstacles), "beams are obstacle data");
+        assert!(fastest_mps > 0.4, "it flies: {fastest_mps}");
+        assert!(northmost_m > 2.0 && northmost_m < WALL_NORTH_M - 0.15, "{northmost_m}");
+        assert!(computer.remembered().len() > 3);
     }
 }

@@ -21,15 +21,18 @@ use core::num::Wrapping;
 
 use dsp_process::SplitProcess as _;
 use foxhound_core::adc::{CHANNELS, Snapshot};
+use foxhound_core::field::{Field, Gains, Law, Obstacle};
 use foxhound_core::frame::{Horizontal, Ned};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input};
-use foxhound_core::map::{CIRCLES_MAX, Circle};
+use foxhound_core::map::{self, Circle, Map};
 use foxhound_core::mission::Control;
 use foxhound_core::multipath::{self, Look};
 use foxhound_core::ownship::Ownship;
 use foxhound_core::phase::{self, Complex, Phasors};
-use foxhound_core::planner::{PlanRequest, Planner, Scratch};
+use foxhound_core::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::rng::Rng;
+use foxhound_core::rollout::{Cost, Reading, SPACING_M, Scene, Trajectory, WAYPOINTS};
+use foxhound_core::scan::{self, Pose, SECTORS_MAX, Scan, Sector};
 use foxhound_core::spectrum::tone::{Reference, Window};
 use foxhound_core::spectrum::{Backend, Spectrum, kernel, kernel_armv7em};
 use foxhound_core::time::Instant;
@@ -47,6 +50,10 @@ const WARM_UP: usize = 32;
 /// The tone, in bins, off the grid.
 const TONE_BINS: f32 = 20.3;
 const STEP_US: u64 = 20_000;
+/// Maps of the rollouts.
+const FORESTS: u64 = 16;
+/// Obstacles that the planner is measured with.
+const OBSTACLES: usize = 64;
 /// Scenes of the looks.
 const SCENES: usize = 64;
 
@@ -67,11 +74,13 @@ fn main() -> ! {
     spectrum(&measure, snapshot);
     front_end(&measure, snapshot);
     several_looks(&measure);
+    obstacle_looks(&measure);
     let config = guidance::Config::default();
     let (Ok(guidance), Ok(planner)) = (config.build(), config.planner.build()) else {
         board::halt(format_args!("the built-in configuration does not build"))
     };
     fast_loop(&measure, &guidance, &planner, snapshot);
+    rollouts(&measure);
     replan(&measure, &planner);
     semihosting::process::exit(0)
 }
@@ -447,6 +456,83 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
     last
 }
 
+/// A scan's way into the map, the worst of many looks: past pillars, and at what has no end of circles.
+fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
+    let (Ok(fitter), Ok(keeper)) = (scan::Config::default().build(), map::Config::default().build()) else {
+        board::halt(format_args!("the built-in obstacle memory does not build"))
+    };
+    let mut rng = Rng::new(13, 13);
+    let mut flight = |world: &[[f32; 3]], noise_m: f32, looks: u64| {
+        let mut map = Map::default();
+        let (mut worst, mut worst_fit) = (0, 0);
+        for look in 0..looks {
+            let pose = Pose {
+                position_ned_m: Horizontal { north: 0.05 * (look % 20) as f32, east: 0.02 * (look % 20) as f32 },
+                yaw_rad: 0.3 * (rng.uniform() - 0.5),
+            };
+            let scan = ranges(world, &pose, noise_m, &mut rng);
+            let now = Instant(100_000 * look);
+            let mut seen = None;
+            let fit = measure(&mut || seen = Some(fitter.fit(black_box(&scan), &pose)));
+            let Some(seen) = seen else { return (0, 0) };
+            worst_fit = worst_fit.max(fit);
+            let take = measure(&mut || keeper.observe_scan(&mut map, now, &scan, &pose, black_box(&seen)));
+            worst = worst.max(fit + take);
+        }
+        (worst_fit, worst)
+    };
+    let pillars: [[f32; 3]; 10] = core::array::from_fn(|k| {
+        let side = [-1.1, -0.4, 0.3, 0.9, 1.5][k % 5];
+        [2.0 + 0.7 * (k / 5) as f32, side + 0.25 * (k / 5) as f32, 0.10 + 0.02 * (k % 5) as f32]
+    });
+    let chain: [[f32; 3]; 28] = core::array::from_fn(|k| [2.5, 0.15 * k as f32 - 2.0, 0.1]);
+    let rows = [
+        ("pillars_4", flight(&pillars[..4], 0.005, 40)),
+        ("pillars_10", flight(&pillars, 0.005, 40)),
+        ("wall", flight(&[[32.0, 0.0, 30.0]], 0.005, 40)),
+        ("wall_rough", flight(&[[32.0, 0.0, 30.0]], 0.05, 80)),
+        ("chain", flight(&chain, 0.01, 40)),
+        ("random", flight(&[], 0.0, 80)),
+    ];
+    for (name, (fit, all)) in rows {
+        semihosting::println!("count fit_{name} {fit} 0");
+        semihosting::println!("count look_{name} {all} 0");
+    }
+    row("look_pillars", rows.iter().take(2).map(|(_, (_, all))| *all).max().unwrap_or(0), 20_000);
+    row("look_worst", rows.iter().map(|(_, (_, all))| *all).max().unwrap_or(0), 30_000);
+}
+
+/// The length of the side of a square.
+fn root(area: f32) -> f32 {
+    let mut side = 0.5 * area + 0.5;
+    for _ in 0..20 {
+        side = 0.5 * (side + area / side);
+    }
+    side
+}
+
+/// What a sensor of 90 degrees and 3 m sees of circles (north, east, radius), to the centimetre; anything, if there are
+/// none.
+fn ranges(world: &[[f32; 3]], pose: &Pose, noise_m: f32, rng: &mut Rng) -> Scan {
+    let step_rad = FRAC_PI_2 / SECTORS_MAX as f32;
+    let first_azimuth_rad = 0.5 * (step_rad - FRAC_PI_2);
+    let sectors = core::array::from_fn(|index| {
+        let sight = Horizontal::from_bearing(pose.yaw_rad + first_azimuth_rad + step_rad * index as f32);
+        let mut range_m = if world.is_empty() { 0.3 + 2.7 * rng.uniform() } else { 4.0 };
+        for [north, east, radius] in world {
+            let away = Horizontal { north: *north, east: *east }.minus(pose.position_ned_m);
+            let across = sight.north * away.east - sight.east * away.north;
+            let along = sight.dot(away);
+            if along > 0.0 && across * across < radius * radius {
+                range_m = range_m.min(along - root(radius * radius - across * across));
+            }
+        }
+        let centimetres = (100.0 * (range_m + noise_m * rng.gaussian())) as i32;
+        if centimetres > 300 { Sector::Clear } else { Sector::Hit(0.01 * centimetres.max(1) as f32) }
+    });
+    Scan { time: Instant(0), first_azimuth_rad, step_rad, range_max_m: 3.0, sectors }
+}
+
 /// A flight past obstacles towards the source: the middle and the worst of its steps.
 fn fast_loop(
     measure: &impl Fn(&mut dyn FnMut()) -> u32,
@@ -481,6 +567,7 @@ fn fast_loop(
             front_end: FrontEnd::Snapshot(snapshot),
             ownship: Some(ownship),
             scan: None,
+            points: None,
             circles: Some(&circles),
             control: Control::Granted,
             plan: plan.as_ref(),
@@ -497,12 +584,140 @@ fn fast_loop(
     row("fast_loop_worst", counts.last().copied().unwrap_or(0), 0);
 }
 
+/// Ten rollouts with their costs, the worst of some maps of 64 circles at one per square metre with the vehicle in the
+/// middle: the planner's, and every obstacle at every waypoint with `libm`'s functions.
+fn rollouts(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
+    for (kind, row_name, naive_name) in [
+        (Kind::Foxhound, "rollouts_64", "rollouts_64_naive"),
+        (Kind::Paper, "rollouts_64_paper_gains", "rollouts_64_paper_gains_naive"),
+    ] {
+        let (mut worst, mut naive_worst) = (0, 0);
+        for seed in 0..FORESTS {
+            let mut rng = Rng::new(seed, 11);
+            let obstacles = forest(&mut rng);
+            let target = Horizontal::from_bearing(wrap_pi(TAU * rng.uniform())).times(2.0);
+            let fields = [(); SAMPLES].map(|()| draw(&planner::Config::of(kind), &mut rng));
+            let mut samples = [([Horizontal::default(); WAYPOINTS], Cost::default()); SAMPLES];
+            let mut naive = samples;
+            let mut scene = Scene::new();
+            worst = worst.max(measure(&mut || {
+                scene.gather(Horizontal::default(), black_box(&obstacles).iter().copied());
+                for (sample, field) in samples.iter_mut().zip(black_box(&fields)) {
+                    *sample = scene.roll(field, Reading::Waypoint, target);
+                }
+            }));
+            naive_worst = naive_worst.max(measure(&mut || {
+                for (sample, field) in naive.iter_mut().zip(black_box(&fields)) {
+                    let trajectory = roll_naively(&field.gains, target, black_box(&obstacles));
+                    *sample = (trajectory, cost_naively(&trajectory, target, black_box(&obstacles)));
+                }
+            }));
+            for ((ours, our_cost), (theirs, their_cost)) in samples.iter().zip(&naive) {
+                let apart_m = ours.iter().zip(theirs).map(|(a, b)| a.minus(*b).norm()).fold(0.0, f32::max);
+                let costs = (our_cost.total() / their_cost.total() - 1.0).abs();
+                // Where a trajectory hops from side to side, rounding grows from hop to hop.
+                if apart_m > 0.01 || costs > 0.005 {
+                    board::halt(format_args!("a rollout is {apart_m} m and {costs} of the cost from the naive one"));
+                }
+            }
+            if cheapest(&samples) != cheapest(&naive) {
+                board::halt(format_args!("the naive rollouts lead to another choice"));
+            }
+        }
+        row(row_name, worst, 100_000);
+        row(naive_name, naive_worst, 0);
+    }
+}
+
+/// The sample of least cost.
+fn cheapest(samples: &[(Trajectory, Cost); SAMPLES]) -> Option<usize> {
+    (0..SAMPLES).min_by(|a, b| samples[*a].1.total().total_cmp(&samples[*b].1.total()))
+}
+
+/// A circle in every square metre of eight by eight, none of them at the origin.
+fn forest(rng: &mut Rng) -> [Obstacle; OBSTACLES] {
+    core::array::from_fn(|k| {
+        let center_ned_m = Horizontal {
+            north: (k / 8) as f32 - 3.5 + 0.8 * (rng.uniform() - 0.5),
+            east: (k % 8) as f32 - 3.5 + 0.8 * (rng.uniform() - 0.5),
+        };
+        let room = center_ned_m.norm() - 0.05;
+        Obstacle { center_ned_m, reach_m: (0.25 + 0.23 * rng.uniform()).min(room), ..Obstacle::default() }
+    })
+}
+
+/// A sample of the gains.
+fn draw(config: &planner::Config, rng: &mut Rng) -> Field {
+    let mut above = |mean: f32, sigma: f32, least: f32| (mean + sigma * rng.gaussian()).max(least);
+    let (mean, sigma, least) = (config.gains, config.gains_sigma, config.gains_min);
+    let gains = Gains {
+        k_att: above(mean.k_att, sigma.k_att, least.k_att),
+        k_rep: above(mean.k_rep, sigma.k_rep, least.k_rep),
+        influence_m: above(mean.influence_m, sigma.influence_m, least.influence_m),
+        swirl: above(mean.swirl, sigma.swirl, -100.0),
+    };
+    Field { law: Law::default(), gains }
+}
+
+/// Eq. 33 and 36 as they stand.
+#[inline(never)]
+fn roll_naively(gains: &Gains, target: Horizontal, obstacles: &[Obstacle]) -> Trajectory {
+    let mut trajectory = [Horizontal::default(); WAYPOINTS];
+    let mut position = Horizontal::default();
+    for waypoint in &mut trajectory {
+        let mut force = target.minus(position).times(gains.k_att);
+        for obstacle in obstacles {
+            let away = position.minus(obstacle.center_ned_m);
+            let distance = away.norm() - obstacle.reach_m;
+            if distance < gains.influence_m {
+                let push = away.times(gains.k_rep / (distance.max(0.01) * away.norm()));
+                force = force.plus(push).plus(Horizontal { north: -push.east, east: push.north }.times(gains.swirl));
+            }
+        }
+        position = if target.minus(position).norm() <= SPACING_M {
+            target
+        } else if force.norm() > 1e-6 {
+            position.plus(force.times(SPACING_M / force.norm()))
+        } else {
+            position
+        };
+        *waypoint = position;
+    }
+    trajectory
+}
+
+/// Eq. 41-45 as they stand.
+#[inline(never)]
+fn cost_naively(trajectory: &Trajectory, target: Horizontal, obstacles: &[Obstacle]) -> Cost {
+    let mut cost = Cost::default();
+    let mut previous = Horizontal::default();
+    let mut heading_rad = None;
+    let mut closest = f32::INFINITY;
+    for waypoint in trajectory {
+        let step = waypoint.minus(previous);
+        if step.norm() > 1e-4 {
+            if let Some(heading_rad) = heading_rad {
+                cost.turns += wrap_pi(step.bearing_rad() - heading_rad).abs();
+            }
+            heading_rad = Some(step.bearing_rad());
+        }
+        cost.length += step.norm();
+        previous = *waypoint;
+        for obstacle in obstacles {
+            closest = closest.min(waypoint.minus(obstacle.center_ned_m).norm() - obstacle.reach_m);
+        }
+    }
+    cost.error = previous.minus(target).norm();
+    cost.proximity = 1.0 / closest.max(0.01);
+    cost
+}
+
 /// Sixty-four obstacles between the start and the target and around them.
 fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner) {
     let mut rng = Rng::new(1, 1);
     let mut request =
         PlanRequest { id: 1, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, ..PlanRequest::default() };
-    for _ in 0..CIRCLES_MAX {
+    for _ in 0..OBSTACLES {
         let circle = Circle {
             center_ned_m: Horizontal { north: 8.0 * rng.uniform() - 3.0, east: 8.0 * rng.uniform() - 4.0 },
             radius_m: 0.1 + 0.2 * rng.uniform(),

@@ -1,0 +1,318 @@
+//! Ours: know where the source may be, find the way round what is remembered, sample the last two metres.
+//!
+//! 1. The sightings since the last request weigh the posterior of the source ([`crate::goal::posterior`]).
+//! 2. A wave from the start measures the way to every place in the window ([`crate::wavefront`]). The source is aimed at
+//!    where it can be reached: the mean of the particles to which there is a way.
+//! 3. The temporary target is the farthest place of the way there that is at most two metres off and in sight.
+//! 4. The paper's ten samples lead to it, with soft gains and a sampled swirl; only those whose swept path keeps its
+//!    margin may be chosen. None left: the way itself. That not clear either: a brake plan.
+//!
+//! No way to any place where the source may be: to the nearest place that there is a way to, and a brake plan there.
+
+use heapless::Vec;
+
+use super::paper::{draw, nearest, weighted};
+use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
+use crate::field::{Gains, Obstacle};
+use crate::frame::Horizontal;
+use crate::goal::posterior::{Estimate, Posterior};
+use crate::map::CIRCLES_MAX;
+use crate::rng::Rng;
+use crate::rollout::{SPACING_M, Trajectory, WAYPOINTS, cost, roll, swept_clearance_m};
+use crate::wavefront::{Wavefront, Window};
+
+/// Stream of the posterior's random numbers.
+const SOURCE_STREAM: u64 = 0x736f_7572_6365;
+/// Within this the source counts as reached.
+const ARRIVAL_M: f32 = 0.3;
+/// Beyond this, and while the range is vague, the averaged bearing is the better direction; else the posterior's mean, which
+/// does not lag behind when the vehicle passes the source.
+const NEAR_M: f32 = 1.5;
+const VAGUE: f32 = 0.1;
+/// When the source is out of reach, a place must be nearer to it by this to be worth the way.
+const WORTH_M: f32 = 0.3;
+/// A sample must end nearer to the target than it began, by this factor.
+const NEARER: f32 = 0.5;
+/// Bound of the cost of proximity, 1/m.
+const PROXIMITY_MAX: f32 = 5.0;
+/// Steps in which a place of the way is pushed out of margins.
+const CENTRING_STEPS: usize = 4;
+/// Share of the posterior that must be within reach for the source to be sought there.
+const REACHABLE_SHARE: f32 = 0.02;
+
+/// What our planner remembers and works in.
+#[derive(Clone, Debug)]
+pub(super) struct Memory {
+    posterior: Posterior,
+    window: Window,
+    /// Every known obstacle.
+    all: Vec<Obstacle, CIRCLES_MAX>,
+}
+
+impl Memory {
+    pub(super) const fn new() -> Self {
+        Self { posterior: Posterior::new(), window: Window::new(), all: Vec::new() }
+    }
+}
+
+/// Where to go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Aim {
+    place_ned_m: Horizontal,
+    /// Whether the source may be there, or this is only the nearest place.
+    hopeful: bool,
+}
+
+/// Answers one request.
+pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+    let start = request.start_ned_m;
+    let mut rng = Rng::new(request.seed, u64::from(request.id));
+    let source = locate(&mut scratch.memory.posterior, request);
+    let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
+
+    let Memory { posterior, window, all } = &mut scratch.memory;
+    all.clear();
+    for circle in &request.circles {
+        // Cannot fail: as many places as circles.
+        let _ = all.push(Obstacle::of(circle, config.vehicle_radius_m));
+    }
+    wavefront.march(window, start, toward, 1.0, all);
+    let aim = aim(window, posterior, toward);
+    scratch.obstacles.clear();
+    let horizon_m = config.horizon_m + 2.0;
+    for obstacle in all.iter() {
+        let limit = horizon_m + obstacle.reach_m;
+        if obstacle.center_ned_m.minus(start).norm_squared() < limit * limit {
+            let _ = scratch.obstacles.push(*obstacle);
+        }
+    }
+
+    let mut plan = Plan {
+        id: request.id,
+        verdict: Verdict::Brake,
+        start_ned_m: start,
+        waypoints_ned_m: [start; WAYPOINTS],
+        gains: config.gains,
+        cost: f32::INFINITY,
+        target_ned_m: start,
+        source,
+    };
+    let Some(aim) = aim else { return plan };
+    let mut route = window.route(aim.place_ned_m);
+    for place in &mut route {
+        *place = centred(*place, config.margin_m, &scratch.obstacles);
+    }
+    let (target, margin_m) = target(config, start, aim.place_ned_m, &route, &scratch.obstacles);
+    plan.target_ned_m = target;
+    let gain_m = start.minus(toward).norm() - aim.place_ned_m.minus(toward).norm();
+    if !aim.hopeful && gain_m < WORTH_M {
+        return plan;
+    }
+
+    sample(config, scratch, &mut rng, start, target, margin_m);
+    if let Some(optimal) = weighted(scratch, config.lambda) {
+        let chosen = nearest(scratch, &optimal);
+        plan.verdict = Verdict::Follow;
+        plan.waypoints_ned_m = scratch.samples[chosen];
+        plan.gains = scratch.gains[chosen];
+        plan.cost = scratch.costs[chosen];
+        return plan;
+    }
+    let straight = straight(start, &[target]);
+    if keeps(config.tight_margin_m, start, &[target], &scratch.obstacles) {
+        plan.verdict = Verdict::Follow;
+        plan.waypoints_ned_m = straight;
+        plan.cost = soft_cost(start, &straight, target, &scratch.obstacles);
+    }
+    plan
+}
+
+/// Where the source is believed to be: along the averaged bearing, as far as the posterior says. Near the source, and when
+/// the bearing does not agree, what the posterior says.
+fn locate(posterior: &mut Posterior, request: &PlanRequest) -> Option<Estimate> {
+    if let Some(place_ned_m) = request.known_source_ned_m {
+        return Some(Estimate { place_ned_m, sigma_m: 0.0 });
+    }
+    if request.fresh {
+        *posterior = Posterior::new();
+    }
+    let mut rng = Rng::new(request.seed, SOURCE_STREAM ^ u64::from(request.id));
+    posterior.observe(&request.sightings, &mut rng);
+    let mut source = posterior.estimate()?;
+    let range_m = source.place_ned_m.minus(request.position_ned_m).dot(request.direction_ned);
+    if range_m > NEAR_M && source.sigma_m > VAGUE * range_m {
+        source.place_ned_m = request.position_ned_m.plus(request.direction_ned.times(range_m));
+    }
+    Some(source)
+}
+
+/// Where to go in the window.
+fn aim(window: &Window, posterior: &Posterior, source: Horizontal) -> Option<Aim> {
+    let hopeful = |place_ned_m| Some(Aim { place_ned_m, hopeful: true });
+    if let Some(place) = approach(window, source) {
+        return hopeful(place);
+    }
+    // Not there, then: where else it may be and there is a way to.
+    let (mut sum, mut share) = (Horizontal::default(), 0.0);
+    for (particle, weight) in posterior.particles() {
+        if is_within_reach(window, particle) {
+            sum = sum.plus(particle.times(weight));
+            share += weight;
+        }
+    }
+    if share > REACHABLE_SHARE {
+        let mean = sum.times(1.0 / share);
+        if let Some(place) = approach(window, mean) {
+            return hopeful(place);
+        }
+        // The mean of what can be reached need not be within reach itself.
+        let mut nearest = (f32::INFINITY, mean);
+        for (particle, weight) in posterior.particles() {
+            let distance = particle.minus(mean).norm_squared();
+            if weight > 0.0 && distance < nearest.0 && is_within_reach(window, particle) {
+                nearest = (distance, particle);
+            }
+        }
+        if let Some(place) = approach(window, nearest.1) {
+            return hopeful(place);
+        }
+    }
+    Some(Aim { place_ned_m: window.nearest_reached(source)?, hopeful: false })
+}
+
+/// The place that there is a way to from which a source at `place` counts as reached; for one outside of the window, the
+/// best place to leave it. `None` if there is none.
+fn approach(window: &Window, place: Horizontal) -> Option<Horizontal> {
+    if window.arrival_m(place).is_some() {
+        Some(place)
+    } else if window.contains(place) {
+        window.nearest_reached_within(place, ARRIVAL_M)
+    } else {
+        window.best_exit(place)
+    }
+}
+
+/// Whether [`approach`] would find a place; coarse, for many places.
+fn is_within_reach(window: &Window, place: Horizontal) -> bool {
+    let around = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)];
+    around.iter().any(|(north, east)| {
+        let beside = place.plus(Horizontal { north: *north, east: *east }.times(0.9 * ARRIVAL_M));
+        window.arrival_m(beside).is_some() || !window.contains(place)
+    })
+}
+
+/// The farthest place of the way that is within the horizon and in sight, and the margin that the sight keeps: it gives way
+/// before the sight does.
+fn target(
+    config: &Config,
+    start: Horizontal,
+    aim: Horizontal,
+    route: &[Horizontal],
+    obstacles: &[Obstacle],
+) -> (Horizontal, f32) {
+    let horizon_squared = config.horizon_m * config.horizon_m;
+    for margin_m in [config.margin_m, config.tight_margin_m] {
+        let in_sight = |place: Horizontal| {
+            place.minus(start).norm_squared() <= horizon_squared && keeps(margin_m, start, &[place], obstacles)
+        };
+        // The way ends in the middle of a cell; the aim itself is better.
+        if in_sight(aim) {
+            return (aim, margin_m);
+        }
+        if let Some(place) = route.iter().rev().find(|place| place.minus(start).norm() > SPACING_M && in_sight(**place))
+        {
+            return (*place, margin_m);
+        }
+    }
+    (route.get(1).copied().unwrap_or(aim), config.tight_margin_m)
+}
+
+/// A place of the way, pushed out of the margins of the obstacles around it: the raster is coarser than a narrow gap, whose
+/// middle is where this ends.
+fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizontal {
+    let mut centred = place;
+    for _ in 0..CENTRING_STEPS {
+        let mut push = Horizontal::default();
+        for obstacle in obstacles {
+            let away = centred.minus(obstacle.center_ned_m);
+            let reach_m = obstacle.reach_m + margin_m;
+            let squared = away.norm_squared();
+            if squared < reach_m * reach_m && squared > 1e-6 {
+                let norm = libm::sqrtf(squared);
+                push = push.plus(away.times((reach_m - norm) / norm));
+            }
+        }
+        if push == Horizontal::default() {
+            break;
+        }
+        centred = centred.plus(push.times(0.6));
+    }
+    centred
+}
+
+/// The paper's samples, marked as feasible where they keep the margin.
+fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizontal, target: Horizontal, margin_m: f32) {
+    let distance_m = target.minus(start).norm();
+    scratch.initial = roll(&config.gains, start, target, &scratch.obstacles);
+    for index in 0..SAMPLES {
+        // One of the ten trusts the sight: almost no repulsion, so almost straight.
+        let gains = if index == 0 {
+            Gains {
+                k_rep: config.gains_min.k_rep,
+                influence_m: config.gains_min.influence_m,
+                swirl: 0.0,
+                ..config.gains
+            }
+        } else {
+            draw(config, rng)
+        };
+        let trajectory = roll(&gains, start, target, &scratch.obstacles);
+        scratch.gains[index] = gains;
+        scratch.costs[index] = soft_cost(start, &trajectory, target, &scratch.obstacles);
+        let checked = &trajectory[..usize::from(config.checked_segments).min(WAYPOINTS)];
+        let nearer = trajectory[WAYPOINTS - 1].minus(target).norm() <= NEARER * distance_m;
+        scratch.feasible[index] = nearer && keeps(margin_m, start, checked, &scratch.obstacles);
+        scratch.samples[index] = trajectory;
+    }
+}
+
+/// Eq. 41 with a bound on eq. 45: a way that keeps its margin may be narrow.
+fn soft_cost(start: Horizontal, trajectory: &Trajectory, target: Horizontal, obstacles: &[Obstacle]) -> f32 {
+    let mut cost = cost(start, trajectory, target, obstacles);
+    cost.proximity = if cost.proximity < PROXIMITY_MAX { cost.proximity } else { PROXIMITY_MAX };
+    cost.total()
+}
+
+/// Waypoints at the usual distance along straight lines; at the end it stays there.
+fn straight(start: Horizontal, corners: &[Horizontal]) -> Trajectory {
+    let mut trajectory = [start; WAYPOINTS];
+    let mut corners = corners.iter();
+    let mut position = start;
+    let mut next = corners.next();
+    for waypoint in &mut trajectory {
+        let mut left_m = SPACING_M;
+        while let Some(corner) = next {
+            let to = corner.minus(position);
+            let length_m = to.norm();
+            if length_m > left_m {
+                position = position.plus(to.times(left_m / length_m));
+                break;
+            }
+            position = *corner;
+            left_m -= length_m;
+            next = corners.next();
+        }
+        *waypoint = position;
+    }
+    trajectory
+}
+
+/// Whether a path keeps a margin. From a start that is already too close, whatever does not come closer keeps
+/// it.
+fn keeps(margin_m: f32, start: Horizontal, trajectory: &[Horizontal], obstacles: &[Obstacle]) -> bool {
+    obstacles.iter().all(|obstacle| {
+        let at_start = obstacle.clearance_m(start) - 1e-3;
+        let wanted = if at_start < margin_m { at_start } else { margin_m };
+        swept_clearance_m(start, trajectory, core::slice::from_ref(obstacle)) >= wanted
+    })
+}
