@@ -18,8 +18,9 @@ use foxhound_sim::frames::{ArrayDescription, Recording, read_yaw};
 use foxhound_sim::input::{InputError, read_text};
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::reproduce::{circle, crb};
-use foxhound_sim::scenario::{BearingModel, Scenario};
-use foxhound_sim::{plot, tlog};
+use foxhound_sim::scenario::{BearingModel, Scenario, VehicleModel};
+use foxhound_sim::suite::{self, Selection, Suite};
+use foxhound_sim::{maps, plot, tlog};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
@@ -48,8 +49,9 @@ const EXAMPLES: &str = "Examples:
   foxhound bearing --adc frames.npy --array array.toml --json
   foxhound calibrate --adc known.npy --array array.toml --azimuth-deg 30
   foxhound tlog f.tlog --json
+  foxhound maps --out forests && foxhound suite forests/suite.json
 
-Exit status: 0 done as asked; 1 flown, but the goal was not reached; 2 bad usage or input.";
+Exit status: 0 done as asked; 1 flown, but a goal was not reached; 2 bad usage or input.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -61,6 +63,10 @@ enum Command {
     Calibrate(CalibrateCommand),
     /// Counts the MAVLink frames of a telemetry log.
     Tlog(TlogCommand),
+    /// Draws maps of given obstacle density and start/goal pairs on them, or describes those of a suite file.
+    Maps(MapsCommand),
+    /// Flies all pairs of a suite file, many at a time.
+    Suite(SuiteCommand),
     /// Repeats an experiment of a paper and puts our number beside its number.
     Reproduce(Reproduce),
 }
@@ -269,6 +275,123 @@ struct TlogCommand {
     raw: bool,
 }
 
+/// Flights that missed and are named on the terminal.
+const MISSES_SHOWN: usize = 20;
+
+const MAPS_HELP: &str =
+    "Density is the area of all pillars in a unit square over that of the square; mean and variance are over all unit
+squares and are reached within 0.0005. Starts and goals are at least 4 m apart and can be joined by a planner that
+knows the map and keeps 0.05 m from every pillar; the suite file holds the length of the shortest such way.
+Without --row or --mean: the five maps of the main paper's Table I, four of each.
+
+Examples:
+  foxhound maps                                    out/suite.json and out/maps.svg
+  foxhound maps --row 4 --count 20 --pairs 5 --drone-radius 0.2 --seed 3 --out dense
+  foxhound maps --mean 0.12 --variance 0.01 --step
+  foxhound maps --describe out/suite.json --json";
+
+#[derive(Args, Debug)]
+#[command(after_help = MAPS_HELP)]
+struct MapsCommand {
+    /// Row of the main paper's Table I.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=5))]
+    row: Option<u32>,
+    /// Mean density.
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, requires = "variance", conflicts_with = "row")]
+    mean: Option<f64>,
+    /// Variance of the density.
+    #[arg(long, value_name = "V", allow_negative_numbers = true, requires = "mean")]
+    variance: Option<f64>,
+    /// Dense on one side of a line, sparse on the other, as row 5 is.
+    #[arg(long, requires = "mean")]
+    step: bool,
+    /// Edges of the map, metres.
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_delimiter = ',', allow_hyphen_values = true)]
+    bounds: Vec<f64>,
+    /// Maps of each density.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    count: u32,
+    /// Start/goal pairs of each map.
+    #[arg(long, value_name = "P", default_value_t = 40, value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    pairs: u32,
+    /// Radius of the vehicle, metres.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value_t = 0.15)]
+    drone_radius: f64,
+    /// Describes the maps of this suite file instead.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["row", "mean", "bounds"])]
+    describe: Option<PathBuf>,
+}
+
+const SUITE_HELP: &str = "A suite is JSON: x east, y north, metres, degrees:
+  drone_radius, bounds, sensor, bearing, limits, vehicle, goal_tolerance, max_time_s (all as in a scenario),
+  maps [{row, instance, obstacles [[x,y,r],...], pairs [[x0,y0,x1,y1,reference_length],...]}]
+
+Each pair is one flight, as `foxhound fly` flies it, with a seed made of --seed, row, instance and pair. The numbers do
+not depend on --jobs. With --out, flights.jsonl holds a line for each flight; --only ROW,INSTANCE,PAIR flies one of
+them again, and writes its scenario and its picture there.
+
+Examples:
+  foxhound suite suite.json
+  foxhound suite suite.json --planner paper --only 4 --pairs 10
+  foxhound suite suite.json --only 4,2,17 --out failed
+  foxhound suite suite.json --bearing-sigma-deg 20 --json
+
+Exit status: 0 every flight reached the beacon; 1 not every one, or one collided; 2 bad usage or input.";
+
+#[derive(Args, Debug)]
+#[command(after_help = SUITE_HELP)]
+struct SuiteCommand {
+    /// Suite file; `foxhound maps` writes one.
+    file: PathBuf,
+    /// Flights at a time [default: as many as there are processors].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    jobs: Option<u32>,
+    /// Which planner.
+    #[arg(long, value_enum, default_value_t)]
+    planner: PlannerName,
+    /// Which angle-of-arrival estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorName,
+    /// Only these flights.
+    #[arg(long, value_name = "ROW[,INSTANCE[,PAIR]]", value_delimiter = ',')]
+    only: Vec<u32>,
+    /// Only the first so many pairs of each map.
+    #[arg(long, value_name = "P")]
+    pairs: Option<u32>,
+    /// Radius of the vehicle, metres; overrules the file.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    drone_radius: Option<f64>,
+    /// Vehicle model; overrules the file.
+    #[arg(long, value_enum)]
+    vehicle: Option<VehicleName>,
+    /// Bearings with this much noise; overrules the file.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, conflicts_with = "snr_db")]
+    bearing_sigma_deg: Option<f64>,
+    /// Antenna waveforms at this signal-to-noise ratio per sample, in dB; overrules the file.
+    #[arg(long, value_name = "DB", allow_negative_numbers = true)]
+    snr_db: Option<f64>,
+    /// Writes the scenario of the one flight that --only names, for `foxhound fly --scenario`.
+    #[arg(long, value_name = "FILE", requires = "only")]
+    dump_scenario: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum VehicleName {
+    /// A point mass with a velocity lag and an acceleration limit.
+    Point,
+    /// The delays measured on ArduCopter.
+    Arducopter,
+}
+
+impl From<VehicleName> for VehicleModel {
+    fn from(name: VehicleName) -> Self {
+        match name {
+            VehicleName::Point => Self::Point,
+            VehicleName::Arducopter => Self::Arducopter,
+        }
+    }
+}
+
 const REPRODUCE_HELP: &str = "Examples:
   foxhound reproduce aoa-circle              table on stdout, picture in out/aoa-circle.svg
   foxhound reproduce aoa-crb --json --seed 2";
@@ -298,6 +421,8 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Bearing(args)) => bearing(&cli, args),
         Some(Command::Calibrate(args)) => calibration(&cli, args),
         Some(Command::Tlog(args)) => read_log(&cli, args),
+        Some(Command::Maps(args)) => draw_maps(&cli, args),
+        Some(Command::Suite(args)) => fly_suite(&cli, args),
         Some(Command::Reproduce(args)) => reproduce(&cli, args),
     };
     match done {
@@ -361,7 +486,7 @@ fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         None => None,
     };
 
-    let progress = progress_bar(cli, mission.scenario.max_time_s);
+    let progress = bar(cli, mission.scenario.max_time_s as u64, "flying {bar:40} {pos} of at most {len} s");
     let flown = flight::fly(&mission, computer.as_mut(), log.as_mut(), |time_s| progress.set_position(time_s as u64));
     progress.finish_and_clear();
     let record = flown.map_err(|error| InputError::new(error.to_string()))?;
@@ -386,11 +511,11 @@ fn ending(path: &Path) -> Option<&str> {
     path.extension().and_then(|ending| ending.to_str())
 }
 
-fn progress_bar(cli: &Cli, max_time_s: f64) -> ProgressBar {
+fn bar(cli: &Cli, length: u64, template: &str) -> ProgressBar {
     // Hidden by itself where stderr is no terminal.
     let target = if cli.json { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-    let bar = ProgressBar::with_draw_target(Some(max_time_s as u64), target);
-    match ProgressStyle::with_template("flying {bar:40} {pos} of at most {len} s") {
+    let bar = ProgressBar::with_draw_target(Some(length), target);
+    match ProgressStyle::with_template(template) {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,
     }
@@ -533,6 +658,236 @@ fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
         note(&format!("picture: {}", path.display()));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// A map for people and machines.
+#[derive(Serialize)]
+struct MapLine {
+    row: u32,
+    instance: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    asked: Option<maps::Density>,
+    mean: f64,
+    variance: f64,
+    pillars: usize,
+    pairs: usize,
+    /// Share of the pairs drawn between which there was a way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reachable_share: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct MapsReport {
+    maps: Vec<MapLine>,
+}
+
+impl MapsReport {
+    fn table(&self) -> String {
+        let mut text =
+            String::from(" row  map  asked: mean  variance  reached: mean  variance  pillars  pairs  reachable\n");
+        for line in &self.maps {
+            let (mean, variance) = match line.asked {
+                Some(asked) => (format!("{:.4}", asked.mean), format!("{:.4}", asked.variance)),
+                None => ("-".to_owned(), "-".to_owned()),
+            };
+            let reachable =
+                line.reachable_share.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+            let _ = writeln!(
+                text,
+                "{:>4} {:>4} {mean:>12} {variance:>9} {:>14.4} {:>9.4} {:>8} {:>6} {reachable:>10}",
+                line.row, line.instance, line.mean, line.variance, line.pillars, line.pairs
+            );
+        }
+        text
+    }
+}
+
+fn draw_maps(cli: &Cli, args: &MapsCommand) -> Result<ExitCode, InputError> {
+    let (suite, report) = match &args.describe {
+        Some(path) => describe(Suite::read(path)?),
+        None => drawn(cli, args)?,
+    };
+    say(&if cli.json { json_line(&report)? } else { report.table() });
+    // What is described has its file already.
+    let folder = cli.out.clone().or_else(|| (!cli.json && args.describe.is_none()).then(|| PathBuf::from("out")));
+    if let Some(folder) = folder {
+        let picture = folder.join("maps.svg");
+        maps::draw(&suite, &picture)?;
+        note(&format!("picture: {}", picture.display()));
+        if args.describe.is_none() {
+            let file = folder.join("suite.json");
+            write_text(&file, &json_line(&suite)?)?;
+            note(&format!("suite: {}", file.display()));
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn drawn(cli: &Cli, args: &MapsCommand) -> Result<(Suite, MapsReport), InputError> {
+    foxhound_sim::input::check("--drone-radius", args.drone_radius, 0.01, 5.0)?;
+    let mut recipes: Vec<(u32, maps::Recipe)> = match (args.row, args.mean, args.variance) {
+        (_, Some(mean), Some(variance)) => {
+            let density = maps::Density { mean, variance };
+            vec![(0, maps::Recipe { density, step: args.step, ..maps::Recipe::default() })]
+        }
+        (row, ..) => (1..=5)
+            .filter(|k| row.is_none_or(|row| row == *k))
+            .filter_map(|row| Some((row, maps::Recipe::of_row(row)?)))
+            .collect(),
+    };
+    let mut suite = Suite { drone_radius: args.drone_radius, seed: Some(cli.seed.into()), ..Suite::default() };
+    match *args.bounds.as_slice() {
+        [] => {}
+        [x0, y0, x1, y1] => suite.bounds = [x0, y0, x1, y1],
+        _ => return Err(InputError::new("--bounds: expected X0,Y0,X1,Y1")),
+    }
+    for (_, recipe) in &mut recipes {
+        recipe.bounds = suite.bounds;
+    }
+    let progress = bar(cli, u64::from(args.count) * recipes.len() as u64, "drawing {bar:40} {pos} of {len} maps");
+    let mut lines = Vec::new();
+    for (row, recipe) in recipes {
+        for instance in 0..args.count {
+            let seed = suite::Place { row, instance, pair: u32::MAX }.seed(cli.seed);
+            let obstacles = maps::generate(&recipe, seed)?;
+            let drawn = maps::pairs(suite.bounds, &obstacles, args.drone_radius, args.pairs as usize, seed)?;
+            let reached = maps::density(suite.bounds, &obstacles);
+            lines.push(MapLine {
+                row,
+                instance,
+                asked: Some(recipe.density),
+                mean: reached.mean,
+                variance: reached.variance,
+                pillars: obstacles.len(),
+                pairs: drawn.pairs.len(),
+                reachable_share: Some(drawn.reachable_share),
+            });
+            suite.maps.push(suite::Map::new(row, instance, obstacles, drawn.pairs));
+            progress.inc(1);
+        }
+    }
+    progress.finish_and_clear();
+    Ok((suite, MapsReport { maps: lines }))
+}
+
+fn describe(suite: Suite) -> (Suite, MapsReport) {
+    let line = |map: &suite::Map| {
+        let reached = maps::density(suite.bounds, &map.obstacles);
+        MapLine {
+            row: map.row,
+            instance: map.instance,
+            asked: None,
+            mean: reached.mean,
+            variance: reached.variance,
+            pillars: map.obstacles.len(),
+            pairs: map.pairs.len(),
+            reachable_share: None,
+        }
+    };
+    let maps = suite.maps.iter().map(line).collect();
+    (suite, MapsReport { maps })
+}
+
+fn write_text(path: &Path, text: &str) -> Result<(), InputError> {
+    let failed = |error: io::Error| InputError::new(error.to_string()).in_file(path);
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).map_err(failed)?;
+    }
+    std::fs::write(path, text).map_err(failed)
+}
+
+/// The suite as it is in the file, with what the command line overrules.
+fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
+    let mut suite = Suite::read(&args.file)?;
+    if let Some(radius_m) = args.drone_radius {
+        foxhound_sim::input::check("--drone-radius", radius_m, 0.01, 5.0)?;
+        suite.drone_radius = radius_m;
+    }
+    if let Some(sigma_deg) = args.bearing_sigma_deg {
+        foxhound_sim::input::check("--bearing-sigma-deg", sigma_deg, 0.0, 180.0)?;
+        suite.bearing.sigma_deg = sigma_deg;
+        suite.bearing.model = Some(BearingModel::Noise);
+    }
+    if let Some(snr_db) = args.snr_db {
+        foxhound_sim::input::check("--snr-db", snr_db, -30.0, 80.0)?;
+        suite.bearing.snr_db = Some(snr_db);
+        suite.bearing.model = Some(BearingModel::Rf);
+    }
+    if let Some(vehicle) = args.vehicle {
+        suite.vehicle.model = vehicle.into();
+    }
+    Ok(suite)
+}
+
+fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, InputError> {
+    let suite = suite_of(args)?;
+    if args.only.len() > 3 {
+        return Err(InputError::new("--only: expected ROW, ROW,INSTANCE or ROW,INSTANCE,PAIR"));
+    }
+    let selection = Selection { only: args.only.clone(), pairs: args.pairs };
+    let flights = suite.flights(cli.seed, &selection);
+    let Some(first) = flights.first() else {
+        let what = if selection == Selection::default() {
+            "maps: there is no pair"
+        } else {
+            "--only or --pairs: no pair is left"
+        };
+        return Err(InputError::new(what).in_file(&args.file));
+    };
+    let (planner, estimator) = (args.planner.into(), args.estimator.into());
+    // Refused once, not by every worker.
+    HostComputer::new(&first.mission(planner, estimator).guidance())?;
+    if let Some(path) = &args.dump_scenario {
+        if flights.len() > 1 {
+            return Err(InputError::new("--dump-scenario: --only must name one flight, as ROW,INSTANCE,PAIR"));
+        }
+        write_text(path, &json_line(&first.scenario)?)?;
+        note(&format!("scenario: {} (fly it with --seed {})", path.display(), first.seed));
+    }
+
+    let processors = || std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = args.jobs.map_or_else(processors, |jobs| jobs as usize);
+    let progress = bar(cli, flights.len() as u64, "flying {bar:40} {pos} of {len}, {eta} left{msg}");
+    let failed = std::sync::atomic::AtomicUsize::new(0);
+    let flown = suite::fly_all(&flights, planner, estimator, jobs, |flown| {
+        if flown.result != Ending::Reached {
+            let count = failed.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            progress.set_message(format!(", {count} not reached"));
+        }
+        progress.inc(1);
+    });
+    progress.finish_and_clear();
+    let flown = flown?;
+    let report = suite::Report::of(&flown);
+    say(&if cli.json { json_line(&report)? } else { report.table() });
+
+    let missed: Vec<&suite::Flown> = flown.iter().filter(|flown| flown.result != Ending::Reached).collect();
+    if !cli.json {
+        for miss in missed.iter().take(MISSES_SHOWN) {
+            let suite::Place { row, instance, pair } = miss.place;
+            note(&format!("--only {row},{instance},{pair}  {} after {:.1} s", miss.outcome(), miss.time_s));
+        }
+        if missed.len() > MISSES_SHOWN {
+            note(&format!("and {} more", missed.len() - MISSES_SHOWN));
+        }
+    }
+    if let Some(folder) = &cli.out {
+        let lines: Result<String, InputError> = flown.iter().map(json_line).collect();
+        let path = folder.join("flights.jsonl");
+        write_text(&path, &lines?)?;
+        note(&format!("flights: {}", path.display()));
+        if let [flight] = flights.as_slice() {
+            let suite::Place { row, instance, pair } = flight.place;
+            let path = |ending: &str| folder.join(format!("flight-{row}-{instance}-{pair}.{ending}"));
+            write_text(&path("json"), &json_line(&flight.scenario)?)?;
+            let (_, record) = flight.fly(planner, estimator)?;
+            plot::draw(&record, &path("svg"))?;
+            note(&format!("picture: {}", path("svg").display()));
+            note(&format!("again: foxhound fly --scenario {} --seed {}", path("json").display(), flight.seed));
+        }
+    }
+    let all_reached = report.all.success == report.all.runs && report.all.collisions == 0;
+    Ok(if all_reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
 fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {

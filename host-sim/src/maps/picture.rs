@@ -1,0 +1,153 @@
+//! The picture of a suite: its maps side by side, a row of the table a line, every unit square shaded by its density.
+
+use std::fmt;
+use std::fs;
+use std::path::Path;
+
+use plotters::coord::Shift;
+use plotters::prelude::{
+    Circle, DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement, RGBColor,
+    Rectangle, SVGBackend, Text, TextStyle,
+};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color as _, ShapeStyle, register_font};
+
+use super::density::Cells;
+use super::{Density, Pair, Pillar, densities};
+use crate::input::InputError;
+use crate::suite::{Map, Suite};
+
+/// Side of a map and what is around it, in points.
+const MAP: f64 = 300.0;
+const GAP: f64 = 28.0;
+const TITLE: f64 = 30.0;
+const EDGE: f64 = 32.0;
+/// Maps side by side.
+const COLUMNS: usize = 4;
+/// The drawing library has whole pixels only.
+const OVERSIZE: u32 = 4;
+/// Density of the darkest shade.
+const DARKEST: f64 = 0.45;
+
+const PAPER: RGBColor = RGBColor(255, 255, 255);
+const SHADE: RGBColor = RGBColor(240, 140, 30);
+const FRAME: RGBColor = RGBColor(176, 184, 196);
+const INK: RGBColor = RGBColor(31, 41, 55);
+const FAINT_INK: RGBColor = RGBColor(107, 114, 128);
+const PILLAR: RGBColor = RGBColor(139, 150, 167);
+const WAY: RGBColor = RGBColor(62, 74, 137);
+const GOAL: RGBColor = RGBColor(220, 38, 38);
+
+type Drawn<B> = Result<(), plotters::drawing::DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+/// Draws the maps of a suite into an SVG file.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn draw(suite: &Suite, path: &Path) -> Result<(), InputError> {
+    let failed = |error: &dyn fmt::Display| InputError::new(error.to_string()).in_file(path);
+    register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
+        .map_err(|_| InputError::new("the built-in font cannot be read"))?;
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder).map_err(|error| failed(&error))?;
+    }
+    let columns = suite.maps.len().clamp(1, COLUMNS);
+    let lines = suite.maps.len().div_ceil(COLUMNS).max(1);
+    let page = [2.0 * EDGE + columns as f64 * (MAP + GAP) - GAP, 2.0 * EDGE + lines as f64 * (MAP + TITLE + GAP) - GAP];
+    let size = page.map(|points| pixels(points) as u32);
+    let mut svg = String::new();
+    let area = SVGBackend::with_string(&mut svg, size.into()).into_drawing_area();
+    sheet(&area, suite).map_err(|error| failed(&error))?;
+    drop(area);
+    // Drawn oversize for the sake of fractions of a point; shown at the page's size.
+    let svg = svg.replacen(&format!("width=\"{}\"", size[0]), &format!("width=\"{}\"", page[0]), 1).replacen(
+        &format!("height=\"{}\"", size[1]),
+        &format!("height=\"{}\"", page[1]),
+        1,
+    );
+    fs::write(path, svg).map_err(|error| failed(&error))
+}
+
+fn pixels(points: f64) -> i32 {
+    libm::rint(points * f64::from(OVERSIZE)) as i32
+}
+
+fn line(color: RGBColor, opacity: f64, width: f64) -> ShapeStyle {
+    color.mix(opacity).stroke_width(pixels(width).max(1) as u32)
+}
+
+fn sheet<B: DrawingBackend>(area: &DrawingArea<B, Shift>, suite: &Suite) -> Drawn<B> {
+    area.fill(&PAPER)?;
+    for (index, map) in suite.maps.iter().enumerate() {
+        let left = EDGE + (index % COLUMNS) as f64 * (MAP + GAP);
+        let top = EDGE + TITLE + (index / COLUMNS) as f64 * (MAP + TITLE + GAP);
+        let [west, south, east, north] = suite.bounds;
+        let scale = MAP / (east - west).max(north - south);
+        let tile = Tile { area, left, bottom: top + (north - south) * scale, west, south, scale };
+        tile.draw(suite.bounds, map)?;
+    }
+    area.present()
+}
+
+/// One map on the sheet.
+struct Tile<'a, B: DrawingBackend> {
+    area: &'a DrawingArea<B, Shift>,
+    left: f64,
+    bottom: f64,
+    west: f64,
+    south: f64,
+    scale: f64,
+}
+
+impl<B: DrawingBackend> Tile<'_, B> {
+    fn at(&self, x: f64, y: f64) -> (i32, i32) {
+        (pixels(self.left + (x - self.west) * self.scale), pixels(self.bottom - (y - self.south) * self.scale))
+    }
+
+    fn draw(&self, bounds: [f64; 4], map: &Map) -> Drawn<B> {
+        let shares = densities(bounds, &map.obstacles);
+        self.squares(bounds, &shares)?;
+        for pair in &map.pairs {
+            self.pair(pair)?;
+        }
+        for pillar in &map.obstacles {
+            self.pillar(pillar)?;
+        }
+        let [west, south, east, north] = bounds;
+        self.area.draw(&Rectangle::new([self.at(west, north), self.at(east, south)], line(FRAME, 1.0, 1.0)))?;
+        let Density { mean, variance } = Density::of(&shares);
+        let top = self.bottom - (north - south) * self.scale;
+        let title = format!("row {}, map {}", map.row, map.instance);
+        self.text(&title, [self.left, top - 8.0], INK, HPos::Left)?;
+        let numbers = format!("mean {mean:.4}, variance {variance:.4}");
+        self.text(&numbers, [self.left + (east - west) * self.scale, top - 8.0], FAINT_INK, HPos::Right)
+    }
+
+    fn squares(&self, bounds: [f64; 4], shares: &[f64]) -> Drawn<B> {
+        let cells = Cells::new(bounds);
+        for (index, share) in shares.iter().enumerate() {
+            let [west, south, east, north] = cells.square(index % cells.columns, index / cells.columns);
+            let shade = SHADE.mix(0.6 * (share / DARKEST).min(1.0)).filled();
+            self.area.draw(&Rectangle::new([self.at(west, north), self.at(east, south)], shade))?;
+        }
+        Ok(())
+    }
+
+    fn pair(&self, [x0, y0, x1, y1, _]: &Pair) -> Drawn<B> {
+        let (start, goal) = (self.at(*x0, *y0), self.at(*x1, *y1));
+        self.area.draw(&PathElement::new(vec![start, goal], line(WAY, 0.12, 0.75)))?;
+        self.area.draw(&Circle::new(start, pixels(1.8), WAY.mix(0.7).filled()))?;
+        self.area.draw(&Circle::new(goal, pixels(1.8), GOAL.mix(0.7).filled()))
+    }
+
+    fn pillar(&self, [x, y, r]: &Pillar) -> Drawn<B> {
+        self.area.draw(&Circle::new(self.at(*x, *y), pixels(r * self.scale), PILLAR.filled()))
+    }
+
+    fn text(&self, what: &str, [x, y]: [f64; 2], color: RGBColor, anchor: HPos) -> Drawn<B> {
+        let style = TextStyle::from(("sans-serif", 13.0 * f64::from(OVERSIZE)).into_font())
+            .color(&color)
+            .pos(Pos::new(anchor, VPos::Bottom));
+        self.area.draw(&Text::new(what.to_owned(), (pixels(x), pixels(y)), style))
+    }
+}

@@ -1,0 +1,684 @@
+//! Many flights in parallel: a suite file holds maps and start/goal pairs; every pair is flown as [`flight::fly`] flies
+//! it, with a seed of its own, and the flights are summed up by row.
+//!
+//! A flight is over within the goal tolerance of the beacon, while the reference way leads to the beacon itself: the length
+//! ratio is therefore given as flown, and once more with the tolerance added to the path.
+//!
+//! The numbers do not depend on how many flights are flown at a time: every flight has its own world, computer and random
+//! numbers, and the sums are taken in the order of the file.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use foxhound_core::bearing::Estimator;
+use foxhound_core::planner::Kind;
+use rand_core::{Rng as _, SeedableRng as _};
+use rand_xoshiro::SplitMix64;
+use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::computer::HostComputer;
+use crate::flight::{self, Ending, Mission, Record};
+use crate::input::{InputError, check, parse_strictly, read_text};
+use crate::maps::{Pair, Pillar};
+use crate::scenario::{Bearing, Limits, Obstacle, Scenario, Sensor, Vehicle};
+
+/// Stack of a worker: a computer is some hundred kilobytes.
+const STACK_BYTES: usize = 16 << 20;
+/// Two-sided 95 % of the normal distribution.
+const Z_95: f64 = 1.959_963_985;
+
+/// Maps and pairs, and what is the same for all flights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Suite {
+    /// Descriptive: what it is called.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<Value>,
+    /// Descriptive: why it exists.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<Value>,
+    /// Descriptive: which frame the numbers are in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<Value>,
+    /// Descriptive: what should happen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expect: Option<Value>,
+    /// Descriptive: the seed from which it was drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<Value>,
+    /// Radius of the vehicle's hull.
+    pub drone_radius: f64,
+    /// West, south, east, north.
+    pub bounds: [f64; 4],
+    /// The obstacle sensor.
+    pub sensor: Sensor,
+    /// The direction finding.
+    pub bearing: Bearing,
+    /// Limits of the vehicle.
+    pub limits: Limits,
+    /// The vehicle's dynamics.
+    pub vehicle: Vehicle,
+    /// Horizontal distance to the beacon that counts as reached.
+    pub goal_tolerance: f64,
+    /// When a flight is given up.
+    pub max_time_s: f64,
+    /// The maps.
+    pub maps: Vec<Map>,
+}
+
+/// One map and its pairs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Map {
+    /// The row of the table that it belongs to.
+    pub row: u32,
+    /// Which map of that row.
+    pub instance: u32,
+    /// Descriptive: the mean density.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean: Option<Value>,
+    /// Descriptive: the variance of the density.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variance: Option<Value>,
+    /// Descriptive: what it is called.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<Value>,
+    /// Descriptive: the seed from which it was drawn.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<Value>,
+    /// The pillars: x, y, r.
+    pub obstacles: Vec<Pillar>,
+    /// Starts and goals and the length of the reference way: x0, y0, x1, y1, length.
+    pub pairs: Vec<Pair>,
+}
+
+impl Map {
+    /// A map with nothing descriptive about it.
+    #[must_use]
+    pub fn new(row: u32, instance: u32, obstacles: Vec<Pillar>, pairs: Vec<Pair>) -> Self {
+        Self { row, instance, mean: None, variance: None, name: None, seed: None, obstacles, pairs }
+    }
+}
+
+/// Every key of a suite file, with its path.
+const KEYS: [&str; 38] = [
+    "name",
+    "why",
+    "frame",
+    "expect",
+    "seed",
+    "drone_radius",
+    "bounds",
+    "sensor",
+    "sensor.fov_deg",
+    "sensor.range_m",
+    "sensor.occlusion",
+    "sensor.model",
+    "bearing",
+    "bearing.only",
+    "bearing.model",
+    "bearing.sigma_deg",
+    "bearing.snr_db",
+    "bearing.outlier",
+    "bearing.outlier.rate",
+    "bearing.outlier.offset_deg",
+    "bearing.dropout",
+    "limits",
+    "limits.v_max",
+    "limits.a_max",
+    "vehicle",
+    "vehicle.model",
+    "vehicle.lag_s",
+    "goal_tolerance",
+    "max_time_s",
+    "maps",
+    "maps[].row",
+    "maps[].instance",
+    "maps[].name",
+    "maps[].seed",
+    "maps[].mean",
+    "maps[].variance",
+    "maps[].obstacles",
+    "maps[].pairs",
+];
+
+impl Default for Suite {
+    fn default() -> Self {
+        let flight = Scenario::default();
+        Self {
+            name: None,
+            why: None,
+            frame: None,
+            expect: None,
+            seed: None,
+            drone_radius: flight.drone_radius,
+            bounds: flight.bounds,
+            sensor: flight.sensor,
+            bearing: flight.bearing,
+            limits: flight.limits,
+            vehicle: flight.vehicle,
+            goal_tolerance: flight.goal_tolerance,
+            max_time_s: flight.max_time_s,
+            maps: Vec::new(),
+        }
+    }
+}
+
+impl Suite {
+    /// Reads a suite file.
+    ///
+    /// # Errors
+    /// The file, and the path of the first key that is unknown, of the wrong type or out of range.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        Self::parse(&read_text(path)?).map_err(|error| error.in_file(path))
+    }
+
+    /// Reads a suite.
+    ///
+    /// # Errors
+    /// The path of the first key that is unknown, of the wrong type or out of range.
+    pub fn parse(text: &str) -> Result<Self, InputError> {
+        // What is no JSON at all is refused below, where the path is known.
+        if let Ok(value) = serde_json::from_str::<Value>(text) {
+            refuse_lists_for_objects(&value)?;
+        }
+        let mut document = serde_json::Deserializer::from_str(text);
+        let suite: Self = parse_strictly(&mut document, &KEYS)?;
+        document.end().map_err(|error| InputError::new(error.to_string()))?;
+        suite.checked()
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The path of the first field out of range, its value and the range.
+    pub fn checked(self) -> Result<Self, InputError> {
+        self.scenario_without_map().checked()?;
+        let far = 10_000.0;
+        for (k, map) in self.maps.iter().enumerate() {
+            for (n, [x, y, r]) in map.obstacles.iter().enumerate() {
+                check(&format!("maps[{k}].obstacles[{n}][0]"), *x, -far, far)?;
+                check(&format!("maps[{k}].obstacles[{n}][1]"), *y, -far, far)?;
+                check(&format!("maps[{k}].obstacles[{n}][2]"), *r, 0.001, 1000.0)?;
+            }
+            for (n, pair) in map.pairs.iter().enumerate() {
+                for (axis, value) in pair[..4].iter().enumerate() {
+                    check(&format!("maps[{k}].pairs[{n}][{axis}]"), *value, -far, far)?;
+                }
+                check(&format!("maps[{k}].pairs[{n}][4]"), pair[4], 0.0, 10.0 * far)?;
+            }
+        }
+        Ok(self)
+    }
+
+    fn scenario_without_map(&self) -> Scenario {
+        Scenario {
+            bounds: self.bounds,
+            drone_radius: self.drone_radius,
+            sensor: self.sensor,
+            bearing: self.bearing,
+            limits: self.limits,
+            vehicle: self.vehicle,
+            goal_tolerance: self.goal_tolerance,
+            max_time_s: self.max_time_s,
+            ..Scenario::default()
+        }
+    }
+
+    /// The flights of this suite that are asked for, in the order of the file.
+    #[must_use]
+    pub fn flights(&self, seed: u64, selection: &Selection) -> Vec<Flight> {
+        let base = self.scenario_without_map();
+        let mut flights = Vec::new();
+        for map in self.maps.iter().filter(|map| selection.takes_map(map)) {
+            let obstacle = |[x, y, r]: &Pillar| Obstacle { x: *x, y: *y, r: *r, vx: 0.0, vy: 0.0 };
+            let obstacles: Vec<Obstacle> = map.obstacles.iter().map(obstacle).collect();
+            for (index, [x0, y0, x1, y1, reference_m]) in (0..).zip(&map.pairs) {
+                let place = Place { row: map.row, instance: map.instance, pair: index };
+                if selection.takes_pair(index) {
+                    let scenario = Scenario {
+                        name: format!("row {}, map {}, pair {}", map.row, map.instance, index),
+                        obstacles: obstacles.clone(),
+                        start: [*x0, *y0],
+                        goal: [*x1, *y1],
+                        reference_length_m: Some(Value::from(*reference_m)),
+                        ..base.clone()
+                    };
+                    let seed = place.seed(seed);
+                    flights.push(Flight { place, seed, scenario, reference_length_m: *reference_m });
+                }
+            }
+        }
+        flights
+    }
+}
+
+/// A derived reader would take a list for an object, field after field.
+fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
+    let mut places = vec![("suite".to_owned(), Some(value))];
+    for name in ["sensor", "bearing", "limits", "vehicle"] {
+        places.push((name.to_owned(), value.get(name)));
+    }
+    places.push(("bearing.outlier".to_owned(), value.pointer("/bearing/outlier")));
+    for (index, map) in value.get("maps").and_then(Value::as_array).into_iter().flatten().enumerate() {
+        places.push((format!("maps[{index}]"), Some(map)));
+    }
+    match places.into_iter().find(|(_, place)| place.is_some_and(|value| !value.is_object())) {
+        Some((path, _)) => Err(InputError::new(format!("{path}: expected an object {{...}}"))),
+        None => Ok(()),
+    }
+}
+
+/// Where in a suite a flight belongs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Place {
+    /// The map's row.
+    pub row: u32,
+    /// The map's number in its row.
+    pub instance: u32,
+    /// The pair's number on its map, from 0.
+    pub pair: u32,
+}
+
+impl Place {
+    /// The flight's own seed, below 2^32 so that every JSON reader holds it exactly.
+    #[must_use]
+    pub fn seed(self, base: u64) -> u64 {
+        [self.row, self.instance, self.pair]
+            .into_iter()
+            .fold(base, |seed, number| SplitMix64::seed_from_u64(seed ^ u64::from(number) << 32).next_u64())
+            >> 32
+    }
+}
+
+/// Which flights of a suite to fly.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// Row, instance and pair, as far as they are given.
+    pub only: Vec<u32>,
+    /// At most so many pairs of each map.
+    pub pairs: Option<u32>,
+}
+
+impl Selection {
+    fn takes_map(&self, map: &Map) -> bool {
+        self.only.iter().zip([map.row, map.instance]).all(|(asked, is)| *asked == is)
+    }
+
+    fn takes_pair(&self, pair: u32) -> bool {
+        self.only.get(2).is_none_or(|asked| *asked == pair) && self.pairs.is_none_or(|count| pair < count)
+    }
+}
+
+/// A flight to be flown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Flight {
+    /// Where it belongs.
+    pub place: Place,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// The world and the vehicle.
+    pub scenario: Scenario,
+    /// Length of the reference way.
+    pub reference_length_m: f64,
+}
+
+impl Flight {
+    /// What `fly` is given.
+    #[must_use]
+    pub fn mission(&self, planner: Kind, estimator: Estimator) -> Mission {
+        Mission { scenario: self.scenario.clone(), seed: self.seed, planner, estimator }
+    }
+
+    /// Flies it.
+    ///
+    /// # Errors
+    /// The configuration is refused, or the computer fails.
+    pub fn fly(&self, planner: Kind, estimator: Estimator) -> Result<(Flown, Record), InputError> {
+        let mission = self.mission(planner, estimator);
+        let mut computer = HostComputer::new(&mission.guidance())?;
+        let record = flight::fly(&mission, &mut computer, None, |_| ())
+            .map_err(|error| InputError::new(format!("{}: {error}", self.scenario.name)))?;
+        Ok((Flown::of(self, &record), record))
+    }
+}
+
+/// What a flight came to.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Flown {
+    /// Where it belongs.
+    #[serde(flatten)]
+    pub place: Place,
+    /// Its seed.
+    pub seed: u64,
+    /// How it ended.
+    pub result: Ending,
+    /// The outcome that explains it, by name.
+    pub reason: &'static str,
+    /// Duration of the flight.
+    pub time_s: f64,
+    /// Length of the path flown.
+    pub path_length_m: f64,
+    /// Length of the reference way.
+    pub reference_length_m: f64,
+    /// The one over the other; none without a reference.
+    pub length_ratio: Option<f64>,
+    /// The same with what was left to the beacon, the goal tolerance.
+    pub whole_length_ratio: Option<f64>,
+    /// Smallest distance between hull and pillars; none in a world without pillars.
+    pub min_clearance_m: Option<f64>,
+    /// Plans made.
+    pub replans: u32,
+    /// Error of the valid bearings, rms; none without any.
+    pub bearing_rms_deg: Option<f64>,
+    /// Hash over every bearing, plan and setpoint.
+    pub trace_hash: String,
+}
+
+impl Flown {
+    fn of(flight: &Flight, record: &Record) -> Self {
+        let report = &record.report;
+        let ratio = |length_m: f64| (flight.reference_length_m > 0.0).then(|| length_m / flight.reference_length_m);
+        Self {
+            place: flight.place,
+            seed: flight.seed,
+            result: report.result,
+            reason: report.reason,
+            time_s: report.time_s,
+            path_length_m: report.path_length_m,
+            reference_length_m: flight.reference_length_m,
+            length_ratio: ratio(report.path_length_m),
+            whole_length_ratio: ratio(report.path_length_m + flight.scenario.goal_tolerance),
+            min_clearance_m: report.min_clearance_m,
+            replans: report.replans,
+            bearing_rms_deg: report.bearing_rms_deg,
+            trace_hash: report.trace_hash.clone(),
+        }
+    }
+
+    /// Its end in a word or two.
+    #[must_use]
+    pub fn outcome(&self) -> String {
+        match self.result {
+            Ending::Reached => "reached".to_owned(),
+            Ending::Collision => "collision".to_owned(),
+            Ending::Hold => format!("hold: {}", self.reason),
+            Ending::Timeout => format!("timeout: {}", self.reason),
+        }
+    }
+}
+
+/// Flies many flights, `jobs` at a time; `watch` is told of each when it is done, in no order.
+///
+/// # Errors
+/// The configuration is refused, or a computer fails.
+pub fn fly_all(
+    flights: &[Flight],
+    planner: Kind,
+    estimator: Estimator,
+    jobs: usize,
+    watch: impl Fn(&Flown) + Sync,
+) -> Result<Vec<Flown>, InputError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).stack_size(STACK_BYTES).build();
+    let pool = pool.map_err(|error| InputError::new(format!("--jobs {jobs}: {error}")))?;
+    pool.install(|| {
+        let one = |flight: &Flight| {
+            let (flown, _) = flight.fly(planner, estimator)?;
+            watch(&flown);
+            Ok(flown)
+        };
+        flights.par_iter().map(one).collect()
+    })
+}
+
+/// Flights summed up.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Tally {
+    /// Flights.
+    pub runs: usize,
+    /// Those that reached the beacon.
+    pub success: usize,
+    /// Those that hit a pillar.
+    pub collisions: usize,
+    /// Mean of path flown over reference way, of those that reached the beacon.
+    pub mean_length_ratio: Option<f64>,
+    /// Least clearance of all flights.
+    pub min_clearance_m: Option<f64>,
+    /// Share that reached the beacon.
+    pub success_rate: Option<f64>,
+    /// Its 95 % interval after Wilson.
+    pub success_rate_95: Option<[f64; 2]>,
+    /// As `mean_length_ratio`, with the goal tolerance added to each path.
+    pub mean_whole_length_ratio: Option<f64>,
+    /// Mean time of those that reached the beacon.
+    pub mean_time_s: Option<f64>,
+    /// How many ended how.
+    pub outcomes: BTreeMap<String, usize>,
+}
+
+impl Tally {
+    /// Sums up.
+    #[must_use]
+    pub fn of<'a>(flights: impl IntoIterator<Item = &'a Flown>) -> Self {
+        let flights: Vec<&Flown> = flights.into_iter().collect();
+        let reached: Vec<&&Flown> = flights.iter().filter(|flown| flown.result == Ending::Reached).collect();
+        let mean = |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+        let mut outcomes = BTreeMap::new();
+        for flown in &flights {
+            *outcomes.entry(flown.outcome()).or_default() += 1;
+        }
+        let (success, runs) = (reached.len(), flights.len());
+        Self {
+            runs,
+            success,
+            collisions: flights.iter().filter(|flown| flown.result == Ending::Collision).count(),
+            mean_length_ratio: mean(reached.iter().filter_map(|flown| flown.length_ratio).collect()),
+            min_clearance_m: flights.iter().filter_map(|flown| flown.min_clearance_m).min_by(f64::total_cmp),
+            success_rate: (runs > 0).then(|| success as f64 / runs as f64),
+            success_rate_95: wilson_95(success, runs),
+            mean_whole_length_ratio: mean(reached.iter().filter_map(|flown| flown.whole_length_ratio).collect()),
+            mean_time_s: mean(reached.iter().map(|flown| flown.time_s).collect()),
+            outcomes,
+        }
+    }
+}
+
+/// The 95 % interval of a rate after Wilson (1927).
+#[must_use]
+pub fn wilson_95(success: usize, runs: usize) -> Option<[f64; 2]> {
+    if runs == 0 {
+        return None;
+    }
+    let n = runs as f64;
+    let rate = success as f64 / n;
+    let center = rate + Z_95 * Z_95 / (2.0 * n);
+    let half = Z_95 * libm::sqrt(rate * (1.0 - rate) / n + Z_95 * Z_95 / (4.0 * n * n));
+    let scale = 1.0 + Z_95 * Z_95 / n;
+    Some([((center - half) / scale).max(0.0), ((center + half) / scale).min(1.0)])
+}
+
+/// A row's flights summed up.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// The row.
+    pub row: u32,
+    /// Its sums.
+    #[serde(flatten)]
+    pub tally: Tally,
+}
+
+/// What a suite came to: the object that is printed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// By row.
+    pub rows: Vec<Row>,
+    /// All together.
+    pub all: Tally,
+}
+
+impl Report {
+    /// Sums up.
+    #[must_use]
+    pub fn of(flights: &[Flown]) -> Self {
+        let mut rows: BTreeMap<u32, Vec<&Flown>> = BTreeMap::new();
+        for flown in flights {
+            rows.entry(flown.place.row).or_default().push(flown);
+        }
+        let rows = rows.into_iter().map(|(row, flights)| Row { row, tally: Tally::of(flights) }).collect();
+        Self { rows, all: Tally::of(flights) }
+    }
+
+    /// A table for people.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let mut text = String::from(
+            " row   runs  reached     95 % interval  collisions  length/shortest  to the beacon  least clearance  mean time\n",
+        );
+        let mut line = |name: &str, tally: &Tally| {
+            let number = |value: Option<f64>, digits: usize, unit: &str| {
+                value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}{unit}"))
+            };
+            let interval = tally
+                .success_rate_95
+                .map_or_else(String::new, |[low, high]| format!("{:.1} .. {:.1} %", 100.0 * low, 100.0 * high));
+            let _ = writeln!(
+                text,
+                "{name:>4} {:>6} {:>8} {interval:>17} {:>11} {:>16} {:>14} {:>16} {:>10}",
+                tally.runs,
+                number(tally.success_rate.map(|rate| 100.0 * rate), 2, " %"),
+                tally.collisions,
+                number(tally.mean_length_ratio, 3, ""),
+                number(tally.mean_whole_length_ratio, 3, ""),
+                number(tally.min_clearance_m, 3, " m"),
+                number(tally.mean_time_s, 1, " s"),
+            );
+        };
+        for row in &self.rows {
+            line(&row.row.to_string(), &row.tally);
+        }
+        line("all", &self.all);
+        for (outcome, count) in self.all.outcomes.iter().filter(|(outcome, _)| *outcome != "reached") {
+            let _ = writeln!(text, "{count:>6} {outcome}");
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: &str = r#"{"name":"n","why":"w","frame":"f","expect":"e","seed":1,"drone_radius":0.2,
+        "bounds":[-1,-2,12,13],"sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
+        "bearing":{"only":true,"model":"noise","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
+        "dropout":[1,2]},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1},
+        "goal_tolerance":0.3,"max_time_s":30,"maps":[{"row":3,"instance":1,"name":"m","seed":2,"mean":0.1,
+        "variance":0.01,"obstacles":[[1.1,2.2,0.3],[4,5,0.3]],"pairs":[[0,0,5,5,7.5],[0,1,5,5,6.5]]},
+        {"row":1,"instance":0,"obstacles":[],"pairs":[[0,0,5,5,7.1]]}]}"#;
+
+    fn flown(row: u32, result: Ending, length_ratio: f64, min_clearance_m: f64) -> Flown {
+        Flown {
+            place: Place { row, instance: 0, pair: 0 },
+            seed: 0,
+            result,
+            reason: "nominal",
+            time_s: 10.0,
+            path_length_m: 8.0,
+            reference_length_m: 8.0 / length_ratio,
+            length_ratio: Some(length_ratio),
+            whole_length_ratio: Some(length_ratio + 0.1),
+            min_clearance_m: Some(min_clearance_m),
+            replans: 1,
+            bearing_rms_deg: None,
+            trace_hash: String::new(),
+        }
+    }
+
+    #[test]
+    fn every_key_is_taken_and_written_back() {
+        let suite = Suite::parse(SMALL).unwrap();
+        let written = serde_json::to_string(&suite).unwrap();
+        assert_eq!(Suite::parse(&written).unwrap(), suite);
+        let value: Value = serde_json::from_str(&written).unwrap();
+        for key in KEYS {
+            let pointer = format!("/{}", key.replace("[]", ".0").replace('.', "/"));
+            assert!(value.pointer(&pointer).is_some(), "{key} is no key of a suite");
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_as_in_a_scenario() {
+        let suite =
+            Suite::parse(r#"{"maps":[{"row":1,"instance":0,"obstacles":[],"pairs":[[0,0,5,5,7.1]]}]}"#).unwrap();
+        let flights = suite.flights(1, &Selection::default());
+        let scenario = Scenario { start: [0.0, 0.0], goal: [5.0, 5.0], ..Scenario::default() };
+        let descriptive = Scenario {
+            name: flights[0].scenario.name.clone(),
+            reference_length_m: flights[0].scenario.reference_length_m.clone(),
+            ..scenario
+        };
+        assert_eq!(flights[0].scenario, descriptive);
+    }
+
+    #[test]
+    fn a_flight_has_the_settings_of_the_suite_and_its_own_map_pair_and_seed() {
+        let flights = Suite::parse(SMALL).unwrap().flights(7, &Selection::default());
+        assert_eq!(flights.len(), 3);
+        let second = &flights[1];
+        assert_eq!(second.place, Place { row: 3, instance: 1, pair: 1 });
+        assert_eq!((second.scenario.start, second.scenario.goal), ([0.0, 1.0], [5.0, 5.0]));
+        assert_eq!((second.scenario.drone_radius, second.scenario.sensor.fov_deg), (0.2, 120.0));
+        assert_eq!((second.scenario.obstacles.len(), second.reference_length_m), (2, 6.5));
+        let mut seeds: Vec<u64> = flights.iter().map(|flight| flight.seed).collect();
+        seeds.sort_unstable();
+        seeds.dedup();
+        assert_eq!(seeds.len(), 3);
+    }
+
+    #[test]
+    fn a_selected_flight_keeps_its_seed() {
+        let suite = Suite::parse(SMALL).unwrap();
+        let all = suite.flights(7, &Selection::default());
+        let some = |only: &[u32], pairs| suite.flights(7, &Selection { only: only.to_vec(), pairs });
+        assert_eq!(some(&[3, 1, 1], None), &all[1..2]);
+        assert_eq!(some(&[3], None), &all[..2]);
+        assert_eq!(some(&[], Some(1)), [all[0].clone(), all[2].clone()]);
+        assert_eq!(some(&[2], None), []);
+        assert_ne!(suite.flights(8, &Selection::default())[0].seed, all[0].seed);
+    }
+
+    #[test]
+    fn sums_are_by_row_and_ratios_over_successes_only() {
+        let flights = [
+            flown(2, Ending::Reached, 1.2, 0.05),
+            flown(1, Ending::Reached, 1.0, 0.04),
+            flown(2, Ending::Collision, 0.1, -0.01),
+            flown(2, Ending::Reached, 1.4, 0.02),
+            flown(1, Ending::Hold, 0.5, 0.03),
+        ];
+        let Report { rows, all } = Report::of(&flights);
+        assert_eq!(rows.iter().map(|row| row.row).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!((rows[1].tally.runs, rows[1].tally.success, rows[1].tally.collisions), (3, 2, 1));
+        assert!((rows[1].tally.mean_length_ratio.unwrap() - 1.3).abs() < 1e-12);
+        assert_eq!(rows[0].tally.mean_length_ratio, Some(1.0));
+        assert_eq!((all.runs, all.success, all.collisions), (5, 3, 1));
+        assert_eq!(all.min_clearance_m, Some(-0.01));
+        assert_eq!(all.outcomes.values().sum::<usize>(), 5);
+        assert_eq!(all.outcomes["hold: nominal"], 1);
+        assert_eq!(Tally::of(&[]).success_rate_95, None);
+    }
+
+    #[test]
+    fn wilsons_interval_is_the_textbooks() {
+        // Published values: 8 of 10, 0 of 10; and the mirror image of the latter.
+        let close = |success, runs, low: f64, high: f64| {
+            let [found_low, found_high] = wilson_95(success, runs).unwrap();
+            assert!((found_low - low).abs() < 5e-5 && (found_high - high).abs() < 5e-5, "{found_low} {found_high}");
+        };
+        close(8, 10, 0.4902, 0.9433);
+        close(0, 10, 0.0, 0.2775);
+        close(10, 10, 0.7225, 1.0);
+    }
+}
