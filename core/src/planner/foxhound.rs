@@ -13,12 +13,12 @@ use heapless::Vec;
 
 use super::paper::{draw, nearest, weighted};
 use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
-use crate::field::{Gains, Obstacle};
+use crate::field::{Field, Gains, Obstacle};
 use crate::frame::Horizontal;
 use crate::goal::posterior::{Estimate, Posterior};
 use crate::map::CIRCLES_MAX;
 use crate::rng::Rng;
-use crate::rollout::{SPACING_M, Trajectory, WAYPOINTS, cost, roll, swept_clearance_m};
+use crate::rollout::{Cost, Reading, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
 use crate::wavefront::{Wavefront, Window};
 
 /// Stream of the posterior's random numbers.
@@ -99,6 +99,9 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
     };
     let Some(aim) = aim else { return plan };
     let mut route = window.route(aim.place_ned_m);
+    // What is beyond the horizon does not matter yet.
+    let beyond = |place: &Horizontal| place.minus(start).norm_squared() > config.horizon_m * config.horizon_m;
+    route.truncate(route.iter().position(beyond).unwrap_or(route.len()));
     for place in &mut route {
         *place = centred(*place, config.margin_m, &scratch.obstacles);
     }
@@ -122,7 +125,7 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
     if keeps(config.tight_margin_m, start, &[target], &scratch.obstacles) {
         plan.verdict = Verdict::Follow;
         plan.waypoints_ned_m = straight;
-        plan.cost = soft_cost(start, &straight, target, &scratch.obstacles);
+        plan.cost = soft(cost(start, &straight, target, &scratch.obstacles));
     }
     plan
 }
@@ -253,7 +256,9 @@ fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizont
 /// The paper's samples, marked as feasible where they keep the margin.
 fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizontal, target: Horizontal, margin_m: f32) {
     let distance_m = target.minus(start).norm();
-    scratch.initial = roll(&config.gains, start, target, &scratch.obstacles);
+    scratch.scene.gather(start, scratch.obstacles.iter().copied());
+    let field = |gains| Field { law: config.law, gains };
+    (scratch.initial, _) = scratch.scene.roll(&field(config.gains), Reading::Waypoint, target);
     for index in 0..SAMPLES {
         // One of the ten trusts the sight: almost no repulsion, so almost straight.
         let gains = if index == 0 {
@@ -266,21 +271,20 @@ fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizont
         } else {
             draw(config, rng)
         };
-        let trajectory = roll(&gains, start, target, &scratch.obstacles);
+        let (trajectory, cost) = scratch.scene.roll(&field(gains), Reading::Waypoint, target);
         scratch.gains[index] = gains;
-        scratch.costs[index] = soft_cost(start, &trajectory, target, &scratch.obstacles);
+        scratch.costs[index] = soft(cost);
         let checked = &trajectory[..usize::from(config.checked_segments).min(WAYPOINTS)];
         let nearer = trajectory[WAYPOINTS - 1].minus(target).norm() <= NEARER * distance_m;
-        scratch.feasible[index] = nearer && keeps(margin_m, start, checked, &scratch.obstacles);
+        scratch.feasible[index] = nearer && scratch.scene.keeps_margin(checked, margin_m);
         scratch.samples[index] = trajectory;
     }
 }
 
 /// Eq. 41 with a bound on eq. 45: a way that keeps its margin may be narrow.
-fn soft_cost(start: Horizontal, trajectory: &Trajectory, target: Horizontal, obstacles: &[Obstacle]) -> f32 {
-    let mut cost = cost(start, trajectory, target, obstacles);
-    cost.proximity = if cost.proximity < PROXIMITY_MAX { cost.proximity } else { PROXIMITY_MAX };
-    cost.total()
+fn soft(cost: Cost) -> f32 {
+    let proximity = if cost.proximity < PROXIMITY_MAX { cost.proximity } else { PROXIMITY_MAX };
+    Cost { proximity, ..cost }.total()
 }
 
 /// Waypoints at the usual distance along straight lines; at the end it stays there.
