@@ -13,7 +13,7 @@
 //!    fast an acceleration builds up or turns round; it may end at once.
 //! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must not
 //!    touch a circle or leave the fence, or the command is cut down, in the end to a brake.
-//! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at ([`sight`](crate::sight)).
+//! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at ([`sight`]).
 //!    Otherwise it is cut down or held, and the ruling says where to look first. Behind something seen, where
 //!    looking does not help, it goes slowly. One threat is worse than what might be there: an obstacle that comes at
 //!    the vehicle.
