@@ -4,6 +4,8 @@
 //! a replan that is under way. A plan is handed to guidance at the step after it was finished; guidance itself takes
 //! it up at a fixed tick after its request, so that nothing depends on how long the replan took.
 
+use core::mem::MaybeUninit;
+
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
@@ -13,7 +15,7 @@ use foxhound_core::guidance::{self, Guidance, Input, Output};
 use foxhound_core::planner::{Plan, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::rollout::WAYPOINTS;
 use foxhound_link::companion::{self, Companion};
-use static_cell::ConstStaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::boards::board::{self, Pacer, Receiver, Transmitter};
 use crate::boards::{Call, Done, Step};
@@ -96,7 +98,8 @@ pub async fn guide(
     orders: &'static Orders,
     plans: &'static Plans,
 ) {
-    let mut flight = match Flight::begin(&guidance::Config::default()) {
+    static FLIGHT: StaticCell<Flight> = StaticCell::new();
+    let flight = match Flight::begin(FLIGHT.uninit(), &guidance::Config::default()) {
         Ok(flight) => flight,
         Err(error) => board::halt(format_args!("the built-in configuration: {error}")),
     };
@@ -106,11 +109,10 @@ pub async fn guide(
     loop {
         match pacer.next().await {
             Call::Setup(config) => {
-                let begun = Flight::begin(&config);
-                if begun.is_ok() {
-                    settle(plans, &mut last_request).await;
-                }
-                pacer.accept(begun.map(|begun| (flight, plan) = (begun, None)), line.tx_total).await;
+                let settled = settle(plans, &mut last_request).await;
+                let begun = flight.begin_anew(&config);
+                plan = if begun.is_ok() { None } else { settled.or(plan) };
+                pacer.accept(begun, line.tx_total).await;
             }
             Call::Step(step) => {
                 let lock_step = step.lock_step.is_some();
@@ -152,11 +154,25 @@ struct Flight {
 }
 
 impl Flight {
-    fn begin(config: &guidance::Config) -> Result<Self, ConfigError> {
+    /// The first flight, built where it stays. Not inlined, nor is the next: what is built on the stack on the way
+    /// would be in the frame of every step.
+    #[inline(never)]
+    fn begin<'a>(place: &'a mut MaybeUninit<Self>, config: &guidance::Config) -> Result<&'a mut Self, ConfigError> {
         let guidance = config.build()?;
-        let state = guidance.start();
         let planner = config.planner.build()?;
-        Ok(Self { guidance, state, planner, companion: companion::Config::default().build()? })
+        let companion = companion::Config::default().build()?;
+        Ok(place.write(Self { state: guidance.start(), guidance, planner, companion }))
+    }
+
+    /// The next flight in the same place; the old one goes on if the configuration is refused.
+    #[inline(never)]
+    fn begin_anew(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
+        let guidance = config.build()?;
+        self.planner = config.planner.build()?;
+        self.companion = companion::Config::default().build()?;
+        self.guidance = guidance;
+        self.state = self.guidance.start();
+        Ok(())
     }
 
     /// One step, and how long guidance took. The simulator does the same in the same order: bit for bit.

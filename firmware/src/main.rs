@@ -5,25 +5,19 @@
 use embassy_executor::SpawnToken;
 use foxhound_firmware::app::{self, Bytes, Orders, Plans};
 use foxhound_firmware::boards::board;
-use static_cell::StaticCell;
 
-static INCOMING: StaticCell<Bytes> = StaticCell::new();
-static OUTGOING: StaticCell<Bytes> = StaticCell::new();
-static ORDERS: StaticCell<Orders> = StaticCell::new();
-static PLANS: StaticCell<Plans> = StaticCell::new();
+static INCOMING: Bytes = Bytes::new();
+static OUTGOING: Bytes = Bytes::new();
+static ORDERS: Orders = Orders::new();
+static PLANS: Plans = Plans::new();
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let board = board::start();
-    let incoming: &Bytes = INCOMING.init(Bytes::new());
-    let outgoing: &Bytes = OUTGOING.init(Bytes::new());
-    let orders: &Orders = ORDERS.init(Orders::new());
-    let plans: &Plans = PLANS.init(Plans::new());
-
-    board.urgent.spawn(task(app::receive(board.receiver, incoming)));
-    board.urgent.spawn(task(app::transmit(board.transmitter, outgoing)));
-    board.urgent.spawn(task(app::guide(board.pacer, incoming, outgoing, orders, plans)));
-    board.relaxed.spawn(task(app::plan(orders, plans)));
+    board.urgent.spawn(task(app::receive(board.receiver, &INCOMING)));
+    board.urgent.spawn(task(app::transmit(board.transmitter, &OUTGOING)));
+    board.urgent.spawn(task(app::guide(board.pacer, &INCOMING, &OUTGOING, &ORDERS, &PLANS)));
+    board.relaxed.spawn(task(app::plan(&ORDERS, &PLANS)));
 
     // Everything runs in interrupts; the thread sleeps.
     loop {

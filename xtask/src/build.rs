@@ -19,7 +19,7 @@ pub(crate) struct Image {
 pub(crate) struct Size {
     /// Program, constants, and the initial values of the variables.
     pub(crate) flash_bytes: u64,
-    /// Variables; the stack comes on top.
+    /// Variables; the stack has a place of its own.
     pub(crate) ram_bytes: u64,
 }
 

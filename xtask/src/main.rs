@@ -126,7 +126,7 @@ fn firmware(board: Board, json: bool) -> Result<(), Failure> {
     } else {
         println!("{}", image.elf.display());
         println!("flash {:>7} bytes of 524288", size.flash_bytes);
-        println!("RAM   {:>7} bytes of 131072, the rest is stack", size.ram_bytes);
+        println!("RAM   {:>7} bytes of 86016, beside 45056 of stack", size.ram_bytes);
     }
     Ok(())
 }
