@@ -42,7 +42,7 @@ use foxhound_firmware::boards::board;
 use foxhound_link::mailbox::instructions;
 use idsp::Lowpass;
 use microfft::real::rfft_256;
-use static_cell::ConstStaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 /// Steps of the flight that the fast loop is measured in; the first ones acquire.
 const STEPS: usize = 96;
@@ -58,6 +58,7 @@ const OBSTACLES: usize = 64;
 const SCENES: usize = 64;
 
 static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
+static SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(Scratch::new());
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
@@ -79,9 +80,10 @@ fn main() -> ! {
     let (Ok(guidance), Ok(planner)) = (config.build(), config.planner.build()) else {
         board::halt(format_args!("the built-in configuration does not build"))
     };
-    fast_loop(&measure, &guidance, &planner, snapshot);
+    let scratch = SCRATCH.take();
+    fast_loop(&measure, &guidance, &planner, scratch, snapshot);
     rollouts(&measure);
-    replan(&measure, &planner);
+    replan(&measure, &planner, scratch);
     semihosting::process::exit(0)
 }
 
@@ -104,6 +106,7 @@ fn peer(name: &str, whose: &str, instructions: u32) {
 
 /// Runs the target's kernels and the portable ones over the same words, random ones and corners, and ends the program
 /// when they differ. Returns how many words went in.
+#[inline(never)]
 fn kernels<const M: usize>(seed: u64) -> u32 {
     const ROUNDS: usize = 24;
     let mut words = Words(Rng::new(seed, 3));
@@ -236,6 +239,7 @@ impl LockIn {
 }
 
 /// Phasors of four channels, and their phases; the peers find the same ones by four transforms, or by a lock-in.
+#[inline(never)]
 fn lock_in(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) {
     let ours = LockIn::new(TONE_BINS);
     let mut z = [Complex::default(); CHANNELS];
@@ -325,6 +329,7 @@ fn by_low_pass(codes: &[[i16; N]; CHANNELS]) -> [[i32; 2]; CHANNELS] {
 }
 
 /// The acquisition spectrum: mean taken off, Hann's window, powers. The peer is spared the first two, and then is not.
+#[inline(never)]
 fn spectrum(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) {
     let mut spectrum = Spectrum::<N>::default();
     let mut scratch = [0.0; N];
@@ -365,6 +370,7 @@ fn unit(angle_rad: f32) -> Complex {
 }
 
 /// One snapshot, from codes to phasors and to a bearing.
+#[inline(never)]
 fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) {
     let config = guidance::Config::default();
     let (Ok(extractor), Ok(array)) = (config.phase.build::<N>(), config.array.build()) else {
@@ -398,6 +404,7 @@ fn noisy(z: [Complex; CHANNELS], amplitude: f32, sigma: f32, rng: &mut Rng) -> [
 }
 
 /// The eighth look at a source and its reflection at -6 dB, taken and solved for: of one heading, and turning by 90 degrees.
+#[inline(never)]
 fn several_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     for (turn_rad, mean, worst) in
         [(0.0, "look_solve", "look_solve_worst"), (FRAC_PI_2, "look_solve_turning", "look_solve_turning_worst")]
@@ -457,6 +464,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
 }
 
 /// A scan's way into the map, the worst of many looks: past pillars, and at what has no end of circles.
+#[inline(never)]
 fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let (Ok(fitter), Ok(keeper)) = (scan::Config::default().build(), map::Config::default().build()) else {
         board::halt(format_args!("the built-in obstacle memory does not build"))
@@ -534,14 +542,16 @@ fn ranges(world: &[[f32; 3]], pose: &Pose, noise_m: f32, rng: &mut Rng) -> Scan 
 }
 
 /// A flight past obstacles towards the source: the middle and the worst of its steps.
+#[inline(never)]
 fn fast_loop(
     measure: &impl Fn(&mut dyn FnMut()) -> u32,
     guidance: &Guidance<N>,
     planner: &Planner,
+    scratch: &mut Scratch,
     snapshot: &mut Snapshot<N>,
 ) {
-    let mut state = guidance.start();
-    let mut scratch = Scratch::default();
+    static STATE: StaticCell<guidance::State<N>> = StaticCell::new();
+    let state = STATE.init_with(|| guidance.start());
     let mut plan = None;
     let mut counts = [0_u32; STEPS - WARM_UP];
     let circles: [Circle; 8] = core::array::from_fn(|k| {
@@ -573,8 +583,8 @@ fn fast_loop(
             plan: plan.as_ref(),
         };
         let mut requested = false;
-        let instructions = measure(&mut || requested = guidance.step(&mut state, black_box(&input)).plan_requested);
-        plan = requested.then(|| planner.plan(&mut scratch, state.request()));
+        let instructions = measure(&mut || requested = guidance.step(state, black_box(&input)).plan_requested);
+        plan = requested.then(|| planner.plan(scratch, state.request()));
         if let Some(count) = step.checked_sub(WARM_UP).and_then(|step| counts.get_mut(step)) {
             *count = instructions;
         }
@@ -586,6 +596,7 @@ fn fast_loop(
 
 /// Ten rollouts with their costs, the worst of some maps of 64 circles at one per square metre with the vehicle in the
 /// middle: the planner's, and every obstacle at every waypoint with `libm`'s functions.
+#[inline(never)]
 fn rollouts(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     for (kind, row_name, naive_name) in [
         (Kind::Foxhound, "rollouts_64", "rollouts_64_naive"),
@@ -713,7 +724,8 @@ fn cost_naively(trajectory: &Trajectory, target: Horizontal, obstacles: &[Obstac
 }
 
 /// Sixty-four obstacles between the start and the target and around them.
-fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner) {
+#[inline(never)]
+fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch: &mut Scratch) {
     let mut rng = Rng::new(1, 1);
     let mut request =
         PlanRequest { id: 1, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, ..PlanRequest::default() };
@@ -726,11 +738,10 @@ fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner) {
         // There are as many places.
         let _ = request.circles.push(circle);
     }
-    let mut scratch = Scratch::default();
     row(
         "replan_64",
         measure(&mut || {
-            black_box(planner.plan(&mut scratch, black_box(&request)));
+            black_box(planner.plan(scratch, black_box(&request)));
         }),
         1_700_000,
     );
