@@ -13,6 +13,7 @@
 
 use crate::adc::CHANNELS;
 use crate::error::{ConfigError, Why, check};
+use crate::kernel::sqrt;
 use crate::phase::Complex;
 use crate::units::{sin_cos, wrap_pi};
 
@@ -217,7 +218,7 @@ impl Config {
         // Neighbours around the array, in order: the sides whose length decides about ambiguity.
         let mut side_m = 0.0_f32;
         for (a, b) in self.antennas_m.iter().zip(self.antennas_m.iter().cycle().skip(1)) {
-            let length = libm::sqrtf((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]));
+            let length = sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]));
             side_m = if length > side_m { length } else { side_m };
         }
         let side = side_m / wavelength_m;

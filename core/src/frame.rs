@@ -1,5 +1,6 @@
 //! Vectors in the north-east-down frame, and the rotation between body azimuth and NED bearing.
 
+use crate::kernel::sqrt;
 use crate::units::sin_cos;
 
 /// A vector in the local north-east-down frame. Its unit is in the name of whatever holds it.
@@ -87,7 +88,7 @@ impl Horizontal {
     /// Length.
     #[must_use]
     pub fn norm(self) -> f32 {
-        libm::sqrtf(self.norm_squared())
+        sqrt(self.norm_squared())
     }
 
     /// This vector shortened to `length` if it is longer.

@@ -21,7 +21,7 @@
 //!
 //! ## Same bits everywhere
 //!
-//! Only `+ - * /`, comparisons and the free functions of `libm` on `f32`, and integers, so that host and target agree
+//! Only `+ - * /`, comparisons, the square root of [`kernel`] and the free functions of `libm` on `f32`, and integers, so that host and target agree
 //! bit for bit; [`trace`] hashes what came out. Float *methods* of the standard library are never used: they would be
 //! other functions on the host.
 //!
@@ -37,6 +37,7 @@ extern crate std;
 
 pub mod error;
 pub mod frame;
+pub mod kernel;
 pub mod ownship;
 pub mod rng;
 pub mod time;

@@ -7,6 +7,7 @@ use core::f32::consts::TAU;
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
+use crate::kernel::sqrt;
 use crate::units::sin_cos;
 
 /// A seeded generator. Same seed, same numbers, on every machine.
@@ -30,7 +31,7 @@ impl Rng {
 
     /// Standard normal (Box-Muller, the cosine half); |value| stays below 5.8.
     pub fn gaussian(&mut self) -> f32 {
-        let radius = libm::sqrtf(-2.0 * libm::logf(self.uniform()));
+        let radius = sqrt(-2.0 * libm::logf(self.uniform()));
         let (_, cosine) = sin_cos(TAU * self.uniform());
         radius * cosine
     }

@@ -19,6 +19,7 @@ use heapless::Vec;
 
 use crate::field::{Field, Gains, Obstacle, Pole, Pull, inverse_root};
 use crate::frame::Horizontal;
+use crate::kernel::sqrt;
 use crate::map::CIRCLES_MAX;
 
 /// Waypoints of a trajectory (main paper, section IV).
@@ -213,7 +214,7 @@ impl Scene {
     #[must_use]
     pub fn keeps_margin(&self, trajectory: &[Horizontal], margin_m: f32) -> bool {
         let farthest = trajectory.iter().map(|w| w.minus(self.start).norm_squared()).fold(0.0, larger);
-        let near = self.within(margin_m + libm::sqrtf(farthest) + SLACK_M);
+        let near = self.within(margin_m + sqrt(farthest) + SLACK_M);
         near.iter().all(|known| {
             let mut from = self.start.minus(known.center);
             let at_start = from.norm() - known.reach - 1e-3;

@@ -18,6 +18,7 @@
 use crate::error::{ConfigError, check};
 use crate::field::Obstacle;
 use crate::frame::Horizontal;
+use crate::kernel::sqrt;
 use crate::scan::{Pose, SECTORS_MAX, Scan, Sector};
 use crate::units::wrap_pi;
 
@@ -241,7 +242,7 @@ impl Looker {
             if !(tangent > 1e-4) || tangent > reach_m * reach_m {
                 continue;
             }
-            let tangent_m = libm::sqrtf(tangent);
+            let tangent_m = sqrt(tangent);
             let middle = wrap_pi(away.bearing_rad() - latest.first_ned_rad) / latest.step_rad;
             let half = libm::atan2f(radius_m, tangent_m) / latest.step_rad;
             let (low, high) = (libm::ceilf(middle - half) as i32, libm::floorf(middle + half) as i32);
@@ -274,7 +275,7 @@ impl Looker {
         // A wide view is drawn less far, so that every look costs the same, and no farther than its rays are dense.
         let step_rad = libm::fabsf(latest.step_rad);
         let angle_rad = step_rad * latest.rays as f32;
-        let by_cost = if angle_rad > 1.65 { DRAWN_M * libm::sqrtf(1.65 / angle_rad) } else { DRAWN_M };
+        let by_cost = if angle_rad > 1.65 { DRAWN_M * sqrt(1.65 / angle_rad) } else { DRAWN_M };
         let by_gaps = 0.14 / step_rad;
         let drawn_m = if by_cost < by_gaps { by_cost } else { by_gaps };
 
@@ -363,7 +364,7 @@ impl Looker {
         if latest.rays == 0 || squared < size_m * size_m {
             return Cover::Unseen;
         }
-        let distance_m = libm::sqrtf(squared);
+        let distance_m = sqrt(squared);
         // From the middle ray, so that what lies left of the first one is not a turn off.
         let middle = 0.5 * (latest.rays - 1) as f32;
         let off_rad = wrap_pi(away.bearing_rad() - latest.first_ned_rad - middle * latest.step_rad);

@@ -19,6 +19,7 @@
 use crate::adc::CHANNELS;
 use crate::array::Array;
 use crate::error::{ConfigError, Why, check};
+use crate::kernel::sqrt;
 use crate::phase::{Complex, Phasors, Tone};
 use crate::time::Instant;
 use crate::units::{sin_cos, wrap_pi};
@@ -340,7 +341,7 @@ impl Finder {
             return Bearing { flags: flags.with(Flags::AMBIGUOUS), ..silent };
         };
 
-        let wavenumber = libm::sqrtf(fit.u[0] * fit.u[0] + fit.u[1] * fit.u[1]);
+        let wavenumber = sqrt(fit.u[0] * fit.u[0] + fit.u[1] * fit.u[1]);
         // Overhead the direction of u is noise, and any will do.
         let (length, along) = if wavenumber > 1e-3 {
             (wavenumber, [fit.u[0] / wavenumber, fit.u[1] / wavenumber])
@@ -348,8 +349,8 @@ impl Finder {
             (1e-3, [1.0, 0.0])
         };
         let across = [-along[1], along[0]];
-        let mut sigma_rad = libm::sqrtf(fit.covariance.quadratic(across)) / length;
-        let wavenumber_sigma = libm::sqrtf(fit.covariance.quadratic(along));
+        let mut sigma_rad = sqrt(fit.covariance.quadratic(across)) / length;
+        let wavenumber_sigma = sqrt(fit.covariance.quadratic(along));
 
         // More than free space allows is as impossible as a residual that does not close.
         let chi2 = fit.residual.map_or(0.0, Residual::chi2);
@@ -357,10 +358,10 @@ impl Finder {
         let sure = if phasors.interferer { CLOSURE_SURE } else { CLOSURE_LIMIT };
         if chi2 > sure || impossible || self.is_uneven(&z, phasors) {
             flags = flags.with(Flags::MULTIPATH);
-            sigma_rad = libm::sqrtf(sigma_rad * sigma_rad + MULTIPATH_SIGMA_RAD * MULTIPATH_SIGMA_RAD);
+            sigma_rad = sqrt(sigma_rad * sigma_rad + MULTIPATH_SIGMA_RAD * MULTIPATH_SIGMA_RAD);
         } else if chi2 > CLOSURE_LIMIT {
             flags = flags.with(Flags::MULTIPATH);
-            sigma_rad *= libm::sqrtf(chi2 / CLOSURE_LIMIT);
+            sigma_rad *= sqrt(chi2 / CLOSURE_LIMIT);
         }
         // A variance that is not a number knows nothing.
         let sigma_rad = if sigma_rad.is_finite() { sigma_rad } else { core::f32::consts::PI };
@@ -434,7 +435,7 @@ impl Finder {
         if least < DEAD_POWER_RATIO * most || least < 2.0 * noise {
             return false;
         }
-        libm::sqrtf(most / least) > 1.0 + GAIN_TOLERANCE + 4.0 * libm::sqrtf(noise / least)
+        sqrt(most / least) > 1.0 + GAIN_TOLERANCE + 4.0 * sqrt(noise / least)
     }
 
     /// This finder with the channels as they are at the tone's frequency, where a calibration depends on it.
@@ -469,7 +470,7 @@ impl Finder {
             z[m].times(Complex { re: c, im: -s })
         });
         let common = rotated.iter().zip(weights).fold(Complex::default(), |sum, (y, w)| {
-            let magnitude = libm::sqrtf(y.norm_squared());
+            let magnitude = sqrt(y.norm_squared());
             let scale = if magnitude > 0.0 { w / magnitude } else { 0.0 };
             sum.plus(Complex { re: y.re * scale, im: y.im * scale })
         });
@@ -550,7 +551,7 @@ impl Finder {
 fn coherence(y: &[Complex; CHANNELS]) -> Option<f32> {
     let opposite = |a: usize, b: usize| y[a].times(y[b]);
     let power = y.iter().fold(0.0, |sum, y| sum + y.norm_squared());
-    let gamma = 2.0 * libm::sqrtf(opposite(0, 2).plus(opposite(1, 3)).norm_squared()) / power;
+    let gamma = 2.0 * sqrt(opposite(0, 2).plus(opposite(1, 3)).norm_squared()) / power;
     // Rounding may exceed 1. What is not a number is none.
     (gamma >= 0.0).then_some(gamma.min(1.0))
 }
@@ -558,9 +559,9 @@ fn coherence(y: &[Complex; CHANNELS]) -> Option<f32> {
 /// Elevation magnitude and its sigma from the wavenumber, which is its cosine.
 fn elevation(wavenumber: f32, wavenumber_sigma: f32) -> (f32, f32) {
     let cosine = wavenumber.clamp(0.0, 1.0);
-    let sine = libm::sqrtf(1.0 - cosine * cosine);
+    let sine = sqrt(1.0 - cosine * cosine);
     // At the horizon the cosine is flat: an error of sigma there is an elevation of sqrt(2 sigma).
-    let blind = libm::sqrtf(2.0 * wavenumber_sigma);
+    let blind = sqrt(2.0 * wavenumber_sigma);
     let slope = if sine > blind { sine } else { blind };
     let sigma = if slope > 0.0 { wavenumber_sigma / slope } else { 0.0 };
     (libm::acosf(cosine), sigma.clamp(1e-6, core::f32::consts::FRAC_PI_2))

@@ -6,6 +6,7 @@
 //! swung; the constant is the mounting of the array.
 
 use crate::bearing::Bearing;
+use crate::kernel::sqrt;
 use crate::units::{sin_cos, wrap_pi};
 
 /// Highest harmonic.
@@ -45,7 +46,7 @@ impl Deviation {
         if *self == Self::default() {
             return *bearing;
         }
-        let sigma_rad = libm::sqrtf(bearing.sigma_rad * bearing.sigma_rad + self.sigma_rad * self.sigma_rad);
+        let sigma_rad = sqrt(bearing.sigma_rad * bearing.sigma_rad + self.sigma_rad * self.sigma_rad);
         Bearing {
             azimuth_rad: wrap_pi(bearing.azimuth_rad - self.at(bearing.azimuth_rad)),
             sigma_rad: sigma_rad.min(core::f32::consts::PI),
@@ -111,7 +112,7 @@ impl Spin {
             constant_rad: x[0],
             cosine_rad: core::array::from_fn(|k| x[1 + k]),
             sine_rad: core::array::from_fn(|k| x[1 + ORDER + k]),
-            sigma_rad: libm::sqrtf(variance * TERMS as f32 / self.looks as f32),
+            sigma_rad: sqrt(variance * TERMS as f32 / self.looks as f32),
         })
     }
 }
@@ -125,7 +126,7 @@ fn solve(mut a: [[f32; TERMS]; TERMS], mut x: [f32; TERMS]) -> Option<[f32; TERM
             if i != j {
                 a[i][j] = sum / a[j][j];
             } else if sum > least {
-                a[i][i] = libm::sqrtf(sum);
+                a[i][i] = sqrt(sum);
             } else {
                 return None;
             }

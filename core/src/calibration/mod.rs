@@ -22,6 +22,7 @@ pub mod record;
 
 use crate::adc::CHANNELS;
 use crate::array::{Array, Entry, phase_steps};
+use crate::kernel::sqrt;
 use crate::phase::{Complex, Phasors, Tone};
 use crate::units::{sin_cos, wrap_pi};
 
@@ -71,7 +72,7 @@ impl Source {
                 Some(range_m) => {
                     let r = array.wavenumber * range_m;
                     let squared = x * x + y * y;
-                    let distance = libm::sqrtf((r * r - 2.0 * r * plane + squared).max(0.0));
+                    let distance = sqrt((r * r - 2.0 * r * plane + squared).max(0.0));
                     (2.0 * r * plane - squared) / (r + distance)
                 }
             };
@@ -128,7 +129,7 @@ impl Mean {
     fn learn(&mut self, y: &[Complex; CHANNELS], noise: f32) {
         if self.looks == 0 {
             let power = 0.25 * y.iter().map(|y| y.norm_squared()).sum::<f32>();
-            let scale = 1.0 / libm::sqrtf(power);
+            let scale = 1.0 / sqrt(power);
             *self = Self {
                 gain: y.map(|y| Complex { re: y.re * scale, im: y.im * scale }),
                 weight: power / noise,
@@ -191,7 +192,7 @@ impl Calibrator {
         if mean.looks == 0 {
             return None;
         }
-        let magnitude = mean.gain.map(|g| libm::sqrtf(g.norm_squared()));
+        let magnitude = mean.gain.map(|g| sqrt(g.norm_squared()));
         let scale = CHANNELS as f32 / magnitude.iter().sum::<f32>();
         let gain = magnitude.map(|magnitude| magnitude * scale);
         let sum = mean.gain.iter().fold(Complex::default(), |sum, g| sum.plus(*g));
@@ -202,7 +203,7 @@ impl Calibrator {
         let widening = if freedom > 0.0 { (mean.scatter / freedom).max(1.0) } else { 1.0 };
         // A weak channel's phase is the more uncertain.
         let weakness = gain.iter().map(|gain| 1.0 / (gain * gain)).sum::<f32>() / CHANNELS as f32;
-        let residual_rad = libm::sqrtf(0.5 * widening * weakness / mean.weight);
+        let residual_rad = sqrt(0.5 * widening * weakness / mean.weight);
         Some(Entry { frequency_hz: self.frequency_hz, gain, phase_rad, residual_rad, temperature_c })
     }
 }

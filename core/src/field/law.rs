@@ -1,5 +1,7 @@
 //! How the fields repel: equations in the documentation of [`super`].
 
+use crate::kernel::sqrt;
+
 use super::{ConfigError, Gains, Horizontal, check};
 
 /// Distance below which a repulsion stops growing.
@@ -137,15 +139,15 @@ impl Law {
             return (1.0, 0.0);
         }
         let least = DISTANCE_MIN_M * DISTANCE_MIN_M;
-        let error = libm::sqrtf(squared);
+        let error = sqrt(squared);
         let floored = if squared > least { squared } else { least };
         match self.exponent {
             Exponent::Zero => (1.0, 0.0),
             Exponent::Half => {
-                let root = libm::sqrtf(libm::sqrtf(floored));
-                (libm::sqrtf(error), 0.5 * root / floored)
+                let root = sqrt(sqrt(floored));
+                (sqrt(error), 0.5 * root / floored)
             }
-            Exponent::One => (error, 1.0 / libm::sqrtf(floored)),
+            Exponent::One => (error, 1.0 / sqrt(floored)),
             Exponent::Two => (squared, 2.0),
         }
     }

@@ -12,6 +12,7 @@ use heapless::Vec;
 use crate::bearing::Bearing;
 use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
+use crate::kernel::sqrt;
 use crate::ownship::Ownship;
 use crate::time::Instant;
 
@@ -99,7 +100,7 @@ impl State {
     #[must_use]
     pub fn depression_rad(&self) -> f32 {
         let squared = if self.sunk_weight > 0.0 { self.sunk / self.sunk_weight } else { 0.0 };
-        libm::asinf(libm::sqrtf(squared.clamp(0.0, 1.0)))
+        libm::asinf(sqrt(squared.clamp(0.0, 1.0)))
     }
 
     /// The unit vector towards the source, averaged; `None` before the first valid bearing.
@@ -183,7 +184,7 @@ fn gather(state: &mut State, at: Instant, direction: Horizontal, place: Horizont
             place_ned_m: gathered.place.times(share),
             direction_ned: gathered.direction.times(1.0 / norm),
             // The variance of a mean.
-            sigma_rad: libm::sqrtf(gathered.variance) * share,
+            sigma_rad: sqrt(gathered.variance) * share,
             since_s: gathered.last_sighting.map_or(0.0, |last| at.seconds_since(last)),
         };
         if state.sightings.is_full() {

@@ -14,6 +14,7 @@
 //! contradict all places bring in fresh ones.
 
 use crate::frame::Horizontal;
+use crate::kernel::sqrt;
 use crate::rng::Rng;
 
 /// Places that are weighed.
@@ -181,10 +182,10 @@ impl Posterior {
     fn resample(&mut self, rng: &mut Rng) {
         let (mean, [[nn, ne], [_, ee]]) = self.moments();
         // Cholesky factor of the covariance.
-        let north = libm::sqrtf(nn);
+        let north = sqrt(nn);
         let cross = if north > 1e-6 { ne / north } else { 0.0 };
         let rest = ee - cross * cross;
-        let east = libm::sqrtf(if rest > 0.0 { rest } else { 0.0 });
+        let east = sqrt(if rest > 0.0 { rest } else { 0.0 });
 
         let old = self.places;
         let step = 1.0 / PARTICLES as f32;
@@ -239,8 +240,8 @@ impl Posterior {
         }
         let (place_ned_m, [[nn, ne], [_, ee]]) = self.moments();
         let (half_sum, half_difference) = (0.5 * (nn + ee), 0.5 * (nn - ee));
-        let largest = half_sum + libm::sqrtf(half_difference * half_difference + ne * ne);
-        Some(Estimate { place_ned_m, sigma_m: libm::sqrtf(largest) })
+        let largest = half_sum + sqrt(half_difference * half_difference + ne * ne);
+        Some(Estimate { place_ned_m, sigma_m: sqrt(largest) })
     }
 }
 
@@ -250,7 +251,7 @@ fn along(sighting: &Sighting, index: usize, rng: &mut Rng) -> Horizontal {
     let range_m = RANGE_MIN_M * libm::expf(share * libm::logf(RANGE_MAX_M / RANGE_MIN_M));
     let direction = sighting.direction_ned;
     let side = Horizontal { north: -direction.east, east: direction.north };
-    let off = range_m * libm::sqrtf(variance(sighting)) * rng.bell();
+    let off = range_m * sqrt(variance(sighting)) * rng.bell();
     sighting.place_ned_m.plus(direction.times(range_m)).plus(side.times(off))
 }
 

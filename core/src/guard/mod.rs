@@ -26,6 +26,7 @@ use heapless::Vec;
 use crate::error::{ConfigError, Why, check};
 use crate::field::Obstacle;
 use crate::frame::{Horizontal, Ned};
+use crate::kernel::sqrt;
 use crate::map::{CIRCLES_MAX, Circle};
 use crate::sight::{self, Cover, Looker, Sight};
 use crate::track::Demand;
@@ -486,7 +487,7 @@ impl Guard {
             return -(-h).clamp(0.0, OUT_MPS);
         }
         let by_rate = self.config.approach_rate_per_s * h;
-        let by_brake = libm::sqrtf(1.4 * self.config.a_max_mps2 * h);
+        let by_brake = sqrt(1.4 * self.config.a_max_mps2 * h);
         if by_rate < by_brake { by_rate } else { by_brake }
     }
 

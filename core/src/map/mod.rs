@@ -23,6 +23,7 @@ use heapless::Vec;
 use crate::error::{ConfigError, check};
 use crate::field::inverse_root;
 use crate::frame::Horizontal;
+use crate::kernel::sqrt;
 use crate::scan::{DETECTIONS_MAX, Detection, Kind, Look, POINTS_MAX, Pose, Scan, Sector};
 use crate::time::Instant;
 use crate::units::wrap_pi;
@@ -283,7 +284,7 @@ impl<'a> Comparison<'a> {
                 Kind::Patch => {}
             }
         }
-        let reach_m = libm::sqrtf(farthest) + 2.0 * pillar_max_m;
+        let reach_m = sqrt(farthest) + 2.0 * pillar_max_m;
         Self { look, marks, covered: [0; POINTS_MAX + DETECTIONS_MAX], pillars, pillar_max_m, reach_m }
     }
 
@@ -590,7 +591,7 @@ impl Keeper {
             let (center, least_mps) = (known.circle.center_ned_m, self.config.moving_min_mps);
             known.circle.center_ned_m = known.motion.step(&mut known.slope_ned_mps, center, &sighting, least_mps);
             known.radius_m += (seen.radius_m - known.radius_m) * share;
-            let sigma_m = known.sigma_m * libm::sqrtf(1.0 - share);
+            let sigma_m = known.sigma_m * sqrt(1.0 - share);
             known.sigma_m = if sigma_m > SIGMA_MIN_M { sigma_m } else { SIGMA_MIN_M };
             if !points.iter().all(|p| known.covers(*p, margin_m)) {
                 known.circle.center_ned_m = seen.center_ned_m;

@@ -5,6 +5,7 @@
 //! From the tenth look on `k` stays, and the filter forgets.
 
 use crate::frame::Horizontal;
+use crate::kernel::sqrt;
 
 /// Memory of the filter.
 const LOOKS_MAX: u8 = 10;
@@ -75,7 +76,7 @@ impl Motion {
         *slope_mps = slope_mps.plus(innovation.times(beta / seen.dt_s)).clamped(SPEED_MAX_MPS);
 
         let sigma_m = if seen.sigma_m > SIGMA_FLOOR_M { seen.sigma_m } else { SIGMA_FLOOR_M };
-        let doubt_mps = SIGMAS * 3.464 * sigma_m / (seen.dt_s * k * libm::sqrtf(k));
+        let doubt_mps = SIGMAS * 3.464 * sigma_m / (seen.dt_s * k * sqrt(k));
         let least = if doubt_mps > moving_min_mps { doubt_mps } else { moving_min_mps };
         self.steady = if slope_mps.norm_squared() > least * least {
             (self.steady + 1).min(2 * STEADY)

@@ -4,6 +4,7 @@ use heapless::Deque;
 
 use super::{Kept, LOOKS, Method};
 use crate::bearing::{Bearing, Flags, Quality};
+use crate::kernel::sqrt;
 use crate::units::wrap_pi;
 
 /// A bearing worse than this says nothing.
@@ -56,7 +57,7 @@ impl Found {
         bartlett_ned_rad: f32,
         wavenumber: f32,
     ) -> Arrival {
-        let sigma_rad = libm::sqrtf(self.variance);
+        let sigma_rad = sqrt(self.variance);
         // Not a number is as useless as can be.
         let sigma_rad = if sigma_rad < core::f32::consts::PI { sigma_rad.max(1e-6) } else { core::f32::consts::PI };
         let azimuth_ned_rad = wrap_pi(self.azimuth_ned_rad);

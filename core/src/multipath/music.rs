@@ -3,6 +3,7 @@
 use super::bartlett::{GRID, GRID_STEP_RAD, Scan};
 use super::matrix::{Symmetric, Vector, dot, plus, scaled};
 use super::solver::Solver;
+use crate::kernel::sqrt;
 use crate::units::sin_cos;
 
 /// Rounds of Jacobi rotations: the off-diagonal is below rounding after four.
@@ -21,9 +22,9 @@ impl Symmetric {
                     continue;
                 }
                 let ratio = (a[q][q] - a[p][p]) / (2.0 * off);
-                let t = 1.0 / (libm::fabsf(ratio) + libm::sqrtf(ratio * ratio + 1.0));
+                let t = 1.0 / (libm::fabsf(ratio) + sqrt(ratio * ratio + 1.0));
                 let t = if ratio < 0.0 { -t } else { t };
-                let c = 1.0 / libm::sqrtf(t * t + 1.0);
+                let c = 1.0 / sqrt(t * t + 1.0);
                 let s = t * c;
                 for row in &mut a {
                     (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);

@@ -6,6 +6,7 @@ use super::arrival::{Arrival, Found, Reflection};
 use super::bartlett::Scan;
 use super::model::{Heading, Headings, Paths, WAVENUMBER_MIN};
 use super::{Kept, LOOKS, Method};
+use crate::kernel::sqrt;
 use crate::units::wrap_pi;
 
 /// Up to this many headings all take part in the start and the fit; of more, three do. The last step takes all.
@@ -82,7 +83,7 @@ impl Solver<'_> {
     pub(super) fn gate(&self) -> f32 {
         let count = self.looks.len() as f32;
         let calibration = self.looks.iter().map(|look| self.channel_variance * look.weight).sum::<f32>() / count;
-        (1.0 - calibration) * (3.0 + NOISE_GATE * libm::sqrtf(3.0 / count)) + calibration * CALIBRATION_GATE
+        (1.0 - calibration) * (3.0 + NOISE_GATE * sqrt(3.0 / count)) + calibration * CALIBRATION_GATE
     }
 
     /// One path: the mean of the looks' own bearings and wavenumbers.

@@ -2,7 +2,8 @@
 
 use super::{Complex, State};
 use crate::adc::CHANNELS;
-use crate::spectrum::active;
+use crate::kernel::active;
+use crate::kernel::sqrt;
 use crate::spectrum::tone::{Products, Reference, Window};
 
 /// A table's normal equations, solved.
@@ -130,7 +131,7 @@ pub(super) fn left_over(solver: &Solver, levels: &[Level; CHANNELS], fit: &Fit) 
 /// Whether the frame is another than the floor was measured in: by more than six standard deviations of the energy of
 /// white noise, in some channel.
 pub(super) fn left_over_changed<const N: usize>(state: &State<N>, levels: &[Level; CHANNELS], fit: &Fit) -> bool {
-    let bound = 1.0 + 6.0 * libm::sqrtf(2.0 / N as f32);
+    let bound = 1.0 + 6.0 * sqrt(2.0 / N as f32);
     let now = left_over(&state.solver, levels, fit);
     now.iter().zip(state.left_over).zip(levels).any(|((now, then), level)| {
         // 40 dB below the signal, an error of the frequency within its tolerance shows.

@@ -3,6 +3,7 @@
 use super::fit::{Fit, fit, offset_variance, tune};
 use super::{Extractor, State};
 use crate::adc::CHANNELS;
+use crate::kernel::sqrt;
 use crate::spectrum::tone::Window;
 
 /// Variance by which the tone's frequency may move from snapshot to snapshot, in squared bins.
@@ -32,7 +33,7 @@ impl<const N: usize> Extractor<N> {
         tracked.variance += DRIFT;
         if state.reference.step() != tracked.step {
             let away = bins_between::<N>(state.reference.step(), tracked.step);
-            if away.abs() > RETUNE_BINS.max(2.0 * libm::sqrtf(tracked.variance)) {
+            if away.abs() > RETUNE_BINS.max(2.0 * sqrt(tracked.variance)) {
                 tune(state, tracked.step, Window::Flat);
             }
         }
@@ -72,7 +73,7 @@ impl<const N: usize> Extractor<N> {
             let variance = offset_variance(&fit);
             step = step.wrapping_add(steps::<N>(fit.offset_bins));
             found = Some((fit, Frequency { step, variance }));
-            if fit.offset_bins.abs() < REFINED_BINS.max(0.25 * libm::sqrtf(variance)) {
+            if fit.offset_bins.abs() < REFINED_BINS.max(0.25 * sqrt(variance)) {
                 break;
             }
         }

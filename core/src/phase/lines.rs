@@ -4,6 +4,7 @@ use super::floor::power_of_two;
 use super::follow::Frequency;
 use super::{Extractor, State};
 use crate::adc::CHANNELS;
+use crate::kernel::sqrt;
 use crate::units::sin_cos;
 
 /// Two lines within 10 dB, as a ratio of powers.
@@ -73,7 +74,7 @@ fn interpolated<const N: usize>(values: &[f32; N], bin: usize) -> f32 {
     let summit = values[bin % N];
     let [below, above] = neighbours(values, bin);
     let (side, neighbour) = if above > below { (1.0, above) } else { (-1.0, below) };
-    let ratio = if summit > 0.0 { libm::sqrtf(neighbour / summit).min(1.0) } else { 0.5 };
+    let ratio = if summit > 0.0 { sqrt(neighbour / summit).min(1.0) } else { 0.5 };
     bin as f32 + side * (2.0 * ratio - 1.0) / (ratio + 1.0)
 }
 

@@ -16,6 +16,7 @@ use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
 use crate::field::{Field, Gains, Obstacle};
 use crate::frame::Horizontal;
 use crate::goal::posterior::{Estimate, Posterior};
+use crate::kernel::sqrt;
 use crate::map::CIRCLES_MAX;
 use crate::rng::Rng;
 use crate::rollout::{Cost, Reading, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
@@ -241,7 +242,7 @@ fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizont
             let reach_m = obstacle.reach_m + margin_m;
             let squared = away.norm_squared();
             if squared < reach_m * reach_m && squared > 1e-6 {
-                let norm = libm::sqrtf(squared);
+                let norm = sqrt(squared);
                 push = push.plus(away.times((reach_m - norm) / norm));
             }
         }

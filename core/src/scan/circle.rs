@@ -17,6 +17,7 @@
 
 use crate::field::inverse_root;
 use crate::frame::Horizontal;
+use crate::kernel::sqrt;
 
 /// Newton steps; three do for clean arcs, the rest is for noise.
 const STEPS: usize = 6;
@@ -124,13 +125,13 @@ fn principal_axis(points: &[Horizontal], centroid: Horizontal) -> Option<Horizon
     }
     // The doubled angle has cosine (nn - ee) / size and sine 2 ne / size.
     let (c, s) = (nn - ee, 2.0 * ne);
-    let size = libm::sqrtf(c * c + s * s);
+    let size = sqrt(c * c + s * s);
     if !(nn + ee > 1e-9) || !size.is_finite() {
         return None;
     }
     let cosine = if size > 0.0 { c / size } else { 1.0 };
-    let north = libm::sqrtf(0.5 * (1.0 + cosine.clamp(-1.0, 1.0)));
-    let east = libm::sqrtf(0.5 * (1.0 - cosine.clamp(-1.0, 1.0)));
+    let north = sqrt(0.5 * (1.0 + cosine.clamp(-1.0, 1.0)));
+    let east = sqrt(0.5 * (1.0 - cosine.clamp(-1.0, 1.0)));
     Some(Horizontal { north, east: if s < 0.0 { -east } else { east } })
 }
 

@@ -9,8 +9,8 @@
 
 #![deny(clippy::float_arithmetic)]
 
-use super::active::{self, add, first_butterfly, pack, pack_high, pack_low, powers, subtract, sum_and_reach};
 use super::trig::cos_sin;
+use crate::kernel::active::{self, add, first_butterfly, pack, pack_high, pack_low, powers, subtract, sum_and_reach};
 
 /// The compile-time tables for one length.
 struct Plan<const N: usize>;

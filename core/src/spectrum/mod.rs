@@ -18,17 +18,6 @@ pub mod trig;
 mod fft;
 mod twin;
 
-pub mod kernel;
-// The instructions are those of ARMv7E-M; stable Rust does not show `target_feature = "dsp"`, and this core has no other
-// bare-metal target.
-#[cfg(all(target_arch = "arm", target_os = "none"))]
-pub mod kernel_armv7em;
-
-#[cfg(not(all(target_arch = "arm", target_os = "none")))]
-pub(crate) use kernel as active;
-#[cfg(all(target_arch = "arm", target_os = "none"))]
-pub(crate) use kernel_armv7em as active;
-
 use crate::adc::CHANNELS;
 
 /// Which transform computes the [`Spectrum`].

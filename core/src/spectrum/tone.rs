@@ -12,9 +12,9 @@
 
 #![deny(clippy::float_arithmetic)]
 
-use super::active;
 use super::trig::{ONE, Oscillator, cos_sin};
 use crate::adc::CHANNELS;
+use crate::kernel::active;
 
 /// How samples are weighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

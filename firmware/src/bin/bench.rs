@@ -23,7 +23,9 @@ use dsp_process::SplitProcess as _;
 use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::field::{Field, Gains, Law, Obstacle};
 use foxhound_core::frame::{Horizontal, Ned};
+use foxhound_core::goal::posterior::Sighting;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input};
+use foxhound_core::kernel::{armv7em, portable};
 use foxhound_core::map::{self, Circle, Map};
 use foxhound_core::mission::Control;
 use foxhound_core::multipath::{self, Look};
@@ -34,7 +36,7 @@ use foxhound_core::rng::Rng;
 use foxhound_core::rollout::{Cost, Reading, SPACING_M, Scene, Trajectory, WAYPOINTS};
 use foxhound_core::scan::{self, Pose, SECTORS_MAX, Scan, Sector};
 use foxhound_core::spectrum::tone::{Reference, Window};
-use foxhound_core::spectrum::{Backend, Spectrum, kernel, kernel_armv7em};
+use foxhound_core::spectrum::{Backend, Spectrum};
 use foxhound_core::time::Instant;
 use foxhound_core::units::{sin_cos, wrap_pi};
 use foxhound_firmware::app::SAMPLES_PER_CHANNEL as N;
@@ -120,14 +122,17 @@ fn kernels<const M: usize>(seed: u64) -> u32 {
         stages(&data, &twiddles, &check);
         for quad in data.as_chunks::<4>().0 {
             let [a, b, c, d] = *quad;
-            check(kernel_armv7em::add(a, b) == kernel::add(a, b), "add");
-            check(kernel_armv7em::subtract(a, b) == kernel::subtract(a, b), "subtract");
+            check(armv7em::add(a, b) == portable::add(a, b), "add");
+            check(armv7em::subtract(a, b) == portable::subtract(a, b), "subtract");
             let powers = [[a, b, c], [d, a ^ c, b ^ d]];
-            check(kernel_armv7em::powers(powers[0], powers[1]) == kernel::powers(powers[0], powers[1]), "powers");
+            let value = f32::from_bits(a);
+            // Not a number has several words; which one comes out does not matter.
+            let same = |one: f32, other: f32| one.to_bits() == other.to_bits() || (one.is_nan() && other.is_nan());
+            check(same(armv7em::sqrt(value), portable::sqrt(value)), "sqrt");
+            check(armv7em::powers(powers[0], powers[1]) == portable::powers(powers[0], powers[1]), "powers");
             let (up, mask) = (a % 16, !b);
             check(
-                kernel_armv7em::first_butterfly(*quad, up, mask, c ^ d)
-                    == kernel::first_butterfly(*quad, up, mask, c ^ d),
+                armv7em::first_butterfly(*quad, up, mask, c ^ d) == portable::first_butterfly(*quad, up, mask, c ^ d),
                 "first_butterfly",
             );
         }
@@ -135,15 +140,15 @@ fn kernels<const M: usize>(seed: u64) -> u32 {
         let mut table = Codes([0_i16; M]);
         for ((code, entry), word) in codes.0.iter_mut().zip(&mut table.0).zip(data) {
             // Codes of 12 bits in every other round, or no clipped sample would be seen.
-            *code = if round % 2 == 0 { kernel::low(word) >> 4 } else { kernel::low(word) };
-            *entry = kernel::high(word);
+            *code = if round % 2 == 0 { portable::low(word) >> 4 } else { portable::low(word) };
+            *entry = portable::high(word);
         }
         let (row, table) = (&codes.0, &table.0);
-        check(kernel_armv7em::moments(row) == kernel::moments(row), "moments");
-        check(kernel_armv7em::moments(&row[1..]) == kernel::moments(&row[1..]), "moments, unaligned");
-        check(kernel_armv7em::sum_and_reach(row) == kernel::sum_and_reach(row), "sum_and_reach");
-        check(kernel_armv7em::lock_in(row, table) == kernel::lock_in(row, table), "lock_in");
-        check(kernel_armv7em::table_energies(table) == kernel::table_energies(table), "table_energies");
+        check(armv7em::moments(row) == portable::moments(row), "moments");
+        check(armv7em::moments(&row[1..]) == portable::moments(&row[1..]), "moments, unaligned");
+        check(armv7em::sum_and_reach(row) == portable::sum_and_reach(row), "sum_and_reach");
+        check(armv7em::lock_in(row, table) == portable::lock_in(row, table), "lock_in");
+        check(armv7em::table_energies(table) == portable::table_energies(table), "table_energies");
     }
     (ROUNDS * 2 * M) as u32
 }
@@ -171,7 +176,7 @@ impl Words {
     }
 
     fn word(&mut self) -> u32 {
-        kernel::pack(self.lane(), self.lane())
+        portable::pack(self.lane(), self.lane())
     }
 }
 
@@ -200,11 +205,11 @@ fn stage<const M: usize, const L: usize, const LEN: usize>(
     }
     let both = |target: &mut [u32; M], portable: &mut [u32; M], by_two: bool| {
         if by_two {
-            let reach = kernel_armv7em::stage::<M, L, LEN, true>(target, twiddles);
-            reach == kernel::stage::<M, L, LEN, true>(portable, twiddles)
+            let reach = armv7em::stage::<M, L, LEN, true>(target, twiddles);
+            reach == portable::stage::<M, L, LEN, true>(portable, twiddles)
         } else {
-            let reach = kernel_armv7em::stage::<M, L, LEN, false>(target, twiddles);
-            reach == kernel::stage::<M, L, LEN, false>(portable, twiddles)
+            let reach = armv7em::stage::<M, L, LEN, false>(target, twiddles);
+            reach == portable::stage::<M, L, LEN, false>(portable, twiddles)
         }
     };
     for by_two in [false, true] {
@@ -727,8 +732,19 @@ fn cost_naively(trajectory: &Trajectory, target: Horizontal, obstacles: &[Obstac
 #[inline(never)]
 fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch: &mut Scratch) {
     let mut rng = Rng::new(1, 1);
-    let mut request =
-        PlanRequest { id: 1, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, ..PlanRequest::default() };
+    let mut request = PlanRequest {
+        id: 1,
+        fresh: true,
+        target_ned_m: Horizontal { north: 2.0, east: 0.0 },
+        direction_ned: Horizontal { north: 1.0, east: 0.0 },
+        ..PlanRequest::default()
+    };
+    // As many as come between two replans.
+    for _ in 0..7 {
+        let direction_ned = request.direction_ned;
+        let sighting = Sighting { direction_ned, sigma_rad: 0.03, since_s: 0.1, ..Sighting::default() };
+        let _ = request.sightings.push(sighting);
+    }
     for _ in 0..OBSTACLES {
         let circle = Circle {
             center_ned_m: Horizontal { north: 8.0 * rng.uniform() - 3.0, east: 8.0 * rng.uniform() - 4.0 },

@@ -38,6 +38,7 @@
 use super::Estimator;
 use crate::adc::CHANNELS;
 use crate::array::Array;
+use crate::kernel::sqrt;
 use crate::phase::Complex;
 use crate::units::wrap_pi;
 
@@ -151,7 +152,7 @@ fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
 }
 
 fn length(a: [f32; 2]) -> f32 {
-    libm::sqrtf(dot(a, a))
+    sqrt(dot(a, a))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use super::{Outcome, PAIR_MIN_RAD, azimuth, dot, length, subtract};
 use crate::adc::CHANNELS;
 use crate::array::Array;
+use crate::kernel::sqrt;
 use crate::phase::Complex;
 
 /// The lags that tell the side of A1A2, and of A3A4.
@@ -35,7 +36,7 @@ impl Angle {
 
     /// Cosine of the angle, not negative, as that of an arcsine.
     pub(super) fn cosine(&self) -> f32 {
-        libm::sqrtf((1.0 - self.sine) * (1.0 + self.sine))
+        sqrt((1.0 - self.sine) * (1.0 + self.sine))
     }
 }
 

@@ -1,4 +1,4 @@
-//! The inner loops in the instructions of a Cortex-M4: the functions of [`super::kernel`] under the same names, equal to
+//! The inner loops in the instructions of a Cortex-M4: the functions of [`super::portable`] under the same names, equal to
 //! them bit for bit.
 //!
 //! The compiler does not find the dual 16-bit instructions by itself, and spills when it is given all sums of the lock-in
@@ -10,7 +10,7 @@
 
 use core::arch::{asm, naked_asm};
 
-pub use super::kernel::{Moments, high, low, pack, pack_high, pack_low};
+pub use super::portable::{Moments, high, low, pack, pack_high, pack_low};
 
 /// Lines of assembly, two, four or eight times over. Not `.rept`: the compiler takes the length of inline assembly from its
 /// lines, and would place constants out of reach.
@@ -44,6 +44,22 @@ pub fn subtract(a: u32, b: u32) -> u32 {
             options(pure, nomem, nostack));
     }
     result
+}
+
+/// The square root: one instruction, where `libm` computes it in integers. Both are rounded as IEEE 754 says.
+///
+/// A call, because stable Rust gives inline assembly no floating-point registers on this target.
+#[must_use]
+#[inline(always)]
+pub fn sqrt(value: f32) -> f32 {
+    vsqrt(value)
+}
+
+// The procedure call standard of the target (AAPCS, VFP variant) passes and returns the number in s0.
+#[unsafe(naked)]
+extern "C" fn vsqrt(value: f32) -> f32 {
+    // The assembler does not know the unit from the target.
+    naked_asm!(".fpu fpv4-sp-d16", "vsqrt.f32 s0, s0", "bx lr")
 }
 
 /// The first butterfly of two neighbouring samples of one channel.
@@ -397,30 +413,30 @@ pub fn table_energies<const N: usize>(table: &[i16; N]) -> [i64; 3] {
 /// The portable functions, for what does not start at a multiple of four, which double-word loads insist on. Apart, or
 /// the compiler unrolls them into their callers.
 mod unaligned {
-    use super::super::kernel;
+    use super::super::portable;
     use super::Moments;
 
     #[cold]
     #[inline(never)]
     pub(super) fn moments(row: &[i16]) -> Moments {
-        kernel::moments(row)
+        portable::moments(row)
     }
 
     #[cold]
     #[inline(never)]
     pub(super) fn sum_and_reach(row: &[i16]) -> (i32, u32) {
-        kernel::sum_and_reach(row)
+        portable::sum_and_reach(row)
     }
 
     #[cold]
     #[inline(never)]
     pub(super) fn lock_in(row: &[i16], table: &[i16]) -> [i32; 4] {
-        kernel::lock_in(row, table)
+        portable::lock_in(row, table)
     }
 
     #[cold]
     #[inline(never)]
     pub(super) fn table_energies(table: &[i16]) -> [i64; 3] {
-        kernel::table_energies(table)
+        portable::table_energies(table)
     }
 }

@@ -34,6 +34,13 @@ fn halved(sum: i32) -> i16 {
     (sum >> 1) as i16
 }
 
+/// The square root (`VSQRT.F32`).
+#[inline(always)]
+#[must_use]
+pub fn sqrt(value: f32) -> f32 {
+    libm::sqrtf(value)
+}
+
 /// `a + b` (`SADD16`).
 #[inline(always)]
 #[must_use]

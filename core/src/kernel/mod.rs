@@ -1,0 +1,18 @@
+//! Kernels: the few functions that are worth the target's own instructions, each with a portable twin of the same bits.
+//! Before every room.
+//!
+//! [`portable`] is what runs everywhere but on the target; the target's are in `armv7em`, which exists there only. The
+//! bench compares the two word for word before it measures anything.
+
+pub mod portable;
+// The instructions are those of ARMv7E-M with the single precision unit; stable Rust does not show
+// `target_feature = "dsp"`, and this core has no other bare-metal target.
+#[cfg(all(target_arch = "arm", target_os = "none"))]
+pub mod armv7em;
+
+#[cfg(all(target_arch = "arm", target_os = "none"))]
+pub(crate) use armv7em as active;
+#[cfg(not(all(target_arch = "arm", target_os = "none")))]
+pub(crate) use portable as active;
+
+pub(crate) use active::sqrt;
