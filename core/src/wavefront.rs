@@ -15,6 +15,7 @@ use heapless::Vec;
 use crate::error::{ConfigError, check};
 use crate::field::Obstacle;
 use crate::frame::Horizontal;
+use crate::kernel::sqrt;
 
 /// Cells along a side, with the closed rim that saves every bounds check inside.
 pub const SIDE: usize = 92;
@@ -36,7 +37,7 @@ const WAITING_MAX: usize = 1024;
 const NONE: u16 = u16::MAX;
 /// Steps of the way back to the start that are remembered: those nearest to it.
 pub const ROUTE_MAX: usize = 64;
-const WORDS: usize = SIDE.div_ceil(32);
+const WORDS: usize = CELLS.div_ceil(32);
 /// Half the diagonal of a cell, in cells.
 const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
 /// How far the window is pushed ahead of the vehicle, towards where it wants to go.
@@ -113,7 +114,8 @@ pub struct Window {
     cell_m: f32,
     start_ned_m: Horizontal,
     arrival: [u16; CELLS],
-    rims: [[[u32; WORDS]; SIDE]; 2],
+    /// One bit a cell.
+    rims: [[u32; WORDS]; 2],
     first: [u16; BUCKETS],
     waiting: [Waiting; WAITING_MAX],
     free: u16,
@@ -150,7 +152,7 @@ impl Window {
             cell_m: 0.0,
             start_ned_m: Horizontal { north: 0.0, east: 0.0 },
             arrival: [0; CELLS],
-            rims: [[[0; WORDS]; SIDE]; 2],
+            rims: [[0; WORDS]; 2],
             first: [0; BUCKETS],
             waiting: [Waiting { cell: 0, next: 0 }; WAITING_MAX],
             free: 0,
@@ -271,23 +273,21 @@ impl Window {
 
     /// Closes cells `from..to` of a row, or marks them as part of a rim.
     fn mark(&mut self, row: usize, from: usize, to: usize, tier: Tier) {
+        let (from, to) = (row * SIDE + from, row * SIDE + to);
         let rim = match tier {
-            Tier::Closed => return self.arrival[row * SIDE + from..row * SIDE + to].fill(CLOSED),
+            Tier::Closed => return self.arrival[from..to].fill(CLOSED),
             Tier::Rim(rim) => &mut self.rims[rim],
         };
-        for (index, word) in rim[row].iter_mut().enumerate() {
-            let low = from.clamp(index * 32, index * 32 + 32) - index * 32;
-            let high = to.clamp(index * 32, index * 32 + 32) - index * 32;
-            if low < high {
-                *word |= (u32::MAX >> (32 - (high - low))) << low;
-            }
+        for (index, word) in rim.iter_mut().enumerate().take(to.div_ceil(32)).skip(from / 32) {
+            let low = from.max(index * 32) - index * 32;
+            let high = to.min(index * 32 + 32) - index * 32;
+            *word |= (u32::MAX >> (32 - (high - low))) << low;
         }
     }
 
     /// log2 of the slowness of a cell.
     fn slowness(&self, cell: usize) -> u16 {
-        let (row, column) = (cell / SIDE, cell % SIDE);
-        let bit = |rim: usize| (self.rims[rim][row][column / 32] >> (column % 32)) & 1;
+        let bit = |rim: usize| (self.rims[rim][cell / 32] >> (cell % 32)) & 1;
         SLOW_SHIFT[(bit(0) | bit(1) << 1) as usize]
     }
 
@@ -334,7 +334,7 @@ impl Wavefront {
                 window.arrival[cell] = CLOSED;
             }
         }
-        window.rims = [[[0; WORDS]; SIDE]; 2];
+        window.rims = [[0; WORDS]; 2];
         for obstacle in obstacles {
             draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.clear_m, Tier::Rim(0));
             draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.narrow_m, Tier::Rim(1));
@@ -373,7 +373,7 @@ fn draw(window: &mut Window, center_ned_m: Horizontal, radius_m: f32, tier: Tier
         if half_squared <= 0.0 {
             continue;
         }
-        let half = libm::sqrtf(half_squared);
+        let half = sqrt(half_squared);
         let first = (libm::ceilf(center.east - half - 0.5) as usize).max(1);
         let last = ((center.east + half + 0.5) as usize).min(SIDE - 1);
         if first < last {
@@ -435,24 +435,30 @@ fn spread(window: &mut Window) {
         window.waiting[usize::from(entry)].next = window.free;
         window.free = entry;
         let cell = usize::from(cell);
-        let here = window.arrival[cell];
-        for (there, along_row) in [(cell - SIDE, false), (cell + SIDE, false), (cell - 1, true), (cell + 1, true)] {
-            let old = window.arrival[there];
-            if old <= here || old == CLOSED {
-                continue;
-            }
-            // The neighbours across: the earlier one counts.
-            let (one, other) = if along_row { (there - SIDE, there + SIDE) } else { (there - 1, there + 1) };
-            let across = window.arrival[one].min(window.arrival[other]);
-            let (early, late) = if across < here { (across, here) } else { (here, across) };
-            let shift = window.slowness(there);
-            let apart = ((late - early) >> shift).min(UNIT);
-            let arrival = early.saturating_add(u16::from(STEP[usize::from(apart)]) << shift);
-            if arrival < old && arrival < FAR {
-                window.arrival[there] = arrival;
-                window.push(there, arrival);
-            }
-        }
+        let here = u32::from(window.arrival[cell]);
+        relax(window, here, cell - SIDE, [cell - SIDE - 1, cell - SIDE + 1]);
+        relax(window, here, cell + SIDE, [cell + SIDE - 1, cell + SIDE + 1]);
+        relax(window, here, cell - 1, [cell - 1 - SIDE, cell - 1 + SIDE]);
+        relax(window, here, cell + 1, [cell + 1 - SIDE, cell + 1 + SIDE]);
+    }
+}
+
+/// Carries the wave on to a cell from one neighbour and the earlier one of the two across.
+#[inline(always)]
+fn relax(window: &mut Window, here: u32, there: usize, across: [usize; 2]) {
+    let old = u32::from(window.arrival[there]);
+    if old <= here || old == u32::from(CLOSED) {
+        return;
+    }
+    let across = across.map(|cell| u32::from(window.arrival[cell]));
+    let across = if across[0] < across[1] { across[0] } else { across[1] };
+    let (early, late) = if across < here { (across, here) } else { (here, across) };
+    let shift = window.slowness(there);
+    let apart = ((late - early) >> shift).min(u32::from(UNIT));
+    let arrival = early + (u32::from(STEP[apart as usize]) << shift);
+    if arrival < old && arrival < u32::from(FAR) {
+        window.arrival[there] = arrival as u16;
+        window.push(there, arrival as u16);
     }
 }
 
