@@ -929,6 +929,14 @@ mod tests {
     }
 
     #[test]
+    fn the_navigation_half_keeps_within_48_kilobytes() {
+        // Everything but the antennas: the planner's memory, and what guidance carries without the phases.
+        let carried = size_of::<State<256>>() - size_of::<phase::State<256>>();
+        let bytes = size_of::<Scratch>() + size_of::<planner::Planner>() + carried;
+        assert!(bytes <= 48 * 1024, "{bytes}");
+    }
+
+    #[test]
     fn a_planner_that_thinks_the_vehicle_smaller_is_refused() {
         let mut config = Config::default();
         config.guard.vehicle_radius_m = 0.3;

@@ -1,7 +1,7 @@
 //! Instruction counts of the rooms: the firmware's bench image in QEMU.
 //!
 //! The image measures itself and the crates that do the same work, and compares the target's kernels with the portable
-//! ones (its own documentation says in which lines). A row above its ceiling fails the run unless [`KNOWN`] names it.
+//! ones (its own documentation says in which lines). A row above its ceiling fails the run.
 //!
 //! CMSIS-DSP is no part of the image: its counts are those of commit ec1bb752, `-O3`, linked with Rust kernels into one
 //! image and counted the same way, with scaling, copies and four arctangents (which add some 370 instructions) included.
@@ -12,16 +12,6 @@ use serde_json::{Map, Value, json};
 
 use crate::build::Image;
 use crate::{Board, Failure, qemu};
-
-/// Rows that are above their ceiling and may be: printed as such, with the reason.
-const KNOWN: [(&str, &str); 3] = [
-    ("look_pillars", "a look at ten pillars is fitted and remembered in one step; it is to be spread over several"),
-    ("look_worst", "random ranges with a full store; as above"),
-    (
-        "fast_loop_tracking",
-        "the guard's look at where it has been, and what is near among 128 circles, come every step",
-    ),
-];
 
 /// CMSIS-DSP routines, four channels of 256 samples, and their instructions.
 const CMSIS_DSP: [(&str, u32); 4] =
@@ -45,7 +35,7 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
     } else {
         print!("{}", report.table());
     }
-    let over: Vec<&str> = report.rows.iter().filter(|row| row.fails()).map(|row| row.name).collect();
+    let over: Vec<&str> = report.rows.iter().filter(|row| row.is_over()).map(|row| row.name).collect();
     if over.is_empty() { Ok(()) } else { Err(Failure(format!("above the ceiling: {}", over.join(", ")))) }
 }
 
@@ -84,9 +74,6 @@ impl<'a> Report<'a> {
         if report.rows.is_empty() || report.equal_words.unwrap_or(0) == 0 {
             return Err(Failure("the bench image did not measure, or did not compare the kernels".to_owned()));
         }
-        if let Some((name, _)) = KNOWN.iter().find(|(name, _)| report.rows.iter().all(|row| row.name != *name)) {
-            return Err(Failure(format!("{name} is known to be above its ceiling, but there is no such row")));
-        }
         Ok(report)
     }
 
@@ -109,13 +96,10 @@ impl<'a> Report<'a> {
     }
 
     fn json(&self) -> Value {
-        let names = |which: &dyn Fn(&Row<'_>) -> bool| -> Vec<&str> {
-            self.rows.iter().filter(|row| which(row)).map(|row| row.name).collect()
-        };
+        let over: Vec<&str> = self.rows.iter().filter(|row| row.is_over()).map(|row| row.name).collect();
         json!({
             "rows": self.rows.iter().map(Row::json).collect::<Vec<_>>(),
-            "over": names(&|row| row.is_over()),
-            "known": names(&|row| row.is_over() && row.reason().is_some()),
+            "over": over,
             "kernels_equal_words": self.equal_words,
         })
     }
@@ -124,11 +108,7 @@ impl<'a> Report<'a> {
         let mut text = String::new();
         let _ = writeln!(text, "kernels equal on {} words", self.equal_words.unwrap_or(0));
         for row in &self.rows {
-            let mark = match (row.is_over(), row.reason()) {
-                (false, _) => String::new(),
-                (true, None) => "  ABOVE ITS CEILING".to_owned(),
-                (true, Some(reason)) => format!("  above its ceiling, known: {reason}"),
-            };
+            let mark = if row.is_over() { "  ABOVE ITS CEILING" } else { "" };
             let number = |value: u64| match row.quantity {
                 Quantity::Instructions => value.to_string(),
                 Quantity::Error => format!("{:.4} deg", value as f64 * 1e-6),
@@ -152,15 +132,6 @@ impl<'a> Report<'a> {
 impl Row<'_> {
     fn is_over(&self) -> bool {
         self.ceiling.is_some_and(|ceiling| self.value > ceiling)
-    }
-
-    /// Why it may be above its ceiling.
-    fn reason(&self) -> Option<&'static str> {
-        KNOWN.iter().find(|(name, _)| *name == self.name).map(|(_, reason)| *reason)
-    }
-
-    fn fails(&self) -> bool {
-        self.is_over() && self.reason().is_none()
     }
 
     /// The routines that do this row's work: all find phasors, the transforms find a spectrum too.
@@ -200,19 +171,15 @@ impl Row<'_> {
 mod tests {
     use super::*;
 
-    const LINES: &str = "equal 8\ncount phasors 2000 1900\npeer phasors idsp 9000\nerror a 4 5\ncount b 7 0\n\
-                         count look_solve_turning_worst 9 8";
+    const LINES: &str = "equal 8\ncount phasors 2000 1900\npeer phasors idsp 9000\nerror a 4 5\ncount b 7 0";
 
     #[test]
     fn a_row_above_its_ceiling_is_marked_and_listed_and_fails() {
         let report = Report::parse(LINES).unwrap();
-        assert_eq!(report.rows.iter().map(Row::fails).collect::<Vec<_>>(), [true, false, false, false]);
+        assert_eq!(report.rows.iter().map(Row::is_over).collect::<Vec<_>>(), [true, false, false]);
         assert!(report.table().contains("ABOVE"));
         let json = report.json();
-        assert_eq!(
-            (&json["over"], &json["known"]),
-            (&json!(["phasors", "look_solve_turning_worst"]), &json!(["look_solve_turning_worst"]))
-        );
+        assert_eq!(json["over"], json!(["phasors"]));
         assert_eq!(json["rows"][0]["peers"]["idsp"], 9000);
         assert_eq!(json["rows"][0]["cmsis_dsp_reference"]["dot_prod_q15x8"], 5588);
         assert_eq!(json["rows"][2]["ceiling"], Value::Null);
