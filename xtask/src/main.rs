@@ -1,10 +1,11 @@
-//! Developer commands: `cargo xtask <test | firmware | flash | qemu | bench>`.
+//! Developer commands: `cargo xtask <test | firmware | flash | qemu | bench | parity>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
 
 mod bench;
 mod build;
+mod parity;
 mod test;
 
 use std::fmt;
@@ -48,6 +49,12 @@ enum Task {
         /// Print one JSON object: the rows with name, instructions, ceiling
         #[arg(long)]
         json: bool,
+    },
+    /// Fly many missions on the host and in QEMU, and compare their traces
+    Parity {
+        /// How many
+        #[arg(long, default_value_t = 100)]
+        flights: u32,
     },
 }
 
@@ -109,6 +116,7 @@ fn run(task: &Task) -> Result<(), Failure> {
             attend(&mut qemu)
         }
         Task::Bench { json } => bench::run(*json),
+        Task::Parity { flights } => parity::run(*flights),
     }
 }
 
