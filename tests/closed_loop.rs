@@ -98,3 +98,22 @@ fn the_report_has_every_field_of_the_interface_and_no_others_by_surprise() {
         assert!(!report[field].is_null(), "{field} is missing in {report}");
     }
 }
+
+#[test]
+fn a_source_whose_place_is_known_is_flown_to_straight_whatever_the_bearings_say() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut lengths_m = Vec::new();
+    for only in [true, false] {
+        let file = dir.path().join("known.json");
+        let scenario = serde_json::json!({"goal": [8, 4], "bearing": {"only": only, "sigma_deg": 40}});
+        std::fs::write(&file, scenario.to_string()).unwrap();
+        for seed in ["1", "2", "3"] {
+            let (code, report) = fly(&["--seed", seed, "--scenario", &file.to_string_lossy()]);
+            assert_eq!(code, 0, "{report}");
+            lengths_m.push(report["path_length_m"].as_f64().unwrap());
+        }
+    }
+    let straight_m = 80.0_f64.sqrt() - 0.5;
+    assert!(lengths_m[3..].iter().all(|length_m| *length_m < 1.03 * straight_m), "{lengths_m:?}");
+    assert!(lengths_m[..3].iter().sum::<f64>() > 1.02 * lengths_m[3..].iter().sum::<f64>(), "{lengths_m:?}");
+}

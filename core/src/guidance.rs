@@ -196,6 +196,7 @@ impl Config {
             retry_ticks: libm::ceilf(self.retry_s / self.tick_s) as u32,
             plan_margin_m: 0.5 * self.planner.margin_m,
             target_distance_m: self.goal.target_distance_m,
+            known_source_ned_m: self.goal.known_source_ned_m,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
             scan: self.scan.build()?,
@@ -220,6 +221,7 @@ pub struct Guidance<const N: usize> {
     retry_ticks: u32,
     plan_margin_m: f32,
     target_distance_m: f32,
+    known_source_ned_m: Option<Horizontal>,
     phase: phase::Extractor<N>,
     bearing: bearing::Finder,
     scan: scan::Fitter,
@@ -565,6 +567,7 @@ impl<const N: usize> Guidance<N> {
         state.request.fresh = state.request.id == 1;
         state.request.position_ned_m = situation.position_ned_m;
         state.request.direction_ned = direction;
+        state.request.known_source_ned_m = self.known_source_ned_m;
         state.request.sightings = state.goal.take_sightings();
         state.request.circles = state.map.circles().copied().collect();
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));

@@ -64,7 +64,7 @@ impl Config {
     pub fn build(&self, fov_rad: f32) -> Result<Looker, ConfigError> {
         check("sight.smallest_obstacle_m", self.smallest_obstacle_m, 0.05, 1.0)?;
         check("sight.start_clearance_m", self.start_clearance_m, 0.0, 1.0)?;
-        check("sight.range_m", self.range_m, 0.5, 100.0)?;
+        check("sight.range_m", self.range_m, 0.1, 100.0)?;
         check("guard.fov_rad", fov_rad, 0.1, core::f32::consts::TAU)?;
         let rays = libm::ceilf(fov_rad / RAY_STEP_RAD) as usize;
         Ok(Looker { config: *self, fov_rad, rays: rays.clamp(8, SECTORS_MAX) })

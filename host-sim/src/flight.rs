@@ -72,6 +72,12 @@ impl Mission {
         config.bearing.estimator = self.estimator;
         config.guard.v_max_mps = scenario.limits.v_max as f32;
         config.guard.a_max_mps2 = scenario.limits.a_max as f32;
+        let moves = scenario.goal_velocity.iter().any(|speed| *speed != 0.0);
+        if !scenario.bearing.only && !moves {
+            let [east, north] = scenario.goal.map(|metres| metres as f32);
+            config.goal.known_source_ned_m = Some(foxhound_core::frame::Horizontal { north, east });
+        }
+        config.guard.sight.range_m = scenario.sensor.range_m as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.response = match scenario.vehicle.model {
             VehicleModel::Point => {
@@ -404,7 +410,7 @@ impl<'a> Ears<'a> {
         match scenario.bearing_model() {
             BearingModel::Noise if is_silent => Heard::Nothing,
             BearingModel::Noise => {
-                let sigma_rad = if settings.only { settings.sigma_deg.to_radians() } else { 0.0 };
+                let sigma_rad = settings.sigma_deg.to_radians();
                 let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
                 Heard::Bearing(bearing_of(now, wrap_pi(azimuth_rad), sigma_rad.max(SIGMA_FLOOR_RAD)))
             }

@@ -101,7 +101,7 @@ pub enum SensorModel {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Bearing {
-    /// The goal's position is never given to the planner.
+    /// The goal is never given to the planner; else it is told its place, unless that moves.
     pub only: bool,
     /// Antenna waveforms, or bearings with noise.
     pub model: Option<BearingModel>,

@@ -39,11 +39,13 @@ pub struct Config {
     pub memory_min_s: f32,
     /// Memory added per radian of the bearings' sigma.
     pub memory_s_per_rad: f32,
+    /// Where the source is, if somebody knows. Bearings are still needed: they say that it can be heard.
+    pub known_source_ned_m: Option<Horizontal>,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { target_distance_m: 2.0, memory_min_s: 0.1, memory_s_per_rad: 6.0 }
+        Self { target_distance_m: 2.0, memory_min_s: 0.1, memory_s_per_rad: 6.0, known_source_ned_m: None }
     }
 }
 
@@ -56,6 +58,10 @@ impl Config {
         check("goal.target_distance_m", self.target_distance_m, 0.5, 20.0)?;
         check("goal.memory_min_s", self.memory_min_s, 0.0, 10.0)?;
         check("goal.memory_s_per_rad", self.memory_s_per_rad, 0.0, 100.0)?;
+        if let Some(place) = self.known_source_ned_m {
+            check("goal.known_source_ned_m.north", place.north, -1e5, 1e5)?;
+            check("goal.known_source_ned_m.east", place.east, -1e5, 1e5)?;
+        }
         Ok(Seeker { config: *self })
     }
 }
