@@ -36,7 +36,7 @@ const SLOW_SHIFT: [u16; 4] = [0, 1, 2, 2];
 const WAITING_MAX: usize = 1024;
 const NONE: u16 = u16::MAX;
 /// Steps of the way back to the start that are remembered: those nearest to it.
-pub const ROUTE_MAX: usize = 64;
+pub const ROUTE_MAX: usize = 48;
 const WORDS: usize = CELLS.div_ceil(32);
 /// Half the diagonal of a cell, in cells.
 const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
@@ -193,8 +193,13 @@ impl Window {
     /// The reached place at the window's edge from which a place outside is nearest, the way to the edge included.
     #[must_use]
     pub fn best_exit(&self, outside_ned_m: Horizontal) -> Option<Horizontal> {
-        let edge = (1..SIDE - 1).flat_map(|k| [SIDE + k, (SIDE - 2) * SIDE + k, k * SIDE + 1, k * SIDE + SIDE - 2]);
-        self.least(edge, |arrival_m, place| arrival_m + outside_ned_m.minus(place).norm())
+        self.least(edge(), |arrival_m, place| arrival_m + outside_ned_m.minus(place).norm())
+    }
+
+    /// The reached place at the window's edge that is nearest to one outside.
+    #[must_use]
+    pub fn nearest_exit(&self, outside_ned_m: Horizontal) -> Option<Horizontal> {
+        self.least(edge(), |_, place| outside_ned_m.minus(place).norm_squared())
     }
 
     /// The reached place that is nearest to one which cannot be reached, if it is within a radius.
@@ -214,6 +219,40 @@ impl Window {
     #[must_use]
     pub fn nearest_reached(&self, place_ned_m: Horizontal) -> Option<Horizontal> {
         self.least(0..CELLS, |_, place| place_ned_m.minus(place).norm_squared())
+    }
+
+    /// Whether from around a place that has not been reached there may be a way out of the window, so that one from the
+    /// start may come in from outside. The cells around it count as closed from then on.
+    pub fn is_open(&mut self, place_ned_m: Horizontal) -> bool {
+        let Some(center) = self.cell_at(place_ned_m) else { return true };
+        // The entries of the march, as a stack.
+        let (mut height, mut open) = (0, false);
+        for (offset, _) in NEIGHBOURS.into_iter().chain([(0, 0)]) {
+            height = self.stack(center.wrapping_add_signed(offset), height);
+        }
+        while let Some(top) = height.checked_sub(1) {
+            height = top;
+            let cell = usize::from(self.waiting[top].cell);
+            let (row, column) = (cell / SIDE, cell % SIDE);
+            // When the stack is full something is left out, and what is so wide counts as open.
+            open |= row == 1 || row == SIDE - 2 || column == 1 || column == SIDE - 2 || height + 8 > WAITING_MAX;
+            for there in [cell - SIDE, cell + SIDE, cell - 1, cell + 1] {
+                height = self.stack(there, height);
+            }
+        }
+        open
+    }
+
+    /// Puts a cell that has not been reached onto the stack, and closes it; the new height.
+    fn stack(&mut self, cell: usize, height: usize) -> usize {
+        match self.waiting.get_mut(height) {
+            Some(waiting) if self.arrival[cell] == FAR => {
+                waiting.cell = cell as u16;
+                self.arrival[cell] = CLOSED;
+                height + 1
+            }
+            _ => height,
+        }
     }
 
     fn least(
@@ -355,6 +394,11 @@ impl Wavefront {
         }
         spread(window);
     }
+}
+
+/// The outermost cells inside of the rim.
+fn edge() -> impl Iterator<Item = usize> {
+    (1..SIDE - 1).flat_map(|k| [SIDE + k, (SIDE - 2) * SIDE + k, k * SIDE + 1, k * SIDE + SIDE - 2])
 }
 
 /// Draws a disc: every cell whose centre is inside.

@@ -7,6 +7,11 @@
 //! 4. The paper's ten samples lead to it, with soft gains and a sampled swirl; only those whose swept path keeps its
 //!    margin may be chosen. None left: the way itself. That not clear either: a brake plan.
 //!
+//! Some seconds without coming nearer begin a detour: every fourth replan then looks at a window three times as wide and as
+//! coarse, and those between follow the way found there, until the vehicle is nearer to the source than it has ever been
+//! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). After two minutes without coming nearer there is
+//! no way.
+//!
 //! No way to any place where the source may be: to the nearest place that there is a way to, and a brake plan there.
 
 use heapless::Vec;
@@ -20,7 +25,7 @@ use crate::kernel::sqrt;
 use crate::map::CIRCLES_MAX;
 use crate::rng::Rng;
 use crate::rollout::{Cost, Reading, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
-use crate::wavefront::{Wavefront, Window};
+use crate::wavefront::{ROUTE_MAX, Wavefront, Window};
 
 /// Stream of the posterior's random numbers.
 const SOURCE_STREAM: u64 = 0x736f_7572_6365;
@@ -41,6 +46,20 @@ const CENTRING_STEPS: usize = 4;
 /// Share of the posterior that must be within reach for the source to be sought there.
 const REACHABLE_SHARE: f32 = 0.02;
 
+/// Nearer to the source by this is progress.
+const PROGRESS_M: f32 = 0.3;
+/// Replans without coming nearer, after which something must be in the way.
+const PATIENCE: u16 = 8;
+/// Width of the window when it looks far, and how often that is.
+const FAR_SCALE: f32 = 3.0;
+const FAR_EVERY: u16 = 4;
+/// Two places of the way found are not farther apart than this.
+const WAY_STEP_M: f32 = 1.0;
+/// A way shorter than this has ended.
+const WAY_MIN_M: f32 = 0.6;
+/// Replans without coming nearer after which it is given up: some two minutes.
+const SINCE_MAX: u16 = 150;
+
 /// What our planner remembers and works in.
 #[derive(Clone, Debug)]
 pub(super) struct Memory {
@@ -48,11 +67,50 @@ pub(super) struct Memory {
     window: Window,
     /// Every known obstacle.
     all: Vec<Obstacle, CIRCLES_MAX>,
+    /// The way round, as seen from far.
+    way: Vec<Horizontal, ROUTE_MAX>,
+    progress: Option<Progress>,
+}
+
+/// Whether it comes nearer.
+#[derive(Clone, Copy, Debug)]
+struct Progress {
+    /// Where it was nearest to the source so far, and the replans since.
+    closest_ned_m: Horizontal,
+    since: u16,
+    /// So many replans without coming nearer begin a detour.
+    patience: u16,
+    /// On a detour: replans until the next that looks far.
+    until_far: Option<u16>,
+}
+
+impl Progress {
+    fn new(closest_ned_m: Horizontal) -> Self {
+        Self { closest_ned_m, since: 0, patience: PATIENCE, until_far: None }
+    }
+
+    /// One replan later.
+    fn step(&mut self, start: Horizontal, source: Horizontal) {
+        self.since = self.since.saturating_add(1);
+        self.until_far = match self.until_far {
+            Some(left) => Some(left.checked_sub(1).unwrap_or(FAR_EVERY - 1)),
+            None => (self.since >= self.patience).then_some(0),
+        };
+        if source.minus(start).norm() < source.minus(self.closest_ned_m).norm() - PROGRESS_M {
+            *self = Self::new(start);
+        }
+    }
+
+    /// The way seen from far turns out to be none.
+    fn abandon(&mut self) {
+        self.until_far = None;
+        self.patience = self.since.saturating_add(PATIENCE);
+    }
 }
 
 impl Memory {
     pub(super) const fn new() -> Self {
-        Self { posterior: Posterior::new(), window: Window::new(), all: Vec::new() }
+        Self { posterior: Posterior::new(), window: Window::new(), all: Vec::new(), way: Vec::new(), progress: None }
     }
 }
 
@@ -71,14 +129,21 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
     let source = locate(&mut scratch.memory.posterior, request);
     let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
 
-    let Memory { posterior, window, all } = &mut scratch.memory;
+    let Memory { posterior, window, all, way, progress } = &mut scratch.memory;
+    if request.fresh {
+        *progress = None;
+        way.clear();
+    }
     all.clear();
     for circle in &request.circles {
         // Cannot fail: as many places as circles.
         let _ = all.push(Obstacle::of(circle, config.vehicle_radius_m));
     }
-    wavefront.march(window, start, toward, 1.0, all);
-    let aim = aim(window, posterior, toward);
+    let progress = progress.get_or_insert(Progress::new(start));
+    progress.step(start, toward);
+    let far = progress.until_far == Some(0);
+    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, all);
+    let aim = aim(window, posterior, all, (progress, &*way), toward);
     scratch.obstacles.clear();
     let horizon_m = config.horizon_m + 2.0;
     for obstacle in all.iter() {
@@ -100,6 +165,9 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
     };
     let Some(aim) = aim else { return plan };
     let mut route = window.route(aim.place_ned_m);
+    if far {
+        way.clone_from(&route);
+    }
     // What is beyond the horizon does not matter yet.
     let beyond = |place: &Horizontal| place.minus(start).norm_squared() > config.horizon_m * config.horizon_m;
     route.truncate(route.iter().position(beyond).unwrap_or(route.len()));
@@ -151,9 +219,22 @@ fn locate(posterior: &mut Posterior, request: &PlanRequest) -> Option<Estimate> 
 }
 
 /// Where to go in the window.
-fn aim(window: &Window, posterior: &Posterior, source: Horizontal) -> Option<Aim> {
+fn aim(
+    window: &mut Window,
+    posterior: &Posterior,
+    obstacles: &[Obstacle],
+    (progress, way): (&mut Progress, &[Horizontal]),
+    source: Horizontal,
+) -> Option<Aim> {
     let hopeful = |place_ned_m| Some(Aim { place_ned_m, hopeful: true });
-    if let Some(place) = approach(window, source) {
+    let inside = window.contains(source);
+    if inside && let Some(place) = approach(window, source) {
+        return hopeful(place);
+    }
+    if progress.since < SINCE_MAX
+        && (!inside || window.is_open(source))
+        && let Some(place) = leave(window, obstacles, (progress, way), source)
+    {
         return hopeful(place);
     }
     // Not there, then: where else it may be and there is a way to.
@@ -194,6 +275,55 @@ fn approach(window: &Window, place: Horizontal) -> Option<Horizontal> {
     } else {
         window.best_exit(place)
     }
+}
+
+/// The place to leave the window at, towards a source that cannot be reached inside of it; on a detour the farthest place
+/// of the way that was seen from far.
+fn leave(
+    window: &Window,
+    obstacles: &[Obstacle],
+    (progress, way): (&mut Progress, &[Horizontal]),
+    source: Horizontal,
+) -> Option<Horizontal> {
+    if progress.until_far.is_some_and(|left| left > 0)
+        && let Some((place, arrival_m)) = along(window, way)
+    {
+        if arrival_m > WAY_MIN_M {
+            return Some(place);
+        }
+        if way.last().is_some_and(|last| last.minus(place).norm() < WAY_MIN_M) {
+            // At its end: look again.
+            progress.until_far = Some(1);
+            return Some(place);
+        }
+        progress.abandon();
+    }
+    let exit = window.best_exit(source)?;
+    // The rest of the way is not as short as it is taken to be where something known is in it.
+    let sees = |place| keeps(0.0, place, &[source], obstacles);
+    if sees(exit) {
+        return Some(exit);
+    }
+    window.nearest_exit(source).filter(|nearest| sees(*nearest)).or(Some(exit))
+}
+
+/// The farthest place of a way to which the window has the same way, and the length of that.
+fn along(window: &Window, way: &[Horizontal]) -> Option<(Horizontal, f32)> {
+    let reached = |place: &Horizontal| window.arrival_m(*place).map(|arrival_m| (*place, arrival_m));
+    let nearest = |best: usize, index: usize| match (reached(&way[best]), reached(&way[index])) {
+        (Some((_, least)), Some((_, arrival_m))) if arrival_m >= least => best,
+        (Some(_), None) => best,
+        _ => index,
+    };
+    let first = (0..way.len()).reduce(nearest)?;
+    let mut farthest = reached(&way[first])?;
+    for place in &way[first..] {
+        match reached(place) {
+            Some((place, arrival_m)) if arrival_m < farthest.1 + WAY_STEP_M => farthest = (place, arrival_m),
+            _ => break,
+        }
+    }
+    Some(farthest)
 }
 
 /// Whether [`approach`] would find a place; coarse, for many places.
