@@ -23,6 +23,7 @@ pub mod random;
 pub mod reproduce;
 pub mod scenario;
 pub mod sensor;
+mod sheet;
 pub mod suite;
 pub mod tlog;
 pub mod vehicle;

@@ -1,37 +1,31 @@
 //! The picture of a flight: what the world was, what the computer knew of it, what it considered and what it flew.
 //!
-//! SVG or PNG, by the ending of the file. Lengths on the page are in points of a 1280 x 960 page; the page is drawn four
-//! times as large, because the drawing library has whole pixels only. A PNG is averaged down to half of that.
+//! SVG or PNG, by the ending of the file. Lengths on the page are in points of a 1280 x 960 page. A PNG is
+//! averaged down from the oversize page to half of it.
 
 use std::f64::consts::TAU;
-use std::fmt;
 use std::fs;
 use std::io::BufWriter;
 use std::path::Path;
 
 use plotters::coord::Shift;
 use plotters::prelude::{
-    BitMapBackend, Circle, DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement,
-    Polygon, RGBColor, Rectangle, SVGBackend, Text, TextStyle,
+    BitMapBackend, Circle, DrawingArea, DrawingBackend, IntoDrawingArea as _, PathElement, Polygon, RGBColor, Rectangle,
 };
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{Color as _, ShapeStyle, register_font};
+use plotters::style::ShapeStyle;
+use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::flight::{Ending, Record, from_core};
 use crate::input::InputError;
 use crate::scenario::VehicleModel;
+use crate::sheet::{
+    self, Anchor, Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, OVERSIZE, PAPER, fill, line, pixels, write_svg,
+};
 use crate::world::Horizontal;
 
 const PAGE: (u32, u32) = (1280, 960);
-const OVERSIZE: u32 = 4;
 const PNG_REDUCTION: u32 = 2;
 
-const PAPER: RGBColor = RGBColor(255, 255, 255);
-const GROUND: RGBColor = RGBColor(247, 248, 250);
-const GRID: RGBColor = RGBColor(228, 231, 236);
-const FRAME: RGBColor = RGBColor(176, 184, 196);
-const INK: RGBColor = RGBColor(31, 41, 55);
-const FAINT_INK: RGBColor = RGBColor(107, 114, 128);
 const PILLAR: RGBColor = RGBColor(198, 205, 215);
 const PILLAR_EDGE: RGBColor = RGBColor(139, 150, 167);
 const REMEMBERED: RGBColor = RGBColor(200, 58, 84);
@@ -63,35 +57,21 @@ const MARGIN_M: f64 = 0.35;
 /// # Errors
 /// The file's ending is neither `.svg` nor `.png`, or it cannot be written.
 pub fn draw(record: &Record, path: &Path) -> Result<(), InputError> {
-    let failed = |error: &dyn fmt::Display| InputError::new(error.to_string()).in_file(path);
-    register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
-        .map_err(|_| InputError::new("the built-in font cannot be read"))?;
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder).map_err(|error| failed(&error))?;
-    }
-    let (width, height) = (PAGE.0 * OVERSIZE, PAGE.1 * OVERSIZE);
     match path.extension().and_then(|ending| ending.to_str()) {
-        Some("svg") => {
-            let mut svg = String::new();
-            let area = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
-            page(&area, record).map_err(|error| failed(&error))?;
-            drop(area);
-            // Drawn oversize for the sake of fractions of a point; shown at the page's size.
-            let svg = svg.replacen(&format!("width=\"{width}\""), &format!("width=\"{}\"", PAGE.0), 1).replacen(
-                &format!("height=\"{height}\""),
-                &format!("height=\"{}\"", PAGE.1),
-                1,
-            );
-            fs::write(path, svg).map_err(|error| failed(&error))
-        }
+        Some("svg") => write_svg(path, [f64::from(PAGE.0), f64::from(PAGE.1)], |area| page(area, record)),
         Some("png") => {
+            sheet::prepare(path)?;
+            let (width, height) = (PAGE.0 * OVERSIZE, PAGE.1 * OVERSIZE);
             let mut pixels = vec![0; (width * height * 3) as usize];
             let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
-            page(&area, record).map_err(|error| failed(&error))?;
+            area.fill(&PAPER)
+                .and_then(|()| page(&area, record))
+                .and_then(|()| area.present())
+                .map_err(|error| sheet::failed(path, &error))?;
             drop(area);
-            write_png(&pixels, width, path).map_err(|error| failed(&error))
+            write_png(&pixels, width, path).map_err(|error| sheet::failed(path, &error))
         }
-        _ => Err(failed(&"a plot ends in .svg or .png")),
+        _ => Err(sheet::failed(path, &"a plot ends in .svg or .png")),
     }
 }
 
@@ -115,8 +95,6 @@ fn write_png(pixels: &[u8], width: u32, path: &Path) -> Result<(), png::Encoding
     encoder.write_header()?.write_image_data(&reduced)
 }
 
-type Drawn<B> = Result<(), plotters::drawing::DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
-
 /// A page that takes points and, inside the map, metres.
 struct Page<'a, B: DrawingBackend> {
     area: &'a DrawingArea<B, Shift>,
@@ -127,18 +105,6 @@ struct Page<'a, B: DrawingBackend> {
     east_m: f64,
     north_m: f64,
     points_per_m: f64,
-}
-
-fn pixels(points: f64) -> i32 {
-    libm::rint(points * f64::from(OVERSIZE)) as i32
-}
-
-fn fill(color: RGBColor, opacity: f64) -> ShapeStyle {
-    color.mix(opacity).filled()
-}
-
-fn line(color: RGBColor, opacity: f64, width: f64) -> ShapeStyle {
-    color.mix(opacity).stroke_width(pixels(width).max(1) as u32)
 }
 
 impl<B: DrawingBackend> Page<'_, B> {
@@ -180,11 +146,8 @@ impl<B: DrawingBackend> Page<'_, B> {
         self.area.draw(&Polygon::new(points, style))
     }
 
-    fn text(&self, text: &str, at: (f64, f64), size: f64, color: RGBColor, anchor: (HPos, VPos)) -> Drawn<B> {
-        let style = TextStyle::from(("sans-serif", size * f64::from(OVERSIZE)).into_font())
-            .color(&color)
-            .pos(Pos::new(anchor.0, anchor.1));
-        self.area.draw(&Text::new(text.to_owned(), (pixels(at.0), pixels(at.1)), style))
+    fn text(&self, text: &str, at: (f64, f64), size: f64, color: RGBColor, anchor: Anchor) -> Drawn<B> {
+        sheet::text(self.area, text, [at.0, at.1], size, color, anchor)
     }
 
     fn rectangle(&self, [left, top, width, height]: [f64; 4], style: ShapeStyle) -> Drawn<B> {
@@ -194,7 +157,6 @@ impl<B: DrawingBackend> Page<'_, B> {
 }
 
 fn page<B: DrawingBackend>(area: &DrawingArea<B, Shift>, record: &Record) -> Drawn<B> {
-    area.fill(&PAPER)?;
     let page = framed(area, record);
     let map = [MAP[0], MAP[1], page.width_points(), page.height_points()];
     page.rectangle(map, fill(GROUND, 1.0))?;
@@ -215,8 +177,7 @@ fn page<B: DrawingBackend>(area: &DrawingArea<B, Shift>, record: &Record) -> Dra
     }
     page.rectangle(map, line(FRAME, 1.0, 1.0))?;
     axes(&page, map)?;
-    legend(&page, record)?;
-    area.present()
+    legend(&page, record)
 }
 
 /// The page whose map shows the bounds and the whole path.

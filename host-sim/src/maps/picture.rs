@@ -1,20 +1,16 @@
 //! The picture of a suite: its maps side by side, a row of the table a line, every unit square shaded by its density.
 
-use std::fmt;
-use std::fs;
 use std::path::Path;
 
 use plotters::coord::Shift;
-use plotters::prelude::{
-    Circle, DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement, RGBColor,
-    Rectangle, SVGBackend, Text, TextStyle,
-};
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{Color as _, ShapeStyle, register_font};
+use plotters::prelude::{Circle, DrawingArea, DrawingBackend, PathElement, RGBColor, Rectangle};
+use plotters::style::Color as _;
+use plotters::style::text_anchor::{HPos, VPos};
 
 use super::density::Cells;
 use super::{Density, Pair, Pillar, densities};
 use crate::input::InputError;
+use crate::sheet::{self, Drawn, FAINT_INK, FRAME, INK, line, pixels, write_svg};
 use crate::suite::{Map, Suite};
 
 /// Side of a map and what is around it, in points.
@@ -24,60 +20,26 @@ const TITLE: f64 = 30.0;
 const EDGE: f64 = 32.0;
 /// Maps side by side.
 const COLUMNS: usize = 4;
-/// The drawing library has whole pixels only.
-const OVERSIZE: u32 = 4;
 /// Density of the darkest shade.
 const DARKEST: f64 = 0.45;
 
-const PAPER: RGBColor = RGBColor(255, 255, 255);
 const SHADE: RGBColor = RGBColor(240, 140, 30);
-const FRAME: RGBColor = RGBColor(176, 184, 196);
-const INK: RGBColor = RGBColor(31, 41, 55);
-const FAINT_INK: RGBColor = RGBColor(107, 114, 128);
 const PILLAR: RGBColor = RGBColor(139, 150, 167);
 const WAY: RGBColor = RGBColor(62, 74, 137);
 const GOAL: RGBColor = RGBColor(220, 38, 38);
-
-type Drawn<B> = Result<(), plotters::drawing::DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 /// Draws the maps of a suite into an SVG file.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn draw(suite: &Suite, path: &Path) -> Result<(), InputError> {
-    let failed = |error: &dyn fmt::Display| InputError::new(error.to_string()).in_file(path);
-    register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
-        .map_err(|_| InputError::new("the built-in font cannot be read"))?;
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder).map_err(|error| failed(&error))?;
-    }
     let columns = suite.maps.len().clamp(1, COLUMNS);
     let lines = suite.maps.len().div_ceil(COLUMNS).max(1);
     let page = [2.0 * EDGE + columns as f64 * (MAP + GAP) - GAP, 2.0 * EDGE + lines as f64 * (MAP + TITLE + GAP) - GAP];
-    let size = page.map(|points| pixels(points) as u32);
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, size.into()).into_drawing_area();
-    sheet(&area, suite).map_err(|error| failed(&error))?;
-    drop(area);
-    // Drawn oversize for the sake of fractions of a point; shown at the page's size.
-    let svg = svg.replacen(&format!("width=\"{}\"", size[0]), &format!("width=\"{}\"", page[0]), 1).replacen(
-        &format!("height=\"{}\"", size[1]),
-        &format!("height=\"{}\"", page[1]),
-        1,
-    );
-    fs::write(path, svg).map_err(|error| failed(&error))
+    write_svg(path, page, |area| tiles(area, suite))
 }
 
-fn pixels(points: f64) -> i32 {
-    libm::rint(points * f64::from(OVERSIZE)) as i32
-}
-
-fn line(color: RGBColor, opacity: f64, width: f64) -> ShapeStyle {
-    color.mix(opacity).stroke_width(pixels(width).max(1) as u32)
-}
-
-fn sheet<B: DrawingBackend>(area: &DrawingArea<B, Shift>, suite: &Suite) -> Drawn<B> {
-    area.fill(&PAPER)?;
+fn tiles<B: DrawingBackend>(area: &DrawingArea<B, Shift>, suite: &Suite) -> Drawn<B> {
     for (index, map) in suite.maps.iter().enumerate() {
         let left = EDGE + (index % COLUMNS) as f64 * (MAP + GAP);
         let top = EDGE + TITLE + (index / COLUMNS) as f64 * (MAP + TITLE + GAP);
@@ -86,7 +48,7 @@ fn sheet<B: DrawingBackend>(area: &DrawingArea<B, Shift>, suite: &Suite) -> Draw
         let tile = Tile { area, left, bottom: top + (north - south) * scale, west, south, scale };
         tile.draw(suite.bounds, map)?;
     }
-    area.present()
+    Ok(())
 }
 
 /// One map on the sheet.
@@ -144,10 +106,7 @@ impl<B: DrawingBackend> Tile<'_, B> {
         self.area.draw(&Circle::new(self.at(*x, *y), pixels(r * self.scale), PILLAR.filled()))
     }
 
-    fn text(&self, what: &str, [x, y]: [f64; 2], color: RGBColor, anchor: HPos) -> Drawn<B> {
-        let style = TextStyle::from(("sans-serif", 13.0 * f64::from(OVERSIZE)).into_font())
-            .color(&color)
-            .pos(Pos::new(anchor, VPos::Bottom));
-        self.area.draw(&Text::new(what.to_owned(), (pixels(x), pixels(y)), style))
+    fn text(&self, what: &str, at: [f64; 2], color: RGBColor, anchor: HPos) -> Drawn<B> {
+        sheet::text(self.area, what, at, 13.0, color, (anchor, VPos::Bottom))
     }
 }

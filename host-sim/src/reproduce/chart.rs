@@ -1,18 +1,14 @@
 //! Line charts, side by side: the picture of an experiment, as SVG.
 
-use std::fmt;
-use std::fs;
 use std::path::Path;
 
 use plotters::coord::Shift;
-use plotters::prelude::{
-    DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement, RGBColor, Rectangle,
-    SVGBackend, Text, TextStyle,
-};
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{Color as _, ShapeStyle, register_font};
+use plotters::prelude::{DrawingArea, DrawingBackend, RGBColor, Rectangle};
+use plotters::style::text_anchor::{HPos, VPos};
+use plotters::style::{Color as _, ShapeStyle};
 
 use crate::input::InputError;
+use crate::sheet::{Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, line, path, pixels, text, write_svg};
 
 /// Size of a panel's frame, and what is around it, in points.
 const PANEL: [f64; 2] = [420.0, 420.0];
@@ -20,15 +16,7 @@ const LEFT: f64 = 76.0;
 const TOP: f64 = 104.0;
 const GAP: f64 = 84.0;
 const BOTTOM: f64 = 96.0;
-/// The drawing library has whole pixels only.
-const OVERSIZE: u32 = 4;
 
-const PAPER: RGBColor = RGBColor(255, 255, 255);
-const GROUND: RGBColor = RGBColor(247, 248, 250);
-const GRID: RGBColor = RGBColor(228, 231, 236);
-const FRAME: RGBColor = RGBColor(176, 184, 196);
-const INK: RGBColor = RGBColor(31, 41, 55);
-const FAINT_INK: RGBColor = RGBColor(107, 114, 128);
 const LEVEL: RGBColor = RGBColor(220, 38, 38);
 const COLORS: [RGBColor; 5] = [
     RGBColor(240, 140, 30),
@@ -108,75 +96,22 @@ fn written(value: f64) -> String {
     format!("{}", libm::rint(value * 1e6) / 1e6)
 }
 
-type Drawn<B> = Result<(), plotters::drawing::DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
-
-fn pixels(points: f64) -> i32 {
-    libm::rint(points * f64::from(OVERSIZE)) as i32
-}
-
-fn line(color: RGBColor, width: f64) -> ShapeStyle {
-    color.stroke_width(pixels(width).max(1) as u32)
-}
-
 impl Chart {
     /// Draws the charts into a file.
     ///
     /// # Errors
     /// The file cannot be written.
     pub(super) fn draw(&self, path: &Path) -> Result<(), InputError> {
-        let failed = |error: &dyn fmt::Display| InputError::new(error.to_string()).in_file(path);
-        register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
-            .map_err(|_| InputError::new("the built-in font cannot be read"))?;
-        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            fs::create_dir_all(folder).map_err(|error| failed(&error))?;
-        }
         let count = self.panels.len() as f64;
         let page = [LEFT + count * PANEL[0] + (count - 1.0) * GAP + 32.0, TOP + PANEL[1] + BOTTOM];
-        let size = page.map(|points| pixels(points) as u32);
-        let mut svg = String::new();
-        let area = SVGBackend::with_string(&mut svg, size.into()).into_drawing_area();
-        self.page(&area).map_err(|error| failed(&error))?;
-        drop(area);
-        // Drawn oversize for the sake of fractions of a point; shown at the page's size.
-        let svg = svg.replacen(&format!("width=\"{}\"", size[0]), &format!("width=\"{}\"", page[0]), 1).replacen(
-            &format!("height=\"{}\"", size[1]),
-            &format!("height=\"{}\"", page[1]),
-            1,
-        );
-        fs::write(path, svg).map_err(|error| failed(&error))
+        write_svg(path, page, |area| {
+            text(area, &self.title, [LEFT, 36.0], 24.0, INK, (HPos::Left, VPos::Center))?;
+            for (index, panel) in self.panels.iter().enumerate() {
+                panel.draw(area, [LEFT + index as f64 * (PANEL[0] + GAP), TOP])?;
+            }
+            Ok(())
+        })
     }
-
-    fn page<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
-        area.fill(&PAPER)?;
-        text(area, &self.title, [LEFT, 36.0], 24.0, INK, (HPos::Left, VPos::Center))?;
-        for (index, panel) in self.panels.iter().enumerate() {
-            panel.draw(area, [LEFT + index as f64 * (PANEL[0] + GAP), TOP])?;
-        }
-        area.present()
-    }
-}
-
-fn text<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    what: &str,
-    [x, y]: [f64; 2],
-    size: f64,
-    color: RGBColor,
-    (horizontal, vertical): (HPos, VPos),
-) -> Drawn<B> {
-    let style = TextStyle::from(("sans-serif", size * f64::from(OVERSIZE)).into_font())
-        .color(&color)
-        .pos(Pos::new(horizontal, vertical));
-    area.draw(&Text::new(what.to_owned(), (pixels(x), pixels(y)), style))
-}
-
-fn path<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    points: impl IntoIterator<Item = [f64; 2]>,
-    style: ShapeStyle,
-) -> Drawn<B> {
-    let points: Vec<(i32, i32)> = points.into_iter().map(|[x, y]| (pixels(x), pixels(y))).collect();
-    area.draw(&PathElement::new(points, style))
 }
 
 impl Panel {
@@ -188,12 +123,12 @@ impl Panel {
         area.draw(&Rectangle::new(frame, GROUND.filled()))?;
         text(area, &self.title, [left, top - 16.0], 16.0, INK, (HPos::Left, VPos::Bottom))?;
         for x in self.x.marks() {
-            path(area, [[at(x, self.y.from)[0], top], [at(x, self.y.from)[0], bottom]], line(GRID, 1.0))?;
+            path(area, [[at(x, self.y.from)[0], top], [at(x, self.y.from)[0], bottom]], line(GRID, 1.0, 1.0))?;
             let below = [at(x, self.y.from)[0], bottom + 8.0];
             text(area, &written(x), below, 13.0, FAINT_INK, (HPos::Center, VPos::Top))?;
         }
         for y in self.y.marks() {
-            path(area, [[left, at(self.x.from, y)[1]], [right, at(self.x.from, y)[1]]], line(GRID, 1.0))?;
+            path(area, [[left, at(self.x.from, y)[1]], [right, at(self.x.from, y)[1]]], line(GRID, 1.0, 1.0))?;
             let beside = [left - 9.0, at(self.x.from, y)[1]];
             text(area, &written(y), beside, 13.0, FAINT_INK, (HPos::Right, VPos::Center))?;
         }
@@ -202,7 +137,7 @@ impl Panel {
 
         if let Some((level, name)) = &self.level {
             let y = at(self.x.from, *level)[1];
-            path(area, [[left, y], [right, y]], line(LEVEL, 1.2))?;
+            path(area, [[left, y], [right, y]], line(LEVEL, 1.0, 1.2))?;
             text(area, name, [right - 6.0, y - 4.0], 13.0, LEVEL, (HPos::Right, VPos::Bottom))?;
         }
         let mut color = 0;
@@ -211,7 +146,7 @@ impl Panel {
             if series.dashed != was_dashed {
                 (color, was_dashed) = (0, series.dashed);
             }
-            let style = line(COLORS[color % COLORS.len()], if series.dashed { 1.0 } else { 1.8 });
+            let style = line(COLORS[color % COLORS.len()], 1.0, if series.dashed { 1.0 } else { 1.8 });
             color += 1;
             let points: Vec<[f64; 2]> = series.points.iter().map(|(x, y)| at(*x, *y)).collect();
             if series.dashed {
@@ -223,7 +158,7 @@ impl Panel {
             }
         }
         self.names(area, [left, bottom + 56.0])?;
-        area.draw(&Rectangle::new(frame, line(FRAME, 1.0)))
+        area.draw(&Rectangle::new(frame, line(FRAME, 1.0, 1.0)))
     }
 
     /// The lines' names below the chart, three in a row at most.
@@ -233,7 +168,7 @@ impl Panel {
         for (index, series) in named.iter().enumerate() {
             let x = left + PANEL[0] / columns as f64 * (index % columns) as f64;
             let y = top + 20.0 * (index / columns) as f64;
-            path(area, [[x, y], [x + 24.0, y]], line(COLORS[index % COLORS.len()], 1.8))?;
+            path(area, [[x, y], [x + 24.0, y]], line(COLORS[index % COLORS.len()], 1.0, 1.8))?;
             text(area, &series.label, [x + 32.0, y], 13.0, INK, (HPos::Left, VPos::Center))?;
         }
         Ok(())

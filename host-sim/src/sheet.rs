@@ -1,0 +1,109 @@
+//! Sheets of the pictures: lengths in points, north up, an SVG file.
+//!
+//! The drawing library has whole pixels only: a sheet is drawn [`OVERSIZE`] times as large and shown at its size.
+
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use plotters::coord::Shift;
+use plotters::drawing::DrawingAreaErrorKind;
+use plotters::prelude::{
+    DrawingArea, DrawingBackend, FontStyle, IntoDrawingArea as _, IntoFont as _, PathElement, RGBColor, SVGBackend,
+    Text, TextStyle,
+};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color as _, ShapeStyle, register_font};
+
+use crate::input::InputError;
+
+/// Pixels of a point.
+pub(crate) const OVERSIZE: u32 = 4;
+
+pub(crate) const PAPER: RGBColor = RGBColor(255, 255, 255);
+pub(crate) const GROUND: RGBColor = RGBColor(247, 248, 250);
+pub(crate) const GRID: RGBColor = RGBColor(228, 231, 236);
+pub(crate) const FRAME: RGBColor = RGBColor(176, 184, 196);
+pub(crate) const INK: RGBColor = RGBColor(31, 41, 55);
+pub(crate) const FAINT_INK: RGBColor = RGBColor(107, 114, 128);
+
+pub(crate) type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+/// Where an anchor is in a text.
+pub(crate) type Anchor = (HPos, VPos);
+
+/// Makes room for a picture: its font, and its folder.
+pub(crate) fn prepare(path: &Path) -> Result<(), InputError> {
+    register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
+        .map_err(|_| InputError::new("the built-in font cannot be read"))?;
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder).map_err(|error| failed(path, &error))?;
+    }
+    Ok(())
+}
+
+/// What is wrong with a picture's file.
+pub(crate) fn failed(path: &Path, error: &dyn fmt::Display) -> InputError {
+    InputError::new(error.to_string()).in_file(path)
+}
+
+/// Draws a sheet of this size, in points, into an SVG file.
+///
+/// # Errors
+/// The file cannot be written.
+pub(crate) fn write_svg(
+    path: &Path,
+    page: [f64; 2],
+    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), DrawingAreaErrorKind<io::Error>>,
+) -> Result<(), InputError> {
+    prepare(path)?;
+    let size = page.map(|points| pixels(points) as u32);
+    let mut svg = String::new();
+    let area = SVGBackend::with_string(&mut svg, size.into()).into_drawing_area();
+    area.fill(&PAPER).and_then(|()| draw(&area)).and_then(|()| area.present()).map_err(|error| failed(path, &error))?;
+    drop(area);
+    let svg = svg.replacen(&format!("width=\"{}\"", size[0]), &format!("width=\"{}\"", page[0]), 1).replacen(
+        &format!("height=\"{}\"", size[1]),
+        &format!("height=\"{}\"", page[1]),
+        1,
+    );
+    fs::write(path, svg).map_err(|error| failed(path, &error))
+}
+
+pub(crate) fn pixels(points: f64) -> i32 {
+    libm::rint(points * f64::from(OVERSIZE)) as i32
+}
+
+pub(crate) fn fill(color: RGBColor, opacity: f64) -> ShapeStyle {
+    color.mix(opacity).filled()
+}
+
+pub(crate) fn line(color: RGBColor, opacity: f64, width: f64) -> ShapeStyle {
+    color.mix(opacity).stroke_width(pixels(width).max(1) as u32)
+}
+
+/// Writes a text of this size at a place.
+pub(crate) fn text<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    what: &str,
+    [x, y]: [f64; 2],
+    size: f64,
+    color: RGBColor,
+    (horizontal, vertical): Anchor,
+) -> Drawn<B> {
+    let style = TextStyle::from(("sans-serif", size * f64::from(OVERSIZE)).into_font())
+        .color(&color)
+        .pos(Pos::new(horizontal, vertical));
+    area.draw(&Text::new(what.to_owned(), (pixels(x), pixels(y)), style))
+}
+
+/// Draws a path through places.
+pub(crate) fn path<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    points: impl IntoIterator<Item = [f64; 2]>,
+    style: ShapeStyle,
+) -> Drawn<B> {
+    let points: Vec<(i32, i32)> = points.into_iter().map(|[x, y]| (pixels(x), pixels(y))).collect();
+    area.draw(&PathElement::new(points, style))
+}
