@@ -4,13 +4,19 @@
 //!   noise. The paper reports a mean error of 1.48 deg and neither heights nor frequencies.
 //! - [`crb`], `aoa-crb`: the rms error of whole frames, frequency not told, over the Cramer-Rao bound of the square array,
 //!   `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`.
+//! - [`density`], `apf-density`: the main paper's planners on maps of growing obstacle density (Table I, fig. 9 and 10).
 //!
-//! Each experiment yields one serialisable report with a table for people and a picture.
+//! Each experiment yields one serialisable report with a table for people and pictures.
 
 pub mod circle;
 pub mod crb;
+pub mod density;
 
 mod chart;
+mod kinematic;
+mod potential;
+
+pub use kinematic::{Rules, Sight};
 
 use foxhound_core::ConfigError;
 use foxhound_core::adc::Snapshot;

@@ -1,4 +1,4 @@
-//! Line charts, side by side: the picture of an experiment, as SVG.
+//! Line and bar charts, side by side: the picture of an experiment, as SVG.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color as _, ShapeStyle};
 
 use crate::input::InputError;
-use crate::sheet::{Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, line, path, pixels, text, write_svg};
+use crate::sheet::{Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, fill, line, path, pixels, text, write_svg};
 
 /// Size of a panel's frame, and what is around it, in points.
 const PANEL: [f64; 2] = [420.0, 420.0];
@@ -26,6 +26,9 @@ const COLORS: [RGBColor; 5] = [
     RGBColor(21, 128, 61),
 ];
 
+/// Share of the room for a number that its bars take.
+const BARS: f64 = 0.84;
+
 /// Charts under one title.
 pub(super) struct Chart {
     pub(super) title: String,
@@ -38,6 +41,8 @@ pub(super) struct Panel {
     pub(super) x: Axis,
     pub(super) y: Axis,
     pub(super) series: Vec<Series>,
+    /// Bars beside one another at 1, 2 and so on.
+    pub(super) bars: Vec<Bars>,
     /// A level to compare with, and its name.
     pub(super) level: Option<(f64, String)>,
 }
@@ -49,23 +54,43 @@ pub(super) struct Series {
     pub(super) points: Vec<(f64, f64)>,
 }
 
+/// Bars of one colour, at 1, 2 and so on.
+pub(super) struct Bars {
+    pub(super) label: String,
+    pub(super) bars: Vec<Option<Bar>>,
+}
+
+/// A bar and its interval.
+pub(super) struct Bar {
+    pub(super) value: f64,
+    pub(super) low: f64,
+    pub(super) high: f64,
+}
+
 /// An axis: what it shows, and between which values.
 #[derive(Clone)]
 pub(super) struct Axis {
     label: &'static str,
     from: f64,
     to: f64,
+    /// The first mark.
+    first: f64,
     /// Between marks; `None` for one mark a decade.
     step: Option<f64>,
 }
 
 impl Axis {
     pub(super) fn linear(label: &'static str, from: f64, to: f64, step: f64) -> Self {
-        Self { label, from, to, step: Some(step) }
+        Self { label, from, to, first: from, step: Some(step) }
+    }
+
+    /// For bars: room for the numbers from 1 to `count`.
+    pub(super) fn counted(label: &'static str, count: u32) -> Self {
+        Self { label, from: 0.5, to: f64::from(count) + 0.5, first: 1.0, step: Some(1.0) }
     }
 
     pub(super) fn decades(label: &'static str, from: f64, to: f64) -> Self {
-        Self { label, from, to, step: None }
+        Self { label, from, to, first: from, step: None }
     }
 
     /// Where a value is, 0..=1; values beyond the ends are at the ends.
@@ -80,8 +105,8 @@ impl Axis {
     fn marks(&self) -> Vec<f64> {
         match self.step {
             Some(step) => {
-                let count = libm::rint((self.to - self.from) / step) as usize;
-                (0..=count).map(|k| self.from + step * k as f64).collect()
+                let count = libm::floor((self.to - self.first) / step + 1e-9) as usize;
+                (0..=count).map(|k| self.first + step * k as f64).collect()
             }
             None => {
                 let decades = libm::rint(libm::log10(self.to / self.from)) as i32;
@@ -140,6 +165,7 @@ impl Panel {
             path(area, [[left, y], [right, y]], line(LEVEL, 1.0, 1.2))?;
             text(area, name, [right - 6.0, y - 4.0], 13.0, LEVEL, (HPos::Right, VPos::Bottom))?;
         }
+        self.draw_bars(area, at)?;
         let mut color = 0;
         let mut was_dashed = false;
         for series in &self.series {
@@ -161,15 +187,41 @@ impl Panel {
         area.draw(&Rectangle::new(frame, line(FRAME, 1.0, 1.0)))
     }
 
-    /// The lines' names below the chart, three in a row at most.
+    fn draw_bars<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        at: impl Fn(f64, f64) -> [f64; 2],
+    ) -> Drawn<B> {
+        let width = BARS / self.bars.len().max(1) as f64;
+        for (index, bars) in self.bars.iter().enumerate() {
+            let color = COLORS[index % COLORS.len()];
+            for (number, bar) in bars.bars.iter().enumerate() {
+                let Some(bar) = bar else { continue };
+                let left = (number + 1) as f64 - BARS / 2.0 + width * index as f64;
+                let [middle, inset] = [left + 0.5 * width, 0.06 * width];
+                let corners = [at(left + inset, bar.value), at(left + width - inset, self.y.from)];
+                let corners = corners.map(|[x, y]| (pixels(x), pixels(y)));
+                area.draw(&Rectangle::new(corners, fill(color, 0.75)))?;
+                path(area, [at(middle, bar.low), at(middle, bar.high)], line(INK, 0.8, 1.0))?;
+                for end in [bar.low, bar.high] {
+                    let cap = [at(middle - 0.25 * width, end), at(middle + 0.25 * width, end)];
+                    path(area, cap, line(INK, 0.8, 1.0))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The names of bars and lines below the chart, three in a row at most.
     fn names<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, [left, top]: [f64; 2]) -> Drawn<B> {
-        let named: Vec<&Series> = self.series.iter().filter(|series| !series.label.is_empty()).collect();
+        let labels = self.bars.iter().map(|bars| &bars.label).chain(self.series.iter().map(|series| &series.label));
+        let named: Vec<&String> = labels.filter(|label| !label.is_empty()).collect();
         let columns = if named.len() > 4 { 3 } else { 2 };
-        for (index, series) in named.iter().enumerate() {
+        for (index, label) in named.iter().enumerate() {
             let x = left + PANEL[0] / columns as f64 * (index % columns) as f64;
             let y = top + 20.0 * (index / columns) as f64;
             path(area, [[x, y], [x + 24.0, y]], line(COLORS[index % COLORS.len()], 1.0, 1.8))?;
-            text(area, &series.label, [x + 32.0, y], 13.0, INK, (HPos::Left, VPos::Center))?;
+            text(area, label, [x + 32.0, y], 13.0, INK, (HPos::Left, VPos::Center))?;
         }
         Ok(())
     }

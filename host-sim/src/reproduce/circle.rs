@@ -192,6 +192,7 @@ impl Report {
                 x: Axis::linear("azimuth, deg", 0.0, 360.0, 45.0),
                 y: Axis::decades("absolute error, deg", FLOOR_DEG, 1000.0),
                 series: series.collect(),
+                bars: Vec::new(),
                 level: Some((PAPER_MEAN_DEG, "paper's mean, 1.48 deg".to_owned())),
             }
         });

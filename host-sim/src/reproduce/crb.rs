@@ -280,6 +280,7 @@ impl Report {
                 x: snr.clone(),
                 y: Axis::decades("rms error, deg", 0.001, 10.0),
                 series: rms,
+                bars: Vec::new(),
                 level: None,
             },
             Panel {
@@ -287,6 +288,7 @@ impl Report {
                 x: snr,
                 y: ratio(),
                 series: over_snr(false, &|row| row.ours.over_bound),
+                bars: Vec::new(),
                 level: Some((1.0, "the bound".to_owned())),
             },
             Panel {
@@ -294,6 +296,7 @@ impl Report {
                 x: Axis::linear("azimuth, deg", 0.0, 360.0, 45.0),
                 y: ratio(),
                 series: vec![Series { label: "Foxhound".to_owned(), dashed: false, points: sectors.collect() }],
+                bars: Vec::new(),
                 level: Some((1.0, "the bound".to_owned())),
             },
         ];

@@ -1,0 +1,648 @@
+//! `apf-density`: the main paper's comparison of planners on maps of growing obstacle density (Table I, fig. 9 and 10).
+//!
+//! The paper prints mean and variance of its five maps and flies each seven times; [`crate::maps`] draws maps to these
+//! numbers, four to each, and pairs of starts and goals between which there is a way. Every pair is flown by
+//!
+//! - the paper's planner and its baseline as published: a kinematic point, [`super::kinematic`];
+//! - both once more, and ours, as the product flies: dynamics, tracker and guard, [`crate::flight`].
+//!
+//! The paper leaves much open; [`READINGS`] says what the numbers become when it is read otherwise. Lengths are compared as
+//! the paper does: over the straight line, on the pairs that all of those compared reach.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use foxhound_core::bearing::Estimator;
+use foxhound_core::field::{Field, Obstacle};
+use foxhound_core::planner::{self, Kind};
+use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
+use serde::Serialize;
+
+use super::chart::{Axis, Bar, Bars, Chart, Panel, Series};
+use super::kinematic::{self, Rules, Sight};
+use super::potential::{Scene, draw_heat, draw_surface};
+use crate::flight::Ending;
+use crate::input::InputError;
+use crate::maps::{self, Recipe, TABLE_I};
+use crate::suite::{self, Flight, Flown, Map, Place, Selection, Suite, Tally, wilson_95};
+use crate::world::Horizontal;
+
+/// Maps drawn to each row of Table I.
+pub const INSTANCES: u32 = 4;
+/// Flights that the paper flies on each of its maps.
+const PRINTED_RUNS: usize = 7;
+/// Speed by which a path of the kinematic point is a time.
+const POINT_SPEED_MPS: f64 = 1.0;
+/// Rates of an independent kinematic reproduction on maps of its own, baseline and paper, and how near is as good.
+const INDEPENDENT: [f64; 2] = [0.23, 0.72];
+const INDEPENDENT_WITHIN: f64 = 0.06;
+/// What the paper says: the success rate grows by 46 %, the relative length falls by 1.2 %.
+const PRINTED_GAINS_PERCENT: [f64; 2] = [46.0, -1.2];
+
+/// Another reading of the paper: what it is, the planners, the rules.
+struct Reading {
+    name: &'static str,
+    planners: [&'static str; 2],
+    rules: fn(Rules) -> Rules,
+}
+
+const AS_PUBLISHED: [&str; 2] = ["standard", "paper"];
+
+/// Other readings, one thing changed at a time but for the fourth.
+const READINGS: [Reading; 8] = [
+    Reading {
+        name: "goal reached within 0.3 m",
+        planners: AS_PUBLISHED,
+        rules: |rules| Rules { tolerance_m: Some(0.3), ..rules },
+    },
+    Reading {
+        name: "nose along the way",
+        planners: AS_PUBLISHED,
+        rules: |rules| Rules { sight: Sight::AlongWay, ..rules },
+    },
+    Reading {
+        name: "all pillars known",
+        planners: AS_PUBLISHED,
+        rules: |rules| Rules { sight: Sight::Everything, ..rules },
+    },
+    Reading {
+        name: "all pillars known, within 0.3 m",
+        planners: AS_PUBLISHED,
+        rules: |rules| Rules { sight: Sight::Everything, tolerance_m: Some(0.3), ..rules },
+    },
+    Reading {
+        name: "replan at the fourth waypoint",
+        planners: AS_PUBLISHED,
+        rules: |rules| Rules { followed: 4, ..rules },
+    },
+    Reading {
+        name: "given up after 60 replans",
+        planners: AS_PUBLISHED,
+        rules: |rules| Rules { replans_max: 60, ..rules },
+    },
+    Reading {
+        name: "four forces to a waypoint",
+        planners: ["standard_quarters", "paper_quarters"],
+        rules: |rules| rules,
+    },
+    Reading { name: "eq. 47 to the letter", planners: ["standard", "paper_scalar"], rules: |rules| rules },
+];
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Seed of maps, pairs and flights.
+    pub seed: u64,
+    /// Pairs of each row of Table I.
+    pub pairs: u32,
+}
+
+/// The experiment's result.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// `apf-density`.
+    pub experiment: &'static str,
+    /// Seed of maps, pairs and flights.
+    pub seed: u64,
+    /// Pairs of each row.
+    pub pairs: u32,
+    /// Rules of the flights as published.
+    pub rules: Rules,
+    /// A row of Table I each.
+    pub rows: Vec<Row>,
+    /// All together.
+    pub all: Columns,
+    /// All together, the paper read otherwise.
+    pub readings: Vec<Read>,
+    /// What the paper says of all: growth of the success rate, and of the relative length, percent.
+    pub printed_gains_percent: [f64; 2],
+    /// What an independent reproduction found over all: rates of baseline and paper.
+    pub independent_rates: [f64; 2],
+    #[serde(skip)]
+    pictured: Option<Pictured>,
+}
+
+/// A map of Table I.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Which, from 1.
+    pub map: u32,
+    /// Its mean density.
+    pub mean: f64,
+    /// Its variance.
+    pub variance: f64,
+    /// How its pairs were flown.
+    #[serde(flatten)]
+    pub columns: Columns,
+    /// What the paper says about it.
+    pub printed: Printed,
+}
+
+/// Who flew how.
+#[derive(Clone, Debug, Serialize)]
+pub struct Columns {
+    /// The paper's baseline as published.
+    pub standard: Tally,
+    /// The paper's planner as published.
+    pub paper: Tally,
+    /// The baseline with dynamics, tracker and guard.
+    pub standard_full_loop: Tally,
+    /// The paper's planner with dynamics, tracker and guard.
+    pub paper_full_loop: Tally,
+    /// Ours with dynamics, tracker and guard.
+    pub ours: Tally,
+    /// Length over the straight line.
+    pub relative_length: RelativeLength,
+}
+
+/// The paper read otherwise.
+#[derive(Clone, Debug, Serialize)]
+pub struct Read {
+    /// What is otherwise.
+    pub reading: &'static str,
+    /// The rules.
+    pub rules: Rules,
+    /// The baseline.
+    pub standard: Tally,
+    /// The paper's planner.
+    pub paper: Tally,
+}
+
+/// Mean length over the straight line, on the pairs that all of these reached. What was left to the goal is in the length.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct RelativeLength {
+    /// How many pairs.
+    pub pairs: usize,
+    /// The baseline's.
+    pub standard: Option<f64>,
+    /// The paper's.
+    pub paper: Option<f64>,
+    /// The baseline's, with dynamics.
+    pub standard_full_loop: Option<f64>,
+    /// The paper's, with dynamics.
+    pub paper_full_loop: Option<f64>,
+    /// Ours, with dynamics.
+    pub ours: Option<f64>,
+}
+
+/// What the paper prints about a map. The numbers behind its fig. 9 and 10 are not printed, but for the fifth map's.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Printed {
+    /// Flights.
+    pub runs: usize,
+    /// The baseline's success rate.
+    pub standard: Option<f64>,
+    /// Its 95 % interval.
+    pub standard_95: Option<[f64; 2]>,
+    /// The paper's planner's.
+    pub paper: Option<f64>,
+    /// Its 95 % interval.
+    pub paper_95: Option<[f64; 2]>,
+}
+
+impl Printed {
+    fn of(map: u32) -> Self {
+        let (standard, paper) = if map == maps::STEP_ROW { (Some(0), Some(4)) } else { (None, None) };
+        let rate = |success: usize| success as f64 / PRINTED_RUNS as f64;
+        let interval = |success: usize| wilson_95(success, PRINTED_RUNS);
+        Self {
+            runs: PRINTED_RUNS,
+            standard: standard.map(rate),
+            standard_95: standard.and_then(interval),
+            paper: paper.map(rate),
+            paper_95: paper.and_then(interval),
+        }
+    }
+}
+
+/// The flight of the pictures.
+#[derive(Clone, Debug)]
+struct Pictured {
+    flight: Flight,
+    paths: Vec<(&'static str, Vec<Horizontal>)>,
+}
+
+/// All flights of one planner, in the order of the suite.
+type Column = Vec<Flown>;
+
+/// Draws the maps, the same that `foxhound maps` draws with this seed.
+fn drawn(options: &Options) -> Result<Suite, InputError> {
+    let mut suite = Suite { seed: Some(options.seed.into()), ..Suite::default() };
+    for row in 1..=TABLE_I.len() as u32 {
+        let recipe = Recipe::of_row(row).unwrap_or_default();
+        for instance in 0..INSTANCES {
+            // As even as it goes.
+            let count = (options.pairs + INSTANCES - 1 - instance) / INSTANCES;
+            if count > 0 {
+                let seed = Place { row, instance, pair: u32::MAX }.seed(options.seed);
+                let pillars = maps::generate(&recipe, seed)?;
+                let pairs = maps::pairs(suite.bounds, &pillars, suite.drone_radius, count as usize, seed)?;
+                suite.maps.push(Map::new(row, instance, pillars, pairs.pairs));
+            }
+        }
+    }
+    Ok(suite)
+}
+
+/// One pair, flown as published.
+fn fly_kinematic(flight: &Flight, planner: &planner::Planner, rules: Rules) -> (Flown, Vec<Horizontal>) {
+    let flown = kinematic::fly(&flight.scenario, planner, rules, flight.seed);
+    let ratio = |length_m: f64| (flight.reference_length_m > 0.0).then(|| length_m / flight.reference_length_m);
+    let tolerance_m = rules.tolerance_m.unwrap_or(flight.scenario.goal_tolerance);
+    let line = Flown {
+        place: flight.place,
+        seed: flight.seed,
+        result: flown.ending,
+        reason: if flown.ending == Ending::Timeout { "no_path" } else { "nominal" },
+        time_s: flown.length_m / POINT_SPEED_MPS,
+        path_length_m: flown.length_m,
+        reference_length_m: flight.reference_length_m,
+        length_ratio: ratio(flown.length_m),
+        whole_length_ratio: ratio(flown.length_m + tolerance_m),
+        min_clearance_m: flown.min_clearance_m,
+        replans: flown.replans,
+        bearing_rms_deg: None,
+        trace_hash: String::new(),
+    };
+    (line, flown.path)
+}
+
+fn planner_of(name: &str, vehicle_radius_m: f64) -> Result<planner::Planner, InputError> {
+    let config = planner::Config::named(name).ok_or_else(|| InputError::new(format!("{name}: no such planner")))?;
+    Ok(planner::Config { vehicle_radius_m: vehicle_radius_m as f32, ..config }.build()?)
+}
+
+/// All flights as published, by the baseline and by the paper's planner.
+fn fly_published(
+    flights: &[Flight],
+    names: [&str; 2],
+    rules: Rules,
+    vehicle_radius_m: f64,
+) -> Result<[Column; 2], InputError> {
+    let fly = |name: &str| -> Result<Column, InputError> {
+        let planner = planner_of(name, vehicle_radius_m)?;
+        Ok(flights.par_iter().map(|flight| fly_kinematic(flight, &planner, rules).0).collect())
+    };
+    Ok([fly(names[0])?, fly(names[1])?])
+}
+
+/// How many flights an experiment of so many pairs a row is.
+#[must_use]
+pub fn flights(pairs: u32) -> u64 {
+    (3 + 2 + 2 * READINGS.len() as u64) * TABLE_I.len() as u64 * u64::from(pairs)
+}
+
+/// Runs the experiment on all cores; the result does not depend on how many there are. `watch` is told how many flights
+/// are done, of [`flights`].
+///
+/// # Errors
+/// None that the built-in configuration could cause, but that the maps hold so many pairs.
+pub fn run(options: &Options, watch: impl Fn(u64) + Sync) -> Result<Report, InputError> {
+    let suite = drawn(options)?;
+    let flights = suite.flights(options.seed, &Selection::default());
+    let rules = Rules::default();
+    let done = AtomicUsize::new(0);
+    let tick = |count: usize| watch((done.fetch_add(count, Ordering::Relaxed) + count) as u64);
+    let published = |names, rules| {
+        let columns = fly_published(&flights, names, rules, suite.drone_radius);
+        tick(2 * flights.len());
+        columns
+    };
+    let [standard, paper] = published(AS_PUBLISHED, rules)?;
+    let mut readings = Vec::with_capacity(READINGS.len());
+    for reading in READINGS {
+        let rules = (reading.rules)(rules);
+        let [standard, paper] = published(reading.planners, rules)?;
+        let (standard, paper) = (Tally::of(&standard), Tally::of(&paper));
+        readings.push(Read { reading: reading.name, rules, standard, paper });
+    }
+    let jobs = std::thread::available_parallelism().map_or(1, usize::from);
+    let full_loop = |kind| suite::fly_all(&flights, kind, Estimator::CrossSpectrum, jobs, |_| tick(1));
+    let flown = AllFlown {
+        flights: &flights,
+        standard,
+        paper,
+        standard_full_loop: full_loop(Kind::Standard)?,
+        paper_full_loop: full_loop(Kind::Paper)?,
+        ours: full_loop(Kind::Foxhound)?,
+    };
+    let rows = (1..).zip(TABLE_I).map(|(map, density)| Row {
+        map,
+        mean: density.mean,
+        variance: density.variance,
+        columns: flown.columns(|place| place.row == map),
+        printed: Printed::of(map),
+    });
+    Ok(Report {
+        experiment: "apf-density",
+        seed: options.seed,
+        pairs: options.pairs,
+        rules,
+        rows: rows.collect(),
+        all: flown.columns(|_| true),
+        readings,
+        printed_gains_percent: PRINTED_GAINS_PERCENT,
+        independent_rates: INDEPENDENT,
+        pictured: flown.pictured(rules)?,
+    })
+}
+
+/// What was flown, by planner.
+struct AllFlown<'a> {
+    flights: &'a [Flight],
+    standard: Column,
+    paper: Column,
+    standard_full_loop: Column,
+    paper_full_loop: Column,
+    ours: Column,
+}
+
+impl AllFlown<'_> {
+    fn columns(&self, takes: impl Fn(Place) -> bool) -> Columns {
+        let tally = |column: &Column| Tally::of(column.iter().filter(|flown| takes(flown.place)));
+        let compared = [&self.standard, &self.paper, &self.standard_full_loop, &self.paper_full_loop, &self.ours];
+        let shared: Vec<usize> = (0..self.flights.len())
+            .filter(|k| takes(self.flights[*k].place))
+            .filter(|k| compared.iter().all(|column| column[*k].result == Ending::Reached))
+            .collect();
+        let relative = |column: &Column| {
+            let ratio = |k: &usize| {
+                let flight = &self.flights[*k];
+                (column[*k].path_length_m + flight.scenario.goal_tolerance) / straight_m(flight)
+            };
+            let sum: f64 = shared.iter().map(ratio).sum();
+            (!shared.is_empty()).then(|| sum / shared.len() as f64)
+        };
+        Columns {
+            standard: tally(&self.standard),
+            paper: tally(&self.paper),
+            standard_full_loop: tally(&self.standard_full_loop),
+            paper_full_loop: tally(&self.paper_full_loop),
+            ours: tally(&self.ours),
+            relative_length: RelativeLength {
+                pairs: shared.len(),
+                standard: relative(&self.standard),
+                paper: relative(&self.paper),
+                standard_full_loop: relative(&self.standard_full_loop),
+                paper_full_loop: relative(&self.paper_full_loop),
+                ours: relative(&self.ours),
+            },
+        }
+    }
+
+    /// The longest pair, of the third row if there is one, on which the others reach the goal and the baseline stalls.
+    fn pictured(&self, rules: Rules) -> Result<Option<Pictured>, InputError> {
+        let tells = |k: &usize| {
+            self.standard[*k].result == Ending::Timeout
+                && self.paper[*k].result == Ending::Reached
+                && self.ours[*k].result == Ending::Reached
+        };
+        let in_row = |row: u32| {
+            let pairs = (0..self.flights.len()).filter(|k| self.flights[*k].place.row == row).filter(tells);
+            pairs.max_by(|a, b| straight_m(&self.flights[*a]).total_cmp(&straight_m(&self.flights[*b])))
+        };
+        let Some(index) = [3, 2, 1, 4, 5].into_iter().find_map(in_row) else { return Ok(None) };
+        let flight = &self.flights[index];
+        let mut paths = Vec::new();
+        for name in AS_PUBLISHED {
+            let planner = planner_of(name, flight.scenario.drone_radius)?;
+            paths.push((name, fly_kinematic(flight, &planner, rules).1));
+        }
+        let (_, record) = flight.fly(Kind::Foxhound, Estimator::CrossSpectrum)?;
+        paths.push(("Foxhound", record.path.iter().map(|sample| sample.position).collect()));
+        Ok(Some(Pictured { flight: flight.clone(), paths }))
+    }
+}
+
+fn straight_m(flight: &Flight) -> f64 {
+    Horizontal::from_xy(flight.scenario.goal).minus(Horizontal::from_xy(flight.scenario.start)).norm()
+}
+
+impl Pictured {
+    fn scene(&self) -> Scene {
+        let scenario = &self.flight.scenario;
+        let config = planner::Config::of(Kind::Standard);
+        let world = scenario.world();
+        let reach = |pillar: &crate::world::Pillar| Obstacle {
+            center_ned_m: pillar.center.to_core(),
+            reach_m: (pillar.radius_m + scenario.drone_radius) as f32,
+            ..Obstacle::default()
+        };
+        Scene {
+            title: format!("Potential (eq. 36, 37) on a map of row {}", self.flight.place.row),
+            bounds: scenario.bounds,
+            field: Field { law: config.law, gains: config.gains },
+            obstacles: world.pillars.iter().map(reach).collect(),
+            pillars: world.pillars.iter().map(|pillar| (pillar.center, pillar.radius_m)).collect(),
+            start: Horizontal::from_xy(scenario.start),
+            goal: Horizontal::from_xy(scenario.goal),
+            paths: self.paths.clone(),
+        }
+    }
+}
+
+/// `72.5 % (69..76)`.
+fn rate(tally: &Tally) -> String {
+    match (tally.success_rate, tally.success_rate_95) {
+        (Some(rate), Some([low, high])) => {
+            format!("{:.1} % ({:.0}..{:.0})", 100.0 * rate, 100.0 * low, 100.0 * high)
+        }
+        _ => "-".to_owned(),
+    }
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"))
+}
+
+fn near(tally: &Tally, independent: f64) -> bool {
+    tally.success_rate.is_some_and(|rate| (rate - independent).abs() <= INDEPENDENT_WITHIN)
+}
+
+impl RelativeLength {
+    /// In the order of [`Columns::named`].
+    fn named(&self) -> [Option<f64>; 5] {
+        [self.standard, self.paper, self.standard_full_loop, self.paper_full_loop, self.ours]
+    }
+}
+
+impl Columns {
+    fn named(&self) -> [(&'static str, &Tally); 5] {
+        [
+            ("standard", &self.standard),
+            ("paper", &self.paper),
+            ("standard in loop", &self.standard_full_loop),
+            ("paper in loop", &self.paper_full_loop),
+            ("Foxhound in loop", &self.ours),
+        ]
+    }
+}
+
+impl Report {
+    /// The rows for people.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let mut text = format!(
+            "{} pairs a row; reached (95 % interval), collisions, length over the shortest way, the paper's own number\n\
+             standard and paper: a point, as published; in loop: with dynamics, tracker and guard\n",
+            self.pairs
+        );
+        let all = ("all rows".to_owned(), &self.all, None);
+        let rows = self.rows.iter().map(|row| {
+            let name = format!("row {} of Table I: mean {:.4}, variance {:.4}", row.map, row.mean, row.variance);
+            (name, &row.columns, Some(&row.printed))
+        });
+        for (name, columns, printed) in rows.chain([all]) {
+            let _ = writeln!(text, "\n{name}");
+            for (index, (planner, tally)) in columns.named().into_iter().enumerate() {
+                let said = match (index, printed) {
+                    (0, Some(Printed { standard: Some(rate), standard_95: Some(interval), .. }))
+                    | (1, Some(Printed { paper: Some(rate), paper_95: Some(interval), .. })) => {
+                        let [low, high] = interval.map(|bound| 100.0 * bound);
+                        format!("   printed {:.1} % of {PRINTED_RUNS} flights ({low:.0}..{high:.0})", 100.0 * rate)
+                    }
+                    (0 | 1, Some(_)) => "   printed: a figure without numbers".to_owned(),
+                    _ => String::new(),
+                };
+                let _ = writeln!(
+                    text,
+                    "  {planner:<18}{:>19} {:>4} collisions  {:>6}{said}",
+                    rate(tally),
+                    tally.collisions,
+                    number(tally.mean_whole_length_ratio)
+                );
+            }
+            let relative = &columns.relative_length;
+            let lengths = relative.named().map(number).join(", ");
+            let _ =
+                writeln!(text, "  over the straight line, the {} pairs that all five reach: {lengths}", relative.pairs);
+        }
+        let gain = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{:+.1}", 100.0 * value));
+        let (success, length) = (|tally: &Tally| tally.success_rate, &self.all.relative_length);
+        let _ = writeln!(
+            text,
+            "\nfrom standard to paper: {} points reached (printed {:+.0} %), {} % of length (printed {:+.1} %)",
+            gain(success(&self.all.paper).zip(success(&self.all.standard)).map(|(paper, standard)| paper - standard)),
+            self.printed_gains_percent[0],
+            gain(length.paper.zip(length.standard).map(|(paper, standard)| paper / standard - 1.0)),
+            self.printed_gains_percent[1],
+        );
+        self.write_readings(&mut text);
+        text
+    }
+
+    fn write_readings(&self, text: &mut String) {
+        let [standard, paper] = INDEPENDENT.map(|rate| 100.0 * rate);
+        let _ = writeln!(
+            text,
+            "\nThe paper read otherwise, as published, all rows; * within {:.0} points of an independent reproduction's \
+             {standard:.0} and {paper:.0} %\n{:<34}{:>21}{:>7}{:>21}{:>7}",
+            100.0 * INDEPENDENT_WITHIN,
+            "",
+            "standard",
+            "hit",
+            "paper",
+            "hit"
+        );
+        let base = ("as in the rows above", &self.all.standard, &self.all.paper);
+        let others = self.readings.iter().map(|read| (read.reading, &read.standard, &read.paper));
+        for (name, standard, paper) in std::iter::once(base).chain(others) {
+            let starred = |tally: &Tally, independent| {
+                format!("{} {}", rate(tally), if near(tally, independent) { '*' } else { ' ' })
+            };
+            let _ = writeln!(
+                text,
+                "  {name:<32}{:>21}{:>7}{:>21}{:>7}",
+                starred(standard, INDEPENDENT[0]),
+                standard.collisions,
+                starred(paper, INDEPENDENT[1]),
+                paper.collisions
+            );
+        }
+        text.push_str(
+            "The baseline moves with what counts as reached; the paper's planner with what is known of the pillars: most of\n\
+             its collisions are with some that it had not seen.\n",
+        );
+    }
+
+    /// Draws the rates with their intervals and the relative lengths, and a flight in its potential as a map and as a
+    /// surface; says which files these are.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn draw(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
+        let [chart, map, surface] =
+            ["apf-density.svg", "apf-density-map.svg", "apf-density-surface.svg"].map(|name| folder.join(name));
+        self.chart().draw(&chart)?;
+        let Some(pictured) = &self.pictured else { return Ok(vec![chart]) };
+        let scene = pictured.scene();
+        draw_surface(&scene, &surface)?;
+        draw_heat(&[scene], &map)?;
+        Ok(vec![chart, map, surface])
+    }
+
+    fn chart(&self) -> Chart {
+        let bars = |index: usize, name: &str| {
+            let bar = |row: &Row| {
+                let (_, tally) = row.columns.named()[index];
+                let (rate, [low, high]) = (tally.success_rate?, tally.success_rate_95?);
+                let [value, low, high] = [rate, low, high].map(|share| 100.0 * share);
+                Some(Bar { value, low, high })
+            };
+            Bars { label: name.to_owned(), bars: self.rows.iter().map(bar).collect() }
+        };
+        let length = |index: usize, name: &str| {
+            let points = self
+                .rows
+                .iter()
+                .filter_map(|row| Some((f64::from(row.map), row.columns.relative_length.named()[index]?)));
+            Series { label: name.to_owned(), dashed: false, points: points.collect() }
+        };
+        let rows = || Axis::counted("row of Table I", TABLE_I.len() as u32);
+        let names = self.all.named();
+        let panels = vec![
+            Panel {
+                title: format!("reached, of {} pairs a row, and 95 % interval (fig. 9)", self.pairs),
+                x: rows(),
+                y: Axis::linear("%", 0.0, 100.0, 10.0),
+                series: Vec::new(),
+                bars: names.iter().enumerate().map(|(index, (name, _))| bars(index, name)).collect(),
+                level: None,
+            },
+            Panel {
+                title: "length over the straight line, pairs that all reach (fig. 10)".to_owned(),
+                x: rows(),
+                y: Axis::linear("", 0.9, 2.0, 0.1),
+                series: names.iter().enumerate().map(|(index, (name, _))| length(index, name)).collect(),
+                bars: Vec::new(),
+                level: Some((1.0, "the straight line".to_owned())),
+            },
+        ];
+        Chart { title: "Planners on maps of growing obstacle density".to_owned(), panels }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_gets_its_pairs_and_few_pairs_leave_no_map_without_any() {
+        let counts = |pairs| -> Vec<usize> {
+            let suite = drawn(&Options { seed: 5, pairs }).unwrap();
+            suite.maps.iter().map(|map| map.pairs.len()).collect()
+        };
+        assert_eq!(counts(6), [2, 2, 1, 1].repeat(5));
+        assert_eq!(counts(1), [1; 5]);
+    }
+
+    #[test]
+    fn what_the_paper_prints_of_its_fifth_map_says_little() {
+        let printed = Printed::of(5);
+        assert_eq!((printed.standard, Printed::of(4).paper), (Some(0.0), None));
+        assert!((printed.paper.unwrap() - 0.571_43).abs() < 1e-5);
+        let [low, high] = printed.paper_95.unwrap();
+        assert!(low < 0.3 && high > 0.8);
+    }
+}

@@ -1,0 +1,297 @@
+//! Pictures of a potential field: as a heat map with what was flown in it, and as a surface in three dimensions.
+//!
+//! The potential is shown up to a ceiling, in bands; what is above it has the colour of the highest band.
+
+use std::path::Path;
+
+use foxhound_core::field::{Field, Obstacle};
+use plotters::coord::Shift;
+use plotters::prelude::{
+    ChartBuilder, Circle, DrawingArea, DrawingBackend, IntoFont as _, PathElement, Polygon, RGBColor, Rectangle,
+    TextStyle,
+};
+use plotters::style::Color as _;
+use plotters::style::text_anchor::{HPos, VPos};
+
+use crate::input::InputError;
+use crate::sheet::{Drawn, FAINT_INK, FRAME, GRID, INK, OVERSIZE, PAPER, line, pixels, text, write_svg};
+use crate::world::Horizontal;
+
+/// Side of a map and what is around it, in points.
+const MAP: f64 = 420.0;
+const EDGE: f64 = 48.0;
+const GAP: f64 = 56.0;
+const TITLE: f64 = 64.0;
+const LEGEND: f64 = 64.0;
+/// Maps side by side.
+const COLUMNS: usize = 2;
+/// Page of the surface, in points.
+const PAGE: [f64; 2] = [960.0, 720.0];
+/// Cells of a map's side, and of the surface's.
+const CELLS: usize = 120;
+const PATCHES: usize = 72;
+const BANDS: usize = 28;
+/// How steeply, and from where, the surface is looked at.
+const PITCH_RAD: f64 = 0.62;
+const YAW_RAD: f64 = 0.55;
+
+const PILLAR: RGBColor = RGBColor(75, 85, 99);
+const START: RGBColor = RGBColor(21, 128, 61);
+const GOAL: RGBColor = RGBColor(220, 38, 38);
+/// Colours of the paths.
+pub(super) const PATHS: [RGBColor; 3] = [RGBColor(255, 255, 255), RGBColor(240, 140, 30), RGBColor(220, 38, 38)];
+/// Colours of the potential, from low to high.
+const HEAT: [RGBColor; 6] = [
+    RGBColor(48, 18, 92),
+    RGBColor(62, 74, 137),
+    RGBColor(38, 112, 142),
+    RGBColor(30, 147, 140),
+    RGBColor(94, 201, 98),
+    RGBColor(240, 229, 80),
+];
+
+/// A field, the obstacles in it, and what was flown there.
+pub(super) struct Scene {
+    pub(super) title: String,
+    /// West, south, east, north.
+    pub(super) bounds: [f64; 4],
+    pub(super) field: Field,
+    pub(super) obstacles: Vec<Obstacle>,
+    /// What is drawn of the obstacles: centres and radii.
+    pub(super) pillars: Vec<(Horizontal, f64)>,
+    pub(super) start: Horizontal,
+    pub(super) goal: Horizontal,
+    /// Names and places; each takes its colour of [`PATHS`].
+    pub(super) paths: Vec<(&'static str, Vec<Horizontal>)>,
+}
+
+type Sheet<'a, B> = DrawingArea<B, Shift>;
+
+impl Scene {
+    fn potential(&self, x: f64, y: f64) -> f64 {
+        let place = Horizontal::from_xy([x, y]).to_core();
+        f64::from(self.field.potential(place, self.goal.to_core(), &self.obstacles))
+    }
+
+    /// What the potential is shown up to: that of the attraction in the farthest corner.
+    fn ceiling(&self) -> f64 {
+        let [west, south, east, north] = self.bounds;
+        let far = [[west, south], [west, north], [east, south], [east, north]]
+            .map(|corner| self.goal.minus(Horizontal::from_xy(corner)).norm());
+        let farthest_m = far.into_iter().fold(0.0, f64::max);
+        0.5 * f64::from(self.field.gains.k_att) * farthest_m * farthest_m
+    }
+
+    /// Place of a share of the way from one side to the other.
+    fn at(&self, share_x: f64, share_y: f64) -> [f64; 2] {
+        let [west, south, east, north] = self.bounds;
+        [west + (east - west) * share_x, south + (north - south) * share_y]
+    }
+}
+
+/// Where a potential is between nothing and the ceiling; roots, so that the ground near the goal has relief too.
+fn level(potential: f64, ceiling: f64) -> f64 {
+    if potential.is_finite() { libm::sqrt((potential / ceiling).clamp(0.0, 1.0)) } else { 1.0 }
+}
+
+fn band(level: f64) -> usize {
+    ((level * BANDS as f64) as usize).min(BANDS - 1)
+}
+
+/// Colour of a band; `shade` 1 is as it is, less is darker.
+fn color(band: usize, shade: f64) -> RGBColor {
+    let at = band as f64 / (BANDS - 1) as f64 * (HEAT.len() - 1) as f64;
+    let index = (at as usize).min(HEAT.len() - 2);
+    let (from, to, share) = (HEAT[index], HEAT[index + 1], at - index as f64);
+    let mix = |a: u8, b: u8| ((f64::from(a) + (f64::from(b) - f64::from(a)) * share) * shade).clamp(0.0, 255.0) as u8;
+    RGBColor(mix(from.0, to.0), mix(from.1, to.1), mix(from.2, to.2))
+}
+
+/// Draws the fields side by side as heat maps.
+///
+/// # Errors
+/// The file cannot be written.
+pub(super) fn draw_heat(scenes: &[Scene], path: &Path) -> Result<(), InputError> {
+    let columns = scenes.len().clamp(1, COLUMNS);
+    let lines = scenes.len().div_ceil(COLUMNS).max(1);
+    let width = 2.0 * EDGE + columns as f64 * (MAP + GAP) - GAP;
+    let page = [width, EDGE + lines as f64 * (TITLE + MAP + LEGEND)];
+    write_svg(path, page, |area| {
+        for (index, scene) in scenes.iter().enumerate() {
+            let left = EDGE + (index % COLUMNS) as f64 * (MAP + GAP);
+            let top = TITLE + (index / COLUMNS) as f64 * (TITLE + MAP + LEGEND);
+            heat(area, scene, [left, top])?;
+        }
+        Ok(())
+    })
+}
+
+/// Draws a field as a surface.
+///
+/// # Errors
+/// The file cannot be written.
+pub(super) fn draw_surface(scene: &Scene, path: &Path) -> Result<(), InputError> {
+    write_svg(path, PAGE, |area| surface(area, scene))
+}
+
+fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64; 2]) -> Drawn<B> {
+    let [west, south, east, north] = scene.bounds;
+    let scale = MAP / (east - west).max(north - south);
+    let (right, bottom) = (left + (east - west) * scale, top + (north - south) * scale);
+    let at = |x: f64, y: f64| (pixels(left + (x - west) * scale), pixels(bottom - (y - south) * scale));
+    let place = |place: Horizontal| {
+        let (x, y) = place.xy();
+        at(x.clamp(west, east), y.clamp(south, north))
+    };
+    text(area, &scene.title, [left, top - 10.0], 16.0, INK, (HPos::Left, VPos::Bottom))?;
+
+    let ceiling = scene.ceiling();
+    let edge = |cell: usize| cell as f64 / CELLS as f64;
+    for row in 0..CELLS {
+        let of = |column: usize| {
+            let [x, y] = scene.at(edge(column) + 0.5 * edge(1), edge(row) + 0.5 * edge(1));
+            band(level(scene.potential(x, y), ceiling))
+        };
+        // Neighbours of one band make one rectangle.
+        let bands: Vec<usize> = (0..CELLS).map(of).collect();
+        let mut column = 0;
+        for run in bands.chunk_by(|a, b| a == b) {
+            let ([x0, y0], [x1, y1]) =
+                (scene.at(edge(column), edge(row)), scene.at(edge(column + run.len()), edge(row + 1)));
+            // A little over its neighbours to the east and north, which are drawn later: no seams.
+            let ((left, top), (right, bottom)) = (at(x0, y1), at(x1, y0));
+            let over = |pixel: i32, by: i32, edge: (i32, i32)| (pixel + by).clamp(edge.0, edge.1);
+            let (north_west, south_east) = (at(west, north), at(east, south));
+            let corners = [
+                (left, over(top, -2, (north_west.1, south_east.1))),
+                (over(right, 2, (north_west.0, south_east.0)), bottom),
+            ];
+            area.draw(&Rectangle::new(corners, color(run[0], 1.0).filled()))?;
+            column += run.len();
+        }
+    }
+    for (center, radius_m) in &scene.pillars {
+        let radius = pixels((radius_m * scale).max(3.0));
+        area.draw(&Circle::new(place(*center), radius, PILLAR.mix(0.85).filled()))?;
+    }
+    for ((_, places), color) in scene.paths.iter().zip(PATHS) {
+        let points: Vec<(i32, i32)> = places.iter().map(|p| place(*p)).collect();
+        area.draw(&PathElement::new(points.clone(), line(INK, 0.55, 3.2)))?;
+        area.draw(&PathElement::new(points, line(color, 1.0, 1.8)))?;
+    }
+    for (end, color) in [(scene.start, START), (scene.goal, GOAL)] {
+        area.draw(&Circle::new(place(end), pixels(6.0), PAPER.filled()))?;
+        area.draw(&Circle::new(place(end), pixels(4.4), color.filled()))?;
+    }
+    area.draw(&Rectangle::new([at(west, north), at(east, south)], line(FRAME, 1.0, 1.0)))?;
+    for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
+        let [x, y] = scene.at(share, share);
+        let (x_at, y_at) = (left + (x - west) * scale, bottom - (y - south) * scale);
+        text(area, &format!("{x}"), [x_at, bottom + 6.0], 12.0, FAINT_INK, (HPos::Center, VPos::Top))?;
+        text(area, &format!("{y}"), [left - 6.0, y_at], 12.0, FAINT_INK, (HPos::Right, VPos::Center))?;
+    }
+    text(area, "x east and y north, m", [right, bottom + 22.0], 12.0, FAINT_INK, (HPos::Right, VPos::Top))?;
+    let mut x = left;
+    for ((name, _), color) in scene.paths.iter().zip(PATHS) {
+        let y = bottom + 30.0;
+        let points = vec![(pixels(x), pixels(y)), (pixels(x + 20.0), pixels(y))];
+        area.draw(&PathElement::new(points.clone(), line(INK, 0.55, 3.2)))?;
+        area.draw(&PathElement::new(points, line(color, 1.0, 1.8)))?;
+        text(area, name, [x + 26.0, y], 12.0, INK, (HPos::Left, VPos::Center))?;
+        x += 40.0 + 7.0 * name.len() as f64;
+    }
+    Ok(())
+}
+
+/// A patch of the surface and how far it is from who looks.
+struct Patch {
+    depth: i32,
+    corners: Vec<(f64, f64, f64)>,
+    color: RGBColor,
+}
+
+fn surface<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene) -> Drawn<B> {
+    let [west, south, east, north] = scene.bounds;
+    let ceiling = scene.ceiling();
+    text(area, &scene.title, [EDGE, 32.0], 20.0, INK, (HPos::Left, VPos::Center))?;
+    let margin = OVERSIZE * 40;
+    let mut chart = ChartBuilder::on(area).margin(margin).margin_top(2 * margin).build_cartesian_3d(
+        west..east,
+        0.0..ceiling,
+        south..north,
+    )?;
+    chart.with_projection(|mut view| {
+        view.pitch = PITCH_RAD;
+        view.yaw = YAW_RAD;
+        view.scale = 0.92;
+        view.into_matrix()
+    });
+    chart
+        .configure_axes()
+        .label_style(TextStyle::from(("sans-serif", 12.0 * f64::from(OVERSIZE)).into_font()).color(&FAINT_INK))
+        .bold_grid_style(line(GRID, 1.0, 0.8))
+        .light_grid_style(line(PAPER, 1.0, 0.2))
+        .max_light_lines(1)
+        .x_labels(6)
+        .y_labels(5)
+        .z_labels(6)
+        .draw()?;
+
+    let edge = |patch: usize| patch as f64 / PATCHES as f64;
+    let height = |x: f64, y: f64| {
+        let potential = scene.potential(x, y);
+        if potential.is_finite() { potential.clamp(0.0, ceiling) } else { ceiling }
+    };
+    let corner = |column: usize, row: usize| {
+        let [x, y] = scene.at(edge(column), edge(row));
+        (x, height(x, y), y)
+    };
+    let mut patches: Vec<Patch> = Vec::with_capacity(PATCHES * PATCHES);
+    for row in 0..PATCHES {
+        for column in 0..PATCHES {
+            let corners = vec![
+                corner(column, row),
+                corner(column + 1, row),
+                corner(column + 1, row + 1),
+                corner(column, row + 1),
+            ];
+            let middle = corners.iter().map(|corner| corner.1).sum::<f64>() / 4.0;
+            let [x, y] = scene.at(edge(column) + 0.5 * edge(1), edge(row) + 0.5 * edge(1));
+            let depth = chart.as_coord_spec().projected_depth(&x, &0.0, &y);
+            // Light from the west: what falls to the west is bright.
+            let rise = (corners[1].1 - corners[0].1) / ceiling * PATCHES as f64;
+            let shade = (1.0 + 0.12 * rise).clamp(0.6, 1.15);
+            patches.push(Patch { depth, corners, color: color(band(level(middle, ceiling)), shade) });
+        }
+    }
+    patches.sort_by_key(|patch| patch.depth);
+    chart.draw_series(patches.into_iter().map(|patch| Polygon::new(patch.corners, patch.color.filled())))?;
+
+    let lifted = |place: &Horizontal| {
+        let (x, y) = place.xy();
+        let (x, y) = (x.clamp(west, east), y.clamp(south, north));
+        (x, height(x, y) + 0.01 * ceiling, y)
+    };
+    for ((_, places), color) in scene.paths.iter().zip(PATHS) {
+        let points: Vec<(f64, f64, f64)> = places.iter().map(lifted).collect();
+        for style in [line(INK, 0.55, 3.4), line(color, 1.0, 2.0)] {
+            chart.draw_series([PathElement::new(points.clone(), style)])?;
+        }
+    }
+    for (end, color) in [(scene.start, START), (scene.goal, GOAL)] {
+        chart.draw_series([
+            Circle::new(lifted(&end), pixels(6.0), PAPER.filled()),
+            Circle::new(lifted(&end), pixels(4.4), color.filled()),
+        ])?;
+    }
+    let mut y = PAGE[1] - 24.0 - 18.0 * scene.paths.len() as f64;
+    for ((name, _), color) in scene.paths.iter().zip(PATHS) {
+        let points = vec![(pixels(EDGE), pixels(y)), (pixels(EDGE + 20.0), pixels(y))];
+        area.draw(&PathElement::new(points.clone(), line(INK, 0.55, 3.2)))?;
+        area.draw(&PathElement::new(points, line(color, 1.0, 1.8)))?;
+        text(area, name, [EDGE + 26.0, y], 13.0, INK, (HPos::Left, VPos::Center))?;
+        y += 18.0;
+    }
+    let axes = "east and north, m; upwards: potential";
+    text(area, axes, [PAGE[0] - EDGE, PAGE[1] - 24.0], 13.0, FAINT_INK, (HPos::Right, VPos::Center))
+}
