@@ -17,7 +17,7 @@ use foxhound_sim::flight::{self, Ending, Mission, Record};
 use foxhound_sim::frames::{ArrayDescription, Recording, read_yaw};
 use foxhound_sim::input::{InputError, read_text};
 use foxhound_sim::qemu::QemuComputer;
-use foxhound_sim::reproduce::{circle, crb, density};
+use foxhound_sim::reproduce::{circle, crb, density, variants};
 use foxhound_sim::scenario::{BearingModel, Scenario, VehicleModel};
 use foxhound_sim::suite::{self, Selection, Suite};
 use foxhound_sim::{maps, plot, tlog};
@@ -397,7 +397,8 @@ const REPRODUCE_HELP: &str = "Examples:
   foxhound reproduce aoa-circle              table on stdout, picture in out/aoa-circle.svg
   foxhound reproduce aoa-crb --json --seed 2
   foxhound reproduce apf-density             the main paper's planners and ours on its maps; minutes
-  foxhound reproduce apf-density --pairs 10 --json --out density";
+  foxhound reproduce apf-density --pairs 10 --json --out density
+  foxhound reproduce apf-variants            potential fields of the variants paper";
 
 #[derive(Args, Debug)]
 #[command(after_help = REPRODUCE_HELP)]
@@ -421,6 +422,8 @@ enum Experiment {
     AoaCrb,
     /// Planners on maps of growing obstacle density (main paper, Table I, fig. 9 and 10).
     ApfDensity,
+    /// Four potential fields in four scenes with local minima (variants paper, Table I).
+    ApfVariants,
 }
 
 /// Runs the command that was given.
@@ -673,6 +676,11 @@ fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
             let report = density::run(&options, |done| progress.set_position(done));
             progress.finish_and_clear();
             let report = report?;
+            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
+            (json_line(&report)?, report.table(), pictures)
+        }
+        Experiment::ApfVariants => {
+            let report = variants::run();
             let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
             (json_line(&report)?, report.table(), pictures)
         }

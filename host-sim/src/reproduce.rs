@@ -5,12 +5,14 @@
 //! - [`crb`], `aoa-crb`: the rms error of whole frames, frequency not told, over the Cramer-Rao bound of the square array,
 //!   `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`.
 //! - [`density`], `apf-density`: the main paper's planners on maps of growing obstacle density (Table I, fig. 9 and 10).
+//! - [`variants`], `apf-variants`: the variants paper's four potential fields in its four scenes (Table I).
 //!
 //! Each experiment yields one serialisable report with a table for people and pictures.
 
 pub mod circle;
 pub mod crb;
 pub mod density;
+pub mod variants;
 
 mod chart;
 mod kinematic;

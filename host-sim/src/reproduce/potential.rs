@@ -39,7 +39,8 @@ const PILLAR: RGBColor = RGBColor(75, 85, 99);
 const START: RGBColor = RGBColor(21, 128, 61);
 const GOAL: RGBColor = RGBColor(220, 38, 38);
 /// Colours of the paths.
-pub(super) const PATHS: [RGBColor; 3] = [RGBColor(255, 255, 255), RGBColor(240, 140, 30), RGBColor(220, 38, 38)];
+pub(super) const PATHS: [RGBColor; 4] =
+    [RGBColor(255, 255, 255), RGBColor(240, 140, 30), RGBColor(220, 38, 38), RGBColor(96, 200, 255)];
 /// Colours of the potential, from low to high.
 const HEAT: [RGBColor; 6] = [
     RGBColor(48, 18, 92),
@@ -80,6 +81,11 @@ impl Scene {
             .map(|corner| self.goal.minus(Horizontal::from_xy(corner)).norm());
         let farthest_m = far.into_iter().fold(0.0, f64::max);
         0.5 * f64::from(self.field.gains.k_att) * farthest_m * farthest_m
+    }
+
+    /// Width of a path: those drawn first show on both sides of those drawn over them.
+    fn width(&self, index: usize) -> f64 {
+        1.8 + 1.5 * self.paths.len().saturating_sub(1 + index) as f64
     }
 
     /// Place of a share of the way from one side to the other.
@@ -174,10 +180,11 @@ fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64
         let radius = pixels((radius_m * scale).max(3.0));
         area.draw(&Circle::new(place(*center), radius, PILLAR.mix(0.85).filled()))?;
     }
-    for ((_, places), color) in scene.paths.iter().zip(PATHS) {
+    for (index, ((_, places), color)) in scene.paths.iter().zip(PATHS).enumerate() {
         let points: Vec<(i32, i32)> = places.iter().map(|p| place(*p)).collect();
-        area.draw(&PathElement::new(points.clone(), line(INK, 0.55, 3.2)))?;
-        area.draw(&PathElement::new(points, line(color, 1.0, 1.8)))?;
+        let width = scene.width(index);
+        area.draw(&PathElement::new(points.clone(), line(INK, 0.55, width + 1.4)))?;
+        area.draw(&PathElement::new(points, line(color, 1.0, width)))?;
     }
     for (end, color) in [(scene.start, START), (scene.goal, GOAL)] {
         area.draw(&Circle::new(place(end), pixels(6.0), PAPER.filled()))?;
@@ -190,7 +197,7 @@ fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64
         text(area, &format!("{x}"), [x_at, bottom + 6.0], 12.0, FAINT_INK, (HPos::Center, VPos::Top))?;
         text(area, &format!("{y}"), [left - 6.0, y_at], 12.0, FAINT_INK, (HPos::Right, VPos::Center))?;
     }
-    text(area, "x east and y north, m", [right, bottom + 22.0], 12.0, FAINT_INK, (HPos::Right, VPos::Top))?;
+    text(area, "x east and y north, m", [right, top - 10.0], 12.0, FAINT_INK, (HPos::Right, VPos::Bottom))?;
     let mut x = left;
     for ((name, _), color) in scene.paths.iter().zip(PATHS) {
         let y = bottom + 30.0;
@@ -223,7 +230,7 @@ fn surface<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene) -> Drawn<B> {
     chart.with_projection(|mut view| {
         view.pitch = PITCH_RAD;
         view.yaw = YAW_RAD;
-        view.scale = 0.92;
+        view.scale = 0.8;
         view.into_matrix()
     });
     chart
@@ -272,9 +279,10 @@ fn surface<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene) -> Drawn<B> {
         let (x, y) = (x.clamp(west, east), y.clamp(south, north));
         (x, height(x, y) + 0.01 * ceiling, y)
     };
-    for ((_, places), color) in scene.paths.iter().zip(PATHS) {
+    for (index, ((_, places), color)) in scene.paths.iter().zip(PATHS).enumerate() {
         let points: Vec<(f64, f64, f64)> = places.iter().map(lifted).collect();
-        for style in [line(INK, 0.55, 3.4), line(color, 1.0, 2.0)] {
+        let width = scene.width(index);
+        for style in [line(INK, 0.55, width + 1.4), line(color, 1.0, width)] {
             chart.draw_series([PathElement::new(points.clone(), style)])?;
         }
     }
