@@ -3,10 +3,10 @@
 //! The paper prints mean and variance of its five maps and flies each seven times; [`crate::maps`] draws maps to these
 //! numbers, four to each, and pairs of starts and goals between which there is a way. Every pair is flown by
 //!
-//! - the paper's planner and its baseline as published: a kinematic point, [`super::kinematic`];
+//! - the paper's planner and its baseline as published: a kinematic point, by [`Rules`];
 //! - both once more, and ours, as the product flies: dynamics, tracker and guard, [`crate::flight`].
 //!
-//! The paper leaves much open; [`READINGS`] says what the numbers become when it is read otherwise. Lengths are compared as
+//! The paper leaves much open; the report says what the numbers become when it is read otherwise. Lengths are compared as
 //! the paper does: over the straight line, on the pairs that all of those compared reach.
 
 use std::fmt::Write as _;
@@ -515,8 +515,11 @@ impl Report {
             }
             let relative = &columns.relative_length;
             let lengths = relative.named().map(number).join(", ");
-            let _ =
-                writeln!(text, "  over the straight line, the {} pairs that all five reach: {lengths}", relative.pairs);
+            let _ = writeln!(
+                text,
+                "  over the straight line, the {} pairs that all five reach, in this order: {lengths}",
+                relative.pairs
+            );
         }
         let gain = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{:+.1}", 100.0 * value));
         let (success, length) = (|tally: &Tally| tally.success_rate, &self.all.relative_length);
