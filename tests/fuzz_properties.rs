@@ -3,7 +3,7 @@
 #[path = "../fuzz/src/lib.rs"]
 pub mod properties;
 
-use properties::{Reached, frames, link, looks};
+use properties::{Reached, frames, link, looks, steer};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -39,4 +39,13 @@ fn any_looks_give_finite_arrivals_with_a_sigma() {
 fn any_bytes_leave_the_link_sane_and_its_own_frames_whole() {
     let (configured, sum) = run(link, 4000, 4000);
     assert!(configured > 1000 && sum.usable > 500, "too shallow: {configured} configured, {sum:?}");
+}
+
+#[test]
+fn any_steering_gives_finite_setpoints_inside_the_limits_and_finite_plans() {
+    let (configured, sum) = run(steer, 2400, 3000);
+    assert!(
+        configured > 1000 && sum.answers > 200_000 && sum.usable > 60_000,
+        "too shallow: {configured} configured, {sum:?}"
+    );
 }

@@ -6,6 +6,7 @@
 //! | [`frames`] | configurations, snapshots -> phase -> bearing | no panic, no NaN, 0 < sigma <= pi, never valid without a signal |
 //! | [`looks`] | phasors, bearings, poses -> several looks -> arrival | the same, powers and directions in range |
 //! | [`link`] | bytes, broken and whole frames, outputs -> framer and companion | every whole frame is found, nothing is invented, what is sent is well formed and within the limits |
+//! | [`steer`](fn@steer) | demands to the guard; sensors, controls and clocks through guidance and all planners -> setpoints, plans | finite and inside the limits of speed, acceleration, jerk, yaw rate and altitude; nothing without control; every plan finite |
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::OnceLock;
@@ -26,6 +27,9 @@ use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
 use foxhound_link::{Message, companion::TYPE_MASK};
 
+mod steer;
+pub use steer::steer;
+
 /// What a case came to, so that a test can tell whether cases reach deep enough.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reached {
@@ -33,7 +37,7 @@ pub struct Reached {
     pub configured: bool,
     /// Answers: bearings, arrivals, frames found.
     pub answers: u32,
-    /// Those that may be used: valid bearings; of the link, setpoints sent.
+    /// Those that may be used: valid bearings; of the link, setpoints sent; of steering, what moved.
     pub usable: u32,
 }
 

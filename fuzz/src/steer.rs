@@ -1,0 +1,620 @@
+//! Any steering: demands and places through the guard alone, and flights through guidance and planner, step by step.
+
+use std::f32::consts::PI;
+
+use foxhound_core::bearing::{Bearing, Flags, Quality};
+use foxhound_core::field::{self, Obstacle};
+use foxhound_core::frame::{Horizontal, Ned};
+use foxhound_core::guard::{self, Action, Fence, Setpoint, Situation};
+use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
+use foxhound_core::map::{CIRCLES_MAX, Circle};
+use foxhound_core::mission::{Behaviour, Control, Outcome};
+use foxhound_core::ownship::Ownship;
+use foxhound_core::planner::{self, Kind, Offsets, Plan, Planner, Scratch, Verdict};
+use foxhound_core::rollout::Reading;
+use foxhound_core::scan::{Frame, Points, Pose, SECTORS_MAX, Scan, Sector};
+use foxhound_core::time::Instant;
+use foxhound_core::track::Demand;
+
+use super::{Draw, Noise, Reached};
+
+/// Longest flight, steps.
+const STEPS_MAX: u32 = 400;
+/// Farther out than this a place is not exact enough to measure clearances by.
+const NEAR_M: f32 = 100.0;
+
+/// Any steering. Of a case, `answers` are the steps and plans, `usable` those that moved the vehicle or may be followed.
+pub fn steer(case: &[u8]) -> Reached {
+    let draw = &mut Draw { rest: case };
+    if draw.below(3) == 0 { guarded(draw) } else { flown(draw) }
+}
+
+fn place(draw: &mut Draw<'_>) -> Horizontal {
+    let reach_m = if draw.flag() { 2.0 } else { 20.0 };
+    Horizontal { north: draw.any(-reach_m, reach_m), east: draw.any(-reach_m, reach_m) }
+}
+
+fn circle(draw: &mut Draw<'_>) -> Circle {
+    let moves = draw.below(6) == 0;
+    let velocity_ned_mps = if moves {
+        Horizontal { north: draw.any(-2.0, 2.0), east: draw.any(-2.0, 2.0) }
+    } else {
+        Horizontal::default()
+    };
+    Circle { center_ned_m: place(draw), radius_m: draw.field(0.25, 0.0, 1.0), velocity_ned_mps }
+}
+
+fn circles(draw: &mut Draw<'_>) -> Vec<Circle> {
+    let mut circles: Vec<Circle> = (0..draw.below(14)).map(|_| circle(draw)).collect();
+    if draw.below(16) == 0 {
+        // One in many copies, or a forest: more than the map holds.
+        let (mut noise, is_forest) = (Noise(u64::from(draw.word())), draw.flag());
+        let first = circles.first().copied().unwrap_or_default();
+        circles.extend((0..200).map(|_| {
+            let away = Horizontal { north: 3.0 * noise.gaussian(), east: 3.0 * noise.gaussian() };
+            if is_forest { Circle { center_ned_m: away, radius_m: 0.1, ..Circle::default() } } else { first }
+        }));
+    }
+    circles
+}
+
+fn scan(draw: &mut Draw<'_>, time: Instant) -> Scan {
+    let mut sectors = [Sector::Unknown; SECTORS_MAX];
+    let (pattern, range_m) = (draw.word(), draw.any(0.0, 4.0));
+    for (index, sector) in sectors.iter_mut().enumerate() {
+        *sector = match pattern.rotate_left(index as u32) & 3 {
+            0 => Sector::Unknown,
+            1 => Sector::Clear,
+            2 => Sector::Hit(range_m),
+            _ => Sector::Hit(draw.any(0.0, 5.0)),
+        };
+    }
+    Scan {
+        time,
+        first_azimuth_rad: draw.field(0.0, -4.0, 4.0),
+        step_rad: draw.field(PI / 36.0, -0.2, 0.2),
+        range_max_m: draw.field(3.0, 0.1, 20.0),
+        sectors,
+    }
+}
+
+fn guard_config(draw: &mut Draw<'_>) -> guard::Config {
+    let usual = guard::Config::default();
+    let fence = match draw.below(8) {
+        0 => Fence::Circle { center_ned_m: place(draw), radius_m: draw.field(10.0, 1.0, 50.0) },
+        1 => Fence::rectangle(place(draw), place(draw)),
+        2 => {
+            let corners_ned_m = [(); guard::CORNERS_MAX].map(|()| place(draw));
+            Fence::Polygon { corners_ned_m, count: draw.below(10) }
+        }
+        _ => Fence::Off,
+    };
+    guard::Config {
+        v_max_mps: draw.field(usual.v_max_mps, 0.05, 20.0),
+        v_down_max_mps: draw.field(usual.v_down_max_mps, 0.0, 5.0),
+        a_max_mps2: draw.field(usual.a_max_mps2, 0.1, 20.0),
+        jerk_max_mps3: draw.field(usual.jerk_max_mps3, 1.0, 1000.0),
+        yaw_rate_max_radps: draw.field(usual.yaw_rate_max_radps, 0.1, 6.3),
+        vehicle_radius_m: draw.field(usual.vehicle_radius_m, 0.0, 2.0),
+        margin_m: draw.field(usual.margin_m, 0.0, 1.0),
+        approach_rate_per_s: draw.field(usual.approach_rate_per_s, 0.1, 20.0),
+        fov_rad: draw.field(usual.fov_rad, 0.1, 2.0 * PI),
+        out_of_view_share: draw.field(usual.out_of_view_share, 0.0, 1.0),
+        altitude_band_m: draw.field(usual.altitude_band_m, 0.1, 100.0),
+        down_min_m: draw.field(usual.down_min_m, -50.0, 0.0),
+        down_max_m: draw.field(usual.down_max_m, -10.0, 10.0),
+        fence,
+        fence_margin_m: draw.field(usual.fence_margin_m, 0.0, 5.0),
+        ..usual
+    }
+}
+
+fn planner_config(draw: &mut Draw<'_>) -> planner::Config {
+    let kind = [Kind::Foxhound, Kind::Foxhound, Kind::Paper, Kind::Standard][usize::from(draw.below(4))];
+    let usual = planner::Config::of(kind);
+    let laws = [
+        field::Kind::Logarithmic,
+        field::Kind::InverseDistance,
+        field::Kind::Khatib,
+        field::Kind::Rizqi,
+        field::Kind::Sun,
+        field::Kind::VirtualForce,
+    ];
+    let mut config = planner::Config {
+        lambda: draw.field(usual.lambda, 1e-3, 1e3),
+        law: field::Law::of(laws[usize::from(draw.below(6))]),
+        reading: [Reading::Waypoint, Reading::Quarters, Reading::Gradient][usize::from(draw.below(3))],
+        offsets: if draw.below(4) == 0 { Offsets::Scalar } else { Offsets::Signed },
+        margin_m: draw.field(usual.margin_m, 0.02, 1.0),
+        horizon_m: draw.field(usual.horizon_m, 0.5, 2.0),
+        checked_segments: if draw.flag() { usual.checked_segments } else { draw.below(16) },
+        ..usual
+    };
+    for gains in [&mut config.gains, &mut config.gains_sigma] {
+        gains.k_att = draw.field(gains.k_att, 0.05, 100.0);
+        gains.k_rep = draw.field(gains.k_rep, 0.0, 100.0);
+        gains.influence_m = draw.field(gains.influence_m, 0.05, 10.0);
+        gains.swirl = draw.field(gains.swirl, 0.0, 100.0);
+    }
+    config
+}
+
+/// A command against the one before it.
+struct Step<'a> {
+    limits: &'a guard::Config,
+    dt_s: f32,
+    setpoint: Setpoint,
+    last: Ned,
+    last_change_mps: f32,
+    /// Whether the jerk limit holds: nothing comes at the vehicle.
+    is_calm: bool,
+}
+
+impl Step<'_> {
+    fn change_mps(&self) -> f32 {
+        self.setpoint.velocity_ned_mps.horizontal().minus(self.last.horizontal()).norm()
+    }
+
+    /// Comparisons are false for what is not a number.
+    fn check(&self, about: &dyn Fn() -> String) {
+        let (limits, velocity) = (self.limits, self.setpoint.velocity_ned_mps);
+        assert!(velocity.is_finite() && self.setpoint.yaw_rate_radps.is_finite(), "not finite: {}", about());
+        assert!(velocity.horizontal().norm() <= limits.v_max_mps * 1.0001, "speed: {}", about());
+        assert!(velocity.down.abs() <= limits.v_down_max_mps, "vertical speed: {}", about());
+        assert!(self.setpoint.yaw_rate_radps.abs() <= limits.yaw_rate_max_radps, "yaw rate: {}", about());
+        let (change_mps, most) = (self.change_mps(), limits.a_max_mps2 * self.dt_s);
+        // Differences of single-precision speeds.
+        let grain = 1e-5 + 1e-6 * limits.v_max_mps;
+        assert!(change_mps <= most * 1.001 + grain, "acceleration: {}", about());
+        assert!((velocity.down - self.last.down).abs() <= most * 1.001 + grain, "vertical acceleration: {}", about());
+        let is_faster = velocity.horizontal().norm() > self.last.horizontal().norm() + 2.0 * grain;
+        if self.is_calm && is_faster {
+            let built_up = limits.jerk_max_mps3 * self.dt_s * self.dt_s;
+            assert!(change_mps <= self.last_change_mps + built_up * 1.001 + grain, "jerk: {}", about());
+        }
+    }
+}
+
+/// How far a place is from a segment, in double precision.
+fn from_segment_m(point: Horizontal, a: Horizontal, b: Horizontal) -> f64 {
+    let to = |p: Horizontal| [f64::from(p.north) - f64::from(a.north), f64::from(p.east) - f64::from(a.east)];
+    let (along, place) = (to(b), to(point));
+    let length_squared = along[0] * along[0] + along[1] * along[1];
+    let share = if length_squared > 0.0 { (along[0] * place[0] + along[1] * place[1]) / length_squared } else { 0.0 };
+    let share = share.clamp(0.0, 1.0);
+    (place[0] - share * along[0]).hypot(place[1] - share * along[1])
+}
+
+/// Any demands, situations and obstacles through the guard.
+fn guarded(draw: &mut Draw<'_>) -> Reached {
+    let mut reached = Reached::default();
+    let limits = guard_config(draw);
+    let dt_s = draw.between(0.005, 0.1);
+    let Ok(guard) = limits.build() else { return reached };
+    reached.configured = true;
+    let mut state = guard::State::default();
+    let (mut last, mut last_change_mps, mut beats) = (Ned::default(), 0.0, 0);
+    while !draw.rest.is_empty() && reached.answers < STEPS_MAX {
+        match draw.below(8) {
+            0 => {
+                let pose = Pose { position_ned_m: place(draw), yaw_rad: not_absurd(draw.any(-4.0, 4.0)) };
+                guard.look_scan(&mut state, &scan(draw, Instant(0)), &pose);
+            }
+            1 => {
+                let obstacles: Vec<_> = circles(draw).iter().map(|circle| guard.obstacle(circle)).collect();
+                let pose = Pose { position_ned_m: place(draw), yaw_rad: not_absurd(draw.any(-4.0, 4.0)) };
+                guard.look_circles(&mut state, &obstacles, &pose);
+            }
+            2 if draw.flag() => {
+                state.release();
+                (last, last_change_mps, beats) = (Ned::default(), 0.0, beats + 1);
+            }
+            _ => {
+                let situation = situation(draw);
+                let demand = Demand {
+                    velocity_ned_mps: Horizontal { north: draw.any(-3.0, 3.0), east: draw.any(-3.0, 3.0) },
+                    down_mps: draw.any(-1.0, 1.0),
+                    yaw_rate_radps: draw.any(-3.0, 3.0),
+                };
+                let obstacles: Vec<_> = circles(draw).iter().map(|circle| guard.obstacle(circle)).collect();
+                let ruling = guard.step(&mut state, &demand, &situation, &obstacles, dt_s);
+                let about =
+                    || format!("{ruling:?} after {last:?}: {demand:?} {situation:?} {obstacles:?} {dt_s} {limits:?}");
+                let is_calm = obstacles.iter().all(|obstacle| obstacle.velocity_ned_mps == Horizontal::default());
+                let step = Step { limits: &limits, dt_s, setpoint: ruling.setpoint, last, last_change_mps, is_calm };
+                step.check(&about);
+                assert!(ruling.look_ned_rad.is_none_or(f32::is_finite), "where to look: {}", about());
+                check_altitude(&step, &situation, &about);
+                if matches!(ruling.action, Action::Passed | Action::Limited) {
+                    check_way(&limits, ruling.setpoint, &situation, &obstacles, &about);
+                }
+                beats += 1;
+                assert_eq!(state.counts().beats, beats, "the beat of the guard");
+                reached.answers += 1;
+                let velocity = ruling.setpoint.velocity_ned_mps;
+                reached.usable += u32::from(velocity.horizontal().norm() > 0.01);
+                (last, last_change_mps) = (velocity, step.change_mps());
+            }
+        }
+    }
+    reached
+}
+
+fn situation(draw: &mut Draw<'_>) -> Situation {
+    let position_ned_m = place(draw);
+    let underway = Horizontal { north: draw.between(-1.0, 1.0), east: draw.between(-1.0, 1.0) };
+    let rest_ned_m = if draw.below(8) == 0 { place(draw) } else { position_ned_m.plus(underway) };
+    Situation {
+        position_ned_m,
+        rest_ned_m,
+        yaw_rad: draw.any(-4.0, 4.0),
+        delay_s: draw.field(0.3, 0.0, 1.0),
+        down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),
+        held_down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),
+    }
+}
+
+/// Beyond the limits of altitude nothing goes on outwards but what is being braked.
+fn check_altitude(step: &Step<'_>, situation: &Situation, about: &dyn Fn() -> String) {
+    let Some(down_m) = situation.down_m.filter(|down_m| down_m.is_finite()) else { return };
+    let slowed = |speed_mps: f32| (speed_mps - step.limits.a_max_mps2 * step.dt_s * 0.999).max(0.0) + 1e-5;
+    let down_mps = step.setpoint.velocity_ned_mps.down;
+    let too_low = down_m >= step.limits.down_max_m && down_mps > slowed(step.last.down);
+    let too_high = down_m <= step.limits.down_min_m && -down_mps > slowed(-step.last.down);
+    assert!(!too_low && !too_high, "altitude: {}", about());
+}
+
+/// What is granted can be braked away inside the fence and clear of what stands, or does not make it worse.
+fn check_way(
+    limits: &guard::Config,
+    setpoint: Setpoint,
+    situation: &Situation,
+    obstacles: &[Obstacle],
+    about: &dyn Fn() -> String,
+) {
+    let (position, rest) = (situation.position_ned_m, situation.rest_ned_m);
+    if rest.norm() > NEAR_M || position.norm() > NEAR_M {
+        return;
+    }
+    let velocity = setpoint.velocity_ned_mps.horizontal();
+    let end = rest.plus(velocity.times(0.5 * velocity.norm() / limits.a_max_mps2));
+    let (before_m, after_m) = (limits.fence.depth_m(rest), limits.fence.depth_m(end));
+    assert!(after_m >= before_m.min(0.0) - 1e-2, "fence, {before_m} then {after_m}: {}", about());
+    // The map lets no other circles through.
+    let is_sane = |o: &Obstacle| o.reach_m.is_finite() && o.center_ned_m.norm() < NEAR_M;
+    let stands = |o: &&Obstacle| o.velocity_ned_mps == Horizontal::default() && is_sane(o);
+    for obstacle in obstacles.iter().filter(stands) {
+        let reach_m = f64::from(obstacle.reach_m);
+        let committed_m = from_segment_m(obstacle.center_ned_m, position, rest) - reach_m;
+        let after_m = from_segment_m(obstacle.center_ned_m, rest, end) - reach_m;
+        let least_m = committed_m.min(0.0) - 2e-3;
+        assert!(after_m >= least_m, "obstacle {obstacle:?}, {committed_m} then {after_m}: {}", about());
+    }
+}
+
+fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
+    let usual = guidance::Config::default();
+    let mut config = guidance::Config {
+        seed: u64::from(draw.word()),
+        tick_s: draw.field(usual.tick_s, 0.005, 0.1),
+        handover_ticks: if draw.flag() { usual.handover_ticks } else { u32::from(draw.below(32)) },
+        replan_at_waypoint: if draw.flag() { usual.replan_at_waypoint } else { draw.below(17) },
+        replan_after_s: draw.field(usual.replan_after_s, 0.1, 5.0),
+        retry_s: draw.field(usual.retry_s, 0.05, 2.0),
+        planner: planner_config(draw),
+        guard: guard_config(draw),
+        ..usual
+    };
+    config.planner.vehicle_radius_m = config.guard.vehicle_radius_m;
+    if draw.flag() {
+        config.map.moving_memory_s = draw.field(config.map.moving_memory_s, 0.1, 60.0);
+        config.map.clear_looks = draw.below(6);
+        config.map.inflation_sigmas = draw.field(config.map.inflation_sigmas, 0.0, 5.0);
+        config.goal.target_distance_m = draw.field(config.goal.target_distance_m, 0.5, 20.0);
+        config.response.dead_time_s = draw.field(config.response.dead_time_s, 0.0, 0.1);
+        config.response.lag_s = draw.field(config.response.lag_s, 0.0, 5.0);
+        config.track.kp_per_s = draw.field(config.track.kp_per_s, 0.1, 20.0);
+        config.track.ki_per_s2 = draw.field(config.track.ki_per_s2, 0.0, 10.0);
+        config.track.kd = draw.field(config.track.kd, 0.0, 0.9);
+        config.track.yaw_gain_per_s = draw.field(config.track.yaw_gain_per_s, 0.0, 10.0);
+        config.mission.obstacles_required = draw.flag();
+        config.mission.bearing_age_max_s = draw.field(config.mission.bearing_age_max_s, 0.05, 60.0);
+        config.mission.no_path_max_s = draw.field(config.mission.no_path_max_s, 0.5, 600.0);
+    }
+    config
+}
+
+/// A flight with a vehicle that obeys at once.
+struct Flight {
+    config: guidance::Config,
+    guidance: Guidance<64>,
+    state: guidance::State<64>,
+    planner: Planner,
+    scratch: Scratch,
+    now: Instant,
+    ownship: Ownship,
+    source_ned_m: Horizontal,
+    circles: Vec<Circle>,
+    control: Control,
+    /// What still works.
+    is_heard: bool,
+    is_seen: bool,
+    is_planned: bool,
+    /// The planner's answer, and the steps until it is there.
+    answer: Option<(Plan, u8)>,
+    plan_steps: u8,
+    last: Ned,
+    last_change_mps: f32,
+    beats: u32,
+    reached: Reached,
+}
+
+/// What differs from the ordinary in a step.
+#[derive(Default)]
+struct Odd {
+    scan: Option<Scan>,
+    points: Option<Points>,
+    bearing: Option<Bearing>,
+    plan: Option<Plan>,
+    is_silent: bool,
+}
+
+/// Guidance hands no pose to the guard whose yaw is absurd.
+fn not_absurd(value: f32) -> f32 {
+    if value.is_finite() { value.clamp(-100.0, 100.0) } else { value }
+}
+
+/// Flights through any configuration, with anything in their way.
+fn flown(draw: &mut Draw<'_>) -> Reached {
+    let config = guidance_config(draw);
+    let (Ok(guidance), Ok(planner)) = (config.build::<64>(), config.planner.build()) else { return Reached::default() };
+    let mut flight = Flight {
+        state: guidance.start(),
+        config,
+        guidance,
+        planner,
+        scratch: Scratch::default(),
+        now: Instant(u64::from(draw.word())),
+        ownship: Ownship::default(),
+        source_ned_m: place(draw),
+        circles: circles(draw),
+        control: Control::Granted,
+        is_heard: true,
+        is_seen: true,
+        is_planned: true,
+        answer: None,
+        plan_steps: if draw.flag() { 0 } else { draw.below(8) },
+        last: Ned::default(),
+        last_change_mps: 0.0,
+        beats: 0,
+        reached: Reached { configured: true, ..Reached::default() },
+    };
+    while !draw.rest.is_empty() && flight.reached.answers < STEPS_MAX {
+        match draw.byte() {
+            count @ 0..160 => {
+                for _ in 0..=count % 24 {
+                    flight.step(&Odd::default());
+                }
+            }
+            event => flight.happens(event, draw),
+        }
+    }
+    flight.reached
+}
+
+impl Flight {
+    fn happens(&mut self, event: u8, draw: &mut Draw<'_>) {
+        let mut odd = Odd::default();
+        match event % 16 {
+            0 => self.now = draw.instant(self.now),
+            1 => self.now = Instant(self.now.0.saturating_sub(u64::from(draw.word() % 5_000_000))),
+            2 => {
+                self.control = [Control::Granted, Control::NotInControl, Control::LinkLost][usize::from(draw.below(3))];
+            }
+            3 => self.circles = circles(draw),
+            4 => self.circles.push(circle(draw)),
+            5 => self.is_heard = draw.below(3) != 0,
+            6 => self.is_seen = draw.below(3) != 0,
+            7 => self.is_planned = draw.below(3) != 0,
+            8 => {
+                let time = draw_time(draw, self.now);
+                odd.scan = Some(scan(draw, time));
+            }
+            9 => {
+                let time = draw_time(draw, self.now);
+                odd.points = Some(points(draw, time));
+            }
+            10 => odd.bearing = Some(any_bearing(draw, self.now)),
+            11 => odd.plan = Some(self.any_plan(draw)),
+            12 => odd.is_silent = true,
+            13 => self.source_ned_m = place(draw),
+            _ => {
+                let ownship = &mut self.ownship;
+                let field = match draw.below(10) {
+                    0 => &mut ownship.position_ned_m.north,
+                    1 => &mut ownship.position_ned_m.east,
+                    2 => &mut ownship.position_ned_m.down,
+                    3 => &mut ownship.velocity_ned_mps.north,
+                    4 => &mut ownship.velocity_ned_mps.east,
+                    5 => &mut ownship.roll_rad,
+                    6 => &mut ownship.pitch_rad,
+                    7 => &mut ownship.yaw_rate_radps,
+                    _ => &mut ownship.yaw_rad,
+                };
+                *field = draw.any(-4.0, 4.0);
+                // It is heard once; what is no place does not last.
+                self.step(&odd);
+                let place = self.ownship.position_ned_m.horizontal();
+                if !self.ownship.is_finite() || place.norm() > 1e5 {
+                    self.ownship = Ownship::default();
+                }
+            }
+        }
+        self.step(&odd);
+    }
+
+    /// A plan that no planner made, or the active one, or one that was asked for, bent.
+    fn any_plan(&self, draw: &mut Draw<'_>) -> Plan {
+        let mut plan = self.planner.plan(&mut Scratch::default(), self.state.request());
+        plan.id = if draw.below(4) == 0 { draw.word() } else { plan.id };
+        let index = usize::from(draw.byte()) % plan.waypoints_ned_m.len();
+        plan.waypoints_ned_m[index] = place(draw);
+        if draw.below(4) == 0 {
+            plan.verdict = if plan.verdict == Verdict::Brake { Verdict::Follow } else { Verdict::Brake };
+        }
+        plan
+    }
+
+    /// One step, and whether it keeps what was promised.
+    fn step(&mut self, odd: &Odd) {
+        let tick_s = self.config.tick_s;
+        self.now = self.now.plus_micros((tick_s * 1e6) as u64);
+        (self.ownship.position_time, self.ownship.attitude_time) = (self.now, self.now);
+        let front_end = match odd.bearing {
+            Some(bearing) => FrontEnd::Bearing(bearing),
+            None if self.is_heard => FrontEnd::Bearing(self.bearing()),
+            None => FrontEnd::Nothing,
+        };
+        let plan = odd.plan.clone().or_else(|| match self.answer.take() {
+            Some((plan, 0)) => Some(plan),
+            Some((plan, steps)) => {
+                self.answer = Some((plan, steps - 1));
+                None
+            }
+            None => None,
+        });
+        let input = Input {
+            now: self.now,
+            front_end,
+            ownship: (!odd.is_silent).then_some(self.ownship),
+            scan: odd.scan.as_ref(),
+            points: odd.points.as_ref(),
+            circles: (self.is_seen && self.beats.is_multiple_of(5)).then_some(&*self.circles),
+            control: self.control,
+            plan: plan.as_ref(),
+        };
+        let output = self.guidance.step(&mut self.state, &input);
+        self.check(&output, odd);
+        self.fly(&output);
+        if output.plan_requested && self.is_planned {
+            let plan = self.planner.plan(&mut self.scratch, self.state.request());
+            check_plan(&plan, self.state.request());
+            self.reached.answers += 1;
+            self.reached.usable += u32::from(plan.verdict == Verdict::Follow);
+            self.answer = Some((plan, self.plan_steps));
+        }
+    }
+
+    fn check(&mut self, output: &Output, odd: &Odd) {
+        self.beats += 1;
+        assert_eq!(output.guard_counts.beats, self.beats, "the beat of the guard");
+        assert_eq!(output.time, self.now);
+        if self.control != Control::Granted {
+            // The next command starts from rest.
+            (self.last, self.last_change_mps) = (Ned::default(), 0.0);
+        }
+        let about = || {
+            format!(
+                "{output:?} after {:?}, control {:?}, {:?}, {:?}",
+                self.last, self.control, self.ownship, self.config
+            )
+        };
+        let behaviour = output.outcome.behaviour();
+        if self.control == Control::Granted {
+            assert_ne!(behaviour, Behaviour::None, "{}", about());
+        } else {
+            assert_eq!(output.setpoint, Setpoint::default(), "without control: {}", about());
+            assert!(matches!(output.outcome, Outcome::LinkLost | Outcome::NotInControl), "{}", about());
+        }
+        let is_calm = self.state.map().circles().all(|circle| circle.velocity_ned_mps == Horizontal::default());
+        let step = Step {
+            limits: &self.config.guard,
+            dt_s: self.config.tick_s,
+            setpoint: output.setpoint,
+            last: self.last,
+            last_change_mps: self.last_change_mps,
+            is_calm,
+        };
+        step.check(&about);
+        assert!(self.state.map().circles().all(Circle::is_plausible), "the map: {}", about());
+        assert!(self.state.map().circles().count() <= CIRCLES_MAX);
+        if let Some(bearing_rad) = output.source_bearing_ned_rad {
+            assert!(bearing_rad.abs() <= PI + 1e-5, "the source's bearing: {}", about());
+        }
+        if odd.plan.is_none() {
+            assert!(output.target_ned_m.is_none_or(Horizontal::is_finite), "the target: {}", about());
+        }
+        let velocity = output.setpoint.velocity_ned_mps;
+        self.last_change_mps = step.change_mps();
+        self.last = velocity;
+        self.reached.answers += 1;
+        self.reached.usable += u32::from(velocity.horizontal().norm() > 0.01);
+    }
+
+    /// The vehicle does as it is told.
+    fn fly(&mut self, output: &Output) {
+        let (tick_s, velocity) = (self.config.tick_s, output.setpoint.velocity_ned_mps);
+        let position = &mut self.ownship.position_ned_m;
+        position.north += velocity.north * tick_s;
+        position.east += velocity.east * tick_s;
+        position.down += velocity.down * tick_s;
+        self.ownship.velocity_ned_mps = velocity;
+        self.ownship.yaw_rate_radps = output.setpoint.yaw_rate_radps;
+        self.ownship.yaw_rad += output.setpoint.yaw_rate_radps * tick_s;
+        for circle in &mut self.circles {
+            circle.center_ned_m = circle.center_ned_m.plus(circle.velocity_ned_mps.times(tick_s));
+        }
+    }
+
+    fn bearing(&self) -> Bearing {
+        let to = self.source_ned_m.minus(self.ownship.position_ned_m.horizontal());
+        bearing(to.bearing_rad() - self.ownship.yaw_rad, 0.02, self.now)
+    }
+}
+
+fn bearing(azimuth_rad: f32, sigma_rad: f32, time: Instant) -> Bearing {
+    Bearing {
+        time,
+        azimuth_rad,
+        sigma_rad,
+        elevation_rad: 0.0,
+        elevation_sigma_rad: 0.1,
+        quality: Quality::default(),
+        flags: Flags::default(),
+        valid: true,
+    }
+}
+
+fn any_bearing(draw: &mut Draw<'_>, now: Instant) -> Bearing {
+    Bearing {
+        elevation_rad: draw.any(0.0, 1.5),
+        elevation_sigma_rad: draw.any(0.01, 1.0),
+        flags: Flags(draw.word() as u16),
+        valid: draw.below(4) != 0,
+        ..bearing(draw.any(-PI, PI), draw.any(0.0, 1.0), draw_time(draw, now))
+    }
+}
+
+fn draw_time(draw: &mut Draw<'_>, now: Instant) -> Instant {
+    if draw.below(4) == 0 { draw.instant(now) } else { now }
+}
+
+fn points(draw: &mut Draw<'_>, time: Instant) -> Points {
+    let mut points = Points { time, ..Points::default() };
+    points.frame = [Frame::Body, Frame::VehicleNed, Frame::LocalNed][usize::from(draw.below(3))];
+    for _ in 0..draw.below(80) {
+        // More than there is room for is not taken.
+        let _ = points.points_m.push(place(draw));
+    }
+    points
+}
+
+fn check_plan(plan: &Plan, request: &planner::PlanRequest) {
+    assert_eq!(plan.id, request.id);
+    let is_finite = plan.waypoints_ned_m.iter().all(|waypoint| waypoint.is_finite())
+        && plan.start_ned_m.is_finite()
+        && plan.target_ned_m.is_finite()
+        && !plan.cost.is_nan()
+        && plan.source.is_none_or(|source| source.place_ned_m.is_finite() && source.sigma_m >= 0.0);
+    assert!(is_finite, "{plan:?} for {request:?}");
+}
