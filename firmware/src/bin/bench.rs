@@ -24,6 +24,7 @@ use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::field::{Field, Gains, Law, Obstacle};
 use foxhound_core::frame::{Horizontal, Ned};
 use foxhound_core::goal::posterior::Sighting;
+use foxhound_core::guard::{self, Situation};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input};
 use foxhound_core::kernel::{armv7em, portable};
 use foxhound_core::map::{self, Circle, Map};
@@ -38,6 +39,7 @@ use foxhound_core::scan::{self, Pose, SECTORS_MAX, Scan, Sector};
 use foxhound_core::spectrum::tone::{Reference, Window};
 use foxhound_core::spectrum::{Backend, Spectrum};
 use foxhound_core::time::Instant;
+use foxhound_core::track::Demand;
 use foxhound_core::units::{sin_cos, wrap_pi};
 use foxhound_firmware::app::SAMPLES_PER_CHANNEL as N;
 use foxhound_firmware::boards::board;
@@ -86,6 +88,7 @@ fn main() -> ! {
     };
     let scratch = SCRATCH.take();
     fast_loop(&measure, &guidance, &planner, scratch, snapshot);
+    guard_among_obstacles(&measure);
     rollouts(&measure);
     replan(&measure, &planner, scratch);
     semihosting::process::exit(0)
@@ -605,6 +608,44 @@ fn fast_loop(
     row("fast_loop_tracking", counts.get(counts.len() / 2).copied().unwrap_or(0), 45_000);
     row("fast_loop_looking", looks.get(looks.len() / 2).copied().unwrap_or(0), 0);
     row("fast_loop_worst", counts.last().copied().unwrap_or(0), 0);
+}
+
+/// A command past the guard among 64 obstacles while the nose turns, and what the guard takes in of a delivery of them: the
+/// worst over the forests.
+#[inline(never)]
+fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
+    let Ok(guard) = guard::Config::default().build() else {
+        board::halt(format_args!("the built-in guard does not build"))
+    };
+    let (mut worst, mut worst_look) = (0, 0);
+    for seed in 0..FORESTS {
+        let mut rng = Rng::new(seed, 11);
+        let obstacles = forest(&mut rng);
+        let (mut state, yaw_rad) = (guard::State::default(), wrap_pi(TAU * rng.uniform()));
+        let rest_ned_m = Horizontal::from_bearing(yaw_rad).times(0.1);
+        for step in 0..25 {
+            let yaw_rad = wrap_pi(yaw_rad + 0.1 * step as f32);
+            if step % 5 == 0 {
+                let pose = Pose { position_ned_m: Horizontal::default(), yaw_rad };
+                let look = measure(&mut || guard.look_circles(&mut state, black_box(&obstacles), black_box(&pose)));
+                worst_look = worst_look.max(look);
+            }
+            let situation = Situation { rest_ned_m, yaw_rad, ..Situation::default() };
+            let demand = Demand { velocity_ned_mps: Horizontal::from_bearing(yaw_rad), ..Demand::default() };
+            let step = measure(&mut || {
+                black_box(guard.step(
+                    &mut state,
+                    black_box(&demand),
+                    black_box(&situation),
+                    black_box(&obstacles),
+                    0.02,
+                ));
+            });
+            worst = worst.max(step);
+        }
+    }
+    row("guard_64", worst, 10_000);
+    row("look_64", worst_look, 0);
 }
 
 /// Ten rollouts with their costs, the worst of some maps of 64 circles at one per square metre with the vehicle in the
