@@ -1,10 +1,11 @@
-//! Bad input ends with exit code 2 and a text that names the field.
+//! Bad input ends with exit code 2 and a text that names the field; what is only strange is flown to an end that has a name.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::path::Path;
 
 use foxhound_tests::run;
+use serde_json::Value;
 
 /// Writes `content` into a file and runs the arguments, in which `{}` stands for its path.
 fn refusal(name: &str, content: &[u8], arguments: &[&str]) -> String {
@@ -121,4 +122,275 @@ fn missing_files_and_foreign_images_are_refused() {
     }
     let text = refusal("image.elf", b"\x7fELF but no more than that", &["fly", "--via", "qemu:{}"]);
     assert!(text.contains("image.elf"), "{text}");
+}
+
+/// What must become of an input.
+enum Expected {
+    /// Exit code 2 and a text with these words: field, value and range, or field and what is wrong with it.
+    Refused(&'static [&'static str]),
+    /// It is flown, or drawn, to this result and, unless empty, this reason.
+    Ends(&'static str, &'static str),
+}
+
+use Expected::{Ends, Refused};
+
+/// Runs a command on each text, two at a time, and hands over what it printed: the text, expectation, exit code, output.
+fn run_each(cases: &[(Vec<u8>, Expected)], command: &[&str], check: impl Fn(&str, &Expected, i32, &str, &str) + Sync) {
+    let dir = tempfile::tempdir().unwrap();
+    let run_one = |index: usize, (text, expected): &(Vec<u8>, Expected)| {
+        let file = dir.path().join(format!("case{index}.json"));
+        std::fs::write(&file, text).unwrap();
+        let output = run(&[command, &[&file.to_string_lossy(), "--json"]].concat());
+        let shown: String = String::from_utf8_lossy(text).chars().take(120).collect();
+        let (out, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(!errors.contains("panicked"), "{shown}: {errors}");
+        let code = output.status.code().unwrap_or(-1);
+        if let Refused(words) = expected {
+            assert_eq!((code, &*out), (2, ""), "{shown}: {errors}");
+            assert!(words.iter().all(|word| errors.contains(word)), "{shown}: {words:?} in {errors}");
+            assert!(errors.contains(&format!("case{index}.json")), "{shown}: names the file: {errors}");
+            assert!(errors.lines().count() == 1 && errors.len() < 400, "{shown}: {errors}");
+        }
+        check(&shown, expected, code, &out, &errors);
+    };
+    std::thread::scope(|scope| {
+        for part in 0..2 {
+            let run_one = &run_one;
+            scope.spawn(move || {
+                cases.iter().enumerate().skip(part).step_by(2).for_each(|(index, case)| run_one(index, case));
+            });
+        }
+    });
+}
+
+/// A list of so many obstacles.
+fn many(count: usize, obstacle: impl Fn(usize) -> String) -> String {
+    (0..count).map(obstacle).collect::<Vec<_>>().join(",")
+}
+
+/// What is wrong with any document, be it a scenario or a suite.
+fn bad_documents() -> Vec<(Vec<u8>, Expected)> {
+    let texts: Vec<(&[u8], Expected)> = vec![
+        (b"", Refused(&["EOF", "line 1"])),
+        (b" \n ", Refused(&["EOF", "line 2"])),
+        (b"null", Refused(&["expected an object"])),
+        (b"[]", Refused(&["expected an object"])),
+        (b"17", Refused(&["expected an object"])),
+        (b"drone_radius = 0.15", Refused(&["expected value", "line 1 column 1"])),
+        (b"{\"drone_radius\": 0.15", Refused(&["EOF while parsing an object", "line 1"])),
+        (b"{\"bounds\": [0, 0,", Refused(&["bounds", "EOF"])),
+        (b"{} {}", Refused(&["trailing characters"])),
+        (b"\xff\xfe{}", Refused(&["UTF-8"])),
+        (b"\xef\xbb\xbf{}", Refused(&["line 1 column 1"])),
+        (b"{\"drone_radius\": 0.1, \"drone_radius\": 0.2}", Refused(&["duplicate field `drone_radius`"])),
+        (b"{\"drone_radius\": NaN}", Refused(&["drone_radius", "expected value"])),
+        (b"{\"drone_radius\": -Infinity}", Refused(&["drone_radius", "invalid number"])),
+        (b"{\"drone_radius\": 1e400}", Refused(&["drone_radius", "number out of range"])),
+        (b"{\"drone_radius\": 1e308}", Refused(&["drone_radius = 1e308 is outside 0.01..=5"])),
+        (b"{\"drone_radius\": -0.15}", Refused(&["drone_radius = -0.15 is outside 0.01..=5"])),
+        (b"{\"drone_radius\": \"small\"}", Refused(&["drone_radius", "string \"small\"", "expected f64"])),
+        (b"{\"drone_radius\": null}", Refused(&["drone_radius", "null", "expected f64"])),
+        (b"{\"bounds\": [10, 10, 0, 0]}", Refused(&["bounds[2] = 0 is outside 10.1..=10000"])),
+        (b"{\"bounds\": [0, 0, 10]}", Refused(&["bounds", "length 3", "length 4"])),
+        (b"{\"limits\": {\"v_max\": 0}}", Refused(&["limits.v_max = 0 is outside 0.05..=20"])),
+        (b"{\"limits\": {\"v_max\": -1}}", Refused(&["limits.v_max = -1 is outside 0.05..=20"])),
+        (b"{\"limits\": {\"a_max\": 30}}", Refused(&["limits.a_max = 30 is outside 0.1..=20"])),
+        (b"{\"sensor\": {\"fov_deg\": 1}}", Refused(&["sensor.fov_deg = 1 is outside 6..=360"])),
+        (b"{\"sensor\": null}", Refused(&["sensor", "expected an object"])),
+        (b"{\"bearing\": {\"sigma_deg\": -1}}", Refused(&["bearing.sigma_deg = -1 is outside 0..=180"])),
+        (b"{\"bearing\": {\"dropout\": [5, 3]}}", Refused(&["bearing.dropout[1] = 3 is outside 5..=1000000"])),
+        (b"{\"bearing\": {\"dropout\": [5]}}", Refused(&["bearing.dropout", "length 1", "length 2"])),
+        (b"{\"bearing\": {\"outlier\": {\"rate\": 2}}}", Refused(&["bearing.outlier.rate = 2 is outside 0..=1"])),
+        (b"{\"vehicle\": {\"model\": \"kite\"}}", Refused(&["vehicle.model", "`kite`", "`point`"])),
+        (b"{\"max_time_s\": 1e9}", Refused(&["max_time_s = 1000000000 is outside 0.1..=3600"])),
+        (b"{\"drone_radios\": 0.15}", Refused(&["drone_radios: unknown key", "`drone_radius`"])),
+        (b"{\"limits\": {\"vmax\": 1}}", Refused(&["limits.vmax: unknown key", "`v_max`"])),
+    ];
+    texts.into_iter().map(|(text, expected)| (text.to_vec(), expected)).collect()
+}
+
+#[test]
+fn every_strange_scenario_is_refused_by_field_value_and_range_or_flown_to_a_named_end() {
+    let far_row = |k: usize| format!(r#"{{"x":{},"y":{},"r":0.3}}"#, 10 + k % 100, k / 100);
+    let carpet =
+        |k: usize| format!(r#"{{"x":{},"y":{},"r":0.3}}"#, 2.5 + 0.2 * (k % 100) as f64, 0.2 * (k / 100) as f64);
+    let same = |_: usize| r#"{"x":5,"y":5,"r":0.3}"#.to_owned();
+    let last_is_bad = |k: usize| format!(r#"{{"x":5,"y":5,"r":{}}}"#, if k == 9999 { -1 } else { 1 });
+    let texts: Vec<(String, Expected)> = vec![
+        (r#"{"goal": null}"#.into(), Refused(&["goal", "null", "array of length 2"])),
+        (r#"{"goal": [NaN, 0]}"#.into(), Refused(&["goal[0]", "expected value"])),
+        (r#"{"goal": [9]}"#.into(), Refused(&["goal", "length 1"])),
+        (r#"{"start": [1e9, 0]}"#.into(), Refused(&["start[0] = 1000000000 is outside -10000..=10000"])),
+        (r#"{"goal_velocity": [0, -21]}"#.into(), Refused(&["goal_velocity[1] = -21 is outside -20..=20"])),
+        (r#"{"obstacles": null}"#.into(), Refused(&["obstacles", "null", "sequence"])),
+        (r#"{"obstacles": [{"x":5,"y":5,"r":-1}]}"#.into(), Refused(&["obstacles[0].r = -1 is outside 0.001..=1000"])),
+        (r#"{"obstacles": [{"x":5,"y":5,"r":0}]}"#.into(), Refused(&["obstacles[0].r = 0 is outside 0.001..=1000"])),
+        (
+            r#"{"obstacles": [{"x":5,"y":5,"r":1e30}]}"#.into(),
+            Refused(&["obstacles[0].r = 1e30 is outside 0.001..=1000"]),
+        ),
+        (r#"{"obstacles": [{"x":5,"y":null,"r":1}]}"#.into(), Refused(&["obstacles[0].y", "null", "expected f64"])),
+        (r#"{"obstacles": [{"x":5,"y":5}]}"#.into(), Refused(&["obstacles[0]", "missing field `r`"])),
+        (
+            r#"{"obstacles": [{"x":5,"y":5,"r":1,"vx":1e3}]}"#.into(),
+            Refused(&["obstacles[0].vx = 1000 is outside -20..=20"]),
+        ),
+        (r#"{"goal_tolerance": 0}"#.into(), Refused(&["goal_tolerance = 0 is outside 0.01..=100"])),
+        (
+            r#"{"faults": {"stale_ownship": [6, 3]}}"#.into(),
+            Refused(&["faults.stale_ownship[1] = 3 is outside 6..=1000000"]),
+        ),
+        (r#"{"faults": {"clock_back_s": -1}}"#.into(), Refused(&["faults.clock_back_s = -1 is outside 0..=1000000"])),
+        (
+            format!(r#"{{"obstacles":[{}]}}"#, many(10_000, last_is_bad)),
+            Refused(&["obstacles[9999].r = -1 is outside 0.001..=1000"]),
+        ),
+        (format!(r#"{{"obstacles":[{}]}}"#, many(10_000, far_row)), Ends("reached", "")),
+        (format!(r#"{{"obstacles":[{}]}}"#, many(10_000, carpet)), Ends("hold", "goal_unreachable")),
+        (format!(r#"{{"obstacles":[{}]}}"#, many(10_000, same)), Ends("reached", "")),
+        (format!(r#"{{"sensor":{{"model":"scan"}},"obstacles":[{}]}}"#, many(3, same)), Ends("reached", "")),
+        (r#"{"goal": [15, 5]}"#.into(), Ends("reached", "")),
+        (r#"{"start": [-3, -3]}"#.into(), Ends("reached", "")),
+        (r#"{"start": [5, 5], "goal": [5, 5]}"#.into(), Ends("reached", "")),
+        (r#"{"goal": [10000, 10000], "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
+        (r#"{"goal_velocity": [20, 0], "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
+        (r#"{"obstacles": [{"x":9,"y":9,"r":1}]}"#.into(), Ends("hold", "goal_unreachable")),
+        (r#"{"obstacles": [{"x":1,"y":1,"r":0.5}]}"#.into(), Ends("reached", "")),
+        (r#"{"obstacles": [{"x":1,"y":1,"r":900}], "max_time_s": 8}"#.into(), Ends("timeout", "")),
+        (r#"{"limits": {"v_max": 20, "a_max": 20}}"#.into(), Ends("reached", "")),
+        (r#"{"limits": {"v_max": 0.05, "a_max": 0.1}, "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
+        (r#"{"drone_radius": 5, "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
+        (r#"{"sensor": {"fov_deg": 360, "range_m": 100}}"#.into(), Ends("reached", "")),
+        (r#"{"bearing": {"sigma_deg": 0}}"#.into(), Ends("reached", "")),
+        (r#"{"bearing": {"sigma_deg": 180}, "max_time_s": 8}"#.into(), Ends("timeout", "nominal")),
+        (r#"{"bearing": {"snr_db": -30}, "max_time_s": 8}"#.into(), Ends("hold", "no_signal")),
+        (r#"{"bearing": {"dropout": [3, 5]}}"#.into(), Ends("reached", "")),
+        (r#"{"bearing": {"dropout": [0, 1e6]}, "max_time_s": 8}"#.into(), Ends("hold", "no_signal")),
+        (r#"{"bearing": {"outlier": {"rate": 0.2, "offset_deg": 180}}}"#.into(), Ends("reached", "")),
+        (
+            r#"{"bearing": {"outlier": {"rate": 1, "offset_deg": 180}}, "max_time_s": 8}"#.into(),
+            Ends("timeout", "nominal"),
+        ),
+        (r#"{"faults": {"nan_bearing": [2, 4]}}"#.into(), Ends("reached", "")),
+        (r#"{"faults": {"nan_bearing": [0, 1e6]}, "max_time_s": 8}"#.into(), Ends("hold", "no_signal")),
+        (r#"{"faults": {"clock_back_s": 4}}"#.into(), Ends("reached", "")),
+        (r#"{"faults": {"stale_obstacles": [3, 6]}}"#.into(), Ends("reached", "")),
+        (r#"{"faults": {"stale_obstacles": [0, 1e6]}, "max_time_s": 8}"#.into(), Ends("hold", "stale_obstacles")),
+        (r#"{"faults": {"stale_ownship": [3, 6]}}"#.into(), Ends("reached", "")),
+        (r#"{"faults": {"stale_ownship": [0, 1e6]}, "max_time_s": 8}"#.into(), Ends("hold", "")),
+    ];
+    let mut cases: Vec<_> = texts.into_iter().map(|(text, expected)| (text.into_bytes(), expected)).collect();
+    cases.extend(bad_documents());
+    run_each(&cases, &["fly", "--scenario"], |shown, expected, code, out, errors| {
+        let Ends(result, reason) = expected else { return };
+        let report: Value = serde_json::from_str(out).unwrap_or_else(|error| panic!("{shown}: {error} {out} {errors}"));
+        assert_eq!(report["result"], *result, "{shown}: {report}");
+        assert!(reason.is_empty() || report["reason"] == *reason, "{shown}: {report}");
+        assert_eq!(code, i32::from(*result != "reached"), "{shown}: {report}");
+        assert_eq!(report["collisions"], 0, "{shown}: {report}");
+        // What is not finite is printed as null.
+        let number = |key: &str| report[key].as_f64().unwrap_or_else(|| panic!("{shown}: {key} of {report}"));
+        let (time_s, length_m) = (number("time_s"), number("path_length_m"));
+        assert!(length_m <= 20.0 * time_s && number("straight_line_m") >= 0.0, "{shown}: {report}");
+        if shown.starts_with("{\"obstacles") {
+            number("min_clearance_m");
+        }
+        assert_eq!(report["trace_hash"].as_str().map(str::len), Some(16), "{shown}: {report}");
+    });
+}
+
+/// A suite of one map.
+fn suite_of(obstacles: &str, pairs: &str) -> String {
+    format!(r#"{{"max_time_s":40,"maps":[{{"row":1,"instance":0,"obstacles":[{obstacles}],"pairs":[{pairs}]}}]}}"#)
+}
+
+#[test]
+fn every_strange_suite_is_refused_by_field_value_and_range_or_flown_to_a_named_end() {
+    let pair = "[1,1,9,9,11.4]";
+    let same = |_: usize| "[5,5,0.3]".to_owned();
+    let texts: Vec<(String, Expected)> = vec![
+        ("{}".into(), Refused(&["maps", "no pair"])),
+        (r#"{"maps":[]}"#.into(), Refused(&["maps", "no pair"])),
+        (r#"{"maps":null}"#.into(), Refused(&["maps", "null"])),
+        (r#"{"maps":[null]}"#.into(), Refused(&["maps[0]", "expected an object"])),
+        (r#"{"maps":[{"row":1"#.into(), Refused(&["maps[0]", "EOF"])),
+        (r#"{"maps":[{"row":-1}]}"#.into(), Refused(&["maps[0].row", "-1"])),
+        (r#"{"maps":[{"row":1.5}]}"#.into(), Refused(&["maps[0].row", "1.5"])),
+        (r#"{"maps":[{"instance":0,"obstacles":[],"pairs":[]}]}"#.into(), Refused(&["maps[0]", "missing field `row`"])),
+        (r#"{"faults":{"nan_bearing":[1,2]}}"#.into(), Refused(&["faults: unknown key"])),
+        (suite_of("", ""), Refused(&["maps", "no pair"])),
+        (suite_of("[NaN,5,1]", pair), Refused(&["maps[0].obstacles[0][0]", "expected value"])),
+        (suite_of("[5,1e400,1]", pair), Refused(&["maps[0].obstacles[0][1]", "number out of range"])),
+        (suite_of("[5,5,-1]", pair), Refused(&["maps[0].obstacles[0][2] = -1 is outside 0.001..=1000"])),
+        (suite_of("[5,5,1e30]", pair), Refused(&["maps[0].obstacles[0][2] = 1e30 is outside 0.001..=1000"])),
+        (suite_of("[5,5]", pair), Refused(&["maps[0].obstacles[0]", "length 2", "length 3"])),
+        (suite_of("[5,5,null]", pair), Refused(&["maps[0].obstacles[0][2]", "null", "expected f64"])),
+        (suite_of(r#"{"x":5,"y":5,"r":1}"#, pair), Refused(&["maps[0].obstacles[0]", "map", "array of length 3"])),
+        (suite_of("", "[1,1,9,9]"), Refused(&["maps[0].pairs[0]", "length 4", "length 5"])),
+        (suite_of("", "[1,1,null,9,11]"), Refused(&["maps[0].pairs[0][2]", "null"])),
+        (suite_of("", "[1,1,9,1e9,11]"), Refused(&["maps[0].pairs[0][3] = 1000000000 is outside -10000..=10000"])),
+        (suite_of("", "[1,1,9,9,-3]"), Refused(&["maps[0].pairs[0][4] = -3 is outside 0..=100000"])),
+        (suite_of("", pair), Ends("reached", "")),
+        (suite_of("", "[5,5,5,5,0]"), Ends("reached", "")),
+        (suite_of("", "[1,1,12,12,0]"), Ends("reached", "")),
+        (suite_of(&many(10_000, same), pair), Ends("reached", "")),
+        (suite_of("[1,1,0.5]", pair), Ends("reached", "")),
+        (suite_of("[9,9,1]", pair), Ends("hold: goal_unreachable", "")),
+    ];
+    let mut cases: Vec<_> = texts.into_iter().map(|(text, expected)| (text.into_bytes(), expected)).collect();
+    cases.extend(bad_documents());
+    run_each(&cases, &["suite"], |shown, expected, code, out, errors| {
+        let Ends(outcome, _) = expected else { return };
+        let report: Value = serde_json::from_str(out).unwrap_or_else(|error| panic!("{shown}: {error} {out} {errors}"));
+        assert_eq!(report["all"]["outcomes"], serde_json::json!({*outcome: 1}), "{shown}: {report}");
+        assert_eq!(report["all"]["collisions"], 0, "{shown}: {report}");
+        assert_eq!(code, i32::from(*outcome != "reached"), "{shown}: {report}");
+    });
+    // The maps of a file are described only if they could be flown over.
+    let refused = cases.into_iter().filter(|(text, expected)| match expected {
+        Refused(words) => !words.contains(&"no pair") && !text.is_empty(),
+        Ends(..) => false,
+    });
+    run_each(&refused.collect::<Vec<_>>(), &["maps", "--describe"], |_, _, _, _, _| ());
+}
+
+#[test]
+fn maps_that_cannot_be_are_refused_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().to_string_lossy().into_owned();
+    let kinds: &[(&[&str], &[&str])] = &[
+        (&["--row", "0"], &["--row", "'0'", "1..=5"]),
+        (&["--row", "6"], &["--row", "'6'", "1..=5"]),
+        (&["--row", "one"], &["--row", "'one'"]),
+        (&["--row=-1"], &["--row", "-1"]),
+        (&["--row", "1", "--mean", "0.1", "--variance", "0.01"], &["--row", "--mean"]),
+        (&["--mean", "0.1"], &["--variance"]),
+        (&["--variance", "0.1"], &["--mean"]),
+        (&["--step"], &["--mean"]),
+        (&["--mean", "nan", "--variance", "0.01"], &["mean = NaN is outside 0.005..=0.22"]),
+        (&["--mean", "inf", "--variance", "0.01"], &["mean = inf is outside 0.005..=0.22"]),
+        (&["--mean=-1", "--variance", "0.01"], &["mean = -1 is outside 0.005..=0.22"]),
+        (&["--mean", "0", "--variance", "0.01"], &["mean = 0 is outside 0.005..=0.22"]),
+        (&["--mean", "0.9", "--variance", "0.01"], &["mean = 0.9 is outside 0.005..=0.22"]),
+        (&["--mean", "1e300", "--variance", "0.01"], &["mean = 1e300 is outside 0.005..=0.22"]),
+        (&["--mean", "0.1", "--variance", "inf"], &["variance = inf is outside 0..=0.05"]),
+        (&["--mean", "0.1", "--variance=-0.01"], &["variance = -0.01 is outside 0..=0.05"]),
+        (&["--mean", "dense", "--variance", "0.01"], &["--mean", "'dense'"]),
+        (&["--drone-radius", "nan"], &["--drone-radius = NaN is outside 0.01..=5"]),
+        (&["--drone-radius=-1"], &["--drone-radius = -1 is outside 0.01..=5"]),
+        (&["--drone-radius", "50"], &["--drone-radius = 50 is outside 0.01..=5"]),
+        (&["--row", "1", "--count", "1", "--drone-radius", "3"], &["drone-radius = 3", "pairs"]),
+        (&["--count", "0"], &["--count", "'0'", "1..=1000"]),
+        (&["--count", "99999999999"], &["--count", "'99999999999'", "1..=1000"]),
+        (&["--seed=-1"], &["--seed", "-1"]),
+        (&["--describe", "does-not-exist.json"], &["does-not-exist.json"]),
+        (&["--row", "1", "--count", "1", "--describe", "does-not-exist.json"], &["--describe"]),
+    ];
+    for (arguments, words) in kinds {
+        let output = run(&[&["maps", "--json", "--out", &out], *arguments].concat());
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0), "{arguments:?}: {text}");
+        assert!(words.iter().all(|word| text.contains(word)), "{arguments:?}: {words:?} in {text}");
+        assert!(!text.contains("panicked"), "{arguments:?}: {text}");
+    }
 }

@@ -62,8 +62,8 @@ where
     let mut track = serde_path_to_error::Track::new();
     let tracked = serde_path_to_error::Deserializer::new(document, &mut track);
     let parsed = T::deserialize(serde_ignored::Deserializer::new(tracked, &mut note_unknown));
-    let parsed = parsed.map_err(|error| match track.path().to_string() {
-        path if path == "." => InputError::new(error.to_string()),
+    let parsed = parsed.map_err(|error| match track.path().to_string().trim_end_matches(['.', '?']) {
+        "" => InputError::new(error.to_string()),
         path => InputError::new(format!("{path}: {error}")),
     })?;
     match unknown {
@@ -114,5 +114,7 @@ pub fn check(field: &str, value: f64, min: f64, max: f64) -> Result<(), InputErr
     if value.is_finite() && value >= min && value <= max {
         return Ok(());
     }
-    Err(InputError::new(format!("{field} = {value} is outside {min}..={max}")))
+    // Not in three hundred digits.
+    let shown = if value.abs() < 1e16 { value.to_string() } else { format!("{value:e}") };
+    Err(InputError::new(format!("{field} = {shown} is outside {min}..={max}")))
 }

@@ -350,7 +350,7 @@ impl Scenario {
             check(&path("vx"), obstacle.vx, -20.0, 20.0)?;
             check(&path("vy"), obstacle.vy, -20.0, 20.0)?;
         }
-        check("sensor.fov_deg", self.sensor.fov_deg, 1.0, 360.0)?;
+        check("sensor.fov_deg", self.sensor.fov_deg, 6.0, 360.0)?;
         check("sensor.range_m", self.sensor.range_m, 0.1, 100.0)?;
         check("bearing.sigma_deg", self.bearing.sigma_deg, 0.0, 180.0)?;
         if let Some(snr_db) = self.bearing.snr_db {
@@ -359,7 +359,7 @@ impl Scenario {
         check("bearing.outlier.rate", self.bearing.outlier.rate, 0.0, 1.0)?;
         check("bearing.outlier.offset_deg", self.bearing.outlier.offset_deg, -360.0, 360.0)?;
         check("limits.v_max", self.limits.v_max, 0.05, 20.0)?;
-        check("limits.a_max", self.limits.a_max, 0.1, 50.0)?;
+        check("limits.a_max", self.limits.a_max, 0.1, 20.0)?;
         check("vehicle.lag_s", self.vehicle.lag_s, 0.0, 5.0)?;
         check("goal_tolerance", self.goal_tolerance, 0.01, 100.0)?;
         check("max_time_s", self.max_time_s, 0.1, 3600.0)?;
