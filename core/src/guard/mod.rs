@@ -448,8 +448,8 @@ impl Guard {
             let (mut top_m, mut bottom_m) = (c.down_min_m, c.down_max_m);
             if let Some(held_m) = situation.held_down_m.filter(|held_m| held_m.is_finite()) {
                 // The configured limits have the last word if the altitude held is not inside them.
-                top_m = (held_m - c.altitude_band_m).clamp(c.down_min_m, c.down_max_m - 0.1);
-                bottom_m = (held_m + c.altitude_band_m).clamp(top_m + 0.1, c.down_max_m);
+                top_m = between(held_m - c.altitude_band_m, c.down_min_m, c.down_max_m - 0.1);
+                bottom_m = between(held_m + c.altitude_band_m, top_m + 0.1, c.down_max_m);
             }
             let up = (ALTITUDE_RATE_PER_S * (top_m - down_m)).clamp(-c.v_down_max_mps, c.v_down_max_mps);
             let down = (ALTITUDE_RATE_PER_S * (bottom_m - down_m)).clamp(-c.v_down_max_mps, c.v_down_max_mps);
@@ -652,6 +652,17 @@ fn nearest_allowed(wanted: Horizontal, half_spaces: &[HalfSpace]) -> Option<Hori
 /// `value`, or 0 if it is not finite.
 fn finite(value: f32) -> f32 {
     if value.is_finite() { value } else { 0.0 }
+}
+
+/// `value` within limits that may have crossed by a rounding, where `clamp` would panic.
+fn between(value: f32, low: f32, high: f32) -> f32 {
+    if value > high {
+        high
+    } else if value < low {
+        low
+    } else {
+        value
+    }
 }
 
 /// `to`, or as far towards it from `from` as `most` allows.
