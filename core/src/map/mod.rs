@@ -524,6 +524,7 @@ impl Keeper {
         map.updated = Some(now);
         let (taken, left) = circles.split_at(circles.len().min(DELIVERY_MAX));
         map.overflow_count = map.overflow_count.saturating_add(left.len() as u32);
+        let now_ms = millis(now);
         for circle in taken {
             if !circle.is_plausible() {
                 map.refuse(1);
@@ -535,12 +536,16 @@ impl Keeper {
                 sigma_m: SIGMA_MIN_M,
                 slope_ned_mps: circle.velocity_ned_mps,
                 motion: Motion::of(circle.velocity_ned_mps),
-                seen_ms: millis(now),
+                seen_ms: now_ms,
                 origin: Origin::Given,
                 clear_looks: 0,
             };
             let near_m = 0.05 + 0.25 * circle.radius_m;
             let same = |k: &&mut Known| {
+                if k.seen_ms == now_ms && k.origin == Origin::Given {
+                    // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
+                    return k.circle == *circle;
+                }
                 let away = k.circle.center_ned_m.minus(circle.center_ned_m);
                 libm::fabsf(away.north) < near_m
                     && away.norm_squared() < near_m * near_m

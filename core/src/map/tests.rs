@@ -101,6 +101,18 @@ fn moving_circles_move_and_are_forgotten_when_unseen() {
 }
 
 #[test]
+fn circles_of_one_delivery_that_stand_close_together_are_all_kept_and_a_repeated_one_once() {
+    let (keeper, mut map) = (keeper(), Map::default());
+    let wall: [Circle; 20] = core::array::from_fn(|k| circle(1.0 + 0.1 * (k / 5) as f32, 0.1 * (k % 5) as f32, 0.3));
+    for delivery in 0..5 {
+        let now = Instant(delivery * 100_000);
+        keeper.observe_circles(&mut map, now, Horizontal::default(), &[wall, wall].concat());
+        assert!(wall.iter().all(|circle| map.circles().any(|known| known == circle)), "delivery {delivery}");
+        assert_eq!(map.circles().count(), wall.len());
+    }
+}
+
+#[test]
 fn absurd_circles_are_refused_at_the_door() {
     let (keeper, mut map) = (keeper(), Map::default());
     let bad =
