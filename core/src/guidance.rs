@@ -313,7 +313,7 @@ impl<const N: usize> Guidance<N> {
     /// One step of the fast loop.
     pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
         state.tick = state.tick.wrapping_add(1);
-        if let Some(ownship) = input.ownship.filter(Ownship::is_finite) {
+        if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
             state.ownship = Some(ownship);
         }
         let (bearing, bearing_ned_rad) = self.hear(state, input).unzip();
@@ -375,7 +375,8 @@ impl<const N: usize> Guidance<N> {
             FrontEnd::Nothing => return None,
         };
         state.last_flags = bearing.flags;
-        let sane = bearing.azimuth_rad.is_finite() && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
+        let sane =
+            libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
         let usable = state.ownship.filter(|_| bearing.valid && sane);
         let bearing_ned_rad = usable.map(|ownship| self.goal.observe(&mut state.goal, &bearing, &ownship));
         Some((bearing, bearing_ned_rad))
@@ -480,7 +481,7 @@ impl<const N: usize> Guidance<N> {
     }
 
     fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &Situation) -> Facts {
-        let heard = input.ownship.filter(Ownship::is_finite);
+        let heard = input.ownship.filter(Ownship::is_plausible);
         Facts {
             now: input.now,
             control: input.control,

@@ -66,6 +66,18 @@ impl Ownship {
         wrap_pi(off_rad + self.yaw_at(at))
     }
 
+    /// Whether it is finite and not absurd: an angle of 1e20 has no direction.
+    #[must_use]
+    pub fn is_plausible(&self) -> bool {
+        let angles = [self.roll_rad, self.pitch_rad, self.yaw_rad, self.yaw_rate_radps];
+        self.is_finite()
+            && angles.iter().all(|angle| libm::fabsf(*angle) <= 100.0)
+            && self.position_ned_m.horizontal().norm_squared() < 1e12
+            && libm::fabsf(self.position_ned_m.down) < 1e6
+            && self.velocity_ned_mps.horizontal().norm_squared() < 1e6
+            && libm::fabsf(self.velocity_ned_mps.down) < 1e3
+    }
+
     /// Whether every number is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
@@ -81,6 +93,22 @@ impl Ownship {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_finite_and_absurd_is_not_plausible() {
+        let north = |metres: f32| Ned { north: metres, ..Ned::default() };
+        assert!(Ownship { yaw_rad: 7.0, position_ned_m: north(1e4), ..Ownship::default() }.is_plausible());
+        for ownship in [
+            Ownship { yaw_rad: 8e15, ..Ownship::default() },
+            Ownship { roll_rad: -1e3, ..Ownship::default() },
+            Ownship { yaw_rate_radps: f32::MAX, ..Ownship::default() },
+            Ownship { pitch_rad: f32::NAN, ..Ownship::default() },
+            Ownship { position_ned_m: north(1e20), ..Ownship::default() },
+            Ownship { velocity_ned_mps: north(1e6), ..Ownship::default() },
+        ] {
+            assert!(!ownship.is_plausible(), "{ownship:?}");
+        }
+    }
 
     #[test]
     fn a_tilted_array_still_finds_the_bearing_of_a_source_that_is_level_or_below() {
