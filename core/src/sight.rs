@@ -22,7 +22,7 @@ use crate::field::Obstacle;
 use crate::frame::Horizontal;
 use crate::kernel::sqrt;
 use crate::scan::{Pose, SECTORS_MAX, Scan, Sector};
-use crate::units::wrap_pi;
+use crate::units::{between, wrap_pi};
 
 /// Cells on a side of the grid; a power of two.
 const SIDE: i32 = 64;
@@ -393,7 +393,7 @@ impl Looker {
         if !latest.closes && (index < -slack || index > last + slack) {
             return Cover::Unseen;
         }
-        let nearest = (index.clamp(0.0, last) + 0.5) as usize;
+        let nearest = (between(index, 0.0, last) + 0.5) as usize;
         match latest.seen_m.get(nearest) {
             Some(seen_m) if *seen_m + size_m >= distance_m => Cover::Seen,
             Some(seen_m) if *seen_m >= 0.0 => Cover::Hidden,

@@ -52,6 +52,18 @@ pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     }
 }
 
+/// `value` within limits. Where those may have crossed, or are no numbers, `clamp` would panic.
+#[must_use]
+pub fn between(value: f32, low: f32, high: f32) -> f32 {
+    if value > high {
+        high
+    } else if value < low {
+        low
+    } else {
+        value
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -101,7 +101,8 @@ pub async fn guide(
     static FLIGHT: StaticCell<Flight> = StaticCell::new();
     let flight = match Flight::begin(FLIGHT.uninit(), &guidance::Config::default()) {
         Ok(flight) => flight,
-        Err(error) => board::halt(format_args!("the built-in configuration: {error}")),
+        // Not its value and range: to write numbers takes 17 KB of flash.
+        Err(error) => board::halt(format_args!("the built-in configuration: {}", error.field)),
     };
     let mut line = Line { incoming, outgoing, rx_total: 0, tx_total: 0 };
     let mut plan = None;

@@ -30,7 +30,7 @@ use crate::kernel::sqrt;
 use crate::map::{CIRCLES_MAX, Circle};
 use crate::sight::{self, Cover, Looker, Sight};
 use crate::track::Demand;
-use crate::units::sin_cos;
+use crate::units::{between, sin_cos};
 
 mod fence;
 pub use fence::{CORNERS_MAX, Fence};
@@ -333,7 +333,7 @@ impl Guard {
             && situation.rest_ned_m.is_finite()
             && situation.yaw_rad.is_finite()
             && situation.delay_s.is_finite();
-        let yaw_rate_radps = finite(demand.yaw_rate_radps).clamp(-c.yaw_rate_max_radps, c.yaw_rate_max_radps);
+        let yaw_rate_radps = between(finite(demand.yaw_rate_radps), -c.yaw_rate_max_radps, c.yaw_rate_max_radps);
         let down = self.vertical(state.down_mps, finite(demand.down_mps), situation, dt_s);
 
         let last = state.command_ned_mps;
@@ -444,13 +444,13 @@ impl Guard {
         }
         let off_rad = libm::fabsf(crate::units::wrap_pi(velocity.bearing_rad() - yaw_rad));
         // Full speed in the inner three fifths.
-        ((half_rad - off_rad) / (0.4 * half_rad)).clamp(self.config.out_of_view_share, 1.0)
+        between((half_rad - off_rad) / (0.4 * half_rad), self.config.out_of_view_share, 1.0)
     }
 
     /// The vertical command: towards the demand, inside the band and the limits of altitude.
     fn vertical(&self, last_mps: f32, wanted_mps: f32, situation: &Situation, dt_s: f32) -> f32 {
         let c = &self.config;
-        let mut wanted_mps = wanted_mps.clamp(-c.v_down_max_mps, c.v_down_max_mps);
+        let mut wanted_mps = between(wanted_mps, -c.v_down_max_mps, c.v_down_max_mps);
         if let Some(down_m) = situation.down_m.filter(|down_m| down_m.is_finite()) {
             let (mut top_m, mut bottom_m) = (c.down_min_m, c.down_max_m);
             if let Some(held_m) = situation.held_down_m.filter(|held_m| held_m.is_finite()) {
@@ -458,12 +458,12 @@ impl Guard {
                 top_m = between(held_m - c.altitude_band_m, c.down_min_m, c.down_max_m - 0.1);
                 bottom_m = between(held_m + c.altitude_band_m, top_m + 0.1, c.down_max_m);
             }
-            let up = (ALTITUDE_RATE_PER_S * (top_m - down_m)).clamp(-c.v_down_max_mps, c.v_down_max_mps);
-            let down = (ALTITUDE_RATE_PER_S * (bottom_m - down_m)).clamp(-c.v_down_max_mps, c.v_down_max_mps);
-            wanted_mps = wanted_mps.clamp(up, down);
+            let up = between(ALTITUDE_RATE_PER_S * (top_m - down_m), -c.v_down_max_mps, c.v_down_max_mps);
+            let down = between(ALTITUDE_RATE_PER_S * (bottom_m - down_m), -c.v_down_max_mps, c.v_down_max_mps);
+            wanted_mps = between(wanted_mps, up, down);
         }
         let most = c.a_max_mps2 * dt_s;
-        last_mps + (wanted_mps - last_mps).clamp(-most, most)
+        last_mps + between(wanted_mps - last_mps, -most, most)
     }
 
     /// The obstacles that can matter: those that the vehicle could come to in the time that it takes to stop.
@@ -667,17 +667,6 @@ fn nearest_allowed(wanted: Horizontal, half_spaces: &[HalfSpace]) -> Option<Hori
 /// `value`, or 0 if it is not finite.
 fn finite(value: f32) -> f32 {
     if value.is_finite() { value } else { 0.0 }
-}
-
-/// `value` within limits that may have crossed by a rounding, where `clamp` would panic.
-fn between(value: f32, low: f32, high: f32) -> f32 {
-    if value > high {
-        high
-    } else if value < low {
-        low
-    } else {
-        value
-    }
 }
 
 /// `to`, or as far towards it from `from` as `most` allows.

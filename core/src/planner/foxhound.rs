@@ -69,12 +69,13 @@ pub(super) struct Memory {
     all: Vec<Obstacle, CIRCLES_MAX>,
     /// The way round, as seen from far.
     way: Vec<Horizontal, ROUTE_MAX>,
-    progress: Option<Progress>,
+    progress: Progress,
 }
 
-/// Whether it comes nearer.
+/// Whether it comes nearer. All bits are zero at first, so that it takes no room in flash.
 #[derive(Clone, Copy, Debug)]
 struct Progress {
+    has_begun: bool,
     /// Where it was nearest to the source so far, and the replans since.
     closest_ned_m: Horizontal,
     since: u16,
@@ -85,12 +86,23 @@ struct Progress {
 }
 
 impl Progress {
+    const NONE: Self = Self {
+        has_begun: false,
+        closest_ned_m: Horizontal { north: 0.0, east: 0.0 },
+        since: 0,
+        patience: 0,
+        until_far: None,
+    };
+
     fn new(closest_ned_m: Horizontal) -> Self {
-        Self { closest_ned_m, since: 0, patience: PATIENCE, until_far: None }
+        Self { has_begun: true, closest_ned_m, since: 0, patience: PATIENCE, until_far: None }
     }
 
     /// One replan later.
     fn step(&mut self, start: Horizontal, source: Horizontal) {
+        if !self.has_begun {
+            *self = Self::new(start);
+        }
         self.since = self.since.saturating_add(1);
         self.until_far = match self.until_far {
             Some(left) => Some(left.checked_sub(1).unwrap_or(FAR_EVERY - 1)),
@@ -110,7 +122,13 @@ impl Progress {
 
 impl Memory {
     pub(super) const fn new() -> Self {
-        Self { posterior: Posterior::new(), window: Window::new(), all: Vec::new(), way: Vec::new(), progress: None }
+        Self {
+            posterior: Posterior::new(),
+            window: Window::new(),
+            all: Vec::new(),
+            way: Vec::new(),
+            progress: Progress::NONE,
+        }
     }
 }
 
@@ -131,7 +149,7 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
 
     let Memory { posterior, window, all, way, progress } = &mut scratch.memory;
     if request.fresh {
-        *progress = None;
+        *progress = Progress::NONE;
         way.clear();
     }
     all.clear();
@@ -139,7 +157,6 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
         // Cannot fail: as many places as circles.
         let _ = all.push(Obstacle::of(circle, config.vehicle_radius_m));
     }
-    let progress = progress.get_or_insert(Progress::new(start));
     progress.step(start, toward);
     let far = progress.until_far == Some(0);
     wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, all);

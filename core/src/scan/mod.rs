@@ -20,7 +20,7 @@ use crate::error::{ConfigError, check};
 use crate::field::inverse_root;
 use crate::frame::Horizontal;
 use crate::time::Instant;
-use crate::units::sin_cos;
+use crate::units::{between, sin_cos};
 
 mod chain;
 mod circle;
@@ -482,7 +482,7 @@ impl Fitter {
     ) {
         // A sector's hit lies anywhere in its width.
         let half_m = points.first().map_or(0.0, |point| 0.5 * step_rad * root(point.norm_squared()));
-        let radius_min_m = half_m.clamp(self.config.radius_min_m, self.config.radius_max_m);
+        let radius_min_m = between(half_m, self.config.radius_min_m, self.config.radius_max_m);
         chain::cover(points, edges, radius_min_m, |link| {
             let _ = detections.push(Detection {
                 kind: Kind::Patch,
@@ -529,7 +529,7 @@ impl Fitter {
         // Of small angles: the fourth power of it is left out.
         let half_rad = (0.5 * piece.step_rad * piece.points.len() as f32).clamp(0.0, 1.2);
         let s = half_rad * (1.0 - half_rad * half_rad / 6.0);
-        let radius_m = (nearest_m * s / (1.0 - s)).clamp(c.radius_min_m, c.radius_max_m);
+        let radius_m = between(nearest_m * s / (1.0 - s), c.radius_min_m, c.radius_max_m);
         let unit = |p: &Horizontal| p.times(inverse_root(p.norm_squared()));
         let toward = unit(first).plus(unit(last));
         let center = toward.times((nearest_m + radius_m) * inverse_root(toward.norm_squared()));
