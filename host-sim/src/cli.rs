@@ -6,9 +6,10 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use foxhound_core::bearing::Estimator;
-use foxhound_core::planner::Kind;
+use foxhound_core::planner;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::bearings::{self, Options};
 use foxhound_sim::calibrate::{self, calibrate};
@@ -91,9 +92,10 @@ struct Fly {
     /// Scenario file [default: the built-in pillar forest].
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
-    /// Which planner.
-    #[arg(long, value_enum, default_value_t)]
-    planner: PlannerName,
+    /// Which planner: ours, the main paper's and its baseline, with their readings; the others are the baseline in the
+    /// field of that name.
+    #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
+    planner: planner::Config,
     /// Which angle-of-arrival estimator.
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
@@ -109,17 +111,6 @@ struct Fly {
     /// Telemetry log of every MAVLink frame in both directions, with simulated time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum PlannerName {
-    /// Sampled fields, only collision-free trajectories.
-    #[default]
-    Foxhound,
-    /// The main paper's algorithm to the letter.
-    Paper,
-    /// A potential field with fixed gains.
-    Standard,
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -143,14 +134,10 @@ enum EstimatorName {
     NArray,
 }
 
-impl From<PlannerName> for Kind {
-    fn from(name: PlannerName) -> Self {
-        match name {
-            PlannerName::Foxhound => Self::Foxhound,
-            PlannerName::Paper => Self::Paper,
-            PlannerName::Standard => Self::Standard,
-        }
-    }
+/// A planner by its name, as clap wants it.
+fn planner_parser() -> impl TypedValueParser<Value = planner::Config> {
+    PossibleValuesParser::new(planner::NAMES)
+        .try_map(|name| planner::Config::named(&name).ok_or("there is no such planner"))
 }
 
 impl From<EstimatorName> for Estimator {
@@ -347,9 +334,10 @@ struct SuiteCommand {
     /// Flights at a time [default: as many as there are processors].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     jobs: Option<u32>,
-    /// Which planner.
-    #[arg(long, value_enum, default_value_t)]
-    planner: PlannerName,
+    /// Which planner: ours, the main paper's and its baseline, with their readings; the others are the baseline in the
+    /// field of that name.
+    #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
+    planner: planner::Config,
     /// Which angle-of-arrival estimator.
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
@@ -473,7 +461,7 @@ fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         scenario.bearing.snr_db = Some(snr_db);
         scenario.bearing.model = Some(BearingModel::Rf);
     }
-    let mission = Mission { scenario, seed: cli.seed, planner: args.planner.into(), estimator: args.estimator.into() };
+    let mission = Mission { scenario, seed: cli.seed, planner: args.planner, estimator: args.estimator.into() };
     let plot_path = args.plot.clone().or_else(|| {
         let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")))?;
         Some(folder.join("flight.svg"))
@@ -866,7 +854,7 @@ fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, InputError> {
         };
         return Err(InputError::new(what).in_file(&args.file));
     };
-    let (planner, estimator) = (args.planner.into(), args.estimator.into());
+    let (planner, estimator) = (args.planner, args.estimator.into());
     // Refused once, not by every worker.
     HostComputer::new(&first.mission(planner, estimator).guidance())?;
     if let Some(path) = &args.dump_scenario {

@@ -11,7 +11,6 @@ use foxhound_core::bearing::{self, Estimator, Flags};
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::map::Circle;
 use foxhound_core::mission::Outcome;
-use foxhound_core::planner::Kind;
 use foxhound_core::time::Instant;
 use foxhound_core::{planner, response};
 use foxhound_link::mailbox::Planned;
@@ -53,7 +52,7 @@ pub struct Mission {
     /// Seed of everything random.
     pub seed: u64,
     /// Which planner.
-    pub planner: Kind,
+    pub planner: planner::Config,
     /// Which estimator.
     pub estimator: Estimator,
 }
@@ -63,11 +62,7 @@ impl Mission {
     #[must_use]
     pub fn guidance(&self) -> guidance::Config {
         let scenario = &self.scenario;
-        let mut config = guidance::Config {
-            seed: self.seed,
-            planner: planner::Config::of(self.planner),
-            ..guidance::Config::default()
-        };
+        let mut config = guidance::Config { seed: self.seed, planner: self.planner, ..guidance::Config::default() };
         config.set_vehicle_radius_m(scenario.drone_radius as f32);
         config.bearing.estimator = self.estimator;
         config.guard.v_max_mps = scenario.limits.v_max as f32;
@@ -446,7 +441,7 @@ mod tests {
     use crate::computer::HostComputer;
 
     fn mission(scenario: Scenario, seed: u64) -> Mission {
-        Mission { scenario, seed, planner: Kind::Foxhound, estimator: Estimator::CrossSpectrum }
+        Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum }
     }
 
     fn flown(mission: &Mission) -> Record {

@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use foxhound_core::bearing::Estimator;
-use foxhound_core::planner::Kind;
+use foxhound_core::planner;
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::SplitMix64;
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
@@ -328,7 +328,7 @@ pub struct Flight {
 impl Flight {
     /// What `fly` is given.
     #[must_use]
-    pub fn mission(&self, planner: Kind, estimator: Estimator) -> Mission {
+    pub fn mission(&self, planner: planner::Config, estimator: Estimator) -> Mission {
         Mission { scenario: self.scenario.clone(), seed: self.seed, planner, estimator }
     }
 
@@ -336,7 +336,7 @@ impl Flight {
     ///
     /// # Errors
     /// The configuration is refused, or the computer fails.
-    pub fn fly(&self, planner: Kind, estimator: Estimator) -> Result<(Flown, Record), InputError> {
+    pub fn fly(&self, planner: planner::Config, estimator: Estimator) -> Result<(Flown, Record), InputError> {
         let mission = self.mission(planner, estimator);
         let mut computer = HostComputer::new(&mission.guidance())?;
         let record = flight::fly(&mission, &mut computer, None, |_| ())
@@ -416,7 +416,7 @@ impl Flown {
 /// The configuration is refused, or a computer fails.
 pub fn fly_all(
     flights: &[Flight],
-    planner: Kind,
+    planner: planner::Config,
     estimator: Estimator,
     jobs: usize,
     watch: impl Fn(&Flown) + Sync,

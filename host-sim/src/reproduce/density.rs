@@ -323,9 +323,9 @@ pub fn run(options: &Options, watch: impl Fn(u64) + Sync) -> Result<Report, Inpu
         flights: &flights,
         standard,
         paper,
-        standard_full_loop: full_loop(Kind::Standard)?,
-        paper_full_loop: full_loop(Kind::Paper)?,
-        ours: full_loop(Kind::Foxhound)?,
+        standard_full_loop: full_loop(planner::Config::of(Kind::Standard))?,
+        paper_full_loop: full_loop(planner::Config::of(Kind::Paper))?,
+        ours: full_loop(planner::Config::of(Kind::Foxhound))?,
     };
     let rows = (1..).zip(TABLE_I).map(|(map, density)| Row {
         map,
@@ -409,7 +409,7 @@ impl AllFlown<'_> {
             let planner = planner_of(name, flight.scenario.drone_radius)?;
             paths.push((name, fly_kinematic(flight, &planner, rules).1));
         }
-        let (_, record) = flight.fly(Kind::Foxhound, Estimator::CrossSpectrum)?;
+        let (_, record) = flight.fly(planner::Config::default(), Estimator::CrossSpectrum)?;
         paths.push(("Foxhound", record.path.iter().map(|sample| sample.position).collect()));
         Ok(Some(Pictured { flight: flight.clone(), paths }))
     }
