@@ -1,0 +1,338 @@
+//! Flights of the fast loop and the planner together, without a simulator.
+
+use super::*;
+use crate::bearing::Quality;
+use crate::frame::Ned;
+use crate::planner::Scratch;
+use crate::units::wrap_pi;
+use std::vec::Vec as StdVec;
+
+const DT: f32 = 0.02;
+
+/// A vehicle with dead time and lag among pillars, seen as circles within 3 m and 90 deg; bearings without noise.
+struct Flight {
+    config: Config,
+    pillars: StdVec<Circle>,
+    source: Horizontal,
+    position: Horizontal,
+    velocity: Horizontal,
+    yaw: f32,
+    line: std::collections::VecDeque<Setpoint>,
+    /// Steps that the planner needs.
+    planning: u32,
+}
+
+struct Report {
+    reached: bool,
+    closest_m: f32,
+    outputs: StdVec<Output>,
+}
+
+impl Flight {
+    fn new(pillars: &[(f32, f32, f32)], source: (f32, f32)) -> Self {
+        let circle = |&(north, east, radius_m): &(f32, f32, f32)| Circle {
+            center_ned_m: Horizontal { north, east },
+            radius_m,
+            ..Circle::default()
+        };
+        Self {
+            config: Config::default(),
+            pillars: pillars.iter().map(circle).collect(),
+            source: Horizontal { north: source.0, east: source.1 },
+            position: Horizontal::default(),
+            velocity: Horizontal::default(),
+            yaw: 0.0,
+            line: std::vec![Setpoint::default(); 16].into(),
+            planning: 1,
+        }
+    }
+
+    fn bearing(&self, now: Instant) -> Bearing {
+        let azimuth_rad = wrap_pi(self.source.minus(self.position).bearing_rad() - self.yaw);
+        Bearing {
+            time: now,
+            valid: true,
+            azimuth_rad,
+            sigma_rad: 0.01,
+            elevation_rad: 0.0,
+            elevation_sigma_rad: 1.0,
+            quality: Quality::default(),
+            flags: Flags::default(),
+        }
+    }
+
+    fn visible(&self) -> StdVec<Circle> {
+        let seen = |c: &&Circle| {
+            let away = c.center_ned_m.minus(self.position);
+            away.norm() - c.radius_m < 3.0 && wrap_pi(away.bearing_rad() - self.yaw).abs() < 0.785
+        };
+        self.pillars.iter().filter(seen).copied().collect()
+    }
+
+    fn run(&mut self, seconds: f32, twist: impl Fn(u32, &mut Input<'_, 64>)) -> Report {
+        let guidance = self.config.build::<64>().unwrap();
+        let planner = self.config.planner.build().unwrap();
+        let (mut state, mut scratch) = (guidance.start(), Scratch::default());
+        let mut ready: Option<(u32, Plan)> = None;
+        let mut report = Report { reached: false, closest_m: f32::INFINITY, outputs: StdVec::new() };
+        for step in 0..(seconds / DT) as u32 {
+            let now = Instant(1_000_000 + u64::from(step) * 20_000);
+            let circles = self.visible();
+            let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
+            let ownship = Ownship {
+                position_time: now,
+                position_ned_m: ned(self.position),
+                velocity_ned_mps: ned(self.velocity),
+                attitude_time: now,
+                yaw_rad: self.yaw,
+                ..Ownship::default()
+            };
+            let plan = ready.take_if(|(at, _)| *at <= step).map(|(_, plan)| plan);
+            let mut input = Input {
+                now,
+                front_end: FrontEnd::Bearing(self.bearing(now)),
+                ownship: Some(ownship),
+                scan: None,
+                points: None,
+                circles: Some(&circles),
+                control: Control::Granted,
+                plan: plan.as_ref(),
+            };
+            twist(step, &mut input);
+            let output = guidance.step(&mut state, &input);
+            if output.plan_requested {
+                ready = Some((step + self.planning, planner.plan(&mut scratch, state.request())));
+            }
+            report.outputs.push(output);
+
+            self.line.push_back(output.setpoint);
+            let acting = self.line.pop_front().unwrap();
+            self.velocity =
+                self.velocity.plus(acting.velocity_ned_mps.horizontal().minus(self.velocity).times(DT / 0.5));
+            self.position = self.position.plus(self.velocity.times(DT));
+            self.yaw = wrap_pi(self.yaw + acting.yaw_rate_radps * DT);
+            for pillar in &self.pillars {
+                let clearance = pillar.center_ned_m.minus(self.position).norm() - pillar.radius_m - 0.15;
+                report.closest_m = report.closest_m.min(clearance);
+            }
+            if self.source.minus(self.position).norm() < 0.5 {
+                report.reached = true;
+                break;
+            }
+        }
+        report
+    }
+}
+
+const PILLARS: [(f32, f32, f32); 7] = [
+    (2.0, 0.1, 0.3),
+    (3.2, -0.9, 0.25),
+    (3.4, 1.0, 0.25),
+    (4.8, 0.2, 0.35),
+    (6.2, 1.1, 0.3),
+    (6.4, -0.6, 0.3),
+    (8.0, 0.4, 0.25),
+];
+
+#[test]
+fn it_reaches_the_source_through_pillars_without_touching_one() {
+    for seed in 0..20 {
+        let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
+        flight.config.seed = seed;
+        let report = flight.run(60.0, |_, _| {});
+        let end = report.outputs.last().unwrap();
+        assert!(report.reached, "seed {seed}: {:?} after {} steps", end.outcome, report.outputs.len());
+        assert!(report.closest_m > 0.0, "seed {seed}: {}", report.closest_m);
+    }
+}
+
+#[test]
+fn the_trace_does_not_depend_on_how_fast_the_planner_is() {
+    let hash = |planning: u32| {
+        let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
+        flight.planning = planning;
+        let report = flight.run(10.0, |_, _| {});
+        (report.outputs.last().unwrap().trace_hash, report.outputs.last().unwrap().plans_late)
+    };
+    assert_eq!(hash(1), hash(4));
+    assert_eq!(hash(1).1, 0);
+}
+
+#[test]
+fn a_planner_that_is_always_late_means_hold_and_is_counted() {
+    let mut flight = Flight::new(&[], (10.0, 0.0));
+    flight.planning = 50;
+    let report = flight.run(5.0, |_, _| {});
+    let end = report.outputs.last().unwrap();
+    assert_eq!(end.outcome, Outcome::PlanLate);
+    assert!(end.plans_late > 10 && flight.position.norm() < 1e-3);
+}
+
+#[test]
+fn the_altitude_held_is_the_first_one_heard_even_when_control_comes_before_it() {
+    let mut flight = Flight::new(&[], (30.0, 0.0));
+    let report = flight.run(8.0, |step, input| {
+        if step < 20 {
+            input.ownship = None;
+        } else if step > 200 {
+            // A gust has lifted the vehicle by half a metre.
+            input.ownship =
+                input.ownship.map(|o| Ownship { position_ned_m: Ned { down: -5.5, ..o.position_ned_m }, ..o });
+        }
+    });
+    assert!(report.outputs[..200].iter().all(|o| o.setpoint.velocity_ned_mps.down == 0.0));
+    let down_mps = report.outputs[300].setpoint.velocity_ned_mps.down;
+    assert!((down_mps - 0.4).abs() < 1e-5, "0.8 a second of half a metre: {down_mps}");
+}
+
+#[test]
+fn losing_the_mode_stops_at_once_and_a_fresh_entry_goes_on() {
+    let mut flight = Flight::new(&[], (30.0, 0.0));
+    let report = flight.run(12.0, |step, input| {
+        if (200..300).contains(&step) {
+            input.control = Control::NotInControl;
+        }
+    });
+    assert!(report.outputs[199].setpoint.velocity_ned_mps.north > 0.5);
+    assert!(report.outputs[200..300].iter().all(|o| o.setpoint == Setpoint::default()));
+    assert!(report.outputs[200..300].iter().all(|o| o.outcome == Outcome::NotInControl));
+    assert!(report.outputs[500].setpoint.velocity_ned_mps.north > 0.5, "{:?}", report.outputs[500]);
+}
+
+#[test]
+fn a_lost_bearing_brakes_within_the_acceleration_limit_and_holds() {
+    let mut flight = Flight::new(&[], (30.0, 0.0));
+    let report = flight.run(10.0, |step, input| {
+        if step >= 200 {
+            input.front_end = FrontEnd::Nothing;
+        }
+    });
+    let speeds: StdVec<f32> = report.outputs.iter().map(|o| o.setpoint.velocity_ned_mps.horizontal().norm()).collect();
+    assert!(speeds.windows(2).all(|w| (w[1] - w[0]).abs() < 2.0 * DT * 1.01));
+    assert_eq!(report.outputs[499].outcome, Outcome::NoSignal);
+    assert_eq!(speeds[499], 0.0);
+}
+
+#[test]
+fn garbage_on_every_input_never_reaches_the_setpoint() {
+    let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
+    let limits = guard::Config::default();
+    let report = flight.run(20.0, |step, input| {
+        let junk = [f32::NAN, f32::INFINITY, -1e30, 1e-40][(step % 4) as usize];
+        if step % 7 == 3
+            && let FrontEnd::Bearing(bearing) = &mut input.front_end
+        {
+            (bearing.azimuth_rad, bearing.sigma_rad) = (junk, junk);
+        }
+        if step % 11 == 5
+            && let Some(ownship) = &mut input.ownship
+        {
+            (ownship.position_ned_m.north, ownship.yaw_rad) = (junk, junk);
+        }
+    });
+    for output in &report.outputs {
+        let velocity = output.setpoint.velocity_ned_mps;
+        assert!(velocity.is_finite() && output.setpoint.yaw_rate_radps.is_finite());
+        assert!(velocity.horizontal().norm() <= limits.v_max_mps * 1.001);
+    }
+}
+
+#[test]
+fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_are_near() {
+    let guidance = Config::default().build::<64>().unwrap();
+    let mut rng = crate::rng::Rng::new(6, 0);
+    for crowd in [0, 10, 64, 65, 100, 128] {
+        let mut state = guidance.start();
+        let circles: StdVec<Circle> = (0..crowd)
+            .map(|k| Circle {
+                center_ned_m: Horizontal::from_bearing(k as f32).times(0.3 + 5.0 * rng.uniform()),
+                radius_m: 0.05 + rng.uniform(),
+                ..Circle::default()
+            })
+            .collect();
+        for part in circles.chunks(64) {
+            guidance.map.observe_circles(&mut state.map, Instant(1), Horizontal::default(), part);
+        }
+        guidance.gather_near(&mut state, Horizontal::default());
+        let clearance = |o: &Obstacle| o.center_ned_m.norm() - o.reach_m;
+        let mut all: StdVec<f32> =
+            state.map.circles().map(|c| clearance(&guidance.guard.obstacle(c))).filter(|c| *c < NEAR_M).collect();
+        all.sort_by(f32::total_cmp);
+        let farthest = state.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
+        assert_eq!(state.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");
+        // To a ring's width.
+        assert!(all.get(state.near.len()).is_none_or(|next| farthest < next + NEAR_M / f32::from(FAR)), "{crowd}");
+    }
+}
+
+#[test]
+fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() {
+    let wall_m = 4.0;
+    let mut flight = Flight::new(&[], (30.0, 0.0));
+    let guidance = flight.config.build::<64>().unwrap();
+    let (planner, mut scratch) = (flight.config.planner.build().unwrap(), Scratch::default());
+    let mut state = guidance.start();
+    let mut plan = None;
+    let mut fastest = 0.0_f32;
+    for step in 0..1500_u64 {
+        let now = Instant(1_000_000 + step * 20_000);
+        // Eight beams, every fifth step, of which those ahead see the wall across the way.
+        let mut points = Points { time: now, frame: scan::Frame::Body, ..Points::default() };
+        for beam in 0..8 {
+            let azimuth = beam as f32 * core::f32::consts::FRAC_PI_4;
+            let range_m = (wall_m - flight.position.north) / libm::cosf(azimuth + flight.yaw);
+            if range_m > 0.0 && range_m < 3.0 {
+                points.points_m.push(Horizontal::from_bearing(azimuth).times(range_m)).unwrap();
+            }
+        }
+        let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
+        let ownship = Ownship {
+            position_time: now,
+            position_ned_m: ned(flight.position),
+            velocity_ned_mps: ned(flight.velocity),
+            attitude_time: now,
+            yaw_rad: flight.yaw,
+            ..Ownship::default()
+        };
+        let output = guidance.step(
+            &mut state,
+            &Input {
+                now,
+                front_end: FrontEnd::Bearing(flight.bearing(now)),
+                ownship: Some(ownship),
+                scan: None,
+                points: (step % 5 == 0).then_some(&points),
+                circles: None,
+                control: Control::Granted,
+                plan: plan.as_ref(),
+            },
+        );
+        plan = output.plan_requested.then(|| planner.plan(&mut scratch, state.request()));
+        flight.line.push_back(output.setpoint);
+        let acting = flight.line.pop_front().unwrap();
+        let to = acting.velocity_ned_mps.horizontal().minus(flight.velocity).times(DT / 0.5);
+        flight.velocity = flight.velocity.plus(to);
+        flight.position = flight.position.plus(flight.velocity.times(DT));
+        flight.yaw = wrap_pi(flight.yaw + acting.yaw_rate_radps * DT);
+        fastest = fastest.max(flight.velocity.north);
+        assert!(flight.position.north < wall_m - 0.15, "it hits the wall after {step} steps: {output:?}");
+    }
+    assert!(fastest > 0.3 && flight.position.north > 1.0, "{fastest} {:?}", flight.position);
+}
+
+#[test]
+fn the_navigation_half_keeps_within_48_kilobytes() {
+    // Everything but the antennas: the planner's memory, and what guidance carries without the phases.
+    let carried = size_of::<State<256>>() - size_of::<phase::State<256>>();
+    let bytes = size_of::<Scratch>() + size_of::<planner::Planner>() + carried;
+    assert!(bytes <= 48 * 1024, "{bytes}");
+}
+
+#[test]
+fn a_planner_that_thinks_the_vehicle_smaller_is_refused() {
+    let mut config = Config::default();
+    config.guard.vehicle_radius_m = 0.3;
+    assert_eq!(config.build::<64>().unwrap_err().field, "planner.vehicle_radius_m");
+    config.set_vehicle_radius_m(0.3);
+    assert!(config.build::<64>().is_ok());
+}
