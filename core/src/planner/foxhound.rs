@@ -9,7 +9,7 @@
 //!
 //! Some seconds without coming nearer begin a detour: every fourth replan then looks at a window three times as wide and as
 //! coarse, and those between follow the way found there, until the vehicle is nearer to the source than it has ever been
-//! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). After two minutes without coming nearer there is
+//! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). After a minute and a half without coming nearer there is
 //! no way.
 //!
 //! No way to any place where the source may be: to the nearest place that there is a way to, and a brake plan there.
@@ -57,8 +57,8 @@ const FAR_EVERY: u16 = 4;
 const WAY_STEP_M: f32 = 1.0;
 /// A way shorter than this has ended.
 const WAY_MIN_M: f32 = 0.6;
-/// Replans without coming nearer after which it is given up: some two minutes.
-const SINCE_MAX: u16 = 150;
+/// Replans without coming nearer after which it is given up: about a minute and a half.
+const SINCE_MAX: u16 = 100;
 
 /// What our planner remembers and works in.
 #[derive(Clone, Debug)]
