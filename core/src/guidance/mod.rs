@@ -566,6 +566,7 @@ impl<const N: usize> Guidance<N> {
         state.request.start_ned_m = start_ned_m;
         state.request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
         state.request.fresh = state.request.id == 1;
+        state.request.begins = state.active.is_none();
         state.request.position_ned_m = situation.position_ned_m;
         state.request.direction_ned = direction;
         state.request.known_source_ned_m = self.known_source_ned_m;

@@ -148,7 +148,7 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
     let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
 
     let Memory { posterior, window, all, way, progress } = &mut scratch.memory;
-    if request.fresh {
+    if request.begins {
         *progress = Progress::NONE;
         way.clear();
     }

@@ -156,6 +156,8 @@ pub struct PlanRequest {
     pub seed: u64,
     /// Nothing that was learned before is to be used.
     pub fresh: bool,
+    /// The first since the vehicle was handed over: what is known of the world stays, what was tried does not count.
+    pub begins: bool,
     /// Where the trajectory starts.
     pub start_ned_m: Horizontal,
     /// A place on the source's bearing, at a fixed distance: where it leads without better knowledge.
@@ -369,6 +371,47 @@ mod tests {
         };
         let best = scratch.samples.iter().map(distance).fold(f64::INFINITY, f64::min);
         assert!((distance(&plan.waypoints_ned_m) - best).abs() < 1e-4);
+    }
+
+    /// A wall 20 m long across the way to a source that is known, and the vehicle in front of its middle.
+    fn wide_wall() -> PlanRequest {
+        let wall: std::vec::Vec<_> = (0..61).map(|k| (1.5, (k as f32 - 30.0) * 0.33, 0.2)).collect();
+        let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
+        PlanRequest { known_source_ned_m, begins: true, ..request(&wall) }
+    }
+
+    #[test]
+    fn a_wall_wider_than_the_window_is_gone_round() {
+        let planner = Config::default().build().unwrap();
+        let (mut scratch, mut request) = (Scratch::default(), wide_wall());
+        let source = request.known_source_ned_m.unwrap();
+        for _ in 0..80 {
+            let plan = planner.plan(&mut scratch, &request);
+            request.begins = false;
+            request.id += 1;
+            request.start_ned_m = plan.waypoints_ned_m[5];
+            if request.start_ned_m.minus(source).norm() < 0.5 {
+                return;
+            }
+        }
+        panic!("after 80 replans at {:?}", request.start_ned_m);
+    }
+
+    #[test]
+    fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_again() {
+        let planner = Config::default().build().unwrap();
+        let (mut scratch, mut request) = (Scratch::default(), wide_wall());
+        request.start_ned_m.north = 1.0;
+        let mut verdict = |begins| {
+            request.begins = begins;
+            request.id += 1;
+            planner.plan(&mut scratch, &request).verdict
+        };
+        assert_eq!(verdict(true), Verdict::Follow);
+        let follows = (0..200).take_while(|_| verdict(false) == Verdict::Follow).count();
+        assert!((50..150).contains(&follows), "{follows}");
+        assert_eq!(verdict(false), Verdict::Brake);
+        assert_eq!(verdict(true), Verdict::Follow);
     }
 
     #[test]
