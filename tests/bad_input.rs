@@ -246,7 +246,7 @@ fn every_strange_scenario_is_refused_by_field_value_and_range_or_flown_to_a_name
             Refused(&["obstacles[9999].r = -1 is outside 0.001..=1000"]),
         ),
         (format!(r#"{{"obstacles":[{}]}}"#, many(10_000, far_row)), Ends("reached", "")),
-        (format!(r#"{{"obstacles":[{}]}}"#, many(10_000, carpet)), Ends("hold", "goal_unreachable")),
+        (format!(r#"{{"max_time_s":200,"obstacles":[{}]}}"#, many(10_000, carpet)), Ends("hold", "goal_unreachable")),
         (format!(r#"{{"obstacles":[{}]}}"#, many(10_000, same)), Ends("reached", "")),
         (format!(r#"{{"sensor":{{"model":"scan"}},"obstacles":[{}]}}"#, many(3, same)), Ends("reached", "")),
         (r#"{"goal": [15, 5]}"#.into(), Ends("reached", "")),

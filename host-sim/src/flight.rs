@@ -303,6 +303,8 @@ pub fn fly(
     let time_s = tick as f64 * TICK_US as f64 / 1e6;
     let last_outcome = path.last().map_or(Outcome::Nominal, |sample| sample.outcome);
     let (result, reason) = match ending {
+        // What the last step was about explains nothing where the mission is done.
+        Some(Ending::Reached) => (Ending::Reached, Outcome::Nominal),
         Some(ending) => (ending, last_outcome),
         None => match why_still(&path) {
             Some(outcome) => (Ending::Hold, outcome),

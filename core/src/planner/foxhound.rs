@@ -9,8 +9,8 @@
 //!
 //! Some seconds without coming nearer begin a detour: every fourth replan then looks at a window three times as wide and as
 //! coarse, and those between follow the way found there, until the vehicle is nearer to the source than it has ever been
-//! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). After a minute and a half without coming nearer there is
-//! no way.
+//! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). What takes a minute and more without coming nearer
+//! is given up: there is no way.
 //!
 //! No way to any place where the source may be: to the nearest place that there is a way to, and a brake plan there.
 
@@ -57,8 +57,10 @@ const FAR_EVERY: u16 = 4;
 const WAY_STEP_M: f32 = 1.0;
 /// A way shorter than this has ended.
 const WAY_MIN_M: f32 = 0.6;
-/// Replans without coming nearer after which it is given up: about a minute and a half.
-const SINCE_MAX: u16 = 100;
+/// Replans that come to nothing, about a minute's, after which nothing is searched any more, and after twice as many nothing
+/// believed; and how many a step of progress makes good.
+const SPENT_MAX: u16 = 80;
+const CREDIT: u16 = 20;
 
 /// What our planner remembers and works in.
 #[derive(Clone, Debug)]
@@ -79,6 +81,8 @@ struct Progress {
     /// Where it was nearest to the source so far, and the replans since.
     closest_ned_m: Horizontal,
     since: u16,
+    /// Replans, less what every step of progress gives back: what is left of the trouble that it takes.
+    spent: u16,
     /// So many replans without coming nearer begin a detour.
     patience: u16,
     /// On a detour: replans until the next that looks far.
@@ -90,26 +94,28 @@ impl Progress {
         has_begun: false,
         closest_ned_m: Horizontal { north: 0.0, east: 0.0 },
         since: 0,
+        spent: 0,
         patience: 0,
         until_far: None,
     };
 
-    fn new(closest_ned_m: Horizontal) -> Self {
-        Self { has_begun: true, closest_ned_m, since: 0, patience: PATIENCE, until_far: None }
+    fn new(closest_ned_m: Horizontal, spent: u16) -> Self {
+        Self { has_begun: true, closest_ned_m, since: 0, spent, patience: PATIENCE, until_far: None }
     }
 
     /// One replan later.
     fn step(&mut self, start: Horizontal, source: Horizontal) {
         if !self.has_begun {
-            *self = Self::new(start);
+            *self = Self::new(start, 0);
         }
+        self.spent = self.spent.saturating_add(1);
         self.since = self.since.saturating_add(1);
         self.until_far = match self.until_far {
             Some(left) => Some(left.checked_sub(1).unwrap_or(FAR_EVERY - 1)),
             None => (self.since >= self.patience).then_some(0),
         };
         if source.minus(start).norm() < source.minus(self.closest_ned_m).norm() - PROGRESS_M {
-            *self = Self::new(start);
+            *self = Self::new(start, self.spent.saturating_sub(CREDIT));
         }
     }
 
@@ -245,11 +251,16 @@ fn aim(
 ) -> Option<Aim> {
     let hopeful = |place_ned_m| Some(Aim { place_ned_m, hopeful: true });
     let inside = window.contains(source);
+    if progress.spent >= 2 * SPENT_MAX {
+        return None;
+    }
     if inside && let Some(place) = approach(window, source) {
         return hopeful(place);
     }
-    if progress.since < SINCE_MAX
-        && (!inside || window.is_open(source))
+    if progress.spent >= SPENT_MAX {
+        return None;
+    }
+    if (!inside || window.is_open(source))
         && let Some(place) = leave(window, obstacles, (progress, way), source)
     {
         return hopeful(place);
