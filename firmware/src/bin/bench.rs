@@ -784,6 +784,7 @@ fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch
     let mut request = PlanRequest {
         id: 1,
         fresh: true,
+        begins: true,
         target_ned_m: Horizontal { north: 2.0, east: 0.0 },
         direction_ned: Horizontal { north: 1.0, east: 0.0 },
         ..PlanRequest::default()
@@ -803,13 +804,15 @@ fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch
         // There are as many places.
         let _ = request.circles.push(circle);
     }
-    row(
-        "replan_64",
-        measure(&mut || {
+    // From the same place again and again: from the ninth on some look far.
+    let mut worst = 0;
+    for _ in 0..12 {
+        worst = worst.max(measure(&mut || {
             black_box(planner.plan(scratch, black_box(&request)));
-        }),
-        1_700_000,
-    );
+        }));
+        (request.id, request.fresh, request.begins) = (request.id + 1, false, false);
+    }
+    row("replan_64", worst, 1_700_000);
 }
 
 /// A tone from 30 degrees to the right, and noise, into a snapshot.
