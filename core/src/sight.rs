@@ -485,6 +485,15 @@ mod tests {
     }
 
     #[test]
+    fn the_cheap_bearing_is_within_a_sixth_of_a_ray() {
+        for k in 0..100_000 {
+            let away = Horizontal::from_bearing(k as f32 * 1e-4 - 5.0).times(0.1 + 3e-5 * k as f32);
+            let error_rad = wrap_pi(bearing_rad(away) - away.bearing_rad());
+            assert!(error_rad.abs() < 0.003, "{away:?}: {error_rad}");
+        }
+    }
+
+    #[test]
     fn what_was_seen_is_remembered_while_it_is_near_and_forgotten_far_away() {
         let (looker, mut sight) = (looker(), Sight::default());
         let clear = scan([Sector::Clear; SECTORS_MAX]);

@@ -317,7 +317,7 @@ mod tests {
             let mut rng = Rng::new(seed, 77);
             let mut place = || (0.3 + 2.0 * rng.uniform(), -1.0 + 2.0 * rng.uniform(), 0.1 + 0.25 * rng.uniform());
             let mut request = request(&[place(), place(), place(), place()]);
-            request.seed = seed;
+            (request.seed, request.begins) = (seed, true);
             let plan = planner.plan(&mut scratch, &request);
             let obstacles: std::vec::Vec<_> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
             let at_start = obstacles.iter().map(|o| o.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
