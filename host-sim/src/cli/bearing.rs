@@ -1,0 +1,178 @@
+//! `foxhound bearing` and `foxhound calibrate`: recorded frames instead of a flight.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use foxhound_sim::bearings::{self, Options};
+use foxhound_sim::calibrate::{self, calibrate};
+use foxhound_sim::frames::{ArrayDescription, Recording, read_yaw};
+use foxhound_sim::input::{InputError, read_text};
+
+use super::fly::EstimatorName;
+use super::{Cli, json_line, note, say};
+
+const BEARING_HELP: &str =
+    "Frames: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024.
+Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, right), sample_rate_hz,
+  optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration]
+  (written by `foxhound calibrate`).
+Looks: from 4 on, direct path and one reflection are told apart (MUSIC over the looks); fewer are averaged as unit
+  vectors, weighted by 1/sigma^2. --yaw says how the array stood; the azimuth is that in the body frame of the last
+  look. Frames left over at the end are not answered.
+
+Example:
+  foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json";
+
+#[derive(Args, Debug)]
+#[command(after_help = BEARING_HELP)]
+pub(super) struct BearingCommand {
+    /// Recorded frames.
+    #[arg(long, value_name = "FILE")]
+    adc: PathBuf,
+    /// Description of the array.
+    #[arg(long, value_name = "FILE")]
+    array: PathBuf,
+    /// Which angle-of-arrival estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorName,
+    /// Consecutive frames an answer.
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    looks: u32,
+    /// Yaw at each frame: .npy, float64, rad, one per frame.
+    #[arg(long, value_name = "FILE")]
+    yaw: Option<PathBuf>,
+    /// The frames are not consecutive in time.
+    #[arg(long)]
+    independent: bool,
+}
+
+const CALIBRATE_HELP: &str = "The table goes into [calibration] of the array file; its other keys and comments stay. It holds for the tone's frequency
+in the samples (and a quarter beyond) and for the file's wavelength_m; elsewhere bearings are flagged `uncalibrated`.
+One frame at 40 dB is enough. Frames without a tone, with a clipped or a dead channel are refused.
+With --yaw the frames are a turn on the spot: swapped channels are found, and a full turn gives the deviation as well.
+
+Examples:
+  foxhound calibrate --adc known.npy --array array.toml --azimuth-deg 30
+  foxhound calibrate --adc other_tone.npy --array array.toml --splitter --add --skew
+  foxhound calibrate --adc turn.npy --yaw yaw.npy --array array.toml --azimuth-deg 0";
+
+#[derive(Args, Debug)]
+#[command(after_help = CALIBRATE_HELP)]
+pub(super) struct CalibrateCommand {
+    /// Recorded frames of the known source.
+    #[arg(long, value_name = "FILE")]
+    adc: PathBuf,
+    /// Description of the array; it is rewritten.
+    #[arg(long, value_name = "FILE")]
+    array: PathBuf,
+    /// Where the source is, from the nose and clockwise; with --yaw, where it is at yaw zero.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, required_unless_present = "splitter")]
+    azimuth_deg: Option<f64>,
+    /// All channels hear the same, through a splitter.
+    #[arg(long, conflicts_with_all = ["azimuth_deg", "elevation_deg", "range_m", "yaw"])]
+    splitter: bool,
+    /// Elevation of the source.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    elevation_deg: f64,
+    /// Distance of the source [default: so far that its wave is plane].
+    #[arg(long, value_name = "M")]
+    range_m: Option<f64>,
+    /// Yaw at each frame: .npy, float64, rad, one per frame.
+    #[arg(long, value_name = "FILE")]
+    yaw: Option<PathBuf>,
+    /// Add the tone's frequency to the table, up to four, instead of replacing it.
+    #[arg(long)]
+    add: bool,
+    /// Take the channels' sampling delays out of the phases at two frequencies or more, and write `skew_s`.
+    #[arg(long)]
+    skew: bool,
+    /// Temperature of the receiver, for the record.
+    #[arg(long, value_name = "DEG_C", allow_negative_numbers = true)]
+    temperature_c: Option<f64>,
+}
+
+pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, InputError> {
+    let description = ArrayDescription::read(&args.array)?;
+    if description.array.build()?.is_nearly_ambiguous() {
+        note("warning: side_m is close to half a wavelength: noise will turn some bearings round");
+    }
+    if description.array.calibration.is_some_and(|table| table.entries().is_empty()) {
+        note("warning: [calibration] is damaged, its crc does not match: all bearings are uncalibrated");
+    }
+    let recording = Recording::read(&args.adc)?;
+    let frames = recording.frames().len();
+    let yaw_rad = match &args.yaw {
+        Some(path) => read_yaw(path, frames)?,
+        None => Vec::new(),
+    };
+    let looks = args.looks as usize;
+    let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
+    let lines = bearings::find(&recording, &description, &options)?;
+    if frames % looks != 0 {
+        note(&format!(
+            "note: the last {} of {frames} frames make no group of {looks} and are not answered",
+            frames % looks
+        ));
+    }
+    if cli.json {
+        let mut text = String::new();
+        for line in &lines {
+            text.push_str(&json_line(line)?);
+        }
+        say(&text);
+    } else {
+        say(&bearings::table(&lines));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub(super) fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode, InputError> {
+    let text = read_text(&args.array)?;
+    ArrayDescription::parse(&text).map_err(|error| error.in_file(&args.array))?;
+    let recording = Recording::read(&args.adc)?;
+    let yaw_rad = match &args.yaw {
+        Some(path) => read_yaw(path, recording.frames().len())?,
+        None => Vec::new(),
+    };
+    let options = calibrate::Options {
+        azimuth_deg: args.azimuth_deg,
+        elevation_deg: args.elevation_deg,
+        range_m: args.range_m,
+        yaw_rad,
+        temperature_c: args.temperature_c,
+        add: args.add,
+        skew: args.skew,
+    };
+    let (text, report) = calibrate(&recording, &text, &options)?;
+    std::fs::write(&args.array, text).map_err(|error| InputError::new(error.to_string()).in_file(&args.array))?;
+    if report.interferer_frames > 0 {
+        note(&format!("warning: in {} frames another line stands within 10 dB of the tone", report.interferer_frames));
+    }
+    if args.yaw.is_some() && report.deviation_max_deg.is_none() {
+        note("note: the frames do not go all around the circle: no deviation");
+    }
+    if cli.json {
+        say(&json_line(&report)?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut text = String::from("channel     gain  phase/deg\n");
+    for (channel, (gain, phase_deg)) in report.gain.iter().zip(report.phase_deg).enumerate() {
+        let _ = writeln!(text, "{:>7} {gain:>8.4} {phase_deg:>10.3}", channel + 1);
+    }
+    let _ = writeln!(
+        text,
+        "at {:.1} Hz from {} frames at {:.1} dB; {:.3} deg a channel are left",
+        report.frequency_hz, report.frames, report.snr_db, report.residual_deg
+    );
+    if let Some(largest_deg) = report.deviation_max_deg {
+        let _ = writeln!(text, "deviation up to {largest_deg:.2} deg");
+    }
+    if let Some(skew_s) = report.skew_s {
+        let _ = writeln!(text, "skew_s = {skew_s:?}");
+    }
+    let _ = writeln!(text, "written to {}", args.array.display());
+    say(&text);
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,210 @@
+//! `foxhound fly`: one mission in closed loop.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
+use foxhound_core::bearing::Estimator;
+use foxhound_core::planner;
+use foxhound_link::mailbox::Setup;
+use foxhound_sim::computer::{Computer, HostComputer};
+use foxhound_sim::flight::{self, Ending, Mission, Record};
+use foxhound_sim::input::{InputError, read_text};
+use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::scenario::{BearingModel, Scenario};
+use foxhound_sim::{plot, tlog};
+
+use super::{Cli, bar, ending, json_line, note, say};
+
+const FLY_HELP: &str = "Examples:
+  foxhound fly --seed 7 --plot flight.png
+  foxhound fly --snr-db 0 --planner paper --json
+  foxhound fly --scenario gate.json --tlog flight.tlog
+
+A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
+  name, bounds [x0,y0,x1,y1], drone_radius (0.15), start [x,y], goal [x,y], goal_velocity [vx,vy],
+  obstacles [{x,y,r,vx,vy}], sensor {fov_deg (90), range_m (3), occlusion (true), model circles|scan},
+  bearing {only (true; false: the planner is told where the beacon is), model rf|noise, sigma_deg, snr_db,
+    outlier {rate, offset_deg}, dropout [t0,t1]},
+  limits {v_max (1.0), a_max (2.0)}, vehicle {model point|arducopter, lag_s (0.15)},
+  goal_tolerance (0.5: within that many metres of the beacon it counts as reached), max_time_s (90),
+  faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s, stale_ownship [t0,t1]}";
+
+#[derive(Args, Debug, Default)]
+#[command(after_help = FLY_HELP)]
+pub(super) struct Fly {
+    /// Scenario file [default: the built-in pillar forest].
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    /// Which planner: ours, the main paper's and its baseline, with their readings; the others are the baseline in the
+    /// field of that name.
+    #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
+    planner: planner::Config,
+    /// Which angle-of-arrival estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorName,
+    /// Which computer flies: `host`, or `qemu:ELF` for a firmware image in QEMU.
+    #[arg(long, value_name = "COMPUTER", default_value = "host")]
+    via: Via,
+    /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrules the scenario.
+    #[arg(long, value_name = "DB", allow_negative_numbers = true)]
+    snr_db: Option<f64>,
+    /// Picture of the flight, .svg or .png [default: flight.svg in the output folder].
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    /// Telemetry log of every MAVLink frame in both directions, with simulated time.
+    #[arg(long, value_name = "FILE")]
+    tlog: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub(super) enum EstimatorName {
+    /// Cross-spectra and least squares.
+    #[default]
+    Cross,
+    /// The main paper's algorithm to the letter.
+    Paper,
+    /// The same with the half-plane by the magnitudes of its angles.
+    PaperRepaired,
+    /// The same with the half-plane by cross-correlation.
+    PaperCorrelated,
+    /// The main paper's arcsine of one pair, its side by cross-correlation.
+    Pair,
+    /// The main paper's crossing of two pairs' directions.
+    TwoArray,
+    /// The main paper's crossing of two pairs that share an antenna.
+    ThreeAntenna,
+    /// The main paper's least-squares crossing of all neighbours' directions.
+    NArray,
+}
+
+/// A planner by its name, as clap wants it.
+pub(super) fn planner_parser() -> impl TypedValueParser<Value = planner::Config> {
+    PossibleValuesParser::new(planner::NAMES)
+        .try_map(|name| planner::Config::named(&name).ok_or("there is no such planner"))
+}
+
+impl From<EstimatorName> for Estimator {
+    fn from(name: EstimatorName) -> Self {
+        match name {
+            EstimatorName::Cross => Self::CrossSpectrum,
+            EstimatorName::Paper => Self::PaperSquare,
+            EstimatorName::PaperRepaired => Self::PaperRepaired,
+            EstimatorName::PaperCorrelated => Self::PaperCorrelated,
+            EstimatorName::Pair => Self::Pair,
+            EstimatorName::TwoArray => Self::TwoArray,
+            EstimatorName::ThreeAntenna => Self::ThreeAntenna,
+            EstimatorName::NArray => Self::NArray,
+        }
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+enum Via {
+    #[default]
+    Host,
+    Qemu(PathBuf),
+}
+
+impl std::str::FromStr for Via {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once(':') {
+            None if text == "host" => Ok(Self::Host),
+            Some(("qemu", elf)) if !elf.is_empty() => Ok(Self::Qemu(elf.into())),
+            _ => Err("expected `host` or `qemu:ELF`".to_owned()),
+        }
+    }
+}
+
+pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
+    let mut scenario = match &args.scenario {
+        Some(path) => Scenario::parse(&read_text(path)?).map_err(|error| error.in_file(path))?,
+        None => Scenario::built_in(),
+    };
+    if let Some(snr_db) = args.snr_db {
+        foxhound_sim::input::check("--snr-db", snr_db, -30.0, 80.0)?;
+        scenario.bearing.snr_db = Some(snr_db);
+        scenario.bearing.model = Some(BearingModel::Rf);
+    }
+    let mission = Mission { scenario, seed: cli.seed, planner: args.planner, estimator: args.estimator.into() };
+    let plot_path = args.plot.clone().or_else(|| {
+        let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")))?;
+        Some(folder.join("flight.svg"))
+    });
+    if let Some(path) = plot_path.as_deref().filter(|path| !matches!(ending(path), Some("svg" | "png"))) {
+        return Err(InputError::new(format!("--plot {}: expected a file ending in .svg or .png", path.display())));
+    }
+
+    let config = mission.guidance();
+    // Checked here for every computer, so that a refused field is named the same way.
+    let host = HostComputer::new(&config)?;
+    let mut computer: Box<dyn Computer> = match &args.via {
+        Via::Host => Box::new(host),
+        Via::Qemu(elf) => {
+            let qemu = QemuComputer::start(elf, &Setup { guidance: config });
+            Box::new(qemu.map_err(|error| InputError::new(format!("--via: {error}")))?)
+        }
+    };
+    let mut log = match &args.tlog {
+        Some(path) => Some(
+            tlog::Writer::create(path)
+                .map_err(|error| InputError::new(format!("--tlog {}: {error}", path.display())))?,
+        ),
+        None => None,
+    };
+
+    let progress = bar(cli, mission.scenario.max_time_s as u64, "flying {bar:40} {pos} of at most {len} s");
+    let flown = flight::fly(&mission, computer.as_mut(), log.as_mut(), |time_s| progress.set_position(time_s as u64));
+    progress.finish_and_clear();
+    let record = flown.map_err(|error| InputError::new(error.to_string()))?;
+    if let Some(log) = log {
+        log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
+    }
+    if let Some(path) = &plot_path {
+        plot::draw(&record, path)?;
+        if cli.json {
+            note(&format!("picture: {}", path.display()));
+        }
+    }
+    if cli.json {
+        say(&json_line(&record.report)?);
+    } else {
+        say(&summary(&record, plot_path.as_deref()));
+    }
+    Ok(if record.report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// A flight for people.
+fn summary(record: &Record, plot: Option<&Path>) -> String {
+    let report = &record.report;
+    let word = match report.result {
+        Ending::Reached => "reached the beacon",
+        Ending::Hold => "holds",
+        Ending::Collision => "collided",
+        Ending::Timeout => "ran out of time",
+    };
+    let mut text = String::new();
+    let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
+    let _ = writeln!(text, "{}: {word}{reason} after {:.1} s", report.name, report.time_s);
+    let _ = writeln!(
+        text,
+        "  path             {:.2} m, straight line {:.2} m",
+        report.path_length_m, report.straight_line_m
+    );
+    if let Some(clearance_m) = report.min_clearance_m {
+        let _ = writeln!(text, "  least clearance  {clearance_m:.3} m");
+    }
+    if let Some(rms_deg) = report.bearing_rms_deg {
+        let _ = writeln!(text, "  bearing error    {rms_deg:.2} deg rms");
+    }
+    let _ = writeln!(text, "  plans            {}", report.replans);
+    let _ = writeln!(text, "  trace            {} (seed {})", report.trace_hash, report.seed);
+    if let Some(path) = plot {
+        let _ = writeln!(text, "  picture          {}", path.display());
+    }
+    text
+}

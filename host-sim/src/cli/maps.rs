@@ -1,0 +1,185 @@
+//! `foxhound maps`: pillar forests of given density, and pairs to fly on them.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use foxhound_sim::input::InputError;
+use foxhound_sim::maps;
+use foxhound_sim::suite::{self, Suite};
+use serde::Serialize;
+
+use super::{Cli, bar, json_line, note, say, write_text};
+
+const MAPS_HELP: &str =
+    "Density is the area of all pillars in a unit square over that of the square; mean and variance are over all unit
+squares and are reached within 0.0005. Starts and goals are at least 4 m apart and can be joined by a planner that
+knows the map and keeps 0.05 m from every pillar; the suite file holds the length of the shortest such way.
+Without --row or --mean: the five maps of the main paper's Table I, four of each.
+
+Examples:
+  foxhound maps                                    out/suite.json and out/maps.svg
+  foxhound maps --row 4 --count 20 --pairs 5 --drone-radius 0.2 --seed 3 --out dense
+  foxhound maps --mean 0.12 --variance 0.01 --step
+  foxhound maps --describe out/suite.json --json";
+
+#[derive(Args, Debug)]
+#[command(after_help = MAPS_HELP)]
+pub(super) struct MapsCommand {
+    /// Row of the main paper's Table I.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=5))]
+    row: Option<u32>,
+    /// Mean density.
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, requires = "variance", conflicts_with = "row")]
+    mean: Option<f64>,
+    /// Variance of the density.
+    #[arg(long, value_name = "V", allow_negative_numbers = true, requires = "mean")]
+    variance: Option<f64>,
+    /// Dense on one side of a line, sparse on the other, as row 5 is.
+    #[arg(long, requires = "mean")]
+    step: bool,
+    /// Edges of the map, metres.
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_delimiter = ',', allow_hyphen_values = true)]
+    bounds: Vec<f64>,
+    /// Maps of each density.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    count: u32,
+    /// Start/goal pairs of each map.
+    #[arg(long, value_name = "P", default_value_t = 40, value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    pairs: u32,
+    /// Radius of the vehicle, metres.
+    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value_t = 0.15)]
+    drone_radius: f64,
+    /// Describes the maps of this suite file instead.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["row", "mean", "bounds"])]
+    describe: Option<PathBuf>,
+}
+
+/// A map for people and machines.
+#[derive(Serialize)]
+struct MapLine {
+    row: u32,
+    instance: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    asked: Option<maps::Density>,
+    mean: f64,
+    variance: f64,
+    pillars: usize,
+    pairs: usize,
+    /// Share of the pairs drawn between which there was a way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reachable_share: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct MapsReport {
+    maps: Vec<MapLine>,
+}
+
+impl MapsReport {
+    fn table(&self) -> String {
+        let mut text =
+            String::from(" row  map  asked: mean  variance  reached: mean  variance  pillars  pairs  reachable\n");
+        for line in &self.maps {
+            let (mean, variance) = match line.asked {
+                Some(asked) => (format!("{:.4}", asked.mean), format!("{:.4}", asked.variance)),
+                None => ("-".to_owned(), "-".to_owned()),
+            };
+            let reachable =
+                line.reachable_share.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+            let _ = writeln!(
+                text,
+                "{:>4} {:>4} {mean:>12} {variance:>9} {:>14.4} {:>9.4} {:>8} {:>6} {reachable:>10}",
+                line.row, line.instance, line.mean, line.variance, line.pillars, line.pairs
+            );
+        }
+        text
+    }
+}
+
+pub(super) fn draw_maps(cli: &Cli, args: &MapsCommand) -> Result<ExitCode, InputError> {
+    let (suite, report) = match &args.describe {
+        Some(path) => describe(Suite::read(path)?),
+        None => drawn(cli, args)?,
+    };
+    say(&if cli.json { json_line(&report)? } else { report.table() });
+    // What is described has its file already.
+    let folder = cli.out.clone().or_else(|| (!cli.json && args.describe.is_none()).then(|| PathBuf::from("out")));
+    if let Some(folder) = folder {
+        let picture = folder.join("maps.svg");
+        maps::draw(&suite, &picture)?;
+        note(&format!("picture: {}", picture.display()));
+        if args.describe.is_none() {
+            let file = folder.join("suite.json");
+            write_text(&file, &json_line(&suite)?)?;
+            note(&format!("suite: {}", file.display()));
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn drawn(cli: &Cli, args: &MapsCommand) -> Result<(Suite, MapsReport), InputError> {
+    foxhound_sim::input::check("--drone-radius", args.drone_radius, 0.01, 5.0)?;
+    let mut recipes: Vec<(u32, maps::Recipe)> = match (args.row, args.mean, args.variance) {
+        (_, Some(mean), Some(variance)) => {
+            let density = maps::Density { mean, variance };
+            vec![(0, maps::Recipe { density, step: args.step, ..maps::Recipe::default() })]
+        }
+        (row, ..) => (1..=5)
+            .filter(|k| row.is_none_or(|row| row == *k))
+            .filter_map(|row| Some((row, maps::Recipe::of_row(row)?)))
+            .collect(),
+    };
+    let mut suite = Suite { drone_radius: args.drone_radius, seed: Some(cli.seed.into()), ..Suite::default() };
+    match *args.bounds.as_slice() {
+        [] => {}
+        [x0, y0, x1, y1] => suite.bounds = [x0, y0, x1, y1],
+        _ => return Err(InputError::new("--bounds: expected X0,Y0,X1,Y1")),
+    }
+    for (_, recipe) in &mut recipes {
+        recipe.bounds = suite.bounds;
+    }
+    let progress = bar(cli, u64::from(args.count) * recipes.len() as u64, "drawing {bar:40} {pos} of {len} maps");
+    let mut lines = Vec::new();
+    for (row, recipe) in recipes {
+        for instance in 0..args.count {
+            let seed = suite::Place { row, instance, pair: u32::MAX }.seed(cli.seed);
+            let obstacles = maps::generate(&recipe, seed)?;
+            let drawn = maps::pairs(suite.bounds, &obstacles, args.drone_radius, args.pairs as usize, seed)?;
+            let reached = maps::density(suite.bounds, &obstacles);
+            lines.push(MapLine {
+                row,
+                instance,
+                asked: Some(recipe.density),
+                mean: reached.mean,
+                variance: reached.variance,
+                pillars: obstacles.len(),
+                pairs: drawn.pairs.len(),
+                reachable_share: Some(drawn.reachable_share),
+            });
+            suite.maps.push(suite::Map::new(row, instance, obstacles, drawn.pairs));
+            progress.inc(1);
+        }
+    }
+    progress.finish_and_clear();
+    Ok((suite, MapsReport { maps: lines }))
+}
+
+fn describe(suite: Suite) -> (Suite, MapsReport) {
+    let line = |map: &suite::Map| {
+        let reached = maps::density(suite.bounds, &map.obstacles);
+        MapLine {
+            row: map.row,
+            instance: map.instance,
+            asked: None,
+            mean: reached.mean,
+            variance: reached.variance,
+            pillars: map.obstacles.len(),
+            pairs: map.pairs.len(),
+            reachable_share: None,
+        }
+    };
+    let maps = suite.maps.iter().map(line).collect();
+    (suite, MapsReport { maps })
+}

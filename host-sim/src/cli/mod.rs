@@ -1,0 +1,158 @@
+//! The command line. Results go to stdout; notes, progress and errors to stderr. Exit status: 0 done as asked, 1 flown
+//! but the goal was not reached, 2 bad usage or input.
+
+mod bearing;
+mod fly;
+mod maps;
+mod reproduce;
+mod suite;
+
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+use foxhound_sim::input::InputError;
+use foxhound_sim::tlog;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
+
+use bearing::{BearingCommand, CalibrateCommand};
+use fly::Fly;
+use maps::MapsCommand;
+use reproduce::Reproduce;
+use suite::SuiteCommand;
+
+/// Lets a small drone find a radio beacon by itself: direction finding with four antennas, planning among unknown
+/// obstacles, velocity setpoints for the autopilot. Without a command, flies the built-in mission.
+#[derive(Debug, Parser)]
+#[command(name = "foxhound", version, after_help = EXAMPLES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Prints JSON on stdout and nothing else there.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Seed of everything random; the same seed gives the same flight.
+    #[arg(long, global = true, default_value_t = 1)]
+    seed: u64,
+    /// Folder for the files that are written [default: out; with --json nothing is written unless asked for].
+    #[arg(long, global = true, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+const EXAMPLES: &str = "Examples:
+  foxhound                                          fly through a pillar forest; picture in out/flight.svg
+  foxhound fly --scenario gate.json --json          fly a scenario file, result as JSON
+  foxhound fly --via qemu:firmware.elf --tlog f.tlog   the same flight with the firmware in QEMU
+  foxhound bearing --adc frames.npy --array array.toml --json
+  foxhound calibrate --adc known.npy --array array.toml --azimuth-deg 30
+  foxhound tlog f.tlog --json
+  foxhound maps --out forests && foxhound suite forests/suite.json
+
+Exit status: 0 done as asked; 1 flown, but a goal was not reached; 2 bad usage or input.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Flies one mission in closed loop.
+    Fly(Fly),
+    /// Finds the bearings in recorded ADC frames.
+    Bearing(BearingCommand),
+    /// Measures the channels with a known source and writes them into the array file.
+    Calibrate(CalibrateCommand),
+    /// Counts the MAVLink frames of a telemetry log.
+    Tlog(TlogCommand),
+    /// Draws maps of given obstacle density and start/goal pairs on them, or describes those of a suite file.
+    Maps(MapsCommand),
+    /// Flies all pairs of a suite file, many at a time.
+    Suite(SuiteCommand),
+    /// Repeats an experiment of a paper and puts our number beside its number.
+    Reproduce(Reproduce),
+}
+
+#[derive(Args, Debug)]
+struct TlogCommand {
+    /// The log.
+    file: PathBuf,
+    /// The file is a plain byte stream without time stamps.
+    #[arg(long)]
+    raw: bool,
+}
+
+/// Runs the command that was given.
+pub(crate) fn run() -> ExitCode {
+    let cli = Cli::parse();
+    let done = match &cli.command {
+        None => fly::fly(&cli, &Fly::default()),
+        Some(Command::Fly(args)) => fly::fly(&cli, args),
+        Some(Command::Bearing(args)) => bearing::bearing(&cli, args),
+        Some(Command::Calibrate(args)) => bearing::calibration(&cli, args),
+        Some(Command::Tlog(args)) => read_log(&cli, args),
+        Some(Command::Maps(args)) => maps::draw_maps(&cli, args),
+        Some(Command::Suite(args)) => suite::fly_suite(&cli, args),
+        Some(Command::Reproduce(args)) => reproduce::reproduce(&cli, args),
+    };
+    match done {
+        Ok(code) => code,
+        Err(error) => {
+            note(&format!("error: {error}"));
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn note(text: &str) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
+/// Writes to stdout; a reader that has gone away is not our error.
+fn say(text: &str) {
+    let _ = io::stdout().lock().write_all(text.as_bytes());
+}
+
+fn json_line(value: &impl Serialize) -> Result<String, InputError> {
+    let mut line = serde_json::to_string(value).map_err(|error| InputError::new(error.to_string()))?;
+    line.push('\n');
+    Ok(line)
+}
+
+fn ending(path: &Path) -> Option<&str> {
+    path.extension().and_then(|ending| ending.to_str())
+}
+
+fn bar(cli: &Cli, length: u64, template: &str) -> ProgressBar {
+    // Hidden by itself where stderr is no terminal.
+    let target = if cli.json { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+    let bar = ProgressBar::with_draw_target(Some(length), target);
+    match ProgressStyle::with_template(template) {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
+fn write_text(path: &Path, text: &str) -> Result<(), InputError> {
+    let failed = |error: io::Error| InputError::new(error.to_string()).in_file(path);
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).map_err(failed)?;
+    }
+    std::fs::write(path, text).map_err(failed)
+}
+
+fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
+    let bytes = std::fs::read(&args.file).map_err(|error| InputError::new(error.to_string()).in_file(&args.file))?;
+    let summary = if args.raw { tlog::read_raw(&bytes) } else { tlog::read_stamped(&bytes) };
+    if cli.json {
+        say(&json_line(&summary)?);
+    } else {
+        let mut text = format!(
+            "{} frames, {} with a wrong checksum, {} bytes skipped\n",
+            summary.frames, summary.bad_crc, summary.skipped_bytes
+        );
+        for (id, count) in &summary.counts {
+            let _ = writeln!(text, "{count:>8}  message {id}");
+        }
+        say(&text);
+    }
+    Ok(ExitCode::SUCCESS)
+}

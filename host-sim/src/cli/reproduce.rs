@@ -1,0 +1,85 @@
+//! `foxhound reproduce`: the experiments of the papers.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, ValueEnum};
+use foxhound_sim::input::InputError;
+use foxhound_sim::reproduce::{circle, crb, density, variants};
+
+use super::{Cli, bar, json_line, note, say};
+
+const REPRODUCE_HELP: &str = "Examples:
+  foxhound reproduce aoa-circle              table on stdout, picture in out/aoa-circle.svg
+  foxhound reproduce aoa-crb --json --seed 2
+  foxhound reproduce apf-density             the main paper's planners and ours on its maps; minutes
+  foxhound reproduce apf-density --pairs 10 --json --out density
+  foxhound reproduce apf-variants            potential fields of the variants paper";
+
+#[derive(Args, Debug)]
+#[command(after_help = REPRODUCE_HELP)]
+pub(super) struct Reproduce {
+    /// Which one.
+    #[arg(value_enum)]
+    experiment: Experiment,
+    /// apf-density: start/goal pairs of each row of Table I [default: 100].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pairs: Option<u32>,
+}
+
+/// Start/goal pairs of each row of Table I.
+const DENSITY_PAIRS: u32 = 100;
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Experiment {
+    /// Bearings around a circle of 5 m without noise (main paper, fig. 8).
+    AoaCircle,
+    /// Rms error over the Cramer-Rao bound, over signal-to-noise ratio, frame length and azimuth.
+    AoaCrb,
+    /// Planners on maps of growing obstacle density (main paper, Table I, fig. 9 and 10).
+    ApfDensity,
+    /// Four potential fields in four scenes with local minima (variants paper, Table I).
+    ApfVariants,
+}
+
+pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
+    if args.pairs.is_some() && !matches!(args.experiment, Experiment::ApfDensity) {
+        return Err(InputError::new("--pairs: only apf-density flies pairs"));
+    }
+    let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
+    let picture = |name: &str, draw: &dyn Fn(&Path) -> Result<(), InputError>| {
+        let Some(folder) = &folder else { return Ok(Vec::new()) };
+        let path = folder.join(name);
+        draw(&path)?;
+        Ok::<Vec<PathBuf>, InputError>(vec![path])
+    };
+    let (line, table, pictures) = match args.experiment {
+        Experiment::AoaCircle => {
+            let report = circle::run(cli.seed)?;
+            (json_line(&report)?, report.table(), picture("aoa-circle.svg", &|path| report.draw(path))?)
+        }
+        Experiment::AoaCrb => {
+            let report = crb::run(cli.seed)?;
+            (json_line(&report)?, report.table(), picture("aoa-crb.svg", &|path| report.draw(path))?)
+        }
+        Experiment::ApfDensity => {
+            let options = density::Options { seed: cli.seed, pairs: args.pairs.unwrap_or(DENSITY_PAIRS) };
+            let progress = bar(cli, density::flights(options.pairs), "flying {bar:40} {pos} of {len}");
+            let report = density::run(&options, |done| progress.set_position(done));
+            progress.finish_and_clear();
+            let report = report?;
+            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
+            (json_line(&report)?, report.table(), pictures)
+        }
+        Experiment::ApfVariants => {
+            let report = variants::run();
+            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
+            (json_line(&report)?, report.table(), pictures)
+        }
+    };
+    say(if cli.json { &line } else { &table });
+    for path in pictures {
+        note(&format!("picture: {}", path.display()));
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,184 @@
+//! `foxhound suite`: all flights of a suite file.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, ValueEnum};
+use foxhound_core::planner;
+use foxhound_sim::computer::HostComputer;
+use foxhound_sim::flight::Ending;
+use foxhound_sim::input::InputError;
+use foxhound_sim::plot;
+use foxhound_sim::scenario::{BearingModel, VehicleModel};
+use foxhound_sim::suite::{self, Selection, Suite};
+
+use super::fly::{EstimatorName, planner_parser};
+use super::{Cli, bar, json_line, note, say, write_text};
+
+/// Flights that missed and are named on the terminal.
+const MISSES_SHOWN: usize = 20;
+
+const SUITE_HELP: &str = "A suite is JSON: x east, y north, metres, degrees:
+  drone_radius, bounds, sensor, bearing, limits, vehicle, goal_tolerance, max_time_s (all as in a scenario),
+  maps [{row, instance, obstacles [[x,y,r],...], pairs [[x0,y0,x1,y1,reference_length],...]}]
+
+Each pair is one flight, as `foxhound fly` flies it, with a seed made of --seed, row, instance and pair. The numbers do
+not depend on --jobs. With --out, flights.jsonl holds a line for each flight; --only ROW,INSTANCE,PAIR flies one of
+them again, and writes its scenario and its picture there.
+
+Examples:
+  foxhound suite suite.json
+  foxhound suite suite.json --planner paper --only 4 --pairs 10
+  foxhound suite suite.json --only 4,2,17 --out failed
+  foxhound suite suite.json --bearing-sigma-deg 20 --json
+
+Exit status: 0 every flight reached the beacon; 1 not every one, or one collided; 2 bad usage or input.";
+
+#[derive(Args, Debug)]
+#[command(after_help = SUITE_HELP)]
+pub(super) struct SuiteCommand {
+    /// Suite file; `foxhound maps` writes one.
+    file: PathBuf,
+    /// Flights at a time [default: as many as there are processors].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    jobs: Option<u32>,
+    /// Which planner: ours, the main paper's and its baseline, with their readings; the others are the baseline in the
+    /// field of that name.
+    #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
+    planner: planner::Config,
+    /// Which angle-of-arrival estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorName,
+    /// Only these flights.
+    #[arg(long, value_name = "ROW[,INSTANCE[,PAIR]]", value_delimiter = ',')]
+    only: Vec<u32>,
+    /// Only the first so many pairs of each map.
+    #[arg(long, value_name = "P")]
+    pairs: Option<u32>,
+    /// Radius of the vehicle, metres; overrules the file.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    drone_radius: Option<f64>,
+    /// Vehicle model; overrules the file.
+    #[arg(long, value_enum)]
+    vehicle: Option<VehicleName>,
+    /// Bearings with this much noise; overrules the file.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, conflicts_with = "snr_db")]
+    bearing_sigma_deg: Option<f64>,
+    /// Antenna waveforms at this signal-to-noise ratio per sample, in dB; overrules the file.
+    #[arg(long, value_name = "DB", allow_negative_numbers = true)]
+    snr_db: Option<f64>,
+    /// Writes the scenario of the one flight that --only names, for `foxhound fly --scenario`.
+    #[arg(long, value_name = "FILE", requires = "only")]
+    dump_scenario: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum VehicleName {
+    /// A point mass with a velocity lag and an acceleration limit.
+    Point,
+    /// The delays measured on ArduCopter.
+    Arducopter,
+}
+
+impl From<VehicleName> for VehicleModel {
+    fn from(name: VehicleName) -> Self {
+        match name {
+            VehicleName::Point => Self::Point,
+            VehicleName::Arducopter => Self::Arducopter,
+        }
+    }
+}
+
+/// The suite as it is in the file, with what the command line overrules.
+fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
+    let mut suite = Suite::read(&args.file)?;
+    if let Some(radius_m) = args.drone_radius {
+        foxhound_sim::input::check("--drone-radius", radius_m, 0.01, 5.0)?;
+        suite.drone_radius = radius_m;
+    }
+    if let Some(sigma_deg) = args.bearing_sigma_deg {
+        foxhound_sim::input::check("--bearing-sigma-deg", sigma_deg, 0.0, 180.0)?;
+        suite.bearing.sigma_deg = sigma_deg;
+        suite.bearing.model = Some(BearingModel::Noise);
+    }
+    if let Some(snr_db) = args.snr_db {
+        foxhound_sim::input::check("--snr-db", snr_db, -30.0, 80.0)?;
+        suite.bearing.snr_db = Some(snr_db);
+        suite.bearing.model = Some(BearingModel::Rf);
+    }
+    if let Some(vehicle) = args.vehicle {
+        suite.vehicle.model = vehicle.into();
+    }
+    Ok(suite)
+}
+
+pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, InputError> {
+    let suite = suite_of(args)?;
+    if args.only.len() > 3 {
+        return Err(InputError::new("--only: expected ROW, ROW,INSTANCE or ROW,INSTANCE,PAIR"));
+    }
+    let selection = Selection { only: args.only.clone(), pairs: args.pairs };
+    let flights = suite.flights(cli.seed, &selection);
+    let Some(first) = flights.first() else {
+        let what = if selection == Selection::default() {
+            "maps: there is no pair"
+        } else {
+            "--only or --pairs: no pair is left"
+        };
+        return Err(InputError::new(what).in_file(&args.file));
+    };
+    let (planner, estimator) = (args.planner, args.estimator.into());
+    // Refused once, not by every worker.
+    HostComputer::new(&first.mission(planner, estimator).guidance())?;
+    if let Some(path) = &args.dump_scenario {
+        if flights.len() > 1 {
+            return Err(InputError::new("--dump-scenario: --only must name one flight, as ROW,INSTANCE,PAIR"));
+        }
+        write_text(path, &json_line(&first.scenario)?)?;
+        note(&format!("scenario: {} (fly it with --seed {})", path.display(), first.seed));
+    }
+
+    let processors = || std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = args.jobs.map_or_else(processors, |jobs| jobs as usize);
+    let progress = bar(cli, flights.len() as u64, "flying {bar:40} {pos} of {len}, {eta} left{msg}");
+    let failed = std::sync::atomic::AtomicUsize::new(0);
+    let flown = suite::fly_all(&flights, planner, estimator, jobs, |flown| {
+        if flown.result != Ending::Reached {
+            let count = failed.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            progress.set_message(format!(", {count} not reached"));
+        }
+        progress.inc(1);
+    });
+    progress.finish_and_clear();
+    let flown = flown?;
+    let report = suite::Report::of(&flown);
+    say(&if cli.json { json_line(&report)? } else { report.table() });
+
+    let missed: Vec<&suite::Flown> = flown.iter().filter(|flown| flown.result != Ending::Reached).collect();
+    if !cli.json {
+        for miss in missed.iter().take(MISSES_SHOWN) {
+            let suite::Place { row, instance, pair } = miss.place;
+            note(&format!("--only {row},{instance},{pair}  {} after {:.1} s", miss.outcome(), miss.time_s));
+        }
+        if missed.len() > MISSES_SHOWN {
+            note(&format!("and {} more", missed.len() - MISSES_SHOWN));
+        }
+    }
+    if let Some(folder) = &cli.out {
+        let lines: Result<String, InputError> = flown.iter().map(json_line).collect();
+        let path = folder.join("flights.jsonl");
+        write_text(&path, &lines?)?;
+        note(&format!("flights: {}", path.display()));
+        if let [flight] = flights.as_slice() {
+            let suite::Place { row, instance, pair } = flight.place;
+            let path = |ending: &str| folder.join(format!("flight-{row}-{instance}-{pair}.{ending}"));
+            write_text(&path("json"), &json_line(&flight.scenario)?)?;
+            let (_, record) = flight.fly(planner, estimator)?;
+            plot::draw(&record, &path("svg"))?;
+            note(&format!("picture: {}", path("svg").display()));
+            note(&format!("again: foxhound fly --scenario {} --seed {}", path("json").display(), flight.seed));
+        }
+    }
+    let all_reached = report.all.success == report.all.runs && report.all.collisions == 0;
+    Ok(if all_reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
