@@ -229,20 +229,14 @@ impl Default for Vehicle {
     }
 }
 
-/// Every key of a scenario file, with its path.
-const KEYS: [&str; 43] = [
+/// The keys that a scenario file and a suite file share, with their paths.
+pub(crate) const FLIGHT_KEYS: [&str; 28] = [
     "name",
+    "why",
+    "frame",
+    "expect",
     "bounds",
     "drone_radius",
-    "start",
-    "goal",
-    "goal_velocity",
-    "obstacles",
-    "obstacles[].x",
-    "obstacles[].y",
-    "obstacles[].r",
-    "obstacles[].vx",
-    "obstacles[].vy",
     "sensor",
     "sensor.fov_deg",
     "sensor.range_m",
@@ -265,14 +259,24 @@ const KEYS: [&str; 43] = [
     "vehicle.lag_s",
     "goal_tolerance",
     "max_time_s",
+];
+
+/// The others of a scenario file.
+const KEYS: [&str; 15] = [
+    "start",
+    "goal",
+    "goal_velocity",
+    "obstacles",
+    "obstacles[].x",
+    "obstacles[].y",
+    "obstacles[].r",
+    "obstacles[].vx",
+    "obstacles[].vy",
     "faults",
     "faults.nan_bearing",
     "faults.stale_obstacles",
     "faults.clock_back_s",
     "faults.stale_ownship",
-    "why",
-    "frame",
-    "expect",
     "reference_length_m",
 ];
 
@@ -318,7 +322,7 @@ impl Scenario {
             refuse_lists_for_objects(&value)?;
         }
         let mut document = serde_json::Deserializer::from_str(text);
-        let scenario: Self = parse_strictly(&mut document, &KEYS)?;
+        let scenario: Self = parse_strictly(&mut document, &[&FLIGHT_KEYS[..], &KEYS].concat())?;
         document.end().map_err(|error| InputError::new(error.to_string()))?;
         scenario.checked()
     }
@@ -464,7 +468,7 @@ mod tests {
         assert_eq!(Scenario::parse(&written).unwrap(), scenario);
         // The list of known keys is the list of the keys that there are.
         let value: Value = serde_json::from_str(&written).unwrap();
-        for key in KEYS {
+        for key in FLIGHT_KEYS.into_iter().chain(KEYS) {
             let pointer = format!("/{}", key.replace("[]", ".0").replace('.', "/"));
             assert!(value.pointer(&pointer).is_some(), "{key} is no key of a scenario");
         }

@@ -23,7 +23,7 @@ use crate::computer::HostComputer;
 use crate::flight::{self, Ending, Mission, Record};
 use crate::input::{InputError, check, parse_strictly, read_text};
 use crate::maps::{Pair, Pillar};
-use crate::scenario::{Bearing, Limits, Obstacle, Scenario, Sensor, Vehicle};
+use crate::scenario::{Bearing, FLIGHT_KEYS, Limits, Obstacle, Scenario, Sensor, Vehicle};
 
 /// Stack of a worker: a computer is some hundred kilobytes.
 const STACK_BYTES: usize = 16 << 20;
@@ -102,37 +102,9 @@ impl Map {
     }
 }
 
-/// Every key of a suite file, with its path.
-const KEYS: [&str; 38] = [
-    "name",
-    "why",
-    "frame",
-    "expect",
+/// The keys of a suite file, with their paths, beside those of a flight.
+const KEYS: [&str; 10] = [
     "seed",
-    "drone_radius",
-    "bounds",
-    "sensor",
-    "sensor.fov_deg",
-    "sensor.range_m",
-    "sensor.occlusion",
-    "sensor.model",
-    "bearing",
-    "bearing.only",
-    "bearing.model",
-    "bearing.sigma_deg",
-    "bearing.snr_db",
-    "bearing.outlier",
-    "bearing.outlier.rate",
-    "bearing.outlier.offset_deg",
-    "bearing.dropout",
-    "limits",
-    "limits.v_max",
-    "limits.a_max",
-    "vehicle",
-    "vehicle.model",
-    "vehicle.lag_s",
-    "goal_tolerance",
-    "max_time_s",
     "maps",
     "maps[].row",
     "maps[].instance",
@@ -185,7 +157,7 @@ impl Suite {
             refuse_lists_for_objects(&value)?;
         }
         let mut document = serde_json::Deserializer::from_str(text);
-        let suite: Self = parse_strictly(&mut document, &KEYS)?;
+        let suite: Self = parse_strictly(&mut document, &[&FLIGHT_KEYS[..], &KEYS].concat())?;
         document.end().map_err(|error| InputError::new(error.to_string()))?;
         suite.checked()
     }
@@ -602,7 +574,7 @@ mod tests {
         let written = serde_json::to_string(&suite).unwrap();
         assert_eq!(Suite::parse(&written).unwrap(), suite);
         let value: Value = serde_json::from_str(&written).unwrap();
-        for key in KEYS {
+        for key in FLIGHT_KEYS.into_iter().chain(KEYS) {
             let pointer = format!("/{}", key.replace("[]", ".0").replace('.', "/"));
             assert!(value.pointer(&pointer).is_some(), "{key} is no key of a suite");
         }
