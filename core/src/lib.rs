@@ -56,6 +56,8 @@ pub mod multipath;
 pub mod map;
 pub mod scan;
 
+pub mod lor;
+
 pub mod field;
 pub mod goal;
 pub mod planner;

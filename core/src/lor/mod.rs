@@ -1,0 +1,4 @@
+//! Lines of reflection.
+
+pub mod line;
+pub use line::Line;
