@@ -53,6 +53,8 @@ pub mod bearing;
 pub mod calibration;
 pub mod multipath;
 
+pub mod source;
+
 pub mod map;
 pub mod scan;
 

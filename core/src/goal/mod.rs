@@ -14,10 +14,10 @@ use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
 use crate::kernel::sqrt;
 use crate::ownship::Ownship;
+use crate::source::Sighting;
 use crate::time::Instant;
 
 pub mod posterior;
-use posterior::Sighting;
 
 /// Sightings that wait for the planner; the oldest gives way.
 pub const SIGHTINGS_MAX: usize = 16;

@@ -16,6 +16,7 @@
 use crate::frame::Horizontal;
 use crate::kernel::sqrt;
 use crate::rng::Rng;
+use crate::source::Sighting;
 
 /// Places that are weighed.
 pub const PARTICLES: usize = 256;
@@ -40,20 +41,6 @@ const SPREAD_MIN_M: f32 = 0.02;
 const CONTRADICTION: f32 = 4.5;
 /// Memory of that mean, in sightings.
 const CONTRADICTION_MEMORY: f32 = 8.0;
-
-/// A bearing as the posterior takes it in, from a place.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Sighting {
-    /// From where.
-    pub place_ned_m: Horizontal,
-    /// Unit vector towards the source.
-    pub direction_ned: Horizontal,
-    /// Standard deviation of the direction.
-    pub sigma_rad: f32,
-    /// Time since the sighting before.
-    pub since_s: f32,
-}
 
 /// The weighted places.
 #[derive(Clone, Debug)]

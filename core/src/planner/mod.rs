@@ -20,9 +20,10 @@ use crate::error::{ConfigError, check};
 use crate::field::{self, Gains, Law, Obstacle};
 use crate::frame::Horizontal;
 use crate::goal::SIGHTINGS_MAX;
-use crate::goal::posterior::{Estimate, Sighting};
+use crate::goal::posterior::Estimate;
 use crate::map::{CIRCLES_MAX, Circle};
 use crate::rollout::{Reading, Scene, Trajectory, WAYPOINTS};
+use crate::source::Sighting;
 use crate::wavefront::{self, Wavefront};
 
 mod foxhound;

@@ -23,7 +23,7 @@ use dsp_process::SplitProcess as _;
 use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::field::{Field, Gains, Law, Obstacle};
 use foxhound_core::frame::{Horizontal, Ned};
-use foxhound_core::goal::posterior::Sighting;
+
 use foxhound_core::guard::{self, Situation};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input};
 use foxhound_core::kernel::{armv7em, portable};
@@ -36,6 +36,7 @@ use foxhound_core::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Scratch}
 use foxhound_core::rng::Rng;
 use foxhound_core::rollout::{Cost, Reading, SPACING_M, Scene, Trajectory, WAYPOINTS};
 use foxhound_core::scan::{self, Pose, SECTORS_MAX, Scan, Sector};
+use foxhound_core::source::Sighting;
 use foxhound_core::spectrum::tone::{Reference, Window};
 use foxhound_core::spectrum::{Backend, Spectrum};
 use foxhound_core::time::Instant;

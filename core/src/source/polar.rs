@@ -1,0 +1,377 @@
+//! Line-of-sight filter in modified polar coordinates, after Aidala and Hammel, "Utilization of modified polar coordinates
+//! for bearings-only tracking", IEEE Transactions on Automatic Control 28 (1983).
+//!
+//! The state is the bearing `beta`, the inverse range `rho`, and with four states the source's velocity over the range,
+//! `nu`. With the vehicle's displacement `d` since the last sighting,
+//!
+//! ```text
+//!     m = e(beta) + nu dt - rho d,   s = |m|
+//!     beta' = arg m,   rho' = rho / s,   nu' = nu / s
+//! ```
+//!
+//! is exact, and the measurement is the first state itself. So range is corrected through its correlation with the bearing
+//! only, which arises from motion across the line of sight: a straight run towards the source leaves its variance alone,
+//! where a Cartesian filter (eq. 2-3 of the mmWave paper, `source::cartesian`) talks itself into one.
+//!
+//! An innovation `y` of variance `S` is weighed against an outlier from anywhere: with the probability `w` that it is none,
+//!
+//! ```text
+//!     x += w K y,   P -= (w S - w (1 - w) y^2) K K'
+//! ```
+//!
+//! (the probabilistic data association filter of Bar-Shalom with one measurement). Only one triangle of `P` is kept, so it is
+//! symmetric; after every step its pivots are looked at, and correlations that rounding has made impossible are halved.
+
+use super::{Estimate, Heard, Sighting};
+use crate::error::{ConfigError, check};
+use crate::frame::Horizontal;
+use crate::kernel::sqrt;
+use crate::units::{between, sin_cos, wrap_pi};
+
+/// Below this fraction of the range that is left after a step, the vehicle is at the source.
+const OVERHEAD: f32 = 1e-3;
+/// Least pivot of the covariance, as a part of its diagonal: above the rounding of `f32`.
+const PIVOT_MIN: f32 = 1e-5;
+/// Least variance of anything.
+const VARIANCE_MIN: f32 = 1e-12;
+/// Bearings are never known better than this.
+const SIGMA_MIN_RAD: f32 = 1e-4;
+/// Nor worse than this: a uniform one has it.
+const BEARING_SIGMA_MAX_RAD: f32 = 1.813_8;
+
+/// What the filter needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Inverse range that the first bearing is taken to mean.
+    pub inverse_range_per_m: f32,
+    /// Its standard deviation.
+    pub inverse_range_sigma_per_m: f32,
+    /// Nearest and farthest range that is believed.
+    pub range_min_m: f32,
+    /// See `range_min_m`.
+    pub range_max_m: f32,
+    /// Share of sightings that mean nothing.
+    pub outlier_rate: f32,
+    /// Sightings are not believed to be better than this.
+    pub sigma_floor_rad: f32,
+    /// Error of the vehicle's own position, a random walk with this variance a second.
+    pub odometry_m2_per_s: f32,
+    /// Standard deviation of a moving source's speed when it is first heard, along each axis.
+    pub speed_sigma_mps: f32,
+    /// Its acceleration, white, with this density.
+    pub acceleration_m2_per_s3: f32,
+}
+
+impl Config {
+    /// The default, as a constant.
+    pub const DEFAULT: Self = Self {
+        inverse_range_per_m: 0.08,
+        inverse_range_sigma_per_m: 0.12,
+        range_min_m: 0.2,
+        range_max_m: 1000.0,
+        outlier_rate: 0.01,
+        sigma_floor_rad: 0.002,
+        odometry_m2_per_s: 1e-5,
+        speed_sigma_mps: 0.5,
+        acceleration_m2_per_s3: 0.01,
+    };
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Filter, ConfigError> {
+        check("source.range_min_m", self.range_min_m, 1e-3, 100.0)?;
+        check("source.range_max_m", self.range_max_m, 2.0 * self.range_min_m, 1e5)?;
+        check("source.inverse_range_per_m", self.inverse_range_per_m, 1.0 / self.range_max_m, 1.0 / self.range_min_m)?;
+        check("source.inverse_range_sigma_per_m", self.inverse_range_sigma_per_m, 1e-6, 1.0 / self.range_min_m)?;
+        check("source.outlier_rate", self.outlier_rate, 0.0, 0.9)?;
+        check("source.sigma_floor_rad", self.sigma_floor_rad, SIGMA_MIN_RAD, 1.0)?;
+        check("source.odometry_m2_per_s", self.odometry_m2_per_s, 0.0, 10.0)?;
+        check("source.speed_sigma_mps", self.speed_sigma_mps, 0.0, 100.0)?;
+        check("source.acceleration_m2_per_s3", self.acceleration_m2_per_s3, 0.0, 100.0)?;
+        Ok(Filter { config: *self })
+    }
+}
+
+/// The configured filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Filter {
+    config: Config,
+}
+
+/// What it knows: with `S = 2` of a source at rest, with `S = 4` of one that moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State<const S: usize> {
+    /// Bearing, inverse range, velocity over range (north, east).
+    x: [f32; S],
+    /// Its covariance; the upper triangle counts.
+    p: [[f32; S]; S],
+    /// Where the vehicle was.
+    place_ned_m: Horizontal,
+    started: bool,
+}
+
+/// A source at rest.
+pub type Resting = State<2>;
+/// A source of constant velocity.
+pub type Moving = State<4>;
+
+impl<const S: usize> Default for State<S> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const S: usize> State<S> {
+    /// Nothing is known.
+    #[must_use]
+    pub const fn new() -> Self {
+        const { assert!(S == 2 || S == 4) };
+        Self { x: [0.0; S], p: [[0.0; S]; S], place_ned_m: Horizontal { north: 0.0, east: 0.0 }, started: false }
+    }
+
+    /// What is known, as of the last sighting; `None` before the first.
+    #[must_use]
+    pub fn estimate(&self) -> Option<Estimate> {
+        if !self.started {
+            return None;
+        }
+        let [beta, rho] = [self.x[0], self.x[1]];
+        let range_m = 1.0 / rho;
+        let (east, north) = sin_cos(beta);
+        let (along, across) = (Horizontal { north, east }, Horizontal { north: -east, east: north });
+        // d place = r across d beta - r^2 along d rho.
+        let (a, b) = (across.times(range_m), along.times(-range_m * range_m));
+        let [bb, br, rr] = [self.p[0][0], self.p[0][1], self.p[1][1]];
+        let product = |ai: f32, aj: f32, bi: f32, bj: f32| bb * ai * aj + br * (ai * bj + aj * bi) + rr * bi * bj;
+        let velocity = if S == 4 { Horizontal { north: self.x[2], east: self.x[3] } } else { Horizontal::default() };
+        Some(Estimate {
+            place_ned_m: self.place_ned_m.plus(along.times(range_m)),
+            velocity_ned_mps: velocity.times(range_m),
+            covariance_m2: [
+                product(a.north, a.north, b.north, b.north),
+                product(a.north, a.east, b.north, b.east),
+                product(a.east, a.east, b.east, b.east),
+            ],
+            bearing_ned_rad: beta,
+            bearing_sigma_rad: sqrt(bb),
+            range_m,
+            range_sigma_ratio: sqrt(rr) * range_m,
+        })
+    }
+
+    /// Bearing, inverse range and velocity over range.
+    #[must_use]
+    pub fn mean(&self) -> &[f32; S] {
+        &self.x
+    }
+
+    /// An entry of the covariance.
+    #[must_use]
+    pub fn covariance(&self, i: usize, j: usize) -> f32 {
+        let (i, j) = (i.min(j).min(S - 1), i.max(j).min(S - 1));
+        self.p[i][j]
+    }
+}
+
+impl Filter {
+    /// Takes in a sighting.
+    pub fn step<const S: usize>(&self, state: &mut State<S>, sighting: &Sighting) -> Heard {
+        if !sighting.is_plausible() {
+            return Heard::Refused;
+        }
+        let floor = self.config.sigma_floor_rad;
+        let sigma_rad = if sighting.sigma_rad > floor { sighting.sigma_rad } else { floor };
+        if !state.started {
+            self.start(state, sighting, sigma_rad);
+            return Heard::Started;
+        }
+        if !self.predict(state, sighting.place_ned_m, sighting.since_s) {
+            *state = State::new();
+            return Heard::Overhead;
+        }
+        self.update(state, sighting.direction_ned.bearing_rad(), sigma_rad)
+    }
+
+    /// Begins with a bearing, and the prior of the range.
+    fn start<const S: usize>(&self, state: &mut State<S>, sighting: &Sighting, sigma_rad: f32) {
+        let config = &self.config;
+        *state = State::new();
+        state.started = true;
+        state.place_ned_m = sighting.place_ned_m;
+        state.x[0] = sighting.direction_ned.bearing_rad();
+        state.x[1] = config.inverse_range_per_m;
+        state.p[0][0] = sigma_rad * sigma_rad;
+        state.p[1][1] = config.inverse_range_sigma_per_m * config.inverse_range_sigma_per_m;
+        let speed = config.speed_sigma_mps * config.inverse_range_per_m;
+        for axis in 2..S {
+            state.p[axis][axis] = speed * speed + 1e-12;
+        }
+    }
+
+    /// Carries the state to where the vehicle is now; false when it is at the source.
+    pub fn predict<const S: usize>(&self, state: &mut State<S>, place_ned_m: Horizontal, dt_s: f32) -> bool {
+        let config = &self.config;
+        let moved = place_ned_m.minus(state.place_ned_m);
+        state.place_ned_m = place_ned_m;
+        let (sine, cosine) = sin_cos(state.x[0]);
+        let rho = state.x[1];
+        // Columns of dm/dx.
+        let mut columns = [Horizontal::default(); S];
+        columns[0] = Horizontal { north: -sine, east: cosine };
+        columns[1] = moved.times(-1.0);
+        let mut m = Horizontal { north: cosine - rho * moved.north, east: sine - rho * moved.east };
+        if S == 4 {
+            columns[2] = Horizontal { north: dt_s, east: 0.0 };
+            columns[3] = Horizontal { north: 0.0, east: dt_s };
+            m = m.plus(Horizontal { north: state.x[2], east: state.x[3] }.times(dt_s));
+        }
+        let s = m.norm();
+        if !(s > OVERHEAD) || rho > s / config.range_min_m {
+            return false;
+        }
+        let shrink = 1.0 / s;
+        let u = m.times(shrink);
+        let w = Horizontal { north: -u.east, east: u.north };
+        let (a, b) = (columns.map(|column| w.dot(column)), columns.map(|column| u.dot(column)));
+        // F = (a; I - y b') / s with y = x / s but for the first row: P' without a product of matrices.
+        let (pa, pb) = (times(&state.p, &a), times(&state.p, &b));
+        let (apa, apb, bpb) = (dot(&a, &pa), dot(&a, &pb), dot(&b, &pb));
+        for x in state.x.iter_mut().skip(1) {
+            *x *= shrink;
+        }
+        state.x[0] = u.bearing_rad();
+        let shrink2 = shrink * shrink;
+        for i in 1..S {
+            for j in i..S {
+                let (yi, yj) = (state.x[i], state.x[j]);
+                state.p[i][j] = (state.p[i][j] - yi * pb[j] - yj * pb[i] + yi * yj * bpb) * shrink2;
+            }
+            state.p[0][i] = (pa[i] - state.x[i] * apb) * shrink2;
+        }
+        state.p[0][0] = apa * shrink2;
+
+        // What the vehicle and the source do beyond that.
+        let rho = state.x[1];
+        let walk = rho * rho * config.odometry_m2_per_s * dt_s;
+        state.p[0][0] += walk;
+        state.p[1][1] += walk * rho * rho;
+        if S == 4 {
+            let push = rho * rho * config.acceleration_m2_per_s3 * dt_s;
+            state.p[2][2] += push;
+            state.p[3][3] += push;
+        }
+        true
+    }
+
+    /// Weighs a bearing.
+    pub fn update<const S: usize>(&self, state: &mut State<S>, bearing_ned_rad: f32, sigma_rad: f32) -> Heard {
+        let config = &self.config;
+        let r = sigma_rad * sigma_rad;
+        let innovation = wrap_pi(bearing_ned_rad - state.x[0]);
+        let s = state.p[0][0] + r;
+        let nis = innovation * innovation / s;
+        // sqrt(2 pi).
+        let inlier = (1.0 - config.outlier_rate) * libm::expf(-0.5 * nis) / (2.506_628_3 * sqrt(s));
+        let outlier = config.outlier_rate * (0.5 * core::f32::consts::FRAC_1_PI);
+        // Far out, both may vanish.
+        let likelihood = inlier + outlier + 1e-30;
+        let weight = (inlier + 1e-30) / likelihood;
+        let row = state.p[0];
+        let gain = weight * innovation / s;
+        // (w S - w (1 - w) y^2) / S^2.
+        let known = weight * (1.0 - (1.0 - weight) * nis) / s;
+        for i in 0..S {
+            state.x[i] += gain * row[i];
+            for j in i..S {
+                state.p[i][j] -= known * row[i] * row[j];
+            }
+        }
+        // Positive as it stands, where the difference above loses digits.
+        if weight > 0.999 {
+            state.p[0][0] = row[0] * r / s;
+        }
+        self.keep_sound(state);
+        Heard::Fused { nis, weight, likelihood }
+    }
+
+    /// Within its ranges, and positive.
+    fn keep_sound<const S: usize>(&self, state: &mut State<S>) {
+        let config = &self.config;
+        state.x[0] = wrap_pi(state.x[0]);
+        state.x[1] = between(state.x[1], 1.0 / config.range_max_m, 1.0 / config.range_min_m);
+        for i in 0..S {
+            state.p[i][i] = between(state.p[i][i], VARIANCE_MIN, 1e12);
+        }
+        for _ in 0..30 {
+            if is_positive(&state.p) {
+                break;
+            }
+            for i in 0..S {
+                for j in i + 1..S {
+                    state.p[i][j] *= 0.5;
+                }
+            }
+        }
+        // Worse than uniform is uniform.
+        let most = BEARING_SIGMA_MAX_RAD * BEARING_SIGMA_MAX_RAD;
+        if state.p[0][0] > most {
+            let scale = BEARING_SIGMA_MAX_RAD / sqrt(state.p[0][0]);
+            for j in 1..S {
+                state.p[0][j] *= scale;
+            }
+            state.p[0][0] = most;
+        }
+    }
+}
+
+/// Whether all pivots of a symmetric matrix, its upper triangle given, are positive enough.
+fn is_positive<const S: usize>(p: &[[f32; S]; S]) -> bool {
+    let mut rest = *p;
+    for k in 0..S {
+        let pivot = rest[k][k];
+        if !(pivot > PIVOT_MIN * p[k][k]) {
+            return false;
+        }
+        let inverse = 1.0 / pivot;
+        for i in k + 1..S {
+            let factor = rest[k][i] * inverse;
+            for j in i..S {
+                rest[i][j] -= factor * rest[k][j];
+            }
+        }
+    }
+    true
+}
+
+/// A symmetric matrix, its upper triangle given, times a vector.
+fn times<const S: usize>(p: &[[f32; S]; S], v: &[f32; S]) -> [f32; S] {
+    let mut product = [0.0; S];
+    for (i, out) in product.iter_mut().enumerate() {
+        for (j, v) in v.iter().enumerate() {
+            *out += v * if i <= j { p[i][j] } else { p[j][i] };
+        }
+    }
+    product
+}
+
+fn dot<const S: usize>(a: &[f32; S], b: &[f32; S]) -> f32 {
+    let mut sum = 0.0;
+    for (a, b) in a.iter().zip(b) {
+        sum += a * b;
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests;
