@@ -20,6 +20,7 @@ pub mod maps;
 pub mod plot;
 pub mod qemu;
 pub mod random;
+pub mod rays;
 pub mod reproduce;
 pub mod scenario;
 pub mod sensor;

@@ -343,11 +343,11 @@ fn is_positive<const S: usize>(p: &[[f32; S]; S]) -> bool {
         if !(pivot > PIVOT_MIN * p[k][k]) {
             return false;
         }
-        let inverse = 1.0 / pivot;
+        let (inverse, row) = (1.0 / pivot, rest[k]);
         for i in k + 1..S {
-            let factor = rest[k][i] * inverse;
-            for j in i..S {
-                rest[i][j] -= factor * rest[k][j];
+            let factor = row[i] * inverse;
+            for (entry, above) in rest[i].iter_mut().zip(row).skip(i) {
+                *entry -= factor * above;
             }
         }
     }

@@ -192,7 +192,7 @@ fn outliers_neither_move_nor_convince_it() {
         for k in 0..120 {
             let from = weave(k as f32 * 0.05);
             let truth = source.minus(from).bearing_rad() + SIGMA_RAD * rng.gaussian();
-            let heard = if k > 0 && rng.uniform() < 0.3 { 6.28 * rng.uniform() } else { truth };
+            let heard = if k > 0 && rng.uniform() < 0.3 { core::f32::consts::TAU * rng.uniform() } else { truth };
             filter.step(&mut state, &sighting(from, heard));
         }
         let error = wrap_pi(state.x[0] - source.minus(state.place_ned_m).bearing_rad());
@@ -229,7 +229,7 @@ fn any_stream_leaves_it_finite_symmetric_and_positive() {
             let scale = libm::expf(20.0 * rng.uniform() - 10.0);
             let heard = Sighting {
                 place_ned_m: Horizontal { north: scale * rng.gaussian(), east: scale * rng.gaussian() },
-                direction_ned: Horizontal::from_bearing(6.28 * rng.uniform()),
+                direction_ned: Horizontal::from_bearing(core::f32::consts::TAU * rng.uniform()),
                 sigma_rad: if rng.uniform() < 0.1 { f32::NAN } else { libm::expf(10.0 * rng.uniform() - 9.0) },
                 since_s: libm::expf(10.0 * rng.uniform() - 8.0),
             };
@@ -255,9 +255,7 @@ fn cholesky<const S: usize>(state: &State<S>) -> bool {
     for i in 0..S {
         for j in 0..=i {
             let mut sum = f64::from(state.covariance(i, j)) / (scale[i] * scale[j]);
-            for k in 0..j {
-                sum -= l[i][k] * l[j][k];
-            }
+            sum -= l[i].iter().zip(&l[j]).take(j).map(|(a, b)| a * b).sum::<f64>();
             if i == j {
                 if !(sum > 0.0) {
                     return false;
