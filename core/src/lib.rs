@@ -53,12 +53,11 @@ pub mod bearing;
 pub mod calibration;
 pub mod multipath;
 
-pub mod source;
-
 pub mod map;
 pub mod scan;
 
 pub mod lor;
+pub mod source;
 
 pub mod field;
 pub mod goal;

@@ -2,9 +2,11 @@
 //!
 //! - [`polar`], the default: bearing, inverse range and, for a source that moves, its velocity over the range. A bearing says
 //!   nothing about range, and this filter says so for as long as that is true.
+//! - [`bank`]: several of them, for a source that may be seen by way of a wall.
 
 use crate::frame::Horizontal;
 
+pub mod bank;
 pub mod polar;
 
 /// A bearing as the filters take it in, from a place.

@@ -26,6 +26,7 @@ use super::{Estimate, Heard, Sighting};
 use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
 use crate::kernel::sqrt;
+use crate::lor::Line;
 use crate::units::{between, sin_cos, wrap_pi};
 
 /// Below this fraction of the range that is left after a step, the vehicle is at the source.
@@ -170,10 +171,43 @@ impl<const S: usize> State<S> {
         })
     }
 
+    /// What the mirror image of the vehicle knows: of what the vehicle takes for the source, its mirror image.
+    #[must_use]
+    pub fn mirrored(&self, line: &Line) -> Self {
+        let (east, north) = sin_cos(self.x[0]);
+        let mut image = *self;
+        image.place_ned_m = line.mirror(self.place_ned_m);
+        image.x[0] = line.mirror_direction(Horizontal { north, east }).bearing_rad();
+        // A mirror turns left and right about, and leaves ranges alone.
+        image.p[0][1] = -self.p[0][1];
+        if S == 4 {
+            let velocity = line.mirror_direction(Horizontal { north: self.x[2], east: self.x[3] });
+            (image.x[2], image.x[3]) = (velocity.north, velocity.east);
+            let of = |row: usize| Horizontal { north: self.p[row][2], east: self.p[row][3] };
+            let (with_bearing, with_range) = (line.mirror_direction(of(0)), line.mirror_direction(of(1)));
+            (image.p[0][2], image.p[0][3]) = (-with_bearing.north, -with_bearing.east);
+            (image.p[1][2], image.p[1][3]) = (with_range.north, with_range.east);
+            // M P M, the mirror on both sides.
+            let [nn, ne, ee] = [self.p[2][2], self.p[2][3], self.p[3][3]];
+            let columns = [Horizontal { north: nn, east: ne }, Horizontal { north: ne, east: ee }];
+            let [first, second] = columns.map(|column| line.mirror_direction(column));
+            let north = line.mirror_direction(Horizontal { north: first.north, east: second.north });
+            let east = line.mirror_direction(Horizontal { north: first.east, east: second.east });
+            (image.p[2][2], image.p[2][3], image.p[3][3]) = (north.north, north.east, east.east);
+        }
+        image
+    }
+
     /// Bearing, inverse range and velocity over range.
     #[must_use]
     pub fn mean(&self) -> &[f32; S] {
         &self.x
+    }
+
+    /// Where the vehicle was, or its mirror image.
+    #[must_use]
+    pub fn place_ned_m(&self) -> Horizontal {
+        self.place_ned_m
     }
 
     /// An entry of the covariance.

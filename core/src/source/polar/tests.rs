@@ -220,6 +220,34 @@ fn bearings_that_wrap_are_one_bearing() {
 }
 
 #[test]
+fn the_mirror_image_of_a_filter_is_that_of_what_it_would_have_heard_there() {
+    let filter = filter();
+    let line = crate::lor::Line::between(Horizontal { north: 9.0, east: -4.0 }, Horizontal { north: 7.0, east: 5.0 });
+    let line = line.unwrap();
+    let (mut here, mut there, mut rng) = (Moving::new(), Moving::new(), Rng::new(8, 9));
+    for k in 0..80 {
+        let from = weave(0.1 * k as f32);
+        let source = Horizontal { north: 12.0, east: 1.0 + 0.02 * k as f32 };
+        let heard = sighting(from, source.minus(from).bearing_rad() + SIGMA_RAD * rng.gaussian());
+        filter.step(&mut here, &heard);
+        let mirrored = Sighting {
+            place_ned_m: line.mirror(heard.place_ned_m),
+            direction_ned: line.mirror_direction(heard.direction_ned),
+            ..heard
+        };
+        filter.step(&mut there, &mirrored);
+    }
+    let image = here.mirrored(&line);
+    for i in 0..4 {
+        assert!((image.x[i] - there.x[i]).abs() < 1e-3, "{i}: {image:?} {there:?}");
+        for j in i..4 {
+            let scale = libm::sqrtf(there.p[i][i] * there.p[j][j]);
+            assert!((image.p[i][j] - there.p[i][j]).abs() < 1e-2 * scale, "{i} {j}: {image:?} {there:?}");
+        }
+    }
+}
+
+#[test]
 fn any_stream_leaves_it_finite_symmetric_and_positive() {
     let filter = Config::DEFAULT.build().unwrap();
     let mut rng = Rng::new(7, 9);
