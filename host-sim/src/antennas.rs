@@ -83,6 +83,8 @@ pub struct Impairments {
     pub faults: [Fault; CHANNELS],
     /// Other transmitters.
     pub interferers: Vec<Interferer>,
+    /// Power of the direct wave over that of a free one: below zero behind a wall.
+    pub direct_level_db: f64,
     /// Reflections of the beacon.
     pub reflections: Vec<Reflection>,
     /// The beacon sounds in pulses.
@@ -242,7 +244,7 @@ impl Antennas {
             };
 
             let mut values = [0.0; N];
-            let beacon = [(source_ned_m, 1.0)];
+            let beacon = [(source_ned_m, amplitude_ratio(impairments.direct_level_db))];
             let images = impairments.reflections.iter().map(|r| (r.image_ned_m, amplitude_ratio(r.level_db)));
             for (position_ned_m, level) in beacon.into_iter().chain(images) {
                 let distance_m = libm::sqrt(
@@ -288,7 +290,8 @@ impl Antennas {
         let full_scale = f64::from(CODE_MAX);
         let others = self.impairments.interferers.iter().map(|i| i.level_db);
         let others = others.chain(self.impairments.reflections.iter().map(|r| r.level_db));
-        let peak = self.amplitude_codes * (1.0 + others.map(amplitude_ratio).sum::<f64>()) + 4.0 * noise_codes;
+        let direct = amplitude_ratio(self.impairments.direct_level_db);
+        let peak = self.amplitude_codes * (direct + others.map(amplitude_ratio).sum::<f64>()) + 4.0 * noise_codes;
         if self.gain_control && peak > full_scale { full_scale / peak } else { 1.0 }
     }
 

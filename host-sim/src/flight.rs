@@ -17,10 +17,11 @@ use foxhound_link::mailbox::Planned;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::antennas::{Antennas, Pose};
+use crate::antennas::{Antennas, Pose, Reflection};
 use crate::autopilot::Autopilot;
 use crate::computer::{BLOCK, Computer, ComputerError};
 use crate::random::Random;
+use crate::rays;
 use crate::scenario::{BearingModel, FLIGHT_DOWN_M, Scenario, SensorModel, VehicleModel, inside};
 use crate::sensor::View;
 use crate::tlog;
@@ -405,6 +406,7 @@ impl<'a> Ears<'a> {
         }
         let is_silent = inside(settings.dropout, time_s);
         match scenario.bearing_model() {
+            _ if !world.walls.is_empty() => self.hear_among_walls(world, vehicle, now, time_s, is_silent),
             BearingModel::Noise if is_silent => Heard::Nothing,
             BearingModel::Noise => {
                 let sigma_rad = settings.sigma_deg.to_radians();
@@ -420,6 +422,54 @@ impl<'a> Ears<'a> {
         }
     }
 }
+
+impl Ears<'_> {
+    /// By all the ways that a wave finds among walls. The receiver's gain follows the strongest one; the scenario's
+    /// signal-to-noise ratio holds at [`REFERENCE_M`].
+    fn hear_among_walls(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64, is_silent: bool) -> Heard {
+        let settings = &self.mission.scenario.bearing;
+        let from = horizontal(vehicle);
+        let source = world.source_at(time_s);
+        let paths = rays::paths(&world.walls, source, from, REFLECTIONS_MAX, LOSS_MAX_DB);
+        let Some(strongest) = paths.first() else { return Heard::Nothing };
+        let snr_db = settings.snr_db.unwrap_or(DEFAULT_SNR_DB) + strongest.gain_db() + 20.0 * libm::log10(REFERENCE_M);
+        match self.mission.scenario.bearing_model() {
+            BearingModel::Noise if is_silent || snr_db < SNR_MIN_DB => Heard::Nothing,
+            BearingModel::Noise => {
+                let sigma_rad = settings.sigma_deg.to_radians();
+                let heard_rad = strongest.bearing_rad(from) + sigma_rad * self.random.gaussian();
+                let mut bearing = bearing_of(now, wrap_pi(heard_rad - vehicle.yaw_rad), sigma_rad.max(SIGMA_FLOOR_RAD));
+                bearing.quality.snr_db = snr_db as f32;
+                Heard::Bearing(bearing)
+            }
+            BearingModel::Rf => {
+                let place = |at: Horizontal| [at.north, at.east, world.source_down_m];
+                let level_db = |path: &rays::Path| path.gain_db() - strongest.gain_db();
+                let direct = paths.iter().find(|path| path.order == 0);
+                let images = paths.iter().filter(|path| path.order > 0);
+                let antennas = &mut self.antennas;
+                antennas.snr_db = Some(snr_db.min(SNR_MAX_DB));
+                antennas.impairments.direct_level_db = direct.map_or(-2.0 * LOSS_MAX_DB, level_db);
+                antennas.impairments.reflections = images
+                    .map(|path| Reflection { image_ned_m: place(path.image), level_db: level_db(path) })
+                    .collect();
+                antennas.channel_gain = [if is_silent { 0.0 } else { 1.0 }; 4];
+                Heard::Snapshot(Box::new(antennas.frame(now, vehicle, place(source), &mut self.random)))
+            }
+        }
+    }
+}
+
+/// Reflections that are followed.
+const REFLECTIONS_MAX: usize = 2;
+/// Paths that lose more than this are not heard.
+const LOSS_MAX_DB: f64 = 60.0;
+/// The distance at which a scenario with walls has its signal-to-noise ratio.
+const REFERENCE_M: f64 = 10.0;
+/// The best that the receiver gets, however near.
+const SNR_MAX_DB: f64 = 40.0;
+/// Below this the noise model hears nothing.
+const SNR_MIN_DB: f64 = -5.0;
 
 /// Signal-to-noise ratio of waveforms when the scenario names none.
 const DEFAULT_SNR_DB: f64 = 20.0;

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::input::{InputError, check, parse_strictly};
+use crate::rays;
 use crate::world::{Horizontal, Pillar, World};
 
 /// A flight to be simulated.
@@ -27,6 +28,8 @@ pub struct Scenario {
     pub goal_velocity: [f64; 2],
     /// The pillars.
     pub obstacles: Vec<Obstacle>,
+    /// Walls, which reflect the beacon's waves and are in their way.
+    pub walls: Vec<Wall>,
     /// The obstacle sensor.
     pub sensor: Sensor,
     /// The direction finding.
@@ -70,6 +73,53 @@ pub struct Obstacle {
     /// Velocity to the north.
     #[serde(default)]
     pub vy: f64,
+}
+
+/// A vertical wall. It is as thick as the pillars that it is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Wall {
+    /// East, of one end.
+    pub x0: f64,
+    /// North.
+    pub y0: f64,
+    /// East, of the other end.
+    pub x1: f64,
+    /// North.
+    pub y1: f64,
+    /// Half its thickness.
+    #[serde(default = "half_a_wall")]
+    pub r: f64,
+    /// What a wave loses that is reflected.
+    #[serde(default = "reflection_loss")]
+    pub reflection_db: f64,
+    /// What a wave loses that goes through.
+    #[serde(default = "passage_loss")]
+    pub passage_db: f64,
+}
+
+fn half_a_wall() -> f64 {
+    0.2
+}
+
+fn reflection_loss() -> f64 {
+    6.0
+}
+
+fn passage_loss() -> f64 {
+    30.0
+}
+
+impl Wall {
+    /// The row of pillars that it is: so near to one another that nothing gets through.
+    fn pillars(self) -> impl Iterator<Item = Pillar> {
+        let (from, to) = (Horizontal::from_xy([self.x0, self.y0]), Horizontal::from_xy([self.x1, self.y1]));
+        let gaps = libm::ceil(to.minus(from).norm() / (1.5 * self.r)).max(1.0);
+        (0..=gaps as u32).map(move |k| Pillar {
+            center: from.along(to.minus(from), f64::from(k) / gaps),
+            radius_m: self.r,
+            velocity_mps: Horizontal::default(),
+        })
+    }
 }
 
 /// The obstacle sensor on the nose.
@@ -190,6 +240,7 @@ impl Default for Scenario {
             goal: [9.0, 9.0],
             goal_velocity: [0.0, 0.0],
             obstacles: Vec::new(),
+            walls: Vec::new(),
             sensor: Sensor::default(),
             bearing: Bearing::default(),
             limits: Limits::default(),
@@ -262,7 +313,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 28] = [
 ];
 
 /// The others of a scenario file.
-const KEYS: [&str; 15] = [
+const KEYS: [&str; 23] = [
     "start",
     "goal",
     "goal_velocity",
@@ -272,6 +323,14 @@ const KEYS: [&str; 15] = [
     "obstacles[].r",
     "obstacles[].vx",
     "obstacles[].vy",
+    "walls",
+    "walls[].x0",
+    "walls[].y0",
+    "walls[].x1",
+    "walls[].y1",
+    "walls[].r",
+    "walls[].reflection_db",
+    "walls[].passage_db",
     "faults",
     "faults.nan_bearing",
     "faults.stale_obstacles",
@@ -354,6 +413,17 @@ impl Scenario {
             check(&path("vx"), obstacle.vx, -20.0, 20.0)?;
             check(&path("vy"), obstacle.vy, -20.0, 20.0)?;
         }
+        for (index, wall) in self.walls.iter().enumerate() {
+            let path = |key: &str| format!("walls[{index}].{key}");
+            for (key, value) in [("x0", wall.x0), ("y0", wall.y0), ("x1", wall.x1), ("y1", wall.y1)] {
+                check(&path(key), value, -far, far)?;
+            }
+            check(&path("r"), wall.r, 0.02, 10.0)?;
+            check(&path("reflection_db"), wall.reflection_db, 0.0, 100.0)?;
+            check(&path("passage_db"), wall.passage_db, 0.0, 100.0)?;
+            let length = libm::hypot(wall.x1 - wall.x0, wall.y1 - wall.y0);
+            check(&format!("walls[{index}]: its length"), length, 0.1, 1000.0 * wall.r)?;
+        }
         check("sensor.fov_deg", self.sensor.fov_deg, 6.0, 360.0)?;
         check("sensor.range_m", self.sensor.range_m, 0.1, 100.0)?;
         check("bearing.sigma_deg", self.bearing.sigma_deg, 0.0, 180.0)?;
@@ -399,8 +469,15 @@ impl Scenario {
             radius_m: obstacle.r,
             velocity_mps: Horizontal::from_xy([obstacle.vx, obstacle.vy]),
         });
+        let walls = self.walls.iter().map(|wall| rays::Wall {
+            from: Horizontal::from_xy([wall.x0, wall.y0]),
+            to: Horizontal::from_xy([wall.x1, wall.y1]),
+            reflection_db: wall.reflection_db,
+            passage_db: wall.passage_db,
+        });
         World {
-            pillars: pillars.collect(),
+            pillars: pillars.chain(self.walls.iter().flat_map(|wall| wall.pillars())).collect(),
+            walls: walls.collect(),
             source: Horizontal::from_xy(self.goal),
             source_velocity_mps: Horizontal::from_xy(self.goal_velocity),
             source_down_m: SOURCE_DOWN_M,
@@ -417,6 +494,9 @@ fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
     places.push(("bearing.outlier".to_owned(), value.pointer("/bearing/outlier")));
     for (index, obstacle) in value.get("obstacles").and_then(Value::as_array).into_iter().flatten().enumerate() {
         places.push((format!("obstacles[{index}]"), Some(obstacle)));
+    }
+    for (index, wall) in value.get("walls").and_then(Value::as_array).into_iter().flatten().enumerate() {
+        places.push((format!("walls[{index}]"), Some(wall)));
     }
     match places.into_iter().find(|(_, place)| place.is_some_and(|value| !value.is_object())) {
         Some((path, _)) => Err(InputError::new(format!("{path}: expected an object {{...}}"))),

@@ -2,6 +2,8 @@
 //!
 //! Everything here is in the NED frame, metres and seconds, in `f64`: it is the truth that the core never sees.
 
+use crate::rays::Wall;
+
 /// A horizontal vector of the NED frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Horizontal {
@@ -97,6 +99,8 @@ pub struct World {
     pub source_velocity_mps: Horizontal,
     /// The beacon's height in the NED frame: down is positive.
     pub source_down_m: f64,
+    /// Walls, as radio waves meet them; as obstacles they are rows of pillars.
+    pub walls: Vec<Wall>,
 }
 
 impl World {
@@ -176,6 +180,7 @@ mod tests {
             source: Horizontal::default(),
             source_velocity_mps: Horizontal::default(),
             source_down_m: 0.0,
+            walls: Vec::new(),
         }
     }
 
