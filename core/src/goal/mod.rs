@@ -21,8 +21,6 @@ pub mod posterior;
 
 /// Sightings that wait for the planner; the oldest gives way.
 pub const SIGHTINGS_MAX: usize = 16;
-/// Bearings are gathered into sightings this long.
-const SIGHTING_S: f32 = 0.1;
 
 /// The array counts as level towards the source when the horizon there is this near to its plane.
 const LEVEL_RAD: f32 = 0.03;
@@ -80,19 +78,7 @@ pub struct State {
     /// Weighted sum of the squared vertical part of the direction, and of the weights.
     sunk: f32,
     sunk_weight: f32,
-    gathered: Gathered,
     sightings: Vec<Sighting, SIGHTINGS_MAX>,
-}
-
-/// Bearings on the way to becoming a sighting.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Gathered {
-    since: Option<Instant>,
-    last_sighting: Option<Instant>,
-    direction: Horizontal,
-    place: Horizontal,
-    variance: f32,
-    count: f32,
 }
 
 impl State {
@@ -114,6 +100,15 @@ impl State {
     pub fn source_direction_ned(&self) -> Option<Horizontal> {
         let norm = self.sum.norm();
         self.updated.filter(|_| norm > 0.0).map(|_| self.sum.times(1.0 / norm))
+    }
+
+    /// A sighting for the planner.
+    pub fn push_sighting(&mut self, sighting: Sighting) {
+        if self.sightings.is_full() {
+            self.sightings.remove(0);
+        }
+        // Cannot fail: there is room now.
+        let _ = self.sightings.push(sighting);
     }
 
     /// The sightings since the last call: what the planner has not heard of yet.
@@ -157,7 +152,6 @@ impl Seeker {
         };
         state.sum = state.sum.times(kept).plus(direction.times(weight));
         state.updated = Some(at);
-        gather(state, at, direction, ownship.position_ned_m.horizontal(), sigma_rad);
         bearing_ned_rad
     }
 
@@ -170,36 +164,6 @@ impl Seeker {
         }
         Some(position_ned_m.plus(state.sum.times(self.config.target_distance_m / norm)))
     }
-}
-
-/// Adds a bearing to the sighting in the making, and closes that when it is time.
-fn gather(state: &mut State, at: Instant, direction: Horizontal, place: Horizontal, sigma_rad: f32) {
-    let gathered = &mut state.gathered;
-    let since = *gathered.since.get_or_insert(at);
-    gathered.direction = gathered.direction.plus(direction);
-    gathered.place = gathered.place.plus(place);
-    gathered.variance += sigma_rad * sigma_rad;
-    gathered.count += 1.0;
-    if at.seconds_since(since) < SIGHTING_S {
-        return;
-    }
-    let share = 1.0 / gathered.count;
-    let norm = gathered.direction.norm();
-    if norm > 1e-3 {
-        let sighting = Sighting {
-            place_ned_m: gathered.place.times(share),
-            direction_ned: gathered.direction.times(1.0 / norm),
-            // The variance of a mean.
-            sigma_rad: sqrt(gathered.variance) * share,
-            since_s: gathered.last_sighting.map_or(0.0, |last| at.seconds_since(last)),
-        };
-        if state.sightings.is_full() {
-            state.sightings.remove(0);
-        }
-        // Cannot fail: there is room now.
-        let _ = state.sightings.push(sighting);
-    }
-    *gathered = Gathered { last_sighting: Some(at), ..Gathered::default() };
 }
 
 #[cfg(test)]

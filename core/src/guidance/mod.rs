@@ -22,6 +22,8 @@ use crate::ownship::Ownship;
 use crate::planner::{Plan, PlanRequest, Verdict};
 use crate::rollout::{WAYPOINTS, swept_clearance_m};
 use crate::scan::{Points, Pose, Scan};
+use crate::source::bank::{self, Way};
+use crate::source::gather::Gathering;
 use crate::time::Instant;
 use crate::trace::Trace;
 use crate::track::Demand;
@@ -127,6 +129,10 @@ pub struct Config {
     pub scan: scan::Config,
     /// Obstacle memory.
     pub map: map::Config,
+    /// Filters of where the source is.
+    pub source: bank::Config,
+    /// Whether reflections are looked for.
+    pub reflections: bool,
     /// Temporary target.
     pub goal: goal::Config,
     /// Planner.
@@ -155,6 +161,8 @@ impl Default for Config {
             bearing: bearing::Config::default(),
             scan: scan::Config::default(),
             map: map::Config::default(),
+            source: bank::Config::DEFAULT,
+            reflections: true,
             goal: goal::Config::default(),
             planner: planner::Config::default(),
             response: response::Config::default(),
@@ -197,10 +205,13 @@ impl Config {
             plan_margin_m: 0.5 * self.planner.margin_m,
             target_distance_m: self.goal.target_distance_m,
             known_source_ned_m: self.goal.known_source_ned_m,
+            reflected_min: self.source.reflected_min,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
             scan: self.scan.build()?,
             map: self.map.build()?,
+            source: self.source.build()?,
+            reflections: self.reflections,
             goal: self.goal.build()?,
             response: self.response.build(self.tick_s)?,
             track: self.track.build()?,
@@ -222,10 +233,13 @@ pub struct Guidance<const N: usize> {
     plan_margin_m: f32,
     target_distance_m: f32,
     known_source_ned_m: Option<Horizontal>,
+    reflected_min: f32,
     phase: phase::Extractor<N>,
     bearing: bearing::Finder,
     scan: scan::Fitter,
     map: map::Keeper,
+    source: bank::Bank,
+    reflections: bool,
     goal: goal::Seeker,
     response: response::Response,
     track: track::Tracker,
@@ -239,6 +253,12 @@ pub struct State<const N: usize> {
     tick: u32,
     phase: phase::State<N>,
     map: Map,
+    gathering: Gathering,
+    source: bank::State,
+    /// What the planner has learned of the source was about its image.
+    misled: bool,
+    /// What the bank said last.
+    belief: Option<bank::Answer>,
     goal: goal::State,
     response: response::State,
     track: track::State,
@@ -282,7 +302,22 @@ impl<const N: usize> State<N> {
     }
 }
 
+impl<const N: usize> State<N> {
+    /// The direction of a source that is heard by way of a wall, from a place.
+    fn around_the_corner(&self, from_ned_m: Horizontal) -> Option<Horizontal> {
+        let belief = self.belief.filter(|belief| belief.way != Way::Direct)?;
+        let towards = belief.estimate.place_ned_m.minus(from_ned_m);
+        let norm = towards.norm();
+        (norm > 1e-3).then(|| towards.times(1.0 / norm))
+    }
+}
+
 impl<const N: usize> Guidance<N> {
+    /// How likely the link is reflected.
+    fn reflected(&self, _state: &State<N>) -> f32 {
+        if self.reflections { 0.01 } else { 0.0 }
+    }
+
     /// The state before the first step.
     #[must_use]
     pub fn start(&self) -> State<N> {
@@ -290,6 +325,10 @@ impl<const N: usize> Guidance<N> {
             tick: 0,
             phase: phase::State::default(),
             map: Map::default(),
+            gathering: Gathering::default(),
+            source: bank::State::new(),
+            misled: false,
+            belief: None,
             goal: goal::State::default(),
             response: response::State::default(),
             track: track::State::default(),
@@ -378,8 +417,29 @@ impl<const N: usize> Guidance<N> {
         let sane =
             libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
         let usable = state.ownship.filter(|_| bearing.valid && sane);
-        let bearing_ned_rad = usable.map(|ownship| self.goal.observe(&mut state.goal, &bearing, &ownship));
+        let bearing_ned_rad = usable.map(|ownship| {
+            let bearing_ned_rad = self.goal.observe(&mut state.goal, &bearing, &ownship);
+            self.believe(state, &bearing, bearing_ned_rad, &ownship);
+            bearing_ned_rad
+        });
         Some((bearing, bearing_ned_rad))
+    }
+
+    /// Bearings -> sightings -> filters. A sighting that came by way of a wall is handed on as the vehicle's mirror image
+    /// would have had it, directly.
+    fn believe(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: f32, ownship: &Ownship) {
+        let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
+        let direction = Horizontal::from_bearing(bearing_ned_rad);
+        let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
+        let reflected = self.reflected(state);
+        let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
+        let answer = self.source.step(&mut state.source, &sighting, reflected, lines);
+        let way = answer.map_or(Way::Direct, |answer| answer.way);
+        let was_direct = state.belief.is_none_or(|belief| belief.way == Way::Direct);
+        // What has been taken for the source was its image.
+        state.misled |= was_direct && way != Way::Direct;
+        state.belief = answer;
+        state.goal.push_sighting(way.straightened(&sighting));
     }
 
     /// Scan -> circles -> map -> what is near.
@@ -557,15 +617,18 @@ impl<const N: usize> Guidance<N> {
         let ahead_s = self.tick_s * self.handover_ticks as f32;
         let start_ned_m = situation.rest_ned_m.plus(state.guard.command_ned_mps().times(ahead_s));
         let Some(bearing_rad) = state.goal.source_bearing_ned_rad() else { return false };
-        // On the measured line, which begins at the vehicle and not at the start of the plan.
-        let direction = Horizontal::from_bearing(bearing_rad);
+        // On the measured line, which begins at the vehicle and not at the start of the plan; where that was reflected, on
+        // the line to where it came from.
+        let direction =
+            state.around_the_corner(situation.position_ned_m).unwrap_or(Horizontal::from_bearing(bearing_rad));
         let along_m = start_ned_m.minus(situation.position_ned_m).dot(direction);
         let distance_m = self.target_distance_m + if along_m > 0.0 { along_m } else { 0.0 };
         state.request.id = state.request.id.wrapping_add(1);
         state.request.seed = self.seed;
         state.request.start_ned_m = start_ned_m;
         state.request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
-        state.request.fresh = state.request.id == 1;
+        state.request.fresh = state.request.id == 1 || core::mem::take(&mut state.misled);
+        state.request.wants_lines = self.reflected(state) >= self.reflected_min;
         state.request.begins = state.active.is_none();
         state.request.position_ned_m = situation.position_ned_m;
         state.request.direction_ned = direction;

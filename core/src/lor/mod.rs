@@ -83,23 +83,26 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            method: Method::Mixture,
-            deviation_m: 0.25,
-            gap_m: 1.25,
-            length_min_m: 1.5,
-            points_min: 4,
-            thickness_max: 0.15,
-            same_angle_rad: 0.15,
-            same_offset_m: 0.2,
-            concentration: 0.1,
-            sigma_m: 0.1,
-            work_max: 8_000,
-        }
+        Self::DEFAULT
     }
 }
 
 impl Config {
+    /// The default, as a constant.
+    pub const DEFAULT: Self = Self {
+        method: Method::Mixture,
+        deviation_m: 0.25,
+        gap_m: 1.25,
+        length_min_m: 1.5,
+        points_min: 4,
+        thickness_max: 0.15,
+        same_angle_rad: 0.15,
+        same_offset_m: 0.2,
+        concentration: 0.1,
+        sigma_m: 0.1,
+        work_max: 8_000,
+    };
+
     /// Checks the configuration.
     ///
     /// # Errors

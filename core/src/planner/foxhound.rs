@@ -22,7 +22,6 @@ use crate::field::{Field, Gains, Obstacle};
 use crate::frame::Horizontal;
 use crate::goal::posterior::{Estimate, Posterior};
 use crate::kernel::sqrt;
-use crate::map::CIRCLES_MAX;
 use crate::rng::Rng;
 use crate::rollout::{Cost, Reading, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
 use crate::wavefront::{ROUTE_MAX, Wavefront, Window};
@@ -67,8 +66,6 @@ const CREDIT: u16 = 20;
 pub(super) struct Memory {
     posterior: Posterior,
     window: Window,
-    /// Every known obstacle.
-    all: Vec<Obstacle, CIRCLES_MAX>,
     /// The way round, as seen from far.
     way: Vec<Horizontal, ROUTE_MAX>,
     progress: Progress,
@@ -128,13 +125,7 @@ impl Progress {
 
 impl Memory {
     pub(super) const fn new() -> Self {
-        Self {
-            posterior: Posterior::new(),
-            window: Window::new(),
-            all: Vec::new(),
-            way: Vec::new(),
-            progress: Progress::NONE,
-        }
+        Self { posterior: Posterior::new(), window: Window::new(), way: Vec::new(), progress: Progress::NONE }
     }
 }
 
@@ -153,28 +144,21 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
     let source = locate(&mut scratch.memory.posterior, request);
     let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
 
-    let Memory { posterior, window, all, way, progress } = &mut scratch.memory;
+    let Memory { posterior, window, way, progress } = &mut scratch.memory;
     if request.begins {
         *progress = Progress::NONE;
         way.clear();
     }
-    all.clear();
-    for circle in &request.circles {
-        // Cannot fail: as many places as circles.
-        let _ = all.push(Obstacle::of(circle, config.vehicle_radius_m));
-    }
+    scratch.obstacles = request.circles.iter().map(|circle| Obstacle::of(circle, config.vehicle_radius_m)).collect();
     progress.step(start, toward);
     let far = progress.until_far == Some(0);
-    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, all);
-    let aim = aim(window, posterior, all, (progress, &*way), toward);
-    scratch.obstacles.clear();
-    let horizon_m = config.horizon_m + 2.0;
-    for obstacle in all.iter() {
-        let limit = horizon_m + obstacle.reach_m;
-        if obstacle.center_ned_m.minus(start).norm_squared() < limit * limit {
-            let _ = scratch.obstacles.push(*obstacle);
-        }
-    }
+    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &scratch.obstacles);
+    let aim = aim(window, posterior, &scratch.obstacles, (progress, &*way), toward);
+    // From here on those that matter within the horizon.
+    scratch.obstacles.retain(|obstacle| {
+        let limit = config.horizon_m + 2.0 + obstacle.reach_m;
+        obstacle.center_ned_m.minus(start).norm_squared() < limit * limit
+    });
 
     let mut plan = Plan {
         id: request.id,
@@ -185,6 +169,7 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
         cost: f32::INFINITY,
         target_ned_m: start,
         source,
+        lines: Vec::new(),
     };
     let Some(aim) = aim else { return plan };
     let mut route = window.route(aim.place_ned_m);

@@ -21,6 +21,7 @@ use crate::field::{self, Gains, Law, Obstacle};
 use crate::frame::Horizontal;
 use crate::goal::SIGHTINGS_MAX;
 use crate::goal::posterior::Estimate;
+use crate::lor::{self, LINES_MAX, Line};
 use crate::map::{CIRCLES_MAX, Circle};
 use crate::rollout::{Reading, Scene, Trajectory, WAYPOINTS};
 use crate::source::Sighting;
@@ -65,6 +66,8 @@ pub struct Config {
     pub law: Law,
     /// How trajectories follow it.
     pub reading: Reading,
+    /// What a wall is.
+    pub lor: lor::Config,
     /// How [`Kind::Paper`] averages them.
     pub offsets: Offsets,
     /// Radius of the vehicle.
@@ -109,6 +112,7 @@ impl Config {
             lambda: 1.0,
             law: Law::of(field::Kind::Logarithmic),
             reading: Reading::Waypoint,
+            lor: lor::Config::DEFAULT,
             offsets: Offsets::Signed,
             vehicle_radius_m: 0.15,
             margin_m: 0.05,
@@ -144,7 +148,7 @@ impl Config {
         check("planner.tight_margin_m", self.tight_margin_m, 0.0, self.margin_m)?;
         check("planner.horizon_m", self.horizon_m, 0.5, 2.0)?;
         check("planner.checked_segments", f32::from(self.checked_segments), 1.0, WAYPOINTS as f32)?;
-        Ok(Planner { config: *self, wavefront: self.wavefront.build()? })
+        Ok(Planner { config: *self, wavefront: self.wavefront.build()?, lines: self.lor.build()? })
     }
 }
 
@@ -171,6 +175,8 @@ pub struct PlanRequest {
     pub sightings: Vec<Sighting, SIGHTINGS_MAX>,
     /// Where the source is, when that is known.
     pub known_source_ned_m: Option<Horizontal>,
+    /// Whether the lines of reflection are wanted.
+    pub wants_lines: bool,
     /// The known obstacles.
     pub circles: Vec<Circle, CIRCLES_MAX>,
 }
@@ -207,6 +213,8 @@ pub struct Plan {
     pub target_ned_m: Horizontal,
     /// Where the source is believed to be.
     pub source: Option<Estimate>,
+    /// The lines of reflection among the known obstacles, if they were wanted.
+    pub lines: Vec<Line, LINES_MAX>,
 }
 
 /// The planner's memory: what it has learned of the source, and room to work in. After a replan it shows what was drawn.
@@ -222,7 +230,7 @@ pub struct Scratch {
     pub costs: [f32; SAMPLES],
     /// Whether they may be chosen.
     pub feasible: [bool; SAMPLES],
-    /// Obstacles that matter within the horizon.
+    /// The known obstacles, in the end those that matter within the horizon.
     obstacles: Vec<Obstacle, CIRCLES_MAX>,
     scene: Scene,
     memory: foxhound::Memory,
@@ -258,15 +266,28 @@ impl Scratch {
 pub struct Planner {
     config: Config,
     wavefront: Wavefront,
+    lines: lor::Lines,
 }
 
 impl Planner {
     /// Answers one request.
     pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
-        match self.config.kind {
+        let mut plan = match self.config.kind {
             Kind::Foxhound => foxhound::plan(&self.config, &self.wavefront, scratch, request),
             Kind::Paper | Kind::Standard => paper::plan(&self.config, scratch, request),
+        };
+        if request.wants_lines {
+            plan.lines = self.lines(request);
         }
+        plan
+    }
+
+    /// The walls among the known obstacles. Its memory is on the stack: it is not used together with the rest.
+    #[inline(never)]
+    fn lines(&self, request: &PlanRequest) -> Vec<Line, LINES_MAX> {
+        let mut scratch = lor::Scratch::new();
+        let points = lor::points_of(&request.circles, request.position_ned_m);
+        self.lines.find(&mut scratch, &points)
     }
 }
 

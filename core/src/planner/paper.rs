@@ -116,6 +116,7 @@ pub(super) fn plan(config: &Config, scratch: &mut Scratch, request: &PlanRequest
         cost: cost.total(),
         target_ned_m: target,
         source: None,
+        lines: heapless::Vec::new(),
     };
     if config.kind == Kind::Standard {
         return plan;

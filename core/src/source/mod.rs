@@ -7,6 +7,7 @@
 use crate::frame::Horizontal;
 
 pub mod bank;
+pub mod gather;
 pub mod polar;
 
 /// A bearing as the filters take it in, from a place.
