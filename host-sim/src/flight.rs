@@ -461,7 +461,7 @@ impl Ears<'_> {
 }
 
 /// Reflections that are followed.
-const REFLECTIONS_MAX: usize = 2;
+const REFLECTIONS_MAX: usize = 3;
 /// Paths that lose more than this are not heard.
 const LOSS_MAX_DB: f64 = 60.0;
 /// The distance at which a scenario with walls has its signal-to-noise ratio.

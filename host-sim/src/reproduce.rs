@@ -6,12 +6,14 @@
 //!   `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`.
 //! - [`density`], `apf-density`: the main paper's planners on maps of growing obstacle density (Table I, fig. 9 and 10).
 //! - [`variants`], `apf-variants`: the variants paper's four potential fields in its four scenes (Table I).
+//! - [`multipath`], `multipath`: the closed loop among walls that reflect, with and without filters.
 //!
 //! Each experiment yields one serialisable report with a table for people and pictures.
 
 pub mod circle;
 pub mod crb;
 pub mod density;
+pub mod multipath;
 pub mod variants;
 
 mod chart;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use foxhound_sim::input::InputError;
-use foxhound_sim::reproduce::{circle, crb, density, variants};
+use foxhound_sim::reproduce::{circle, crb, density, multipath, variants};
 
 use super::{Cli, bar, json_line, note, say};
 
@@ -14,7 +14,8 @@ const REPRODUCE_HELP: &str = "Examples:
   foxhound reproduce aoa-crb --json --seed 2
   foxhound reproduce apf-density             the main paper's planners and ours on its maps; minutes
   foxhound reproduce apf-density --pairs 10 --json --out density
-  foxhound reproduce apf-variants            potential fields of the variants paper";
+  foxhound reproduce apf-variants            potential fields of the variants paper
+  foxhound reproduce multipath               the closed loop among walls";
 
 #[derive(Args, Debug)]
 #[command(after_help = REPRODUCE_HELP)]
@@ -25,10 +26,15 @@ pub(super) struct Reproduce {
     /// apf-density: start/goal pairs of each row of Table I [default: 100].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pairs: Option<u32>,
+    /// multipath: scenes of each kind [default: 50].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    scenes: Option<u32>,
 }
 
 /// Start/goal pairs of each row of Table I.
 const DENSITY_PAIRS: u32 = 100;
+/// Scenes of each kind among walls.
+const MULTIPATH_SCENES: u32 = 50;
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Experiment {
@@ -38,6 +44,8 @@ enum Experiment {
     AoaCrb,
     /// Planners on maps of growing obstacle density (main paper, Table I, fig. 9 and 10).
     ApfDensity,
+    /// The closed loop among walls that reflect, with and without the filters behind the bearing.
+    Multipath,
     /// Four potential fields in four scenes with local minima (variants paper, Table I).
     ApfVariants,
 }
@@ -45,6 +53,9 @@ enum Experiment {
 pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
     if args.pairs.is_some() && !matches!(args.experiment, Experiment::ApfDensity) {
         return Err(InputError::new("--pairs: only apf-density flies pairs"));
+    }
+    if args.scenes.is_some() && !matches!(args.experiment, Experiment::Multipath) {
+        return Err(InputError::new("--scenes: only multipath has scenes"));
     }
     let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
     let picture = |name: &str, draw: &dyn Fn(&Path) -> Result<(), InputError>| {
@@ -70,6 +81,14 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
             let report = report?;
             let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
             (json_line(&report)?, report.table(), pictures)
+        }
+        Experiment::Multipath => {
+            let options = multipath::Options { seed: cli.seed, scenes: args.scenes.unwrap_or(MULTIPATH_SCENES) };
+            let progress = bar(cli, multipath::flights(options.scenes), "flying {bar:40} {pos} of {len}");
+            let report = multipath::run(&options, || progress.inc(1));
+            progress.finish_and_clear();
+            let report = report?;
+            (json_line(&report)?, report.table(), picture("multipath.svg", &|path| report.draw(path))?)
         }
         Experiment::ApfVariants => {
             let report = variants::run();
