@@ -56,6 +56,7 @@ pub mod multipath;
 pub mod map;
 pub mod scan;
 
+pub mod explore;
 pub mod lor;
 pub mod source;
 
