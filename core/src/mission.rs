@@ -12,7 +12,7 @@
 //! | `StaleObstacles` | no word from an obstacle sensor for 0.5 s, and one is required | hold |
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one for want of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because directions could not be told apart | hold |
-//! | `NoSignal` | the same, for any other reason | hold |
+//! | `NoSignal` | the same, for any other reason | hold; search, where `guidance::Config::explore` says how, then hold |
 //! | `GoalUnreachable` | no path for 15 s, or no progress beyond 1 m in 20 s | hold until a fresh entry |
 //! | `Fault` | a stage reported what must not happen (a demand that is not finite) | hold |
 //! | `NoPath` | the planner answered with a brake plan | hold, ask again every 0.5 s |

@@ -12,7 +12,7 @@ use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::map::Circle;
 use foxhound_core::mission::Outcome;
 use foxhound_core::time::Instant;
-use foxhound_core::{planner, response};
+use foxhound_core::{explore, planner, response};
 use foxhound_link::mailbox::Planned;
 use serde::Serialize;
 use serde_json::Value;
@@ -42,6 +42,8 @@ const STILL_TICKS: usize = 150;
 const CLOCK_JUMP_US: u64 = 1_000_000;
 /// Steps of the dead time and lag of the point mass: a setpoint waits for its 20 Hz slot, telemetry for the next step.
 const POINT_DEAD_TIME_S: f32 = 0.06;
+/// Clearance that a search keeps.
+const EXPLORE_MARGIN_M: f64 = 0.05;
 /// Sigma of a bearing that is known exactly, so that no weight is infinite.
 const SIGMA_FLOOR_RAD: f64 = 1e-3;
 
@@ -74,6 +76,14 @@ impl Mission {
             config.goal.known_source_ned_m = Some(foxhound_core::frame::Horizontal { north, east });
         }
         config.guard.sight.range_m = scenario.sensor.range_m as f32;
+        if scenario.explore_s > 0.0 {
+            config.explore = Some(explore::Config {
+                limit_s: scenario.explore_s as f32,
+                clearance_m: (scenario.drone_radius + EXPLORE_MARGIN_M) as f32,
+                seed: self.seed as u32,
+                ..explore::Config::default()
+            });
+        }
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.response = match scenario.vehicle.model {
             VehicleModel::Point => {
@@ -579,6 +589,20 @@ mod tests {
         assert_eq!((record.report.result, record.report.reason), (Ending::Hold, "no_signal"));
         assert!(record.report.path_length_m < 0.05, "noise alone moves nothing");
         assert_eq!(record.report.bearing_rms_deg, None);
+    }
+
+    #[test]
+    fn a_vehicle_without_a_signal_searches_where_it_may_and_ends_in_a_hold_or_at_the_beacon() {
+        let text = r#"{"bearing":{"snr_db":20,"dropout":[0,99]},"max_time_s":40,"explore_s":20,
+            "obstacles":[{"x":3,"y":3,"r":0.4},{"x":1,"y":3,"r":0.3}]}"#;
+        let record = flown(&mission(parsed(text), 1));
+        assert_eq!((record.report.result, record.report.reason), (Ending::Hold, "no_signal"));
+        assert!(record.report.path_length_m > 5.0 && record.report.min_clearance_m.unwrap() > 0.0);
+        let after = record.path.iter().filter(|sample| sample.time_s > 24.0);
+        assert!(after.clone().all(|sample| sample.speed_mps < 0.1), "the search has an end");
+        let text = text.replace("[0,99]", "[0,12]");
+        let record = flown(&mission(parsed(&text), 1));
+        assert_eq!((record.report.result, record.report.collisions), (Ending::Reached, 0), "{:?}", record.report);
     }
 
     #[test]

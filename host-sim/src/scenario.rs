@@ -42,6 +42,8 @@ pub struct Scenario {
     pub goal_tolerance: f64,
     /// When the flight is given up.
     pub max_time_s: f64,
+    /// For how long a signal is searched for when there is none; zero: not at all.
+    pub explore_s: f64,
     /// Faults to inject.
     pub faults: Faults,
     /// Descriptive: why this scenario exists.
@@ -247,6 +249,7 @@ impl Default for Scenario {
             vehicle: Vehicle::default(),
             goal_tolerance: 0.5,
             max_time_s: 90.0,
+            explore_s: 0.0,
             faults: Faults::default(),
             why: None,
             frame: None,
@@ -313,7 +316,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 28] = [
 ];
 
 /// The others of a scenario file.
-const KEYS: [&str; 23] = [
+const KEYS: [&str; 24] = [
     "start",
     "goal",
     "goal_velocity",
@@ -331,6 +334,7 @@ const KEYS: [&str; 23] = [
     "walls[].r",
     "walls[].reflection_db",
     "walls[].passage_db",
+    "explore_s",
     "faults",
     "faults.nan_bearing",
     "faults.stale_obstacles",
@@ -435,6 +439,9 @@ impl Scenario {
         check("limits.v_max", self.limits.v_max, 0.05, 20.0)?;
         check("limits.a_max", self.limits.a_max, 0.1, 20.0)?;
         check("vehicle.lag_s", self.vehicle.lag_s, 0.0, 5.0)?;
+        if self.explore_s != 0.0 {
+            check("explore_s", self.explore_s, 1.0, 3600.0)?;
+        }
         check("goal_tolerance", self.goal_tolerance, 0.01, 100.0)?;
         check("max_time_s", self.max_time_s, 0.1, 3600.0)?;
         for (name, window) in [

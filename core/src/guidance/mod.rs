@@ -12,6 +12,7 @@ use heapless::Vec;
 use crate::adc::Snapshot;
 use crate::bearing::{Bearing, Flags};
 use crate::error::{ConfigError, Why, check};
+use crate::explore::{self, Explored};
 use crate::field::{Obstacle, inverse_root};
 use crate::frame::Horizontal;
 use crate::goal::posterior::Estimate;
@@ -33,6 +34,8 @@ use crate::{array, bearing, goal, map, mission, phase, planner, response, scan, 
 const NEAR_M: f32 = 4.0;
 /// The fast loop heeds so many of the nearest ones; the planner is told all.
 pub const OBSTACLES_MAX: usize = 64;
+/// Steps from one look of a search to the next.
+const SEARCH_TICKS: u32 = 10;
 /// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
 const FAR: u8 = 64;
 
@@ -133,6 +136,8 @@ pub struct Config {
     pub source: bank::Config,
     /// Whether reflections are looked for.
     pub reflections: bool,
+    /// How to search while nothing is heard; `None`: hold instead.
+    pub explore: Option<explore::Config>,
     /// Temporary target.
     pub goal: goal::Config,
     /// Planner.
@@ -163,6 +168,7 @@ impl Default for Config {
             map: map::Config::default(),
             source: bank::Config::DEFAULT,
             reflections: true,
+            explore: None,
             goal: goal::Config::default(),
             planner: planner::Config::default(),
             response: response::Config::default(),
@@ -212,6 +218,8 @@ impl Config {
             map: self.map.build()?,
             source: self.source.build()?,
             reflections: self.reflections,
+            explore: self.explore.map(|explore| explore.build()).transpose()?,
+            sees: (self.guard.sight.range_m, self.guard.fov_rad),
             goal: self.goal.build()?,
             response: self.response.build(self.tick_s)?,
             track: self.track.build()?,
@@ -240,6 +248,9 @@ pub struct Guidance<const N: usize> {
     map: map::Keeper,
     source: bank::Bank,
     reflections: bool,
+    explore: Option<explore::Explorer>,
+    /// Range and field of view of the obstacle sensor.
+    sees: (f32, f32),
     goal: goal::Seeker,
     response: response::Response,
     track: track::Tracker,
@@ -259,6 +270,9 @@ pub struct State<const N: usize> {
     misled: bool,
     /// What the bank said last.
     belief: Option<bank::Answer>,
+    explore: explore::State,
+    /// Where the search goes.
+    search_ned_m: Option<Horizontal>,
     goal: goal::State,
     response: response::State,
     track: track::State,
@@ -329,6 +343,8 @@ impl<const N: usize> Guidance<N> {
             source: bank::State::new(),
             misled: false,
             belief: None,
+            explore: explore::State::new(),
+            search_ned_m: None,
             goal: goal::State::default(),
             response: response::State::default(),
             track: track::State::default(),
@@ -366,14 +382,22 @@ impl<const N: usize> Guidance<N> {
         let mut guard_action = guard::Action::Passed;
         let mut setpoint = Setpoint::default();
         let mut plan_requested = false;
+        self.search(state, input.now, &situation, outcome);
         match outcome.behaviour() {
             Behaviour::None => self.let_go(state),
-            Behaviour::Hold => (setpoint, _) = self.command(state, &Demand::default(), &situation),
-            Behaviour::Follow => {
+            Behaviour::Hold if state.search_ned_m.is_none() => {
+                (setpoint, _) = self.command(state, &Demand::default(), &situation);
+            }
+            Behaviour::Hold | Behaviour::Follow => {
                 let demand = self.demand(state, &situation);
                 (setpoint, guard_action) = self.command(state, &demand.unwrap_or_default(), &situation);
                 let progress = progress(state, demand, guard_action);
-                outcome = self.mission.conclude(&mut state.mission, input.now, progress);
+                let concluded = self.mission.conclude(&mut state.mission, input.now, progress);
+                if state.search_ned_m.is_none() {
+                    outcome = concluded;
+                } else if concluded == Outcome::NoPath {
+                    state.explore.blocked();
+                }
                 plan_requested = self.ask(state, &situation, progress);
             }
         }
@@ -440,6 +464,27 @@ impl<const N: usize> Guidance<N> {
         state.misled |= was_direct && way != Way::Direct;
         state.belief = answer;
         state.goal.push_sighting(way.straightened(&sighting));
+    }
+
+    /// Where to look for a signal, while there is none.
+    fn search(&self, state: &mut State<N>, now: Instant, situation: &Situation, outcome: Outcome) {
+        let Some(explorer) = self.explore.filter(|_| outcome == Outcome::NoSignal) else {
+            state.search_ned_m = None;
+            if outcome == Outcome::Nominal {
+                state.explore.end();
+            }
+            return;
+        };
+        if state.search_ned_m.is_some() && !state.tick.is_multiple_of(SEARCH_TICKS) {
+            return;
+        }
+        let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
+        let (range_m, fov_rad) = self.sees;
+        state.search_ned_m = match explorer.step(&mut state.explore, now, &pose, range_m, fov_rad, state.map.circles())
+        {
+            Explored::Target(place_ned_m) => Some(place_ned_m),
+            Explored::Exhausted | Explored::TimedOut | Explored::NoPose => None,
+        };
     }
 
     /// Scan -> circles -> map -> what is near.
@@ -589,6 +634,8 @@ impl<const N: usize> Guidance<N> {
     /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
     fn let_go(&self, state: &mut State<N>) {
         state.guard.release();
+        state.search_ned_m = None;
+        state.explore.end();
         state.look_ned_rad = None;
         state.track = track::State::default();
         state.hold_down_m = None;
@@ -616,7 +663,8 @@ impl<const N: usize> Guidance<N> {
         // The rest point obeys at once, so that is where it will be when the plan takes effect.
         let ahead_s = self.tick_s * self.handover_ticks as f32;
         let start_ned_m = situation.rest_ned_m.plus(state.guard.command_ned_mps().times(ahead_s));
-        let Some(bearing_rad) = state.goal.source_bearing_ned_rad() else { return false };
+        let searched = state.search_ned_m.map(|place| place.minus(situation.position_ned_m).bearing_rad());
+        let Some(bearing_rad) = searched.or_else(|| state.goal.source_bearing_ned_rad()) else { return false };
         // On the measured line, which begins at the vehicle and not at the start of the plan; where that was reflected, on
         // the line to where it came from.
         let direction =
@@ -632,7 +680,7 @@ impl<const N: usize> Guidance<N> {
         state.request.begins = state.active.is_none();
         state.request.position_ned_m = situation.position_ned_m;
         state.request.direction_ned = direction;
-        state.request.known_source_ned_m = self.known_source_ned_m;
+        state.request.known_source_ned_m = state.search_ned_m.or(self.known_source_ned_m);
         state.request.sightings = state.goal.take_sightings();
         state.request.circles = state.map.circles().copied().collect();
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));

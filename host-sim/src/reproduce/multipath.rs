@@ -184,7 +184,9 @@ fn row(kind: Kind, chain: Chain, index: usize, pairs: &[&[Flown; 2]]) -> Row {
 /// The configuration of a chain.
 fn config(mission: &Mission, chain: Chain) -> guidance::Config {
     let mut config = mission.guidance();
-    config.reflections = chain == Chain::With;
+    if chain == Chain::Without {
+        (config.reflections, config.explore) = (false, None);
+    }
     config
 }
 
@@ -269,6 +271,7 @@ pub fn scene(kind: Kind, seed: u64, index: u32) -> Scenario {
         walls: walls.into_iter().map(wall).collect(),
         bearing: Bearing { snr_db: Some(20.0), ..Bearing::default() },
         max_time_s: 120.0,
+        explore_s: 60.0,
         ..Scenario::default()
     }
 }
