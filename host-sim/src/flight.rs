@@ -77,13 +77,15 @@ impl Mission {
         }
         config.guard.sight.range_m = scenario.sensor.range_m as f32;
         if scenario.explore_s > 0.0 {
-            config.explore = Some(explore::Config {
+            config.planner.explore = Some(explore::Config {
                 limit_s: scenario.explore_s as f32,
                 clearance_m: (scenario.drone_radius + EXPLORE_MARGIN_M) as f32,
                 seed: self.seed as u32,
                 ..explore::Config::default()
             });
         }
+        config.planner.sees_m = config.guard.sight.range_m;
+        config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.response = match scenario.vehicle.model {
             VehicleModel::Point => {

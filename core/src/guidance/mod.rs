@@ -12,7 +12,6 @@ use heapless::Vec;
 use crate::adc::Snapshot;
 use crate::bearing::{Bearing, Flags};
 use crate::error::{ConfigError, Why, check};
-use crate::explore::{self, Explored};
 use crate::field::{Obstacle, inverse_root};
 use crate::frame::Horizontal;
 use crate::goal::posterior::Estimate;
@@ -20,7 +19,7 @@ use crate::guard::{self, Setpoint, Situation};
 use crate::map::{CIRCLES_MAX, Circle, Map};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::ownship::Ownship;
-use crate::planner::{Plan, PlanRequest, Verdict};
+use crate::planner::{Plan, PlanRequest, Search, Searched, Verdict};
 use crate::rollout::{WAYPOINTS, swept_clearance_m};
 use crate::scan::{Points, Pose, Scan};
 use crate::source::bank::{self, Way};
@@ -34,8 +33,6 @@ use crate::{array, bearing, goal, map, mission, phase, planner, response, scan, 
 const NEAR_M: f32 = 4.0;
 /// The fast loop heeds so many of the nearest ones; the planner is told all.
 pub const OBSTACLES_MAX: usize = 64;
-/// Steps from one look of a search to the next.
-const SEARCH_TICKS: u32 = 10;
 /// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
 const FAR: u8 = 64;
 
@@ -136,8 +133,6 @@ pub struct Config {
     pub source: bank::Config,
     /// Whether reflections are looked for.
     pub reflections: bool,
-    /// How to search while nothing is heard; `None`: hold instead.
-    pub explore: Option<explore::Config>,
     /// Temporary target.
     pub goal: goal::Config,
     /// Planner.
@@ -168,7 +163,6 @@ impl Default for Config {
             map: map::Config::default(),
             source: bank::Config::DEFAULT,
             reflections: true,
-            explore: None,
             goal: goal::Config::default(),
             planner: planner::Config::default(),
             response: response::Config::default(),
@@ -182,6 +176,9 @@ impl Default for Config {
 impl Config {
     /// Sets the vehicle's radius wherever it counts.
     pub fn set_vehicle_radius_m(&mut self, radius_m: f32) {
+        if let Some(explore) = &mut self.planner.explore {
+            explore.clearance_m = radius_m + self.planner.margin_m;
+        }
         self.planner.vehicle_radius_m = radius_m;
         self.guard.vehicle_radius_m = radius_m;
     }
@@ -201,6 +198,10 @@ impl Config {
             return Err(ConfigError { field: "planner.vehicle_radius_m", value: self.planner.vehicle_radius_m, why });
         }
         self.planner.build()?;
+        if self.planner.explore.is_some() && self.planner.kind != planner::Kind::Foxhound {
+            let why = Why::Inconsistent("only the planner foxhound can search");
+            return Err(ConfigError { field: "planner.explore", value: 1.0, why });
+        }
         Ok(Guidance {
             seed: self.seed,
             tick_s: self.tick_s,
@@ -218,8 +219,7 @@ impl Config {
             map: self.map.build()?,
             source: self.source.build()?,
             reflections: self.reflections,
-            explore: self.explore.map(|explore| explore.build()).transpose()?,
-            sees: (self.guard.sight.range_m, self.guard.fov_rad),
+            searches: self.planner.explore.is_some(),
             goal: self.goal.build()?,
             response: self.response.build(self.tick_s)?,
             track: self.track.build()?,
@@ -248,9 +248,7 @@ pub struct Guidance<const N: usize> {
     map: map::Keeper,
     source: bank::Bank,
     reflections: bool,
-    explore: Option<explore::Explorer>,
-    /// Range and field of view of the obstacle sensor.
-    sees: (f32, f32),
+    searches: bool,
     goal: goal::Seeker,
     response: response::Response,
     track: track::Tracker,
@@ -270,9 +268,8 @@ pub struct State<const N: usize> {
     misled: bool,
     /// What the bank said last.
     belief: Option<bank::Answer>,
-    explore: explore::State,
-    /// Where the search goes.
-    search_ned_m: Option<Horizontal>,
+    /// Nothing is heard, and the vehicle goes and looks for it.
+    is_searching: bool,
     goal: goal::State,
     response: response::State,
     track: track::State,
@@ -343,8 +340,7 @@ impl<const N: usize> Guidance<N> {
             source: bank::State::new(),
             misled: false,
             belief: None,
-            explore: explore::State::new(),
-            search_ned_m: None,
+            is_searching: false,
             goal: goal::State::default(),
             response: response::State::default(),
             track: track::State::default(),
@@ -382,10 +378,12 @@ impl<const N: usize> Guidance<N> {
         let mut guard_action = guard::Action::Passed;
         let mut setpoint = Setpoint::default();
         let mut plan_requested = false;
-        self.search(state, input.now, &situation, outcome);
+        state.is_searching = self.searches
+            && outcome == Outcome::NoSignal
+            && state.active.as_ref().is_none_or(|plan| plan.search != Some(Searched::Ended));
         match outcome.behaviour() {
             Behaviour::None => self.let_go(state),
-            Behaviour::Hold if state.search_ned_m.is_none() => {
+            Behaviour::Hold if !state.is_searching => {
                 (setpoint, _) = self.command(state, &Demand::default(), &situation);
             }
             Behaviour::Hold | Behaviour::Follow => {
@@ -393,12 +391,10 @@ impl<const N: usize> Guidance<N> {
                 (setpoint, guard_action) = self.command(state, &demand.unwrap_or_default(), &situation);
                 let progress = progress(state, demand, guard_action);
                 let concluded = self.mission.conclude(&mut state.mission, input.now, progress);
-                if state.search_ned_m.is_none() {
+                if !state.is_searching {
                     outcome = concluded;
-                } else if concluded == Outcome::NoPath {
-                    state.explore.blocked();
                 }
-                plan_requested = self.ask(state, &situation, progress);
+                plan_requested = self.ask(state, input.now, &situation, progress);
             }
         }
         self.response.command(&mut state.response, setpoint.velocity_ned_mps.horizontal());
@@ -464,27 +460,6 @@ impl<const N: usize> Guidance<N> {
         state.misled |= was_direct && way != Way::Direct;
         state.belief = answer;
         state.goal.push_sighting(way.straightened(&sighting));
-    }
-
-    /// Where to look for a signal, while there is none.
-    fn search(&self, state: &mut State<N>, now: Instant, situation: &Situation, outcome: Outcome) {
-        let Some(explorer) = self.explore.filter(|_| outcome == Outcome::NoSignal) else {
-            state.search_ned_m = None;
-            if outcome == Outcome::Nominal {
-                state.explore.end();
-            }
-            return;
-        };
-        if state.search_ned_m.is_some() && !state.tick.is_multiple_of(SEARCH_TICKS) {
-            return;
-        }
-        let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
-        let (range_m, fov_rad) = self.sees;
-        state.search_ned_m = match explorer.step(&mut state.explore, now, &pose, range_m, fov_rad, state.map.circles())
-        {
-            Explored::Target(place_ned_m) => Some(place_ned_m),
-            Explored::Exhausted | Explored::TimedOut | Explored::NoPose => None,
-        };
     }
 
     /// Scan -> circles -> map -> what is near.
@@ -634,8 +609,7 @@ impl<const N: usize> Guidance<N> {
     /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
     fn let_go(&self, state: &mut State<N>) {
         state.guard.release();
-        state.search_ned_m = None;
-        state.explore.end();
+        state.is_searching = false;
         state.look_ned_rad = None;
         state.track = track::State::default();
         state.hold_down_m = None;
@@ -645,7 +619,7 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Asks for a plan where one is wanted; true if it did.
-    fn ask(&self, state: &mut State<N>, situation: &Situation, progress: Progress) -> bool {
+    fn ask(&self, state: &mut State<N>, now: Instant, situation: &Situation, progress: Progress) -> bool {
         let since = state.tick.wrapping_sub(state.activated);
         let wanted = match progress {
             Progress::RanOut => true,
@@ -663,8 +637,8 @@ impl<const N: usize> Guidance<N> {
         // The rest point obeys at once, so that is where it will be when the plan takes effect.
         let ahead_s = self.tick_s * self.handover_ticks as f32;
         let start_ned_m = situation.rest_ned_m.plus(state.guard.command_ned_mps().times(ahead_s));
-        let searched = state.search_ned_m.map(|place| place.minus(situation.position_ned_m).bearing_rad());
-        let Some(bearing_rad) = searched.or_else(|| state.goal.source_bearing_ned_rad()) else { return false };
+        let heard = state.goal.source_bearing_ned_rad().or(state.is_searching.then_some(situation.yaw_rad));
+        let Some(bearing_rad) = heard else { return false };
         // On the measured line, which begins at the vehicle and not at the start of the plan; where that was reflected, on
         // the line to where it came from.
         let direction =
@@ -680,7 +654,9 @@ impl<const N: usize> Guidance<N> {
         state.request.begins = state.active.is_none();
         state.request.position_ned_m = situation.position_ned_m;
         state.request.direction_ned = direction;
-        state.request.known_source_ned_m = state.search_ned_m.or(self.known_source_ned_m);
+        state.request.known_source_ned_m = self.known_source_ned_m;
+        let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
+        state.request.search = state.is_searching.then_some(Search { now, pose });
         state.request.sightings = state.goal.take_sightings();
         state.request.circles = state.map.circles().copied().collect();
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));

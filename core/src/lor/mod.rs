@@ -77,7 +77,7 @@ pub struct Config {
     pub concentration: f32,
     /// Expected standard deviation of a wall's points across, before any is seen.
     pub sigma_m: f32,
-    /// Most work of the mixture, in pairs of a point and a component; some 22 instructions each.
+    /// Most work of the mixture, in pairs of a point and a component; some 45 instructions each.
     pub work_max: u32,
 }
 
@@ -100,7 +100,7 @@ impl Config {
         same_offset_m: 0.2,
         concentration: 0.1,
         sigma_m: 0.1,
-        work_max: 8_000,
+        work_max: 5_500,
     };
 
     /// Checks the configuration.

@@ -137,11 +137,17 @@ struct Aim {
     hopeful: bool,
 }
 
-/// Answers one request.
-pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+/// Answers one request; `known` is where the source is, or what stands for it, when that is known.
+pub(super) fn plan(
+    config: &Config,
+    wavefront: &Wavefront,
+    scratch: &mut Scratch,
+    request: &PlanRequest,
+    known: Option<Horizontal>,
+) -> Plan {
     let start = request.start_ned_m;
     let mut rng = Rng::new(request.seed, u64::from(request.id));
-    let source = locate(&mut scratch.memory.posterior, request);
+    let source = locate(&mut scratch.memory.posterior, request, known);
     let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
 
     let Memory { posterior, window, way, progress } = &mut scratch.memory;
@@ -160,17 +166,7 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
         obstacle.center_ned_m.minus(start).norm_squared() < limit * limit
     });
 
-    let mut plan = Plan {
-        id: request.id,
-        verdict: Verdict::Brake,
-        start_ned_m: start,
-        waypoints_ned_m: [start; WAYPOINTS],
-        gains: config.gains,
-        cost: f32::INFINITY,
-        target_ned_m: start,
-        source,
-        lines: Vec::new(),
-    };
+    let mut plan = Plan { source, ..Plan::brake(config, request) };
     let Some(aim) = aim else { return plan };
     let mut route = window.route(aim.place_ned_m);
     if far {
@@ -209,8 +205,8 @@ pub(super) fn plan(config: &Config, wavefront: &Wavefront, scratch: &mut Scratch
 
 /// Where the source is believed to be: along the averaged bearing, as far as the posterior says. Near the source, and when
 /// the bearing does not agree, what the posterior says.
-fn locate(posterior: &mut Posterior, request: &PlanRequest) -> Option<Estimate> {
-    if let Some(place_ned_m) = request.known_source_ned_m {
+fn locate(posterior: &mut Posterior, request: &PlanRequest, known: Option<Horizontal>) -> Option<Estimate> {
+    if let Some(place_ned_m) = known {
         return Some(Estimate { place_ned_m, sigma_m: 0.0 });
     }
     if request.fresh {

@@ -17,6 +17,7 @@
 use heapless::Vec;
 
 use crate::error::{ConfigError, check};
+use crate::explore::{self, Explored};
 use crate::field::{self, Gains, Law, Obstacle};
 use crate::frame::Horizontal;
 use crate::goal::SIGHTINGS_MAX;
@@ -24,7 +25,9 @@ use crate::goal::posterior::Estimate;
 use crate::lor::{self, LINES_MAX, Line};
 use crate::map::{CIRCLES_MAX, Circle};
 use crate::rollout::{Reading, Scene, Trajectory, WAYPOINTS};
+use crate::scan::Pose;
 use crate::source::Sighting;
+use crate::time::Instant;
 use crate::wavefront::{self, Wavefront};
 
 mod foxhound;
@@ -68,6 +71,12 @@ pub struct Config {
     pub reading: Reading,
     /// What a wall is.
     pub lor: lor::Config,
+    /// How to search while nothing is heard; `None`: the vehicle holds instead. Only [`Kind::Foxhound`] can.
+    pub explore: Option<explore::Config>,
+    /// Range of the obstacle sensor, and its field of view: what a search has looked at.
+    pub sees_m: f32,
+    /// See `sees_m`.
+    pub sees_rad: f32,
     /// How [`Kind::Paper`] averages them.
     pub offsets: Offsets,
     /// Radius of the vehicle.
@@ -112,7 +121,10 @@ impl Config {
             lambda: 1.0,
             law: Law::of(field::Kind::Logarithmic),
             reading: Reading::Waypoint,
-            lor: lor::Config::DEFAULT,
+            lor: lor::Config { method: lor::Method::SplitMerge, ..lor::Config::DEFAULT },
+            explore: None,
+            sees_m: 3.0,
+            sees_rad: core::f32::consts::FRAC_PI_2,
             offsets: Offsets::Signed,
             vehicle_radius_m: 0.15,
             margin_m: 0.05,
@@ -148,8 +160,36 @@ impl Config {
         check("planner.tight_margin_m", self.tight_margin_m, 0.0, self.margin_m)?;
         check("planner.horizon_m", self.horizon_m, 0.5, 2.0)?;
         check("planner.checked_segments", f32::from(self.checked_segments), 1.0, WAYPOINTS as f32)?;
-        Ok(Planner { config: *self, wavefront: self.wavefront.build()?, lines: self.lor.build()? })
+        check("planner.sees_m", self.sees_m, 0.1, 1000.0)?;
+        check("planner.sees_rad", self.sees_rad, 0.01, core::f32::consts::TAU)?;
+        Ok(Planner {
+            config: *self,
+            wavefront: self.wavefront.build()?,
+            lines: self.lor.build()?,
+            explorer: self.explore.map(|explore| explore.build()).transpose()?,
+        })
     }
+}
+
+/// Nothing is heard, and the vehicle is to look for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    /// The time of the request.
+    pub now: Instant,
+    /// Where the vehicle is, and where it looks.
+    pub pose: Pose,
+}
+
+/// What came of a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Searched {
+    /// The plan leads to where nobody has looked yet.
+    On,
+    /// It has taken its time, or everything within its radius has been looked at.
+    Ended,
 }
 
 /// What the planner is asked; a copy, so that it may be answered while the fast loop goes on.
@@ -175,6 +215,8 @@ pub struct PlanRequest {
     pub sightings: Vec<Sighting, SIGHTINGS_MAX>,
     /// Where the source is, when that is known.
     pub known_source_ned_m: Option<Horizontal>,
+    /// Nothing is heard: where to look.
+    pub search: Option<Search>,
     /// Whether the lines of reflection are wanted.
     pub wants_lines: bool,
     /// The known obstacles.
@@ -213,8 +255,28 @@ pub struct Plan {
     pub target_ned_m: Horizontal,
     /// Where the source is believed to be.
     pub source: Option<Estimate>,
+    /// What came of the search, if one was wanted.
+    pub search: Option<Searched>,
     /// The lines of reflection among the known obstacles, if they were wanted.
     pub lines: Vec<Line, LINES_MAX>,
+}
+
+impl Plan {
+    /// The plan to stay at the start.
+    fn brake(config: &Config, request: &PlanRequest) -> Self {
+        Self {
+            id: request.id,
+            verdict: Verdict::Brake,
+            start_ned_m: request.start_ned_m,
+            waypoints_ned_m: [request.start_ned_m; WAYPOINTS],
+            gains: config.gains,
+            cost: f32::INFINITY,
+            target_ned_m: request.start_ned_m,
+            source: None,
+            search: None,
+            lines: Vec::new(),
+        }
+    }
 }
 
 /// The planner's memory: what it has learned of the source, and room to work in. After a replan it shows what was drawn.
@@ -234,6 +296,7 @@ pub struct Scratch {
     obstacles: Vec<Obstacle, CIRCLES_MAX>,
     scene: Scene,
     memory: foxhound::Memory,
+    explore: explore::State,
 }
 
 impl Default for Scratch {
@@ -257,6 +320,7 @@ impl Scratch {
             obstacles: Vec::new(),
             scene: Scene::new(),
             memory: foxhound::Memory::new(),
+            explore: explore::State::new(),
         }
     }
 }
@@ -267,19 +331,45 @@ pub struct Planner {
     config: Config,
     wavefront: Wavefront,
     lines: lor::Lines,
+    explorer: Option<explore::Explorer>,
 }
 
 impl Planner {
     /// Answers one request.
     pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
         let mut plan = match self.config.kind {
-            Kind::Foxhound => foxhound::plan(&self.config, &self.wavefront, scratch, request),
+            Kind::Foxhound => self.seek(scratch, request),
             Kind::Paper | Kind::Standard => paper::plan(&self.config, scratch, request),
         };
         if request.wants_lines {
             plan.lines = self.lines(request);
         }
         plan
+    }
+
+    /// To the source; to where nobody has looked, when it is not heard.
+    fn seek(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+        if request.begins {
+            scratch.explore.end();
+        }
+        let (Some(search), Some(explorer)) = (&request.search, &self.explorer) else {
+            scratch.explore.end();
+            return foxhound::plan(&self.config, &self.wavefront, scratch, request, request.known_source_ned_m);
+        };
+        let (range_m, fov_rad) = (self.config.sees_m, self.config.sees_rad);
+        let circles = request.circles.iter();
+        match explorer.step(&mut scratch.explore, search.now, &search.pose, range_m, fov_rad, circles) {
+            Explored::Target(place_ned_m) => {
+                let plan = foxhound::plan(&self.config, &self.wavefront, scratch, request, Some(place_ned_m));
+                if plan.verdict == Verdict::Brake {
+                    scratch.explore.blocked();
+                }
+                Plan { search: Some(Searched::On), ..plan }
+            }
+            Explored::Exhausted | Explored::TimedOut | Explored::NoPose => {
+                Plan { search: Some(Searched::Ended), ..Plan::brake(&self.config, request) }
+            }
+        }
     }
 
     /// The walls among the known obstacles. Its memory is on the stack: it is not used together with the rest.

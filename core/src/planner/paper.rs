@@ -108,15 +108,11 @@ pub(super) fn plan(config: &Config, scratch: &mut Scratch, request: &PlanRequest
     let (initial, cost) = scratch.scene.roll(&field(config.gains), config.reading, target);
     scratch.initial = initial;
     let mut plan = Plan {
-        id: request.id,
         verdict: Verdict::Follow,
-        start_ned_m: request.start_ned_m,
         waypoints_ned_m: initial,
-        gains: config.gains,
         cost: cost.total(),
         target_ned_m: target,
-        source: None,
-        lines: heapless::Vec::new(),
+        ..Plan::brake(config, request)
     };
     if config.kind == Kind::Standard {
         return plan;

@@ -185,7 +185,7 @@ fn row(kind: Kind, chain: Chain, index: usize, pairs: &[&[Flown; 2]]) -> Row {
 fn config(mission: &Mission, chain: Chain) -> guidance::Config {
     let mut config = mission.guidance();
     if chain == Chain::Without {
-        (config.reflections, config.explore) = (false, None);
+        (config.reflections, config.planner.explore) = (false, None);
     }
     config
 }
