@@ -52,6 +52,7 @@ pub mod array;
 pub mod bearing;
 pub mod calibration;
 pub mod multipath;
+pub mod rss;
 
 pub mod map;
 pub mod scan;
