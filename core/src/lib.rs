@@ -52,6 +52,9 @@ pub mod array;
 pub mod bearing;
 pub mod calibration;
 pub mod multipath;
+
+pub mod source;
+
 pub mod rss;
 
 pub mod map;

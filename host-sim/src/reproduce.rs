@@ -7,6 +7,8 @@
 //! - [`density`], `apf-density`: the main paper's planners on maps of growing obstacle density (Table I, fig. 9 and 10).
 //! - [`variants`], `apf-variants`: the variants paper's four potential fields in its four scenes (Table I).
 //! - [`multipath`], `multipath`: the closed loop among walls that reflect, with and without filters.
+//! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among what it hears (fig. 3
+//!   and 4 of the rotating vehicle's paper), the discs of its lemmas, and a source that moves.
 //!
 //! Each experiment yields one serialisable report with a table for people and pictures.
 
@@ -14,6 +16,7 @@ pub mod circle;
 pub mod crb;
 pub mod density;
 pub mod multipath;
+pub mod stretch;
 pub mod variants;
 
 mod chart;

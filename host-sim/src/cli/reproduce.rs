@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use clap::{Args, ValueEnum};
 use foxhound_sim::input::InputError;
 use foxhound_sim::reproduce::{circle, crb, density, multipath, variants};
+use foxhound_sim::reproduce::{circle, crb, density, stretch, variants};
 
 use super::{Cli, bar, json_line, note, say};
 
@@ -16,6 +17,7 @@ const REPRODUCE_HELP: &str = "Examples:
   foxhound reproduce apf-density --pairs 10 --json --out density
   foxhound reproduce apf-variants            potential fields of the variants paper
   foxhound reproduce multipath               the closed loop among walls";
+  foxhound reproduce stretch                 seeking with a turning antenna, greedy and filtered; a minute";
 
 #[derive(Args, Debug)]
 #[command(after_help = REPRODUCE_HELP)]
@@ -29,6 +31,9 @@ pub(super) struct Reproduce {
     /// multipath: scenes of each kind [default: 50].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     scenes: Option<u32>,
+    /// stretch: trials of each condition [default: 1200].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    trials: Option<u32>,
 }
 
 /// Start/goal pairs of each row of Table I.
@@ -48,6 +53,8 @@ enum Experiment {
     Multipath,
     /// Four potential fields in four scenes with local minima (variants paper, Table I).
     ApfVariants,
+    /// Excess travel behind a turning antenna over outliers and noise (rotating vehicle's paper, fig. 3 and 4).
+    Stretch,
 }
 
 pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
@@ -56,6 +63,8 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
     }
     if args.scenes.is_some() && !matches!(args.experiment, Experiment::Multipath) {
         return Err(InputError::new("--scenes: only multipath has scenes"));
+    if args.trials.is_some() && !matches!(args.experiment, Experiment::Stretch) {
+        return Err(InputError::new("--trials: only stretch has trials"));
     }
     let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
     let picture = |name: &str, draw: &dyn Fn(&Path) -> Result<(), InputError>| {
@@ -92,6 +101,15 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
         }
         Experiment::ApfVariants => {
             let report = variants::run();
+            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
+            (json_line(&report)?, report.table(), pictures)
+        }
+        Experiment::Stretch => {
+            let options = stretch::Options { seed: cli.seed, trials: args.trials.unwrap_or(stretch::TRIALS) };
+            let progress = bar(cli, stretch::trials(options.trials), "seeking {bar:40} {pos} of {len}");
+            let report = stretch::run(&options, |done| progress.set_position(done));
+            progress.finish_and_clear();
+            let report = report?;
             let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
             (json_line(&report)?, report.table(), pictures)
         }
