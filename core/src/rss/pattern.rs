@@ -44,7 +44,7 @@ const COSINES: [f32; BINS] = {
         0.923_879_5,
         0.866_025_4,
         0.793_353_3,
-        0.707_106_8,
+        core::f32::consts::FRAC_1_SQRT_2,
         0.608_761_4,
         0.5,
         0.382_683_4,
@@ -333,7 +333,7 @@ mod tests {
             let runs = 4000;
             let mut squares = 0.0;
             for _ in 0..runs {
-                let truth = 6.28 * rng.uniform();
+                let truth = core::f32::consts::TAU * rng.uniform();
                 let heard = core::array::from_fn(|bin| {
                     config.gain_db(bin as f32 * BIN_RAD - truth) + noise_db * rng.gaussian()
                 });
