@@ -21,33 +21,33 @@ fn number(value: &Value, pointer: &str) -> f64 {
     value.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
 }
 
-fn row(p: f64, sigma_deg: f64) -> &'static Value {
+fn row(p: f64, sigma_deg: f64) -> Value {
     let near =
         |row: &&Value| (number(row, "/p") - p).abs() < 1e-9 && (number(row, "/sigma_deg") - sigma_deg).abs() < 1e-9;
-    report()["rows"].as_array().unwrap().iter().find(near).unwrap()
+    report()["rows"].as_array().into_iter().flatten().find(near).cloned().unwrap_or_default()
 }
 
 #[test]
 fn the_greedy_stretch_at_the_papers_condition_is_the_models_and_at_a_third_the_texts() {
     // The standard error of 150 trials is 0.3 % of the mean; 2 % are six of them.
-    let there = row(0.4, 20.0);
+    let there = &row(0.4, 20.0);
     let mean = number(there, "/greedy_stretch/mean");
     assert!(number(there, "/greedy_stretch/standard_error") < 0.004 * mean, "{there}");
     assert!((mean / 1.75 - 1.0).abs() < 0.02, "{there}");
     assert_eq!(number(there, "/paper/mean"), 1.6);
-    let third = number(row(1.0 / 3.0, 20.0), "/greedy_stretch/mean");
+    let third = number(&row(1.0 / 3.0, 20.0), "/greedy_stretch/mean");
     assert!((third - 1.6).abs() < 0.04, "what the text says of 0.4: {third}");
 }
 
 #[test]
 fn the_filtered_stretch_is_far_below_what_was_asked_with_and_without_a_position() {
-    let there = row(0.4, 20.0);
+    let there = &row(0.4, 20.0);
     for rule in ["filtered_stretch", "direction_only_stretch"] {
         let mean = number(there, &format!("/{rule}/mean"));
         let error = number(there, &format!("/{rule}/standard_error"));
         assert!(mean + 3.0 * error < 1.05 && mean > 0.98, "{rule}: {there}");
     }
-    let worst = row(0.6, 60.0);
+    let worst = &row(0.6, 60.0);
     assert!(number(worst, "/filtered_stretch/mean") < 1.4 && number(worst, "/greedy_stretch/mean") > 4.0, "{worst}");
 }
 

@@ -26,6 +26,10 @@ use super::bins::{BIN_RAD, BINS};
 
 /// Harmonics that are looked at.
 const HARMONICS: usize = 3;
+/// Places around the circle where sums of them are looked at: every other bin is fine enough for three.
+const PLACES: usize = BINS / 2;
+/// From one to the next.
+const PLACE_RAD: f32 = 2.0 * BIN_RAD;
 /// Standard deviation that a bin has at least: readings come in steps of 1 dB or half of one.
 const BIN_SIGMA_MIN_DB: f32 = 0.3;
 /// So much more than white noise would leave in the first harmonics is something else: chi-square with four degrees of
@@ -190,7 +194,7 @@ impl Pattern {
             [heard.cosine.get(k), heard.sine.get(k)].map(|part| gain * part.copied().unwrap_or(0.0))
         });
         let (start, _) = highest(&sampled(&terms));
-        let (direction_rad, correlation) = climb(&terms, start as f32 * BIN_RAD);
+        let (direction_rad, correlation) = climb(&terms, start as f32 * PLACE_RAD);
         let shape: [[f32; 2]; HARMONICS] =
             core::array::from_fn(|k| [heard.cosine.get(k), heard.sine.get(k)].map(|part| part.copied().unwrap_or(0.0)));
         let shown = sampled(&shape);
@@ -220,18 +224,18 @@ impl Pattern {
             residual_db: crate::kernel::sqrt(residual),
             significance: 0.5 * filled * scale * scale * self.power / residual,
             second,
-            hill_rad: wrap_pi(hill as f32 * BIN_RAD),
+            hill_rad: wrap_pi(hill as f32 * PLACE_RAD),
             roughness: (filled - 2.0 * HARMONICS as f32) * energy / if rest > least { rest } else { least },
         })
     }
 }
 
-/// A sum of harmonics at each bin.
-fn sampled(terms: &[[f32; 2]; HARMONICS]) -> [f32; BINS] {
-    core::array::from_fn(|bin| {
+/// A sum of harmonics at each place.
+fn sampled(terms: &[[f32; 2]; HARMONICS]) -> [f32; PLACES] {
+    core::array::from_fn(|place| {
         let mut turned = 0;
         terms.iter().fold(0.0, |sum, [cosine, sine]| {
-            turned += bin;
+            turned += 2 * place;
             if turned >= BINS {
                 turned -= BINS;
             }
@@ -241,16 +245,16 @@ fn sampled(terms: &[[f32; 2]; HARMONICS]) -> [f32; BINS] {
     })
 }
 
-/// The bin with the largest value, and that.
-fn highest(values: &[f32; BINS]) -> (usize, f32) {
-    let pick = |best: (usize, f32), (bin, value): (usize, &f32)| if *value > best.1 { (bin, *value) } else { best };
+/// The place with the largest value, and that.
+fn highest(values: &[f32; PLACES]) -> (usize, f32) {
+    let pick = |best: (usize, f32), (place, value): (usize, &f32)| if *value > best.1 { (place, *value) } else { best };
     values.iter().enumerate().fold((0, f32::NEG_INFINITY), pick)
 }
 
 /// How far the next hill stands out of the valleys that part it from the highest one, over the whole range of heights.
-fn second_hill(values: &[f32; BINS], top: usize) -> f32 {
-    let at = |steps: usize| values.get((top + steps) % BINS).copied().unwrap_or(0.0);
-    let mut out = [0.0; BINS];
+fn second_hill(values: &[f32; PLACES], top: usize) -> f32 {
+    let at = |steps: usize| values.get((top + steps) % PLACES).copied().unwrap_or(0.0);
+    let mut out = [0.0; PLACES];
     let mut valley = at(0);
     for (steps, out) in out.iter_mut().enumerate() {
         let here = at(steps);
@@ -268,7 +272,7 @@ fn second_hill(values: &[f32; BINS], top: usize) -> f32 {
     if range > 0.0 { best / range } else { 0.0 }
 }
 
-/// From the bin to the top, by Newton's steps; the direction and the correlation there.
+/// From the place to the top, by Newton's steps; the direction and the correlation there.
 fn climb(terms: &[[f32; 2]; HARMONICS], start_rad: f32) -> (f32, f32) {
     let value = |angle_rad: f32| {
         let (sine, cosine) = sin_cos(angle_rad);

@@ -198,10 +198,10 @@ impl Report {
             title: course.name.replace('_', " "),
             x,
             y,
-            // The source last, and dashed, to be seen over the tracks.
-            series: [("greedy", 1, false), ("direction only", 2, false), ("filtered", 3, false), ("source", 0, true)]
+            series: ["source", "greedy", "direction only", "filtered"]
                 .into_iter()
-                .map(|(label, index, dashed)| Series { label: label.to_owned(), dashed, points: tracks[index].clone() })
+                .zip(tracks)
+                .map(|(label, track)| Series { label: label.to_owned(), dashed: false, points: track.clone() })
                 .collect(),
             bars: Vec::new(),
             level: None,
