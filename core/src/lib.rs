@@ -61,6 +61,7 @@ pub mod map;
 pub mod scan;
 
 pub mod explore;
+pub mod link_state;
 pub mod lor;
 pub mod source;
 

@@ -16,6 +16,7 @@ pub mod computer;
 pub mod flight;
 pub mod frames;
 pub mod input;
+pub mod link_state;
 pub mod maps;
 pub mod plot;
 pub mod qemu;

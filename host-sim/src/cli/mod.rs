@@ -3,6 +3,7 @@
 
 mod bearing;
 mod fly;
+mod link_state;
 mod maps;
 mod reproduce;
 mod suite;
@@ -20,6 +21,7 @@ use serde::Serialize;
 
 use bearing::{BearingCommand, CalibrateCommand};
 use fly::Fly;
+use link_state::LinkState;
 use maps::MapsCommand;
 use reproduce::Reproduce;
 use suite::SuiteCommand;
@@ -69,6 +71,8 @@ enum Command {
     Suite(SuiteCommand),
     /// Repeats an experiment of a paper and puts our number beside its number.
     Reproduce(Reproduce),
+    /// Examines, or trains, what tells a reflection from the line of sight.
+    LinkState(LinkState),
 }
 
 #[derive(Args, Debug)]
@@ -92,6 +96,7 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Maps(args)) => maps::draw_maps(&cli, args),
         Some(Command::Suite(args)) => suite::fly_suite(&cli, args),
         Some(Command::Reproduce(args)) => reproduce::reproduce(&cli, args),
+        Some(Command::LinkState(args)) => link_state::link_state(&cli, args),
     };
     match done {
         Ok(code) => code,

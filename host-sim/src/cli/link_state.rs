@@ -1,0 +1,77 @@
+//! `foxhound link-state`: the link state's classifier, trained and examined.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use foxhound_core::link_state::Classifier;
+use foxhound_sim::input::InputError;
+use foxhound_sim::link_state::{self, DOCUMENT_FILE, EXAMINATION_SCENES, SEED, WEIGHTS_FILE};
+
+use super::{Cli, json_line, note, say, write_text};
+
+const LINK_STATE_HELP: &str = "Examples:
+  foxhound link-state --seed 7         how often the classifier is right in fresh scenes
+  foxhound link-state --train          makes core/src/link_state/weights.rs and docs/link-state.md; minutes
+  foxhound link-state --check          the same, but compares; exit status 1 when the weights differ";
+
+#[derive(Args, Debug)]
+#[command(after_help = LINK_STATE_HELP)]
+pub(super) struct LinkState {
+    /// Scenes to examine it with [default: 500].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with_all = ["train", "check"])]
+    scenes: Option<u32>,
+    /// Trains it and writes its weights and what they are worth.
+    #[arg(long, conflicts_with = "check")]
+    train: bool,
+    /// Trains it and compares the weights with those in the repository.
+    #[arg(long)]
+    check: bool,
+    /// The repository.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    repository: PathBuf,
+}
+
+pub(super) fn link_state(cli: &Cli, args: &LinkState) -> Result<ExitCode, InputError> {
+    if args.train || args.check {
+        return train(cli, args);
+    }
+    let scenes = args.scenes.unwrap_or(EXAMINATION_SCENES);
+    let report = link_state::examine(&Classifier::TRAINED, cli.seed, scenes)?;
+    if cli.json {
+        say(&json_line(&report)?);
+    } else {
+        say(&report.table());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn train(cli: &Cli, args: &LinkState) -> Result<ExitCode, InputError> {
+    let [weights, document] = [WEIGHTS_FILE, DOCUMENT_FILE].map(|file| args.repository.join(file));
+    let read = |path: &PathBuf| {
+        std::fs::read_to_string(path).map_err(|error| InputError::new(error.to_string()).in_file(path))
+    };
+    let there = read(&weights)?;
+    if cli.seed != SEED {
+        note(&format!("note: the weights of the repository are those of seed {SEED}"));
+    }
+    let (trained, ablations) = link_state::train(cli.seed, args.train)?;
+    let source = link_state::source(&trained.weights, cli.seed);
+    let is_same = source == there;
+    if cli.json {
+        say(&json_line(&trained.report)?);
+    } else {
+        say(&trained.report.table());
+    }
+    if args.check {
+        let is_described = read(&document)?.contains(&link_state::measured(&trained.report));
+        for (path, is_right) in [(&weights, is_same), (&document, is_described)] {
+            note(&format!("{}: {}", path.display(), if is_right { "as trained" } else { "differs" }));
+        }
+        return Ok(ExitCode::from(u8::from(!(is_same && is_described))));
+    }
+    write_text(&weights, &source)?;
+    write_text(&document, &link_state::document(&trained.report, &ablations))?;
+    note(&format!("written: {}, {}", weights.display(), document.display()));
+    Ok(ExitCode::SUCCESS)
+}
