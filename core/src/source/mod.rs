@@ -2,13 +2,21 @@
 //!
 //! - [`polar`], the default: bearing, inverse range and, for a source that moves, its velocity over the range. A bearing says
 //!   nothing about range, and this filter says so for as long as that is true.
+//! - [`reflected`]: the same behind walls, known or not quite, one or several.
 //! - [`bank`]: several of them, for a source that may be seen by way of a wall.
+//! - [`cartesian`] and [`reflected::literal`]: the mmWave paper's filters, as printed.
+//! - [`consistency`]: whether a filter errs as much as it says.
 
 use crate::frame::Horizontal;
 
+mod kalman;
+
 pub mod bank;
 pub mod gather;
+pub mod cartesian;
+pub mod consistency;
 pub mod polar;
+pub mod reflected;
 
 /// A bearing as the filters take it in, from a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
