@@ -5,6 +5,7 @@
 //! - [`crb`], `aoa-crb`: the rms error of whole frames, frequency not told, over the Cramer-Rao bound of the square array,
 //!   `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`.
 //! - [`density`], `apf-density`: the main paper's planners on maps of growing obstacle density (Table I, fig. 9 and 10).
+//! - [`localize`]: the mmWave paper's filters in line of sight and behind walls (fig. 2 and 3).
 //! - [`variants`], `apf-variants`: the variants paper's four potential fields in its four scenes (Table I).
 //! - [`multipath`], `multipath`: the closed loop among walls that reflect, with and without filters.
 //! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among what it hears (fig. 3
@@ -17,6 +18,7 @@ pub mod crb;
 pub mod density;
 pub mod multipath;
 pub mod stretch;
+pub mod localize;
 pub mod variants;
 
 mod chart;

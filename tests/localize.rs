@@ -1,0 +1,67 @@
+//! `foxhound reproduce localize`: how well filters localize, through the command line.
+
+use foxhound_tests::run_json;
+use serde_json::Value;
+
+fn filters() -> Value {
+    let (status, mut report) = run_json(&["reproduce", "localize", "--json"]);
+    assert_eq!(status, 0);
+    report["filters"].take()
+}
+
+fn number(value: &Value, pointer: &str) -> f64 {
+    value.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)
+}
+
+fn row<'a>(filters: &'a Value, name: &str) -> &'a Value {
+    let rows = filters["rows"].as_array().unwrap();
+    rows.iter().find(|row| row["name"] == name).unwrap()
+}
+
+#[test]
+fn filters_localize_as_the_paper_shows_and_ours_know_how_well() {
+    let filters = filters();
+    assert!(number(&filters, "/runs") >= 200.0);
+
+    // Line of sight: inside the bands in every experiment.
+    for name in ["los_fig_2", "los_prior", "los_leg", "los_moving"] {
+        let ours = &row(&filters, name)["ours"];
+        for statistic in ["nis", "nees"] {
+            let [mean, low, high] =
+                ["mean", "band/0", "band/1"].map(|field| number(ours, &format!("/{statistic}/{field}")));
+            assert!(low < mean && mean < high, "{name} {statistic}: {mean} is outside {low}..{high}");
+            assert_eq!(ours[statistic]["verdict"], "consistent");
+        }
+        assert_eq!(number(ours, "/lost"), 0.0);
+    }
+    // Fig. 2: from 40 m to 1 m. The paper's filter does not get there in as many sightings.
+    let fig_2 = row(&filters, "los_fig_2");
+    assert!(number(fig_2, "/ours/initial_m") > 39.0 && number(fig_2, "/ours/median_m") <= 0.5, "{fig_2}");
+    assert!(number(fig_2, "/ours/p90_m") <= 1.6, "{fig_2}");
+    assert!(number(fig_2, "/paper/median_m") > 2.0 * number(fig_2, "/ours/median_m"), "{fig_2}");
+    // As printed it is sure of what it does not know.
+    for name in ["los_fig_2", "los_leg", "nlos_fig_3"] {
+        assert_eq!(row(&filters, name)["paper"]["nees"]["verdict"], "optimistic", "{name}");
+    }
+
+    // Fig. 3: from 10 m to 3 m in the paper; off any wall, vertical ones too, and off two.
+    for (name, median_m, p90_m) in
+        [("nlos_fig_3", 0.75, 2.25), ("nlos_vertical", 0.75, 2.25), ("nlos_corner", 1.5, 3.5)]
+    {
+        let ours = &row(&filters, name)["ours"];
+        assert!(number(ours, "/initial_m") > 9.5, "{name}: {ours}");
+        assert!(number(ours, "/median_m") <= median_m && number(ours, "/p90_m") <= p90_m, "{name}: {ours}");
+    }
+    assert_eq!(number(row(&filters, "nlos_vertical"), "/paper/lost"), number(&filters, "/runs"));
+    assert!(row(&filters, "nlos_corner")["paper"].is_null());
+    let moving = row(&filters, "nlos_moving");
+    assert!(number(moving, "/ours/median_m") <= 3.0, "{moving}");
+
+    // A wall that is 20 % off.
+    for name in ["nlos_unknown", "nlos_unknown_vertical"] {
+        let row = row(&filters, name);
+        assert!(number(row, "/ours/converged") >= 0.8, "{row}");
+        assert!(number(row, "/ours/converged") > number(row, "/paper/converged"), "{row}");
+        assert!(number(row, "/ours/median_m") < number(row, "/paper/median_m"), "{row}");
+    }
+}
