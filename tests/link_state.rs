@@ -1,6 +1,5 @@
 //! The link state's classifier on fresh scenes, and its training, through the command line.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use foxhound_tests::{root, run, run_json};
 use serde_json::Value;

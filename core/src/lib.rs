@@ -53,16 +53,13 @@ pub mod bearing;
 pub mod calibration;
 pub mod multipath;
 
-pub mod source;
-
-pub mod rss;
-
 pub mod map;
 pub mod scan;
 
 pub mod explore;
 pub mod link_state;
 pub mod lor;
+pub mod rss;
 pub mod source;
 
 pub mod field;

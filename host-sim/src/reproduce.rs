@@ -16,9 +16,9 @@
 pub mod circle;
 pub mod crb;
 pub mod density;
+pub mod localize;
 pub mod multipath;
 pub mod stretch;
-pub mod localize;
 pub mod variants;
 
 mod chart;

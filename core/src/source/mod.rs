@@ -12,9 +12,9 @@ use crate::frame::Horizontal;
 mod kalman;
 
 pub mod bank;
-pub mod gather;
 pub mod cartesian;
 pub mod consistency;
+pub mod gather;
 pub mod polar;
 pub mod reflected;
 

@@ -5,8 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use foxhound_sim::input::InputError;
-use foxhound_sim::reproduce::{circle, crb, density, multipath, variants};
-use foxhound_sim::reproduce::{circle, crb, density, stretch, variants};
+use foxhound_sim::reproduce::{circle, crb, density, localize, multipath, stretch, variants};
 
 use super::{Cli, bar, json_line, note, say};
 
@@ -16,7 +15,8 @@ const REPRODUCE_HELP: &str = "Examples:
   foxhound reproduce apf-density             the main paper's planners and ours on its maps; minutes
   foxhound reproduce apf-density --pairs 10 --json --out density
   foxhound reproduce apf-variants            potential fields of the variants paper
-  foxhound reproduce multipath               the closed loop among walls";
+  foxhound reproduce multipath               the closed loop among walls
+  foxhound reproduce localize                filters in sight and behind walls, and paths on which bearings tell more
   foxhound reproduce stretch                 seeking with a turning antenna, greedy and filtered; a minute";
 
 #[derive(Args, Debug)]
@@ -51,6 +51,8 @@ enum Experiment {
     ApfDensity,
     /// The closed loop among walls that reflect, with and without the filters behind the bearing.
     Multipath,
+    /// Filters in sight and behind walls (mmWave paper, fig. 2 and 3).
+    Localize,
     /// Four potential fields in four scenes with local minima (variants paper, Table I).
     ApfVariants,
     /// Excess travel behind a turning antenna over outliers and noise (rotating vehicle's paper, fig. 3 and 4).
@@ -63,6 +65,7 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
     }
     if args.scenes.is_some() && !matches!(args.experiment, Experiment::Multipath) {
         return Err(InputError::new("--scenes: only multipath has scenes"));
+    }
     if args.trials.is_some() && !matches!(args.experiment, Experiment::Stretch) {
         return Err(InputError::new("--trials: only stretch has trials"));
     }
@@ -90,6 +93,10 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
             let report = report?;
             let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
             (json_line(&report)?, report.table(), pictures)
+        }
+        Experiment::Localize => {
+            let report = localize::filters::run(cli.seed)?;
+            (json_line(&report)?, report.table(), picture("localize.svg", &|path| report.draw(path))?)
         }
         Experiment::Multipath => {
             let options = multipath::Options { seed: cli.seed, scenes: args.scenes.unwrap_or(MULTIPATH_SCENES) };
