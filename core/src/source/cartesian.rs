@@ -133,7 +133,6 @@ impl Filter {
         let walk = config.walk_m2_per_s * sighting.since_s;
         state.p[0][0] += walk;
         state.p[1][1] += walk;
-        kalman::keep_positive(&mut state.p);
 
         let Some(predicted) = predict(state.x, config.range_min_m) else {
             *state = State::new();

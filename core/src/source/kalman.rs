@@ -14,8 +14,9 @@ use crate::frame::Horizontal;
 use crate::kernel::sqrt;
 use crate::units::between;
 
-/// Least pivot of a covariance, as a part of its diagonal: above the rounding of `f32`.
-const PIVOT_MIN: f32 = 1e-5;
+/// Least pivot of a covariance, as a part of its diagonal. Rounding moves a pivot by some `eps / sqrt(least pivot before)`, so
+/// that what passes in `f32` has a factor in `f64` too.
+const PIVOT_MIN: f32 = 1e-4;
 /// Least and greatest variance of anything.
 const VARIANCES: [f32; 2] = [1e-12, 1e12];
 
@@ -80,22 +81,20 @@ pub(super) fn update<const S: usize>(
     Weighed { nis: across * across * inverse + along * along / r, variance }
 }
 
-/// Bounds the variances, and halves correlations that rounding has made impossible.
+/// Bounds the variances, and widens them a little where rounding has made their correlations impossible.
 pub(super) fn keep_positive<const S: usize>(p: &mut [[f32; S]; S]) {
     for i in 0..S {
         p[i][i] = between(p[i][i], VARIANCES[0], VARIANCES[1]);
     }
+    let mut wider = 1.0 + PIVOT_MIN;
     for _ in 0..30 {
         if is_positive(p) {
             return;
         }
         for i in 0..S {
-            for j in 0..S {
-                if i != j {
-                    p[i][j] *= 0.5;
-                }
-            }
+            p[i][i] *= wider;
         }
+        wider += wider - 1.0;
     }
 }
 

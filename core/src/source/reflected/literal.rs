@@ -176,7 +176,6 @@ impl Filter {
         for (i, density) in walk.into_iter().chain(rest).enumerate() {
             state.p[i][i] += density * sighting.since_s;
         }
-        kalman::keep_positive(&mut state.p);
 
         let [px, py, a, b] = state.x;
         let (ray, rest) = match state.line {
