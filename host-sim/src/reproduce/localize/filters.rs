@@ -195,8 +195,8 @@ impl Report {
             format!("Error of the source's place after {SIGHTINGS} bearings of 0.05 rad, {} runs each\n\n", self.runs);
         let _ = writeln!(
             text,
-            "{:<38}{:<8}{:>7}{:>8}{:>8}{:>6}{:>6}  {:<28}{:<28}",
-            "", "filter", "first", "median", "90 %", "conv.", "lost", "NIS (95 % band)", "NEES (95 % band)"
+            "{:<38}{:<8}{:>7}{:>8}{:>8}{:>6}{:>6}  {:<33}NEES (95 % band)",
+            "", "filter", "first", "median", "90 %", "conv.", "lost", "NIS (95 % band)"
         );
         for row in &self.rows {
             let both = [row.paper.as_ref().map(|paper| ("paper", paper)), Some(("ours", &row.ours))];
@@ -207,7 +207,7 @@ impl Report {
                 let metres = [outcome.initial_m, outcome.median_m, outcome.p90_m].map(metres);
                 let _ = writeln!(
                     text,
-                    "{label:<38}{filter:<8}{:>7}{:>8}{:>8}{converged:>6}{:>6}  {:<28}{:<28}",
+                    "{label:<38}{filter:<8}{:>7}{:>8}{:>8}{converged:>6}{:>6}  {:<33}{}",
                     metres[0],
                     metres[1],
                     metres[2],
