@@ -1,6 +1,5 @@
 //! The link state's classifier on fresh scenes, and its training, through the command line.
 
-
 use foxhound_tests::{root, run, run_json};
 use serde_json::Value;
 

@@ -16,6 +16,7 @@ use crate::field::{Obstacle, inverse_root};
 use crate::frame::Horizontal;
 use crate::goal::posterior::Estimate;
 use crate::guard::{self, Setpoint, Situation};
+use crate::link_state::{self, Classifier, Look, Sightline};
 use crate::map::{CIRCLES_MAX, Circle, Map};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::ownship::Ownship;
@@ -33,6 +34,9 @@ use crate::{array, bearing, goal, map, mission, phase, planner, response, scan, 
 const NEAR_M: f32 = 4.0;
 /// The fast loop heeds so many of the nearest ones; the planner is told all.
 pub const OBSTACLES_MAX: usize = 64;
+/// What tells a reflected link from a direct one, and how many of the links are reflected for each that is direct.
+const CLASSIFIER: Classifier = Classifier::TRAINED;
+const REFLECTED_PRIOR: f32 = 0.25;
 /// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
 const FAR: u8 = 64;
 
@@ -213,6 +217,7 @@ impl Config {
             target_distance_m: self.goal.target_distance_m,
             known_source_ned_m: self.goal.known_source_ned_m,
             reflected_min: self.source.reflected_min,
+            slack_m: self.source.slack_m,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
             scan: self.scan.build()?,
@@ -242,6 +247,7 @@ pub struct Guidance<const N: usize> {
     target_distance_m: f32,
     known_source_ned_m: Option<Horizontal>,
     reflected_min: f32,
+    slack_m: f32,
     phase: phase::Extractor<N>,
     bearing: bearing::Finder,
     scan: scan::Fitter,
@@ -263,6 +269,9 @@ pub struct State<const N: usize> {
     phase: phase::State<N>,
     map: Map,
     gathering: Gathering,
+    link: link_state::State,
+    /// How likely the link is reflected, as of the last bearing.
+    reflected: f32,
     source: bank::State,
     /// What the planner has learned of the source was about its image.
     misled: bool,
@@ -324,11 +333,6 @@ impl<const N: usize> State<N> {
 }
 
 impl<const N: usize> Guidance<N> {
-    /// How likely the link is reflected.
-    fn reflected(&self, _state: &State<N>) -> f32 {
-        if self.reflections { 0.01 } else { 0.0 }
-    }
-
     /// The state before the first step.
     #[must_use]
     pub fn start(&self) -> State<N> {
@@ -337,6 +341,8 @@ impl<const N: usize> Guidance<N> {
             phase: phase::State::default(),
             map: Map::default(),
             gathering: Gathering::default(),
+            link: link_state::State::new(),
+            reflected: 0.0,
             source: bank::State::new(),
             misled: false,
             belief: None,
@@ -450,10 +456,17 @@ impl<const N: usize> Guidance<N> {
     fn believe(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: f32, ownship: &Ownship) {
         let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
         let direction = Horizontal::from_bearing(bearing_ned_rad);
-        let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
-        let reflected = self.reflected(state);
         let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
-        let answer = self.source.step(&mut state.source, &sighting, reflected, lines);
+        if self.reflections {
+            let sightline = match lines {
+                [] => Sightline::Unknown,
+                walls => Sightline::among(walls, place, bearing_ned_rad, self.slack_m),
+            };
+            let look = Look { place_ned_m: place, bearing, bearing_ned_rad: Some(bearing_ned_rad), sightline };
+            state.reflected = CLASSIFIER.step(&mut state.link, &look).reflected(REFLECTED_PRIOR);
+        }
+        let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
+        let answer = self.source.step(&mut state.source, &sighting, state.reflected, lines);
         let way = answer.map_or(Way::Direct, |answer| answer.way);
         let was_direct = state.belief.is_none_or(|belief| belief.way == Way::Direct);
         // What has been taken for the source was its image.
@@ -650,7 +663,7 @@ impl<const N: usize> Guidance<N> {
         state.request.start_ned_m = start_ned_m;
         state.request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
         state.request.fresh = state.request.id == 1 || core::mem::take(&mut state.misled);
-        state.request.wants_lines = self.reflected(state) >= self.reflected_min;
+        state.request.wants_lines = state.reflected >= self.reflected_min;
         state.request.begins = state.active.is_none();
         state.request.position_ned_m = situation.position_ned_m;
         state.request.direction_ned = direction;

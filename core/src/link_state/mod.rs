@@ -110,6 +110,14 @@ pub struct Estimate {
 impl Estimate {
     /// Nothing is known yet.
     pub const UNKNOWN: Self = Self { state: LinkState::None, probabilities: [0.25; CLASSES] };
+
+    /// The probability that the bearing is that of one reflection and not of the beacon, where there are `prior` reflected
+    /// links for each direct one; none while nothing is known.
+    #[must_use]
+    pub fn reflected(&self, prior: f32) -> f32 {
+        let [direct, first, ..] = self.probabilities;
+        if self.state == LinkState::None { 0.0 } else { prior * first / (prior * first + direct + 1e-6) }
+    }
 }
 
 /// The classifier.
