@@ -23,7 +23,7 @@ use crate::ownship::Ownship;
 use crate::planner::{Plan, PlanRequest, Search, Searched, Verdict};
 use crate::rollout::{WAYPOINTS, swept_clearance_m};
 use crate::scan::{Points, Pose, Scan};
-use crate::source::bank::{self, Way};
+use crate::source::bank::{self, Mode, Way};
 use crate::source::gather::Gathering;
 use crate::time::Instant;
 use crate::trace::Trace;
@@ -37,6 +37,8 @@ pub const OBSTACLES_MAX: usize = 64;
 /// What tells a reflected link from a direct one, and how many of the links are reflected for each that is direct.
 const CLASSIFIER: Classifier = Classifier::TRAINED;
 const REFLECTED_PRIOR: f32 = 0.25;
+/// Share of the weight that the leading filter must have for its reflection to be followed.
+const SURE: f32 = 0.7;
 /// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
 const FAR: u8 = 64;
 
@@ -443,12 +445,26 @@ impl<const N: usize> Guidance<N> {
         let sane =
             libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
         let usable = state.ownship.filter(|_| bearing.valid && sane);
-        let bearing_ned_rad = usable.map(|ownship| {
-            let bearing_ned_rad = self.goal.observe(&mut state.goal, &bearing, &ownship);
+        let bearing_ned_rad = usable.map(|ownship| self.goal.observe(&mut state.goal, &bearing, &ownship));
+        if let Some(ownship) = state.ownship.filter(|_| self.reflections) {
+            self.classify(state, &bearing, bearing_ned_rad, &ownship);
+        }
+        if let (Some(ownship), Some(bearing_ned_rad)) = (usable, bearing_ned_rad) {
             self.believe(state, &bearing, bearing_ned_rad, &ownship);
-            bearing_ned_rad
-        });
+        }
         Some((bearing, bearing_ned_rad))
+    }
+
+    /// How likely the link is reflected, from what was heard and what was not.
+    fn classify(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: Option<f32>, ownship: &Ownship) {
+        let place_ned_m = ownship.position_ned_m.horizontal();
+        let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
+        let sightline = match (lines, bearing_ned_rad) {
+            ([], _) | (_, None) => Sightline::Unknown,
+            (walls, Some(bearing_ned_rad)) => Sightline::among(walls, place_ned_m, bearing_ned_rad, self.slack_m),
+        };
+        let look = Look { place_ned_m, bearing, bearing_ned_rad, sightline };
+        state.reflected = CLASSIFIER.step(&mut state.link, &look).reflected(REFLECTED_PRIOR);
     }
 
     /// Bearings -> sightings -> filters. A sighting that came by way of a wall is handed on as the vehicle's mirror image
@@ -457,16 +473,12 @@ impl<const N: usize> Guidance<N> {
         let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
         let direction = Horizontal::from_bearing(bearing_ned_rad);
         let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
-        if self.reflections {
-            let sightline = match lines {
-                [] => Sightline::Unknown,
-                walls => Sightline::among(walls, place, bearing_ned_rad, self.slack_m),
-            };
-            let look = Look { place_ned_m: place, bearing, bearing_ned_rad: Some(bearing_ned_rad), sightline };
-            state.reflected = CLASSIFIER.step(&mut state.link, &look).reflected(REFLECTED_PRIOR);
-        }
         let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
         let answer = self.source.step(&mut state.source, &sighting, state.reflected, lines);
+        // A reflection is worth following when it is known where it leads.
+        let sure = |answer: &bank::Answer| answer.mode == Mode::Go && answer.share > SURE;
+        let answer =
+            answer.map(|answer| if sure(&answer) { answer } else { bank::Answer { way: Way::Direct, ..answer } });
         let way = answer.map_or(Way::Direct, |answer| answer.way);
         let was_direct = state.belief.is_none_or(|belief| belief.way == Way::Direct);
         // What has been taken for the source was its image.
