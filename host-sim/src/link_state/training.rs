@@ -226,11 +226,11 @@ mod tests {
 
     #[test]
     fn hidden_neurons_learn_what_no_plane_parts_and_the_same_again_with_the_same_seed() {
-        let network = Network::train(&crossed(1), 8, 30, 3);
-        assert!(rate(&network, &crossed(2)) > 0.98);
-        assert!(rate(&Network::train(&crossed(1), 0, 30, 3), &crossed(2)) < 0.75);
-        assert_eq!(Network::train(&crossed(1), 8, 30, 3).weights, network.weights);
-        assert_ne!(Network::train(&crossed(1), 8, 30, 4).weights, network.weights);
+        let network = Network::train(&crossed(1), 8, 300, 3);
+        assert!(rate(&network, &crossed(2)) > 0.97);
+        assert!(rate(&Network::train(&crossed(1), 0, 300, 3), &crossed(2)) < 0.75);
+        assert_eq!(Network::train(&crossed(1), 8, 300, 3).weights, network.weights);
+        assert_ne!(Network::train(&crossed(1), 8, 300, 4).weights, network.weights);
     }
 
     #[test]

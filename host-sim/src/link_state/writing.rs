@@ -120,8 +120,7 @@ Classes count alike in the training. Intervals hold 95 % of 1000 draws of as man
 ";
 
 const ABLATION: &str =
-    "Balanced accuracy of networks trained the same way. Differences below a point are within what a training
-with another seed changes.
+    "Balanced accuracy of networks trained the same way, each once, with one seed: differences of a point mean little.
 
 ";
 
