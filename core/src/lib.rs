@@ -62,6 +62,7 @@ pub mod lor;
 pub mod rss;
 pub mod source;
 
+pub mod belief;
 pub mod field;
 pub mod goal;
 pub mod planner;
