@@ -49,6 +49,8 @@ use idsp::Lowpass;
 use microfft::real::rfft_256;
 use static_cell::{ConstStaticCell, StaticCell};
 
+mod belief;
+
 /// Steps of the flight that the fast loop is measured in; the first ones acquire.
 const STEPS: usize = 112;
 const WARM_UP: usize = 32;
@@ -92,6 +94,7 @@ fn main() -> ! {
     guard_among_obstacles(&measure);
     rollouts(&measure);
     replan(&measure, &planner, scratch);
+    belief::rows(&measure);
     semihosting::process::exit(0)
 }
 
