@@ -442,6 +442,8 @@ fn bridge(window: &mut Window, from_ned_m: Horizontal, along: Horizontal) {
 }
 
 /// Carries the wave from the start to all that can be reached.
+// By itself: inlined into the planner its loop runs out of registers.
+#[inline(never)]
 fn spread(window: &mut Window) {
     window.dropped = 0;
     window.first = [NONE; BUCKETS];

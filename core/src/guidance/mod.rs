@@ -20,7 +20,7 @@ use crate::link_state::{self, Classifier, Look, Sightline};
 use crate::map::{CIRCLES_MAX, Circle, Map};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::ownship::Ownship;
-use crate::planner::{Plan, PlanRequest, Search, Searched, Verdict};
+use crate::planner::{Learn, Plan, PlanRequest, Search, Searched, Verdict};
 use crate::rollout::{WAYPOINTS, swept_clearance_m};
 use crate::scan::{Points, Pose, Scan};
 use crate::source::bank::{self, Mode, Way};
@@ -220,6 +220,7 @@ impl Config {
             known_source_ned_m: self.goal.known_source_ned_m,
             reflected_min: self.source.reflected_min,
             slack_m: self.source.slack_m,
+            range_sigma_max: self.source.range_sigma_max,
             phase: self.phase.build()?,
             bearing: self.bearing.build(self.array.build()?)?,
             scan: self.scan.build()?,
@@ -250,6 +251,7 @@ pub struct Guidance<const N: usize> {
     known_source_ned_m: Option<Horizontal>,
     reflected_min: f32,
     slack_m: f32,
+    range_sigma_max: f32,
     phase: phase::Extractor<N>,
     bearing: bearing::Finder,
     scan: scan::Fitter,
@@ -679,6 +681,12 @@ impl<const N: usize> Guidance<N> {
         state.request.begins = state.active.is_none();
         state.request.position_ned_m = situation.position_ned_m;
         state.request.direction_ned = direction;
+        let vague = |belief: &bank::Answer| belief.estimate.range_sigma_ratio > self.range_sigma_max;
+        state.request.learn = state.belief.filter(vague).map(|belief| Learn {
+            source_ned_m: belief.estimate.place_ned_m,
+            covariance_m2: belief.estimate.covariance_m2,
+            sigma_rad: if belief.estimate.bearing_sigma_rad > 0.01 { belief.estimate.bearing_sigma_rad } else { 0.01 },
+        });
         state.request.known_source_ned_m = self.known_source_ned_m;
         let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
         state.request.search = state.is_searching.then_some(Search { now, pose });

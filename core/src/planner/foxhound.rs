@@ -12,10 +12,13 @@
 //! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). What takes a minute and more without coming nearer
 //! is given up: there is no way.
 //!
+//! Where nothing is near and the range is not known, the way is bent instead ([`super::bend`]).
+//!
 //! No way to any place where the source may be: to the nearest place that there is a way to, and a brake plan there.
 
 use heapless::Vec;
 
+use super::bend::bend;
 use super::paper::{draw, nearest, weighted};
 use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
 use crate::field::{Field, Gains, Obstacle};
@@ -158,13 +161,33 @@ pub(super) fn plan(
     scratch.obstacles = request.circles.iter().map(|circle| Obstacle::of(circle, config.vehicle_radius_m)).collect();
     progress.step(start, toward);
     let far = progress.until_far == Some(0);
+    let near = |obstacle: &Obstacle| {
+        let limit = config.horizon_m + 2.0 + obstacle.reach_m;
+        obstacle.center_ned_m.minus(start).norm_squared() < limit * limit
+    };
+    // With nothing near there is no way round to be found, and only a bend tells how far the source is.
+    if let Some(learn) = &request.learn
+        && config.bends
+        && known.is_none()
+        && progress.until_far.is_none()
+        && !scratch.obstacles.iter().any(near)
+        && let Some(bent) = bend(request, learn, &scratch.obstacles)
+    {
+        let target = bent[WAYPOINTS - 1];
+        scratch.feasible = [false; SAMPLES];
+        return Plan {
+            verdict: Verdict::Follow,
+            waypoints_ned_m: bent,
+            cost: soft(cost(start, &bent, target, &[])),
+            target_ned_m: target,
+            source,
+            ..Plan::brake(config, request)
+        };
+    }
     wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &scratch.obstacles);
     let aim = aim(window, posterior, &scratch.obstacles, (progress, &*way), toward);
     // From here on those that matter within the horizon.
-    scratch.obstacles.retain(|obstacle| {
-        let limit = config.horizon_m + 2.0 + obstacle.reach_m;
-        obstacle.center_ned_m.minus(start).norm_squared() < limit * limit
-    });
+    scratch.obstacles.retain(near);
 
     let mut plan = Plan { source, ..Plan::brake(config, request) };
     let Some(aim) = aim else { return plan };

@@ -30,6 +30,7 @@ use crate::source::Sighting;
 use crate::time::Instant;
 use crate::wavefront::{self, Wavefront};
 
+mod bend;
 mod foxhound;
 mod paper;
 pub use paper::{NAMES, Offsets};
@@ -71,6 +72,9 @@ pub struct Config {
     pub reading: Reading,
     /// What a wall is.
     pub lor: lor::Config,
+    /// Whether the way is bent to learn the range, where nothing is near and nothing else bends it. Only
+    /// [`Kind::Foxhound`] does.
+    pub bends: bool,
     /// How to search while nothing is heard; `None`: the vehicle holds instead. Only [`Kind::Foxhound`] can.
     pub explore: Option<explore::Config>,
     /// Range of the obstacle sensor, and its field of view: what a search has looked at.
@@ -122,6 +126,7 @@ impl Config {
             law: Law::of(field::Kind::Logarithmic),
             reading: Reading::Waypoint,
             lor: lor::Config { method: lor::Method::SplitMerge, ..lor::Config::DEFAULT },
+            bends: true,
             explore: None,
             sees_m: 3.0,
             sees_rad: core::f32::consts::FRAC_PI_2,
@@ -171,6 +176,17 @@ impl Config {
     }
 }
 
+/// The source's range is not known, and the way may be bent to learn it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Learn {
+    /// Where the source is believed to be.
+    pub source_ned_m: Horizontal,
+    /// How well that is known: north-north, north-east, east-east.
+    pub covariance_m2: [f32; 3],
+    /// Standard deviation of the bearings to come.
+    pub sigma_rad: f32,
+}
+
 /// Nothing is heard, and the vehicle is to look for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Search {
@@ -215,6 +231,8 @@ pub struct PlanRequest {
     pub sightings: Vec<Sighting, SIGHTINGS_MAX>,
     /// Where the source is, when that is known.
     pub known_source_ned_m: Option<Horizontal>,
+    /// The range is not known.
+    pub learn: Option<Learn>,
     /// Nothing is heard: where to look.
     pub search: Option<Search>,
     /// Whether the lines of reflection are wanted.

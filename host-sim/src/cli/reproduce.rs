@@ -51,7 +51,7 @@ enum Experiment {
     ApfDensity,
     /// The closed loop among walls that reflect, with and without the filters behind the bearing.
     Multipath,
-    /// Filters in sight and behind walls (mmWave paper, fig. 2 and 3).
+    /// Filters in sight and behind walls, paths on which bearings tell more (mmWave paper, fig. 2 to 4 and Table 2).
     Localize,
     /// Four potential fields in four scenes with local minima (variants paper, Table I).
     ApfVariants,
@@ -95,8 +95,9 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
             (json_line(&report)?, report.table(), pictures)
         }
         Experiment::Localize => {
-            let report = localize::filters::run(cli.seed)?;
-            (json_line(&report)?, report.table(), picture("localize.svg", &|path| report.draw(path))?)
+            let report = localize::run(cli.seed)?;
+            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
+            (json_line(&report)?, report.table(), pictures)
         }
         Experiment::Multipath => {
             let options = multipath::Options { seed: cli.seed, scenes: args.scenes.unwrap_or(MULTIPATH_SCENES) };

@@ -8,3 +8,51 @@
 pub mod filters;
 pub mod leg;
 pub mod paths;
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::input::InputError;
+
+/// Runs of the leg.
+const LEG_RUNS: u32 = 500;
+
+/// All of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Filters.
+    pub filters: filters::Report,
+    /// Paths.
+    pub paths: paths::Report,
+    /// Legs.
+    pub leg: leg::Report,
+}
+
+/// Runs all of it.
+///
+/// # Errors
+/// A built-in configuration is refused.
+pub fn run(seed: u64) -> Result<Report, InputError> {
+    Ok(Report { filters: filters::run(seed)?, paths: paths::run(), leg: leg::run(seed, LEG_RUNS) })
+}
+
+impl Report {
+    /// The tables for people.
+    #[must_use]
+    pub fn table(&self) -> String {
+        [self.filters.table(), self.paths.table(), self.leg.table()].join("\n")
+    }
+
+    /// Draws the pictures; says which files these are.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn draw(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
+        let filters = folder.join("localize.svg");
+        self.filters.draw(&filters)?;
+        let mut files = vec![filters];
+        files.extend(self.paths.draw(folder)?);
+        Ok(files)
+    }
+}

@@ -7,7 +7,7 @@
 //! variance of [`PROCESS_NOISE_M2`] a step on the vehicle's place, the obstacles, and `n_std = 1`.
 //!
 //! A hundred steps of 1 m just reach 100 m along the x axis; no detour is possible but sideways. The printed ratio is not
-//! reached with them for any process noise, nor for any other noise of the bearings; with longer steps it is. So each row is
+//! reached with them for any process noise that was tried, nor for any other noise of the bearings; with longer steps it is. So each row is
 //! there with 1 m and with [`FREE_STEP_M`].
 //!
 //! `Xi` is the sum over the steps of the trace of the position's covariance; two rows of 0.1 make the printed 20 before
