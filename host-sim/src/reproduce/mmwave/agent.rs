@@ -1,0 +1,343 @@
+//! Who looks for the transmitter: goals for the navigation that all agents share.
+
+use foxhound_core::ConfigError;
+use foxhound_core::lor::{self, Line, Lines};
+use foxhound_core::source::Sighting;
+use foxhound_core::source::bank::{self, Answer, Bank, Way};
+use foxhound_core::source::polar;
+use serde::Serialize;
+
+use super::explore::Explorer;
+use super::known::{Index, Known, RANGE_M};
+use super::radio::Link;
+use super::walls::Walls;
+use crate::world::Horizontal;
+
+/// Which agent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Knows where the transmitter is.
+    Reference,
+    /// Follows the raw angle of arrival.
+    Follow,
+    /// Goes to where the filters believe the transmitter to be.
+    Estimate,
+    /// The same, on paths on which bearings tell more.
+    Belief,
+    /// Climb
+    Climb,
+}
+
+impl Kind {
+    /// All.
+    pub const ALL: [Self; 5] = [Self::Reference, Self::Follow, Self::Estimate, Self::Belief, Self::Climb];
+
+    /// The name in tables.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Reference => "transmitter known",
+            Self::Follow => "AoA [11]",
+            Self::Estimate => "EKF, T = 0",
+            Self::Belief => "EKF, T = 50",
+            Self::Climb => "climb",
+        }
+    }
+}
+
+/// What an agent is told at a control cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// The map so far.
+    pub known: &'a Known,
+    /// Points of the scan, in the order of their bearings.
+    pub scan: &'a [Horizontal],
+    /// Where the robot is.
+    pub place: Horizontal,
+    /// The state of the link.
+    pub link: Link,
+    /// The angle of arrival, from north, clockwise.
+    pub bearing_rad: f64,
+}
+
+/// How the published code of [11] follows: the target is so far ahead,
+pub const OFFSET_M: f64 = 0.6;
+/// and when the same place is visited so often, it explores
+const VISITS_MAX: u32 = 15;
+/// for so many periods at first, and each time for more.
+const EXPLORED_PERIODS: [u32; 2] = [5, 3];
+/// Control cycles of a period.
+pub const PERIOD: u32 = 10;
+
+/// Counts visits, and says when the robot had better explore.
+#[derive(Clone, Debug)]
+struct Patience {
+    visits: Vec<(Index, u32)>,
+    periods: u32,
+    cycles_left: u32,
+}
+
+impl Patience {
+    fn new() -> Self {
+        Self { visits: Vec::new(), periods: EXPLORED_PERIODS[0], cycles_left: 0 }
+    }
+
+    fn is_over(&mut self, at: Index) -> bool {
+        if self.cycles_left > 0 {
+            self.cycles_left -= 1;
+            return true;
+        }
+        let visits = match self.visits.iter_mut().find(|(index, _)| *index == at) {
+            Some((_, visits)) => {
+                *visits += 1;
+                *visits
+            }
+            None => {
+                self.visits.push((at, 1));
+                1
+            }
+        };
+        if visits >= VISITS_MAX {
+            self.visits.clear();
+            self.cycles_left = self.periods * PERIOD;
+            self.periods += EXPLORED_PERIODS[1];
+        }
+        visits >= VISITS_MAX
+    }
+}
+
+/// An agent.
+pub struct Agent {
+    kind: Kind,
+    explorer: Explorer,
+    patience: Patience,
+    transmitter: Horizontal,
+    target: Option<(Horizontal, u32)>,
+    seeker: Seeker,
+}
+
+impl Agent {
+    /// An agent; only the reference looks at `transmitter`. `sigma_rad` is the noise of the angle of arrival.
+    ///
+    /// # Errors
+    /// None that the built-in configuration could cause.
+    pub fn new(kind: Kind, transmitter: Horizontal, sigma_rad: f64, seed: u64) -> Result<Self, ConfigError> {
+        let seeker = Seeker::new(sigma_rad, kind == Kind::Climb)?;
+        let (explorer, patience) = (Explorer::new(seed), Patience::new());
+        Ok(Self { kind, explorer, patience, transmitter, target: None, seeker })
+    }
+
+    /// Where to go; `None` to stay.
+    pub fn decide(&mut self, view: &View) -> Option<Horizontal> {
+        if self.kind == Kind::Reference {
+            return Some(self.transmitter);
+        }
+        let is_stuck = self.patience.is_over(view.known.index(view.place));
+        let goal = match self.kind {
+            Kind::Follow => self.follow(view),
+            _ => self.seeker.goal(view),
+        };
+        match goal.filter(|_| !is_stuck) {
+            Some(goal) => {
+                self.explorer.forget();
+                Some(goal)
+            }
+            None => self.explorer.target(view.known, view.place),
+        }
+    }
+
+    /// A target ahead along the angle of arrival, until it is reached or the period is over.
+    fn follow(&mut self, view: &View) -> Option<Horizontal> {
+        if !matches!(view.link, Link::LineOfSight | Link::FirstOrder) {
+            self.target = None;
+            return None;
+        }
+        let kept = self.target.filter(|(target, age)| *age < PERIOD && target.minus(view.place).norm() > 0.1);
+        let (target, age) =
+            kept.unwrap_or_else(|| (view.place.along(Horizontal::from_bearing(view.bearing_rad), OFFSET_M), 0));
+        self.target = Some((target, age + 1));
+        Some(target)
+    }
+
+    /// What the filters believe.
+    #[must_use]
+    pub fn answer(&self) -> Option<&Answer> {
+        self.seeker.sight.answer.as_ref().or(self.seeker.mirrors.answer.as_ref())
+    }
+
+    /// Walls that are known.
+    #[must_use]
+    pub fn lines(&self) -> &[Line] {
+        self.seeker.walls.lines()
+    }
+}
+
+/// The filters, and what to make of them.
+struct Seeker {
+    /// Whether higher orders are followed from point of reflection to point of reflection.
+    climbs: bool,
+    bank: Bank,
+    /// What is heard directly,
+    sight: Ear,
+    /// and what is reflected once.
+    mirrors: Ear,
+    finder: Lines,
+    scratch: Box<lor::Scratch>,
+    walls: Walls,
+    sigma_rad: f64,
+    /// Where to, and whether the source was in sight when that was said.
+    goal: Option<(Horizontal, bool)>,
+}
+
+/// No bearing is taken to be better: the filters' model of a wall is not.
+const SIGMA_MIN_RAD: f64 = 0.03;
+/// A goal that is reached without the transmitter coming into sight was wrong.
+const REACHED_M: f64 = 0.6;
+/// Farthest that a goal is from the point of reflection.
+const OFF_LINE_M: f64 = 2.5;
+/// Sightings in a row that no filter explains, before all begin anew.
+const UNEXPLAINED_MAX: u32 = 2;
+/// How far ahead to go where no line is known.
+const LOOK_M: f64 = 4.0;
+
+impl Seeker {
+    fn new(sigma_rad: f64, climbs: bool) -> Result<Self, ConfigError> {
+        let polar =
+            polar::Config { inverse_range_per_m: 0.05, inverse_range_sigma_per_m: 0.08, ..bank::Config::DEFAULT.polar };
+        let bank = bank::Config { polar, slack_m: 0.2, ..bank::Config::DEFAULT }.build()?;
+        let finder =
+            lor::Config { method: lor::Method::SplitMerge, length_min_m: 0.8, gap_m: 0.6, ..lor::Config::default() };
+        Ok(Self {
+            climbs,
+            bank,
+            sight: Ear::new(),
+            mirrors: Ear::new(),
+            finder: finder.build()?,
+            scratch: Box::default(),
+            walls: Walls::default(),
+            sigma_rad: sigma_rad.max(SIGMA_MIN_RAD),
+            goal: None,
+        })
+    }
+
+    fn forget(&mut self) {
+        self.sight = Ear::new();
+        self.mirrors = Ear::new();
+        self.goal = None;
+    }
+
+    fn goal(&mut self, view: &View) -> Option<Horizontal> {
+        let points: Vec<_> = view.scan.iter().step_by(2).map(|point| point.to_core()).collect();
+        for line in self.finder.find(&mut self.scratch, &points) {
+            self.walls.add(line);
+        }
+        match view.link {
+            Link::LineOfSight => {
+                let answer = self.sight.hear(&self.bank, view, self.sigma_rad, 0.0, &[])?;
+                self.goal = Some((in_sight(view, &answer), true));
+            }
+            // What was in sight is known better.
+            Link::FirstOrder | Link::HigherOrder if view.link == Link::FirstOrder || self.climbs => {
+                let answer = self.mirrors.hear(&self.bank, view, self.sigma_rad, 0.98, self.walls.lines())?;
+                if self.goal.is_none_or(|(_, seen)| !seen) {
+                    self.goal = Some((around_the_corner(view, &answer, self.walls.lines()), false));
+                }
+            }
+            _ => (),
+        }
+        let (goal, _) = self.goal?;
+        if view.link == Link::LineOfSight || goal.minus(view.place).norm() > REACHED_M {
+            return Some(goal);
+        }
+        self.forget();
+        // Nothing there: on along the angle of arrival, as long as it means something.
+        let on = view.place.along(Horizontal::from_bearing(view.bearing_rad), OFFSET_M);
+        (view.link == Link::FirstOrder || (self.climbs && view.link == Link::HigherOrder)).then_some(on)
+    }
+}
+
+/// A bank of filters, begun anew when it explains nothing any more.
+struct Ear {
+    state: bank::State,
+    unexplained: u32,
+    answer: Option<Answer>,
+}
+
+impl Ear {
+    fn new() -> Self {
+        Self { state: bank::State::new(), unexplained: 0, answer: None }
+    }
+
+    fn hear(&mut self, bank: &Bank, view: &View, sigma_rad: f64, reflected: f32, lines: &[Line]) -> Option<Answer> {
+        let sighting = Sighting {
+            place_ned_m: view.place.to_core(),
+            direction_ned: Horizontal::from_bearing(view.bearing_rad).to_core(),
+            sigma_rad: sigma_rad as f32,
+            since_s: 1.0,
+        };
+        self.answer = bank.step(&mut self.state, &sighting, reflected, lines);
+        let is_explained = self.answer.is_some_and(|answer| answer.explained);
+        self.unexplained = if is_explained { 0 } else { self.unexplained + 1 };
+        if self.unexplained >= UNEXPLAINED_MAX {
+            self.unexplained = 0;
+            self.state = bank::State::new();
+            self.answer = bank.step(&mut self.state, &sighting, reflected, lines);
+        }
+        self.answer
+    }
+}
+
+fn from_core(point: foxhound_core::frame::Horizontal) -> Horizontal {
+    Horizontal { north: point.north.into(), east: point.east.into() }
+}
+
+/// The source is before the first wall on its bearing. Where a wall is right in front, the bearing is a little off.
+fn in_sight(view: &View, answer: &Answer) -> Horizontal {
+    let estimate = &answer.estimate;
+    let range_m = f64::from(estimate.range_m).max(1.0);
+    let sigma_rad = f64::from(estimate.bearing_sigma_rad).max(0.05);
+    let free_m = |turn: f64| {
+        let direction = Horizontal::from_bearing(f64::from(estimate.bearing_ned_rad) + turn * sigma_rad);
+        let wall_m = view.known.range_to_wall_m(view.place, direction, range_m);
+        (direction, wall_m.map_or(range_m, |wall_m| wall_m - 0.3))
+    };
+    let mut best = free_m(0.0);
+    for turn in [-0.5, 0.5, -1.0, 1.0, -1.5, 1.5, -2.0, 2.0] {
+        let other = free_m(turn);
+        if best.1 < range_m.min(2.0) && other.1 > best.1 + 0.2 {
+            best = other;
+        }
+    }
+    view.place.along(best.0, best.1.max(0.5))
+}
+
+/// From the point of reflection the source is in sight, and all along the way from there to the source.
+fn around_the_corner(view: &View, answer: &Answer, lines: &[Line]) -> Horizontal {
+    let estimate = from_core(answer.estimate.place_ned_m);
+    let image = match answer.way {
+        Way::Direct => estimate,
+        Way::Reflected(line) => from_core(line.mirror(estimate.to_core())),
+    };
+    let direction = Horizontal::from_bearing(image.minus(view.place).bearing_rad());
+    let ahead = |range_m: f64, from: Horizontal, direction: Horizontal| {
+        let wall_m = view.known.range_to_wall_m(from, direction, range_m);
+        from.along(direction, wall_m.map_or(range_m, |wall_m| (wall_m - 0.3).max(0.0)))
+    };
+    let Some(wall_m) = view.known.range_to_wall_m(view.place, direction, RANGE_M) else {
+        return ahead(LOOK_M, view.place, direction);
+    };
+    let near = |range_m: &f32| (f64::from(*range_m) - wall_m).abs() < 0.6;
+    let met = lines.iter().filter_map(|line| {
+        let range_m = line.range_along_m(view.place.to_core(), direction.to_core(), 0.2).filter(near)?;
+        Some((line, range_m))
+    });
+    let Some((line, range_m)) = met.min_by(|a, b| a.1.total_cmp(&b.1)) else {
+        return ahead(LOOK_M, view.place, direction);
+    };
+    let bounce = view.place.along(direction, f64::from(range_m));
+    let back = from_core(line.mirror_direction(direction.to_core()));
+    // A little off the line, so as not to meet it.
+    let off = bounce.along(back, 0.5);
+    ahead(OFF_LINE_M - 0.5, off, back)
+}

@@ -1,0 +1,368 @@
+//! What is known of a plan: a grid that a range sensor fills in, its points, and the shortest way by it.
+//!
+//! Unknown ground counts as free. The same for all agents.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use super::plan::Plan;
+use crate::random::Random;
+use crate::rays::Wall;
+use crate::world::Horizontal;
+
+/// Side of a cell.
+pub const CELL_M: f64 = 0.25;
+/// Ground beyond the plan's walls.
+const MARGIN_M: f64 = 1.0;
+/// Nothing goes closer to a known point of a wall than this: the robot's radius and half a cell.
+pub const CLEARANCE_M: f64 = 0.3;
+/// Range of the sensor.
+pub const RANGE_M: f64 = 5.0;
+/// Rays of a scan, all around.
+const RAYS: usize = 240;
+/// Noise of the ranges.
+const RANGE_SIGMA_M: f64 = 0.02;
+/// Cost of a step along an axis, and of a diagonal one.
+const STEP: [u32; 2] = [1000, 1414];
+
+/// What is known of a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cell {
+    /// Nothing.
+    Unknown,
+    /// A ray went through.
+    Free,
+    /// A ray ended here.
+    Wall,
+}
+
+/// A cell's column (to the east) and row (to the north).
+pub type Index = [usize; 2];
+
+/// The map.
+#[derive(Clone, Debug)]
+pub struct Known {
+    size: Index,
+    cells: Vec<Cell>,
+    /// Cells too close to a wall.
+    blocked: Vec<bool>,
+    /// The first point of each wall cell.
+    points: Vec<Horizontal>,
+}
+
+impl Known {
+    /// Nothing but the extent is known.
+    #[must_use]
+    pub fn new(plan: &Plan) -> Self {
+        let size = plan.size_m.map(|side_m| libm::ceil((side_m + 2.0 * MARGIN_M) / CELL_M) as usize);
+        let count = size[0] * size[1];
+        Self { size, cells: vec![Cell::Unknown; count], blocked: vec![false; count], points: Vec::new() }
+    }
+
+    /// Everything is known.
+    #[must_use]
+    pub fn all(plan: &Plan) -> Self {
+        let mut known = Self::new(plan);
+        for wall in &plan.walls {
+            let along = wall.to.minus(wall.from);
+            let steps = libm::ceil(along.norm() / 0.1).max(1.0) as usize;
+            for k in 0..=steps {
+                known.add_point(wall.from.along(along, k as f64 / steps as f64));
+            }
+        }
+        known
+    }
+
+    /// Points of walls, one a cell, in the order of their discovery.
+    #[must_use]
+    pub fn points(&self) -> &[Horizontal] {
+        &self.points
+    }
+
+    /// The cell that a place is in; places outside are in the nearest.
+    #[must_use]
+    pub fn index(&self, place: Horizontal) -> Index {
+        let (x, y) = place.xy();
+        let cell =
+            |value: f64, count: usize| libm::floor((value + MARGIN_M) / CELL_M).clamp(0.0, count as f64 - 1.0) as usize;
+        [cell(x, self.size[0]), cell(y, self.size[1])]
+    }
+
+    /// The middle of a cell.
+    #[must_use]
+    pub fn center(&self, index: Index) -> Horizontal {
+        Horizontal::from_xy(index.map(|k| (k as f64 + 0.5) * CELL_M - MARGIN_M))
+    }
+
+    fn flat(&self, [column, row]: Index) -> usize {
+        row * self.size[0] + column
+    }
+
+    fn unflat(&self, flat: usize) -> Index {
+        [flat % self.size[0], flat / self.size[0]]
+    }
+
+    /// What is known of a place.
+    #[must_use]
+    pub fn cell(&self, index: Index) -> Cell {
+        self.cells[self.flat(index)]
+    }
+
+    /// What is known of a cell, if it is one.
+    #[must_use]
+    pub fn get(&self, [column, row]: Index) -> Option<Cell> {
+        (column < self.size[0] && row < self.size[1]).then(|| self.cell([column, row]))
+    }
+
+    /// Whether the robot cannot be here.
+    #[must_use]
+    pub fn is_blocked(&self, place: Horizontal) -> bool {
+        self.blocked[self.flat(self.index(place))]
+    }
+
+    fn neighbours(&self, [column, row]: Index) -> impl Iterator<Item = (Index, u32)> {
+        let size = self.size;
+        let around = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1)];
+        around.into_iter().enumerate().filter_map(move |(k, (dx, dy)): (usize, (isize, isize))| {
+            let next = [column.checked_add_signed(dx)?, row.checked_add_signed(dy)?];
+            (next[0] < size[0] && next[1] < size[1]).then_some((next, STEP[k / 4]))
+        })
+    }
+
+    fn add_point(&mut self, point: Horizontal) {
+        let index = self.index(point);
+        let flat = self.flat(index);
+        if self.cells[flat] == Cell::Wall {
+            return;
+        }
+        self.cells[flat] = Cell::Wall;
+        self.points.push(point);
+        let reach = libm::ceil(CLEARANCE_M / CELL_M) as usize + 1;
+        for row in index[1].saturating_sub(reach)..(index[1] + reach + 1).min(self.size[1]) {
+            for column in index[0].saturating_sub(reach)..(index[0] + reach + 1).min(self.size[0]) {
+                if self.center([column, row]).minus(point).norm() < CLEARANCE_M {
+                    let flat = self.flat([column, row]);
+                    self.blocked[flat] = true;
+                }
+            }
+        }
+    }
+
+    /// Takes in a scan from a place. Walls hide what is behind them.
+    pub fn scan(&mut self, walls: &[Wall], from: Horizontal, random: &mut Random) -> Vec<Horizontal> {
+        let near: Vec<&Wall> = walls.iter().filter(|wall| super::plan::distance_m(wall, from) <= RANGE_M).collect();
+        let mut seen = Vec::new();
+        for ray in 0..RAYS {
+            let direction = Horizontal::from_bearing(std::f64::consts::TAU * ray as f64 / RAYS as f64);
+            let end = from.along(direction, RANGE_M);
+            let share = near.iter().filter_map(|wall| wall.crossing(from, end)).fold(1.0, f64::min);
+            let free_m = if share < 1.0 { share * RANGE_M - 0.5 * CELL_M } else { RANGE_M };
+            let mut along_m = 0.0;
+            while along_m < free_m {
+                let index = self.index(from.along(direction, along_m));
+                let flat = self.flat(index);
+                if self.cells[flat] == Cell::Unknown {
+                    self.cells[flat] = Cell::Free;
+                }
+                along_m += 0.5 * CELL_M;
+            }
+            if share < 1.0 {
+                let point = from.along(direction, share * RANGE_M + RANGE_SIGMA_M * random.gaussian());
+                self.add_point(point);
+                seen.push(point);
+            }
+        }
+        seen
+    }
+
+    /// Distance along a ray to the first known wall, within a limit.
+    #[must_use]
+    pub fn range_to_wall_m(&self, from: Horizontal, direction: Horizontal, limit_m: f64) -> Option<f64> {
+        let steps = libm::ceil(limit_m / (0.5 * CELL_M)) as usize;
+        (0..steps)
+            .map(|k| 0.5 * CELL_M * k as f64)
+            .find(|range_m| self.cell(self.index(from.along(direction, *range_m))) == Cell::Wall)
+    }
+
+    /// Whether the robot can go straight, as far as is known.
+    #[must_use]
+    pub fn is_clear(&self, from: Horizontal, to: Horizontal) -> bool {
+        let leg = to.minus(from);
+        let steps = libm::ceil(leg.norm() / (0.3 * CELL_M)).max(1.0) as usize;
+        // Where it stands does not stop it.
+        (1..=steps).all(|k| {
+            let place = from.along(leg, k as f64 / steps as f64);
+            !self.is_blocked(place) || place.minus(from).norm() < CELL_M
+        })
+    }
+
+    /// The free cell nearest to a place.
+    #[must_use]
+    pub fn nearest_free(&self, place: Horizontal) -> Option<Index> {
+        let at = self.index(place);
+        if !self.blocked[self.flat(at)] {
+            return Some(at);
+        }
+        let reach = 12;
+        let mut nearest: Option<(f64, Index)> = None;
+        for row in at[1].saturating_sub(reach)..(at[1] + reach + 1).min(self.size[1]) {
+            for column in at[0].saturating_sub(reach)..(at[0] + reach + 1).min(self.size[0]) {
+                let distance_m = self.center([column, row]).minus(place).norm();
+                if !self.blocked[self.flat([column, row])] && nearest.is_none_or(|(least, _)| distance_m < least) {
+                    nearest = Some((distance_m, [column, row]));
+                }
+            }
+        }
+        nearest.map(|(_, index)| index)
+    }
+
+    /// The shortest way (A*), cell by cell; unknown ground is free. `None` when there is none.
+    #[must_use]
+    pub fn way(&self, from: Horizontal, to: Horizontal) -> Option<Vec<Horizontal>> {
+        let (start, goal) = (self.index(from), self.nearest_free(to)?);
+        let estimate = |[column, row]: Index| {
+            let (dx, dy) = (column.abs_diff(goal[0]) as u32, row.abs_diff(goal[1]) as u32);
+            STEP[0] * (dx.max(dy) - dx.min(dy)) + STEP[1] * dx.min(dy)
+        };
+        let mut costs = vec![u32::MAX; self.cells.len()];
+        let mut parents = vec![usize::MAX; self.cells.len()];
+        let mut open = BinaryHeap::new();
+        let start_flat = self.flat(start);
+        costs[start_flat] = 0;
+        open.push(Reverse((estimate(start), start_flat)));
+        while let Some(Reverse((total, flat))) = open.pop() {
+            let index = self.unflat(flat);
+            if index == goal {
+                return Some(self.trace(&parents, flat, from));
+            }
+            let cost = costs[flat];
+            if total > cost + estimate(index) {
+                continue;
+            }
+            for (next, step) in self.neighbours(index) {
+                let next_flat = self.flat(next);
+                // The robot may leave a blocked cell, but not enter one.
+                let leaves = self.blocked[flat] && self.center(next).minus(from).norm() < 2.0 * CLEARANCE_M;
+                if self.cuts_corner(index, next) && !leaves {
+                    continue;
+                }
+                if (!self.blocked[next_flat] || leaves) && cost + step < costs[next_flat] {
+                    costs[next_flat] = cost + step;
+                    parents[next_flat] = flat;
+                    open.push(Reverse((cost + step + estimate(next), next_flat)));
+                }
+            }
+        }
+        None
+    }
+
+    /// Whether a diagonal step touches a blocked cell.
+    fn cuts_corner(&self, [column, row]: Index, next: Index) -> bool {
+        next[0] != column
+            && next[1] != row
+            && (self.blocked[self.flat([column, next[1]])] || self.blocked[self.flat([next[0], row])])
+    }
+
+    fn trace(&self, parents: &[usize], goal: usize, from: Horizontal) -> Vec<Horizontal> {
+        let mut way = Vec::new();
+        let mut at = goal;
+        while parents[at] != usize::MAX {
+            way.push(self.center(self.unflat(at)));
+            at = parents[at];
+        }
+        if way.is_empty() {
+            way.push(from);
+        }
+        way.reverse();
+        way
+    }
+
+    /// Known free cells beside unknown ones, where the robot can be.
+    #[must_use]
+    pub fn frontier(&self) -> Vec<Index> {
+        let is_frontier = |flat: &usize| {
+            self.cells[*flat] == Cell::Free
+                && !self.blocked[*flat]
+                && self.neighbours(self.unflat(*flat)).take(4).any(|(next, _)| self.cell(next) == Cell::Unknown)
+        };
+        (0..self.cells.len()).filter(is_frontier).map(|flat| self.unflat(flat)).collect()
+    }
+
+    /// Length of the shortest way over free ground from a place to every cell, in thousandths of a cell; `u32::MAX` where
+    /// there is none. Unknown ground is not entered.
+    #[must_use]
+    pub fn distances(&self, from: Horizontal) -> Vec<u32> {
+        let mut costs = vec![u32::MAX; self.cells.len()];
+        let start = self.flat(self.index(from));
+        costs[start] = 0;
+        let mut open = BinaryHeap::from([Reverse((0, start))]);
+        while let Some(Reverse((cost, flat))) = open.pop() {
+            if cost > costs[flat] {
+                continue;
+            }
+            for (next, step) in self.neighbours(self.unflat(flat)) {
+                let next_flat = self.flat(next);
+                let leaves = self.blocked[flat] && self.center(next).minus(from).norm() < 2.0 * CLEARANCE_M;
+                if self.cuts_corner(self.unflat(flat), next) && !leaves {
+                    continue;
+                }
+                let is_open = self.cells[next_flat] == Cell::Free && (!self.blocked[next_flat] || leaves);
+                if is_open && cost + step < costs[next_flat] {
+                    costs[next_flat] = cost + step;
+                    open.push(Reverse((cost + step, next_flat)));
+                }
+            }
+        }
+        costs
+    }
+
+    /// Cost to a cell, of [`Known::distances`].
+    #[must_use]
+    pub fn cost_of(&self, costs: &[u32], index: Index) -> u32 {
+        costs[self.flat(index)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_way_goes_through_the_doors_and_keeps_its_distance() {
+        let mut ways = 0;
+        for seed in 0..6 {
+            let plan = Plan::draw(seed, seed % 2 == 0);
+            let known = Known::all(&plan);
+            let mut random = Random::new(seed, 9);
+            for _ in 0..20 {
+                let [from, to] = [0, 1].map(|_| plan.place(&mut random, 0.5));
+                let Some(way) = known.way(from, to) else { continue };
+                ways += 1;
+                for pair in way.windows(2) {
+                    assert!(plan.is_clear(pair[0], pair[1]), "seed {seed}: {pair:?}");
+                    assert!(plan.room_m(pair[1]) > 0.15);
+                }
+                let length_m: f64 = way.windows(2).map(|pair| pair[1].minus(pair[0]).norm()).sum();
+                assert!(length_m >= to.minus(from).norm() - 2.0 * CELL_M);
+            }
+        }
+        assert!(ways >= 100, "{ways} of 120");
+    }
+
+    #[test]
+    fn a_scan_sees_the_walls_around_and_nothing_behind_them() {
+        let plan = Plan::draw(3, false);
+        let mut random = Random::new(3, 9);
+        for _ in 0..20 {
+            let from = plan.place(&mut random, 0.5);
+            let mut known = Known::new(&plan);
+            known.scan(&plan.walls, from, &mut random);
+            assert!(!known.points().is_empty());
+            for point in known.points() {
+                assert!(plan.room_m(*point) < 0.1 && point.minus(from).norm() < RANGE_M + 0.1);
+                let short = from.along(point.minus(from), 1.0 - 0.15 / point.minus(from).norm());
+                assert!(plan.is_clear(from, short), "{from:?} {point:?}");
+            }
+        }
+    }
+}
