@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use foxhound_sim::input::InputError;
-use foxhound_sim::reproduce::{circle, crb, density, localize, multipath, stretch, variants};
+use foxhound_sim::reproduce::{circle, crb, density, localize, mmwave, multipath, stretch, variants};
 
 use super::{Cli, bar, json_line, note, say};
 
@@ -34,12 +34,17 @@ pub(super) struct Reproduce {
     /// stretch: trials of each condition [default: 1200].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
     trials: Option<u32>,
+    /// mmwave: scenarios [default: 200].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    scenarios: Option<u32>,
 }
 
 /// Start/goal pairs of each row of Table I.
 const DENSITY_PAIRS: u32 = 100;
 /// Scenes of each kind among walls.
 const MULTIPATH_SCENES: u32 = 50;
+/// Scenarios indoors, as many as the belief-space paper has.
+const MMWAVE_SCENARIOS: u32 = 200;
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Experiment {
@@ -53,6 +58,8 @@ enum Experiment {
     Multipath,
     /// Filters in sight and behind walls, paths on which bearings tell more (mmWave paper, fig. 2 to 4 and Table 2).
     Localize,
+    /// Agents that look for a transmitter indoors by its angle of arrival (belief-space paper, Table 3, fig. 5 and 6).
+    Mmwave,
     /// Four potential fields in four scenes with local minima (variants paper, Table I).
     ApfVariants,
     /// Excess travel behind a turning antenna over outliers and noise (rotating vehicle's paper, fig. 3 and 4).
@@ -68,6 +75,9 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
     }
     if args.trials.is_some() && !matches!(args.experiment, Experiment::Stretch) {
         return Err(InputError::new("--trials: only stretch has trials"));
+    }
+    if args.scenarios.is_some() && !matches!(args.experiment, Experiment::Mmwave) {
+        return Err(InputError::new("--scenarios: only mmwave has scenarios"));
     }
     let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
     let picture = |name: &str, draw: &dyn Fn(&Path) -> Result<(), InputError>| {
@@ -106,6 +116,15 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
             progress.finish_and_clear();
             let report = report?;
             (json_line(&report)?, report.table(), picture("multipath.svg", &|path| report.draw(path))?)
+        }
+        Experiment::Mmwave => {
+            let options = mmwave::Options { seed: cli.seed, scenarios: args.scenarios.unwrap_or(MMWAVE_SCENARIOS) };
+            let progress = bar(cli, mmwave::searches(options.scenarios), "searching {bar:40} {pos} of {len}");
+            let report = mmwave::run(&options, |done| progress.set_position(done));
+            progress.finish_and_clear();
+            let report = report?;
+            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
+            (json_line(&report)?, report.table(), pictures)
         }
         Experiment::ApfVariants => {
             let report = variants::run();

@@ -7,8 +7,9 @@ use foxhound_core::source::bank::{self, Answer, Bank, Way};
 use foxhound_core::source::polar;
 use serde::Serialize;
 
+use super::bend::Bend;
 use super::explore::Explorer;
-use super::known::{Index, Known, RANGE_M};
+use super::known::{CELL_M, Index, Known, RANGE_M};
 use super::radio::Link;
 use super::walls::Walls;
 use crate::world::Horizontal;
@@ -19,19 +20,19 @@ use crate::world::Horizontal;
 pub enum Kind {
     /// Knows where the transmitter is.
     Reference,
-    /// Follows the raw angle of arrival.
+    /// Follows the raw angle of arrival of the direct wave and of first reflections, as the published code of [11] does.
     Follow,
-    /// Goes to where the filters believe the transmitter to be.
+    /// Goes where the filters say; explores at higher orders, as the paper does.
+    Switch,
+    /// Ours: goes from point of reflection to point of reflection at higher orders too.
     Estimate,
-    /// The same, on paths on which bearings tell more.
+    /// Ours, on paths on which bearings tell more: with covariance minimisation.
     Belief,
-    /// Climb
-    Climb,
 }
 
 impl Kind {
-    /// All.
-    pub const ALL: [Self; 5] = [Self::Reference, Self::Follow, Self::Estimate, Self::Belief, Self::Climb];
+    /// All, in the order of the tables.
+    pub const ALL: [Self; 5] = [Self::Reference, Self::Follow, Self::Switch, Self::Estimate, Self::Belief];
 
     /// The name in tables.
     #[must_use]
@@ -39,9 +40,9 @@ impl Kind {
         match self {
             Self::Reference => "transmitter known",
             Self::Follow => "AoA [11]",
-            Self::Estimate => "EKF, T = 0",
-            Self::Belief => "EKF, T = 50",
-            Self::Climb => "climb",
+            Self::Switch => "EKF, paper's switch, T = 0",
+            Self::Estimate => "Foxhound, T = 0",
+            Self::Belief => "Foxhound, T = 50",
         }
     }
 }
@@ -49,6 +50,8 @@ impl Kind {
 /// What an agent is told at a control cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
+    /// Which cycle it is.
+    pub cycle: u32,
     /// The map so far.
     pub known: &'a Known,
     /// Points of the scan, in the order of their bearings.
@@ -115,6 +118,7 @@ pub struct Agent {
     transmitter: Horizontal,
     target: Option<(Horizontal, u32)>,
     seeker: Seeker,
+    bend: Option<Bend>,
 }
 
 impl Agent {
@@ -123,15 +127,19 @@ impl Agent {
     /// # Errors
     /// None that the built-in configuration could cause.
     pub fn new(kind: Kind, transmitter: Horizontal, sigma_rad: f64, seed: u64) -> Result<Self, ConfigError> {
-        let seeker = Seeker::new(sigma_rad, kind == Kind::Climb)?;
-        let (explorer, patience) = (Explorer::new(seed), Patience::new());
-        Ok(Self { kind, explorer, patience, transmitter, target: None, seeker })
+        let seeker = Seeker::new(sigma_rad, kind != Kind::Switch)?;
+        let bend = if kind == Kind::Belief { Some(Bend::new(sigma_rad)?) } else { None };
+        let (explorer, patience) = (Explorer::new(seed)?, Patience::new());
+        Ok(Self { kind, explorer, patience, transmitter, target: None, seeker, bend })
     }
 
     /// Where to go; `None` to stay.
-    pub fn decide(&mut self, view: &View) -> Option<Horizontal> {
+    pub fn decide(&mut self, view: &View<'_>) -> Option<Horizontal> {
         if self.kind == Kind::Reference {
             return Some(self.transmitter);
+        }
+        if self.kind != Kind::Follow && self.seeker.listens(view) {
+            return None;
         }
         let is_stuck = self.patience.is_over(view.known.index(view.place));
         let goal = match self.kind {
@@ -139,37 +147,28 @@ impl Agent {
             _ => self.seeker.goal(view),
         };
         match goal.filter(|_| !is_stuck) {
-            Some(goal) => {
-                self.explorer.forget();
-                Some(goal)
-            }
-            None => self.explorer.target(view.known, view.place),
+            Some(goal) => Some(match (&mut self.bend, &self.seeker.heard) {
+                (Some(bend), Some(answer)) => bend.towards(view, goal, answer),
+                _ => goal,
+            }),
+            None => self.explorer.target(view.known, view.place, view.cycle),
         }
     }
 
     /// A target ahead along the angle of arrival, until it is reached or the period is over.
-    fn follow(&mut self, view: &View) -> Option<Horizontal> {
-        if !matches!(view.link, Link::LineOfSight | Link::FirstOrder) {
-            self.target = None;
-            return None;
-        }
-        let kept = self.target.filter(|(target, age)| *age < PERIOD && target.minus(view.place).norm() > 0.1);
-        let (target, age) =
-            kept.unwrap_or_else(|| (view.place.along(Horizontal::from_bearing(view.bearing_rad), OFFSET_M), 0));
+    fn follow(&mut self, view: &View<'_>) -> Option<Horizontal> {
+        let kept = self.target.filter(|(target, age)| *age < PERIOD && target.minus(view.place).norm() > CELL_M);
+        let is_usable = matches!(view.link, Link::LineOfSight | Link::FirstOrder);
+        let ahead = || (view.place.along(Horizontal::from_bearing(view.bearing_rad), OFFSET_M), 0);
+        self.target = None;
+        let (target, age) = kept.or_else(|| is_usable.then(ahead))?;
         self.target = Some((target, age + 1));
         Some(target)
     }
 
-    /// What the filters believe.
-    #[must_use]
-    pub fn answer(&self) -> Option<&Answer> {
-        self.seeker.sight.answer.as_ref().or(self.seeker.mirrors.answer.as_ref())
-    }
-
-    /// Walls that are known.
-    #[must_use]
-    pub fn lines(&self) -> &[Line] {
-        self.seeker.walls.lines()
+    /// There is no way to where it wanted to go.
+    pub fn blocked(&mut self) {
+        self.explorer.blocked();
     }
 }
 
@@ -188,6 +187,9 @@ struct Seeker {
     sigma_rad: f64,
     /// Where to, and whether the source was in sight when that was said.
     goal: Option<(Horizontal, bool)>,
+    heard: Option<Answer>,
+    link: Link,
+    listened: u32,
 }
 
 /// No bearing is taken to be better: the filters' model of a wall is not.
@@ -196,10 +198,18 @@ const SIGMA_MIN_RAD: f64 = 0.03;
 const REACHED_M: f64 = 0.6;
 /// Farthest that a goal is from the point of reflection.
 const OFF_LINE_M: f64 = 2.5;
+/// While the bearing is known no better than this, it stays to hear more,
+const LISTEN_RAD: f64 = 0.17;
+/// but not for more cycles.
+const LISTEN_CYCLES: u32 = 6;
 /// Sightings in a row that no filter explains, before all begin anew.
 const UNEXPLAINED_MAX: u32 = 2;
 /// How far ahead to go where no line is known.
-const LOOK_M: f64 = 4.0;
+const LOOK_M: f64 = 5.0;
+/// No goal is farther away,
+const FAR_M: f64 = 20.0;
+/// and none farther than the above whose range is not known to this part of it.
+const RANGE_KNOWN: f32 = 0.4;
 
 impl Seeker {
     fn new(sigma_rad: f64, climbs: bool) -> Result<Self, ConfigError> {
@@ -218,33 +228,48 @@ impl Seeker {
             walls: Walls::default(),
             sigma_rad: sigma_rad.max(SIGMA_MIN_RAD),
             goal: None,
+            heard: None,
+            link: Link::None,
+            listened: 0,
         })
     }
 
     fn forget(&mut self) {
-        self.sight = Ear::new();
         self.mirrors = Ear::new();
         self.goal = None;
     }
 
-    fn goal(&mut self, view: &View) -> Option<Horizontal> {
+    /// Takes in what is seen and heard; whether to stay and listen on.
+    fn listens(&mut self, view: &View<'_>) -> bool {
         let points: Vec<_> = view.scan.iter().step_by(2).map(|point| point.to_core()).collect();
         for line in self.finder.find(&mut self.scratch, &points) {
             self.walls.add(line);
         }
-        match view.link {
-            Link::LineOfSight => {
-                let answer = self.sight.hear(&self.bank, view, self.sigma_rad, 0.0, &[])?;
+        let is_reflected = view.link == Link::FirstOrder || (self.climbs && view.link == Link::HigherOrder);
+        if view.link != self.link {
+            (self.link, self.listened) = (view.link, 0);
+        }
+        let heard = match view.link {
+            Link::LineOfSight => self.sight.hear(&self.bank, view, self.sigma_rad, 0.0, &[]),
+            _ if is_reflected => self.mirrors.hear(&self.bank, view, self.sigma_rad, 0.98, self.walls.lines()),
+            _ => None,
+        };
+        self.heard = heard;
+        let is_seen = self.goal.is_some_and(|(_, seen)| seen);
+        self.listened += 1;
+        let is_vague = heard.is_some_and(|answer| f64::from(answer.estimate.bearing_sigma_rad) > LISTEN_RAD);
+        is_vague && self.listened <= LISTEN_CYCLES && (view.link == Link::LineOfSight || !is_seen)
+    }
+
+    fn goal(&mut self, view: &View<'_>) -> Option<Horizontal> {
+        if let Some(answer) = self.heard {
+            let is_seen = self.goal.is_some_and(|(_, seen)| seen);
+            if view.link == Link::LineOfSight {
                 self.goal = Some((in_sight(view, &answer), true));
+            } else if !is_seen {
+                // What was in sight is known better.
+                self.goal = Some((around_the_corner(view, &answer, self.walls.lines()), false));
             }
-            // What was in sight is known better.
-            Link::FirstOrder | Link::HigherOrder if view.link == Link::FirstOrder || self.climbs => {
-                let answer = self.mirrors.hear(&self.bank, view, self.sigma_rad, 0.98, self.walls.lines())?;
-                if self.goal.is_none_or(|(_, seen)| !seen) {
-                    self.goal = Some((around_the_corner(view, &answer, self.walls.lines()), false));
-                }
-            }
-            _ => (),
         }
         let (goal, _) = self.goal?;
         if view.link == Link::LineOfSight || goal.minus(view.place).norm() > REACHED_M {
@@ -269,7 +294,7 @@ impl Ear {
         Self { state: bank::State::new(), unexplained: 0, answer: None }
     }
 
-    fn hear(&mut self, bank: &Bank, view: &View, sigma_rad: f64, reflected: f32, lines: &[Line]) -> Option<Answer> {
+    fn hear(&mut self, bank: &Bank, view: &View<'_>, sigma_rad: f64, reflected: f32, lines: &[Line]) -> Option<Answer> {
         let sighting = Sighting {
             place_ned_m: view.place.to_core(),
             direction_ned: Horizontal::from_bearing(view.bearing_rad).to_core(),
@@ -288,14 +313,15 @@ impl Ear {
     }
 }
 
-fn from_core(point: foxhound_core::frame::Horizontal) -> Horizontal {
+pub(super) fn from_core(point: foxhound_core::frame::Horizontal) -> Horizontal {
     Horizontal { north: point.north.into(), east: point.east.into() }
 }
 
 /// The source is before the first wall on its bearing. Where a wall is right in front, the bearing is a little off.
-fn in_sight(view: &View, answer: &Answer) -> Horizontal {
+fn in_sight(view: &View<'_>, answer: &Answer) -> Horizontal {
     let estimate = &answer.estimate;
-    let range_m = f64::from(estimate.range_m).max(1.0);
+    let far_m = if estimate.range_sigma_ratio < RANGE_KNOWN { FAR_M } else { LOOK_M };
+    let range_m = f64::from(estimate.range_m).clamp(1.0, far_m);
     let sigma_rad = f64::from(estimate.bearing_sigma_rad).max(0.05);
     let free_m = |turn: f64| {
         let direction = Horizontal::from_bearing(f64::from(estimate.bearing_ned_rad) + turn * sigma_rad);
@@ -313,7 +339,7 @@ fn in_sight(view: &View, answer: &Answer) -> Horizontal {
 }
 
 /// From the point of reflection the source is in sight, and all along the way from there to the source.
-fn around_the_corner(view: &View, answer: &Answer, lines: &[Line]) -> Horizontal {
+fn around_the_corner(view: &View<'_>, answer: &Answer, lines: &[Line]) -> Horizontal {
     let estimate = from_core(answer.estimate.place_ned_m);
     let image = match answer.way {
         Way::Direct => estimate,

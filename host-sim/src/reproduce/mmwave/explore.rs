@@ -1,64 +1,61 @@
-//! Exploration, the same for all agents: towards a frontier of the known ground, the near ones likelier, until it is one no
-//! longer.
+//! Exploration, the same for all agents: the core's, with the points of the map as its circles.
+//!
+//! The core's grid reaches 15 m around where a search began; what lies beyond is searched from where the robot is when all
+//! of that has been looked at.
 
-use super::known::{Cell, Index, Known};
-use crate::random::Random;
+use foxhound_core::ConfigError;
+use foxhound_core::explore::{self, Explored};
+use foxhound_core::map::Circle;
+use foxhound_core::scan::Pose;
+use foxhound_core::time::Instant;
+
+use super::known::{Known, RANGE_M};
 use crate::world::Horizontal;
 
+/// A point of a wall as a circle.
+const POINT_RADIUS_M: f32 = 0.1;
+/// A control cycle.
+const CYCLE_US: u64 = 1_000_000;
+
 /// Where it is headed.
-#[derive(Clone, Debug)]
 pub struct Explorer {
-    random: Random,
-    target: Option<Index>,
+    explorer: explore::Explorer,
+    state: explore::State,
 }
 
 impl Explorer {
     /// With a seed of its own.
-    #[must_use]
-    pub fn new(seed: u64) -> Self {
-        Self { random: Random::new(seed, 5), target: None }
+    ///
+    /// # Errors
+    /// None that the built-in configuration could cause.
+    pub fn new(seed: u64) -> Result<Self, ConfigError> {
+        let config = explore::Config { limit_s: 3600.0, seed: seed as u32, ..explore::Config::default() };
+        Ok(Self { explorer: config.build()?, state: explore::State::new() })
     }
 
-    /// Drops the target.
-    pub fn forget(&mut self) {
-        self.target = None;
+    /// There is no way to the target.
+    pub fn blocked(&mut self) {
+        self.state.blocked();
     }
 
     /// Where to go next; `None` when nothing is left to explore.
-    pub fn target(&mut self, known: &Known, place: Horizontal) -> Option<Horizontal> {
-        if let Some(target) = self.target {
-            let center = known.center(target);
-            if is_frontier(known, target) && !known.is_blocked(center) && center.minus(place).norm() > 0.5 {
-                return Some(center);
-            }
-        }
-        let costs = known.distances(place);
-        let weigh = |index: Index| {
-            let cost = known.cost_of(&costs, index);
-            // Frontiers of many cells count as much as they are wide.
-            let cells = f64::from(cost) * 1e-3;
-            if cost == u32::MAX { 0.0 } else { 1.0 / ((cells + 8.0) * (cells + 8.0)) }
+    pub fn target(&mut self, known: &Known, place: Horizontal, cycle: u32) -> Option<Horizontal> {
+        let circle = |point: &Horizontal| Circle {
+            center_ned_m: point.to_core(),
+            radius_m: POINT_RADIUS_M,
+            ..Circle::default()
         };
-        let weighed: Vec<(Index, f64)> = known.frontier().into_iter().map(|index| (index, weigh(index))).collect();
-        let total: f64 = weighed.iter().map(|(_, weight)| weight).sum();
-        let mut left = total * self.random.uniform();
-        self.target = None;
-        for (index, weight) in weighed {
-            left -= weight;
-            if weight > 0.0 {
-                self.target = Some(index);
-                if left <= 0.0 {
-                    break;
-                }
+        let circles: Vec<Circle> = known.points().iter().map(circle).collect();
+        let pose = Pose { position_ned_m: place.to_core(), yaw_rad: 0.0 };
+        let now = Instant(u64::from(cycle) * CYCLE_US);
+        for _ in 0..2 {
+            let explored =
+                self.explorer.step(&mut self.state, now, &pose, RANGE_M as f32, std::f32::consts::TAU, circles.iter());
+            match explored {
+                Explored::Target(target) => return Some(super::agent::from_core(target)),
+                _ => self.state.end(),
             }
         }
-        self.target.map(|target| known.center(target))
+        None
     }
-}
-
-fn is_frontier(known: &Known, [column, row]: Index) -> bool {
-    known.cell([column, row]) == Cell::Free
-        && [[column.wrapping_sub(1), row], [column + 1, row], [column, row.wrapping_sub(1)], [column, row + 1]]
-            .into_iter()
-            .any(|index| known.get(index) == Some(Cell::Unknown))
 }

@@ -44,8 +44,8 @@ pub type Index = [usize; 2];
 pub struct Known {
     size: Index,
     cells: Vec<Cell>,
-    /// Cells too close to a wall.
-    blocked: Vec<bool>,
+    /// Distance from a cell's middle to the nearest point, where it is below the clearance; infinite elsewhere.
+    rooms_m: Vec<f64>,
     /// The first point of each wall cell.
     points: Vec<Horizontal>,
 }
@@ -56,7 +56,7 @@ impl Known {
     pub fn new(plan: &Plan) -> Self {
         let size = plan.size_m.map(|side_m| libm::ceil((side_m + 2.0 * MARGIN_M) / CELL_M) as usize);
         let count = size[0] * size[1];
-        Self { size, cells: vec![Cell::Unknown; count], blocked: vec![false; count], points: Vec::new() }
+        Self { size, cells: vec![Cell::Unknown; count], rooms_m: vec![f64::INFINITY; count], points: Vec::new() }
     }
 
     /// Everything is known.
@@ -117,7 +117,7 @@ impl Known {
     /// Whether the robot cannot be here.
     #[must_use]
     pub fn is_blocked(&self, place: Horizontal) -> bool {
-        self.blocked[self.flat(self.index(place))]
+        self.rooms_m[self.flat(self.index(place))] < CLEARANCE_M
     }
 
     fn neighbours(&self, [column, row]: Index) -> impl Iterator<Item = (Index, u32)> {
@@ -132,17 +132,23 @@ impl Known {
     fn add_point(&mut self, point: Horizontal) {
         let index = self.index(point);
         let flat = self.flat(index);
-        if self.cells[flat] == Cell::Wall {
-            return;
+        if self.cells[flat] != Cell::Wall {
+            self.cells[flat] = Cell::Wall;
+            self.points.push(point);
+            self.keep_off(point);
         }
-        self.cells[flat] = Cell::Wall;
-        self.points.push(point);
+    }
+
+    /// Nothing comes close to this point from now on.
+    pub fn keep_off(&mut self, point: Horizontal) {
+        let index = self.index(point);
         let reach = libm::ceil(CLEARANCE_M / CELL_M) as usize + 1;
         for row in index[1].saturating_sub(reach)..(index[1] + reach + 1).min(self.size[1]) {
             for column in index[0].saturating_sub(reach)..(index[0] + reach + 1).min(self.size[0]) {
-                if self.center([column, row]).minus(point).norm() < CLEARANCE_M {
-                    let flat = self.flat([column, row]);
-                    self.blocked[flat] = true;
+                let room_m = self.center([column, row]).minus(point).norm();
+                let flat = self.flat([column, row]);
+                if room_m < CLEARANCE_M {
+                    self.rooms_m[flat] = self.rooms_m[flat].min(room_m);
                 }
             }
         }
@@ -189,18 +195,19 @@ impl Known {
     pub fn is_clear(&self, from: Horizontal, to: Horizontal) -> bool {
         let leg = to.minus(from);
         let steps = libm::ceil(leg.norm() / (0.3 * CELL_M)).max(1.0) as usize;
-        // Where it stands does not stop it.
+        // Where it stands does not stop it from leaving.
+        let least_m = self.rooms_m[self.flat(self.index(from))].min(CLEARANCE_M);
         (1..=steps).all(|k| {
             let place = from.along(leg, k as f64 / steps as f64);
-            !self.is_blocked(place) || place.minus(from).norm() < CELL_M
-        })
+            self.rooms_m[self.flat(self.index(place))] >= least_m
+        }) && !self.is_blocked(to)
     }
 
     /// The free cell nearest to a place.
     #[must_use]
     pub fn nearest_free(&self, place: Horizontal) -> Option<Index> {
         let at = self.index(place);
-        if !self.blocked[self.flat(at)] {
+        if self.rooms_m[self.flat(at)] >= CLEARANCE_M {
             return Some(at);
         }
         let reach = 12;
@@ -208,7 +215,9 @@ impl Known {
         for row in at[1].saturating_sub(reach)..(at[1] + reach + 1).min(self.size[1]) {
             for column in at[0].saturating_sub(reach)..(at[0] + reach + 1).min(self.size[0]) {
                 let distance_m = self.center([column, row]).minus(place).norm();
-                if !self.blocked[self.flat([column, row])] && nearest.is_none_or(|(least, _)| distance_m < least) {
+                if self.rooms_m[self.flat([column, row])] >= CLEARANCE_M
+                    && nearest.is_none_or(|(least, _)| distance_m < least)
+                {
                     nearest = Some((distance_m, [column, row]));
                 }
             }
@@ -241,12 +250,7 @@ impl Known {
             }
             for (next, step) in self.neighbours(index) {
                 let next_flat = self.flat(next);
-                // The robot may leave a blocked cell, but not enter one.
-                let leaves = self.blocked[flat] && self.center(next).minus(from).norm() < 2.0 * CLEARANCE_M;
-                if self.cuts_corner(index, next) && !leaves {
-                    continue;
-                }
-                if (!self.blocked[next_flat] || leaves) && cost + step < costs[next_flat] {
+                if self.admits(index, next) && cost + step < costs[next_flat] {
                     costs[next_flat] = cost + step;
                     parents[next_flat] = flat;
                     open.push(Reverse((cost + step + estimate(next), next_flat)));
@@ -256,11 +260,13 @@ impl Known {
         None
     }
 
-    /// Whether a diagonal step touches a blocked cell.
-    fn cuts_corner(&self, [column, row]: Index, next: Index) -> bool {
-        next[0] != column
-            && next[1] != row
-            && (self.blocked[self.flat([column, next[1]])] || self.blocked[self.flat([next[0], row])])
+    /// Whether a step leads to where there is room, not past a corner, or away from a wall that is too close already.
+    fn admits(&self, from: Index, to: Index) -> bool {
+        let room_m = |index: Index| self.rooms_m[self.flat(index)];
+        let least_m = room_m(from).min(CLEARANCE_M);
+        let corners = [[from[0], to[1]], [to[0], from[1]]];
+        let beside_m = corners.into_iter().map(room_m).fold(f64::INFINITY, f64::min);
+        if least_m < CLEARANCE_M { room_m(to) > least_m } else { room_m(to) >= CLEARANCE_M && beside_m >= CLEARANCE_M }
     }
 
     fn trace(&self, parents: &[usize], goal: usize, from: Horizontal) -> Vec<Horizontal> {
@@ -282,7 +288,7 @@ impl Known {
     pub fn frontier(&self) -> Vec<Index> {
         let is_frontier = |flat: &usize| {
             self.cells[*flat] == Cell::Free
-                && !self.blocked[*flat]
+                && self.rooms_m[*flat] >= CLEARANCE_M
                 && self.neighbours(self.unflat(*flat)).take(4).any(|(next, _)| self.cell(next) == Cell::Unknown)
         };
         (0..self.cells.len()).filter(is_frontier).map(|flat| self.unflat(flat)).collect()
@@ -302,11 +308,7 @@ impl Known {
             }
             for (next, step) in self.neighbours(self.unflat(flat)) {
                 let next_flat = self.flat(next);
-                let leaves = self.blocked[flat] && self.center(next).minus(from).norm() < 2.0 * CLEARANCE_M;
-                if self.cuts_corner(self.unflat(flat), next) && !leaves {
-                    continue;
-                }
-                let is_open = self.cells[next_flat] == Cell::Free && (!self.blocked[next_flat] || leaves);
+                let is_open = self.cells[next_flat] == Cell::Free && self.admits(self.unflat(flat), next);
                 if is_open && cost + step < costs[next_flat] {
                     costs[next_flat] = cost + step;
                     open.push(Reverse((cost + step, next_flat)));

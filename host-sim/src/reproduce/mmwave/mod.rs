@@ -1,89 +1,86 @@
-//! `mmwave`: agents that look for a transmitter indoors.
+//! `mmwave`: agents that look for a transmitter indoors by its angle of arrival, after K. Pfeiffer et al., "Path Planning
+//! Under Uncertainty to Localize mmWave Sources" (the paper here), sections IV and V, table 3 and fig. 6.
+//!
+//! The paper's maps and ray tracings are not at hand: [`plan`] draws flats of rooms, corridors, doors and furniture,
+//! [`radio`] traces the strongest path. A robot of which only the place counts ([`trial`]) discovers the walls with a range
+//! sensor and goes by A* on what it knows ([`known`]); where nothing of use is heard, it explores ([`explore`]). All of that
+//! is the same for all agents ([`agent`]), which differ in where they want to go:
+//!
+//! - one knows the transmitter, for reference;
+//! - the baseline, [11] of the paper (M. Yin et al., "Millimeter Wave Wireless Assisted Robot Navigation With Link State
+//!   Classification", 2022): a target 0.6 m ahead along the raw angle of arrival while the link is direct or reflected once,
+//!   exploration otherwise, and for a while when it stays in one place; offset and patience are those of its published code;
+//! - the paper's switch between exploration and what the filters say, [`foxhound_core::source::bank`];
+//! - ours, which in addition goes from one point of reflection to the next at higher orders: at the point of reflection
+//!   the link is of one order less;
+//! - the same with covariance minimisation ([`bend`]).
+//!
+//! White noise from cycle to cycle also averages while the robot stays where it is. Ours listens for a few cycles when the
+//! link changes and the bearing is vague: that costs no way, but cycles, so both are told.
 
-pub mod agent;
-pub mod explore;
-pub mod known;
-pub mod plan;
-pub mod radio;
-pub mod trial;
-pub mod walls;
+mod agent;
+mod bend;
+mod explore;
+mod known;
+mod plan;
+mod radio;
+mod report;
+mod scenarios;
+mod trial;
+mod walls;
 
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 
-use crate::random::Random;
+use crate::input::InputError;
 use agent::Kind;
-use known::Known;
-use plan::Plan;
-use radio::Link;
-use trial::{Noise, Start};
+pub use report::Report;
+use report::Searched;
+use std::sync::atomic::{AtomicU64, Ordering};
+use trial::{Noise, Trial};
 
-/// Plans.
-pub const PLANS: u32 = 10;
+/// Noise of the angle of arrival: none, the paper's, and the paper's with a link that is told wrongly now and then.
+const NOISES: [Noise; 3] = [
+    Noise { sigma_rad: 0.0, link_error_rate: 0.0 },
+    Noise { sigma_rad: 0.35, link_error_rate: 0.0 },
+    Noise { sigma_rad: 0.35, link_error_rate: 0.1 },
+];
 
-/// A scenario.
-#[derive(Clone, Copy, Debug)]
-pub struct Scenario {
-    pub plan: usize,
-    pub start: Start,
-    pub link: Link,
-    pub shortest_m: f64,
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Seed of plans, scenarios and noise.
+    pub seed: u64,
+    /// How many scenarios.
+    pub scenarios: u32,
 }
 
-const DISTANCE_MIN_M: f64 = 8.0;
-const CLASSES: [Link; 3] = [Link::LineOfSight, Link::FirstOrder, Link::HigherOrder];
-
-pub fn plans(seed: u64) -> Vec<Plan> {
-    (0..PLANS).map(|k| Plan::draw(seed.wrapping_mul(1000).wrapping_add(k.into()), k % 2 == 0)).collect()
+/// How many searches an experiment of so many scenarios is.
+#[must_use]
+pub fn searches(scenarios: u32) -> u64 {
+    (NOISES.len() * Kind::ALL.len()) as u64 * u64::from(scenarios)
 }
 
-pub fn scenarios(plans: &[Plan], seed: u64, count: usize) -> Vec<Scenario> {
-    let each = count.div_ceil(plans.len());
-    let mut all: Vec<Scenario> = plans
-        .iter()
-        .enumerate()
-        .collect::<Vec<_>>()
-        .par_iter()
-        .flat_map_iter(|(k, plan)| {
-            let known = Known::all(plan);
-            let mut random = Random::new(seed.wrapping_mul(1000).wrapping_add(*k as u64), 6);
-            let mut out = Vec::new();
-            let mut transmitter = plan.place(&mut random, 0.5);
-            let mut tries = 0;
-            while out.len() < each {
-                if tries == 300 || (out.len() % 2 == 0 && tries == 0) {
-                    transmitter = plan.place(&mut random, 0.5);
-                    tries = 0;
-                }
-                tries += 1;
-                let wanted = CLASSES[(out.len() + k) % 3];
-                let place = plan.place(&mut random, 0.5);
-                if place.minus(transmitter).norm() < DISTANCE_MIN_M {
-                    continue;
-                }
-                let link = radio::hear(&plan.walls, transmitter, place).link;
-                if link != wanted {
-                    continue;
-                }
-                let Some(way) = known.way(place, transmitter) else { continue };
-                if way.last().is_none_or(|last| last.minus(transmitter).norm() > 0.5) {
-                    continue;
-                }
-                let shortest_m = way.windows(2).map(|pair| pair[1].minus(pair[0]).norm()).sum();
-                out.push(Scenario {
-                    plan: *k,
-                    start: Start {
-                        transmitter,
-                        place,
-                        seed: seed ^ (*k as u64 * 1000 + out.len() as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15),
-                    },
-                    link,
-                    shortest_m,
-                });
-                tries = 0;
-            }
-            out
-        })
-        .collect();
-    all.truncate(count);
-    all
+/// Runs the experiment on all cores; the result does not depend on how many there are. `watch` is told how many searches
+/// are done, of [`searches`].
+///
+/// # Errors
+/// None that the built-in configuration could cause.
+pub fn run(options: &Options, watch: impl Fn(u64) + Sync) -> Result<Report, InputError> {
+    let plans = scenarios::plans(options.seed);
+    let scenarios = scenarios::scenarios(&plans, options.seed, options.scenarios as usize);
+    let done = AtomicU64::new(0);
+    let mut searched = Vec::new();
+    for noise in NOISES {
+        let mut trials = Vec::new();
+        for kind in Kind::ALL {
+            let search = |scenario: &scenarios::Scenario| {
+                let trial = trial::search(&plans[scenario.plan], &scenario.start, kind, noise);
+                watch(done.fetch_add(1, Ordering::Relaxed) + 1);
+                trial
+            };
+            trials.push(scenarios.par_iter().map(search).collect::<Result<Vec<Trial>, _>>()?);
+        }
+        searched.push(Searched { noise, trials });
+    }
+    Ok(Report::of(options, plans, &scenarios, searched))
 }

@@ -74,6 +74,13 @@ impl Plan {
         self.walls.iter().map(|wall| distance_m(wall, point)).fold(f64::INFINITY, f64::min)
     }
 
+    /// The point of the walls nearest to a place.
+    #[must_use]
+    pub fn nearest_of_walls(&self, place: Horizontal) -> Horizontal {
+        let points = self.walls.iter().map(|wall| nearest(wall, place));
+        points.min_by(|a, b| a.minus(place).norm().total_cmp(&b.minus(place).norm())).unwrap_or(place)
+    }
+
     /// A place for something with this much room around it.
     pub fn place(&self, random: &mut Random, room_m: f64) -> Horizontal {
         loop {
@@ -91,13 +98,18 @@ impl Plan {
     }
 }
 
-/// Distance from a wall to a point.
-#[must_use]
-pub fn distance_m(wall: &Wall, point: Horizontal) -> f64 {
+/// The point of a wall nearest to another.
+fn nearest(wall: &Wall, point: Horizontal) -> Horizontal {
     let along = wall.to.minus(wall.from);
     let square = along.dot(along);
     let share = if square > 0.0 { (point.minus(wall.from).dot(along) / square).clamp(0.0, 1.0) } else { 0.0 };
-    point.minus(wall.from.along(along, share)).norm()
+    wall.from.along(along, share)
+}
+
+/// Distance from a wall to a point.
+#[must_use]
+pub fn distance_m(wall: &Wall, point: Horizontal) -> f64 {
+    point.minus(nearest(wall, point)).norm()
 }
 
 fn within(random: &mut Random, [from, to]: [f64; 2]) -> f64 {

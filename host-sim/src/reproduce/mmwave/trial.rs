@@ -50,6 +50,8 @@ pub struct Trial {
     pub length_m: f64,
     /// Control cycles.
     pub cycles: u32,
+    /// Walls that were felt, not seen.
+    pub bumps: u32,
     /// The path.
     pub path: Vec<Horizontal>,
     /// Points of the map at the end.
@@ -99,7 +101,7 @@ pub fn search(plan: &Plan, start: &Start, kind: Kind, noise: Noise) -> Result<Tr
     let mut known = Known::new(plan);
     let mut navigator = Navigator { way: Vec::new(), goal: None };
     let mut place = start.place;
-    let mut trial = Trial { found: false, length_m: 0.0, cycles: 0, path: vec![place], points: Vec::new() };
+    let mut trial = Trial { found: false, length_m: 0.0, cycles: 0, bumps: 0, path: vec![place], points: Vec::new() };
     for cycle in 0..=CYCLES_MAX {
         trial.cycles = cycle;
         if is_found(plan, start.transmitter, place) {
@@ -111,15 +113,21 @@ pub fn search(plan: &Plan, start: &Start, kind: Kind, noise: Noise) -> Result<Tr
         let error = noise.sigma_rad * air.gaussian();
         let link: Link = heard.link.told(noise.link_error_rate, &mut classifier);
         let bearing_rad = heard.bearing_rad + error;
-        let view = View { known: &known, scan: &scan, place, link, bearing_rad };
+        let view = View { cycle, known: &known, scan: &scan, place, link, bearing_rad };
         let goal = agent.decide(&view);
         let Some(goal) = goal else { continue };
-        let Some(next) = navigator.step(&known, place, goal) else { continue };
-        // A wall that no ray has met stops it all the same.
+        let Some(next) = navigator.step(&known, place, goal) else {
+            agent.blocked();
+            continue;
+        };
         if plan.is_clear(place, next) && plan.room_m(next) > HULL_M {
             trial.length_m += next.minus(place).norm();
             place = next;
             trial.path.push(place);
+        } else {
+            // A wall that no ray has met stops it all the same, and is felt.
+            known.keep_off(plan.nearest_of_walls(next));
+            trial.bumps += 1;
         }
     }
     trial.points = known.points().to_vec();

@@ -1,0 +1,420 @@
+//! Table 3 and fig. 5 and 6 of the paper, our numbers beside its.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use plotters::coord::Shift;
+use plotters::drawing::DrawingArea;
+use plotters::prelude::{Circle, DrawingBackend, RGBColor};
+use plotters::style::text_anchor::{HPos, VPos};
+use serde::Serialize;
+
+use super::Options;
+use super::agent::{Kind, OFFSET_M, PERIOD};
+use super::known::RANGE_M;
+use super::plan::Plan;
+use super::radio::Link;
+use super::scenarios::{CLASSES, DISTANCE_MIN_M, PLANS, Scenario};
+use super::trial::{CYCLES_MAX, FOUND_M, Noise, STEP_M, Trial};
+use crate::input::InputError;
+use crate::reproduce::chart::{Axis, Chart, Panel, Series};
+use crate::sheet::{Drawn, FAINT_INK, GROUND, INK, fill, line, path, pixels, text, write_svg};
+use crate::suite::wilson_95;
+use crate::world::Horizontal;
+
+/// What the paper prints at 0.35 rad (table 3): success rate and duration over the baseline's, of the baseline, of the
+/// filters without covariance minimisation and with it.
+const PRINTED: [[f64; 2]; 3] = [[0.895, 1.0], [0.945, 0.82], [0.945, 0.76]];
+/// The paper prints no limit of a search. The limit here is the first of these steps at which the baseline solves as much
+/// as it does there.
+const LIMIT_STEP: u32 = 10;
+/// Right end of the profile's axis.
+const TAU_MAX: f64 = 6.0;
+
+/// All searches at one noise, by agent and scenario.
+pub(super) struct Searched {
+    pub(super) noise: Noise,
+    pub(super) trials: Vec<Vec<Trial>>,
+}
+
+/// The experiment's result.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// `mmwave`.
+    pub experiment: &'static str,
+    /// Seed of plans, scenarios and noise.
+    pub seed: u64,
+    /// Scenarios.
+    pub scenarios: usize,
+    /// Plans.
+    pub plans: u32,
+    /// What the paper leaves open.
+    pub rules: Rules,
+    /// Control cycles after which a search counts as failed.
+    pub limit_cycles: u32,
+    /// By noise.
+    pub noises: Vec<AtNoise>,
+    /// Success rate and relative duration that the paper prints: baseline, without and with covariance minimisation.
+    pub printed: [[f64; 2]; 3],
+    #[serde(skip)]
+    profiles: Vec<Vec<Vec<Vec<f64>>>>,
+    #[serde(skip)]
+    pictured: Option<Pictured>,
+}
+
+/// What the paper leaves open, and how it is here.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Rules {
+    /// Longest step of a control cycle.
+    pub step_m: f64,
+    /// Control cycles between trajectories, and of the baseline's targets.
+    pub period_cycles: u32,
+    /// How far ahead the baseline's target is.
+    pub offset_m: f64,
+    /// Range of the sensor, which looks all around.
+    pub sensor_range_m: f64,
+    /// The transmitter is found within this distance, in sight.
+    pub found_m: f64,
+    /// A start is at least so far from the transmitter.
+    pub distance_min_m: f64,
+    /// Control cycles that are simulated.
+    pub cycles_max: u32,
+}
+
+/// Results at one noise.
+#[derive(Clone, Debug, Serialize)]
+pub struct AtNoise {
+    /// The noise.
+    #[serde(flatten)]
+    pub noise: Noise,
+    /// By agent.
+    pub agents: Vec<Row>,
+}
+
+/// An agent's results at one noise.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Which.
+    pub agent: Kind,
+    /// All scenarios.
+    #[serde(flatten)]
+    pub all: Tally,
+    /// By the link at the start.
+    pub classes: Vec<Class>,
+}
+
+/// Results of one class of scenarios.
+#[derive(Clone, Debug, Serialize)]
+pub struct Class {
+    /// The link at the start.
+    pub start: Link,
+    /// Its scenarios.
+    #[serde(flatten)]
+    pub tally: Tally,
+}
+
+/// Counts and means over scenarios.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Tally {
+    /// Scenarios.
+    pub scenarios: usize,
+    /// Found within the limit.
+    pub found: usize,
+    /// Share of them.
+    pub success_rate: f64,
+    /// Its 95 % interval.
+    pub success_rate_95: [f64; 2],
+    /// Share found in all cycles that are simulated.
+    pub success_rate_unlimited: f64,
+    /// Sum of path lengths over the baseline's, of the scenarios that both solve, however long it takes.
+    pub relative_length: Option<f64>,
+    /// The same with cycles in place of lengths.
+    pub relative_cycles: Option<f64>,
+    /// Mean path length of what was found, however long it took.
+    pub mean_length_m: Option<f64>,
+}
+
+/// A search for the picture.
+#[derive(Clone, Debug)]
+struct Pictured {
+    plan: Plan,
+    transmitter: Horizontal,
+    start: Horizontal,
+    points: Vec<Horizontal>,
+    paths: Vec<(&'static str, Vec<Horizontal>)>,
+}
+
+impl Tally {
+    fn of(trials: &[&Trial], baseline: &[&Trial], limit_cycles: u32) -> Self {
+        let scenarios = trials.len();
+        let found = trials.iter().filter(|trial| trial.found && trial.cycles <= limit_cycles).count();
+        let ever: Vec<&&Trial> = trials.iter().filter(|trial| trial.found).collect();
+        let both: Vec<(&&Trial, &&Trial)> = trials.iter().zip(baseline).filter(|(a, b)| a.found && b.found).collect();
+        let relative = |of: &dyn Fn(&Trial) -> f64| {
+            let [ours, theirs] = both.iter().fold([0.0, 0.0], |sums, (a, b)| [sums[0] + of(a), sums[1] + of(b)]);
+            (theirs > 0.0).then(|| ours / theirs)
+        };
+        let share = |count: usize| if scenarios > 0 { count as f64 / scenarios as f64 } else { 0.0 };
+        Self {
+            scenarios,
+            found,
+            success_rate: share(found),
+            success_rate_95: wilson_95(found, scenarios).unwrap_or([0.0, 1.0]),
+            success_rate_unlimited: share(ever.len()),
+            relative_length: relative(&|trial| trial.length_m),
+            relative_cycles: relative(&|trial| f64::from(trial.cycles)),
+            mean_length_m: (!ever.is_empty())
+                .then(|| ever.iter().map(|trial| trial.length_m).sum::<f64>() / ever.len() as f64),
+        }
+    }
+}
+
+/// The index of an agent among all.
+fn index_of(kind: Kind) -> usize {
+    Kind::ALL.iter().position(|other| *other == kind).unwrap_or(0)
+}
+
+impl Report {
+    pub(super) fn of(options: &Options, plans: Vec<Plan>, scenarios: &[Scenario], searched: Vec<Searched>) -> Self {
+        let baseline = index_of(Kind::Follow);
+        let noisy = searched.iter().position(|at| at.noise.sigma_rad > 0.0).unwrap_or(0);
+        let limit_cycles = limit_cycles(&searched[noisy].trials[baseline]);
+        let chosen = |class: Option<Link>| -> Vec<usize> {
+            (0..scenarios.len()).filter(|k| class.is_none_or(|class| scenarios[*k].link == class)).collect()
+        };
+        let tally = |at: &Searched, agent: usize, class: Option<Link>| {
+            let of =
+                |agent: usize| -> Vec<&Trial> { chosen(class).into_iter().map(|k| &at.trials[agent][k]).collect() };
+            Tally::of(&of(agent), &of(baseline), limit_cycles)
+        };
+        let noises = searched.iter().map(|at| {
+            let agents = Kind::ALL.into_iter().enumerate().map(|(index, agent)| Row {
+                agent,
+                all: tally(at, index, None),
+                classes: CLASSES.map(|start| Class { start, tally: tally(at, index, Some(start)) }).to_vec(),
+            });
+            AtNoise { noise: at.noise, agents: agents.collect() }
+        });
+        let profiles = searched.iter().map(|at| CLASSES.map(|class| profile(at, &chosen(Some(class)))).to_vec());
+        Self {
+            experiment: "mmwave",
+            seed: options.seed,
+            scenarios: scenarios.len(),
+            plans: PLANS,
+            rules: Rules {
+                step_m: STEP_M,
+                period_cycles: PERIOD,
+                offset_m: OFFSET_M,
+                sensor_range_m: RANGE_M,
+                found_m: FOUND_M,
+                distance_min_m: DISTANCE_MIN_M,
+                cycles_max: CYCLES_MAX,
+            },
+            limit_cycles,
+            noises: noises.collect(),
+            printed: PRINTED,
+            profiles: profiles.collect(),
+            pictured: pictured(&plans, scenarios, &searched[noisy]),
+        }
+    }
+
+    /// The rows for people.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let mut text = format!(
+            "{} scenarios on {} plans; found within {} cycles, at which the baseline finds what the paper prints for it \
+             ({:.1} %), 95 % interval;\nin all {} cycles; path length and cycles over the baseline's, where both find\n",
+            self.scenarios,
+            self.plans,
+            self.limit_cycles,
+            100.0 * PRINTED[0][0],
+            CYCLES_MAX
+        );
+        for at in &self.noises {
+            let _ = write!(text, "\nnoise of the angle of arrival {:.2} rad", at.noise.sigma_rad);
+            if at.noise.link_error_rate > 0.0 {
+                let _ = write!(text, ", state of the link told wrongly in {:.0} %", 100.0 * at.noise.link_error_rate);
+            }
+            let starts = "   by start: direct, one reflection, more";
+            let _ = writeln!(text, "\n{:<28}{:>20}{:>8}{:>8}{:>8}{starts}", "", "found", "ever", "length", "cycles");
+            for row in &at.agents {
+                let [low, high] = row.all.success_rate_95.map(|bound| 100.0 * bound);
+                let _ = write!(
+                    text,
+                    "  {:<26}{:>20}{:>8}{:>8}{:>8}",
+                    row.agent.label(),
+                    format!("{:.1} % ({low:.0}..{high:.0})", 100.0 * row.all.success_rate),
+                    format!("{:.1} %", 100.0 * row.all.success_rate_unlimited),
+                    number(row.all.relative_length),
+                    number(row.all.relative_cycles)
+                );
+                for class in &row.classes {
+                    let of = &class.tally;
+                    let _ = write!(text, "   {:>3}/{} {:>5}", of.found, of.scenarios, number(of.relative_length));
+                }
+                text.push('\n');
+            }
+            if at.noise.sigma_rad > 0.0 && at.noise.link_error_rate == 0.0 {
+                let [baseline, without, with] = PRINTED.map(|[rate, _]| 100.0 * rate);
+                let _ = writeln!(
+                    text,
+                    "  printed: baseline {baseline:.1} %, filters {without:.1} % and {:.2}, with covariance minimisation \
+                     {with:.1} % and {:.2}",
+                    PRINTED[1][1], PRINTED[2][1]
+                );
+            }
+        }
+        text
+    }
+
+    /// Draws the performance profiles and a map with paths; says which files these are.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn draw(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
+        let mut files = Vec::new();
+        for (at, name) in [(0, "mmwave-noise-free.svg"), (1, "mmwave-noisy.svg")] {
+            let file = folder.join(name);
+            self.chart(at).draw(&file)?;
+            files.push(file);
+        }
+        if let Some(pictured) = &self.pictured {
+            let file = folder.join("mmwave-map.svg");
+            pictured.draw(&file)?;
+            files.push(file);
+        }
+        Ok(files)
+    }
+
+    fn chart(&self, at: usize) -> Chart {
+        let panel = |(class, taus): (Link, &Vec<Vec<f64>>)| Panel {
+            title: match class {
+                Link::LineOfSight => "start in line of sight",
+                Link::FirstOrder => "start behind one reflection",
+                _ => "start behind more reflections",
+            }
+            .to_owned(),
+            x: Axis::linear("path length over the shortest", 1.0, TAU_MAX, 1.0),
+            y: Axis::linear("% solved", 0.0, 100.0, 10.0),
+            series: Kind::ALL.into_iter().zip(taus).map(|(kind, taus)| series(kind, taus)).collect(),
+            bars: Vec::new(),
+            level: None,
+        };
+        let sigma_rad = self.noises[at].noise.sigma_rad;
+        Chart {
+            title: format!("Performance profiles (fig. 6), noise of the angle of arrival {sigma_rad:.2} rad"),
+            panels: CLASSES.into_iter().zip(&self.profiles[at]).map(panel).collect(),
+        }
+    }
+}
+
+/// The first limit at which the baseline finds as much as the paper prints for it.
+fn limit_cycles(baseline: &[Trial]) -> u32 {
+    let wanted = PRINTED[0][0] * baseline.len() as f64;
+    let found = |limit: u32| baseline.iter().filter(|trial| trial.found && trial.cycles <= limit).count() as f64;
+    (1..=CYCLES_MAX / LIMIT_STEP).map(|k| k * LIMIT_STEP).find(|limit| found(*limit) >= wanted).unwrap_or(CYCLES_MAX)
+}
+
+/// By agent, the ratios of path lengths to the shortest of all agents, ascending; infinite where nothing was found.
+fn profile(at: &Searched, chosen: &[usize]) -> Vec<Vec<f64>> {
+    let length_m = |agent: usize, k: usize| {
+        let trial = &at.trials[agent][k];
+        if trial.found { trial.length_m } else { f64::INFINITY }
+    };
+    let ratios = |agent: usize| {
+        let mut ratios: Vec<f64> = (chosen.iter())
+            .map(|k| {
+                let least_m = (0..at.trials.len()).map(|other| length_m(other, *k)).fold(f64::INFINITY, f64::min);
+                if least_m.is_finite() { length_m(agent, *k) / least_m } else { f64::INFINITY }
+            })
+            .collect();
+        ratios.sort_by(f64::total_cmp);
+        ratios
+    };
+    (0..at.trials.len()).map(ratios).collect()
+}
+
+/// A staircase.
+fn series(kind: Kind, taus: &[f64]) -> Series {
+    let mut points = vec![(1.0, 0.0)];
+    let percent = |count: usize| 100.0 * count as f64 / taus.len().max(1) as f64;
+    for (count, tau) in taus.iter().enumerate().filter(|(_, tau)| **tau <= TAU_MAX) {
+        points.push((*tau, percent(count)));
+        points.push((*tau, percent(count + 1)));
+    }
+    points.push((TAU_MAX, percent(taus.iter().filter(|tau| **tau <= TAU_MAX).count())));
+    Series { label: kind.label().to_owned(), dashed: false, points }
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
+}
+
+/// The scenario behind a reflection on which all find the transmitter, and the baseline goes farthest out of its way of
+/// those where it needs no more than four times the way.
+fn pictured(plans: &[Plan], scenarios: &[Scenario], at: &Searched) -> Option<Pictured> {
+    let [reference, baseline, ours] = [Kind::Reference, Kind::Follow, Kind::Estimate].map(index_of);
+    let detour = |k: &usize| at.trials[baseline][*k].length_m / at.trials[reference][*k].length_m.max(1.0);
+    let tells = |k: &usize| {
+        scenarios[*k].link != Link::LineOfSight
+            && at.trials.iter().all(|trials| trials[*k].found)
+            && detour(k) < 4.0
+            && at.trials[ours][*k].length_m < at.trials[baseline][*k].length_m
+    };
+    let chosen = (0..scenarios.len()).filter(tells).max_by(|a, b| detour(a).total_cmp(&detour(b)))?;
+    let scenario = &scenarios[chosen];
+    let path_of = |kind: Kind| (kind.label(), at.trials[index_of(kind)][chosen].path.clone());
+    Some(Pictured {
+        plan: plans[scenario.plan].clone(),
+        transmitter: scenario.start.transmitter,
+        start: scenario.start.place,
+        points: at.trials[ours][chosen].points.clone(),
+        paths: [Kind::Reference, Kind::Follow, Kind::Estimate, Kind::Belief].map(path_of).to_vec(),
+    })
+}
+
+/// Points a metre, and what is around the map.
+const SCALE: f64 = 26.0;
+const EDGE: f64 = 40.0;
+const HEAD: f64 = 84.0;
+const FOOT: f64 = 64.0;
+const PATHS: [RGBColor; 4] =
+    [RGBColor(148, 156, 168), RGBColor(240, 140, 30), RGBColor(21, 128, 61), RGBColor(62, 74, 137)];
+const SEEN: RGBColor = RGBColor(30, 147, 140);
+
+impl Pictured {
+    fn draw(&self, file: &Path) -> Result<(), InputError> {
+        let [width, height] = self.plan.size_m.map(|side_m| side_m * SCALE);
+        write_svg(file, [width + 2.0 * EDGE, HEAD + height + FOOT], |area| self.draw_on(area, [width, height]))
+    }
+
+    fn draw_on<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, [width, height]: [f64; 2]) -> Drawn<B> {
+        let at = |place: &Horizontal| [EDGE + SCALE * place.east, HEAD + height - SCALE * place.north];
+        let dot = |place: &Horizontal, radius: i32, color: RGBColor| {
+            let [x, y] = at(place);
+            Circle::new((pixels(x), pixels(y)), pixels(f64::from(radius)), fill(color, 1.0))
+        };
+        let title = "Looking for a transmitter (fig. 5), noise 0.35 rad; dots: what ours has seen of the walls";
+        text(area, title, [EDGE, 36.0], 16.0, INK, (HPos::Left, VPos::Center))?;
+        let frame = [(pixels(EDGE), pixels(HEAD)), (pixels(EDGE + width), pixels(HEAD + height))];
+        area.draw(&plotters::prelude::Rectangle::new(frame, fill(GROUND, 1.0)))?;
+        for wall in &self.plan.walls {
+            path(area, [at(&wall.from), at(&wall.to)], line(INK, 1.0, 2.0))?;
+        }
+        for point in &self.points {
+            area.draw(&dot(point, 2, SEEN))?;
+        }
+        for (index, ((label, places), color)) in self.paths.iter().zip(PATHS).enumerate() {
+            path(area, places.iter().map(at), line(color, 1.0, 2.0))?;
+            let [x, y] = [EDGE + 190.0 * index as f64, HEAD + height + 30.0];
+            path(area, [[x, y], [x + 24.0, y]], line(color, 1.0, 2.0))?;
+            text(area, label, [x + 32.0, y], 13.0, FAINT_INK, (HPos::Left, VPos::Center))?;
+        }
+        for (place, name) in [(&self.start, "start"), (&self.transmitter, "transmitter")] {
+            area.draw(&dot(place, 5, INK))?;
+            let [x, y] = at(place);
+            text(area, name, [x + 8.0, y - 8.0], 13.0, INK, (HPos::Left, VPos::Bottom))?;
+        }
+        Ok(())
+    }
+}
