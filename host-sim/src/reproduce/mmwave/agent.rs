@@ -32,11 +32,10 @@ pub enum Kind {
 
 impl Kind {
     /// All, in the order of the tables.
-    pub const ALL: [Self; 5] = [Self::Reference, Self::Follow, Self::Switch, Self::Estimate, Self::Belief];
+    pub(super) const ALL: [Self; 5] = [Self::Reference, Self::Follow, Self::Switch, Self::Estimate, Self::Belief];
 
     /// The name in tables.
-    #[must_use]
-    pub fn label(self) -> &'static str {
+    pub(super) fn label(self) -> &'static str {
         match self {
             Self::Reference => "transmitter known",
             Self::Follow => "AoA [11]",
@@ -49,29 +48,29 @@ impl Kind {
 
 /// What an agent is told at a control cycle.
 #[derive(Clone, Copy, Debug)]
-pub struct View<'a> {
+pub(super) struct View<'a> {
     /// Which cycle it is.
-    pub cycle: u32,
+    pub(super) cycle: u32,
     /// The map so far.
-    pub known: &'a Known,
+    pub(super) known: &'a Known,
     /// Points of the scan, in the order of their bearings.
-    pub scan: &'a [Horizontal],
+    pub(super) scan: &'a [Horizontal],
     /// Where the robot is.
-    pub place: Horizontal,
+    pub(super) place: Horizontal,
     /// The state of the link.
-    pub link: Link,
+    pub(super) link: Link,
     /// The angle of arrival, from north, clockwise.
-    pub bearing_rad: f64,
+    pub(super) bearing_rad: f64,
 }
 
 /// How the published code of [11] follows: the target is so far ahead,
-pub const OFFSET_M: f64 = 0.6;
+pub(super) const OFFSET_M: f64 = 0.6;
 /// and when the same place is visited so often, it explores
 const VISITS_MAX: u32 = 15;
 /// for so many periods at first, and each time for more.
 const EXPLORED_PERIODS: [u32; 2] = [5, 3];
 /// Control cycles of a period.
-pub const PERIOD: u32 = 10;
+pub(super) const PERIOD: u32 = 10;
 
 /// Counts visits, and says when the robot had better explore.
 #[derive(Clone, Debug)]
@@ -111,7 +110,7 @@ impl Patience {
 }
 
 /// An agent.
-pub struct Agent {
+pub(super) struct Agent {
     kind: Kind,
     explorer: Explorer,
     patience: Patience,
@@ -126,7 +125,7 @@ impl Agent {
     ///
     /// # Errors
     /// None that the built-in configuration could cause.
-    pub fn new(kind: Kind, transmitter: Horizontal, sigma_rad: f64, seed: u64) -> Result<Self, ConfigError> {
+    pub(super) fn new(kind: Kind, transmitter: Horizontal, sigma_rad: f64, seed: u64) -> Result<Self, ConfigError> {
         let seeker = Seeker::new(sigma_rad, kind != Kind::Switch)?;
         let bend = if kind == Kind::Belief { Some(Bend::new(sigma_rad)?) } else { None };
         let (explorer, patience) = (Explorer::new(seed)?, Patience::new());
@@ -134,7 +133,7 @@ impl Agent {
     }
 
     /// Where to go; `None` to stay.
-    pub fn decide(&mut self, view: &View<'_>) -> Option<Horizontal> {
+    pub(super) fn decide(&mut self, view: &View<'_>) -> Option<Horizontal> {
         if self.kind == Kind::Reference {
             return Some(self.transmitter);
         }
@@ -167,7 +166,7 @@ impl Agent {
     }
 
     /// There is no way to where it wanted to go.
-    pub fn blocked(&mut self) {
+    pub(super) fn blocked(&mut self) {
         self.explorer.blocked();
     }
 }
@@ -177,16 +176,14 @@ struct Seeker {
     /// Whether higher orders are followed from point of reflection to point of reflection.
     climbs: bool,
     bank: Bank,
-    /// What is heard directly,
-    sight: Ear,
-    /// and what is reflected once.
-    mirrors: Ear,
+    /// What is heard directly, by one reflection, and by more.
+    ears: [Ear; 3],
     finder: Lines,
     scratch: Box<lor::Scratch>,
     walls: Walls,
     sigma_rad: f64,
-    /// Where to, and whether the source was in sight when that was said.
-    goal: Option<(Horizontal, bool)>,
+    /// Where to, and the order of the link when that was said.
+    goal: Option<(Horizontal, usize)>,
     heard: Option<Answer>,
     link: Link,
     listened: u32,
@@ -221,8 +218,7 @@ impl Seeker {
         Ok(Self {
             climbs,
             bank,
-            sight: Ear::new(),
-            mirrors: Ear::new(),
+            ears: [Ear::new(), Ear::new(), Ear::new()],
             finder: finder.build()?,
             scratch: Box::default(),
             walls: Walls::default(),
@@ -234,9 +230,19 @@ impl Seeker {
         })
     }
 
-    fn forget(&mut self) {
-        self.mirrors = Ear::new();
-        self.goal = None;
+    /// How many reflections there are in what is heard, if that is of use.
+    fn order(&self, link: Link) -> Option<usize> {
+        match link {
+            Link::LineOfSight => Some(0),
+            Link::FirstOrder => Some(1),
+            Link::HigherOrder => self.climbs.then_some(2),
+            Link::None => None,
+        }
+    }
+
+    /// Whether to heed what is heard now: not, on the way to where the link was of a lower order.
+    fn heeds(&self, order: usize) -> bool {
+        self.goal.is_none_or(|(_, of)| order <= of)
     }
 
     /// Takes in what is seen and heard; whether to stay and listen on.
@@ -245,40 +251,42 @@ impl Seeker {
         for line in self.finder.find(&mut self.scratch, &points) {
             self.walls.add(line);
         }
-        let is_reflected = view.link == Link::FirstOrder || (self.climbs && view.link == Link::HigherOrder);
         if view.link != self.link {
             (self.link, self.listened) = (view.link, 0);
+            // The transmitter stays where it is, but the image that is heard next may be another one.
+            self.ears[1] = Ear::new();
+            self.ears[2] = Ear::new();
         }
-        let heard = match view.link {
-            Link::LineOfSight => self.sight.hear(&self.bank, view, self.sigma_rad, 0.0, &[]),
-            _ if is_reflected => self.mirrors.hear(&self.bank, view, self.sigma_rad, 0.98, self.walls.lines()),
-            _ => None,
-        };
-        self.heard = heard;
-        let is_seen = self.goal.is_some_and(|(_, seen)| seen);
+        self.heard = None;
+        let Some(order) = self.order(view.link) else { return false };
+        let (reflected, lines) = if order == 0 { (0.0, &[][..]) } else { (0.98, self.walls.lines()) };
+        self.heard = self.ears[order].hear(&self.bank, view, self.sigma_rad, reflected, lines);
         self.listened += 1;
-        let is_vague = heard.is_some_and(|answer| f64::from(answer.estimate.bearing_sigma_rad) > LISTEN_RAD);
-        is_vague && self.listened <= LISTEN_CYCLES && (view.link == Link::LineOfSight || !is_seen)
+        let is_vague = self.heard.is_some_and(|answer| f64::from(answer.estimate.bearing_sigma_rad) > LISTEN_RAD);
+        is_vague && self.listened <= LISTEN_CYCLES && self.heeds(order)
     }
 
     fn goal(&mut self, view: &View<'_>) -> Option<Horizontal> {
-        if let Some(answer) = self.heard {
-            let is_seen = self.goal.is_some_and(|(_, seen)| seen);
-            if view.link == Link::LineOfSight {
-                self.goal = Some((in_sight(view, &answer), true));
-            } else if !is_seen {
-                // What was in sight is known better.
-                self.goal = Some((around_the_corner(view, &answer, self.walls.lines()), false));
-            }
+        let order = self.order(view.link);
+        if let (Some(answer), Some(order)) = (self.heard, order)
+            && self.heeds(order)
+        {
+            let goal = match order {
+                0 => in_sight(view, &answer),
+                _ => around_the_corner(view, &answer, self.walls.lines()),
+            };
+            self.goal = Some((goal, order));
         }
         let (goal, _) = self.goal?;
-        if view.link == Link::LineOfSight || goal.minus(view.place).norm() > REACHED_M {
+        if order == Some(0) || goal.minus(view.place).norm() > REACHED_M {
             return Some(goal);
         }
-        self.forget();
         // Nothing there: on along the angle of arrival, as long as it means something.
+        self.goal = None;
+        self.ears[1] = Ear::new();
+        self.ears[2] = Ear::new();
         let on = view.place.along(Horizontal::from_bearing(view.bearing_rad), OFFSET_M);
-        (view.link == Link::FirstOrder || (self.climbs && view.link == Link::HigherOrder)).then_some(on)
+        order.map(|_| on)
     }
 }
 

@@ -10,7 +10,7 @@ use foxhound_core::field::Obstacle;
 use foxhound_core::source::bank::{Answer, Mode, Way};
 
 use super::agent::{PERIOD, View, from_core};
-use super::known::{CELL_M, CLEARANCE_M};
+use super::known::CLEARANCE_M;
 use super::trial::STEP_M;
 use crate::world::Horizontal;
 
@@ -22,18 +22,18 @@ const LONGER: f64 = 1.06;
 const OBSTACLES_MAX: usize = 64;
 /// Farther away none matters.
 const OBSTACLES_WITHIN_M: f64 = 6.0;
-/// No variance is told to be larger: what is beyond is a prior, not knowledge.
-const VARIANCE_MAX_M2: f32 = 25.0;
-/// A trajectory is for a goal that has not moved by more.
-const GOAL_MOVED_M: f64 = 1.0;
+/// The largest variance that is told. The paper's trajectories begin with 0.1 m^2; with the tens of m^2 that the filters
+/// begin with, its weights would have the robot gather bearings and never go anywhere.
+const VARIANCE_MAX_M2: f32 = 0.1;
+/// The robot heads for a point of its trajectory so far ahead: closer ones drown in the cells of the map.
+const AHEAD_M: f64 = 1.0;
 
 /// The planner, and where the trajectory is.
-pub struct Bend {
+pub(super) struct Bend {
     learn: Planner,
     go: Planner,
     scratch: Box<Scratch<3, STEPS_MAX>>,
     path: Vec<Horizontal>,
-    goal: Option<Horizontal>,
     age: u32,
 }
 
@@ -42,7 +42,7 @@ impl Bend {
     ///
     /// # Errors
     /// None that the built-in configuration could cause.
-    pub fn new(sigma_rad: f64) -> Result<Self, ConfigError> {
+    pub(super) fn new(sigma_rad: f64) -> Result<Self, ConfigError> {
         let config = |weight| belief::Config {
             t_covariance: [weight, weight],
             u_max_m: STEP_M as f32,
@@ -55,20 +55,18 @@ impl Bend {
             go: config(1.0).build()?,
             scratch: Box::default(),
             path: Vec::new(),
-            goal: None,
             age: 0,
         })
     }
 
     /// Where to go next on the way to a goal.
-    pub fn towards(&mut self, view: &View<'_>, goal: Horizontal, answer: &Answer) -> Horizontal {
+    pub(super) fn towards(&mut self, view: &View<'_>, goal: Horizontal, answer: &Answer) -> Horizontal {
         self.age += 1;
-        let is_old = self.age >= PERIOD || self.goal.is_none_or(|old| old.minus(goal).norm() > GOAL_MOVED_M);
-        if is_old {
-            (self.age, self.goal) = (0, Some(goal));
+        if self.age >= PERIOD || self.path.is_empty() {
+            self.age = 0;
             self.path = self.solve(view, goal, answer).unwrap_or_default();
         }
-        while self.path.first().is_some_and(|next| next.minus(view.place).norm() < CELL_M) {
+        while self.path.first().is_some_and(|next| next.minus(view.place).norm() < AHEAD_M) {
             self.path.remove(0);
         }
         self.path.first().copied().filter(|next| view.known.is_clear(view.place, *next)).unwrap_or(goal)

@@ -18,7 +18,7 @@ const POINT_RADIUS_M: f32 = 0.1;
 const CYCLE_US: u64 = 1_000_000;
 
 /// Where it is headed.
-pub struct Explorer {
+pub(super) struct Explorer {
     explorer: explore::Explorer,
     state: explore::State,
 }
@@ -28,18 +28,18 @@ impl Explorer {
     ///
     /// # Errors
     /// None that the built-in configuration could cause.
-    pub fn new(seed: u64) -> Result<Self, ConfigError> {
+    pub(super) fn new(seed: u64) -> Result<Self, ConfigError> {
         let config = explore::Config { limit_s: 3600.0, seed: seed as u32, ..explore::Config::default() };
         Ok(Self { explorer: config.build()?, state: explore::State::new() })
     }
 
     /// There is no way to the target.
-    pub fn blocked(&mut self) {
+    pub(super) fn blocked(&mut self) {
         self.state.blocked();
     }
 
     /// Where to go next; `None` when nothing is left to explore.
-    pub fn target(&mut self, known: &Known, place: Horizontal, cycle: u32) -> Option<Horizontal> {
+    pub(super) fn target(&mut self, known: &Known, place: Horizontal, cycle: u32) -> Option<Horizontal> {
         let circle = |point: &Horizontal| Circle {
             center_ned_m: point.to_core(),
             radius_m: POINT_RADIUS_M,

@@ -11,13 +11,13 @@ use crate::rays::Wall;
 use crate::world::Horizontal;
 
 /// Side of a cell.
-pub const CELL_M: f64 = 0.25;
+pub(super) const CELL_M: f64 = 0.25;
 /// Ground beyond the plan's walls.
 const MARGIN_M: f64 = 1.0;
 /// Nothing goes closer to a known point of a wall than this: the robot's radius and half a cell.
-pub const CLEARANCE_M: f64 = 0.3;
+pub(super) const CLEARANCE_M: f64 = 0.3;
 /// Range of the sensor.
-pub const RANGE_M: f64 = 5.0;
+pub(super) const RANGE_M: f64 = 5.0;
 /// Rays of a scan, all around.
 const RAYS: usize = 240;
 /// Noise of the ranges.
@@ -25,25 +25,15 @@ const RANGE_SIGMA_M: f64 = 0.02;
 /// Cost of a step along an axis, and of a diagonal one.
 const STEP: [u32; 2] = [1000, 1414];
 
-/// What is known of a cell.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cell {
-    /// Nothing.
-    Unknown,
-    /// A ray went through.
-    Free,
-    /// A ray ended here.
-    Wall,
-}
-
 /// A cell's column (to the east) and row (to the north).
-pub type Index = [usize; 2];
+pub(super) type Index = [usize; 2];
 
 /// The map.
 #[derive(Clone, Debug)]
-pub struct Known {
+pub(super) struct Known {
     size: Index,
-    cells: Vec<Cell>,
+    /// Whether a ray ended in a cell.
+    walls: Vec<bool>,
     /// Distance from a cell's middle to the nearest point, where it is below the clearance; infinite elsewhere.
     rooms_m: Vec<f64>,
     /// The first point of each wall cell.
@@ -52,16 +42,14 @@ pub struct Known {
 
 impl Known {
     /// Nothing but the extent is known.
-    #[must_use]
-    pub fn new(plan: &Plan) -> Self {
+    pub(super) fn new(plan: &Plan) -> Self {
         let size = plan.size_m.map(|side_m| libm::ceil((side_m + 2.0 * MARGIN_M) / CELL_M) as usize);
         let count = size[0] * size[1];
-        Self { size, cells: vec![Cell::Unknown; count], rooms_m: vec![f64::INFINITY; count], points: Vec::new() }
+        Self { size, walls: vec![false; count], rooms_m: vec![f64::INFINITY; count], points: Vec::new() }
     }
 
     /// Everything is known.
-    #[must_use]
-    pub fn all(plan: &Plan) -> Self {
+    pub(super) fn all(plan: &Plan) -> Self {
         let mut known = Self::new(plan);
         for wall in &plan.walls {
             let along = wall.to.minus(wall.from);
@@ -74,14 +62,12 @@ impl Known {
     }
 
     /// Points of walls, one a cell, in the order of their discovery.
-    #[must_use]
-    pub fn points(&self) -> &[Horizontal] {
+    pub(super) fn points(&self) -> &[Horizontal] {
         &self.points
     }
 
     /// The cell that a place is in; places outside are in the nearest.
-    #[must_use]
-    pub fn index(&self, place: Horizontal) -> Index {
+    pub(super) fn index(&self, place: Horizontal) -> Index {
         let (x, y) = place.xy();
         let cell =
             |value: f64, count: usize| libm::floor((value + MARGIN_M) / CELL_M).clamp(0.0, count as f64 - 1.0) as usize;
@@ -89,8 +75,7 @@ impl Known {
     }
 
     /// The middle of a cell.
-    #[must_use]
-    pub fn center(&self, index: Index) -> Horizontal {
+    pub(super) fn center(&self, index: Index) -> Horizontal {
         Horizontal::from_xy(index.map(|k| (k as f64 + 0.5) * CELL_M - MARGIN_M))
     }
 
@@ -102,21 +87,8 @@ impl Known {
         [flat % self.size[0], flat / self.size[0]]
     }
 
-    /// What is known of a place.
-    #[must_use]
-    pub fn cell(&self, index: Index) -> Cell {
-        self.cells[self.flat(index)]
-    }
-
-    /// What is known of a cell, if it is one.
-    #[must_use]
-    pub fn get(&self, [column, row]: Index) -> Option<Cell> {
-        (column < self.size[0] && row < self.size[1]).then(|| self.cell([column, row]))
-    }
-
     /// Whether the robot cannot be here.
-    #[must_use]
-    pub fn is_blocked(&self, place: Horizontal) -> bool {
+    pub(super) fn is_blocked(&self, place: Horizontal) -> bool {
         self.rooms_m[self.flat(self.index(place))] < CLEARANCE_M
     }
 
@@ -132,15 +104,15 @@ impl Known {
     fn add_point(&mut self, point: Horizontal) {
         let index = self.index(point);
         let flat = self.flat(index);
-        if self.cells[flat] != Cell::Wall {
-            self.cells[flat] = Cell::Wall;
+        if !self.walls[flat] {
+            self.walls[flat] = true;
             self.points.push(point);
             self.keep_off(point);
         }
     }
 
     /// Nothing comes close to this point from now on.
-    pub fn keep_off(&mut self, point: Horizontal) {
+    pub(super) fn keep_off(&mut self, point: Horizontal) {
         let index = self.index(point);
         let reach = libm::ceil(CLEARANCE_M / CELL_M) as usize + 1;
         for row in index[1].saturating_sub(reach)..(index[1] + reach + 1).min(self.size[1]) {
@@ -155,23 +127,13 @@ impl Known {
     }
 
     /// Takes in a scan from a place. Walls hide what is behind them.
-    pub fn scan(&mut self, walls: &[Wall], from: Horizontal, random: &mut Random) -> Vec<Horizontal> {
+    pub(super) fn scan(&mut self, walls: &[Wall], from: Horizontal, random: &mut Random) -> Vec<Horizontal> {
         let near: Vec<&Wall> = walls.iter().filter(|wall| super::plan::distance_m(wall, from) <= RANGE_M).collect();
         let mut seen = Vec::new();
         for ray in 0..RAYS {
             let direction = Horizontal::from_bearing(std::f64::consts::TAU * ray as f64 / RAYS as f64);
             let end = from.along(direction, RANGE_M);
             let share = near.iter().filter_map(|wall| wall.crossing(from, end)).fold(1.0, f64::min);
-            let free_m = if share < 1.0 { share * RANGE_M - 0.5 * CELL_M } else { RANGE_M };
-            let mut along_m = 0.0;
-            while along_m < free_m {
-                let index = self.index(from.along(direction, along_m));
-                let flat = self.flat(index);
-                if self.cells[flat] == Cell::Unknown {
-                    self.cells[flat] = Cell::Free;
-                }
-                along_m += 0.5 * CELL_M;
-            }
             if share < 1.0 {
                 let point = from.along(direction, share * RANGE_M + RANGE_SIGMA_M * random.gaussian());
                 self.add_point(point);
@@ -182,17 +144,15 @@ impl Known {
     }
 
     /// Distance along a ray to the first known wall, within a limit.
-    #[must_use]
-    pub fn range_to_wall_m(&self, from: Horizontal, direction: Horizontal, limit_m: f64) -> Option<f64> {
+    pub(super) fn range_to_wall_m(&self, from: Horizontal, direction: Horizontal, limit_m: f64) -> Option<f64> {
         let steps = libm::ceil(limit_m / (0.5 * CELL_M)) as usize;
         (0..steps)
             .map(|k| 0.5 * CELL_M * k as f64)
-            .find(|range_m| self.cell(self.index(from.along(direction, *range_m))) == Cell::Wall)
+            .find(|range_m| self.walls[self.flat(self.index(from.along(direction, *range_m)))])
     }
 
     /// Whether the robot can go straight, as far as is known.
-    #[must_use]
-    pub fn is_clear(&self, from: Horizontal, to: Horizontal) -> bool {
+    pub(super) fn is_clear(&self, from: Horizontal, to: Horizontal) -> bool {
         let leg = to.minus(from);
         let steps = libm::ceil(leg.norm() / (0.3 * CELL_M)).max(1.0) as usize;
         // Where it stands does not stop it from leaving.
@@ -204,8 +164,7 @@ impl Known {
     }
 
     /// The free cell nearest to a place.
-    #[must_use]
-    pub fn nearest_free(&self, place: Horizontal) -> Option<Index> {
+    pub(super) fn nearest_free(&self, place: Horizontal) -> Option<Index> {
         let at = self.index(place);
         if self.rooms_m[self.flat(at)] >= CLEARANCE_M {
             return Some(at);
@@ -226,15 +185,14 @@ impl Known {
     }
 
     /// The shortest way (A*), cell by cell; unknown ground is free. `None` when there is none.
-    #[must_use]
-    pub fn way(&self, from: Horizontal, to: Horizontal) -> Option<Vec<Horizontal>> {
+    pub(super) fn way(&self, from: Horizontal, to: Horizontal) -> Option<Vec<Horizontal>> {
         let (start, goal) = (self.index(from), self.nearest_free(to)?);
         let estimate = |[column, row]: Index| {
             let (dx, dy) = (column.abs_diff(goal[0]) as u32, row.abs_diff(goal[1]) as u32);
             STEP[0] * (dx.max(dy) - dx.min(dy)) + STEP[1] * dx.min(dy)
         };
-        let mut costs = vec![u32::MAX; self.cells.len()];
-        let mut parents = vec![usize::MAX; self.cells.len()];
+        let mut costs = vec![u32::MAX; self.walls.len()];
+        let mut parents = vec![usize::MAX; self.walls.len()];
         let mut open = BinaryHeap::new();
         let start_flat = self.flat(start);
         costs[start_flat] = 0;
@@ -281,47 +239,6 @@ impl Known {
         }
         way.reverse();
         way
-    }
-
-    /// Known free cells beside unknown ones, where the robot can be.
-    #[must_use]
-    pub fn frontier(&self) -> Vec<Index> {
-        let is_frontier = |flat: &usize| {
-            self.cells[*flat] == Cell::Free
-                && self.rooms_m[*flat] >= CLEARANCE_M
-                && self.neighbours(self.unflat(*flat)).take(4).any(|(next, _)| self.cell(next) == Cell::Unknown)
-        };
-        (0..self.cells.len()).filter(is_frontier).map(|flat| self.unflat(flat)).collect()
-    }
-
-    /// Length of the shortest way over free ground from a place to every cell, in thousandths of a cell; `u32::MAX` where
-    /// there is none. Unknown ground is not entered.
-    #[must_use]
-    pub fn distances(&self, from: Horizontal) -> Vec<u32> {
-        let mut costs = vec![u32::MAX; self.cells.len()];
-        let start = self.flat(self.index(from));
-        costs[start] = 0;
-        let mut open = BinaryHeap::from([Reverse((0, start))]);
-        while let Some(Reverse((cost, flat))) = open.pop() {
-            if cost > costs[flat] {
-                continue;
-            }
-            for (next, step) in self.neighbours(self.unflat(flat)) {
-                let next_flat = self.flat(next);
-                let is_open = self.cells[next_flat] == Cell::Free && self.admits(self.unflat(flat), next);
-                if is_open && cost + step < costs[next_flat] {
-                    costs[next_flat] = cost + step;
-                    open.push(Reverse((cost + step, next_flat)));
-                }
-            }
-        }
-        costs
-    }
-
-    /// Cost to a cell, of [`Known::distances`].
-    #[must_use]
-    pub fn cost_of(&self, costs: &[u32], index: Index) -> u32 {
-        costs[self.flat(index)]
     }
 }
 

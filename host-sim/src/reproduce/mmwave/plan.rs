@@ -27,11 +27,11 @@ const FURNITURE_GAP_M: f64 = 0.9;
 
 /// A plan.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub(super) struct Plan {
     /// East and north; the south-western corner is the origin.
-    pub size_m: [f64; 2],
+    pub(super) size_m: [f64; 2],
     /// Walls and the sides of furniture.
-    pub walls: Vec<Wall>,
+    pub(super) walls: Vec<Wall>,
 }
 
 /// A rectangle: west, south, east, north.
@@ -49,8 +49,7 @@ struct Drawn {
 
 impl Plan {
     /// Draws a plan.
-    #[must_use]
-    pub fn draw(seed: u64, corridor: bool) -> Self {
+    pub(super) fn draw(seed: u64, corridor: bool) -> Self {
         let mut random = Random::new(seed, 1);
         let size_m = [0, 1].map(|_| within(&mut random, SIDE_M));
         let mut drawn = Vec::new();
@@ -69,20 +68,18 @@ impl Plan {
     }
 
     /// Distance from a point to the nearest wall.
-    #[must_use]
-    pub fn room_m(&self, point: Horizontal) -> f64 {
+    pub(super) fn room_m(&self, point: Horizontal) -> f64 {
         self.walls.iter().map(|wall| distance_m(wall, point)).fold(f64::INFINITY, f64::min)
     }
 
     /// The point of the walls nearest to a place.
-    #[must_use]
-    pub fn nearest_of_walls(&self, place: Horizontal) -> Horizontal {
+    pub(super) fn nearest_of_walls(&self, place: Horizontal) -> Horizontal {
         let points = self.walls.iter().map(|wall| nearest(wall, place));
         points.min_by(|a, b| a.minus(place).norm().total_cmp(&b.minus(place).norm())).unwrap_or(place)
     }
 
     /// A place for something with this much room around it.
-    pub fn place(&self, random: &mut Random, room_m: f64) -> Horizontal {
+    pub(super) fn place(&self, random: &mut Random, room_m: f64) -> Horizontal {
         loop {
             let place = Horizontal::from_xy(self.size_m.map(|side_m| side_m * random.uniform()));
             if self.room_m(place) >= room_m {
@@ -92,8 +89,7 @@ impl Plan {
     }
 
     /// Whether a straight leg meets a wall.
-    #[must_use]
-    pub fn is_clear(&self, a: Horizontal, b: Horizontal) -> bool {
+    pub(super) fn is_clear(&self, a: Horizontal, b: Horizontal) -> bool {
         self.walls.iter().all(|wall| wall.crossing(a, b).is_none())
     }
 }
@@ -107,8 +103,7 @@ fn nearest(wall: &Wall, point: Horizontal) -> Horizontal {
 }
 
 /// Distance from a wall to a point.
-#[must_use]
-pub fn distance_m(wall: &Wall, point: Horizontal) -> f64 {
+pub(super) fn distance_m(wall: &Wall, point: Horizontal) -> f64 {
     point.minus(nearest(wall, point)).norm()
 }
 

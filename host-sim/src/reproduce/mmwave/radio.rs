@@ -7,9 +7,9 @@ use crate::rays::{self, Wall};
 use crate::world::Horizontal;
 
 /// Weaker than this, over the free wave at one metre, nothing is heard: two reflections reach 25 m, one 63 m.
-pub const FLOOR_DB: f64 = -44.0;
+pub(super) const FLOOR_DB: f64 = -44.0;
 /// Reflections that are traced. Three would lose 24 dB and be heard within 10 m of way only.
-pub const ORDER_MAX: usize = 2;
+pub(super) const ORDER_MAX: usize = 2;
 
 /// The state of the link, of the strongest path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -27,11 +27,10 @@ pub enum Link {
 
 impl Link {
     /// All.
-    pub const ALL: [Self; 4] = [Self::LineOfSight, Self::FirstOrder, Self::HigherOrder, Self::None];
+    pub(super) const ALL: [Self; 4] = [Self::LineOfSight, Self::FirstOrder, Self::HigherOrder, Self::None];
 
     /// The state as a classifier with this rate of errors tells it: any other one instead.
-    #[must_use]
-    pub fn told(self, error_rate: f64, random: &mut Random) -> Self {
+    pub(super) fn told(self, error_rate: f64, random: &mut Random) -> Self {
         let [error, which] = [random.uniform(), random.uniform()];
         if error >= error_rate {
             return self;
@@ -43,16 +42,15 @@ impl Link {
 
 /// What is heard.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heard {
+pub(super) struct Heard {
     /// By what way.
-    pub link: Link,
+    pub(super) link: Link,
     /// From where, from north, clockwise; of no meaning when nothing is heard.
-    pub bearing_rad: f64,
+    pub(super) bearing_rad: f64,
 }
 
 /// What a listener hears.
-#[must_use]
-pub fn hear(walls: &[Wall], source: Horizontal, listener: Horizontal) -> Heard {
+pub(super) fn hear(walls: &[Wall], source: Horizontal, listener: Horizontal) -> Heard {
     let strongest = |order_max| {
         let found = rays::paths(walls, source, listener, order_max, -FLOOR_DB).into_iter().next();
         found.filter(|path| path.gain_db() >= FLOOR_DB)

@@ -25,9 +25,9 @@ use crate::world::Horizontal;
 /// What the paper prints at 0.35 rad (table 3): success rate and duration over the baseline's, of the baseline, of the
 /// filters without covariance minimisation and with it.
 const PRINTED: [[f64; 2]; 3] = [[0.895, 1.0], [0.945, 0.82], [0.945, 0.76]];
-/// The paper prints no limit of a search. The limit here is the first of these steps at which the baseline solves as much
-/// as it does there.
-const LIMIT_STEP: u32 = 10;
+/// The paper prints no limit of a search. The limit of the path here is the first of these steps at which the baseline
+/// solves as much as it does there.
+const LIMIT_STEP_M: f64 = 5.0;
 /// Right end of the profile's axis.
 const TAU_MAX: f64 = 6.0;
 
@@ -50,8 +50,8 @@ pub struct Report {
     pub plans: u32,
     /// What the paper leaves open.
     pub rules: Rules,
-    /// Control cycles after which a search counts as failed.
-    pub limit_cycles: u32,
+    /// Path length after which a search counts as failed.
+    pub limit_m: f64,
     /// By noise.
     pub noises: Vec<AtNoise>,
     /// Success rate and relative duration that the paper prints: baseline, without and with covariance minimisation.
@@ -145,9 +145,9 @@ struct Pictured {
 }
 
 impl Tally {
-    fn of(trials: &[&Trial], baseline: &[&Trial], limit_cycles: u32) -> Self {
+    fn of(trials: &[&Trial], baseline: &[&Trial], limit_m: f64) -> Self {
         let scenarios = trials.len();
-        let found = trials.iter().filter(|trial| trial.found && trial.cycles <= limit_cycles).count();
+        let found = trials.iter().filter(|trial| trial.found && trial.length_m <= limit_m).count();
         let ever: Vec<&&Trial> = trials.iter().filter(|trial| trial.found).collect();
         let both: Vec<(&&Trial, &&Trial)> = trials.iter().zip(baseline).filter(|(a, b)| a.found && b.found).collect();
         let relative = |of: &dyn Fn(&Trial) -> f64| {
@@ -178,14 +178,14 @@ impl Report {
     pub(super) fn of(options: &Options, plans: Vec<Plan>, scenarios: &[Scenario], searched: Vec<Searched>) -> Self {
         let baseline = index_of(Kind::Follow);
         let noisy = searched.iter().position(|at| at.noise.sigma_rad > 0.0).unwrap_or(0);
-        let limit_cycles = limit_cycles(&searched[noisy].trials[baseline]);
+        let limit_m = limit_m(&searched[noisy].trials[baseline]);
         let chosen = |class: Option<Link>| -> Vec<usize> {
             (0..scenarios.len()).filter(|k| class.is_none_or(|class| scenarios[*k].link == class)).collect()
         };
         let tally = |at: &Searched, agent: usize, class: Option<Link>| {
             let of =
                 |agent: usize| -> Vec<&Trial> { chosen(class).into_iter().map(|k| &at.trials[agent][k]).collect() };
-            Tally::of(&of(agent), &of(baseline), limit_cycles)
+            Tally::of(&of(agent), &of(baseline), limit_m)
         };
         let noises = searched.iter().map(|at| {
             let agents = Kind::ALL.into_iter().enumerate().map(|(index, agent)| Row {
@@ -210,7 +210,7 @@ impl Report {
                 distance_min_m: DISTANCE_MIN_M,
                 cycles_max: CYCLES_MAX,
             },
-            limit_cycles,
+            limit_m,
             noises: noises.collect(),
             printed: PRINTED,
             profiles: profiles.collect(),
@@ -222,11 +222,11 @@ impl Report {
     #[must_use]
     pub fn table(&self) -> String {
         let mut text = format!(
-            "{} scenarios on {} plans; found within {} cycles, at which the baseline finds what the paper prints for it \
+            "{} scenarios on {} plans; found within {} m of path, at which the baseline finds what the paper prints for it \
              ({:.1} %), 95 % interval;\nin all {} cycles; path length and cycles over the baseline's, where both find\n",
             self.scenarios,
             self.plans,
-            self.limit_cycles,
+            self.limit_m,
             100.0 * PRINTED[0][0],
             CYCLES_MAX
         );
@@ -309,10 +309,12 @@ impl Report {
 }
 
 /// The first limit at which the baseline finds as much as the paper prints for it.
-fn limit_cycles(baseline: &[Trial]) -> u32 {
+fn limit_m(baseline: &[Trial]) -> f64 {
     let wanted = PRINTED[0][0] * baseline.len() as f64;
-    let found = |limit: u32| baseline.iter().filter(|trial| trial.found && trial.cycles <= limit).count() as f64;
-    (1..=CYCLES_MAX / LIMIT_STEP).map(|k| k * LIMIT_STEP).find(|limit| found(*limit) >= wanted).unwrap_or(CYCLES_MAX)
+    let found = |limit_m: f64| baseline.iter().filter(|trial| trial.found && trial.length_m <= limit_m).count() as f64;
+    let most_m = STEP_M * f64::from(CYCLES_MAX);
+    let steps = libm::floor(most_m / LIMIT_STEP_M) as u32;
+    (1..=steps).map(|k| f64::from(k) * LIMIT_STEP_M).find(|limit_m| found(*limit_m) >= wanted).unwrap_or(most_m)
 }
 
 /// By agent, the ratios of path lengths to the shortest of all agents, ascending; infinite where nothing was found.

@@ -9,32 +9,31 @@ use super::trial::Start;
 use crate::random::Random;
 
 /// Plans.
-pub const PLANS: u32 = 10;
+pub(super) const PLANS: u32 = 10;
 /// Starts of one transmitter: the paper has 200 scenarios with 100 transmitters.
 const STARTS: usize = 2;
 /// Nearest that a start is to its transmitter.
-pub const DISTANCE_MIN_M: f64 = 8.0;
+pub(super) const DISTANCE_MIN_M: f64 = 8.0;
 /// Room around a transmitter and a start.
 const ROOM_M: f64 = 0.5;
 /// Starts that are tried with one transmitter.
 const TRIES: usize = 40;
 /// The link at the start, by which scenarios are classed.
-pub const CLASSES: [Link; 3] = [Link::LineOfSight, Link::FirstOrder, Link::HigherOrder];
+pub(super) const CLASSES: [Link; 3] = [Link::LineOfSight, Link::FirstOrder, Link::HigherOrder];
 
 /// A scenario.
 #[derive(Clone, Copy, Debug)]
-pub struct Scenario {
+pub(super) struct Scenario {
     /// Which plan.
-    pub plan: usize,
+    pub(super) plan: usize,
     /// Where it begins.
-    pub start: Start,
+    pub(super) start: Start,
     /// The link there.
-    pub link: Link,
+    pub(super) link: Link,
 }
 
 /// Draws the plans, every other one with a corridor.
-#[must_use]
-pub fn plans(seed: u64) -> Vec<Plan> {
+pub(super) fn plans(seed: u64) -> Vec<Plan> {
     (0..PLANS).map(|k| Plan::draw(seed_of(seed, k as usize), k % 2 == 0)).collect()
 }
 
@@ -43,8 +42,7 @@ fn seed_of(seed: u64, plan: usize) -> u64 {
 }
 
 /// Draws so many scenarios, as many of each class and on each plan as it goes, all with a way to the transmitter.
-#[must_use]
-pub fn scenarios(plans: &[Plan], seed: u64, count: usize) -> Vec<Scenario> {
+pub(super) fn scenarios(plans: &[Plan], seed: u64, count: usize) -> Vec<Scenario> {
     let of_plan = |plan: usize| {
         let quota = |class: usize| {
             // Scenario k is of class k mod 3 and on plan (k / 3) mod 10.

@@ -11,11 +11,11 @@ use crate::random::Random;
 use crate::world::Horizontal;
 
 /// Longest step of a control cycle.
-pub const STEP_M: f64 = 0.5;
+pub(super) const STEP_M: f64 = 0.5;
 /// Control cycles, before a search is given up.
-pub const CYCLES_MAX: u32 = 500;
+pub(super) const CYCLES_MAX: u32 = 500;
 /// The transmitter is found within this distance, in sight.
-pub const FOUND_M: f64 = 1.0;
+pub(super) const FOUND_M: f64 = 1.0;
 /// A way is planned anew when the goal has moved by this much.
 const GOAL_MOVED_M: f64 = 0.3;
 /// The robot's hull keeps this from walls that it has not seen.
@@ -23,13 +23,13 @@ const HULL_M: f64 = 0.1;
 
 /// Where a search begins.
 #[derive(Clone, Copy, Debug)]
-pub struct Start {
+pub(super) struct Start {
     /// Of the transmitter.
-    pub transmitter: Horizontal,
+    pub(super) transmitter: Horizontal,
     /// Of the robot.
-    pub place: Horizontal,
+    pub(super) place: Horizontal,
     /// Of the noise.
-    pub seed: u64,
+    pub(super) seed: u64,
 }
 
 /// What the angle of arrival is like.
@@ -43,19 +43,19 @@ pub struct Noise {
 
 /// How a search went.
 #[derive(Clone, Debug)]
-pub struct Trial {
+pub(super) struct Trial {
     /// Whether the transmitter was found.
-    pub found: bool,
+    pub(super) found: bool,
     /// Length of the path.
-    pub length_m: f64,
+    pub(super) length_m: f64,
     /// Control cycles.
-    pub cycles: u32,
+    pub(super) cycles: u32,
     /// Walls that were felt, not seen.
-    pub bumps: u32,
+    pub(super) bumps: u32,
     /// The path.
-    pub path: Vec<Horizontal>,
+    pub(super) path: Vec<Horizontal>,
     /// Points of the map at the end.
-    pub points: Vec<Horizontal>,
+    pub(super) points: Vec<Horizontal>,
 }
 
 /// Follows ways on what is known.
@@ -95,7 +95,7 @@ impl Navigator {
 ///
 /// # Errors
 /// None that the built-in configuration could cause.
-pub fn search(plan: &Plan, start: &Start, kind: Kind, noise: Noise) -> Result<Trial, ConfigError> {
+pub(super) fn search(plan: &Plan, start: &Start, kind: Kind, noise: Noise) -> Result<Trial, ConfigError> {
     let mut agent = Agent::new(kind, start.transmitter, noise.sigma_rad, start.seed)?;
     let [mut air, mut classifier, mut ranges] = [2, 3, 4].map(|purpose| Random::new(start.seed, purpose));
     let mut known = Known::new(plan);

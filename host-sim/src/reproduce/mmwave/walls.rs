@@ -4,7 +4,7 @@ use foxhound_core::lor::Line;
 
 /// Lines.
 #[derive(Clone, Debug, Default)]
-pub struct Walls {
+pub(super) struct Walls {
     lines: Vec<Line>,
 }
 
@@ -17,13 +17,12 @@ const GAP_M: f32 = 0.4;
 
 impl Walls {
     /// All.
-    #[must_use]
-    pub fn lines(&self) -> &[Line] {
+    pub(super) fn lines(&self) -> &[Line] {
         &self.lines
     }
 
     /// Adds a line, or joins it to one that is the same.
-    pub fn add(&mut self, line: Line) {
+    pub(super) fn add(&mut self, line: Line) {
         for known in &mut self.lines {
             let [long, short] = if length_m(known) >= length_m(&line) { [*known, line] } else { [line, *known] };
             let ends = short.ends_ned_m();
