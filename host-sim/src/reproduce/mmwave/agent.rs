@@ -196,9 +196,9 @@ const REACHED_M: f64 = 0.6;
 /// Farthest that a goal is from the point of reflection.
 const OFF_LINE_M: f64 = 2.5;
 /// While the bearing is known no better than this, it stays to hear more,
-const LISTEN_RAD: f64 = 0.17;
+const LISTEN_RAD: f64 = 0.14;
 /// but not for more cycles.
-const LISTEN_CYCLES: u32 = 6;
+const LISTEN_CYCLES: u32 = 8;
 /// Sightings in a row that no filter explains, before all begin anew.
 const UNEXPLAINED_MAX: u32 = 2;
 /// How far ahead to go where no line is known.
@@ -283,11 +283,18 @@ impl Seeker {
         }
         // Nothing there: on along the angle of arrival, as long as it means something.
         self.goal = None;
-        self.ears[1] = Ear::new();
-        self.ears[2] = Ear::new();
-        let on = view.place.along(Horizontal::from_bearing(view.bearing_rad), OFFSET_M);
-        order.map(|_| on)
+        let image = image_of(&self.heard?);
+        Some(view.place.along(Horizontal::from_bearing(image.minus(view.place).bearing_rad()), OFFSET_M))
     }
+}
+
+/// Where a filter takes the wave to come from: the transmitter, or its last image.
+fn image_of(answer: &Answer) -> Horizontal {
+    let estimate = answer.estimate.place_ned_m;
+    from_core(match answer.way {
+        Way::Direct => estimate,
+        Way::Reflected(line) => line.mirror(estimate),
+    })
 }
 
 /// A bank of filters, begun anew when it explains nothing any more.
@@ -348,12 +355,7 @@ fn in_sight(view: &View<'_>, answer: &Answer) -> Horizontal {
 
 /// From the point of reflection the source is in sight, and all along the way from there to the source.
 fn around_the_corner(view: &View<'_>, answer: &Answer, lines: &[Line]) -> Horizontal {
-    let estimate = from_core(answer.estimate.place_ned_m);
-    let image = match answer.way {
-        Way::Direct => estimate,
-        Way::Reflected(line) => from_core(line.mirror(estimate.to_core())),
-    };
-    let direction = Horizontal::from_bearing(image.minus(view.place).bearing_rad());
+    let direction = Horizontal::from_bearing(image_of(answer).minus(view.place).bearing_rad());
     let ahead = |range_m: f64, from: Horizontal, direction: Horizontal| {
         let wall_m = view.known.range_to_wall_m(from, direction, range_m);
         from.along(direction, wall_m.map_or(range_m, |wall_m| (wall_m - 0.3).max(0.0)))
