@@ -1,12 +1,13 @@
 //! `foxhound reproduce localize`: how well filters localize, through the command line.
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use foxhound_tests::run_json;
 use serde_json::Value;
 
-fn filters() -> Value {
+fn report(part: &str) -> Value {
     let (status, mut report) = run_json(&["reproduce", "localize", "--json"]);
     assert_eq!(status, 0);
-    report["filters"].take()
+    report[part].take()
 }
 
 fn number(value: &Value, pointer: &str) -> f64 {
@@ -20,7 +21,7 @@ fn row<'a>(filters: &'a Value, name: &str) -> &'a Value {
 
 #[test]
 fn filters_localize_as_the_paper_shows_and_ours_know_how_well() {
-    let filters = filters();
+    let filters = report("filters");
     assert!(number(&filters, "/runs") >= 200.0);
 
     // Line of sight: inside the bands in every experiment.
@@ -63,5 +64,35 @@ fn filters_localize_as_the_paper_shows_and_ours_know_how_well() {
         assert!(number(row, "/ours/converged") >= 0.8, "{row}");
         assert!(number(row, "/ours/converged") > number(row, "/paper/converged"), "{row}");
         assert!(number(row, "/ours/median_m") < number(row, "/paper/median_m"), "{row}");
+    }
+}
+
+#[test]
+fn paths_on_which_bearings_tell_more_halve_the_covariance_and_touch_nothing() {
+    let paths = report("paths");
+    let rows = paths["rows"].as_array().unwrap();
+    let xi = |case: &str, weight: f64| {
+        let is =
+            |row: &&Value| row["case"] == case && number(row, "/weight") == weight && number(row, "/step_max_m") == 2.5;
+        number(rows.iter().find(is).unwrap(), "/xi_m2")
+    };
+    // Table 2 has 2.49; with steps of 1 m, as printed, nobody gets there (the other rows).
+    assert!(xi("line_of_sight", 0.0) / xi("line_of_sight", 50.0) >= 2.3);
+    assert!(xi("reflected", 0.0) / xi("reflected", 50.0) >= 1.15);
+    for row in rows {
+        assert!(row["outcome"] == "converged" && number(row, "/clearance_m") > 0.0, "{row}");
+    }
+}
+
+#[test]
+fn a_tenth_more_of_a_way_tells_the_range_that_the_straight_one_does_not() {
+    let leg = report("leg");
+    assert_eq!(number(&leg, "/runs"), 500.0);
+    assert!(number(&leg, "/planned/range_rmse_m") <= 1.5 && number(&leg, "/planned/extra_length") <= 0.1, "{leg}");
+    assert!(number(&leg, "/straight/range_rmse_m") > 3.0 * number(&leg, "/planned/range_rmse_m"), "{leg}");
+    for way in ["straight", "planned"] {
+        let [nis, low, high] =
+            ["nis", "nis_band/0", "nis_band/1"].map(|field| number(&leg, &format!("/{way}/{field}")));
+        assert!(low < nis && nis < high, "{way}: {nis}");
     }
 }
