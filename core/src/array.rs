@@ -14,6 +14,7 @@
 use crate::adc::CHANNELS;
 use crate::error::{ConfigError, Why, check};
 use crate::kernel::sqrt;
+use crate::order::sort_by_key;
 use crate::phase::Complex;
 use crate::units::{sin_cos, wrap_pi};
 
@@ -102,7 +103,7 @@ impl Table {
         }
         let count = usize::from(table.count);
         if let Some(used) = table.entries.get_mut(..count) {
-            used.sort_unstable_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+            sort_by_key(used, |entry| entry.frequency_hz);
         }
         Ok(table)
     }

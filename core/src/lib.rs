@@ -38,6 +38,7 @@ extern crate std;
 pub mod error;
 pub mod frame;
 pub mod kernel;
+mod order;
 pub mod ownship;
 pub mod rng;
 pub mod time;

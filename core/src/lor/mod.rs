@@ -15,6 +15,7 @@
 //!
 //! Memory: a [`Scratch`] of 3.0 KB, fixed. The work is bounded by [`Config::work_max`].
 
+use crate::order::sort_by_key;
 use heapless::Vec;
 
 use crate::error::{ConfigError, Why, check};
@@ -197,7 +198,7 @@ impl Lines {
             }
             scratch.proposed = found.iter().map(|fit| fit.line).collect();
         }
-        found.sort_unstable_by(|a, b| length_m(&b.line).total_cmp(&length_m(&a.line)));
+        sort_by_key(&mut found, |fit| -length_m(&fit.line));
         let mut lines = Vec::new();
         for fit in found.iter().take(LINES_MAX) {
             let line = fit.line;
@@ -278,7 +279,7 @@ impl Lines {
         for (index, _) in owners.iter().take(points.len()).enumerate().filter(|(_, o)| usize::from(**o) == owner) {
             let _ = order.push(index as u8);
         }
-        order.sort_unstable_by(|a, b| along_m(*a).total_cmp(&along_m(*b)));
+        sort_by_key(order, |index| along_m(*index));
         let mut from = 0;
         for to in 1..=order.len() {
             if to < order.len() && along_m(order[to]) - along_m(order[to - 1]) <= self.config.gap_m {
@@ -359,7 +360,7 @@ pub fn points_of<'a>(
     circles: impl IntoIterator<Item = &'a Circle>,
     seen_from_ned_m: Horizontal,
 ) -> Vec<Horizontal, POINTS_MAX> {
-    let mut points = Vec::new();
+    let mut points: Vec<(f32, Horizontal), POINTS_MAX> = Vec::new();
     for circle in circles {
         if !circle.is_plausible() || circle.velocity_ned_mps != Horizontal::default() {
             continue;
@@ -368,13 +369,13 @@ pub fn points_of<'a>(
         let away_m = towards.norm();
         let face =
             if away_m > circle.radius_m { towards.times(circle.radius_m / away_m) } else { Horizontal::default() };
-        if points.push(circle.center_ned_m.plus(face)).is_err() {
+        let point = circle.center_ned_m.plus(face);
+        if points.push((turn(point.minus(seen_from_ned_m)), point)).is_err() {
             break;
         }
     }
-    let place = |point: &Horizontal| turn(point.minus(seen_from_ned_m));
-    points.sort_unstable_by(|a, b| place(a).total_cmp(&place(b)));
-    points
+    sort_by_key(&mut points, |(turn, _)| *turn);
+    points.iter().map(|(_, point)| *point).collect()
 }
 
 /// A number that grows with the bearing, from 0 in the south by 4 in a turn, and needs no arc tangent.

@@ -3,6 +3,7 @@
 //! The oldest way (Ramer 1972, Duda and Hart 1973; "iterative end point fit"), and a quick one: `n log n` distances. It needs
 //! the order in which a scan sees the points, and one stray point in the middle of a wall cuts the wall in two.
 
+use crate::order::sort_by_key;
 use heapless::Vec;
 
 use super::POINTS_MAX;
@@ -47,7 +48,7 @@ pub(super) fn pieces(limits: &Limits, points: &[Horizontal]) -> Vec<Piece, PIECE
             from = to;
         }
     }
-    pieces.sort_unstable_by_key(|piece| piece.from);
+    sort_by_key(&mut pieces, |piece| piece.from as f32);
     merge(limits, points, &mut pieces);
     pieces
 }

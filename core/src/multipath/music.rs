@@ -4,6 +4,7 @@ use super::bartlett::{GRID, GRID_STEP_RAD, Scan};
 use super::matrix::{Symmetric, Vector, dot, plus, scaled};
 use super::solver::Solver;
 use crate::kernel::sqrt;
+use crate::order::sort_by_key;
 use crate::units::sin_cos;
 
 /// Rounds of Jacobi rotations: the off-diagonal is below rounding after four.
@@ -37,7 +38,7 @@ impl Symmetric {
             }
         }
         let mut order = [0, 1, 2, 3];
-        order.sort_unstable_by(|i: &usize, j| a[*i][*i].total_cmp(&a[*j][*j]));
+        sort_by_key(&mut order, |i: &usize| a[*i][*i]);
         [v[order[0]], v[order[1]]]
     }
 }

@@ -14,6 +14,7 @@
 //!
 //! The cost is bounded: circles are fitted to 160 points of a look at most, the rest becomes chains.
 
+use crate::order::sort_by_key;
 use heapless::Vec;
 
 use crate::error::{ConfigError, check};
@@ -408,7 +409,7 @@ impl Fitter {
             }
         }
         // In the order of azimuth, and begun where two neighbours are far apart.
-        look.points_ned_m.sort_unstable_by(|a, b| around(*a).total_cmp(&around(*b)));
+        sort_by_key(&mut look.points_ned_m, |point| around(*point));
         let apart = |a: &Horizontal, b: &Horizontal| {
             let limit = 2.0 * self.config.gap_m;
             a.minus(*b).norm_squared() >= limit * limit
