@@ -50,6 +50,7 @@ use microfft::real::rfft_256;
 use static_cell::{ConstStaticCell, StaticCell};
 
 mod belief;
+mod source;
 
 /// Steps of the flight that the fast loop is measured in; the first ones acquire.
 const STEPS: usize = 112;
@@ -95,6 +96,7 @@ fn main() -> ! {
     rollouts(&measure);
     replan(&measure, &planner, scratch);
     belief::rows(&measure);
+    source::rows(&measure);
     semihosting::process::exit(0)
 }
 
