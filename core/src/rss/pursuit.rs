@@ -113,7 +113,7 @@ impl Pursuer {
             sigma_rad,
             since_s,
         };
-        if state.polar.estimate().is_some() {
+        if state.polar.is_started() {
             if let Heard::Fused { .. } = self.polar.step(&mut state.polar, &sighting(bearing_ned_rad, sigma_rad)) {
                 self.compare(state, &known);
             }

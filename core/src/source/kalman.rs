@@ -81,8 +81,22 @@ pub(super) fn update<const S: usize>(
     Weighed { nis: across * across * inverse + along * along / r, variance }
 }
 
-/// Bounds the variances, and widens them a little where rounding has made their correlations impossible.
+/// Bounds the variances, and widens them a little where rounding has made their correlations impossible; looks at the upper
+/// triangle only, and changes nothing off the diagonal.
+#[inline(always)]
 pub(super) fn keep_positive<const S: usize>(p: &mut [[f32; S]; S]) {
+    let mut trace = 0.0;
+    for i in 0..S {
+        trace += p[i][i];
+    }
+    if !(is_positive(p) && trace <= VARIANCES[1]) {
+        widen(p);
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn widen<const S: usize>(p: &mut [[f32; S]; S]) {
     for i in 0..S {
         p[i][i] = between(p[i][i], VARIANCES[0], VARIANCES[1]);
     }
@@ -99,18 +113,25 @@ pub(super) fn keep_positive<const S: usize>(p: &mut [[f32; S]; S]) {
 }
 
 /// Whether all pivots of a symmetric matrix are positive enough.
+#[inline(always)]
 fn is_positive<const S: usize>(p: &[[f32; S]; S]) -> bool {
     let mut rest = *p;
     for k in 0..S {
-        let pivot = rest[k][k];
-        if !(pivot > PIVOT_MIN * p[k][k]) {
+        let (pivot, variance) = (rest[k][k], p[k][k]);
+        if !(pivot > PIVOT_MIN * (variance + VARIANCES[0])) {
             return false;
         }
-        let inverse = 1.0 / pivot;
-        for i in k + 1..S {
-            let factor = rest[k][i] * inverse;
-            for j in i..S {
-                rest[i][j] -= factor * rest[k][j];
+        if k + 1 < S {
+            let inverse = 1.0 / pivot;
+            for i in 0..S {
+                if k < i {
+                    let factor = rest[k][i] * inverse;
+                    for j in 0..S {
+                        if i <= j {
+                            rest[i][j] -= factor * rest[k][j];
+                        }
+                    }
+                }
             }
         }
     }

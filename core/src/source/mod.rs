@@ -10,6 +10,7 @@
 use crate::frame::Horizontal;
 
 mod kalman;
+mod series;
 
 pub mod bank;
 pub mod cartesian;

@@ -2,6 +2,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::rng::Rng;
+use crate::units::{sin_cos, wrap_pi};
 
 const SIGMA_RAD: f32 = 0.0325;
 
@@ -58,7 +59,7 @@ fn weave(time_s: f32) -> Horizontal {
 /// Squared error of the state over its covariance, in bearing and inverse range.
 fn nees<const S: usize>(state: &State<S>, source: Horizontal) -> f32 {
     let to = source.minus(state.place_ned_m);
-    let e = [wrap_pi(state.x[0] - to.bearing_rad()), state.x[1] - 1.0 / to.norm()];
+    let e = [wrap_pi(state.mean()[0] - to.bearing_rad()), state.mean()[1] - 1.0 / to.norm()];
     let [a, b, d] = [state.p[0][0], state.p[0][1], state.p[1][1]];
     (d * e[0] * e[0] - 2.0 * b * e[0] * e[1] + a * e[1] * e[1]) / (a * d - b * b)
 }
@@ -69,7 +70,9 @@ fn the_covariance_moves_as_finite_differences_say() {
     let mut rng = Rng::new(1, 9);
     for _ in 0..200 {
         let mut state = Moving { started: true, ..State::new() };
-        state.x = [6.0 * rng.uniform() - 3.0, 0.05 + rng.uniform(), 0.2 * rng.gaussian(), 0.2 * rng.gaussian()];
+        state.direction_ned = Horizontal::from_bearing(6.0 * rng.uniform() - 3.0);
+        state.inverse_range_per_m = 0.05 + rng.uniform();
+        state.velocity_ned_per_s = Horizontal { north: 0.2 * rng.gaussian(), east: 0.2 * rng.gaussian() };
         // Any covariance: A A'.
         let a: [[f32; 4]; 4] = core::array::from_fn(|_| core::array::from_fn(|_| 0.1 * rng.gaussian()));
         for i in 0..4 {
@@ -84,7 +87,7 @@ fn the_covariance_moves_as_finite_differences_say() {
             let s = m[0].hypot(m[1]);
             [m[1].atan2(m[0]), x[1] / s, x[2] / s, x[3] / s]
         };
-        let x = state.x.map(f64::from);
+        let x = state.mean().map(f64::from);
         let mut jacobian = [[0.0; 4]; 4];
         for j in 0..4 {
             let (mut up, mut down) = (x, x);
@@ -101,7 +104,7 @@ fn the_covariance_moves_as_finite_differences_say() {
             continue;
         }
         for i in 0..4 {
-            assert!((f64::from(state.x[i]) - after[i]).abs() < 1e-5 * (1.0 + after[i].abs()));
+            assert!((f64::from(state.mean()[i]) - after[i]).abs() < 1e-5 * (1.0 + after[i].abs()));
             for j in i..4 {
                 let entry = |k: usize, l: usize| f64::from(before.covariance(k, l));
                 let expected: f64 = (0..4)
@@ -123,7 +126,7 @@ fn on_a_straight_run_the_range_stays_as_uncertain_as_it_is() {
     for _ in 0..400 {
         let source = draw(&mut rng);
         let state = run::<2>(&filter, &mut rng, |_| source, north, 6.0, |_, _, _| ());
-        let rho_error = state.x[1] - 1.0 / source.minus(state.place_ned_m).norm();
+        let rho_error = state.mean()[1] - 1.0 / source.minus(state.place_ned_m).norm();
         squared += rho_error * rho_error / 400.0;
         claimed += state.p[1][1] / 400.0;
     }
@@ -195,7 +198,7 @@ fn outliers_neither_move_nor_convince_it() {
             let heard = if k > 0 && rng.uniform() < 0.3 { core::f32::consts::TAU * rng.uniform() } else { truth };
             filter.step(&mut state, &sighting(from, heard));
         }
-        let error = wrap_pi(state.x[0] - source.minus(state.place_ned_m).bearing_rad());
+        let error = wrap_pi(state.mean()[0] - source.minus(state.place_ned_m).bearing_rad());
         worst = worst.max(error.abs());
     }
     assert!(worst < 0.1, "{worst}");
@@ -239,7 +242,7 @@ fn the_mirror_image_of_a_filter_is_that_of_what_it_would_have_heard_there() {
     }
     let image = here.mirrored(&line);
     for i in 0..4 {
-        assert!((image.x[i] - there.x[i]).abs() < 1e-3, "{i}: {image:?} {there:?}");
+        assert!((image.mean()[i] - there.mean()[i]).abs() < 1e-3, "{i}: {image:?} {there:?}");
         for j in i..4 {
             let scale = libm::sqrtf(there.p[i][i] * there.p[j][j]);
             assert!((image.p[i][j] - there.p[i][j]).abs() < 1e-2 * scale, "{i} {j}: {image:?} {there:?}");
@@ -264,8 +267,8 @@ fn any_stream_leaves_it_finite_symmetric_and_positive() {
             filter.step(&mut resting, &heard);
             filter.step(&mut moving, &heard);
             let p = &moving.p;
-            assert!(moving.x.iter().chain(p.iter().flatten()).all(|v| v.is_finite()), "{heard:?}");
-            assert!(resting.x.iter().chain(resting.p.iter().flatten()).all(|v| v.is_finite()), "{heard:?}");
+            assert!(moving.mean().iter().chain(p.iter().flatten()).all(|v| v.is_finite()), "{heard:?}");
+            assert!(resting.mean().iter().chain(resting.p.iter().flatten()).all(|v| v.is_finite()), "{heard:?}");
             if moving.started {
                 assert!(cholesky(&moving), "{heard:?} {:?}", moving);
             }
