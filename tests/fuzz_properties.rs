@@ -3,7 +3,7 @@
 #[path = "../fuzz/src/lib.rs"]
 pub mod properties;
 
-use properties::{Reached, frames, link, looks, steer};
+use properties::{Reached, filters, frames, link, looks, steer};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -46,6 +46,15 @@ fn any_steering_gives_finite_setpoints_inside_the_limits_and_finite_plans() {
     let (configured, sum) = run(steer, 2400, 3000);
     assert!(
         configured > 1000 && sum.answers > 200_000 && sum.usable > 60_000,
+        "too shallow: {configured} configured, {sum:?}"
+    );
+}
+
+#[test]
+fn any_measurements_leave_every_filter_finite_symmetric_and_positive() {
+    let (configured, sum) = run(filters, 8000, 2000);
+    assert!(
+        configured > 1000 && sum.answers > 100_000 && sum.usable > 50_000,
         "too shallow: {configured} configured, {sum:?}"
     );
 }

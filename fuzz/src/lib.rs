@@ -7,6 +7,7 @@
 //! | [`looks`] | phasors, bearings, poses -> several looks -> arrival | the same, powers and directions in range |
 //! | [`link`] | bytes, broken and whole frames, outputs -> framer and companion | every whole frame is found, nothing is invented, what is sent is well formed and within the limits |
 //! | [`steer`](fn@steer) | demands to the guard; sensors, controls and clocks through guidance and all planners -> setpoints, plans | finite and inside the limits of speed, acceleration, jerk, yaw rate and altitude; nothing without control; every plan finite |
+//! | [`filters`](fn@filters) | sightings, walls, powers, looks, points, circles -> filters of the source, bank, seeking, link state, walls, search | finite; every covariance symmetric and positive; probabilities, directions and targets in range |
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::OnceLock;
@@ -27,7 +28,9 @@ use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
 use foxhound_link::{Message, companion::TYPE_MASK};
 
+mod filters;
 mod steer;
+pub use filters::filters;
 pub use steer::steer;
 
 /// What a case came to, so that a test can tell whether cases reach deep enough.

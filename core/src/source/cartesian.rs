@@ -106,7 +106,7 @@ impl Filter {
             x: [p.east, p.north],
             p: [[variance, 0.0], [0.0, variance]],
             place_ned_m: vehicle_ned_m,
-            started: p.is_finite() && variance < 1e12,
+            started: p.norm_squared() < 1e12 && vehicle_ned_m.norm_squared() < 1e12 && variance < 1e12,
         };
         kalman::keep_positive(&mut state.p);
     }

@@ -17,6 +17,8 @@ use crate::units::between;
 /// Least pivot of a covariance, as a part of its diagonal. Rounding moves a pivot by some `eps / sqrt(least pivot before)`, so
 /// that what passes in `f32` has a factor in `f64` too.
 const PIVOT_MIN: f32 = 1e-4;
+/// Widenings, each about twice the one before: five times at most in all.
+const WIDENINGS: u8 = 14;
 /// Least and greatest variance of anything.
 const VARIANCES: [f32; 2] = [1e-12, 1e12];
 
@@ -82,7 +84,7 @@ pub(super) fn update<const S: usize>(
 }
 
 /// Bounds the variances, and widens them a little where rounding has made their correlations impossible; looks at the upper
-/// triangle only, and changes nothing off the diagonal.
+/// triangle only, and keeps a symmetric matrix symmetric.
 #[inline(always)]
 pub(super) fn keep_positive<const S: usize>(p: &mut [[f32; S]; S]) {
     let mut trace = 0.0;
@@ -98,10 +100,19 @@ pub(super) fn keep_positive<const S: usize>(p: &mut [[f32; S]; S]) {
 #[inline(never)]
 fn widen<const S: usize>(p: &mut [[f32; S]; S]) {
     for i in 0..S {
-        p[i][i] = between(p[i][i], VARIANCES[0], VARIANCES[1]);
+        let variance = p[i][i];
+        // What is too large keeps its correlations; what is none has none.
+        let share = if variance > VARIANCES[1] { sqrt(VARIANCES[1] / variance) } else { 1.0 };
+        if !(variance > 0.0) || share < 1.0 {
+            for j in 0..S {
+                p[i][j] = if share > 0.0 && variance > 0.0 { p[i][j] * share } else { 0.0 };
+                p[j][i] = if share > 0.0 && variance > 0.0 { p[j][i] * share } else { 0.0 };
+            }
+        }
+        p[i][i] = if variance > VARIANCES[0] { between(variance, VARIANCES[0], VARIANCES[1]) } else { VARIANCES[0] };
     }
     let mut wider = 1.0 + PIVOT_MIN;
-    for _ in 0..30 {
+    for _ in 0..WIDENINGS {
         if is_positive(p) {
             return;
         }
@@ -109,6 +120,14 @@ fn widen<const S: usize>(p: &mut [[f32; S]; S]) {
             p[i][i] *= wider;
         }
         wider += wider - 1.0;
+    }
+    // That was not rounding.
+    for i in 0..S {
+        for j in 0..S {
+            if i != j {
+                p[i][j] = 0.0;
+            }
+        }
     }
 }
 

@@ -30,6 +30,7 @@ use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
 use crate::kernel::sqrt;
 use crate::lor::Line;
+use crate::units::between;
 
 /// Below this fraction of the range that is left after a step, the vehicle is at the source.
 const OVERHEAD: f32 = 1e-3;
@@ -172,7 +173,7 @@ impl<const S: usize> State<S> {
                 product(a.east, a.east, b.east, b.east),
             ],
             bearing_ned_rad: along.bearing_rad(),
-            bearing_sigma_rad: sqrt(bb),
+            bearing_sigma_rad: between(sqrt(bb), 0.0, BEARING_SIGMA_MAX_RAD),
             range_m,
             range_sigma_ratio: sqrt(rr) * range_m,
         })
@@ -259,7 +260,7 @@ impl Filter {
             self.start(state, sighting, sigma_rad);
             return Heard::Started;
         }
-        if !self.predict(state, sighting.place_ned_m, sighting.since_s) {
+        if !self.carry(state, sighting.place_ned_m, sighting.since_s) {
             *state = State::new();
             return Heard::Overhead;
         }
@@ -275,6 +276,7 @@ impl Filter {
         let direction_ned = sighting.direction_ned;
         state.direction_ned = direction_ned.times(1.0 / direction_ned.norm());
         state.inverse_range_per_m = config.inverse_range_per_m;
+        let sigma_rad = between(sigma_rad, SIGMA_MIN_RAD, BEARING_SIGMA_MAX_RAD);
         state.p[0][0] = sigma_rad * sigma_rad;
         state.p[1][1] = config.inverse_range_sigma_per_m * config.inverse_range_sigma_per_m;
         let speed = config.speed_sigma_mps * config.inverse_range_per_m;
@@ -285,6 +287,13 @@ impl Filter {
 
     /// Carries the state to where the vehicle is now; false when it is at the source.
     pub fn predict<const S: usize>(&self, state: &mut State<S>, place_ned_m: Horizontal, dt_s: f32) -> bool {
+        let carried = self.carry(state, place_ned_m, dt_s);
+        self.keep_sound(state);
+        carried
+    }
+
+    /// The same, but for the last digits: an update looks at them anyway.
+    fn carry<const S: usize>(&self, state: &mut State<S>, place_ned_m: Horizontal, dt_s: f32) -> bool {
         let config = &self.config;
         let moved = place_ned_m.minus(state.place_ned_m);
         state.place_ned_m = place_ned_m;
@@ -346,7 +355,7 @@ impl Filter {
     }
 
     /// Weighs a bearing, given as a vector along it.
-    pub fn update<const S: usize>(&self, state: &mut State<S>, direction_ned: Horizontal, sigma_rad: f32) -> Heard {
+    fn update<const S: usize>(&self, state: &mut State<S>, direction_ned: Horizontal, sigma_rad: f32) -> Heard {
         let config = &self.config;
         let r = sigma_rad * sigma_rad;
         let e = state.direction_ned;
@@ -397,11 +406,11 @@ impl Filter {
         } else if rho * config.range_max_m < 1.0 {
             state.inverse_range_per_m = 1.0 / config.range_max_m;
         }
-        kalman::keep_positive(&mut state.p);
         // Worse than uniform is uniform.
         if state.p[0][0] > BEARING_SIGMA_MAX_RAD * BEARING_SIGMA_MAX_RAD {
             narrow(&mut state.p);
         }
+        kalman::keep_positive(&mut state.p);
     }
 }
 

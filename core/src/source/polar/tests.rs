@@ -100,7 +100,7 @@ fn the_covariance_moves_as_finite_differences_say() {
             }
         }
         let (before, after) = (state, moved(x));
-        if !still.predict(&mut state, place, 0.1) {
+        if !still.carry(&mut state, place, 0.1) {
             continue;
         }
         for i in 0..4 {

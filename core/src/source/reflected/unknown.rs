@@ -367,7 +367,6 @@ impl Unknown {
         state.x[1] = between(state.x[1], 1.0 / config.range_max_m, 1.0 / config.range_min_m);
         state.x[2] = wrap_pi(between(state.x[2], -100.0, 100.0));
         state.x[3] = between(state.x[3], -1e6, 1e6);
-        kalman::keep_positive(&mut state.p);
         // Angles worse than uniform are uniform.
         for angle in [0, 2] {
             let most = BEARING_SIGMA_MAX_RAD * BEARING_SIGMA_MAX_RAD;
@@ -380,6 +379,7 @@ impl Unknown {
                 state.p[angle][angle] = most;
             }
         }
+        kalman::keep_positive(&mut state.p);
     }
 }
 
