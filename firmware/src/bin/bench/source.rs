@@ -181,7 +181,7 @@ fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     if found < STEPS {
         board::halt(format_args!("the split and merge finds {found} walls in {STEPS} rooms"));
     }
-    row("lines_split_merge_128", most, 150_000);
+    row("lines_split_merge_128", most, 0);
 }
 
 /// A cardioid turning once in 2.4 s, 50 readings a second, a reflection now and then.
@@ -237,5 +237,5 @@ fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             _ => state.end(),
         }
     }
-    row("explore_128", most, 450_000);
+    row("explore_128", most, 0);
 }
