@@ -26,7 +26,7 @@ use crate::frame::Horizontal;
 use crate::map::Circle;
 use crate::scan::Pose;
 use crate::time::Instant;
-use crate::units::{sin_cos, wrap_pi};
+use crate::units::{between, sin_cos, wrap_pi};
 
 mod grid;
 
@@ -288,19 +288,23 @@ impl Explorer {
 
     fn passages<'a>(&self, grid: &Grid, circles: impl Iterator<Item = &'a Circle>) -> Passages {
         let mut passages = Passages { covered: [0; SIDE], east: [0; SIDE], north: [0; SIDE] };
-        let step = [Horizontal { north: 0.0, east: grid.cell_m }, Horizontal { north: grid.cell_m, east: 0.0 }];
+        // From 0 to the width of a cell there is the side, beyond is beside it.
+        let beside = |along_m: f32| along_m - between(along_m, 0.0, grid.cell_m);
         for circle in circles {
             let reach_m = circle.radius_m + self.config.clearance_m;
-            let center = circle.center_ned_m;
+            let (center, reach2) = (circle.center_ned_m, reach_m * reach_m);
             for cell in grid.cells_within(center, reach_m + grid.cell_m) {
-                let place = grid.place_of(cell);
-                if place.minus(center).norm_squared() < reach_m * reach_m {
+                let off = center.minus(grid.place_of(cell));
+                let (north2, east2) = (off.north * off.north, off.east * off.east);
+                let (beside_north, beside_east) = (beside(off.north), beside(off.east));
+                if north2 + east2 < reach2 {
                     set(&mut passages.covered, cell);
                 }
-                for (closed, step) in [&mut passages.east, &mut passages.north].into_iter().zip(step) {
-                    if Horizontal::distance_to_segment(center, place, place.plus(step)) < reach_m {
-                        set(closed, cell);
-                    }
+                if north2 + beside_east * beside_east < reach2 {
+                    set(&mut passages.east, cell);
+                }
+                if east2 + beside_north * beside_north < reach2 {
+                    set(&mut passages.north, cell);
                 }
             }
         }

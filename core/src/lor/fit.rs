@@ -123,15 +123,19 @@ impl Spread {
 /// The line of the least squares; `None` for fewer than two different points. Points that are no numbers are not looked at.
 #[must_use]
 pub fn fit(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
-    let finite = points_ned_m.filter(|point| point.is_finite());
+    fit_finite(points_ned_m.filter(|point| point.is_finite()))
+}
+
+/// The same for points that are known to be numbers.
+pub(super) fn fit_finite(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
     let mut moments = Moments::new();
-    for point in finite.clone() {
+    for point in points_ned_m.clone() {
         moments.add(point);
     }
     let spread = moments.spread()?;
     // From the mean, which is exact where the places are far from the origin.
     let (mut from_m, mut to_m) = (0.0_f32, 0.0_f32);
-    for point in finite {
+    for point in points_ned_m {
         let along_m = spread.along_ned.dot(point.minus(moments.mean_ned_m));
         from_m = if along_m < from_m { along_m } else { from_m };
         to_m = if along_m > to_m { along_m } else { to_m };

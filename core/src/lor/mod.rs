@@ -258,9 +258,11 @@ impl Lines {
             let (mut nearest, mut least) = (NONE, self.config.deviation_m);
             for (index, line) in proposed.iter().enumerate() {
                 let away_m = libm::fabsf(line.distance_m(*point));
+                if !(away_m <= least) {
+                    continue;
+                }
                 let along_m = line.along_ned().dot(*point);
-                let reaches = along_m >= line.from_m - self.config.gap_m && along_m <= line.to_m + self.config.gap_m;
-                if away_m <= least && reaches {
+                if along_m >= line.from_m - self.config.gap_m && along_m <= line.to_m + self.config.gap_m {
                     (nearest, least) = (index as u8, away_m);
                 }
             }
@@ -274,11 +276,15 @@ impl Lines {
     fn cut(&self, scratch: &mut Scratch, owner: usize, is_last: bool, found: &mut Vec<Fit, PROPOSED_MAX>) {
         let Scratch { points, owners, order, proposed, .. } = scratch;
         let Some(along) = proposed.get(owner).map(Line::along_ned) else { return };
-        let along_m = |index: u8| points.get(usize::from(index)).map_or(0.0, |point| along.dot(*point));
+        // Sorted by what is computed once.
+        let mut places_m = [0.0_f32; POINTS_MAX];
         order.clear();
-        for (index, _) in owners.iter().take(points.len()).enumerate().filter(|(_, o)| usize::from(**o) == owner) {
+        let both = points.iter().zip(owners.iter()).zip(&mut places_m).enumerate();
+        for (index, ((point, _), place_m)) in both.filter(|(_, ((_, o), _))| usize::from(**o) == owner) {
+            *place_m = along.dot(*point);
             let _ = order.push(index as u8);
         }
+        let along_m = |index: u8| places_m.get(usize::from(index)).copied().unwrap_or_default();
         sort_by_key(order, |index| along_m(*index));
         let mut from = 0;
         for to in 1..=order.len() {
@@ -287,7 +293,9 @@ impl Lines {
             }
             let piece = order.get(from..to).unwrap_or_default().iter();
             let places = piece.filter_map(|index| points.get(usize::from(*index)).copied());
-            if let Some(fit) = fit::fit(places).filter(|fit| self.is_wall(fit) || (!is_last && self.may_be_wall(fit))) {
+            if let Some(fit) =
+                fit::fit_finite(places).filter(|fit| self.is_wall(fit) || (!is_last && self.may_be_wall(fit)))
+            {
                 let _ = found.push(fit);
             }
             from = to;
@@ -325,11 +333,14 @@ impl Lines {
 
     fn is_same(&self, a: &Fit, b: &Fit) -> bool {
         let (longer, shorter) = if length_m(&a.line) >= length_m(&b.line) { (a, b) } else { (b, a) };
-        let (sine, ends) = (longer.line.normal_ned.dot(shorter.line.along_ned()), shorter.line.ends_ned_m());
+        // Mostly that is all.
+        if !(libm::fabsf(longer.line.normal_ned.dot(shorter.line.along_ned())) <= self.config.same_angle_rad) {
+            return false;
+        }
+        let ends = shorter.line.ends_ned_m();
         let [from_m, to_m] = ends.map(|end| longer.line.along_ned().dot(end));
         let (from_m, to_m) = if from_m <= to_m { (from_m, to_m) } else { (to_m, from_m) };
-        libm::fabsf(sine) <= self.config.same_angle_rad
-            && ends.iter().all(|end| libm::fabsf(longer.line.distance_m(*end)) <= self.config.same_offset_m)
+        ends.iter().all(|end| libm::fabsf(longer.line.distance_m(*end)) <= self.config.same_offset_m)
             && from_m - longer.line.to_m <= self.config.gap_m
             && longer.line.from_m - to_m <= self.config.gap_m
     }

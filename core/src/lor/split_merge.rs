@@ -9,6 +9,7 @@ use heapless::Vec;
 use super::POINTS_MAX;
 use super::fit::Moments;
 use crate::frame::Horizontal;
+use crate::units::between;
 
 /// Fewest points of a piece: two always are a line.
 const PIECE_MIN: usize = 3;
@@ -79,11 +80,16 @@ fn split(limits: &Limits, points: &[Horizontal], from: usize, to: usize, pieces:
 /// The point that is farthest from the chord between the first and the last, if it is too far.
 fn corner(part: &[Horizontal], deviation_m: f32) -> Option<usize> {
     let (first, last) = (*part.first()?, *part.last()?);
-    let (mut farthest, mut most) = (None, deviation_m);
+    let chord = last.minus(first);
+    let length2 = chord.norm_squared();
+    let inverse = if length2 > 0.0 { 1.0 / length2 } else { 0.0 };
+    let (mut farthest, mut most2) = (None, deviation_m * deviation_m);
     for (index, point) in part.iter().enumerate() {
-        let away_m = Horizontal::distance_to_segment(*point, first, last);
-        if away_m > most {
-            (farthest, most) = (Some(index), away_m);
+        let from_first = point.minus(first);
+        let share = between(from_first.dot(chord) * inverse, 0.0, 1.0);
+        let away2 = from_first.minus(chord.times(share)).norm_squared();
+        if away2 > most2 {
+            (farthest, most2) = (Some(index), away2);
         }
     }
     farthest
