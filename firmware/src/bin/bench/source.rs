@@ -1,6 +1,7 @@
 //! Where the source is: the filters behind the bearing, the walls and the state of the link that they are told, the seeking
 //! with one antenna, and the search. Each row is the worst of a seeded run.
 
+use core::f32::consts::TAU;
 use core::hint::black_box;
 
 use foxhound_core::bearing::{Bearing, Flags, Quality};
@@ -9,6 +10,7 @@ use foxhound_core::frame::Horizontal;
 use foxhound_core::link_state::{self, Classifier, Look, Sightline};
 use foxhound_core::lor::{self, Line, Method};
 use foxhound_core::map::{CIRCLES_MAX, Circle};
+use foxhound_core::planner;
 use foxhound_core::rng::Rng;
 use foxhound_core::rss;
 use foxhound_core::scan::Pose;
@@ -167,21 +169,28 @@ fn room(rng: &mut Rng, strays: f32) -> [Horizontal; CIRCLES_MAX] {
     })
 }
 
-/// Four walls, from clean ones to nothing but strays.
+/// Four walls as a scan has them; and with strays among them, from one point in seven to all.
 #[inline(never)]
 fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let config = lor::Config { method: Method::SplitMerge, ..lor::Config::DEFAULT };
     let Ok(lines) = config.build() else { board::halt(format_args!("the split and merge does not build")) };
     let mut scratch = lor::Scratch::new();
-    let (mut rng, mut most, mut found) = (Rng::new(4, 40), 0, 0);
+    let mut rng = Rng::new(4, 40);
+    let mut find = |strays: f32| {
+        let (points, mut found) = (room(&mut rng, strays), 0);
+        (measure(&mut || found = black_box(lines.find(&mut scratch, black_box(&points))).len()), found)
+    };
+    let (mut most, mut most_with_strays) = (0, 0);
     for k in 0..STEPS {
-        let points = room(&mut rng, (k % 8) as f32 / 7.0);
-        most = most.max(measure(&mut || found += black_box(lines.find(&mut scratch, black_box(&points))).len()));
-    }
-    if found < STEPS {
-        board::halt(format_args!("the split and merge finds {found} walls in {STEPS} rooms"));
+        let (count, found) = find(0.0);
+        if found != 4 {
+            board::halt(format_args!("the split and merge finds {found} walls of 4"));
+        }
+        most = most.max(count);
+        most_with_strays = most_with_strays.max(find((1 + k % 7) as f32 / 7.0).0);
     }
     row("lines_split_merge_128", most, 0);
+    row("lines_split_merge_strays", most_with_strays, 0);
 }
 
 /// A cardioid turning once in 2.4 s, 50 readings a second, a reflection now and then.
@@ -193,7 +202,7 @@ fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let (mut state, mut rng) = (rss::State::new(), Rng::new(5, 40));
     let (mut reading, mut rotation, mut rotations) = (0, 0, 0);
     for k in 0..(STEPS + 1) * READINGS {
-        let yaw_rad = wrap_pi(core::f32::consts::TAU * k as f32 / READINGS as f32);
+        let yaw_rad = wrap_pi(TAU * k as f32 / READINGS as f32);
         let echo = if (k / READINGS).is_multiple_of(3) { config.pattern.gain_db(yaw_rad + 2.0) - 6.0 } else { -60.0 };
         let direct = config.pattern.gain_db(yaw_rad - 1.0);
         let power_db = -70.0 + direct.max(echo) + rng.gaussian();
@@ -223,13 +232,15 @@ fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     };
     let (mut state, mut rng) = (explore::State::new(), Rng::new(6, 40));
     let circles = room(&mut rng, 0.1).map(|center_ned_m| Circle { center_ned_m, radius_m: 0.15, ..Circle::default() });
+    // As far as the planner takes its sensor to see, and all around.
+    let sees_m = planner::Config::default().sees_m;
     let (mut here, mut most) = (Horizontal::default(), 0);
     for k in 0..STEPS {
         let pose = Pose { position_ned_m: here, yaw_rad: wrap_pi(0.3 * k as f32) };
         let mut explored = explore::Explored::NoPose;
         most = most.max(measure(&mut || {
             explored =
-                explorer.step(&mut state, Instant(500_000 * k as u64), &pose, 8.0, 7.0, black_box(&circles).iter());
+                explorer.step(&mut state, Instant(500_000 * k as u64), &pose, sees_m, TAU, black_box(&circles).iter());
         }));
         match explored {
             // Walls do not hinder the bench.
