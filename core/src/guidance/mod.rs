@@ -20,15 +20,19 @@ use crate::link_state::{self, Classifier, Look, Sightline};
 use crate::map::{CIRCLES_MAX, Circle, Map};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::ownship::Ownship;
+use crate::phase::Phasors;
 use crate::planner::{Learn, Plan, PlanRequest, Search, Searched, Verdict};
 use crate::rollout::{WAYPOINTS, swept_clearance_m};
 use crate::scan::{Points, Pose, Scan};
+use crate::source::Sighting;
 use crate::source::bank::{self, Mode, Way};
 use crate::source::gather::Gathering;
 use crate::time::Instant;
 use crate::trace::Trace;
 use crate::track::Demand;
 use crate::{array, bearing, goal, map, mission, phase, planner, response, scan, track};
+
+pub mod turning;
 
 /// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
 const NEAR_M: f32 = 4.0;
@@ -151,6 +155,9 @@ pub struct Config {
     pub guard: guard::Config,
     /// State machine.
     pub mission: mission::Config,
+    /// Seeking by turning, where there is no array or too little of it is left; none where its elements hear the same all
+    /// round.
+    pub turning: Option<turning::Config>,
 }
 
 impl Default for Config {
@@ -175,6 +182,7 @@ impl Default for Config {
             track: track::Config::default(),
             guard: guard::Config::default(),
             mission: mission::Config::default(),
+            turning: None,
         }
     }
 }
@@ -233,6 +241,10 @@ impl Config {
             track: self.track.build()?,
             guard: self.guard.build()?,
             mission: self.mission.build()?,
+            turning: match &self.turning {
+                Some(turning) => Some(turning.build(&self.mission, self.guard.yaw_rate_max_radps)?),
+                None => None,
+            },
         })
     }
 }
@@ -264,6 +276,7 @@ pub struct Guidance<const N: usize> {
     track: track::Tracker,
     guard: guard::Guard,
     mission: mission::Mission,
+    turning: Option<turning::Turning>,
 }
 
 /// What the fast loop carries from step to step.
@@ -290,6 +303,7 @@ pub struct State<const N: usize> {
     /// Where the guard wants to look before it goes on.
     look_ned_rad: Option<f32>,
     mission: mission::State,
+    turning: turning::State,
     /// Obstacles near the vehicle, as of this step.
     near: Vec<Obstacle, OBSTACLES_MAX>,
     ownship: Option<Ownship>,
@@ -357,6 +371,7 @@ impl<const N: usize> Guidance<N> {
             guard: guard::State::default(),
             look_ned_rad: None,
             mission: mission::State::default(),
+            turning: turning::State::default(),
             near: Vec::new(),
             ownship: None,
             last_flags: Flags::default(),
@@ -384,23 +399,33 @@ impl<const N: usize> Guidance<N> {
 
         let situation = self.situation(state);
         let facts = self.facts(state, input, &situation);
-        let mut outcome = self.mission.admit(&mut state.mission, &facts);
+        let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
+        let mission = turning.map_or(&self.mission, |turning| &turning.mission);
+        let mut outcome = mission.admit(&mut state.mission, &facts);
+        // It turns to hear something, and not for anything else that makes it hold.
+        let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
+        let may_search = turning.is_none() || state.last_flags.contains(Flags::NO_SIGNAL);
         let mut guard_action = guard::Action::Passed;
         let mut setpoint = Setpoint::default();
         let mut plan_requested = false;
         state.is_searching = self.searches
+            && may_search
             && outcome == Outcome::NoSignal
             && state.active.as_ref().is_none_or(|plan| plan.search != Some(Searched::Ended));
         match outcome.behaviour() {
             Behaviour::None => self.let_go(state),
             Behaviour::Hold if !state.is_searching => {
-                (setpoint, _) = self.command(state, &Demand::default(), &situation);
+                let stay = Demand::default();
+                let demand = turning.map_or(stay, |turning| turning.turn(stay));
+                (setpoint, _) = self.command(state, &demand, &situation);
             }
             Behaviour::Hold | Behaviour::Follow => {
                 let demand = self.demand(state, &situation);
-                (setpoint, guard_action) = self.command(state, &demand.unwrap_or_default(), &situation);
+                let demanded = demand.unwrap_or_default();
+                let demanded = turning.map_or(demanded, |turning| turning.turn(demanded));
+                (setpoint, guard_action) = self.command(state, &demanded, &situation);
                 let progress = progress(state, demand, guard_action);
-                let concluded = self.mission.conclude(&mut state.mission, input.now, progress);
+                let concluded = mission.conclude(&mut state.mission, input.now, progress);
                 if !state.is_searching {
                     outcome = concluded;
                 }
@@ -438,11 +463,19 @@ impl<const N: usize> Guidance<N> {
 
     /// Frame -> phasors -> bearing -> direction of the source.
     fn hear(&self, state: &mut State<N>, input: &Input<'_, N>) -> Option<(Bearing, Option<f32>)> {
-        let bearing = match input.front_end {
-            FrontEnd::Snapshot(snapshot) => self.bearing.find(&self.phase.step(&mut state.phase, snapshot)),
-            FrontEnd::Bearing(bearing) => bearing,
+        let (bearing, phasors) = match input.front_end {
+            FrontEnd::Snapshot(snapshot) => {
+                let phasors = self.phase.step(&mut state.phase, snapshot);
+                (self.bearing.find(&phasors), Some(phasors))
+            }
+            FrontEnd::Bearing(bearing) => (bearing, None),
             FrontEnd::Nothing => return None,
         };
+        if let Some(turning) = &self.turning
+            && turning.notice(&mut state.turning, &bearing)
+        {
+            return self.hear_by_turning(turning, state, &bearing, phasors.as_ref());
+        }
         state.last_flags = bearing.flags;
         let sane =
             libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
@@ -455,6 +488,27 @@ impl<const N: usize> Guidance<N> {
             self.believe(state, &bearing, bearing_ned_rad, &ownship);
         }
         Some((bearing, bearing_ned_rad))
+    }
+
+    /// Frame -> power -> rotation -> direction of the source. The link's state is not known: it is told from arrays.
+    fn hear_by_turning(
+        &self,
+        turning: &turning::Turning,
+        state: &mut State<N>,
+        bearing: &Bearing,
+        phasors: Option<&Phasors>,
+    ) -> Option<(Bearing, Option<f32>)> {
+        state.reflected = 0.0;
+        let ownship = state.ownship?;
+        let depression_rad = state.goal.depression_rad();
+        let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad)?;
+        state.last_flags = turned.bearing.flags;
+        let observed = Some(turned.bearing).filter(|bearing| bearing.valid);
+        let bearing_ned_rad = observed.map(|bearing| self.goal.observe(&mut state.goal, &bearing, &ownship));
+        if let Some(sighting) = &turned.sighting {
+            self.weigh(state, sighting);
+        }
+        Some((turned.bearing, bearing_ned_rad))
     }
 
     /// How likely the link is reflected, from what was heard and what was not.
@@ -474,9 +528,13 @@ impl<const N: usize> Guidance<N> {
     fn believe(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: f32, ownship: &Ownship) {
         let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
         let direction = Horizontal::from_bearing(bearing_ned_rad);
-        let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
         let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
-        let answer = self.source.step(&mut state.source, &sighting, state.reflected, lines);
+        self.weigh(state, &sighting);
+    }
+
+    fn weigh(&self, state: &mut State<N>, sighting: &Sighting) {
+        let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
+        let answer = self.source.step(&mut state.source, sighting, state.reflected, lines);
         // A reflection is worth following when it is known where it leads.
         let sure = |answer: &bank::Answer| answer.mode == Mode::Go && answer.share > SURE;
         let answer =
@@ -486,7 +544,7 @@ impl<const N: usize> Guidance<N> {
         // What has been taken for the source was its image.
         state.misled |= was_direct && way != Way::Direct;
         state.belief = answer;
-        state.goal.push_sighting(way.straightened(&sighting));
+        state.goal.push_sighting(way.straightened(sighting));
     }
 
     /// Scan -> circles -> map -> what is near.

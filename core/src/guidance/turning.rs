@@ -1,0 +1,550 @@
+//! Seeking with an antenna that turns with the vehicle ([`rss`]), where no array tells a direction.
+//!
+//! Either there is one directional antenna only, or four of them, of which fewer than three live: those that are left have no
+//! phases to compare, but each still hears more from ahead of it than from behind. While the seeker is in use the vehicle
+//! yaws at a constant rate, and each full turn is one bearing. It joins those before it ([`pursuit`]), is carried on to where
+//! the vehicle is by then, and goes the way of any bearing; the filters of where the source is get the rotation by itself,
+//! from where the vehicle was in the middle of it.
+//!
+//! A bearing a turn is rare. The last one therefore stands for two turns, or [`MISSION_TURNS`] with some slack, and no
+//! sooner does the mission say that there is no signal. It is not repeated in between: repetitions would be taken for news.
+//!
+//! The obstacle sensor on the nose sweeps the whole circle with every turn, so that the guard finds everything looked at
+//! that it asks for within one, and the nose need not be led to it.
+
+use crate::adc::CHANNELS;
+use crate::bearing::{Bearing, Flags};
+use crate::error::{ConfigError, Why, check};
+use crate::frame::Horizontal;
+use crate::kernel::sqrt;
+use crate::mission::{self, Mission};
+use crate::ownship::Ownship;
+use crate::phase::{HOLD_THRESHOLD, Phasors, Tone};
+use crate::rss::{self, Outcome, Rotation, direction, pursuit};
+use crate::source::{Estimate, Sighting};
+use crate::time::Instant;
+use crate::track::Demand;
+
+/// For so many turns a bearing stands.
+pub const MISSION_TURNS: f32 = 2.2;
+/// Bearings in a row that lack channels before the vehicle starts to turn: a fifth of a second.
+const PATIENCE: u8 = 10;
+/// Readings with an attitude older than this fall into nobody knows which bin.
+const ATTITUDE_AGE_MAX_S: f32 = 0.2;
+/// A rotation whose powers differ by so much more than the antenna's do, or that fits this badly, is one in which the
+/// source fell silent or began to sound.
+const CONTRAST_MAX: f32 = 1.25;
+const SIGMA_MAX_RAD: f32 = 0.5;
+/// Rate of outliers among rotations that have one hill.
+const OUTLIER_RATE: f32 = 0.1;
+/// Channels that an array needs.
+const LIVING_MIN: usize = 3;
+/// `10 / ln 10`.
+const DB: f32 = 4.342_945;
+
+/// When the vehicle turns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Role {
+    /// Always: there is one antenna only, on this channel, 0..4.
+    Alone(u8),
+    /// While fewer than three channels of the array live: the first of them is listened to.
+    #[default]
+    Fallback,
+}
+
+/// What the turning needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// When the vehicle turns.
+    pub role: Role,
+    /// Where each channel's antenna points, from the nose, clockwise positive. What `rss` says is added.
+    pub boresights_rad: [f32; CHANNELS],
+    /// How fast it turns; negative to the left.
+    pub yaw_rate_radps: f32,
+    /// Power into rotations.
+    pub rss: rss::Config,
+    /// Rotations into a course.
+    pub pursuit: pursuit::Config,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            role: Role::Fallback,
+            boresights_rad: [0.0; CHANNELS],
+            yaw_rate_radps: 1.2,
+            rss: rss::Config::default(),
+            pursuit: pursuit::Config {
+                direction: direction::Config { outlier_rate: OUTLIER_RATE, ..direction::Config::default() },
+                ..pursuit::Config::default()
+            },
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration; the mission's is what it would be without turning.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self, mission: &mission::Config, yaw_rate_max_radps: f32) -> Result<Turning, ConfigError> {
+        if let Role::Alone(channel) = self.role {
+            check("turning.role", f32::from(channel), 0.0, (CHANNELS - 1) as f32)?;
+        }
+        for boresight_rad in self.boresights_rad {
+            check("turning.boresights_rad", boresight_rad, -6.3, 6.3)?;
+        }
+        let speed_radps = libm::fabsf(self.yaw_rate_radps);
+        check("turning.yaw_rate_radps", speed_radps, 0.3, 6.3)?;
+        if speed_radps > yaw_rate_max_radps {
+            let why = Why::Inconsistent("the guard does not let the vehicle turn that fast");
+            return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
+        }
+        let turn_s = core::f32::consts::TAU / speed_radps;
+        if turn_s > 0.8 * self.rss.rotation_max_s {
+            let why = Why::Inconsistent("a rotation at that rate takes longer than rss.rotation_max_s");
+            return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
+        }
+        let patience_s = MISSION_TURNS * turn_s;
+        let mission = mission::Config {
+            bearing_age_max_s: if patience_s > mission.bearing_age_max_s {
+                patience_s
+            } else {
+                mission.bearing_age_max_s
+            },
+            stall_s: mission.stall_s + patience_s,
+            ..*mission
+        };
+        Ok(Turning {
+            role: self.role,
+            boresights_rad: self.boresights_rad,
+            yaw_rate_radps: self.yaw_rate_radps,
+            contrast_max_db: CONTRAST_MAX
+                * (self.rss.pattern.gain_db(0.0) - self.rss.pattern.gain_db(core::f32::consts::PI)),
+            seeker: self.rss.build()?,
+            pursuer: self.pursuit.build()?,
+            mission: mission.build()?,
+        })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    role: Role,
+    boresights_rad: [f32; CHANNELS],
+    yaw_rate_radps: f32,
+    contrast_max_db: f32,
+    seeker: rss::Seeker,
+    pursuer: pursuit::Pursuer,
+    /// The mission's limits while the vehicle turns.
+    pub mission: Mission,
+}
+
+/// The rotation under way, and what was learned from those before.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    rss: rss::State,
+    pursuit: pursuit::State<2>,
+    /// The channel that is listened to.
+    channel: u8,
+    /// Bearings in a row that lacked channels.
+    lacking: u8,
+    /// Where the rotation under way began.
+    from_ned_m: Option<Horizontal>,
+    /// The middle of the last rotation that was heard.
+    heard: Option<Instant>,
+}
+
+/// What a rotation is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turned {
+    /// The source's bearing as of now.
+    pub bearing: Bearing,
+    /// What was heard in this rotation alone; none when that was no direction.
+    pub sighting: Option<Sighting>,
+}
+
+impl Turning {
+    /// Whether the seeker is in use, as of the last bearing.
+    #[must_use]
+    pub fn is_used(&self, state: &State) -> bool {
+        match self.role {
+            Role::Alone(_) => true,
+            Role::Fallback => state.lacking >= PATIENCE,
+        }
+    }
+
+    /// A demand with the yaw rate of the turning instead of its own.
+    #[must_use]
+    pub fn turn(&self, demand: Demand) -> Demand {
+        Demand { yaw_rate_radps: self.yaw_rate_radps, ..demand }
+    }
+
+    /// Takes in what the array made of a frame; true when it is of no use and the seeker has to do.
+    pub fn notice(&self, state: &mut State, bearing: &Bearing) -> bool {
+        match self.role {
+            Role::Alone(channel) => state.channel = channel,
+            Role::Fallback => self.count_living(state, bearing),
+        }
+        self.is_used(state)
+    }
+
+    fn count_living(&self, state: &mut State, bearing: &Bearing) {
+        let lives = |channel: &usize| !bearing.flags.contains(Flags::dead(*channel));
+        if bearing.valid || (0..CHANNELS).filter(lives).count() >= LIVING_MIN {
+            // Silence says nothing about the channels.
+            if !bearing.flags.contains(Flags::NO_SIGNAL) {
+                state.lacking = 0;
+            }
+            return;
+        }
+        let is_new = state.lacking < PATIENCE;
+        state.lacking = state.lacking.saturating_add(1).min(PATIENCE);
+        let first = (0..CHANNELS).find(lives).unwrap_or(0) as u8;
+        if is_new || bearing.flags.contains(Flags::dead(usize::from(state.channel))) {
+            // Another antenna's rotation is another one, and so is that after a while with the array.
+            *state = State { lacking: state.lacking, channel: first, ..State::default() };
+        }
+    }
+
+    /// Takes in the power of a frame, or what else was heard of it; says what the rotation came to when that ends one.
+    pub fn step(
+        &self,
+        state: &mut State,
+        bearing: &Bearing,
+        phasors: Option<&Phasors>,
+        ownship: &Ownship,
+        depression_rad: f32,
+    ) -> Option<Turned> {
+        let time = bearing.time;
+        if time.seconds_since(ownship.attitude_time) > ATTITUDE_AGE_MAX_S {
+            return None;
+        }
+        let here = ownship.position_ned_m.horizontal();
+        let from = *state.from_ned_m.get_or_insert(here);
+        let channel = usize::from(state.channel);
+        let power_db = phasors.map_or(bearing.quality.snr_db, |phasors| power_db(phasors, channel));
+        let boresight_rad = self.boresights_rad.get(channel).copied().unwrap_or(0.0);
+        let antenna_rad = ownship.yaw_at(time) + boresight_rad;
+        let outcome = self.seeker.step(&mut state.rss, time, antenna_rad, power_db)?;
+        state.from_ned_m = Some(here);
+        let nothing = |flags: Flags| Turned {
+            bearing: Bearing { valid: false, azimuth_rad: 0.0, sigma_rad: core::f32::consts::PI, flags, ..*bearing },
+            sighting: None,
+        };
+        let Outcome::Heard(rotation) = outcome else { return Some(nothing(Flags::NO_SIGNAL)) };
+        if rotation.ambiguous {
+            return Some(nothing(Flags::AMBIGUOUS));
+        }
+        let place_ned_m = from.plus(here).times(0.5);
+        let sigma_rad = rotation.independent_sigma_rad();
+        if rotation.contrast_db > self.contrast_max_db || sigma_rad > SIGMA_MAX_RAD {
+            // Nor may the next one remember it.
+            state.rss = rss::State::new();
+            return Some(nothing(Flags::NO_SIGNAL));
+        }
+        let course =
+            self.pursuer.step(&mut state.pursuit, rotation.time, place_ned_m, rotation.bearing_ned_rad, sigma_rad)?;
+        // The place of the source counts where the course is the way to it.
+        let source = course.source.filter(|source| libm::fabsf(source.bearing_ned_rad - course.bearing_ned_rad) < 1e-6);
+        let (bearing_ned_rad, course_sigma_rad) =
+            source.and_then(|source| bearing_from(&source, here)).unwrap_or((course.bearing_ned_rad, course.sigma_rad));
+        let since_s = state.heard.replace(rotation.time).map_or(0.0, |heard| rotation.time.seconds_since(heard));
+        let joined = Rotation { bearing_ned_rad, sigma_rad: course_sigma_rad, retained: 0.0, ..rotation };
+        let direction_ned = Horizontal::from_bearing(rotation.bearing_ned_rad);
+        Some(Turned {
+            bearing: joined.bearing(ownship, depression_rad),
+            sighting: Some(Sighting { place_ned_m, direction_ned, sigma_rad, since_s }),
+        })
+    }
+}
+
+/// Power of a channel's tone, or half of what it might have and still not be heard: a tone that is lost while the antenna
+/// looks away must not leave a hole.
+fn power_db(phasors: &Phasors, channel: usize) -> f32 {
+    // The tone has to stand out of the mean of all channels, and the others may be dead.
+    let unheard = 0.5 * HOLD_THRESHOLD * CHANNELS as f32 * phasors.noise.get(channel).copied().unwrap_or(0.0);
+    let tone = match phasors.tone {
+        Tone::Present => phasors.z.get(channel).map_or(0.0, |z| z.norm_squared()),
+        Tone::Absent => 0.0,
+    };
+    let power = if tone > unheard { tone } else { unheard };
+    DB * libm::logf(if power > 1e-9 { power } else { 1e-9 })
+}
+
+/// The bearing of a source from a place, and its standard deviation; none where the two are the same for all we know.
+fn bearing_from(source: &Estimate, place_ned_m: Horizontal) -> Option<(f32, f32)> {
+    let towards = source.place_ned_m.minus(place_ned_m);
+    let squared = towards.norm_squared();
+    let [north, both, east] = source.covariance_m2;
+    // Across the line of sight, times the range.
+    let across = towards.east * towards.east * north - 2.0 * towards.east * towards.north * both
+        + towards.north * towards.north * east;
+    let sigma_rad = sqrt(if across > 0.0 { across } else { 0.0 }) / squared;
+    (sigma_rad < 1.0).then(|| (towards.bearing_rad(), sigma_rad))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bearing::Quality;
+    use crate::frame::Ned;
+    use crate::phase::Complex;
+    use crate::rng::Rng;
+    use crate::units::wrap_pi;
+    use std::vec::Vec;
+
+    const DT_S: f32 = 0.02;
+    /// Amplitude on boresight, and noise of a phasor: 40 dB apart.
+    const AMPLITUDE: f32 = 1000.0;
+    const NOISE: f32 = 1e2;
+
+    /// A vehicle that turns on its way from the origin to the north, past a source.
+    struct Flight {
+        turning: Turning,
+        pattern: rss::pattern::Config,
+        state: State,
+        rng: Rng,
+        tick: u64,
+        speed_mps: f32,
+        yaw_rate_radps: f32,
+        source: Horizontal,
+        boresight_rad: f32,
+        noise: f32,
+    }
+
+    impl Flight {
+        fn new(config: &Config, source: Horizontal) -> Self {
+            Self {
+                turning: config.build(&mission::Config::default(), 2.5).unwrap(),
+                pattern: config.rss.pattern,
+                state: State::default(),
+                rng: Rng::new(7, 3),
+                tick: 0,
+                speed_mps: 0.0,
+                yaw_rate_radps: config.yaw_rate_radps,
+                source,
+                boresight_rad: 0.0,
+                noise: NOISE,
+            }
+        }
+
+        fn ownship(&self) -> Ownship {
+            let time = Instant(1_000_000 + self.tick * 20_000);
+            let at_s = self.tick as f32 * DT_S;
+            Ownship {
+                position_time: time,
+                position_ned_m: Ned { north: self.speed_mps * at_s, east: 0.0, down: -2.0 },
+                velocity_ned_mps: Ned { north: self.speed_mps, east: 0.0, down: 0.0 },
+                attitude_time: time,
+                yaw_rad: wrap_pi(self.yaw_rate_radps * at_s),
+                yaw_rate_radps: self.yaw_rate_radps,
+                ..Ownship::default()
+            }
+        }
+
+        /// One frame, with these channels alive; what the array makes of it, and what the seeker does.
+        fn frame(&mut self, living: &[usize], sounds: bool) -> (bool, Option<Turned>) {
+            self.tick += 1;
+            let ownship = self.ownship();
+            let towards_rad = self.source.minus(ownship.position_ned_m.horizontal()).bearing_rad();
+            let gain_db = self.pattern.gain_db(towards_rad - ownship.yaw_rad - self.boresight_rad);
+            let amplitude = AMPLITUDE * libm::expf(0.5 * gain_db / DB);
+            let mut phasors = Phasors {
+                time: ownship.attitude_time,
+                z: [Complex::default(); CHANNELS],
+                noise: [self.noise; CHANNELS],
+                snr_db: 0.0,
+                frequency_hz: 1e4,
+                tone: if sounds { Tone::Present } else { Tone::Absent },
+                clipped: false,
+                interferer: false,
+            };
+            let sigma = sqrt(0.5 * self.noise);
+            for channel in living.iter().filter(|_| sounds) {
+                phasors.z[*channel] =
+                    Complex { re: amplitude + sigma * self.rng.gaussian(), im: sigma * self.rng.gaussian() };
+            }
+            let mut flags = if sounds { Flags::default() } else { Flags::NO_SIGNAL };
+            for channel in (0..CHANNELS).filter(|channel| sounds && !living.contains(channel)) {
+                flags = flags.with(Flags::dead(channel));
+            }
+            let bearing = Bearing {
+                time: ownship.attitude_time,
+                valid: sounds && living.len() >= LIVING_MIN,
+                azimuth_rad: 0.0,
+                sigma_rad: 0.01,
+                elevation_rad: 0.0,
+                elevation_sigma_rad: 1.0,
+                quality: Quality::default(),
+                flags,
+            };
+            let is_used = self.turning.notice(&mut self.state, &bearing);
+            let turned =
+                is_used.then(|| self.turning.step(&mut self.state, &bearing, Some(&phasors), &ownship, 0.0)).flatten();
+            (is_used, turned)
+        }
+
+        fn frames(&mut self, count: usize, living: &[usize], sounds: bool) -> Vec<Turned> {
+            (0..count).filter_map(|_| self.frame(living, sounds).1).collect()
+        }
+    }
+
+    fn alone() -> Config {
+        Config { role: Role::Alone(0), ..Config::default() }
+    }
+
+    fn error_rad(flight: &Flight, turned: &Turned) -> f32 {
+        let ownship = flight.ownship();
+        let truth_rad = flight.source.minus(ownship.position_ned_m.horizontal()).bearing_rad();
+        wrap_pi(ownship.bearing_ned_rad(turned.bearing.azimuth_rad, 0.0, turned.bearing.time) - truth_rad)
+    }
+
+    #[test]
+    fn every_turn_is_a_bearing_within_its_sigma_either_way_round_and_wherever_the_antenna_points() {
+        for (yaw_rate_radps, boresight_rad) in [(1.2, 0.0), (-1.2, 0.0), (0.8, 2.0), (2.0, -1.0)] {
+            let config = Config { yaw_rate_radps, boresights_rad: [boresight_rad, 0.0, 0.0, 0.0], ..alone() };
+            let mut flight = Flight::new(&config, Horizontal { north: -6.0, east: 8.0 });
+            flight.boresight_rad = boresight_rad;
+            let mut count = 0;
+            for _ in 0..1600 {
+                let Some(turned) = flight.frame(&[0], true).1 else { continue };
+                count += 1;
+                let error = error_rad(&flight, &turned);
+                // Of the first one nobody knows whether it is an outlier.
+                let most_rad = if count == 1 { 0.6 } else { 0.15 };
+                assert!(turned.bearing.valid && turned.bearing.sigma_rad < most_rad, "{turned:?}");
+                assert!(libm::fabsf(error) < 3.0 * turned.bearing.sigma_rad, "{yaw_rate_radps}: {error} {turned:?}");
+                assert!(libm::fabsf(error) < 0.05, "{yaw_rate_radps}: {error}");
+            }
+            let turns = 32.0 * libm::fabsf(yaw_rate_radps) / core::f32::consts::TAU;
+            assert!((count as f32 - turns).abs() < 1.5, "{yaw_rate_radps}: {count} of {turns}");
+        }
+    }
+
+    #[test]
+    fn a_bearing_is_of_now_and_its_sighting_of_the_middle_of_the_turn() {
+        let mut flight = Flight::new(&alone(), Horizontal { north: 6.0, east: 6.0 });
+        flight.speed_mps = 0.25;
+        let (mut carried, mut stale, mut count) = (0.0, 0.0, 0.0);
+        for _ in 0..1500 {
+            let before = flight.state.from_ned_m;
+            let Some(turned) = flight.frame(&[0], true).1 else { continue };
+            let (here, sighting) = (flight.ownship().position_ned_m.horizontal(), turned.sighting.unwrap());
+            let middle = before.unwrap_or_default().plus(here).times(0.5);
+            assert!(sighting.place_ned_m.minus(middle).norm() < 0.02, "{sighting:?}");
+            let off_rad = sighting.direction_ned.bearing_rad() - flight.source.minus(middle).bearing_rad();
+            assert!(libm::fabsf(wrap_pi(off_rad)) < 0.06, "{off_rad}");
+            let late_rad = sighting.direction_ned.bearing_rad() - flight.source.minus(here).bearing_rad();
+            // Once it has been seen from two sides.
+            if count > 2.0 {
+                carried += libm::fabsf(error_rad(&flight, &turned));
+                stale += libm::fabsf(wrap_pi(late_rad));
+            }
+            count += 1.0;
+        }
+        assert!(count > 4.5 && carried < 0.5 * stale, "{carried} {stale}");
+    }
+
+    #[test]
+    fn it_falls_back_when_two_channels_die_and_gives_way_when_they_are_back() {
+        let mut flight = Flight::new(&Config::default(), Horizontal { north: 5.0, east: -8.0 });
+        for living in [&[0, 1, 2, 3][..], &[0, 1, 3], &[1, 2, 3]] {
+            for _ in 0..400 {
+                assert!(!flight.frame(living, true).0);
+            }
+        }
+        // A moment of it is no reason, and neither is silence.
+        assert!(!flight.frame(&[1, 3], true).0 && !flight.frame(&[0, 1, 2, 3], true).0);
+        assert!(flight.frames(400, &[0, 1, 2, 3], false).is_empty() && !flight.turning.is_used(&flight.state));
+        let turns = flight.frames(700, &[1, 3], true);
+        assert!(turns.len() == 2 && turns.iter().all(|turned| turned.bearing.valid), "{turns:?}");
+        assert_eq!(flight.state.channel, 1);
+        let heard_rad = turns[1].sighting.unwrap().direction_ned.bearing_rad();
+        assert!(libm::fabsf(wrap_pi(heard_rad - flight.source.bearing_rad())) < 0.08, "{heard_rad}");
+        // The one that is listened to dies as well: the other one's rotation starts afresh.
+        assert!(flight.frame(&[3], true).0);
+        assert_eq!((flight.state.channel, flight.state.pursuit.clone()), (3, pursuit::State::new()));
+        // Silence does not bring channels back.
+        flight.frames(20, &[3], false);
+        assert!(flight.turning.is_used(&flight.state));
+        assert!(!flight.frame(&[0, 1, 3], true).0);
+    }
+
+    #[test]
+    fn silence_is_no_direction_and_neither_is_a_source_that_falls_silent_on_the_way() {
+        for sounding in [0, 60, 130, 200] {
+            let mut flight = Flight::new(&alone(), Horizontal { north: 5.0, east: 5.0 });
+            flight.frames(sounding, &[0], true);
+            let turns = flight.frames(1400, &[0], false);
+            assert!(turns.len() >= 4, "{sounding}");
+            for turned in &turns {
+                assert!(!turned.bearing.valid && turned.sighting.is_none(), "{sounding}: {turned:?}");
+                assert!(turned.bearing.flags.contains(Flags::NO_SIGNAL), "{sounding}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_tone_that_is_lost_whenever_the_antenna_looks_away_still_has_a_direction() {
+        let mut flight = Flight::new(&alone(), Horizontal { north: 5.0, east: 5.0 });
+        // 24 dB.
+        flight.noise = 4e3;
+        let mut count = 0;
+        for _ in 0..1400 {
+            let ahead = libm::fabsf(wrap_pi(flight.source.bearing_rad() - flight.ownship().yaw_rad)) < 1.5;
+            let Some(turned) = flight.frame(&[0], ahead).1 else { continue };
+            count += 1;
+            assert!(turned.bearing.valid && libm::fabsf(error_rad(&flight, &turned)) < 0.1, "{turned:?}");
+        }
+        assert!(count >= 4);
+    }
+
+    #[test]
+    fn an_antenna_that_hears_the_same_all_round_has_no_direction() {
+        let mut flight = Flight::new(&alone(), Horizontal { north: 5.0, east: 5.0 });
+        flight.pattern.front_to_back_db = -60.0;
+        let turns = flight.frames(1400, &[0], true);
+        assert!(turns.len() >= 4 && turns.iter().all(|turned| !turned.bearing.valid), "{turns:?}");
+    }
+
+    #[test]
+    fn the_mission_waits_for_two_turns() {
+        let turning = alone().build(&mission::Config::default(), 2.5).unwrap();
+        let outcome = |age_s: f32| {
+            let now = Instant(100_000_000);
+            let facts = mission::Facts {
+                now,
+                control: mission::Control::Granted,
+                position: Some(now),
+                attitude: Some(now),
+                obstacles: Some(now),
+                bearing: Some(Instant(now.0 - (age_s * 1e6) as u64)),
+                bearing_flags: Flags::NO_SIGNAL,
+                place_ned_m: Horizontal::default(),
+            };
+            turning.mission.admit(&mut mission::State::default(), &facts)
+        };
+        assert_eq!((outcome(10.5), outcome(12.0)), (mission::Outcome::Nominal, mission::Outcome::NoSignal));
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_refused_by_name_and_the_state_is_small() {
+        let refused = |change: &dyn Fn(&mut Config)| {
+            let mut config = Config::default();
+            change(&mut config);
+            config.build(&mission::Config::default(), 2.5).unwrap_err().field
+        };
+        assert_eq!(refused(&|config| config.role = Role::Alone(4)), "turning.role");
+        assert_eq!(refused(&|config| config.boresights_rad[2] = f32::NAN), "turning.boresights_rad");
+        for yaw_rate_radps in [0.0, f32::NAN, 2.6, -2.6, 0.35] {
+            assert_eq!(refused(&|config| config.yaw_rate_radps = yaw_rate_radps), "turning.yaw_rate_radps");
+        }
+        assert_eq!(refused(&|config| config.rss.memory = 1.0), "rss.memory");
+        let bytes = size_of::<State>();
+        assert!(bytes <= 960, "{bytes}");
+    }
+}
