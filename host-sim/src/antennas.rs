@@ -9,6 +9,8 @@
 //! below is heard as such; the array tilts and turns with the vehicle. Angles in rad, lengths in m, amplitudes in ADC
 //! codes.
 //!
+//! The antennas hear the same all round unless they have a [`Pattern`].
+//!
 //! [`Impairments`] are what reality adds. A reflection is a second source, the mirror image of the first: it sounds at the
 //! same time, and its phase follows from its distance. Without gain control a loud tone clips.
 
@@ -70,8 +72,34 @@ pub struct Antennas {
     pub channel_phase_rad: [f64; CHANNELS],
     /// Offset of each channel.
     pub offset_codes: [f64; CHANNELS],
+    /// How the antennas' gain depends on direction; `None`: not at all.
+    pub pattern: Option<Pattern>,
     /// What else is wrong; nothing by default.
     pub impairments: Impairments,
+}
+
+/// Gain of directional antennas, in power: `((1 + cos d) / 2)^n + 10^(-F / 10)` in a direction that is off the boresight by
+/// `d`. The boresights lie in the plane of the array.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pattern {
+    /// `n`: 2 for a cardioid.
+    pub exponent: f64,
+    /// `F`: gain to the front over that to the back.
+    pub front_to_back_db: f64,
+    /// Where each antenna points, from the nose, clockwise.
+    pub boresights_rad: [f64; CHANNELS],
+}
+
+impl Pattern {
+    /// Amplitude of a wave from a direction (NED, of any length), over that of one from boresight but for the back lobe.
+    fn amplitude(&self, channel: usize, vehicle: &Pose, towards_ned: [f64; 3]) -> f64 {
+        let boresight_rad = self.boresights_rad[channel];
+        let boresight_ned = vehicle.to_ned([libm::cos(boresight_rad), libm::sin(boresight_rad), 0.0]);
+        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let length = libm::sqrt(dot(towards_ned, towards_ned)).max(1e-9);
+        let lobe = (0.5 * (1.0 + dot(boresight_ned, towards_ned) / length)).max(0.0);
+        libm::sqrt(libm::pow(lobe, self.exponent) + libm::pow(10.0, -self.front_to_back_db / 10.0))
+    }
 }
 
 /// What reality adds to one tone in white noise. The default adds nothing.
@@ -119,6 +147,15 @@ pub struct Interferer {
     pub elevation_rad: f64,
     /// Its power over that of the tone at `amplitude_codes`.
     pub level_db: f64,
+}
+
+impl Interferer {
+    /// Unit vector towards it.
+    fn towards_ned(&self) -> [f64; 3] {
+        let level = libm::cos(self.elevation_rad);
+        let (north, east) = (libm::cos(self.azimuth_ned_rad), libm::sin(self.azimuth_ned_rad));
+        [level * north, level * east, -libm::sin(self.elevation_rad)]
+    }
 }
 
 /// A reflection.
@@ -192,6 +229,7 @@ impl Default for Antennas {
             channel_gain: [1.0; CHANNELS],
             channel_phase_rad: [0.0; CHANNELS],
             offset_codes: [0.0; CHANNELS],
+            pattern: None,
             impairments: Impairments::default(),
         }
     }
@@ -247,16 +285,15 @@ impl Antennas {
             let beacon = [(source_ned_m, amplitude_ratio(impairments.direct_level_db))];
             let images = impairments.reflections.iter().map(|r| (r.image_ned_m, amplitude_ratio(r.level_db)));
             for (position_ned_m, level) in beacon.into_iter().chain(images) {
-                let distance_m = libm::sqrt(
-                    (0..3)
-                        .map(|axis| vehicle.position_ned_m[axis] + offset_ned_m[axis] - position_ned_m[axis])
-                        .map(|d| d * d)
-                        .sum(),
-                );
+                let from_ned_m: [f64; 3] = std::array::from_fn(|axis| {
+                    vehicle.position_ned_m[axis] + offset_ned_m[axis] - position_ned_m[axis]
+                });
+                let distance_m = libm::sqrt(from_ned_m.iter().map(|d| d * d).sum());
                 let spread = self.fall_off_from_m.map_or(1.0, |reference_m| reference_m / distance_m.max(1e-3));
                 let phase_rad =
                     common_phase_rad + self.channel_phase_rad[channel] - TAU * distance_m / self.wavelength_m;
-                let amplitude_codes = self.amplitude_codes * level * spread;
+                let amplitude_codes =
+                    self.amplitude_codes * level * spread * self.lobe(channel, vehicle, from_ned_m.map(|d| -d));
                 arrival(tone_hz, impairments.drift_hz_per_s, amplitude_codes, phase_rad).add_to(&mut values, |n| {
                     let time_s = middle_s + (n as f64 + skew_samples - middle_sample) / self.sample_rate_hz;
                     impairments.pulses.is_none_or(|pulses| pulses.sounds(time_s))
@@ -264,7 +301,9 @@ impl Antennas {
             }
             for (interferer, phase_rad) in impairments.interferers.iter().zip(&interferer_phases_rad) {
                 let phase_rad = phase_rad + self.channel_phase_rad[channel] + self.lead_rad(interferer, offset_ned_m);
-                let amplitude_codes = self.amplitude_codes * amplitude_ratio(interferer.level_db);
+                let amplitude_codes = self.amplitude_codes
+                    * amplitude_ratio(interferer.level_db)
+                    * self.lobe(channel, vehicle, interferer.towards_ned());
                 arrival(interferer.tone_hz, 0.0, amplitude_codes, phase_rad).add_to(&mut values, |_| true);
             }
 
@@ -283,6 +322,11 @@ impl Antennas {
             }
         }
         snapshot
+    }
+
+    /// Amplitude by the antenna's pattern.
+    fn lobe(&self, channel: usize, vehicle: &Pose, towards_ned: [f64; 3]) -> f64 {
+        self.pattern.map_or(1.0, |pattern| pattern.amplitude(channel, vehicle, towards_ned))
     }
 
     /// The receiver's gain.
@@ -341,6 +385,39 @@ mod tests {
 
     fn ahead(phase: f64, of: f64) -> f64 {
         crate::world::wrap_pi(phase - of)
+    }
+
+    #[test]
+    fn a_directional_antenna_hears_by_the_angle_off_its_boresight_whatever_the_attitude() {
+        let boresights_rad = [0.0, 30.0, 90.0, 180.0].map(f64::to_radians);
+        let pattern = Some(Pattern { exponent: 2.0, front_to_back_db: 15.0, boresights_rad });
+        let all_round = clean();
+        let directional = Antennas { pattern, ..clean() };
+        for (yaw_deg, azimuth_deg) in [(0.0_f64, 0.0_f64), (50.0, 50.0), (200.0, -70.0), (-45.0, 135.0)] {
+            // Far off, so that all antennas see the same direction.
+            let azimuth_rad = azimuth_deg.to_radians();
+            let source = [5000.0 * azimuth_rad.cos(), 5000.0 * azimuth_rad.sin(), 0.0];
+            let pose = Pose { yaw_rad: yaw_deg.to_radians(), ..Pose::default() };
+            let amplitudes = |antennas: &Antennas| {
+                let frame = antennas.frame::<256>(Instant(0), &pose, source, &mut Random::new(1, 1));
+                frame.codes.each_ref().map(|row| phasor(row, 37.0).1)
+            };
+            let (flat, lobed) = (amplitudes(&all_round), amplitudes(&directional));
+            for channel in 0..CHANNELS {
+                let off_rad = azimuth_rad - pose.yaw_rad - boresights_rad[channel];
+                let expected_db = 10.0 * ((0.5 + 0.5 * off_rad.cos()).powi(2) + 10.0_f64.powf(-1.5)).log10();
+                let heard_db = 20.0 * (lobed[channel] / flat[channel]).log10();
+                assert!((heard_db - expected_db).abs() < 0.05, "{yaw_deg} {azimuth_deg} {channel}: {heard_db}");
+            }
+        }
+        // Straight up is a right angle off whatever the yaw, unless the vehicle tilts.
+        let up = |pose: Pose| {
+            let frame = directional.frame::<256>(Instant(0), &pose, [0.0, 0.0, -5000.0], &mut Random::new(1, 1));
+            20.0 * (phasor(&frame.codes[0], 37.0).1 / 1500.0).log10()
+        };
+        let level_db = 10.0 * (0.25 + 10.0_f64.powf(-1.5)).log10();
+        assert!((up(Pose { yaw_rad: 1.0, ..Pose::default() }) - level_db).abs() < 0.05);
+        assert!(up(Pose { pitch_rad: 0.5, ..Pose::default() }) > level_db + 2.0, "the nose is up");
     }
 
     #[test]

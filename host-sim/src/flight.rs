@@ -8,7 +8,7 @@ use std::fmt;
 use std::io;
 
 use foxhound_core::bearing::{self, Estimator, Flags};
-use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::guidance::{self, FrontEnd, turning};
 use foxhound_core::map::Circle;
 use foxhound_core::mission::Outcome;
 use foxhound_core::time::Instant;
@@ -17,7 +17,7 @@ use foxhound_link::mailbox::Planned;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::antennas::{Antennas, Pose, Reflection};
+use crate::antennas::{Antennas, Fault, Pattern, Pose, Reflection};
 use crate::autopilot::Autopilot;
 use crate::computer::{BLOCK, Computer, ComputerError};
 use crate::random::Random;
@@ -84,6 +84,17 @@ impl Mission {
                 ..explore::Config::default()
             });
         }
+        config.turning = scenario.antenna.map(|antenna| {
+            let mut turning = turning::Config {
+                role: if antenna.single { turning::Role::Alone(0) } else { turning::Role::Fallback },
+                boresights_rad: antenna.boresight_deg.map(|deg| deg.to_radians() as f32),
+                yaw_rate_radps: antenna.turn_deg_per_s.to_radians() as f32,
+                ..turning::Config::default()
+            };
+            turning.rss.pattern.exponent = antenna.exponent as f32;
+            turning.rss.pattern.front_to_back_db = antenna.front_to_back_db as f32;
+            turning
+        });
         config.planner.sees_m = config.guard.sight.range_m;
         config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
@@ -401,7 +412,12 @@ impl Heard {
 impl<'a> Ears<'a> {
     fn new(mission: &'a Mission) -> Self {
         let snr_db = mission.scenario.bearing.snr_db.unwrap_or(DEFAULT_SNR_DB);
-        let antennas = Antennas { snr_db: Some(snr_db), ..Antennas::default() };
+        let pattern = mission.scenario.antenna.map(|antenna| Pattern {
+            exponent: antenna.exponent,
+            front_to_back_db: antenna.front_to_back_db,
+            boresights_rad: antenna.boresight_deg.map(f64::to_radians),
+        });
+        let antennas = Antennas { snr_db: Some(snr_db), pattern, ..Antennas::default() };
         Self { mission, antennas, random: Random::new(mission.seed, 1) }
     }
 
@@ -417,6 +433,11 @@ impl<'a> Ears<'a> {
             return Heard::Bearing(bearing_of(now, f64::NAN, SIGMA_FLOOR_RAD));
         }
         let is_silent = inside(settings.dropout, time_s);
+        let is_single = scenario.antenna.is_some_and(|antenna| antenna.single);
+        self.antennas.impairments.faults = std::array::from_fn(|channel| {
+            let is_dead = inside(scenario.faults.dead_channels[channel], time_s) || is_single && channel > 0;
+            if is_dead { Fault::Dead } else { Fault::None }
+        });
         match scenario.bearing_model() {
             _ if !world.walls.is_empty() => self.hear_among_walls(world, vehicle, now, time_s, is_silent),
             BearingModel::Noise if is_silent => Heard::Nothing,

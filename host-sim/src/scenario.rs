@@ -3,6 +3,7 @@
 //! Map axes: x east, y north, metres; degrees, seconds. Every key may be missing; a key that is not known, or a value out
 //! of range, is refused with its full path.
 
+use foxhound_core::adc::CHANNELS;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -34,6 +35,9 @@ pub struct Scenario {
     pub sensor: Sensor,
     /// The direction finding.
     pub bearing: Bearing,
+    /// What kind of antennas there are; without it four that hear the same all round.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub antenna: Option<Antenna>,
     /// Limits of the vehicle.
     pub limits: Limits,
     /// The vehicle's dynamics.
@@ -187,6 +191,22 @@ pub struct Outlier {
     pub offset_deg: f64,
 }
 
+/// Directional antennas: with one of them, or with fewer than three of four, a vehicle seeks by turning.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Antenna {
+    /// There is one antenna only, on the first channel.
+    pub single: bool,
+    /// Exponent of the raised cosine: 2 is a cardioid, more a narrower lobe.
+    pub exponent: f64,
+    /// Gain to the front over that to the back.
+    pub front_to_back_db: f64,
+    /// Where each antenna points, from the nose, clockwise.
+    pub boresight_deg: [f64; CHANNELS],
+    /// How fast the vehicle turns when it seeks by turning; to the right.
+    pub turn_deg_per_s: f64,
+}
+
 /// Limits that the guard keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -230,6 +250,8 @@ pub struct Faults {
     pub clock_back_s: Option<f64>,
     /// The autopilot's position and attitude are silent.
     pub stale_ownship: Option<[f64; 2]>,
+    /// A channel hears nothing at all; for each of the four.
+    pub dead_channels: [Option<[f64; 2]>; CHANNELS],
 }
 
 impl Default for Scenario {
@@ -245,6 +267,7 @@ impl Default for Scenario {
             walls: Vec::new(),
             sensor: Sensor::default(),
             bearing: Bearing::default(),
+            antenna: None,
             limits: Limits::default(),
             vehicle: Vehicle::default(),
             goal_tolerance: 0.5,
@@ -268,6 +291,18 @@ impl Default for Sensor {
 impl Default for Bearing {
     fn default() -> Self {
         Self { only: true, model: None, sigma_deg: 1.86, snr_db: None, outlier: Outlier::default(), dropout: None }
+    }
+}
+
+impl Default for Antenna {
+    fn default() -> Self {
+        Self {
+            single: false,
+            exponent: 2.0,
+            front_to_back_db: 15.0,
+            boresight_deg: [0.0; CHANNELS],
+            turn_deg_per_s: 70.0,
+        }
     }
 }
 
@@ -316,7 +351,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 28] = [
 ];
 
 /// The others of a scenario file.
-const KEYS: [&str; 24] = [
+const KEYS: [&str; 31] = [
     "start",
     "goal",
     "goal_velocity",
@@ -334,12 +369,19 @@ const KEYS: [&str; 24] = [
     "walls[].r",
     "walls[].reflection_db",
     "walls[].passage_db",
+    "antenna",
+    "antenna.single",
+    "antenna.exponent",
+    "antenna.front_to_back_db",
+    "antenna.boresight_deg",
+    "antenna.turn_deg_per_s",
     "explore_s",
     "faults",
     "faults.nan_bearing",
     "faults.stale_obstacles",
     "faults.clock_back_s",
     "faults.stale_ownship",
+    "faults.dead_channels",
     "reference_length_m",
 ];
 
@@ -436,6 +478,22 @@ impl Scenario {
         }
         check("bearing.outlier.rate", self.bearing.outlier.rate, 0.0, 1.0)?;
         check("bearing.outlier.offset_deg", self.bearing.outlier.offset_deg, -360.0, 360.0)?;
+        if let Some(antenna) = self.antenna {
+            check("antenna.exponent", antenna.exponent, 0.5, 8.0)?;
+            check("antenna.front_to_back_db", antenna.front_to_back_db, 3.0, 40.0)?;
+            for (index, boresight_deg) in antenna.boresight_deg.into_iter().enumerate() {
+                check(&format!("antenna.boresight_deg[{index}]"), boresight_deg, -360.0, 360.0)?;
+            }
+            check("antenna.turn_deg_per_s", antenna.turn_deg_per_s, 23.0, 140.0)?;
+            self.needs_waveforms("antenna")?;
+        }
+        for (index, window) in self.faults.dead_channels.into_iter().enumerate() {
+            if let Some([from, to]) = window {
+                check(&format!("faults.dead_channels[{index}][0]"), from, 0.0, 1e6)?;
+                check(&format!("faults.dead_channels[{index}][1]"), to, from, 1e6)?;
+                self.needs_waveforms(&format!("faults.dead_channels[{index}]"))?;
+            }
+        }
         check("limits.v_max", self.limits.v_max, 0.05, 20.0)?;
         check("limits.a_max", self.limits.a_max, 0.1, 20.0)?;
         check("vehicle.lag_s", self.vehicle.lag_s, 0.0, 5.0)?;
@@ -459,6 +517,16 @@ impl Scenario {
             check("faults.clock_back_s", at, 0.0, 1e6)?;
         }
         Ok(self)
+    }
+
+    /// Refuses what the noise model knows nothing of.
+    fn needs_waveforms(&self, field: &str) -> Result<(), InputError> {
+        match self.bearing_model() {
+            BearingModel::Rf => Ok(()),
+            BearingModel::Noise => {
+                Err(InputError::new(format!("{field}: there are channels only where bearing.model is `rf`")))
+            }
+        }
     }
 
     /// Where bearings come from: antenna waveforms when a signal-to-noise ratio is given and nothing else is asked.
@@ -495,7 +563,7 @@ impl Scenario {
 /// A derived reader would take a list for an object, field after field.
 fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
     let mut places = vec![("scenario".to_owned(), Some(value))];
-    for name in ["sensor", "bearing", "limits", "vehicle", "faults"] {
+    for name in ["sensor", "bearing", "antenna", "limits", "vehicle", "faults"] {
         places.push((name.to_owned(), value.get(name)));
     }
     places.push(("bearing.outlier".to_owned(), value.pointer("/bearing/outlier")));
@@ -544,13 +612,13 @@ mod tests {
         let text = r#"{"name":"n","bounds":[-1,-2,12,13],"drone_radius":0.2,"start":[1,2],"goal":[3,4],
             "goal_velocity":[0.1,-0.1],"obstacles":[{"x":5,"y":6,"r":0.5,"vx":0.1,"vy":0.2},{"x":1,"y":9,"r":0.1}],
             "sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
-            "bearing":{"only":false,"model":"noise","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
-            "dropout":[1,2]},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1},
+            "bearing":{"only":false,"model":"rf","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
+            "dropout":[1,2]},"antenna":{"single":true,"exponent":3,"front_to_back_db":20,"boresight_deg":[0,90,180,-90],
+            "turn_deg_per_s":60},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1},
             "goal_tolerance":0.3,"max_time_s":30,"faults":{"nan_bearing":[1,2],"stale_obstacles":[3,4],"clock_back_s":5,
-            "stale_ownship":[6,7]},"why":"w","frame":{"x":"east"},"expect":"reached","reference_length_m":9.5}"#;
+            "stale_ownship":[6,7],"dead_channels":[null,[1,2],null,[3,4]]},"why":"w","frame":{"x":"east"},"expect":"reached","reference_length_m":9.5}"#;
         let scenario = Scenario::parse(text).unwrap();
         assert_eq!(scenario.obstacles[0].vy, 0.2);
-        assert_eq!(scenario.bearing_model(), BearingModel::Noise, "said so, although there is an SNR");
         let written = serde_json::to_string(&scenario).unwrap();
         assert_eq!(Scenario::parse(&written).unwrap(), scenario);
         // The list of known keys is the list of the keys that there are.
@@ -565,6 +633,8 @@ mod tests {
     fn an_snr_means_waveforms() {
         let scenario = Scenario::parse(r#"{"bearing":{"snr_db":20}}"#).unwrap();
         assert_eq!(scenario.bearing_model(), BearingModel::Rf);
+        let scenario = Scenario::parse(r#"{"bearing":{"snr_db":20,"model":"noise"}}"#).unwrap();
+        assert_eq!(scenario.bearing_model(), BearingModel::Noise, "said so, although there is an SNR");
         assert_eq!(Scenario::built_in().bearing_model(), BearingModel::Rf);
     }
 
@@ -599,6 +669,14 @@ mod tests {
             (r#"{"bearing":{"outlier":{"rate":2}}}"#, "bearing.outlier.rate"),
             (r#"{"bearing":{"dropout":[5,4]}}"#, "bearing.dropout[1]"),
             (r#"{"vehicle":{"lag_s":-0.1}}"#, "vehicle.lag_s"),
+            (r#"{"antenna":{"exponent":0}}"#, "antenna.exponent"),
+            (r#"{"antenna":{"front_to_back_db":60}}"#, "antenna.front_to_back_db"),
+            (r#"{"antenna":{"boresight_deg":[0,0,0,999]}}"#, "antenna.boresight_deg[3]"),
+            (r#"{"antenna":{"turn_deg_per_s":0}}"#, "antenna.turn_deg_per_s"),
+            (
+                r#"{"bearing":{"snr_db":20},"faults":{"dead_channels":[null,null,[5,4],null]}}"#,
+                "faults.dead_channels[2][1]",
+            ),
             (r#"{"goal_tolerance":0}"#, "goal_tolerance"),
             (r#"{"max_time_s":-5}"#, "max_time_s"),
             (r#"{"faults":{"clock_back_s":-5}}"#, "faults.clock_back_s"),
@@ -618,10 +696,21 @@ mod tests {
             (r#"{"obstacles":[{"x":1,"y":1}]}"#, "obstacles[0]"),
             (r#"{"obstacles":[{"x":1,"y":null,"r":1}]}"#, "obstacles[0].y"),
             (r#"{"bearing":{"only":1}}"#, "bearing.only"),
+            (r#"{"antenna":{"boresight_deg":[0,0]}}"#, "antenna.boresight_deg"),
+            (r#"{"antenna":[true]}"#, "antenna: expected an object"),
+            (r#"{"faults":{"dead_channels":[[1,2]]}}"#, "faults.dead_channels"),
         ] {
             let message = refused(text);
             assert!(message.starts_with(field), "{text}: {message}");
         }
+        assert_eq!(
+            refused(r#"{"antenna":{}}"#),
+            "antenna: there are channels only where bearing.model is `rf`",
+            "there is nothing to hear with"
+        );
+        let dead = refused(r#"{"faults":{"dead_channels":[null,[1,2],null,null]}}"#);
+        assert!(dead.starts_with("faults.dead_channels[1]: there are channels only"), "{dead}");
+        assert!(refused(r#"{"antenna":{"exponents":2}}"#).contains("`exponent`"));
         assert!(refused("{").contains("EOF"));
         assert!(refused("{} {}").contains("trailing"));
         assert!(refused(r#"{"max_time_s":1,"max_time_s":2}"#).contains("duplicate"));

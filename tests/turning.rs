@@ -1,0 +1,115 @@
+//! Seeking by turning, flown through the command line: with one directional antenna, and with what is left of an array.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use foxhound_tests::{root, run_json};
+use serde_json::{Value, json};
+
+const SEEDS: u64 = 12;
+
+fn scenario(name: &str) -> Value {
+    let file = root().join("tests/scenarios").join(name);
+    serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()
+}
+
+/// Flies a scenario with many seeds on two threads.
+fn fly(scenario: &Value, seeds: u64) -> Vec<(i32, Value)> {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("scenario.json");
+    std::fs::write(&file, scenario.to_string()).unwrap();
+    let path = file.to_string_lossy();
+    let fly_from = |first: u64| {
+        let seeds = (first..seeds).step_by(2).map(|seed| seed.to_string());
+        seeds.map(|seed| run_json(&["fly", "--json", "--scenario", &path, "--seed", &seed])).collect::<Vec<_>>()
+    };
+    std::thread::scope(|scope| {
+        let other = scope.spawn(|| fly_from(1));
+        let mut flights = fly_from(0);
+        flights.extend(other.join().unwrap());
+        flights
+    })
+}
+
+fn number(report: &Value, field: &str) -> f64 {
+    report[field].as_f64().unwrap()
+}
+
+/// Every flight reaches the beacon, and touches nothing.
+fn assert_reached(flights: &[(i32, Value)]) {
+    for (code, report) in flights {
+        assert_eq!((*code, report["result"].as_str()), (0, Some("reached")), "{report}");
+        assert_eq!(report["collisions"], 0, "{report}");
+        assert!(number(report, "min_clearance_m") > 0.0, "{report}");
+        assert!(number(report, "straight_line_m") > 9.9, "{report}");
+        assert!(number(report, "path_length_m") < 1.5 * number(report, "straight_line_m"), "{report}");
+    }
+}
+
+#[test]
+fn one_antenna_that_turns_finds_a_beacon_ten_metres_off_among_pillars() {
+    let flights = fly(&scenario("turning_antenna.json"), SEEDS);
+    assert_reached(&flights);
+    // A turn before the first bearing; and it does not stand still from turn to turn.
+    assert!(flights.iter().all(|(_, report)| (15.0..60.0).contains(&number(report, "time_s"))), "{flights:?}");
+}
+
+#[test]
+fn other_rates_and_lobes_and_a_slower_vehicle_do_as_well() {
+    for change in [
+        json!({"antenna": {"single": true, "turn_deg_per_s": 120, "exponent": 4, "front_to_back_db": 25}}),
+        json!({"antenna": {"single": true, "turn_deg_per_s": 45, "boresight_deg": [90, 0, 0, 0]}}),
+        json!({"vehicle": {"model": "arducopter"}, "bearing": {"snr_db": 5}}),
+    ] {
+        let mut scenario = scenario("turning_antenna.json");
+        for (key, value) in change.as_object().unwrap() {
+            scenario[key] = value.clone();
+        }
+        assert_reached(&fly(&scenario, 4));
+    }
+}
+
+#[test]
+fn a_flight_in_which_two_of_four_channels_die_goes_on_by_turning() {
+    let mut scenario = scenario("two_channels_die.json");
+    let flights = fly(&scenario, SEEDS);
+    assert_reached(&flights);
+    scenario["faults"] = json!({});
+    let whole = fly(&scenario, 4);
+    assert_reached(&whole);
+    // They turned: that takes its time.
+    let slowest_s = whole.iter().map(|(_, report)| number(report, "time_s")).fold(0.0, f64::max);
+    assert!(flights.iter().all(|(_, report)| number(report, "time_s") > slowest_s + 2.0), "{slowest_s} {flights:?}");
+}
+
+#[test]
+fn an_array_that_hears_the_same_all_round_holds_when_two_channels_die_and_says_why() {
+    let mut scenario = scenario("two_channels_die.json");
+    scenario.as_object_mut().unwrap().remove("antenna");
+    scenario["max_time_s"] = json!(30);
+    for (code, report) in fly(&scenario, SEEDS) {
+        assert_ne!(code, 0, "{report}");
+        assert_eq!((&report["result"], &report["reason"]), (&"hold".into(), &"ambiguous".into()), "{report}");
+        assert_eq!(report["collisions"], 0, "{report}");
+        // It went on for no longer than a bearing stands.
+        assert!(number(&report, "path_length_m") < 5.0, "{report}");
+    }
+    // One dead channel costs precision and no more.
+    scenario["faults"] = json!({"dead_channels": [null, [3, 1000], null, null]});
+    assert_reached(&fly(&scenario, 4));
+}
+
+#[test]
+fn a_beacon_that_falls_silent_is_waited_for_and_found_when_it_is_back() {
+    let mut scenario = scenario("turning_antenna.json");
+    scenario["bearing"]["dropout"] = json!([8, 1000]);
+    scenario["max_time_s"] = json!(45);
+    for (_, report) in fly(&scenario, 6) {
+        assert_eq!((&report["result"], &report["reason"]), (&"hold".into(), &"no_signal".into()), "{report}");
+        assert_eq!(report["collisions"], 0, "{report}");
+        // No direction comes of the turn in which it fell silent.
+        assert!(number(&report, "bearing_rms_deg") < 10.0, "{report}");
+    }
+    scenario["bearing"]["dropout"] = json!([8, 20]);
+    scenario["max_time_s"] = json!(120);
+    assert_reached(&fly(&scenario, 6));
+}
