@@ -611,6 +611,7 @@ mod tests {
     fn every_key_is_taken_and_written_back() {
         let text = r#"{"name":"n","bounds":[-1,-2,12,13],"drone_radius":0.2,"start":[1,2],"goal":[3,4],
             "goal_velocity":[0.1,-0.1],"obstacles":[{"x":5,"y":6,"r":0.5,"vx":0.1,"vy":0.2},{"x":1,"y":9,"r":0.1}],
+            "walls":[{"x0":-1,"y0":8,"x1":4,"y1":8,"r":0.1,"reflection_db":5,"passage_db":20}],
             "sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
             "bearing":{"only":false,"model":"rf","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
             "dropout":[1,2]},"antenna":{"single":true,"exponent":3,"front_to_back_db":20,"boresight_deg":[0,90,180,-90],
