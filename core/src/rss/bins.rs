@@ -6,7 +6,7 @@
 //!
 //! for every reading `P` while the antenna points into bin `b`. The first reading of a bin is taken as it is: an average
 //! that started at 0 dB would be drawn there for as long as it remembers. A bin without a reading in a rotation keeps its
-//! average for [`KEPT`] rotations, then it is empty again.
+//! average for `KEPT` rotations, then it is empty again.
 //!
 //! Of several readings in one bin the last weighs most, so that the averages stand for a direction that is ahead of the
 //! bin's middle in the sense of the turn, by degrees. How far is averaged along ([`Bins::ahead_rad`]).

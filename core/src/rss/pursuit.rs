@@ -1,6 +1,6 @@
 //! Which way to fly, from rotations and the vehicle's own positions.
 //!
-//! Two filters, side by side. [`direction`](super::direction) is never led astray for long, because it keeps every hill of
+//! Two filters, side by side. [`super::direction`] is never led astray for long, because it keeps every hill of
 //! the posterior, but knows neither range nor its own motion. [`polar`] knows both and takes the vehicle's motion out of the
 //! bearing, but has one hill only: begun on an outlier it would take the truth for outliers. So the first one begins the
 //! second, and begins it anew when the two contradict each other. Beside the source, where the direction turns and leaps, the

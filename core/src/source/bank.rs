@@ -17,6 +17,7 @@
 //! Cost: about 350 instructions for each filter and each way to read the sighting.
 
 use super::polar::{self, Resting};
+use super::reflected::fold::is_line;
 use super::{Estimate, Heard, Sighting};
 use crate::error::{ConfigError, check};
 use crate::lor::Line;
@@ -261,7 +262,7 @@ impl Bank {
     /// The nearest line that a sighting's ray meets, and how far off.
     fn nearest(&self, sighting: &Sighting, lines: &[Line]) -> Option<(Line, f32)> {
         let mut nearest: Option<(Line, f32)> = None;
-        for line in lines {
+        for line in lines.iter().filter(|line| is_line(line)) {
             let range_m = line.range_along_m(sighting.place_ned_m, sighting.direction_ned, self.config.slack_m);
             if let Some(range_m) = range_m.filter(|range_m| nearest.is_none_or(|(_, other)| *range_m < other)) {
                 nearest = Some((*line, range_m));

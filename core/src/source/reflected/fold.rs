@@ -78,7 +78,7 @@ pub fn points<const N: usize>(
 }
 
 /// Whether a line is one.
-pub(super) fn is_line(line: &Line) -> bool {
+pub(in crate::source) fn is_line(line: &Line) -> bool {
     let norm2 = line.normal_ned.norm_squared();
     norm2 > 0.999 && norm2 < 1.001 && libm::fabsf(line.offset_m) < 1e6
 }
