@@ -55,6 +55,8 @@ const PATIENCE: u16 = 8;
 /// Width of the window when it looks far, and how often that is.
 const FAR_SCALE: f32 = 3.0;
 const FAR_EVERY: u16 = 4;
+/// Replans of a mission that may bend the way to learn the range: some four metres. What has not told it by then will not.
+const BENDS_MAX: u8 = 6;
 /// Two places of the way found are not farther apart than this.
 const WAY_STEP_M: f32 = 1.0;
 /// A way shorter than this has ended.
@@ -87,6 +89,8 @@ struct Progress {
     patience: u16,
     /// On a detour: replans until the next that looks far.
     until_far: Option<u16>,
+    /// Replans that bent the way to learn the range.
+    bends: u8,
 }
 
 impl Progress {
@@ -97,10 +101,11 @@ impl Progress {
         spent: 0,
         patience: 0,
         until_far: None,
+        bends: 0,
     };
 
     fn new(closest_ned_m: Horizontal, spent: u16) -> Self {
-        Self { has_begun: true, closest_ned_m, since: 0, spent, patience: PATIENCE, until_far: None }
+        Self { has_begun: true, closest_ned_m, since: 0, spent, patience: PATIENCE, until_far: None, bends: 0 }
     }
 
     /// One replan later.
@@ -115,7 +120,7 @@ impl Progress {
             None => (self.since >= self.patience).then_some(0),
         };
         if source.minus(start).norm() < source.minus(self.closest_ned_m).norm() - PROGRESS_M {
-            *self = Self::new(start, self.spent.saturating_sub(CREDIT));
+            *self = Self { bends: self.bends, ..Self::new(start, self.spent.saturating_sub(CREDIT)) };
         }
     }
 
@@ -170,9 +175,11 @@ pub(super) fn plan(
         && config.bends
         && known.is_none()
         && progress.until_far.is_none()
+        && progress.bends < BENDS_MAX
         && !scratch.obstacles.iter().any(near)
         && let Some(bent) = bend(request, learn, &scratch.obstacles)
     {
+        progress.bends += 1;
         let target = bent[WAYPOINTS - 1];
         scratch.feasible = [false; SAMPLES];
         return Plan {

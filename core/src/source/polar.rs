@@ -21,7 +21,7 @@
 //!
 //! (the probabilistic data association filter of Bar-Shalom with one measurement). Only one triangle of `P` is kept, so it is
 //! symmetric; after every step its pivots are looked at, and where rounding has made correlations impossible the variances are
-//! widened. The bearing is kept as a unit vector, so that a step needs no sine and seldom an arctangent: 360 and 550
+//! widened. The bearing is kept as a unit vector, so that a step needs no sine and seldom an arctangent: 360 and 560
 //! instructions at most on a Cortex-M4F, with two and four states.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
