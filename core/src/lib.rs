@@ -5,8 +5,8 @@
 //! the desktop and computes the same bits on both.
 //!
 //! ```text
-//!  adc -> spectrum -> phase -> bearing -> goal -> planner -> track -> guard -> setpoint
-//!  i16    fixed point  phasors  rad, sigma  where   10 x 15    PID     limits, swept check
+//!  adc -> spectrum -> phase -> bearing -> source -> goal -> planner -> track -> guard -> setpoint
+//!  i16    fixed point  phasors  rad, sigma  filters  where   10 x 15    PID     limits, swept check
 //! ```
 //!
 //! One file (or folder) is one room; a room uses the output types of earlier rooms only. Two doors lead in:
@@ -30,6 +30,10 @@
 //! *main paper*: S. M. Mulla, A. Kanakapudi, L. Narasimhan, A. Tiwari, "RF-source Seeking with Obstacle Avoidance using
 //! Real-time Modified Artificial Potential Fields in Unknown Environments", IIT Madras. Equation numbers in the docs of
 //! the rooms are that paper's unless another is named.
+//!
+//! *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (rooms [`source`],
+//! [`lor`], [`belief`]). *Rotating vehicle's paper*: RF source seeking with a single-wing rotating micro aerial vehicle
+//! (room [`rss`]).
 #![no_std]
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! `mmwave`: agents that look for a transmitter indoors by its angle of arrival, after K. Pfeiffer et al., "Path Planning
 //! Under Uncertainty to Localize mmWave Sources" (the paper here), sections IV and V, table 3 and fig. 6.
 //!
-//! The paper's maps and ray tracings are not at hand: [`plan`] draws flats of rooms, corridors, doors and furniture,
-//! [`radio`] traces the strongest path. A robot of which only the place counts ([`trial`]) discovers the walls with a range
-//! sensor and goes by A* on what it knows ([`known`]); where nothing of use is heard, it explores ([`explore`]). All of that
-//! is the same for all agents ([`agent`]), which differ in where they want to go:
+//! The paper's maps and ray tracings are not at hand: `plan` draws flats of rooms, corridors, doors and furniture,
+//! `radio` traces the strongest path. A robot of which only the place counts (`trial`) discovers the walls with a range
+//! sensor and goes by A* on what it knows (`known`); where nothing of use is heard, it explores (`explore`). All of that
+//! is the same for all agents (`agent`), which differ in where they want to go:
 //!
 //! - one knows the transmitter, for reference;
 //! - the baseline, [11] of the paper (M. Yin et al., "Millimeter Wave Wireless Assisted Robot Navigation With Link State
@@ -13,7 +13,7 @@
 //! - the paper's switch between exploration and what the filters say, [`foxhound_core::source::bank`];
 //! - ours, which in addition goes from one point of reflection to the next at higher orders: at the point of reflection
 //!   the link is of one order less;
-//! - the same with covariance minimisation ([`bend`]).
+//! - the same with covariance minimisation (`bend`).
 //!
 //! White noise from cycle to cycle also averages while the robot stays where it is. Ours listens for a few cycles when the
 //! link changes and the bearing is vague: that costs no way, but cycles, so both are told.
