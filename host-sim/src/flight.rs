@@ -76,7 +76,8 @@ impl Mission {
             config.goal.known_source_ned_m = Some(foxhound_core::frame::Horizontal { north, east });
         }
         config.guard.sight.range_m = scenario.sensor.range_m as f32;
-        if scenario.explore_s > 0.0 {
+        // The others are flown as they are.
+        if scenario.explore_s > 0.0 && self.planner.kind == planner::Kind::Foxhound {
             config.planner.explore = Some(explore::Config {
                 limit_s: scenario.explore_s as f32,
                 clearance_m: (scenario.drone_radius + EXPLORE_MARGIN_M) as f32,
