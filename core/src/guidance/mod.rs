@@ -513,6 +513,11 @@ impl<const N: usize> Guidance<N> {
 
     /// How likely the link is reflected, from what was heard and what was not.
     fn classify(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: Option<f32>, ownship: &Ownship) {
+        // A bearing made elsewhere says nothing of the waves that it was made from.
+        if bearing_ned_rad.is_some() && bearing.quality.coherence.is_none() {
+            state.reflected = 0.0;
+            return;
+        }
         let place_ned_m = ownship.position_ned_m.horizontal();
         let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
         let sightline = match (lines, bearing_ned_rad) {
