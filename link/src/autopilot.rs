@@ -128,21 +128,25 @@ fn is_copter(heartbeat: &HEARTBEAT_DATA) -> bool {
 /// Where the vehicle is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Position {
+    /// When it was made, on our clock.
     pub(crate) time: Instant,
+    /// The same on the autopilot's.
+    pub(crate) time_boot_ms: u32,
     pub(crate) position_ned_m: Ned,
     pub(crate) velocity_ned_mps: Ned,
 }
 
 impl Position {
     /// What the message says; `None` when a number is absurd or not finite.
-    pub(crate) fn from_message(now: Instant, message: &LOCAL_POSITION_NED_DATA) -> Option<Self> {
+    pub(crate) fn from_message(time: Instant, message: &LOCAL_POSITION_NED_DATA) -> Option<Self> {
         let position_ned_m = Ned { north: message.x, east: message.y, down: message.z };
         let velocity_ned_mps = Ned { north: message.vx, east: message.vy, down: message.vz };
         let within = |vector: Ned, limit: f32| {
             is_within(vector.north, limit) && is_within(vector.east, limit) && is_within(vector.down, limit)
         };
         (within(position_ned_m, POSITION_MAX_M) && within(velocity_ned_mps, SPEED_MAX_MPS)).then_some(Self {
-            time: now,
+            time,
+            time_boot_ms: message.time_boot_ms,
             position_ned_m,
             velocity_ned_mps,
         })
@@ -152,7 +156,10 @@ impl Position {
 /// Which way the vehicle looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Attitude {
+    /// When it was made, on our clock.
     pub(crate) time: Instant,
+    /// The same on the autopilot's.
+    pub(crate) time_boot_ms: u32,
     pub(crate) roll_rad: f32,
     pub(crate) pitch_rad: f32,
     pub(crate) yaw_rad: f32,
@@ -161,13 +168,13 @@ pub(crate) struct Attitude {
 
 impl Attitude {
     /// What the message says; `None` when a number is absurd or not finite.
-    pub(crate) fn from_angles(now: Instant, message: &ATTITUDE_DATA) -> Option<Self> {
+    pub(crate) fn from_angles(time: Instant, message: &ATTITUDE_DATA) -> Option<Self> {
         let angles_rad = [message.roll, message.pitch, message.yaw];
-        Self::from_euler(now, angles_rad, message.pitchspeed, message.yawspeed)
+        Self::from_euler((time, message.time_boot_ms), angles_rad, message.pitchspeed, message.yawspeed)
     }
 
     /// What the message says; `None` when a number is absurd or not finite, or the quaternion is none.
-    pub(crate) fn from_quaternion(now: Instant, message: &ATTITUDE_QUATERNION_DATA) -> Option<Self> {
+    pub(crate) fn from_quaternion(time: Instant, message: &ATTITUDE_QUATERNION_DATA) -> Option<Self> {
         let (w, x, y, z) = (message.q1, message.q2, message.q3, message.q4);
         // The norm is right within 1 %.
         if !is_within(w * w + x * x + y * y + z * z - 1.0, 0.02) {
@@ -178,12 +185,13 @@ impl Attitude {
         let sin_pitch = (2.0 * (w * y - z * x)).clamp(-1.0, 1.0);
         let pitch_rad = libm::atan2f(sin_pitch, libm::sqrtf((1.0 - sin_pitch) * (1.0 + sin_pitch)));
         let yaw_rad = libm::atan2f(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
-        Self::from_euler(now, [roll_rad, pitch_rad, yaw_rad], message.pitchspeed, message.yawspeed)
+        let times = (time, message.time_boot_ms);
+        Self::from_euler(times, [roll_rad, pitch_rad, yaw_rad], message.pitchspeed, message.yawspeed)
     }
 
     /// With the body's pitch rate `q` and yaw rate `r`, the yaw angle turns at `(q sin(roll) + r cos(roll)) /
     /// cos(pitch)`; where the nose points up or down it has no meaning, and the body's rate must do.
-    fn from_euler(now: Instant, angles_rad: [f32; 3], q: f32, r: f32) -> Option<Self> {
+    fn from_euler((time, time_boot_ms): (Instant, u32), angles_rad: [f32; 3], q: f32, r: f32) -> Option<Self> {
         let sane = angles_rad.iter().all(|&angle| is_within(angle, ANGLE_MAX_RAD))
             && is_within(q, RATE_MAX_RADPS)
             && is_within(r, RATE_MAX_RADPS);
@@ -195,7 +203,7 @@ impl Attitude {
         let (_, cos_pitch) = sin_cos(pitch_rad);
         let level = libm::fabsf(cos_pitch) > 0.1;
         let yaw_rate_radps = if level { (q * sin_roll + r * cos_roll) / cos_pitch } else { r };
-        Some(Self { time: now, roll_rad, pitch_rad, yaw_rad, yaw_rate_radps })
+        Some(Self { time, time_boot_ms, roll_rad, pitch_rad, yaw_rad, yaw_rate_radps })
     }
 }
 

@@ -41,13 +41,19 @@ pub mod dialect {
 }
 
 pub mod companion;
+pub mod failsafe;
 pub mod framer;
 pub mod mailbox;
 
 mod autopilot;
+mod clock;
+mod continuity;
+mod health;
+mod landing;
 mod obstacles;
 mod outbox;
 mod requests;
+mod surroundings;
 
 pub use mavlink_core::types::CharArray;
 pub use mavlink_core::{Message, MessageData};

@@ -1,13 +1,14 @@
-//! Frames that wait for the wire, by priority: setpoint, heartbeat, errands (answers and requests), notes (telemetry).
+//! Frames that wait for the wire, by priority: setpoint, heartbeat, errands (answers and requests), telemetry.
 //!
-//! What waits is the message; its frame is made when the wire is free, so that sequence numbers rise in the order of
-//! sending and a setpoint is the newest one.
+//! What waits is the message; its frame is made when the wire is free, so that sequence numbers and signatures rise in the
+//! order of sending and a setpoint is the newest one.
 
+use foxhound_core::time::Instant;
 use heapless::Deque;
 
 use crate::dialect::{
-    COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, NAMED_VALUE_FLOAT_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
-    STATUSTEXT_DATA, TIMESYNC_DATA,
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, DEBUG_VECT_DATA, HEARTBEAT_DATA, LANDING_TARGET_DATA, NAMED_VALUE_FLOAT_DATA,
+    OBSTACLE_DISTANCE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use crate::framer::{FRAME_MAX, Header, encode_data};
 
@@ -19,7 +20,7 @@ pub(crate) enum Errand {
     Timesync(TIMESYNC_DATA),
 }
 
-/// Telemetry.
+/// Telemetry that queues; of the rest there is one of each, the newest.
 #[derive(Clone, Debug)]
 pub(crate) enum Note {
     Value(NAMED_VALUE_FLOAT_DATA),
@@ -36,10 +37,13 @@ pub(crate) struct Dropped {
 
 #[derive(Clone, Debug)]
 pub(crate) struct Outbox {
-    setpoint: Option<SET_POSITION_TARGET_LOCAL_NED_DATA>,
+    setpoint: Option<(Instant, SET_POSITION_TARGET_LOCAL_NED_DATA)>,
     heartbeat: Option<HEARTBEAT_DATA>,
     errands: Deque<Errand, 8>,
+    landing: Option<LANDING_TARGET_DATA>,
     notes: Deque<Note, 8>,
+    direction: Option<DEBUG_VECT_DATA>,
+    surroundings: Option<OBSTACLE_DISTANCE_DATA>,
     dropped: Dropped,
     sequence: u8,
     frame: [u8; FRAME_MAX],
@@ -53,7 +57,10 @@ impl Outbox {
             setpoint: None,
             heartbeat: None,
             errands: Deque::new(),
+            landing: None,
             notes: Deque::new(),
+            direction: None,
+            surroundings: None,
             dropped: Dropped { setpoints: 0, errands: 0, notes: 0 },
             sequence: 0,
             frame: [0; FRAME_MAX],
@@ -63,15 +70,22 @@ impl Outbox {
     }
 
     /// The newest setpoint takes the place of one that has not left yet.
-    pub(crate) fn post_setpoint(&mut self, setpoint: SET_POSITION_TARGET_LOCAL_NED_DATA) {
-        if self.setpoint.replace(setpoint).is_some() {
+    pub(crate) fn post_setpoint(&mut self, now: Instant, setpoint: SET_POSITION_TARGET_LOCAL_NED_DATA) {
+        let since = self.waiting_since();
+        if since.is_some() {
             self.dropped.setpoints = self.dropped.setpoints.saturating_add(1);
         }
+        self.setpoint = Some((since.unwrap_or(now), setpoint));
     }
 
     /// A setpoint that waits is taken back.
     pub(crate) fn withdraw_setpoint(&mut self) {
         self.setpoint = None;
+    }
+
+    /// Since when a setpoint waits.
+    pub(crate) fn waiting_since(&self) -> Option<Instant> {
+        self.setpoint.as_ref().map(|(since, _)| *since)
     }
 
     pub(crate) fn post_heartbeat(&mut self, heartbeat: HEARTBEAT_DATA) {
@@ -95,12 +109,30 @@ impl Outbox {
         self.notes.push_back(note).ok();
     }
 
+    pub(crate) fn post_landing(&mut self, landing: Option<LANDING_TARGET_DATA>) {
+        self.landing = landing;
+    }
+
+    pub(crate) fn post_direction(&mut self, direction: DEBUG_VECT_DATA) {
+        self.direction = Some(direction);
+    }
+
+    pub(crate) fn post_surroundings(&mut self, surroundings: OBSTACLE_DISTANCE_DATA) {
+        self.surroundings = Some(surroundings);
+    }
+
     pub(crate) const fn dropped(&self) -> Dropped {
         self.dropped
     }
 
-    /// Fills `sink` and says how far. A frame that does not fit is continued by the next call.
-    pub(crate) fn transmit(&mut self, system_id: u8, component_id: u8, sink: &mut [u8]) -> usize {
+    /// Fills `sink` and says how far. A frame that does not fit is continued by the next call. `seal` may sign a finished
+    /// frame, whose length it is told and answers.
+    pub(crate) fn transmit(
+        &mut self,
+        (system_id, component_id): (u8, u8),
+        sink: &mut [u8],
+        mut seal: impl FnMut(&mut [u8; FRAME_MAX], usize) -> usize,
+    ) -> usize {
         let mut filled = 0;
         while filled < sink.len() {
             if self.sent == self.end {
@@ -109,6 +141,7 @@ impl Outbox {
                 if self.end == 0 {
                     break;
                 }
+                self.end = seal(&mut self.frame, self.end).min(FRAME_MAX);
                 self.sequence = self.sequence.wrapping_add(1);
             }
             let length = (self.end - self.sent).min(sink.len() - filled);
@@ -121,7 +154,7 @@ impl Outbox {
 
     fn next_frame(&mut self, header: Header) -> usize {
         let frame = &mut self.frame;
-        if let Some(setpoint) = self.setpoint.take() {
+        if let Some((_, setpoint)) = self.setpoint.take() {
             return encode_data(header, &setpoint, frame);
         }
         if let Some(heartbeat) = self.heartbeat.take() {
@@ -133,10 +166,17 @@ impl Outbox {
             Some(Errand::Timesync(timesync)) => return encode_data(header, &timesync, frame),
             None => {}
         }
-        match self.notes.pop_front() {
-            Some(Note::Value(value)) => encode_data(header, &value, frame),
-            Some(Note::Text(text)) => encode_data(header, &text, frame),
-            None => 0,
+        if let Some(landing) = self.landing.take() {
+            return encode_data(header, &landing, frame);
         }
+        match self.notes.pop_front() {
+            Some(Note::Value(value)) => return encode_data(header, &value, frame),
+            Some(Note::Text(text)) => return encode_data(header, &text, frame),
+            None => {}
+        }
+        if let Some(direction) = self.direction.take() {
+            return encode_data(header, &direction, frame);
+        }
+        self.surroundings.take().map_or(0, |surroundings| encode_data(header, &surroundings, frame))
     }
 }

@@ -1,32 +1,41 @@
 //! Asking the autopilot for the messages that we need, and checking that they come.
 //!
-//! Each wish is a `MAV_CMD_SET_MESSAGE_INTERVAL`, repeated every 0.5 s until it is acknowledged, five times at most.
-//! The acknowledgement names the command only, not the message, so the answers of a round are matched to its requests
-//! in order. If one is lost the match slips and a wish may count as granted that is not: what counts in the end is the
-//! rate that is measured. A ground station, a router or a reboot may also change it later. A message that comes at
-//! less than 60 % of the wish over 3 s is asked for again.
+//! Each wish is a `MAV_CMD_SET_MESSAGE_INTERVAL`. Four at a time are asked for; the next four follow when all are
+//! acknowledged, or after 0.5 s, and a wish that was not acknowledged comes again, five times at most. The acknowledgement
+//! names the command only, not the message, so the answers of a round are matched to its requests in order. If one is lost
+//! the match slips and a wish may count as granted that is not: what counts in the end is the rate that is measured. A
+//! ground station, a router or a restart may also change it later.
+//!
+//! A message that comes at less than 60 % of the wish over 3 s is asked for again. What guidance cannot do without is asked
+//! for without end; for the rest, which an autopilot may not have, we wait twice as long after each time in vain, up to 48 s.
 
 use foxhound_core::time::Instant;
-use heapless::Deque;
+use heapless::{Deque, Vec};
 
 use crate::dialect::{COMMAND_LONG_DATA, MavCmd};
 
 const ROUND_US: u64 = 500_000;
 const WINDOW_US: u64 = 3_000_000;
+/// The window is doubled at most so often.
+const PATIENCE_MAX: u8 = 4;
 const TRIES: u8 = 5;
 const ENOUGH: f32 = 0.6;
+/// So many requests without an answer, about 5 s, and we are not listened to.
+const UNANSWERED_MAX: u8 = 40;
+/// Requests under way at a time.
+const ROUND: usize = 4;
 
-/// How many messages are asked for.
-pub(crate) const WISHES: usize = 4;
+/// How many messages may be asked for.
+pub(crate) const WISHES: usize = 13;
 
 /// One message that we want.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Wish {
-    pub(crate) message_id: u32,
+    pub(crate) message_id: u16,
     /// Wanted rate; 0 leaves the message to the autopilot.
     pub(crate) rate_hz: f32,
-    /// Whether the message must come. An obstacle sensor may not exist.
-    pub(crate) must_come: bool,
+    /// Whether guidance cannot do without it.
+    pub(crate) is_vital: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -34,9 +43,11 @@ struct Progress {
     wish: Wish,
     tries: u8,
     granted: bool,
+    /// Windows in vain, one after the other.
+    patience: u8,
+    heard: u16,
     /// Since when the messages are counted.
     since: Instant,
-    heard: u32,
 }
 
 impl Progress {
@@ -44,48 +55,72 @@ impl Progress {
         self.wish.rate_hz > 0.0 && !self.granted && self.tries < TRIES
     }
 
-    fn ask_again(&mut self) {
-        self.tries = 0;
-        self.granted = false;
+    fn window_us(&self) -> u64 {
+        WINDOW_US << self.patience
     }
 }
 
 #[derive(Clone, Debug)]
 pub(crate) struct Requests {
-    progress: [Progress; WISHES],
+    progress: Vec<Progress, WISHES>,
     next_round: Instant,
     /// The requests of this round, in the order in which they were sent.
-    asked: Deque<usize, WISHES>,
+    asked: Deque<u8, ROUND>,
+    /// Requests since the last acknowledgement.
+    unanswered: u8,
 }
 
 impl Requests {
-    pub(crate) fn new(wishes: [Wish; WISHES]) -> Self {
-        let progress =
-            wishes.map(|wish| Progress { wish, tries: 0, granted: false, since: Instant::default(), heard: 0 });
-        Self { progress, next_round: Instant::default(), asked: Deque::new() }
+    /// Nothing is wished for.
+    pub(crate) const fn new() -> Self {
+        Self { progress: Vec::new(), next_round: Instant(0), asked: Deque::new(), unanswered: 0 }
+    }
+
+    /// These are wished for from now on; at most [`WISHES`].
+    pub(crate) fn wish_for(&mut self, now: Instant, wishes: impl Iterator<Item = Wish>) {
+        self.progress.clear();
+        for wish in wishes {
+            let progress = Progress { wish, tries: 0, granted: false, patience: 0, heard: 0, since: now };
+            // There is room for as many as are ever wished for.
+            self.progress.push(progress).ok();
+        }
+        self.restart(now);
     }
 
     /// Everything is asked for anew, from now on.
     pub(crate) fn restart(&mut self, now: Instant) {
         self.asked.clear();
+        self.unanswered = 0;
         self.next_round = now;
-        self.progress.iter_mut().for_each(Progress::ask_again);
+        for progress in &mut self.progress {
+            *progress = Progress { tries: 0, granted: false, patience: 0, heard: 0, since: now, ..*progress };
+        }
     }
 
     /// A message came.
     pub(crate) fn heard(&mut self, message_id: u32) {
-        for progress in self.progress.iter_mut().filter(|progress| progress.wish.message_id == message_id) {
+        for progress in self.progress.iter_mut().filter(|progress| u32::from(progress.wish.message_id) == message_id) {
             progress.heard = progress.heard.saturating_add(1);
         }
     }
 
     /// An acknowledgement of a `MAV_CMD_SET_MESSAGE_INTERVAL` of ours came.
     pub(crate) fn acknowledged(&mut self, now: Instant) {
-        if let Some(progress) = self.asked.pop_front().and_then(|index| self.progress.get_mut(index)) {
+        self.unanswered = 0;
+        let asked = self.asked.pop_front();
+        if let Some(progress) = asked.and_then(|index| self.progress.get_mut(usize::from(index))) {
             progress.granted = true;
             progress.since = now;
             progress.heard = 0;
         }
+        if self.asked.is_empty() {
+            self.next_round = now;
+        }
+    }
+
+    /// Whether an autopilot that beats does not answer: it may want our messages signed.
+    pub(crate) const fn is_ignored(&self) -> bool {
+        self.unanswered >= UNANSWERED_MAX
     }
 
     /// Requests that are due now go to `send`.
@@ -96,8 +131,11 @@ impl Requests {
         }
         self.next_round = now.plus_micros(ROUND_US);
         self.asked.clear();
+        let pending = self.progress.iter_mut().enumerate().filter(|(_, progress)| progress.pending());
+        // Who was asked for least comes first.
+        let fewest = pending.map(|(_, progress)| progress.tries).min().unwrap_or_default();
         for (index, progress) in self.progress.iter_mut().enumerate() {
-            if !progress.pending() {
+            if !progress.pending() || progress.tries > fewest || self.asked.is_full() {
                 continue;
             }
             send(COMMAND_LONG_DATA {
@@ -105,27 +143,32 @@ impl Requests {
                 target_component: target.1,
                 command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16,
                 confirmation: progress.tries,
-                // Message ids up to 2^24 are exact in f32.
-                param1: progress.wish.message_id as f32,
+                param1: f32::from(progress.wish.message_id),
                 param2: libm::roundf(1e6 / progress.wish.rate_hz),
                 ..COMMAND_LONG_DATA::DEFAULT
             });
             progress.tries += 1;
             progress.since = now;
             progress.heard = 0;
-            // Holds as many as there are wishes.
-            self.asked.push_back(index).ok();
+            self.unanswered = self.unanswered.saturating_add(1);
+            // It is not full, and there are fewer than 256.
+            self.asked.push_back(index as u8).ok();
         }
     }
 
     fn check_rates(&mut self, now: Instant) {
         for progress in &mut self.progress {
-            if progress.pending() || now.micros_since(progress.since) < WINDOW_US {
+            if progress.pending() || now.micros_since(progress.since) < progress.window_us() {
                 continue;
             }
             let wanted = ENOUGH * progress.wish.rate_hz * now.seconds_since(progress.since);
-            if progress.wish.must_come && (progress.heard as f32) < wanted {
-                progress.ask_again();
+            if f32::from(progress.heard) < wanted {
+                progress.tries = 0;
+                progress.granted = false;
+                let more = if progress.wish.is_vital { 0 } else { 1 };
+                progress.patience = (progress.patience + more).min(PATIENCE_MAX);
+            } else {
+                progress.patience = 0;
             }
             progress.since = now;
             progress.heard = 0;

@@ -99,6 +99,8 @@ pub struct Output {
     pub target_ned_m: Option<Horizontal>,
     /// Where the source is believed to be, as of the active plan.
     pub source: Option<Estimate>,
+    /// Share of the weight that the leading filter of the source has, and its normalised innovation squared, averaged.
+    pub source_share_and_nis: Option<(f32, f32)>,
     /// What the guard did.
     pub guard: guard::Action,
     /// What the guard has done so far; its beats tell that it is alive.
@@ -452,6 +454,7 @@ impl<const N: usize> Guidance<N> {
             source_bearing_ned_rad: state.goal.source_bearing_ned_rad(),
             target_ned_m: state.active.as_ref().map(|plan| plan.target_ned_m),
             source: state.active.as_ref().and_then(|plan| plan.source),
+            source_share_and_nis: state.belief.map(|belief| (belief.share, belief.nis)),
             guard: guard_action,
             guard_counts: state.guard.counts(),
             plan_requested,

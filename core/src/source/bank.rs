@@ -155,6 +155,8 @@ pub struct Answer {
     pub explained: bool,
     /// Its share of the weight.
     pub share: f32,
+    /// Its normalised innovation squared, averaged over the last sightings: about one where all is as believed.
+    pub nis: f32,
     /// What to do.
     pub mode: Mode,
 }
@@ -256,7 +258,7 @@ impl Bank {
         }
         let estimate = here.estimate()?;
         let mode = if known && leading.distance < self.config.distance_max { Mode::Go } else { Mode::Learn };
-        Some(Answer { estimate, way: leading.way, explained, share: 1.0 / total, mode })
+        Some(Answer { estimate, way: leading.way, explained, share: 1.0 / total, nis: leading.distance, mode })
     }
 
     /// The nearest line that a sighting's ray meets, and how far off.

@@ -1,5 +1,6 @@
 //! A companion on the bench: a test plays its autopilot, moves its clock and reads what it sends.
 
+use foxhound_core::bearing::{Bearing, Flags, Quality};
 use foxhound_core::frame::Ned;
 use foxhound_core::guard::{Action, Setpoint};
 use foxhound_core::guidance::Output;
@@ -34,6 +35,8 @@ pub(crate) struct Bench {
     pub(crate) heartbeat: Option<HEARTBEAT_DATA>,
     /// Published at every step when set.
     pub(crate) output: Option<Output>,
+    /// Whether the autopilot acknowledges what it is asked for.
+    pub(crate) answers: bool,
     next_heartbeat_us: u64,
     sequence: u8,
     expected_sequence: u8,
@@ -48,6 +51,7 @@ impl Bench {
             sent: Vec::new(),
             heartbeat: None,
             output: None,
+            answers: false,
             next_heartbeat_us: 0,
             sequence: 0,
             expected_sequence: 0,
@@ -100,6 +104,15 @@ impl Bench {
         }
         self.companion.poll(Instant(self.now_us));
         self.drain();
+        self.answer();
+    }
+
+    /// Acknowledges what was asked for in this step.
+    fn answer(&mut self) {
+        let now_us = self.now_us;
+        let of_now = self.sent.iter().rev().take_while(|sent| sent.at_us == now_us);
+        let asked = of_now.filter(|sent| matches!(sent.message, MavMessage::COMMAND_LONG(_))).count();
+        (0..if self.answers { asked } else { 0 }).for_each(|_| self.say(&ack(511, 0)));
     }
 
     /// Reads everything that waits to be sent.
@@ -164,6 +177,7 @@ pub(crate) fn output([north, east, down]: [f32; 3], yaw_rate_radps: f32) -> Outp
         source_bearing_ned_rad: None,
         target_ned_m: None,
         source: None,
+        source_share_and_nis: None,
         guard: Action::Passed,
         guard_counts: foxhound_core::guard::Counts::default(),
         plan_requested: false,
@@ -175,4 +189,51 @@ pub(crate) fn output([north, east, down]: [f32; 3], yaw_rate_radps: f32) -> Outp
 
 pub(crate) fn velocity(setpoint: &SET_POSITION_TARGET_LOCAL_NED_DATA) -> [f32; 4] {
     [setpoint.vx, setpoint.vy, setpoint.vz, setpoint.yaw_rate]
+}
+
+pub(crate) const ZERO: [f32; 4] = [0.0; 4];
+
+pub(crate) fn position(time_boot_ms: u32) -> MavMessage {
+    MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
+        time_boot_ms,
+        x: 1.0,
+        y: 2.0,
+        z: -3.0,
+        vx: 0.1,
+        vy: 0.2,
+        vz: 0.3,
+    })
+}
+
+pub(crate) fn attitude(time_boot_ms: u32, yaw: f32) -> MavMessage {
+    MavMessage::ATTITUDE(ATTITUDE_DATA { time_boot_ms, yaw, ..ATTITUDE_DATA::DEFAULT })
+}
+
+pub(crate) fn extended(landed_state: u8) -> MavMessage {
+    MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA { vtol_state: 0, landed_state })
+}
+
+pub(crate) fn ack(command: u16, result: u8) -> MavMessage {
+    MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { command, result, ..COMMAND_ACK_DATA::DEFAULT })
+}
+
+pub(crate) fn bearing() -> Bearing {
+    Bearing {
+        time: Instant(0),
+        valid: true,
+        azimuth_rad: 0.0,
+        sigma_rad: 0.1,
+        elevation_rad: 0.2,
+        elevation_sigma_rad: 0.1,
+        quality: Quality { snr_db: 14.5, ..Quality::default() },
+        flags: Flags(0),
+    }
+}
+
+pub(crate) fn texts(bench: &mut Bench) -> Vec<(u64, String)> {
+    let pick = |sent: Sent| match sent.message {
+        MavMessage::STATUSTEXT(text) => Some((sent.at_us, text.text.to_str().unwrap().to_owned())),
+        _ => None,
+    };
+    bench.take_sent().into_iter().filter_map(pick).collect()
 }

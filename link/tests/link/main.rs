@@ -1,8 +1,14 @@
 //! System tests of the link, from outside: real bytes in, real bytes out.
 #![expect(clippy::expect_used, clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-mod behaviour;
 mod bench;
 mod dialect;
+mod failsafes;
+mod latching;
 mod noise;
+mod obstacles;
+mod ownship;
 mod recorded;
+mod requests;
+mod setpoints;
+mod telemetry;

@@ -204,7 +204,8 @@ fn whatever_arrives_or_is_published_only_sane_setpoints_and_requests_leave() {
             }
         }
     }
-    assert!(setpoints > 1_000, "{setpoints}");
+    // Random health, commands and landings hold or silence the rest.
+    assert!(setpoints > 300, "{setpoints}");
 }
 
 #[test]

@@ -1,0 +1,168 @@
+//! When a message was made, on our clock, from its `time_boot_ms` and from `TIMESYNC`.
+//!
+//! With `d` the autopilot's clock minus ours, a message stamped `s` there and received at `r` here says `s <= r + d`; an
+//! answer stamped `t` to a request that left at `a` and was answered by `b` says `a + d <= t <= b + d`. So every message
+//! bounds `d` from below, every answer from both sides, and what all of them allow is an interval, which grows by the drift
+//! between two clocks while nothing comes. Its middle is used once it is known to 5 ms; until then a message was made when
+//! it was received.
+
+use foxhound_core::time::Instant;
+
+/// Crystals differ by less than this.
+const DRIFT_PER_MILLION: u64 = 100;
+/// An interval wider than this says too little.
+const WIDTH_MAX_US: i64 = 10_000;
+/// Stamps are whole milliseconds; a lesser age is none.
+const STAMP_US: i64 = 1_000;
+/// Nothing is older than this on its arrival; who says so has another clock.
+const AGE_MAX_US: i64 = 200_000;
+
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct PeerClock {
+    /// Bounds of the autopilot's clock minus ours, and when each was set.
+    low: Option<(Instant, i64)>,
+    high: Option<(Instant, i64)>,
+    /// When the request that waits for its answer left.
+    asked: Option<Instant>,
+    /// Of the last answer.
+    round_trip_us: Option<u64>,
+}
+
+impl PeerClock {
+    pub(crate) const fn new() -> Self {
+        Self { low: None, high: None, asked: None, round_trip_us: None }
+    }
+
+    /// A request leaves; its `ts1`, in nanoseconds as the protocol wants it.
+    pub(crate) fn ask(&mut self, now: Instant) -> i64 {
+        self.asked = Some(now);
+        nanos(now)
+    }
+
+    /// An answer came; anybody else's is not ours.
+    pub(crate) fn answered(&mut self, now: Instant, ts1: i64, tc1: i64) {
+        let Some(asked) = self.asked.filter(|asked| nanos(*asked) == ts1) else { return };
+        self.asked = None;
+        self.round_trip_us = Some(now.micros_since(asked));
+        let theirs_us = tc1 / 1_000;
+        self.bound_high(now, theirs_us.saturating_sub(micros(asked)));
+        self.bound_low(now, theirs_us.saturating_sub(micros(now)));
+    }
+
+    /// A message stamped with the autopilot's time since boot came; when it was made.
+    pub(crate) fn made(&mut self, now: Instant, time_boot_ms: u32) -> Instant {
+        let stamped_us = i64::from(time_boot_ms) * 1_000;
+        self.bound_low(now, stamped_us.saturating_sub(micros(now)));
+        let Some(offset_us) = self.offset_us(now) else { return now };
+        let age_us = micros(now).saturating_add(offset_us).saturating_sub(stamped_us);
+        if (STAMP_US..=AGE_MAX_US).contains(&age_us) { Instant(now.0.saturating_sub(age_us as u64)) } else { now }
+    }
+
+    /// Time from the last answered request to its answer.
+    pub(crate) const fn round_trip_us(&self) -> Option<u64> {
+        self.round_trip_us
+    }
+
+    fn offset_us(&self, now: Instant) -> Option<i64> {
+        let (low, high) = (grown(self.low?, now, -1), grown(self.high?, now, 1));
+        let width_us = high.saturating_sub(low);
+        (0..=WIDTH_MAX_US).contains(&width_us).then(|| low + width_us / 2)
+    }
+
+    fn bound_low(&mut self, now: Instant, bound_us: i64) {
+        let tighter = self.low.is_none_or(|low| bound_us > grown(low, now, -1));
+        if tighter {
+            self.low = Some((now, bound_us));
+        }
+        if self.high.is_some_and(|high| grown(high, now, 1) < bound_us) {
+            // One of the clocks was set.
+            self.high = None;
+        }
+    }
+
+    fn bound_high(&mut self, now: Instant, bound_us: i64) {
+        let tighter = self.high.is_none_or(|high| bound_us < grown(high, now, 1));
+        if tighter {
+            self.high = Some((now, bound_us));
+        }
+        if self.low.is_some_and(|low| grown(low, now, -1) > bound_us) {
+            self.low = None;
+        }
+    }
+}
+
+/// A bound as far off as the drift may have carried it.
+fn grown((since, bound_us): (Instant, i64), now: Instant, sign: i64) -> i64 {
+    let drift_us = now.micros_since(since).saturating_mul(DRIFT_PER_MILLION) / 1_000_000;
+    bound_us.saturating_add(sign * i64::try_from(drift_us).unwrap_or(i64::MAX))
+}
+
+fn micros(instant: Instant) -> i64 {
+    i64::try_from(instant.0).unwrap_or(i64::MAX)
+}
+
+/// Never 0, which would be a request's `tc1`.
+pub(crate) fn nanos(instant: Instant) -> i64 {
+    micros(instant).saturating_mul(1_000).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The autopilot booted 7 s before us; a message takes `there_us` one way and `back_us` the other.
+    fn exchange(clock: &mut PeerClock, at_us: u64, there_us: u64, back_us: u64) {
+        let ts1 = clock.ask(Instant(at_us));
+        let theirs_us = at_us + there_us + 7_000_000;
+        clock.answered(Instant(at_us + there_us + back_us), ts1, (theirs_us * 1_000) as i64);
+    }
+
+    #[test]
+    fn the_moment_a_message_was_made_is_known_to_half_the_interval() {
+        let mut clock = PeerClock::new();
+        assert_eq!(clock.made(Instant(1_000_000), 7_995), Instant(1_000_000), "nothing is known yet");
+        exchange(&mut clock, 1_100_000, 3_000, 5_000);
+        let made = clock.made(Instant(1_220_000), 8_200);
+        assert!(made.0.abs_diff(1_200_000) <= 5_000, "{made:?}");
+        assert_eq!(clock.round_trip_us(), Some(8_000));
+        // A faster exchange narrows it, a slower one says nothing new.
+        exchange(&mut clock, 1_300_000, 500, 700);
+        exchange(&mut clock, 1_400_000, 9_000, 40_000);
+        let made = clock.made(Instant(1_520_000), 8_500);
+        assert!(made.0.abs_diff(1_500_000) <= 700, "{made:?}");
+    }
+
+    #[test]
+    fn slow_exchanges_alone_are_not_believed() {
+        let mut clock = PeerClock::new();
+        exchange(&mut clock, 1_000_000, 10_000, 10_000);
+        assert_eq!(clock.made(Instant(2_000_000), 8_970), Instant(2_000_000));
+    }
+
+    #[test]
+    fn bounds_grow_with_the_drift_and_are_given_up_when_they_contradict() {
+        let mut clock = PeerClock::new();
+        exchange(&mut clock, 1_000_000, 1_000, 1_000);
+        assert_ne!(clock.made(Instant(2_000_000), 8_990), Instant(2_000_000));
+        // 100 seconds later each bound may be off by 10 ms.
+        assert_eq!(clock.made(Instant(102_000_000), 108_950), Instant(102_000_000));
+        // The autopilot's clock starts over.
+        exchange(&mut clock, 103_000_000, 1_000, 1_000);
+        let ts1 = clock.ask(Instant(104_000_000));
+        clock.answered(Instant(104_002_000), ts1, 501_000_000);
+        let made = clock.made(Instant(104_020_000), 510);
+        assert!(made.0.abs_diff(104_010_000) <= 1_000, "{made:?}");
+    }
+
+    #[test]
+    fn answers_to_nobody_and_absurd_ones_change_nothing() {
+        let mut clock = PeerClock::new();
+        clock.answered(Instant(1_000), 5, i64::MAX);
+        let ts1 = clock.ask(Instant(1_000_000));
+        clock.answered(Instant(1_001_000), ts1 + 1, 3);
+        assert_eq!(clock.round_trip_us(), None);
+        clock.answered(Instant(1_001_000), ts1, i64::MIN);
+        clock.answered(Instant(1_002_000), ts1, i64::MAX);
+        assert_eq!(clock.made(Instant(2_000_000), u32::MAX), Instant(2_000_000));
+    }
+}

@@ -1,0 +1,364 @@
+//! The listening half: what each message changes.
+
+use foxhound_core::scan::{Frame, Points};
+use foxhound_core::time::Instant;
+
+use super::{Companion, ObstacleFrame, UNSETTLED_US, count};
+use crate::MessageData;
+use crate::autopilot::{Attitude, Autopilot, Position, Software};
+use crate::clock::{PeerClock, nanos};
+use crate::dialect::{
+    ATTITUDE_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, EXTENDED_SYS_STATE_DATA, HEARTBEAT_DATA,
+    LOCAL_POSITION_NED_DATA, MavCmd, MavFrame, MavLandedState, MavMessage, MavResult, OBSTACLE_DISTANCE_DATA,
+    ODOMETRY_DATA, TIMESYNC_DATA,
+};
+use crate::framer::Header;
+use crate::obstacles::{self, Heard, Reading};
+use crate::outbox::Errand;
+use crate::requests::Wish;
+
+/// North-aligned obstacles need a yaw at most this old.
+const YAW_AGE_MAX_S: f32 = 0.5;
+/// Messages of one autopilot may overtake each other by less than this; more is a restart.
+const BOOT_CLOCK_SLACK_MS: u32 = 1_000;
+
+impl Companion {
+    pub(super) fn handle(&mut self, now: Instant, header: Header, message: &MavMessage) {
+        if (header.system_id, header.component_id) == (self.system_id(), self.config.component_id) {
+            // A router's echo of ourselves.
+            return;
+        }
+        if self.is_autopilot(header) {
+            self.requests.heard(mavlink_core::Message::message_id(message));
+        }
+        match message {
+            MavMessage::HEARTBEAT(heartbeat) => self.on_heartbeat(now, header, heartbeat),
+            MavMessage::COMMAND_LONG(command) => self.on_command_long(header, command),
+            MavMessage::COMMAND_INT(command) => {
+                let target = (command.target_system, command.target_component);
+                self.on_command(header, target, command.command, command.param1);
+            }
+            MavMessage::TIMESYNC(timesync) => self.on_timesync(now, header, timesync),
+            // Any component of our system may see obstacles.
+            MavMessage::OBSTACLE_DISTANCE(obstacles) if header.system_id == self.system_id() => {
+                self.on_obstacles(now, obstacles);
+            }
+            MavMessage::OBSTACLE_DISTANCE_3D(point) if header.system_id == self.system_id() => {
+                self.on_point(now, obstacles::point(point));
+            }
+            MavMessage::DISTANCE_SENSOR(beam) if header.system_id == self.system_id() => {
+                self.on_point(now, obstacles::beam(beam));
+            }
+            _ if self.is_autopilot(header) => self.on_telemetry(now, message),
+            _ => {}
+        }
+    }
+
+    fn is_autopilot(&self, header: Header) -> bool {
+        self.autopilot.is_some_and(|autopilot| autopilot.sent(header))
+    }
+
+    /// Whether the vehicle is where a setpoint would be wrong: on the ground, or in a take-off that it would end.
+    pub(super) fn is_on_ground(&self) -> bool {
+        self.landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND as u8
+            || self.landed_state == MavLandedState::MAV_LANDED_STATE_TAKEOFF as u8
+    }
+
+    fn on_heartbeat(&mut self, now: Instant, header: Header, heartbeat: &HEARTBEAT_DATA) {
+        let Some(autopilot) = Autopilot::from_heartbeat(now, header, heartbeat) else {
+            return;
+        };
+        let silent_s = match &self.autopilot {
+            Some(known) if known.sent(header) => now.seconds_since(known.heard),
+            Some(_) => {
+                if self.counters.foreign_heartbeats == 0 {
+                    self.telemetry.warn("Foxhound: ignores a second autopilot");
+                }
+                return count(&mut self.counters.foreign_heartbeats);
+            }
+            None => f32::MAX,
+        };
+        if !autopilot.obeys() {
+            self.entry_needed = false;
+            self.paused = false;
+        }
+        let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software);
+        self.autopilot = Some(autopilot);
+        if changed {
+            self.wish(now, autopilot.software);
+        } else if silent_s > self.config.heartbeat_timeout_s {
+            self.requests.restart(now);
+        }
+    }
+
+    /// What we want to hear of an autopilot. `GLOBAL_ORIGIN` and the health come seldom, the rest at the configured rates.
+    fn wish(&mut self, now: Instant, software: Software) {
+        use crate::dialect as d;
+        let config = &self.config;
+        let health_hz = if config.landed_hz > 0.0 { 1.0 } else { 0.0 };
+        let channels_hz = if config.switch_channel > 0 { 5.0 } else { 0.0 };
+        let common = [
+            (LOCAL_POSITION_NED_DATA::ID, config.position_hz),
+            (ATTITUDE_DATA::ID, config.attitude_hz),
+            (EXTENDED_SYS_STATE_DATA::ID, config.landed_hz),
+            (OBSTACLE_DISTANCE_DATA::ID, config.obstacle_hz),
+            (d::DISTANCE_SENSOR_DATA::ID, config.obstacle_hz),
+            (d::SYS_STATUS_DATA::ID, health_hz),
+            (d::BATTERY_STATUS_DATA::ID, health_hz),
+            (d::GPS_GLOBAL_ORIGIN_DATA::ID, health_hz),
+            (d::RC_CHANNELS_DATA::ID, channels_hz),
+        ];
+        let ardupilot = [(d::EKF_STATUS_REPORT_DATA::ID, 2.0 * health_hz), (d::FENCE_STATUS_DATA::ID, health_hz)];
+        let px4 = [(d::ESTIMATOR_STATUS_DATA::ID, health_hz), (ODOMETRY_DATA::ID, 10.0 * health_hz)];
+        let own = match software {
+            Software::ArduPilot => &ardupilot[..],
+            Software::Px4 => &px4[..],
+            Software::Other => &[],
+        };
+        let wishes = common.iter().chain(own).filter(|(_, rate_hz)| *rate_hz > 0.0);
+        self.requests.wish_for(
+            now,
+            wishes.map(|(message_id, rate_hz)| Wish {
+                // All of ours are below 2^16.
+                message_id: *message_id as u16,
+                rate_hz: *rate_hz,
+                is_vital: matches!(*message_id, LOCAL_POSITION_NED_DATA::ID | ATTITUDE_DATA::ID),
+            }),
+        );
+    }
+
+    fn on_telemetry(&mut self, now: Instant, message: &MavMessage) {
+        if let Some(time_boot_ms) = time_boot_ms(message) {
+            self.follow_boot_clock(now, time_boot_ms);
+        }
+        match message {
+            MavMessage::LOCAL_POSITION_NED(position) => {
+                let made = self.clock.made(now, position.time_boot_ms);
+                self.on_position(now, Position::from_message(made, position));
+            }
+            MavMessage::ATTITUDE(attitude) => {
+                let made = self.clock.made(now, attitude.time_boot_ms);
+                self.on_attitude(now, Attitude::from_angles(made, attitude));
+            }
+            MavMessage::ATTITUDE_QUATERNION(attitude) => {
+                let made = self.clock.made(now, attitude.time_boot_ms);
+                self.on_attitude(now, Attitude::from_quaternion(made, attitude));
+            }
+            MavMessage::EXTENDED_SYS_STATE(state) => self.landed_state = state.landed_state,
+            MavMessage::GPS_GLOBAL_ORIGIN(origin) => {
+                let origin = [origin.latitude, origin.longitude, origin.altitude];
+                if self.origin.replace(origin).is_some_and(|last| last != origin) {
+                    self.continuity.expect_new(false);
+                    self.unsettle(now);
+                }
+            }
+            MavMessage::ODOMETRY(odometry) => {
+                let resets = odometry.reset_counter;
+                if self.reset_counter.replace(resets).is_some_and(|last| last != resets) {
+                    self.continuity.expect_new(true);
+                    self.unsettle(now);
+                }
+            }
+            MavMessage::SYS_STATUS(status) => self.health.on_sys_status(status),
+            MavMessage::BATTERY_STATUS(battery) => self.health.on_battery(battery),
+            MavMessage::EKF_STATUS_REPORT(report) => self.health.on_ekf(now, report),
+            MavMessage::ESTIMATOR_STATUS(report) => self.health.on_estimator(now, report),
+            MavMessage::FENCE_STATUS(fence) => self.health.on_fence(now, fence),
+            MavMessage::RC_CHANNELS(channels) if self.config.switch_channel > 0 => {
+                self.health.on_channels(now, channels, self.config.switch_channel);
+            }
+            MavMessage::COMMAND_ACK(ack) => self.on_ack(now, ack),
+            _ => {}
+        }
+    }
+
+    fn on_position(&mut self, now: Instant, heard: Option<Position>) {
+        let Some(position) = heard else { return count(&mut self.counters.rejected) };
+        if let Some((last, _)) = &self.position {
+            let dt_s = seconds_between(last.time_boot_ms, position.time_boot_ms);
+            let (from_m, to_m) = (last.position_ned_m, position.position_ned_m);
+            if self.continuity.follow_place(from_m, last.velocity_ned_mps, to_m, dt_s).is_some() {
+                self.unsettle(now);
+            }
+        }
+        self.position = Some((position, true));
+    }
+
+    fn on_attitude(&mut self, now: Instant, heard: Option<Attitude>) {
+        let Some(attitude) = heard else { return count(&mut self.counters.rejected) };
+        if let Some((last, _)) = &self.attitude {
+            let dt_s = seconds_between(last.time_boot_ms, attitude.time_boot_ms);
+            let at_m = self.position.map_or_else(Default::default, |(position, _)| position.position_ned_m);
+            let rate_radps = 0.5 * (last.yaw_rate_radps + attitude.yaw_rate_radps);
+            let (from_rad, to_rad) = (last.yaw_rad, attitude.yaw_rad);
+            if self.continuity.follow_heading(from_rad, rate_radps, to_rad, dt_s, at_m).is_some() {
+                self.unsettle(now);
+            }
+        }
+        self.attitude = Some((attitude, true));
+    }
+
+    /// The autopilot's estimate jumped: guidance holds until it has settled.
+    fn unsettle(&mut self, now: Instant) {
+        if now >= self.settled_at {
+            count(&mut self.counters.jumps);
+            self.telemetry.warn("Foxhound: position or heading jumped");
+        }
+        self.settled_at = now.plus_micros(UNSETTLED_US);
+        self.yaw_rad = None;
+    }
+
+    /// The autopilot's clock running backwards means that it restarted: nothing that it said before counts, and where it
+    /// begins anew is where it was.
+    fn follow_boot_clock(&mut self, now: Instant, time_boot_ms: u32) {
+        if let Some(last) = self.boot_ms {
+            if last.saturating_sub(time_boot_ms) <= BOOT_CLOCK_SLACK_MS {
+                self.boot_ms = Some(last.max(time_boot_ms));
+                return;
+            }
+            count(&mut self.counters.reboots);
+            self.telemetry.warn("Foxhound: autopilot has restarted");
+            self.continuity.expect_new(true);
+            self.clock = PeerClock::new();
+            if let Some((_, is_current)) = &mut self.position {
+                *is_current = false;
+            }
+            if let Some((_, is_current)) = &mut self.attitude {
+                *is_current = false;
+            }
+            self.landed_state = 0;
+            self.origin = None;
+            self.reset_counter = None;
+            self.usable_at = None;
+            self.scan = None;
+            self.points = None;
+            if let Some(autopilot) = &mut self.autopilot {
+                self.entry_needed = autopilot.obeys();
+                autopilot.armed = false;
+            }
+            self.requests.restart(now);
+        }
+        self.boot_ms = Some(time_boot_ms);
+    }
+
+    fn on_obstacles(&mut self, now: Instant, obstacles: &OBSTACLE_DISTANCE_DATA) {
+        let ardupilot = self.autopilot.is_some_and(|autopilot| autopilot.software == Software::ArduPilot);
+        let from_nose = match self.config.obstacle_frame {
+            ObstacleFrame::Auto if ardupilot => true,
+            ObstacleFrame::Body => true,
+            ObstacleFrame::Auto | ObstacleFrame::Field => obstacles.frame == MavFrame::MAV_FRAME_BODY_FRD as u8,
+        };
+        let from_north = obstacles.frame == MavFrame::MAV_FRAME_GLOBAL as u8
+            || obstacles.frame == MavFrame::MAV_FRAME_LOCAL_NED as u8;
+        let attitude = self.attitude.filter(|(_, is_current)| *is_current).map(|(attitude, _)| attitude);
+        let yaw_rad = match attitude {
+            _ if from_nose => Some(0.0),
+            // The autopilot's own: so does north.
+            Some(attitude) if from_north && now.seconds_since(attitude.time) <= YAW_AGE_MAX_S => Some(attitude.yaw_rad),
+            _ => None,
+        };
+        let zero_touches = !ardupilot;
+        match yaw_rad.and_then(|yaw_rad| obstacles::scan(obstacles, now, Reading { yaw_rad, zero_touches })) {
+            Some(scan) => self.scan = Some(scan),
+            None => count(&mut self.counters.rejected),
+        }
+    }
+
+    fn on_point(&mut self, now: Instant, heard: Heard) {
+        let point = match heard {
+            Heard::At(point) => Some(point),
+            Heard::Free => None,
+            Heard::Nothing => return,
+            Heard::Absurd => return count(&mut self.counters.rejected),
+        };
+        // Their time is that of the first, so that none of them seems younger than it is.
+        let empty = || Points { time: now, frame: Frame::Body, ..Points::default() };
+        let points = &mut self.points.get_or_insert_with(empty).points_m;
+        if point.is_some_and(|point| points.push(point).is_err()) {
+            count(&mut self.counters.points_dropped);
+        }
+    }
+
+    fn on_command_long(&mut self, header: Header, command: &COMMAND_LONG_DATA) {
+        let target = (command.target_system, command.target_component);
+        self.on_command(header, target, command.command, command.param1);
+    }
+
+    /// Every command for us is answered: we pause and go on, never arm, never change the mode.
+    fn on_command(&mut self, header: Header, target: (u8, u8), command: u16, param1: f32) {
+        if target != (self.system_id(), self.config.component_id) {
+            return;
+        }
+        let is = |known: MavCmd| known as u16 == command;
+        let result = if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) || is(MavCmd::MAV_CMD_DO_SET_MODE) {
+            MavResult::MAV_RESULT_DENIED
+        } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && (param1 == 0.0 || param1 == 1.0) {
+            self.paused = param1 == 0.0;
+            MavResult::MAV_RESULT_ACCEPTED
+        } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) {
+            MavResult::MAV_RESULT_DENIED
+        } else {
+            MavResult::MAV_RESULT_UNSUPPORTED
+        };
+        self.outbox.post_errand(Errand::Ack(COMMAND_ACK_DATA {
+            command,
+            result: result as u8,
+            target_system: header.system_id,
+            target_component: header.component_id,
+            ..COMMAND_ACK_DATA::DEFAULT
+        }));
+    }
+
+    /// Whether what names a target names us, or everybody.
+    fn is_for_us(&self, system_id: u8, component_id: u8) -> bool {
+        (system_id == 0 || system_id == self.system_id())
+            && (component_id == 0 || component_id == self.config.component_id)
+    }
+
+    fn on_ack(&mut self, now: Instant, ack: &COMMAND_ACK_DATA) {
+        if self.is_for_us(ack.target_system, ack.target_component)
+            && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16
+            && ack.result != MavResult::MAV_RESULT_IN_PROGRESS as u8
+        {
+            self.requests.acknowledged(now);
+        }
+    }
+
+    fn on_timesync(&mut self, now: Instant, header: Header, timesync: &TIMESYNC_DATA) {
+        if !self.is_for_us(timesync.target_system, timesync.target_component) {
+            return;
+        }
+        if timesync.tc1 == 0 {
+            self.outbox.post_errand(Errand::Timesync(TIMESYNC_DATA {
+                tc1: nanos(now),
+                ts1: timesync.ts1,
+                target_system: header.system_id,
+                target_component: header.component_id,
+            }));
+        } else if self.is_autopilot(header) {
+            self.clock.answered(now, timesync.ts1, timesync.tc1);
+        }
+    }
+}
+
+/// Whether a state is that of a vehicle on the ground; `None` where it says nothing.
+pub(super) fn landed(landed_state: u8) -> Option<bool> {
+    (landed_state != MavLandedState::MAV_LANDED_STATE_UNDEFINED as u8)
+        .then_some(landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND as u8)
+}
+
+/// The autopilot's clock, in the messages that have it.
+fn time_boot_ms(message: &MavMessage) -> Option<u32> {
+    match message {
+        MavMessage::LOCAL_POSITION_NED(position) => Some(position.time_boot_ms),
+        MavMessage::ATTITUDE(attitude) => Some(attitude.time_boot_ms),
+        MavMessage::ATTITUDE_QUATERNION(attitude) => Some(attitude.time_boot_ms),
+        MavMessage::SYSTEM_TIME(time) => Some(time.time_boot_ms),
+        _ => None,
+    }
+}
+
+/// On the autopilot's clock; none backwards.
+fn seconds_between(from_ms: u32, to_ms: u32) -> f32 {
+    to_ms.saturating_sub(from_ms) as f32 * 1e-3
+}

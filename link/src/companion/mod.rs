@@ -1,0 +1,576 @@
+//! How Foxhound behaves on the link: it listens to one autopilot, and commands it only where its pilot says so.
+//!
+//! In GUIDED or OFFBOARD and armed the newest published setpoint leaves at 20 Hz, and zero velocity if that is older than
+//! 0.25 s; everything else is a row of the table in [`crate::failsafe`]. A setpoint is `SET_POSITION_TARGET_LOCAL_NED` with
+//! frame `LOCAL_NED` and type mask 0x05C7 (velocity and yaw rate), the one form that every version of both autopilots takes
+//! the same way, or 0x09C7 (velocity and yaw) where [`Config::yaw`] says so. The mode is never asked for, nor arming, nor
+//! take-off.
+//!
+//! The autopilot is the first one that is heard; it stays so until restart, and we join its system. What it says of the
+//! vehicle's place is told to guidance in a frame that does not jump when the autopilot's does. Sources: ArduPilot's *Copter
+//! Commands in Guided Mode*, PX4's *Offboard Mode*, the MAVLink guide on heartbeats, message intervals and time
+//! synchronisation.
+//!
+//! `hear` and `speak` are the two halves of it.
+
+mod hear;
+mod speak;
+
+use foxhound_core::error::{ConfigError, Why, check};
+use foxhound_core::guard::Setpoint;
+use foxhound_core::guidance;
+use foxhound_core::map::Circle;
+use foxhound_core::mission::{Behaviour, Control, Outcome};
+use foxhound_core::ownship::Ownship;
+use foxhound_core::scan::{Points, Scan};
+use foxhound_core::time::Instant;
+
+use crate::autopilot::{Attitude, Position};
+use crate::clock::PeerClock;
+use crate::continuity::Continuity;
+use crate::failsafe::{Cause, Facts};
+use crate::framer::{self, Framer};
+use crate::health::{Charge, Health};
+use crate::outbox::Outbox;
+use crate::requests::Requests;
+
+pub use crate::autopilot::{Autopilot, Software};
+
+/// Ignore position, acceleration and yaw; obey velocity and yaw rate.
+pub const TYPE_MASK: u16 = 0x05C7;
+/// Ignore position, acceleration and yaw rate; obey velocity and yaw.
+pub const TYPE_MASK_YAW: u16 = 0x09C7;
+
+const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
+const TIMESYNC_PERIOD_US: u64 = 1_000_000;
+/// After a jump of the autopilot's estimate guidance gets no ownship for this long, and so holds.
+const UNSETTLED_US: u64 = 500_000;
+/// Ownship older than this is of no use.
+const OWNSHIP_AGE_MAX_S: f32 = 0.5;
+/// Without a usable one for this long, setpoints end.
+const OWNSHIP_LOST_S: f32 = 2.0;
+/// Setpoints that are not sane for this long, and a guidance that is silent for this long, make us unfit.
+const INSANE_MAX_S: f32 = 0.5;
+const GUIDANCE_SILENT_MAX_S: f32 = 2.0;
+/// A setpoint that waits for the wire longer than this is counted as late.
+const LATE_US: u64 = 200_000;
+/// Damaged frames are counted over this long, and there must be some frames at all.
+const NOISE_WINDOW_US: u64 = 2_000_000;
+const NOISE_FRAMES_MIN: u32 = 20;
+const NOISE_HOLD_PERCENT: u32 = 20;
+const NOISE_WARN_PERCENT: u32 = 5;
+
+/// What the angles of `OBSTACLE_DISTANCE` count from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ObstacleFrame {
+    /// From the nose when the autopilot is ArduPilot, which never looks at the frame field; else as the field says.
+    #[default]
+    Auto,
+    /// As the field says: 12 from the nose, 0 and 1 from north; others are not understood.
+    Field,
+    /// Always from the nose.
+    Body,
+}
+
+/// How a setpoint turns the vehicle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Yaw {
+    /// By a rate ([`TYPE_MASK`]).
+    #[default]
+    Rate,
+    /// By an angle that moves on at that rate ([`TYPE_MASK_YAW`]).
+    Angle,
+}
+
+/// Configuration of the link.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Our system id until an autopilot is heard, whose system we join.
+    pub system_id: u8,
+    /// Our component id.
+    pub component_id: u8,
+    /// Wanted rate of `LOCAL_POSITION_NED`; 0 leaves it to the autopilot.
+    pub position_hz: f32,
+    /// Wanted rate of ATTITUDE; 0 leaves it to the autopilot.
+    pub attitude_hz: f32,
+    /// Wanted rate of `OBSTACLE_DISTANCE` and `DISTANCE_SENSOR`; 0 leaves them to the autopilot.
+    pub obstacle_hz: f32,
+    /// Wanted rate of `EXTENDED_SYS_STATE` and of what tells the vehicle's health; 0 leaves them to the autopilot.
+    pub landed_hz: f32,
+    /// Time from setpoint to setpoint.
+    pub setpoint_period_ms: u16,
+    /// A published setpoint older than this is replaced by zero velocity.
+    pub setpoint_age_max_s: f32,
+    /// A published setpoint faster than this is a fault and replaced by zero velocity.
+    pub speed_max_mps: f32,
+    /// A published setpoint that turns faster than this is a fault and replaced by zero velocity.
+    pub yaw_rate_max_radps: f32,
+    /// How a setpoint turns the vehicle.
+    pub yaw: Yaw,
+    /// Without a heartbeat of the autopilot for this long, the link is lost.
+    pub heartbeat_timeout_s: f32,
+    /// Without a heartbeat of the autopilot for this long, no setpoints are sent.
+    pub silence_after_s: f32,
+    /// After such a silence, whether control comes back only when the mode is left and entered again.
+    pub fresh_entry_after_silence: bool,
+    /// Whether PX4 is sent zero velocity outside OFFBOARD, so that its pilot can enter OFFBOARD.
+    pub prestream: bool,
+    /// What the angles of `OBSTACLE_DISTANCE` count from.
+    pub obstacle_frame: ObstacleFrame,
+    /// A scan, or points, that nobody took for this long are dropped.
+    pub obstacle_age_max_s: f32,
+    /// With less of the battery left, in percent, nothing is flown; 0 leaves it to what the autopilot calls critical.
+    pub battery_min_percent: f32,
+    /// The channel of the pilot's transmitter, from 1, that must be on for us to fly; 0 asks for none.
+    pub switch_channel: u8,
+    /// Whether `LANDING_TARGET` is sent while the source is known.
+    pub landing_target: bool,
+    /// Whether what is remembered of the obstacles is sent as `OBSTACLE_DISTANCE`.
+    pub surroundings: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            system_id: 1,
+            component_id: 191,
+            position_hz: 50.0,
+            attitude_hz: 50.0,
+            obstacle_hz: 10.0,
+            landed_hz: 2.0,
+            setpoint_period_ms: 50,
+            setpoint_age_max_s: 0.25,
+            speed_max_mps: 20.0,
+            yaw_rate_max_radps: 4.0,
+            yaw: Yaw::Rate,
+            heartbeat_timeout_s: 2.5,
+            silence_after_s: 5.0,
+            fresh_entry_after_silence: true,
+            prestream: true,
+            obstacle_frame: ObstacleFrame::Auto,
+            obstacle_age_max_s: 0.5,
+            battery_min_percent: 0.0,
+            switch_channel: 0,
+            landing_target: false,
+            surroundings: false,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Companion, ConfigError> {
+        check("link.system_id", f32::from(self.system_id), 1.0, 254.0)?;
+        check("link.component_id", f32::from(self.component_id), 2.0, 255.0)?;
+        check("link.position_hz", self.position_hz, 0.0, 200.0)?;
+        check("link.attitude_hz", self.attitude_hz, 0.0, 200.0)?;
+        check("link.obstacle_hz", self.obstacle_hz, 0.0, 50.0)?;
+        check("link.landed_hz", self.landed_hz, 0.0, 50.0)?;
+        check("link.setpoint_period_ms", f32::from(self.setpoint_period_ms), 10.0, 100.0)?;
+        check("link.setpoint_age_max_s", self.setpoint_age_max_s, 0.05, 1.0)?;
+        check("link.speed_max_mps", self.speed_max_mps, 0.1, 30.0)?;
+        check("link.yaw_rate_max_radps", self.yaw_rate_max_radps, 0.1, 10.0)?;
+        check("link.heartbeat_timeout_s", self.heartbeat_timeout_s, 1.5, 10.0)?;
+        check("link.silence_after_s", self.silence_after_s, 1.5, 30.0)?;
+        check("link.obstacle_age_max_s", self.obstacle_age_max_s, 0.05, 5.0)?;
+        check("link.battery_min_percent", self.battery_min_percent, 0.0, 100.0)?;
+        check("link.switch_channel", f32::from(self.switch_channel), 0.0, 18.0)?;
+        if self.silence_after_s < self.heartbeat_timeout_s {
+            let why = Why::Inconsistent("silence must not come before the link is lost (link.heartbeat_timeout_s)");
+            return Err(ConfigError { field: "link.silence_after_s", value: self.silence_after_s, why });
+        }
+        Ok(Companion::from_checked(*self))
+    }
+}
+
+/// What went wrong, and what went through, since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// What the framer saw.
+    pub framer: framer::Counters,
+    /// Messages with numbers that are not finite, absurd or mean nothing.
+    pub rejected: u32,
+    /// Published setpoints that were not finite or too fast.
+    pub setpoint_faults: u32,
+    /// Setpoints that a newer one replaced before they reached the wire.
+    pub setpoints_replaced: u32,
+    /// Times that no setpoint got onto the wire for more than 0.2 s.
+    pub setpoints_late: u32,
+    /// Answers and requests for which there was no room.
+    pub errands_dropped: u32,
+    /// Telemetry for which there was no room.
+    pub telemetry_dropped: u32,
+    /// Points of obstacles for which there was no room.
+    pub points_dropped: u32,
+    /// Restarts of the autopilot.
+    pub reboots: u32,
+    /// Jumps of the autopilot's place or heading.
+    pub jumps: u32,
+    /// Heartbeats of autopilots other than ours.
+    pub foreign_heartbeats: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Published {
+    time: Instant,
+    setpoint: Setpoint,
+    outcome: Outcome,
+}
+
+/// How many frames of the last while were damaged.
+#[derive(Clone, Copy, Debug)]
+struct Noise {
+    since: Instant,
+    good: u32,
+    bad: u32,
+    percent: u32,
+}
+
+/// Our end of the link. See the [module](self).
+#[derive(Clone, Debug)]
+pub struct Companion {
+    config: Config,
+    framer: Framer,
+    outbox: Outbox,
+    requests: Requests,
+    clock: PeerClock,
+    continuity: Continuity,
+    health: Health,
+    counters: Counters,
+    /// The latest time that was mentioned.
+    now: Instant,
+
+    autopilot: Option<Autopilot>,
+    entry_needed: bool,
+    paused: bool,
+    failed: bool,
+    boot_ms: Option<u32>,
+    /// As the autopilot says it, and whether it was said since the autopilot's last restart.
+    position: Option<(Position, bool)>,
+    attitude: Option<(Attitude, bool)>,
+    origin: Option<[i32; 3]>,
+    reset_counter: Option<u8>,
+    /// Guidance gets no ownship until then.
+    settled_at: Instant,
+    /// When there was a usable one last.
+    usable_at: Option<Instant>,
+    landed_state: u8,
+    noise: Noise,
+    scan: Option<Scan>,
+    points: Option<Points>,
+
+    published: Option<Published>,
+    /// Since when what guidance publishes is not sane.
+    insane_since: Option<Instant>,
+    /// Whether guidance was flying when last looked at.
+    seeking: bool,
+    /// Whether setpoints do not get onto the wire.
+    was_late: bool,
+    yaw_rad: Option<f32>,
+    heartbeat_due: Instant,
+    timesync_due: Instant,
+    /// Number of the grid period that was polled last.
+    setpoint_slot: Option<u64>,
+    telemetry: speak::Telemetry,
+}
+
+impl Companion {
+    fn from_checked(config: Config) -> Self {
+        Self {
+            config,
+            framer: Framer::new(),
+            outbox: Outbox::new(),
+            requests: Requests::new(),
+            clock: PeerClock::new(),
+            continuity: Continuity::new(),
+            health: Health::new(),
+            counters: Counters::default(),
+            now: Instant::default(),
+            autopilot: None,
+            entry_needed: false,
+            paused: false,
+            failed: false,
+            boot_ms: None,
+            position: None,
+            attitude: None,
+            origin: None,
+            reset_counter: None,
+            settled_at: Instant::default(),
+            usable_at: None,
+            landed_state: 0,
+            noise: Noise { since: Instant(0), good: 0, bad: 0, percent: 0 },
+            scan: None,
+            points: None,
+            published: None,
+            insane_since: None,
+            seeking: false,
+            was_late: false,
+            yaw_rad: None,
+            heartbeat_due: Instant::default(),
+            timesync_due: Instant::default(),
+            setpoint_slot: None,
+            telemetry: speak::Telemetry::new(),
+        }
+    }
+
+    /// Takes in bytes from the autopilot, in pieces of any size.
+    pub fn receive(&mut self, now: Instant, bytes: &[u8]) {
+        self.follow_clock(now);
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let taken = self.framer.push(rest);
+            rest = &rest[taken..];
+            while let Some((header, message)) = self.framer.next_frame().map(|frame| (frame.header, frame.message())) {
+                if let Some(message) = message {
+                    self.handle(now, header, &message);
+                }
+            }
+        }
+    }
+
+    /// Whether guidance may move the vehicle.
+    #[must_use]
+    pub fn control(&self, now: Instant) -> Control {
+        match self.cause(now) {
+            Cause::None | Cause::OwnshipLost => Control::Granted,
+            Cause::NoAutopilot | Cause::LinkLost | Cause::LinkQuiet => Control::LinkLost,
+            _ => Control::NotInControl,
+        }
+    }
+
+    /// Why guidance may not move the vehicle.
+    #[must_use]
+    pub fn cause(&self, now: Instant) -> Cause {
+        let charge = self.health.charge(self.config.battery_min_percent);
+        let silent_s = self.autopilot.map_or(f32::MAX, |autopilot| now.seconds_since(autopilot.heard));
+        Facts {
+            unfit: self.is_unfit(now),
+            has_autopilot: self.autopilot.is_some(),
+            is_lost: silent_s > self.config.silence_after_s,
+            is_quiet: silent_s > self.config.heartbeat_timeout_s,
+            obeys: self.obeys(),
+            on_ground: self.is_on_ground(),
+            entry_needed: self.entry_needed,
+            switched_off: self.config.switch_channel > 0 && !self.health.is_switched_on(now),
+            paused: self.paused,
+            battery_critical: charge == Charge::Critical,
+            battery_low: charge == Charge::Low,
+            seeking: self.seeking,
+            fence_breached: self.health.is_fence_breached(now),
+            is_noisy: self.noise.percent > NOISE_HOLD_PERCENT,
+            ownship_lost: self.usable_at.is_some_and(|at| now.seconds_since(at) > OWNSHIP_LOST_S),
+        }
+        .cause()
+    }
+
+    /// The autopilot that we listen to; `None` before its first heartbeat.
+    #[must_use]
+    pub const fn autopilot(&self) -> Option<Autopilot> {
+        self.autopilot
+    }
+
+    /// Our vehicle as last heard, in a frame that does not jump; `None` until position and attitude were both heard, while
+    /// the autopilot's estimator says that it does not know them, and for half a second after a jump.
+    #[must_use]
+    pub fn ownship(&self) -> Option<Ownship> {
+        if self.now < self.settled_at || self.health.is_estimator_bad(self.now) {
+            return None;
+        }
+        self.ownship_as_told()
+    }
+
+    fn ownship_as_told(&self) -> Option<Ownship> {
+        let (position, attitude) = (self.position?, self.attitude?);
+        let ((position, true), (attitude, true)) = (position, attitude) else { return None };
+        Some(Ownship {
+            position_time: position.time,
+            position_ned_m: self.continuity.place_to_ours(position.position_ned_m),
+            velocity_ned_mps: self.continuity.velocity_to_ours(position.velocity_ned_mps),
+            attitude_time: attitude.time,
+            roll_rad: attitude.roll_rad,
+            pitch_rad: attitude.pitch_rad,
+            yaw_rad: self.continuity.heading_to_ours(attitude.yaw_rad),
+            yaw_rate_radps: attitude.yaw_rate_radps,
+        })
+    }
+
+    /// Whether the vehicle stands on the ground; `None` while nobody said.
+    #[must_use]
+    pub fn landed(&self) -> Option<bool> {
+        hear::landed(self.landed_state)
+    }
+
+    /// The newest obstacle scan since the last call.
+    pub fn take_scan(&mut self) -> Option<Scan> {
+        self.scan.take()
+    }
+
+    /// The single points, from beams and points alike, since the last call; without a point where sensors looked and saw
+    /// nothing.
+    pub fn take_points(&mut self) -> Option<Points> {
+        self.points.take()
+    }
+
+    /// The application has found itself unfit to fly: no setpoints and no heartbeats from now on, until a restart.
+    pub fn fail(&mut self) {
+        self.failed = true;
+    }
+
+    /// Takes the outcome of a guidance step: its setpoint for the stream, the rest for telemetry.
+    pub fn publish(&mut self, now: Instant, output: &guidance::Output) {
+        self.follow_clock(now);
+        let setpoint = if self.is_sane(&output.setpoint) {
+            self.insane_since = None;
+            output.setpoint
+        } else {
+            count(&mut self.counters.setpoint_faults);
+            self.insane_since.get_or_insert(now);
+            Setpoint::default()
+        };
+        self.published = Some(Published { time: now, setpoint, outcome: output.outcome });
+        self.report(now, output);
+    }
+
+    /// Whether what is remembered of the obstacles is wanted now.
+    #[must_use]
+    pub fn wants_surroundings(&self, now: Instant) -> bool {
+        self.config.surroundings && self.telemetry.wants_surroundings(now)
+    }
+
+    /// Takes what is remembered of the obstacles, for whoever wants to see it.
+    pub fn publish_surroundings<'a>(&mut self, now: Instant, circles: impl Iterator<Item = &'a Circle>) {
+        if let Some(ownship) = self.ownship() {
+            self.report_surroundings(now, &ownship, circles);
+        }
+    }
+
+    /// Does what is due: heartbeats, requests, setpoints. To be called at least every 10 ms or so.
+    pub fn poll(&mut self, now: Instant) {
+        self.follow_clock(now);
+        self.age(now);
+        let cause = self.cause(now);
+        if now >= self.heartbeat_due {
+            let next = self.heartbeat_due.plus_micros(HEARTBEAT_PERIOD_US);
+            self.heartbeat_due = if next > now { next } else { now.plus_micros(HEARTBEAT_PERIOD_US) };
+            // A heartbeat says that we are well.
+            if cause != Cause::Unfit {
+                self.outbox.post_heartbeat(self.heartbeat(now, cause));
+            }
+        }
+        self.announce(now, cause);
+        let Some(autopilot) = self.autopilot else {
+            return;
+        };
+        let needs_entry = matches!(cause, Cause::Unfit | Cause::LinkLost) && self.config.fresh_entry_after_silence;
+        if needs_entry && autopilot.obeys() {
+            self.entry_needed = true;
+        }
+        if cause != Cause::None {
+            self.seeking = false;
+        } else if self.published.is_some_and(|published| published.outcome.behaviour() == Behaviour::Follow) {
+            self.seeking = true;
+        }
+        if !matches!(cause, Cause::LinkLost | Cause::LinkQuiet) {
+            self.ask(now, &autopilot);
+        }
+        self.stream(now, &autopilot, cause);
+    }
+
+    /// Fills `sink` with the bytes that wait to be sent, setpoints first, and says how far.
+    pub fn transmit(&mut self, sink: &mut [u8]) -> usize {
+        let address = (self.system_id(), self.config.component_id);
+        self.outbox.transmit(address, sink, |_, length| length)
+    }
+
+    /// What was counted so far.
+    #[must_use]
+    pub const fn counters(&self) -> Counters {
+        let dropped = self.outbox.dropped();
+        Counters {
+            framer: self.framer.counters(),
+            setpoints_replaced: dropped.setpoints,
+            errands_dropped: dropped.errands,
+            telemetry_dropped: dropped.notes,
+            ..self.counters
+        }
+    }
+
+    fn system_id(&self) -> u8 {
+        self.autopilot.map_or(self.config.system_id, |autopilot| autopilot.system_id)
+    }
+
+    /// Whether the autopilot would obey us.
+    fn obeys(&self) -> bool {
+        self.autopilot.is_some_and(|autopilot| autopilot.obeys())
+    }
+
+    fn is_unfit(&self, now: Instant) -> bool {
+        let is_over = |since: Option<Instant>, limit_s| since.is_some_and(|since| now.seconds_since(since) > limit_s);
+        self.failed
+            || is_over(self.insane_since, INSANE_MAX_S)
+            || is_over(self.published.map(|published| published.time), GUIDANCE_SILENT_MAX_S)
+    }
+
+    /// Lets go of what is too old, and notes what is not.
+    fn age(&mut self, now: Instant) {
+        let obstacle_age_max_s = self.config.obstacle_age_max_s;
+        self.scan = self.scan.take().filter(|scan| now.seconds_since(scan.time) <= obstacle_age_max_s);
+        self.points = self.points.take().filter(|points| now.seconds_since(points.time) <= obstacle_age_max_s);
+        let is_young = |ownship: &Ownship| {
+            now.seconds_since(ownship.position_time) <= OWNSHIP_AGE_MAX_S
+                && now.seconds_since(ownship.attitude_time) <= OWNSHIP_AGE_MAX_S
+        };
+        if self.ownship().as_ref().is_some_and(is_young) {
+            self.usable_at = Some(now);
+        }
+        if now.micros_since(self.noise.since) >= NOISE_WINDOW_US {
+            let counters = self.framer.counters();
+            let good = counters.frames.saturating_add(counters.unknown);
+            let (new_good, new_bad) = (good - self.noise.good, counters.bad_crc - self.noise.bad);
+            let all = new_good.saturating_add(new_bad);
+            let percent = if all < NOISE_FRAMES_MIN { 0 } else { (u64::from(new_bad) * 100 / u64::from(all)) as u32 };
+            self.noise = Noise { since: now, good, bad: counters.bad_crc, percent };
+        }
+        let is_late = self.outbox.waiting_since().is_some_and(|since| now.micros_since(since) > LATE_US);
+        if is_late && !self.was_late {
+            count(&mut self.counters.setpoints_late);
+        }
+        self.was_late = is_late;
+    }
+
+    /// A clock that runs backwards must not make old things look fresh.
+    fn follow_clock(&mut self, now: Instant) {
+        if now < self.now {
+            self.published = None;
+            self.insane_since = None;
+            self.scan = None;
+            self.points = None;
+            self.clock = PeerClock::new();
+            self.settled_at = self.settled_at.min(now.plus_micros(UNSETTLED_US));
+            self.usable_at = self.usable_at.map(|at| at.min(now));
+            self.noise.since = now;
+            self.heartbeat_due = now;
+            self.timesync_due = now;
+            self.telemetry.restart(now);
+            self.requests.restart(now);
+            self.health.follow_clock(now);
+            if let Some((position, _)) = &mut self.position {
+                position.time = position.time.min(now);
+            }
+            if let Some((attitude, _)) = &mut self.attitude {
+                attitude.time = attitude.time.min(now);
+            }
+            if let Some(autopilot) = &mut self.autopilot {
+                autopilot.heard = autopilot.heard.min(now);
+            }
+        }
+        self.now = now;
+    }
+}
+
+fn count(counter: &mut u32) {
+    *counter = counter.saturating_add(1);
+}

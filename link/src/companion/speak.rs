@@ -1,0 +1,402 @@
+//! The speaking half: setpoints, heartbeats, requests, and what is told about the search.
+
+use foxhound_core::frame::Ned;
+use foxhound_core::guard::Setpoint;
+use foxhound_core::guidance;
+use foxhound_core::map::Circle;
+use foxhound_core::mission::Outcome;
+use foxhound_core::ownship::Ownship;
+use foxhound_core::time::Instant;
+use foxhound_core::units::{DEG_PER_RAD, sin_cos, wrap_pi};
+
+use super::{Companion, NOISE_WARN_PERCENT, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
+use crate::CharArray;
+use crate::autopilot::Autopilot;
+use crate::dialect::{
+    DEBUG_VECT_DATA, HEARTBEAT_DATA, MavAutopilot, MavFrame, MavSeverity, MavState, MavType, NAMED_VALUE_FLOAT_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+};
+use crate::failsafe::{Cause, Stream};
+use crate::landing;
+use crate::outbox::{Errand, Note};
+use crate::surroundings;
+
+/// One value of the list in turn: each of the ten twice a second.
+const TELEMETRY_PERIOD_US: u64 = 50_000;
+const TURNS: u8 = 10;
+const TEXT_PERIOD_US: u64 = 1_000_000;
+const LANDING_PERIOD_US: u64 = 100_000;
+const SURROUNDINGS_PERIOD_US: u64 = 200_000;
+/// A bearing older than this is not reported any more.
+const BEARING_AGE_MAX_S: f32 = 0.5;
+/// So vague a range is no landing target.
+const LANDING_SIGMA_MAX: f32 = 0.5;
+/// An outcome that lasts so long is told again, in plain words.
+const NO_SIGNAL_LONG_S: f32 = 30.0;
+const STALE_OBSTACLES_LONG_S: f32 = 15.0;
+/// The yaw that is commanded runs at most so far ahead of the vehicle's.
+const YAW_AHEAD_MAX_RAD: f32 = 0.5;
+
+/// What was told, and when.
+#[derive(Clone, Debug)]
+pub(super) struct Telemetry {
+    due: Instant,
+    turn: u8,
+    /// The last valid bearing: when, SNR in dB, sigma and elevation in degrees.
+    bearing: Option<(Instant, f32, f32, Option<f32>)>,
+    outcome: Option<(Outcome, Instant)>,
+    lasting_told: bool,
+    /// What was announced last.
+    announced: Option<&'static str>,
+    /// A warning that waits.
+    warning: Option<&'static str>,
+    text_due: Instant,
+    landing_due: Instant,
+    surroundings_due: Instant,
+    noise_told: bool,
+    ignored_told: bool,
+}
+
+impl Telemetry {
+    pub(super) const fn new() -> Self {
+        Self {
+            due: Instant(0),
+            turn: 0,
+            bearing: None,
+            outcome: None,
+            lasting_told: false,
+            announced: None,
+            warning: None,
+            text_due: Instant(0),
+            landing_due: Instant(0),
+            surroundings_due: Instant(0),
+            noise_told: false,
+            ignored_told: false,
+        }
+    }
+
+    /// The clock ran backwards.
+    pub(super) fn restart(&mut self, now: Instant) {
+        self.bearing = None;
+        self.outcome = None;
+        for due in [&mut self.due, &mut self.text_due, &mut self.landing_due, &mut self.surroundings_due] {
+            *due = now;
+        }
+    }
+
+    /// Something happened that is to be told once; the last of several is.
+    pub(super) fn warn(&mut self, text: &'static str) {
+        self.warning = Some(text);
+    }
+
+    pub(super) fn wants_surroundings(&self, now: Instant) -> bool {
+        now >= self.surroundings_due
+    }
+}
+
+/// Setpoints.
+impl Companion {
+    pub(super) fn is_sane(&self, setpoint: &Setpoint) -> bool {
+        let Ned { north, east, down } = setpoint.velocity_ned_mps;
+        let speed_squared = north * north + east * east + down * down;
+        // False for what is not finite.
+        speed_squared <= self.config.speed_max_mps * self.config.speed_max_mps
+            && libm::fabsf(setpoint.yaw_rate_radps) <= self.config.yaw_rate_max_radps
+    }
+
+    /// Posts the setpoint that is due, or takes back the one that must not leave any more.
+    pub(super) fn stream(&mut self, now: Instant, autopilot: &Autopilot, cause: Cause) {
+        let slot = now.0 / (u64::from(self.config.setpoint_period_ms) * 1_000);
+        let due = self.setpoint_slot.replace(slot).is_some_and(|last| last != slot);
+        let setpoint = match cause.stream(autopilot.software, autopilot.obeys(), self.config.prestream) {
+            Stream::Silent => None,
+            Stream::Zero => Some(Setpoint::default()),
+            Stream::Guidance => {
+                let is_fresh = |time: Instant| now.seconds_since(time) <= self.config.setpoint_age_max_s;
+                let published = self.published.filter(|published| is_fresh(published.time));
+                Some(published.map_or_else(Setpoint::default, |published| published.setpoint))
+            }
+        };
+        match setpoint {
+            None => {
+                self.yaw_rad = None;
+                self.outbox.withdraw_setpoint();
+            }
+            Some(setpoint) if due => {
+                let message = self.setpoint_message(now, autopilot, setpoint);
+                self.outbox.post_setpoint(now, message);
+            }
+            Some(_) => {}
+        }
+    }
+
+    fn setpoint_message(
+        &mut self,
+        now: Instant,
+        autopilot: &Autopilot,
+        setpoint: Setpoint,
+    ) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
+        let velocity = self.continuity.velocity_to_theirs(setpoint.velocity_ned_mps);
+        let is_yaw = self.config.yaw == Yaw::Angle && self.attitude.is_some();
+        SET_POSITION_TARGET_LOCAL_NED_DATA {
+            time_boot_ms: boot_ms(now),
+            target_system: autopilot.system_id,
+            target_component: autopilot.component_id,
+            coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
+            type_mask: if is_yaw { TYPE_MASK_YAW } else { TYPE_MASK },
+            vx: velocity.north,
+            vy: velocity.east,
+            vz: velocity.down,
+            yaw: if is_yaw { self.yaw_ahead_rad(setpoint.yaw_rate_radps) } else { 0.0 },
+            yaw_rate: if is_yaw { 0.0 } else { setpoint.yaw_rate_radps },
+            ..SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT
+        }
+    }
+
+    /// The yaw to command: it moves on at the rate that is asked for, and waits for the vehicle.
+    fn yaw_ahead_rad(&mut self, yaw_rate_radps: f32) -> f32 {
+        let actual_rad = self.attitude.map_or(0.0, |(attitude, _)| attitude.yaw_rad);
+        let last_rad = self.yaw_rad.unwrap_or(actual_rad);
+        let ahead_rad =
+            wrap_pi(last_rad - actual_rad) + yaw_rate_radps * f32::from(self.config.setpoint_period_ms) * 1e-3;
+        let ahead_rad = ahead_rad.clamp(-YAW_AHEAD_MAX_RAD, YAW_AHEAD_MAX_RAD);
+        let yaw_rad = wrap_pi(actual_rad + ahead_rad);
+        self.yaw_rad = Some(yaw_rad);
+        yaw_rad
+    }
+}
+
+/// Heartbeats and requests.
+impl Companion {
+    pub(super) fn heartbeat(&self, now: Instant, cause: Cause) -> HEARTBEAT_DATA {
+        let state = match (cause, self.published) {
+            (Cause::None, Some(published))
+                if now.seconds_since(published.time) <= self.config.setpoint_age_max_s
+                    && !is_critical(published.outcome) =>
+            {
+                MavState::MAV_STATE_ACTIVE
+            }
+            (Cause::None, _) => MavState::MAV_STATE_CRITICAL,
+            (cause, _) if cause.is_critical() => MavState::MAV_STATE_CRITICAL,
+            _ => MavState::MAV_STATE_STANDBY,
+        };
+        HEARTBEAT_DATA {
+            mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER as u8,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
+            system_status: state as u8,
+            ..HEARTBEAT_DATA::DEFAULT
+        }
+    }
+
+    /// Asks for the messages that we need, and for the time.
+    pub(super) fn ask(&mut self, now: Instant, autopilot: &Autopilot) {
+        let (outbox, target) = (&mut self.outbox, (autopilot.system_id, autopilot.component_id));
+        self.requests.poll(now, target, |command| outbox.post_errand(Errand::Command(command)));
+        if now >= self.timesync_due {
+            self.timesync_due = now.plus_micros(TIMESYNC_PERIOD_US);
+            self.outbox.post_errand(Errand::Timesync(TIMESYNC_DATA {
+                tc1: 0,
+                ts1: self.clock.ask(now),
+                target_system: target.0,
+                target_component: target.1,
+            }));
+        }
+        if self.requests.is_ignored() && !self.telemetry.ignored_told {
+            self.telemetry.warn("Foxhound: autopilot does not answer; signing?");
+        }
+        self.telemetry.ignored_told = self.requests.is_ignored();
+    }
+}
+
+/// Telemetry.
+impl Companion {
+    /// One value of the list, when its turn has come and there is something to tell, and what has a period of its own.
+    pub(super) fn report(&mut self, now: Instant, output: &guidance::Output) {
+        if let Some(bearing) = output.bearing.filter(|bearing| bearing.valid) {
+            let elevation_deg = (bearing.elevation_sigma_rad < 0.5).then_some(bearing.elevation_rad * DEG_PER_RAD);
+            let sigma_deg = bearing.sigma_rad * DEG_PER_RAD;
+            self.telemetry.bearing = Some((now, bearing.quality.snr_db, sigma_deg, elevation_deg));
+        }
+        if self.telemetry.outcome.is_none_or(|(outcome, _)| outcome != output.outcome) {
+            self.telemetry.outcome = Some((output.outcome, now));
+            self.telemetry.lasting_told = false;
+        }
+        self.report_landing(now, output);
+        if now < self.telemetry.due {
+            return;
+        }
+        self.telemetry.due = now.plus_micros(TELEMETRY_PERIOD_US);
+        self.telemetry.turn = (self.telemetry.turn + 1) % TURNS;
+        let fresh = self.telemetry.bearing.filter(|(time, ..)| now.seconds_since(*time) <= BEARING_AGE_MAX_S);
+        let towards_rad = output.source_bearing_ned_rad.map(|bearing| self.continuity.heading_to_theirs(bearing));
+        let belief = output.source_share_and_nis.filter(|_| fresh.is_some());
+        let (name, value) = match self.telemetry.turn {
+            0 => ("FH_BRG", towards_rad.map(compass_deg)),
+            1 => ("FH_SNR", fresh.map(|(_, snr_db, ..)| snr_db)),
+            2 => ("FH_SIG", fresh.map(|(_, _, sigma_deg, _)| sigma_deg)),
+            3 => ("FH_ST", Some(f32::from(output.outcome as u8))),
+            4 => ("FH_ELV", fresh.and_then(|(.., elevation_deg)| elevation_deg)),
+            5 => ("FH_RNG", self.range_m(output)),
+            6 => ("FH_CNF", belief.map(|(share, _)| share)),
+            7 => ("FH_NIS", belief.map(|(_, nis)| nis)),
+            8 => ("FH_RTT", self.clock.round_trip_us().map(|us| us.min(60_000_000) as f32 * 1e-3)),
+            _ => ("FH_CRC", Some(self.noise.percent as f32)),
+        };
+        if self.telemetry.turn == 0
+            && let Some(towards_rad) = towards_rad
+        {
+            let depression_rad = fresh.and_then(|(.., elevation_deg)| elevation_deg).unwrap_or(0.0) / DEG_PER_RAD;
+            self.outbox.post_direction(direction(now, towards_rad, depression_rad));
+        }
+        if let Some(value) = value.filter(|value| value.is_finite()) {
+            let name = CharArray::from(name);
+            self.outbox.post_note(Note::Value(NAMED_VALUE_FLOAT_DATA { time_boot_ms: boot_ms(now), value, name }));
+        }
+    }
+
+    /// How far the source is believed to be.
+    fn range_m(&self, output: &guidance::Output) -> Option<f32> {
+        let here = self.ownship()?.position_ned_m.horizontal();
+        output.source.map(|source| source.place_ned_m.minus(here).norm())
+    }
+
+    fn report_landing(&mut self, now: Instant, output: &guidance::Output) {
+        if !self.config.landing_target || now < self.telemetry.landing_due {
+            return;
+        }
+        self.telemetry.landing_due = now.plus_micros(LANDING_PERIOD_US);
+        let message = self.landing_target(output);
+        let software = self.autopilot.map(|autopilot| autopilot.software);
+        let message = message.zip(software).and_then(|(target, software)| landing::message(now.0, software, &target));
+        self.outbox.post_landing(message);
+    }
+
+    /// The source, where it is heard now and its range is known.
+    fn landing_target(&self, output: &guidance::Output) -> Option<landing::Target> {
+        let ownship = self.ownship()?;
+        let (bearing, source) = (output.bearing.filter(|bearing| bearing.valid)?, output.source?);
+        let range_m = source.place_ned_m.minus(ownship.position_ned_m.horizontal()).norm();
+        if source.sigma_m > LANDING_SIGMA_MAX * range_m {
+            return None;
+        }
+        let (sin_elevation, cos_elevation) = sin_cos(libm::fabsf(bearing.elevation_rad));
+        let (sin_azimuth, cos_azimuth) = sin_cos(bearing.azimuth_rad);
+        // Steeper than 84 degrees the height says more than the range does; nobody needs it here.
+        let distance_m = range_m / if cos_elevation > 0.1 { cos_elevation } else { 0.1 };
+        let ahead = [cos_azimuth * cos_elevation, sin_azimuth * cos_elevation, sin_elevation];
+        let place = Ned {
+            north: source.place_ned_m.north,
+            east: source.place_ned_m.east,
+            down: ownship.position_ned_m.down + distance_m * sin_elevation,
+        };
+        Some(landing::Target {
+            body_frd_m: ahead.map(|part| part * distance_m),
+            place_ned_m: self.continuity.place_to_theirs(place),
+        })
+    }
+
+    pub(super) fn report_surroundings<'a>(
+        &mut self,
+        now: Instant,
+        ownship: &Ownship,
+        circles: impl Iterator<Item = &'a Circle>,
+    ) {
+        self.telemetry.surroundings_due = now.plus_micros(SURROUNDINGS_PERIOD_US);
+        self.outbox.post_surroundings(surroundings::message(now.0, ownship, circles));
+    }
+
+    /// A text when what we do changes, or something happened; at most one a second, and a change that did not last is not
+    /// told.
+    pub(super) fn announce(&mut self, now: Instant, cause: Cause) {
+        let is_noisy = self.noise.percent > NOISE_WARN_PERCENT;
+        if is_noisy && !self.telemetry.noise_told {
+            self.telemetry.warn("Foxhound: frames arrive damaged");
+        }
+        self.telemetry.noise_told = is_noisy;
+        if now < self.telemetry.text_due {
+            return;
+        }
+        let outcome = self.telemetry.outcome;
+        let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome)));
+        let (severity, text) = if let Some(warning) = self.telemetry.warning.take() {
+            (MavSeverity::MAV_SEVERITY_WARNING, warning)
+        } else if let Some(text) = text.filter(|text| self.telemetry.announced != Some(text)) {
+            self.telemetry.announced = Some(text);
+            (severity(cause, outcome.map(|(outcome, _)| outcome)), text)
+        } else if let Some(text) = self.lasting(now, cause) {
+            self.telemetry.lasting_told = true;
+            (MavSeverity::MAV_SEVERITY_CRITICAL, text)
+        } else {
+            return;
+        };
+        self.telemetry.text_due = now.plus_micros(TEXT_PERIOD_US);
+        self.outbox.post_note(Note::Text(STATUSTEXT_DATA {
+            severity: severity as u8,
+            text: CharArray::from(text),
+            ..STATUSTEXT_DATA::DEFAULT
+        }));
+    }
+
+    /// What is to be said of an outcome that has lasted.
+    fn lasting(&self, now: Instant, cause: Cause) -> Option<&'static str> {
+        let (outcome, since) =
+            self.telemetry.outcome.filter(|_| cause == Cause::None && !self.telemetry.lasting_told)?;
+        let lasted_s = now.seconds_since(since);
+        match outcome {
+            Outcome::NoSignal if lasted_s > NO_SIGNAL_LONG_S => Some("Foxhound: no signal for 30 s, take over"),
+            Outcome::StaleObstacles if lasted_s > STALE_OBSTACLES_LONG_S => {
+                Some("Foxhound: no obstacle data for 15 s, take over")
+            }
+            _ => None,
+        }
+    }
+}
+
+fn direction(now: Instant, towards_rad: f32, depression_rad: f32) -> DEBUG_VECT_DATA {
+    let (sin, cos) = sin_cos(towards_rad);
+    let (down, level) = sin_cos(depression_rad);
+    DEBUG_VECT_DATA { time_usec: now.0, name: CharArray::from("FH_DIR"), x: cos * level, y: sin * level, z: down }
+}
+
+/// Milliseconds since boot; wraps after 49 days, as MAVLink's own clocks do.
+fn boot_ms(now: Instant) -> u32 {
+    (now.0 / 1_000) as u32
+}
+
+/// A bearing in degrees from north, 0 to 360.
+fn compass_deg(bearing_rad: f32) -> f32 {
+    let degrees = bearing_rad * DEG_PER_RAD;
+    if degrees < 0.0 { degrees + 360.0 } else { degrees }
+}
+
+/// Whether we hold because something that we need is missing.
+fn is_critical(outcome: Outcome) -> bool {
+    matches!(outcome, Outcome::Uncalibrated | Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault)
+}
+
+fn severity(cause: Cause, outcome: Option<Outcome>) -> MavSeverity {
+    match (cause, outcome) {
+        (Cause::Unfit, _) | (Cause::None, Some(Outcome::Fault)) => MavSeverity::MAV_SEVERITY_CRITICAL,
+        (Cause::NotInMode | Cause::OnGround | Cause::Paused | Cause::SwitchedOff, _)
+        | (Cause::None, Some(Outcome::Nominal | Outcome::NotInControl)) => MavSeverity::MAV_SEVERITY_INFO,
+        _ => MavSeverity::MAV_SEVERITY_WARNING,
+    }
+}
+
+fn text(outcome: Outcome) -> &'static str {
+    match outcome {
+        Outcome::Nominal => "Foxhound: seeking",
+        Outcome::NoSignal => "Foxhound: no signal",
+        Outcome::Ambiguous => "Foxhound: bearing is ambiguous",
+        Outcome::Uncalibrated => "Foxhound: array is not calibrated",
+        Outcome::StaleOwnship => "Foxhound: position or attitude is stale",
+        Outcome::StaleObstacles => "Foxhound: obstacle data is stale",
+        Outcome::NoPath => "Foxhound: no safe path",
+        Outcome::GoalUnreachable => "Foxhound: goal cannot be reached",
+        Outcome::PlanLate => "Foxhound: plan is late",
+        Outcome::GuardBrake => "Foxhound: guard brakes",
+        Outcome::LinkLost => "Foxhound: autopilot is silent",
+        Outcome::NotInControl => "Foxhound: waits for GUIDED or OFFBOARD, armed",
+        Outcome::Fault => "Foxhound: internal fault",
+    }
+}

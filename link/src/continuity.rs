@@ -1,0 +1,250 @@
+//! One local frame that goes on when the autopilot's jumps.
+//!
+//! An autopilot corrects its estimate in steps: the place moves by metres between two messages, the heading turns by tens
+//! of degrees, while the vehicle does neither. What guidance remembers (obstacles, the source, its plan) would be metres
+//! off. So guidance never sees the jump: it lives in a frame of its own, ours, in which the vehicle's track is continuous,
+//! and this file keeps the turn and the shift between the two:
+//!
+//! ```text
+//!  ours = turn back (autopilot's) + shift         velocities for the autopilot = turn (ours)
+//! ```
+//!
+//! A position is a jump when it is farther from where the last one led than `max(1 m, 3 v dt + 0.5 m)`, or when somebody
+//! said so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`, a restart); a heading when it is more than 10 degrees from
+//! where the yaw rate led. Until the first jump both frames are the same, to the bit.
+
+use foxhound_core::frame::Ned;
+use foxhound_core::units::{sin_cos, wrap_pi};
+
+const STEP_MIN_M: f32 = 1.0;
+const STEP_PER_WAY: f32 = 3.0;
+const STEP_MARGIN_M: f32 = 0.5;
+/// What happens to the place in a longer gap is nobody's jump.
+const PLACE_GAP_MAX_S: f32 = 2.0;
+const TURN_MIN_RAD: f32 = 10.0 * core::f32::consts::PI / 180.0;
+/// Nor what happens to the heading in this one.
+const HEADING_GAP_MAX_S: f32 = 0.5;
+
+/// The turn and shift between the autopilot's local frame and ours.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Continuity {
+    turn_rad: f32,
+    sin: f32,
+    cos: f32,
+    shift_m: Ned,
+    /// Whether there was a jump at all.
+    differs: bool,
+    /// Somebody said that the next position, or the next heading, begins anew.
+    place_is_new: bool,
+    heading_is_new: bool,
+}
+
+impl Continuity {
+    /// The same frame.
+    pub(crate) const fn new() -> Self {
+        Self {
+            turn_rad: 0.0,
+            sin: 0.0,
+            cos: 1.0,
+            shift_m: Ned { north: 0.0, east: 0.0, down: 0.0 },
+            differs: false,
+            place_is_new: false,
+            heading_is_new: false,
+        }
+    }
+
+    /// The autopilot has begun anew: the next position and heading are where the last ones were.
+    pub(crate) fn expect_new(&mut self, heading: bool) {
+        self.place_is_new = true;
+        self.heading_is_new |= heading;
+    }
+
+    /// Follows the autopilot from one position to the next; how far it jumped, if it did.
+    pub(crate) fn follow_place(&mut self, from_m: Ned, velocity_mps: Ned, to_m: Ned, dt_s: f32) -> Option<f32> {
+        let is_new = core::mem::take(&mut self.place_is_new);
+        if dt_s > PLACE_GAP_MAX_S && !is_new {
+            return None;
+        }
+        // Over a gap before a new beginning nobody knows; not carried on, then.
+        let dt_s = if dt_s > PLACE_GAP_MAX_S { 0.0 } else { dt_s };
+        let step_m = Ned {
+            north: to_m.north - from_m.north - velocity_mps.north * dt_s,
+            east: to_m.east - from_m.east - velocity_mps.east * dt_s,
+            down: to_m.down - from_m.down - velocity_mps.down * dt_s,
+        };
+        let limit_m = STEP_PER_WAY * norm(velocity_mps) * dt_s + STEP_MARGIN_M;
+        let limit_m = if limit_m > STEP_MIN_M { limit_m } else { STEP_MIN_M };
+        let jumped_m = norm(step_m);
+        if jumped_m <= limit_m && !is_new {
+            return None;
+        }
+        let step_m = self.velocity_to_ours(step_m);
+        self.shift_m.north -= step_m.north;
+        self.shift_m.east -= step_m.east;
+        self.shift_m.down -= step_m.down;
+        self.differs = true;
+        Some(jumped_m)
+    }
+
+    /// Follows the autopilot from one heading to the next, at a place; by how much it turned, if it did.
+    pub(crate) fn follow_heading(
+        &mut self,
+        from_rad: f32,
+        rate_radps: f32,
+        to_rad: f32,
+        dt_s: f32,
+        at_m: Ned,
+    ) -> Option<f32> {
+        let is_new = core::mem::take(&mut self.heading_is_new);
+        if dt_s > HEADING_GAP_MAX_S && !is_new {
+            return None;
+        }
+        let dt_s = if dt_s > HEADING_GAP_MAX_S { 0.0 } else { dt_s };
+        let turned_rad = wrap_pi(to_rad - from_rad - rate_radps * dt_s);
+        if libm::fabsf(turned_rad) <= TURN_MIN_RAD && !is_new {
+            return None;
+        }
+        let here_m = self.place_to_ours(at_m);
+        self.turn_rad = wrap_pi(self.turn_rad + turned_rad);
+        let (sin, cos) = sin_cos(self.turn_rad);
+        self.sin = sin;
+        self.cos = cos;
+        self.differs = true;
+        // The vehicle stays where it is in our frame.
+        let there_m = self.place_to_ours(at_m);
+        self.shift_m.north += here_m.north - there_m.north;
+        self.shift_m.east += here_m.east - there_m.east;
+        Some(turned_rad)
+    }
+
+    /// A place of the autopilot's, in our frame.
+    pub(crate) fn place_to_ours(&self, place_m: Ned) -> Ned {
+        if !self.differs {
+            return place_m;
+        }
+        let turned_m = self.velocity_to_ours(place_m);
+        Ned {
+            north: turned_m.north + self.shift_m.north,
+            east: turned_m.east + self.shift_m.east,
+            down: turned_m.down + self.shift_m.down,
+        }
+    }
+
+    /// A place of ours, in the autopilot's frame.
+    pub(crate) fn place_to_theirs(&self, place_m: Ned) -> Ned {
+        if !self.differs {
+            return place_m;
+        }
+        self.velocity_to_theirs(Ned {
+            north: place_m.north - self.shift_m.north,
+            east: place_m.east - self.shift_m.east,
+            down: place_m.down - self.shift_m.down,
+        })
+    }
+
+    /// A velocity of the autopilot's, in our frame.
+    pub(crate) fn velocity_to_ours(&self, velocity: Ned) -> Ned {
+        self.turned(velocity, -self.sin)
+    }
+
+    /// A velocity of ours, in the autopilot's frame.
+    pub(crate) fn velocity_to_theirs(&self, velocity: Ned) -> Ned {
+        self.turned(velocity, self.sin)
+    }
+
+    /// A heading of the autopilot's, in our frame.
+    pub(crate) fn heading_to_ours(&self, heading_rad: f32) -> f32 {
+        if self.differs { wrap_pi(heading_rad - self.turn_rad) } else { heading_rad }
+    }
+
+    /// A heading of ours, in the autopilot's frame.
+    pub(crate) fn heading_to_theirs(&self, heading_rad: f32) -> f32 {
+        if self.differs { wrap_pi(heading_rad + self.turn_rad) } else { heading_rad }
+    }
+
+    fn turned(&self, v: Ned, sin: f32) -> Ned {
+        if !self.differs {
+            return v;
+        }
+        Ned { north: self.cos * v.north - sin * v.east, east: sin * v.north + self.cos * v.east, down: v.down }
+    }
+}
+
+fn norm(v: Ned) -> f32 {
+    libm::sqrtf(v.north * v.north + v.east * v.east + v.down * v.down)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ned(north: f32, east: f32, down: f32) -> Ned {
+        Ned { north, east, down }
+    }
+
+    fn distance(a: Ned, b: Ned) -> f32 {
+        norm(ned(a.north - b.north, a.east - b.east, a.down - b.down))
+    }
+
+    #[test]
+    fn without_a_jump_both_frames_are_the_same_to_the_bit() {
+        let mut frame = Continuity::new();
+        let velocity = ned(3.0, -1.0, 0.5);
+        let mut place = ned(0.1, -0.3, -5.7);
+        for _ in 0..1000 {
+            let next = ned(place.north + 0.061, place.east - 0.019, place.down + 0.011);
+            assert_eq!(frame.follow_place(place, velocity, next, 0.02), None);
+            assert_eq!(frame.follow_heading(3.1, 1.5, -3.13, 0.02, next), None);
+            place = next;
+            assert_eq!(frame.place_to_ours(place), place);
+            assert_eq!(frame.velocity_to_theirs(velocity), velocity);
+            assert_eq!(frame.heading_to_ours(-3.13), -3.13);
+        }
+    }
+
+    #[test]
+    fn a_jump_of_five_metres_leaves_the_track_continuous() {
+        let mut frame = Continuity::new();
+        let (before, velocity) = (ned(10.0, 4.0, -5.0), ned(1.0, 0.0, 0.0));
+        let after = ned(10.02 + 3.0, 4.0 - 4.0, -5.0);
+        let jumped_m = frame.follow_place(before, velocity, after, 0.02).unwrap();
+        assert!((jumped_m - 5.0).abs() < 1e-3);
+        assert!(distance(frame.place_to_ours(after), ned(10.02, 4.0, -5.0)) < 1e-4);
+        assert!(distance(frame.place_to_theirs(frame.place_to_ours(after)), after) < 1e-4);
+        assert_eq!(frame.velocity_to_theirs(velocity), velocity);
+    }
+
+    #[test]
+    fn a_turn_of_the_heading_keeps_place_and_body_directions() {
+        let mut frame = Continuity::new();
+        let here = ned(20.0, -7.0, -3.0);
+        let turned = frame.follow_heading(1.0, 0.0, 1.5, 0.02, here).unwrap();
+        assert!((turned - 0.5).abs() < 1e-6);
+        assert!(distance(frame.place_to_ours(here), here) < 1e-4);
+        assert!((frame.heading_to_ours(1.5) - 1.0).abs() < 1e-6);
+        // Ahead of the nose stays ahead of the nose.
+        let (sin, cos) = sin_cos(1.0);
+        let ahead = frame.velocity_to_theirs(ned(cos, sin, 0.0));
+        let (sin, cos) = sin_cos(1.5);
+        assert!(distance(ahead, ned(cos, sin, 0.0)) < 1e-6);
+        // And another jump of the place on top of it.
+        frame.follow_place(here, ned(0.0, 0.0, 0.0), ned(24.0, -10.0, -3.0), 0.02).unwrap();
+        assert!(distance(frame.place_to_ours(ned(24.0, -10.0, -3.0)), here) < 1e-4);
+        assert!(distance(frame.place_to_theirs(here), ned(24.0, -10.0, -3.0)) < 1e-4);
+    }
+
+    #[test]
+    fn what_is_announced_is_a_jump_however_small_and_a_gap_is_none() {
+        let mut frame = Continuity::new();
+        let still = ned(0.0, 0.0, 0.0);
+        assert_eq!(frame.follow_place(still, still, ned(0.9, 0.0, 0.0), 0.02), None);
+        frame.expect_new(false);
+        assert!(frame.follow_place(still, still, ned(0.2, 0.0, 0.0), 0.02).is_some());
+        assert!((frame.place_to_ours(ned(0.2, 0.0, 0.0)).north).abs() < 1e-6);
+        assert_eq!(frame.follow_place(still, still, ned(50.0, 0.0, 0.0), 3.0), None);
+        assert_eq!(frame.follow_heading(0.0, 0.0, 3.0, 1.0, still), None);
+        frame.expect_new(true);
+        assert!(frame.follow_place(still, still, ned(50.0, 0.0, 0.0), 30.0).is_some());
+        assert!(frame.follow_heading(0.0, 0.0, 3.0, 30.0, still).is_some());
+    }
+}

@@ -1,0 +1,215 @@
+//! What may go wrong on the link or on the vehicle, and what is done about it: the first row that applies.
+//!
+//! "Zero" is a stream of zero velocity: the vehicle stands, and PX4 stays in OFFBOARD. "Silent" is no setpoint at all: the
+//! autopilot's own failsafe acts (`GUID_TIMEOUT`, `COM_OF_LOSS_T`). We hold while we trust the link and ourselves, fall
+//! silent where we do not, and never ask for another mode.
+//!
+//! | cause | when | setpoints | heartbeat |
+//! |---|---|---|---|
+//! | `Unfit` | setpoints that are not sane for 0.5 s, guidance silent for 2 s, or the application says so | silent | none |
+//! | `NoAutopilot` | none was heard yet | silent | standby |
+//! | `LinkLost` | no heartbeat of the autopilot for 5 s | silent | standby |
+//! | `LinkQuiet` | none for 2.5 s | zero where there were setpoints | standby |
+//! | `NotInMode` | not in GUIDED or OFFBOARD, or disarmed, or neither ArduPilot nor PX4 | ArduPilot: silent; PX4: zero, without which OFFBOARD cannot be entered | standby |
+//! | `OnGround` | landed or taking off | the same: a setpoint would end ArduPilot's take-off | standby |
+//! | `EntryNeeded` | back from a lost link or a restart in the mode | zero, until the mode is entered afresh | standby |
+//! | `SwitchedOff` | the pilot's switch is off, or not heard for 2 s | zero | standby |
+//! | `Paused` | `MAV_CMD_DO_PAUSE_CONTINUE` | zero, until told to go on | standby |
+//! | `BatteryCritical` | the autopilot says so, or less is left than is wanted | zero | critical |
+//! | `BatteryLow` | the autopilot says so before a search has begun | zero; one under way goes on | critical |
+//! | `FenceBreached` | the autopilot says so | zero: it decides what next | critical |
+//! | `LinkNoisy` | more than 20 % of the frames were damaged in 2 s | zero | critical |
+//! | `OwnshipLost` | no usable position or attitude for 2 s after there was one | silent | critical |
+//! | `None` | none of these | the newest published one; zero if it is older than 0.25 s | active, or critical where guidance holds for want of an input |
+//!
+//! What guidance holds for (stale position, stale obstacles, no signal, ...) is in the table of
+//! [`foxhound_core::mission`]. A jump of the autopilot's position or heading is no row of its own: it takes ownship away
+//! for half a second, which guidance answers with a hold, and the frame goes on as if nothing had happened. With every
+//! cause, what goes on afterwards starts from zero velocity.
+
+use crate::autopilot::Software;
+
+/// Why guidance may not move the vehicle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Cause {
+    /// It may.
+    #[default]
+    None,
+    /// We are not fit to.
+    Unfit,
+    /// There is nobody to command.
+    NoAutopilot,
+    /// The autopilot has been silent for long.
+    LinkLost,
+    /// The autopilot is silent.
+    LinkQuiet,
+    /// The pilot has not given control.
+    NotInMode,
+    /// The vehicle stands on the ground or takes off.
+    OnGround,
+    /// The mode has to be entered afresh.
+    EntryNeeded,
+    /// The pilot's switch is off.
+    SwitchedOff,
+    /// Somebody asked to wait.
+    Paused,
+    /// The battery is nearly empty.
+    BatteryCritical,
+    /// The battery is low, and nothing is under way.
+    BatteryLow,
+    /// The vehicle is outside of the autopilot's fence.
+    FenceBreached,
+    /// Too many frames are damaged.
+    LinkNoisy,
+    /// Nobody knows where the vehicle is.
+    OwnshipLost,
+}
+
+/// What happens to the stream of setpoints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stream {
+    /// Guidance's.
+    Guidance,
+    /// Zero velocity.
+    Zero,
+    /// None.
+    Silent,
+}
+
+/// What the table is asked about.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Facts {
+    pub(crate) unfit: bool,
+    pub(crate) has_autopilot: bool,
+    pub(crate) is_lost: bool,
+    pub(crate) is_quiet: bool,
+    pub(crate) obeys: bool,
+    pub(crate) on_ground: bool,
+    pub(crate) entry_needed: bool,
+    pub(crate) switched_off: bool,
+    pub(crate) paused: bool,
+    pub(crate) battery_critical: bool,
+    pub(crate) battery_low: bool,
+    pub(crate) seeking: bool,
+    pub(crate) fence_breached: bool,
+    pub(crate) is_noisy: bool,
+    pub(crate) ownship_lost: bool,
+}
+
+impl Facts {
+    /// The first row that applies.
+    pub(crate) fn cause(&self) -> Cause {
+        let rows = [
+            (self.unfit, Cause::Unfit),
+            (!self.has_autopilot, Cause::NoAutopilot),
+            (self.is_lost, Cause::LinkLost),
+            (self.is_quiet, Cause::LinkQuiet),
+            (!self.obeys, Cause::NotInMode),
+            (self.on_ground, Cause::OnGround),
+            (self.entry_needed, Cause::EntryNeeded),
+            (self.switched_off, Cause::SwitchedOff),
+            (self.paused, Cause::Paused),
+            (self.battery_critical, Cause::BatteryCritical),
+            (self.battery_low && !self.seeking, Cause::BatteryLow),
+            (self.fence_breached, Cause::FenceBreached),
+            (self.is_noisy, Cause::LinkNoisy),
+            (self.ownship_lost, Cause::OwnshipLost),
+        ];
+        rows.iter().find(|(applies, _)| *applies).map_or(Cause::None, |(_, cause)| *cause)
+    }
+}
+
+impl Cause {
+    /// What happens to the stream; `obeys` says whether there were setpoints before, `prestream` whether PX4 gets zeros
+    /// outside of OFFBOARD.
+    pub(crate) fn stream(self, software: Software, obeys: bool, prestream: bool) -> Stream {
+        let waits = match software {
+            Software::Px4 if prestream => Stream::Zero,
+            _ => Stream::Silent,
+        };
+        match self {
+            Self::None => Stream::Guidance,
+            Self::Unfit | Self::NoAutopilot | Self::LinkLost | Self::OwnshipLost => Stream::Silent,
+            Self::NotInMode | Self::OnGround => waits,
+            Self::LinkQuiet if !obeys => waits,
+            _ => Stream::Zero,
+        }
+    }
+
+    /// Whether the vehicle is kept from seeking by something that is wrong, not by its pilot.
+    pub(crate) fn is_critical(self) -> bool {
+        matches!(
+            self,
+            Self::BatteryCritical | Self::BatteryLow | Self::FenceBreached | Self::LinkNoisy | Self::OwnshipLost
+        )
+    }
+
+    /// What is told about it; `None` where guidance's own word does.
+    pub(crate) fn text(self) -> Option<&'static str> {
+        match self {
+            Self::None | Self::NoAutopilot => None,
+            Self::Unfit => Some("Foxhound: unfit, no setpoints"),
+            Self::LinkLost | Self::LinkQuiet => Some("Foxhound: autopilot is silent"),
+            Self::NotInMode => Some("Foxhound: waits for GUIDED or OFFBOARD, armed"),
+            Self::OnGround => Some("Foxhound: waits for take-off"),
+            Self::EntryNeeded => Some("Foxhound: enter the mode again"),
+            Self::SwitchedOff => Some("Foxhound: switched off by RC"),
+            Self::Paused => Some("Foxhound: paused"),
+            Self::BatteryCritical => Some("Foxhound: battery critical, holds"),
+            Self::BatteryLow => Some("Foxhound: battery low, does not start"),
+            Self::FenceBreached => Some("Foxhound: fence breached, holds"),
+            Self::LinkNoisy => Some("Foxhound: link is noisy, holds"),
+            Self::OwnshipLost => Some("Foxhound: position lost, no setpoints"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_row_that_applies_decides() {
+        let fine = Facts { has_autopilot: true, obeys: true, ..Facts::default() };
+        assert_eq!(fine.cause(), Cause::None);
+        let all = Facts {
+            unfit: true,
+            is_lost: true,
+            is_quiet: true,
+            on_ground: true,
+            entry_needed: true,
+            switched_off: true,
+            paused: true,
+            battery_critical: true,
+            battery_low: true,
+            fence_breached: true,
+            is_noisy: true,
+            ownship_lost: true,
+            ..Facts::default()
+        };
+        type Lift = fn(&mut Facts);
+        let lift: [(Lift, Cause); 14] = [
+            (|_| {}, Cause::Unfit),
+            (|facts| facts.unfit = false, Cause::NoAutopilot),
+            (|facts| facts.has_autopilot = true, Cause::LinkLost),
+            (|facts| facts.is_lost = false, Cause::LinkQuiet),
+            (|facts| facts.is_quiet = false, Cause::NotInMode),
+            (|facts| facts.obeys = true, Cause::OnGround),
+            (|facts| facts.on_ground = false, Cause::EntryNeeded),
+            (|facts| facts.entry_needed = false, Cause::SwitchedOff),
+            (|facts| facts.switched_off = false, Cause::Paused),
+            (|facts| facts.paused = false, Cause::BatteryCritical),
+            (|facts| facts.battery_critical = false, Cause::BatteryLow),
+            (|facts| facts.seeking = true, Cause::FenceBreached),
+            (|facts| facts.fence_breached = false, Cause::LinkNoisy),
+            (|facts| facts.is_noisy = false, Cause::OwnshipLost),
+        ];
+        let mut facts = all;
+        for (lift, cause) in lift {
+            lift(&mut facts);
+            assert_eq!(facts.cause(), cause);
+        }
+        facts.ownship_lost = false;
+        assert_eq!(facts.cause(), Cause::None);
+    }
+}

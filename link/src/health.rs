@@ -1,0 +1,164 @@
+//! What the autopilot and the pilot say of the vehicle's fitness: battery, estimator, fence, the switch on the transmitter.
+//!
+//! Each is heard or it is not; what was never heard is not held against the vehicle.
+
+use foxhound_core::time::Instant;
+
+use crate::dialect::{
+    BATTERY_STATUS_DATA, EKF_STATUS_REPORT_DATA, ESTIMATOR_STATUS_DATA, EkfStatusFlags, EstimatorStatusFlags,
+    FENCE_STATUS_DATA, MavBatteryChargeState, RC_CHANNELS_DATA, SYS_STATUS_DATA,
+};
+
+/// Batteries that are told apart; one with a higher number is not looked at.
+const BATTERIES: usize = 4;
+/// What an estimator said counts for so long.
+const ESTIMATOR_AGE_MAX_S: f32 = 5.0;
+const FENCE_AGE_MAX_S: f32 = 5.0;
+/// A switch that is not heard for so long is off.
+const SWITCH_AGE_MAX_S: f32 = 2.0;
+/// Pulses of a transmitter are between these; anything else is no signal.
+const PULSE_US: core::ops::RangeInclusive<u16> = 800..=2200;
+/// A switch is on above this.
+const ON_US: u16 = 1500;
+
+/// How empty the batteries are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Charge {
+    #[default]
+    Enough,
+    Low,
+    Critical,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Health {
+    charges: [Charge; BATTERIES],
+    /// Energy left, of all that said so the least, in the last message of each kind.
+    remaining_percent: [Option<u8>; 2],
+    estimator: Option<(Instant, bool)>,
+    fence_breached: Option<(Instant, bool)>,
+    switch: Option<(Instant, bool)>,
+}
+
+impl Health {
+    pub(crate) const fn new() -> Self {
+        Self {
+            charges: [Charge::Enough; BATTERIES],
+            remaining_percent: [None; 2],
+            estimator: None,
+            fence_breached: None,
+            switch: None,
+        }
+    }
+
+    pub(crate) fn on_battery(&mut self, battery: &BATTERY_STATUS_DATA) {
+        use MavBatteryChargeState as State;
+        let state = battery.charge_state;
+        if let Some(charge) = self.charges.get_mut(usize::from(battery.id)) {
+            *charge = if state == State::MAV_BATTERY_CHARGE_STATE_LOW as u8 {
+                Charge::Low
+            } else if (State::MAV_BATTERY_CHARGE_STATE_CRITICAL as u8..=State::MAV_BATTERY_CHARGE_STATE_UNHEALTHY as u8)
+                .contains(&state)
+            {
+                Charge::Critical
+            } else {
+                Charge::Enough
+            };
+        }
+        if battery.id == 0 {
+            self.remaining_percent[0] = percent(battery.battery_remaining);
+        }
+    }
+
+    pub(crate) fn on_sys_status(&mut self, status: &SYS_STATUS_DATA) {
+        self.remaining_percent[1] = percent(status.battery_remaining);
+    }
+
+    pub(crate) fn on_ekf(&mut self, now: Instant, report: &EKF_STATUS_REPORT_DATA) {
+        use EkfStatusFlags as Flag;
+        let has = |flag: Flag| u32::from(report.flags) & flag as u32 != 0;
+        let knows = has(Flag::EKF_ATTITUDE)
+            && has(Flag::EKF_VELOCITY_HORIZ)
+            && (has(Flag::EKF_POS_HORIZ_REL) || has(Flag::EKF_POS_HORIZ_ABS))
+            && !has(Flag::EKF_CONST_POS_MODE)
+            && !has(Flag::EKF_UNINITIALIZED);
+        self.estimator = Some((now, knows));
+    }
+
+    pub(crate) fn on_estimator(&mut self, now: Instant, report: &ESTIMATOR_STATUS_DATA) {
+        use EstimatorStatusFlags as Flag;
+        let has = |flag: Flag| u32::from(report.flags) & flag as u32 != 0;
+        let knows = has(Flag::ESTIMATOR_ATTITUDE)
+            && has(Flag::ESTIMATOR_VELOCITY_HORIZ)
+            && (has(Flag::ESTIMATOR_POS_HORIZ_REL) || has(Flag::ESTIMATOR_POS_HORIZ_ABS))
+            && !has(Flag::ESTIMATOR_CONST_POS_MODE);
+        self.estimator = Some((now, knows));
+    }
+
+    pub(crate) fn on_fence(&mut self, now: Instant, fence: &FENCE_STATUS_DATA) {
+        self.fence_breached = Some((now, fence.breach_status != 0));
+    }
+
+    /// `channel` counts from 1.
+    pub(crate) fn on_channels(&mut self, now: Instant, channels: &RC_CHANNELS_DATA, channel: u8) {
+        let c = channels;
+        let pulses_us = [
+            c.chan1_raw,
+            c.chan2_raw,
+            c.chan3_raw,
+            c.chan4_raw,
+            c.chan5_raw,
+            c.chan6_raw,
+            c.chan7_raw,
+            c.chan8_raw,
+            c.chan9_raw,
+            c.chan10_raw,
+            c.chan11_raw,
+            c.chan12_raw,
+            c.chan13_raw,
+            c.chan14_raw,
+            c.chan15_raw,
+            c.chan16_raw,
+            c.chan17_raw,
+            c.chan18_raw,
+        ];
+        let pulse_us = pulses_us.get(usize::from(channel).wrapping_sub(1)).copied().unwrap_or_default();
+        if channel <= c.chancount && PULSE_US.contains(&pulse_us) {
+            self.switch = Some((now, pulse_us > ON_US));
+        }
+    }
+
+    /// The worst of the batteries; critical also when less is left than `least_percent` (0 asks for nothing).
+    pub(crate) fn charge(&self, least_percent: f32) -> Charge {
+        let is_below = |left: &u8| f32::from(*left) < least_percent;
+        if self.remaining_percent.iter().flatten().any(is_below) {
+            return Charge::Critical;
+        }
+        self.charges.iter().copied().max().unwrap_or_default()
+    }
+
+    /// Whether the estimator says that it does not know where it is.
+    pub(crate) fn is_estimator_bad(&self, now: Instant) -> bool {
+        self.estimator.is_some_and(|(at, knows)| !knows && now.seconds_since(at) <= ESTIMATOR_AGE_MAX_S)
+    }
+
+    pub(crate) fn is_fence_breached(&self, now: Instant) -> bool {
+        self.fence_breached.is_some_and(|(at, breached)| breached && now.seconds_since(at) <= FENCE_AGE_MAX_S)
+    }
+
+    /// Whether the pilot's switch is on.
+    pub(crate) fn is_switched_on(&self, now: Instant) -> bool {
+        self.switch.is_some_and(|(at, on)| on && now.seconds_since(at) <= SWITCH_AGE_MAX_S)
+    }
+
+    /// A clock that ran backwards: nothing is younger than now.
+    pub(crate) fn follow_clock(&mut self, now: Instant) {
+        for (at, _) in [&mut self.estimator, &mut self.fence_breached, &mut self.switch].into_iter().flatten() {
+            *at = (*at).min(now);
+        }
+    }
+}
+
+fn percent(remaining: i8) -> Option<u8> {
+    u8::try_from(remaining).ok().filter(|percent| *percent <= 100)
+}

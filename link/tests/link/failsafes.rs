@@ -1,0 +1,510 @@
+//! The rows of the table in `foxhound_link::failsafe`, one by one, against both autopilots, and jumps of the estimate.
+
+use foxhound_core::mission::{Control, Outcome};
+use foxhound_link::companion::Config;
+use foxhound_link::dialect::*;
+use foxhound_link::failsafe::Cause;
+
+use crate::bench::*;
+
+/// In the mode, armed, in the air, with position and attitude at 50 Hz; a setpoint is published at every step.
+struct Flight {
+    bench: Bench,
+    /// As the autopilot says them.
+    position: [f32; 3],
+    yaw: f32,
+    position_is_silent: bool,
+}
+
+impl Flight {
+    fn of(autopilot: u8) -> Self {
+        Self::with(autopilot, Config::default())
+    }
+
+    fn with(autopilot: u8, config: Config) -> Self {
+        let mut bench = Bench::new(config);
+        bench.answers = true;
+        bench.heartbeat = Some(heartbeat(autopilot, if autopilot == PX4 { OFFBOARD } else { GUIDED }, ARMED));
+        bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
+        let mut flight = Self { bench, position: [10.0, 20.0, -5.0], yaw: 0.5, position_is_silent: false };
+        flight.bench.step(10_000);
+        flight.bench.say(&extended(2));
+        flight.run(1.0);
+        assert_eq!(flight.cause(), Cause::None);
+        flight
+    }
+
+    fn run(&mut self, seconds: f64) {
+        for _ in 0..(seconds * 50.0).round() as u32 {
+            let time_boot_ms = (self.bench.now_us / 1000) as u32;
+            if !self.position_is_silent {
+                let [x, y, z] = self.position;
+                let data = LOCAL_POSITION_NED_DATA { time_boot_ms, x, y, z, ..LOCAL_POSITION_NED_DATA::DEFAULT };
+                self.bench.say(&MavMessage::LOCAL_POSITION_NED(data));
+            }
+            self.bench.say(&attitude(time_boot_ms, self.yaw));
+            self.bench.step(20_000);
+        }
+    }
+
+    fn cause(&self) -> Cause {
+        self.bench.companion.cause(self.bench.now())
+    }
+
+    /// The setpoints of the next while.
+    fn setpoints(&mut self, seconds: f64) -> Vec<[f32; 4]> {
+        self.bench.take_sent();
+        self.run(seconds);
+        self.bench.setpoints().iter().map(|(_, setpoint)| velocity(setpoint)).collect()
+    }
+
+    fn assert_zero(&mut self, cause: Cause) {
+        assert_eq!(self.cause(), cause);
+        let setpoints = self.setpoints(1.0);
+        assert_eq!(setpoints, [ZERO; 20], "{cause:?}");
+        assert_eq!(self.bench.companion.control(self.bench.now()), Control::NotInControl);
+    }
+
+    fn assert_silent(&mut self, cause: Cause) {
+        assert_eq!(self.cause(), cause);
+        assert_eq!(self.setpoints(1.0).len(), 0, "{cause:?}");
+    }
+
+    fn assert_flies(&mut self) {
+        assert_eq!(self.cause(), Cause::None);
+        self.run(0.1);
+        assert_eq!(self.setpoints(1.0), [[1.0, -0.5, -0.25, 0.125]; 20]);
+    }
+
+    /// The state in the heartbeats of the next 1.1 s; `None` if there is none.
+    fn status(&mut self) -> Option<u8> {
+        self.bench.take_sent();
+        self.run(1.1);
+        self.bench.take_sent().into_iter().rev().find_map(|sent| match sent.message {
+            MavMessage::HEARTBEAT(heartbeat) => Some(heartbeat.system_status),
+            _ => None,
+        })
+    }
+
+    fn texts(&mut self, seconds: f64) -> Vec<String> {
+        self.bench.take_sent();
+        self.run(seconds);
+        texts(&mut self.bench).into_iter().map(|(_, text)| text).collect()
+    }
+}
+
+const BOTH: [u8; 2] = [ARDUPILOT, PX4];
+
+fn command(command: u16, param1: f32) -> MavMessage {
+    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        target_system: 1,
+        target_component: 191,
+        command,
+        param1,
+        ..COMMAND_LONG_DATA::DEFAULT
+    })
+}
+
+#[test]
+fn none_guidance_flies_and_the_heartbeat_says_active() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.assert_flies();
+        assert_eq!(flight.status(), Some(4));
+        assert_eq!(flight.bench.companion.control(flight.bench.now()), Control::Granted);
+    }
+}
+
+#[test]
+fn unfit_setpoints_that_stay_insane_end_the_stream_and_the_heartbeats_until_a_fresh_entry() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.output = Some(output([f32::NAN, 0.0, 0.0], 0.0));
+        assert!(flight.setpoints(0.5).iter().all(|velocity| *velocity == ZERO), "zero at first");
+        flight.run(0.1);
+        flight.assert_silent(Cause::Unfit);
+        assert_eq!(flight.status(), None);
+        flight.bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
+        flight.run(0.1);
+        flight.assert_zero(Cause::EntryNeeded);
+        let in_mode = flight.bench.heartbeat.clone().unwrap();
+        flight.bench.heartbeat = Some(HEARTBEAT_DATA { base_mode: DISARMED, ..in_mode.clone() });
+        flight.run(1.1);
+        flight.bench.heartbeat = Some(in_mode);
+        flight.run(1.1);
+        flight.assert_flies();
+    }
+}
+
+#[test]
+fn unfit_a_guidance_that_is_silent_ends_the_heartbeats_and_so_does_the_application() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.output = None;
+        flight.run(2.1);
+        flight.assert_silent(Cause::Unfit);
+        assert_eq!(flight.status(), None);
+
+        let mut flight = Flight::of(autopilot);
+        flight.bench.companion.fail();
+        flight.assert_silent(Cause::Unfit);
+        assert_eq!(flight.status(), None);
+        flight.run(10.0);
+        flight.assert_silent(Cause::Unfit);
+    }
+}
+
+#[test]
+fn no_autopilot_there_is_nobody_to_command() {
+    let mut bench = Bench::new(Config::default());
+    bench.output = Some(output([1.0; 3], 0.0));
+    bench.run(3.0);
+    assert_eq!(bench.companion.cause(bench.now()), Cause::NoAutopilot);
+    assert_eq!(bench.companion.control(bench.now()), Control::LinkLost);
+    assert_eq!(bench.setpoints().len(), 0);
+}
+
+#[test]
+fn link_quiet_then_lost_zero_then_silence_then_a_fresh_entry() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        let in_mode = flight.bench.heartbeat.take();
+        flight.run(2.6);
+        assert_eq!(flight.cause(), Cause::LinkQuiet);
+        assert_eq!(flight.setpoints(1.0), [ZERO; 20]);
+        flight.run(1.6);
+        flight.assert_silent(Cause::LinkLost);
+        assert_eq!(flight.bench.companion.control(flight.bench.now()), Control::LinkLost);
+        assert_eq!(flight.status(), Some(3), "our own heartbeats go on");
+        flight.bench.heartbeat = in_mode;
+        flight.run(0.1);
+        flight.assert_zero(Cause::EntryNeeded);
+    }
+}
+
+#[test]
+fn not_in_mode_motion_stops_with_the_first_heartbeat_and_only_px4_is_prestreamed() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, 5, ARMED)));
+        flight.bench.heartbeat = Some(heartbeat(autopilot, 5, ARMED));
+        assert_eq!(flight.cause(), Cause::NotInMode);
+        let setpoints = flight.setpoints(1.0);
+        assert_eq!(setpoints, if autopilot == PX4 { vec![ZERO; 20] } else { vec![] });
+        assert_eq!(flight.status(), Some(3));
+        assert!(flight.texts(2.0).is_empty(), "told once");
+    }
+}
+
+#[test]
+fn on_ground_and_in_a_take_off_nothing_disturbs_ardupilot_and_px4_gets_zeros() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        for state in [1, 3] {
+            flight.bench.say(&extended(state));
+            assert_eq!(flight.cause(), Cause::OnGround);
+            let setpoints = flight.setpoints(1.0);
+            assert_eq!(setpoints, if autopilot == PX4 { vec![ZERO; 20] } else { vec![] }, "state {state}");
+        }
+        for state in [2, 4, 0, 77] {
+            flight.bench.say(&extended(state));
+            flight.assert_flies();
+        }
+    }
+}
+
+#[test]
+fn switched_off_the_pilots_switch_stops_and_starts_and_its_silence_stops() {
+    let channels = |chan7_raw, chancount| {
+        MavMessage::RC_CHANNELS(RC_CHANNELS_DATA { chan7_raw, chancount, ..RC_CHANNELS_DATA::DEFAULT })
+    };
+    for autopilot in BOTH {
+        let mut bench = Bench::new(Config { switch_channel: 7, ..Config::default() });
+        bench.heartbeat = Some(heartbeat(autopilot, if autopilot == PX4 { OFFBOARD } else { GUIDED }, ARMED));
+        bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
+        let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
+        flight.run(1.0);
+        flight.assert_zero(Cause::SwitchedOff);
+        flight.bench.say(&channels(1900, 8));
+        flight.assert_flies();
+        flight.bench.say(&channels(1100, 8));
+        flight.assert_zero(Cause::SwitchedOff);
+        flight.bench.say(&channels(1900, 8));
+        assert_eq!(flight.cause(), Cause::None);
+        flight.run(2.1);
+        flight.assert_zero(Cause::SwitchedOff);
+        for (pulse, count) in [(0, 8), (u16::MAX, 8), (700, 8), (1900, 6)] {
+            flight.bench.say(&channels(pulse, count));
+            assert_eq!(flight.cause(), Cause::SwitchedOff, "no signal is not on: {pulse} of {count}");
+        }
+    }
+}
+
+#[test]
+fn paused_by_a_command_until_told_to_go_on_or_the_mode_is_entered_afresh() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.say_as((255, 190), &command(193, 0.0));
+        flight.assert_zero(Cause::Paused);
+        assert_eq!(flight.status(), Some(3));
+        flight.bench.say_as((255, 190), &command(193, 1.0));
+        flight.assert_flies();
+        flight.bench.say_as((255, 190), &command(193, 0.0));
+        let in_mode = flight.bench.heartbeat.clone().unwrap();
+        flight.bench.heartbeat = Some(HEARTBEAT_DATA { custom_mode: 5, ..in_mode.clone() });
+        flight.run(1.1);
+        flight.bench.heartbeat = Some(in_mode);
+        flight.run(1.1);
+        flight.assert_flies();
+        flight.bench.take_sent();
+        for value in [f32::NAN, 2.0, -1.0] {
+            flight.bench.say_as((255, 190), &command(193, value));
+            assert_eq!(flight.cause(), Cause::None, "{value}");
+        }
+    }
+}
+
+fn battery(id: u8, charge_state: u8, battery_remaining: i8) -> MavMessage {
+    MavMessage::BATTERY_STATUS(BATTERY_STATUS_DATA {
+        id,
+        charge_state,
+        battery_remaining,
+        ..BATTERY_STATUS_DATA::DEFAULT
+    })
+}
+
+#[test]
+fn battery_critical_holds_and_says_so() {
+    for autopilot in BOTH {
+        for state in [3, 4, 5, 6] {
+            let mut flight = Flight::of(autopilot);
+            flight.bench.say(&battery(1, state, 50));
+            flight.bench.say(&battery(0, 1, 90));
+            assert_eq!(flight.texts(1.5), ["Foxhound: battery critical, holds"]);
+            flight.assert_zero(Cause::BatteryCritical);
+            assert_eq!(flight.status(), Some(5));
+            flight.bench.say(&battery(1, 1, 50));
+            flight.assert_flies();
+        }
+        let mut flight = Flight::with(autopilot, Config { battery_min_percent: 20.0, ..Config::default() });
+        for unknown in [-1, 101, -128] {
+            flight.bench.say(&battery(0, 0, unknown));
+            flight.assert_flies();
+        }
+        flight.bench.say(&battery(0, 0, 20));
+        flight.assert_flies();
+        flight
+            .bench
+            .say(&MavMessage::SYS_STATUS(SYS_STATUS_DATA { battery_remaining: 19, ..SYS_STATUS_DATA::DEFAULT }));
+        flight.assert_zero(Cause::BatteryCritical);
+    }
+}
+
+#[test]
+fn battery_low_lets_a_search_go_on_and_does_not_begin_one() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.say(&battery(0, 2, 25));
+        flight.assert_flies();
+        let in_mode = flight.bench.heartbeat.clone().unwrap();
+        flight.bench.heartbeat = Some(HEARTBEAT_DATA { custom_mode: 5, ..in_mode.clone() });
+        flight.run(1.1);
+        flight.bench.heartbeat = Some(in_mode);
+        flight.run(1.1);
+        flight.assert_zero(Cause::BatteryLow);
+        flight.bench.say(&battery(0, 1, 90));
+        flight.assert_flies();
+    }
+}
+
+#[test]
+fn fence_breached_holds_while_the_autopilot_says_so() {
+    let fence =
+        |breach_status| MavMessage::FENCE_STATUS(FENCE_STATUS_DATA { breach_status, ..FENCE_STATUS_DATA::DEFAULT });
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.say(&fence(1));
+        flight.assert_zero(Cause::FenceBreached);
+        flight.bench.say(&fence(0));
+        flight.assert_flies();
+    }
+}
+
+#[test]
+fn link_noisy_a_fifth_of_damaged_frames_holds_and_a_twentieth_is_told() {
+    let damage = |flight: &mut Flight, every: u32| {
+        for step in 0..250 {
+            flight.run(0.02);
+            if step % every == 0 {
+                // A whole frame with a flipped bit.
+                let mut frame = [0; foxhound_link::framer::FRAME_MAX];
+                let header = foxhound_link::framer::Header { system_id: 1, component_id: 1, sequence: 0 };
+                let length = foxhound_link::framer::encode(header, &extended(2), &mut frame);
+                frame[11] ^= 1;
+                flight.bench.companion.receive(flight.bench.now(), &frame[..length]);
+            }
+        }
+    };
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.take_sent();
+        damage(&mut flight, 6);
+        assert_eq!(flight.cause(), Cause::None, "8 %");
+        let told: Vec<String> = texts(&mut flight.bench).into_iter().map(|(_, text)| text).collect();
+        assert_eq!(told, ["Foxhound: frames arrive damaged"]);
+        damage(&mut flight, 1);
+        assert_eq!(flight.cause(), Cause::LinkNoisy);
+        assert_eq!(flight.setpoints(0.2), [ZERO; 4]);
+        flight.run(4.1);
+        flight.assert_flies();
+    }
+}
+
+#[test]
+fn ownship_lost_guidance_gets_none_and_after_two_seconds_setpoints_end() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.position_is_silent = true;
+        flight.run(2.4);
+        assert_eq!(flight.cause(), Cause::None, "guidance itself holds for a stale position");
+        flight.run(0.2);
+        flight.assert_silent(Cause::OwnshipLost);
+        assert_eq!(flight.status(), Some(5));
+        flight.position_is_silent = false;
+        flight.run(0.1);
+        flight.assert_flies();
+    }
+}
+
+#[test]
+fn ownship_lost_an_estimator_that_does_not_know_counts_like_silence() {
+    let good = 1 | 2 | 8;
+    for autopilot in BOTH {
+        let say = |flight: &mut Flight, flags| {
+            let report = if autopilot == PX4 {
+                MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { flags, ..ESTIMATOR_STATUS_DATA::DEFAULT })
+            } else {
+                MavMessage::EKF_STATUS_REPORT(EKF_STATUS_REPORT_DATA { flags, ..EKF_STATUS_REPORT_DATA::DEFAULT })
+            };
+            flight.bench.say(&report);
+        };
+        for bad in [0, 2 | 8, 1 | 8, 1 | 2, good | 128] {
+            let mut flight = Flight::of(autopilot);
+            say(&mut flight, good);
+            flight.assert_flies();
+            say(&mut flight, bad);
+            assert_eq!(flight.bench.companion.ownship(), None, "{bad}");
+            flight.run(2.1);
+            flight.assert_silent(Cause::OwnshipLost);
+            say(&mut flight, 1 | 2 | 16);
+            flight.run(0.1);
+            flight.assert_flies();
+        }
+    }
+}
+
+#[test]
+fn a_jump_of_the_position_holds_for_half_a_second_and_is_never_seen_by_guidance() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        let before = flight.bench.companion.ownship().unwrap();
+        flight.position = [13.0, 16.0, -5.0];
+        flight.run(0.02);
+        assert_eq!(flight.bench.companion.ownship(), None, "nobody flies on the first word");
+        assert_eq!(flight.bench.companion.counters().jumps, 1);
+        assert_eq!(flight.cause(), Cause::None);
+        flight.run(0.52);
+        let after = flight.bench.companion.ownship().unwrap();
+        assert!(after.position_ned_m.horizontal().minus(before.position_ned_m.horizontal()).norm() < 1e-4);
+        assert_eq!(flight.setpoints(0.05), [[1.0, -0.5, -0.25, 0.125]], "velocities are the same in both frames");
+        // 0.9 m is what a vehicle may do between two words.
+        flight.position[0] += 0.9;
+        flight.run(0.1);
+        assert_eq!(flight.bench.companion.counters().jumps, 1);
+    }
+}
+
+#[test]
+fn a_turn_of_the_heading_turns_the_setpoints_and_not_what_guidance_knows() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        let before = flight.bench.companion.ownship().unwrap();
+        flight.yaw += std::f32::consts::FRAC_PI_2;
+        flight.run(0.6);
+        let after = flight.bench.companion.ownship().unwrap();
+        assert!((after.yaw_rad - before.yaw_rad).abs() < 1e-6);
+        assert!(after.position_ned_m.horizontal().minus(before.position_ned_m.horizontal()).norm() < 1e-4);
+        let [north, east, down, rate] = flight.setpoints(0.05)[0];
+        // [1, -0.5] turned by a quarter, clockwise.
+        assert!((north - 0.5).abs() < 1e-6 && (east - 1.0).abs() < 1e-6, "{north} {east}");
+        assert_eq!((down, rate), (-0.25, 0.125));
+    }
+}
+
+#[test]
+fn announced_resets_count_however_small_they_are() {
+    let odometry = |reset_counter| MavMessage::ODOMETRY(ODOMETRY_DATA { reset_counter, ..ODOMETRY_DATA::DEFAULT });
+    let origin = |altitude| {
+        MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA { altitude, ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT })
+    };
+    let mut flight = Flight::of(PX4);
+    for (count, announce) in [(0, odometry(3)), (0, origin(5)), (1, odometry(4)), (2, origin(6)), (2, odometry(4))] {
+        let before = flight.bench.companion.ownship().unwrap().position_ned_m;
+        flight.bench.say(&announce);
+        if flight.bench.companion.counters().jumps > 0 && count != 2 {
+            flight.position[1] += 0.25;
+        }
+        flight.run(0.6);
+        assert_eq!(flight.bench.companion.counters().jumps, count);
+        let after = flight.bench.companion.ownship().unwrap().position_ned_m;
+        assert!((after.east - before.east).abs() < 1e-5, "{announce:?}");
+    }
+}
+
+#[test]
+fn a_restart_of_the_autopilot_needs_a_fresh_entry_and_the_place_goes_on() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        let before = flight.bench.companion.ownship().unwrap().position_ned_m;
+        // It comes back in the mode and armed, at its new origin; the clock starts over.
+        let data = LOCAL_POSITION_NED_DATA { time_boot_ms: 900, ..LOCAL_POSITION_NED_DATA::DEFAULT };
+        flight.bench.say(&MavMessage::LOCAL_POSITION_NED(data));
+        assert_eq!(flight.bench.companion.counters().reboots, 1);
+        assert_eq!(flight.bench.companion.control(flight.bench.now()), Control::NotInControl);
+        for step in 0..60 {
+            let time_boot_ms = 1000 + step * 20;
+            let data = LOCAL_POSITION_NED_DATA { time_boot_ms, ..LOCAL_POSITION_NED_DATA::DEFAULT };
+            flight.bench.say(&MavMessage::LOCAL_POSITION_NED(data));
+            flight.bench.say(&attitude(time_boot_ms, 0.0));
+            flight.bench.step(20_000);
+        }
+        assert_eq!(flight.cause(), Cause::EntryNeeded);
+        let after = flight.bench.companion.ownship().unwrap();
+        assert!(after.position_ned_m.horizontal().minus(before.horizontal()).norm() < 1e-4);
+        assert!((after.yaw_rad - 0.5).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn an_outcome_that_lasts_is_told_again() {
+    let lasting = [
+        (Outcome::NoSignal, 30.0, "Foxhound: no signal for 30 s, take over"),
+        (Outcome::StaleObstacles, 15.0, "Foxhound: no obstacle data for 15 s, take over"),
+    ];
+    for (outcome, after_s, text) in lasting {
+        let mut flight = Flight::of(ARDUPILOT);
+        flight.bench.output.as_mut().unwrap().outcome = outcome;
+        flight.run(2.0);
+        assert_eq!(flight.texts(after_s - 3.0), [""; 0]);
+        assert_eq!(flight.texts(60.0), [text]);
+    }
+}
+
+#[test]
+fn an_autopilot_that_beats_and_never_answers_is_told_of() {
+    let mut bench = Bench::new(Config::default());
+    bench.heartbeat = Some(heartbeat(PX4, 0, DISARMED));
+    bench.run(10.0);
+    let told = texts(&mut bench).into_iter().map(|(_, text)| text).collect::<Vec<_>>();
+    assert!(told.contains(&"Foxhound: autopilot does not answer; signing?".to_owned()), "{told:?}");
+}

@@ -1,0 +1,159 @@
+//! What others see in the way.
+
+use foxhound_core::scan::{Frame, Sector};
+use foxhound_link::companion::{Config, ObstacleFrame};
+use foxhound_link::dialect::*;
+
+use crate::bench::*;
+
+fn obstacles(frame: u8) -> MavMessage {
+    let mut data = OBSTACLE_DISTANCE_DATA {
+        increment: 5,
+        min_distance: 20,
+        max_distance: 1000,
+        frame,
+        ..OBSTACLE_DISTANCE_DATA::DEFAULT
+    };
+    data.distances = [1001; 72];
+    data.distances[0] = 250;
+    data.distances[1] = 0;
+    data.distances[2] = u16::MAX;
+    MavMessage::OBSTACLE_DISTANCE(data)
+}
+
+fn first_azimuth(autopilot: u8, frame: u8, config: Config) -> Option<f32> {
+    let mut bench = Bench::new(config);
+    bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, 0, DISARMED)));
+    bench.say(&attitude(1, 0.5));
+    bench.say_as((1, 158), &obstacles(frame));
+    bench.companion.take_scan().map(|scan| scan.first_azimuth_rad)
+}
+
+#[test]
+fn obstacle_angles_count_from_the_nose_on_ardupilot_and_as_the_frame_says_on_px4() {
+    let auto = Config::default();
+    for frame in [0, 1, 8, 12] {
+        assert_eq!(first_azimuth(ARDUPILOT, frame, auto), Some(0.0), "ArduPilot ignores the frame");
+    }
+    assert_eq!(first_azimuth(PX4, 12, auto), Some(0.0));
+    assert_eq!(first_azimuth(PX4, 0, auto), Some(-0.5), "north is to the left");
+    assert_eq!(first_azimuth(PX4, 1, auto), Some(-0.5));
+    assert_eq!(first_azimuth(PX4, 8, auto), None);
+    let with = |obstacle_frame| Config { obstacle_frame, ..Config::default() };
+    assert_eq!(first_azimuth(ARDUPILOT, 0, with(ObstacleFrame::Field)), Some(-0.5));
+    assert_eq!(first_azimuth(PX4, 0, with(ObstacleFrame::Body)), Some(0.0));
+}
+
+#[test]
+fn north_aligned_obstacles_without_a_fresh_yaw_are_rejected() {
+    let mut bench = Bench::new(Config::default());
+    bench.say(&MavMessage::HEARTBEAT(heartbeat(PX4, 0, DISARMED)));
+    bench.say(&obstacles(0));
+    assert_eq!(bench.companion.take_scan(), None);
+    bench.say(&attitude(1, 0.5));
+    bench.step(600_000);
+    bench.say(&obstacles(0));
+    assert_eq!(bench.companion.take_scan(), None);
+    assert_eq!(bench.companion.counters().rejected, 2);
+}
+
+#[test]
+fn zero_is_no_reading_on_ardupilot_and_touching_elsewhere() {
+    for (autopilot, expected) in [(ARDUPILOT, Sector::Unknown), (PX4, Sector::Hit(0.2))] {
+        let mut bench = Bench::new(Config::default());
+        bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, 0, DISARMED)));
+        bench.say(&obstacles(12));
+        let scan = bench.companion.take_scan().unwrap();
+        assert_eq!(scan.sectors[..4], [Sector::Hit(2.5), expected, Sector::Unknown, Sector::Clear]);
+        assert_eq!((scan.time, scan.range_max_m), (bench.now(), 10.0));
+        assert_eq!(bench.companion.take_scan(), None, "taken once");
+    }
+}
+
+#[test]
+fn obstacles_come_from_any_component_of_our_system_but_no_other_system() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    bench.say_as((2, 1), &obstacles(12));
+    assert_eq!(bench.companion.take_scan(), None);
+    bench.say_as((1, 196), &obstacles(12));
+    assert!(bench.companion.take_scan().is_some());
+}
+
+#[test]
+fn a_scan_that_nobody_takes_is_dropped_when_it_is_old() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    bench.say(&obstacles(12));
+    bench.run(0.6);
+    assert_eq!(bench.companion.take_scan(), None);
+}
+
+fn beam(orientation: u8, current_distance: u16) -> MavMessage {
+    MavMessage::DISTANCE_SENSOR(DISTANCE_SENSOR_DATA {
+        orientation,
+        current_distance,
+        min_distance: 20,
+        max_distance: 800,
+        ..DISTANCE_SENSOR_DATA::DEFAULT
+    })
+}
+
+fn point(x: f32, y: f32) -> MavMessage {
+    MavMessage::OBSTACLE_DISTANCE_3D(OBSTACLE_DISTANCE_3D_DATA {
+        frame: 12,
+        x,
+        y,
+        min_distance: 0.2,
+        max_distance: 8.0,
+        ..OBSTACLE_DISTANCE_3D_DATA::DEFAULT
+    })
+}
+
+#[test]
+fn beams_and_points_of_our_system_are_gathered_until_they_are_taken() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    let heard_at = bench.now();
+    bench.say(&beam(0, 300));
+    bench.step(10_000);
+    bench.say_as((1, 196), &beam(2, 150));
+    bench.say_as((1, 196), &point(1.0, -0.5));
+    bench.say_as((2, 1), &beam(0, 100));
+    let points = bench.companion.take_points().unwrap();
+    let found: Vec<(f32, f32)> = points.points_m.iter().map(|point| (point.north, point.east)).collect();
+    assert_eq!(found.len(), 3, "{found:?}");
+    for (found, expected) in found.iter().zip([(3.0, 0.0), (0.0, 1.5), (1.0, -0.5)]) {
+        assert!((found.0 - expected.0).abs() < 1e-5 && (found.1 - expected.1).abs() < 1e-5, "{found:?}");
+    }
+    assert_eq!((points.frame, points.time), (Frame::Body, heard_at), "as old as the oldest of them");
+    assert_eq!(bench.companion.take_points(), None, "taken once");
+}
+
+#[test]
+fn a_beam_that_sees_nothing_is_a_word_and_one_that_does_not_look_ahead_or_does_not_read_is_none() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    for silent in [beam(25, 300), beam(24, 300), beam(0, 5), beam(0, 0)] {
+        bench.say(&silent);
+        assert_eq!(bench.companion.take_points(), None, "{silent:?}");
+    }
+    bench.say(&beam(0, 801));
+    assert_eq!(bench.companion.take_points().map(|points| points.points_m.len()), Some(0));
+    bench.say(&point(f32::NAN, 0.0));
+    assert_eq!((bench.companion.take_points(), bench.companion.counters().rejected), (None, 1));
+}
+
+#[test]
+fn points_are_bounded_counted_and_dropped_when_they_are_old() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    for k in 0..100 {
+        bench.say(&point(1.0 + 0.01 * k as f32, 0.0));
+    }
+    assert_eq!(bench.companion.counters().points_dropped, 28);
+    assert_eq!(bench.companion.take_points().unwrap().points_m.len(), 72);
+    bench.say(&beam(0, 300));
+    bench.run(0.6);
+    assert_eq!(bench.companion.take_points(), None);
+}
