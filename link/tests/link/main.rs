@@ -2,6 +2,8 @@
 #![expect(clippy::expect_used, clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 mod bench;
+mod carriers;
+mod core_reader;
 mod dialect;
 mod failsafes;
 mod latching;

@@ -1,0 +1,268 @@
+//! Bytes to frames and back: MAVLink framing, for either end of a link.
+//!
+//! ```text
+//!  2:  0xFD  length  incompat  compat  sequence  system  component  id (3)  payload  crc (2)  [signature (13)]
+//!  1:  0xFE  length                    sequence  system  component  id (1)  payload  crc (2)
+//! ```
+//!
+//! After <https://mavlink.io/en/guide/serialization.html>. The checksum is CRC-16/MCRF4XX over everything from the
+//! length to the end of the payload and one more byte, `CRC_EXTRA`, which fixes the layout of the message.
+//!
+//! A stream is read by candidates: each 0xFD that was not consumed may start a frame. A candidate is judged as soon as
+//! can be: by its flags when 3 bytes are there, by its message id when 10 are, by its checksum when all are. One that
+//! fails gives back all its bytes but the first, so a false start never costs a true frame behind it; and as random
+//! bytes rarely hold a published id (of three of them one in 43 000 is one), it hardly ever delays one.
+//!
+//! Messages outside our [`dialect`](crate::dialect) must still be consumed whole, or a message that carries another
+//! frame in its payload (a tunnel, a file transfer, a log download) would have its cargo taken for traffic. So the
+//! framer knows the `CRC_EXTRA` of every published message ([`known`]): common, ardupilotmega, development and the
+//! vendors' dialects. A frame may be longer than its message was when the table was made, if its checksum is right:
+//! that is how MAVLink 2 extends messages.
+//!
+//! Signed frames are accepted and their signature is not looked at. Frames with 32-bit system ids and other
+//! incompatibility flags are not understood and skipped byte by byte. So is MAVLink 1, unless [`Framer::accept_v1`]
+//! switches it on: in noise its short header passes over 10 000 times as often, and it cannot be signed.
+//!
+//! # What this does not protect from
+//!
+//! * Messages that nobody published, or published under another's id: their frames are noise to us, and a whole frame
+//!   in their payload is heard as traffic.
+//! * Forgery: a checksum is no signature.
+//! * Chance: a damaged or false frame with a published id passes one time in 65 536.
+//! * Delay: a false start that does look like a frame holds back what is behind it until as many bytes came as it
+//!   claims, at most [`FRAME_MAX`]. On a line that has gone quiet, or at the end of a recording,
+//!   [`Framer::give_up`] lets them go.
+
+mod candidate;
+mod known;
+mod senders;
+mod table;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use known::{Known, known, known_ids};
+pub use mavlink_core::MavlinkVersion;
+pub use senders::Sender;
+pub use write::{encode, encode_data};
+
+use mavlink_core::Message;
+
+use crate::dialect::MavMessage;
+use candidate::Candidate;
+use senders::Senders;
+
+/// Longest frame: header, 255 bytes of payload, checksum, signature.
+pub const FRAME_MAX: usize = 10 + 255 + CHECKSUM + SIGNATURE;
+
+const CHECKSUM: usize = 2;
+const SIGNATURE: usize = 13;
+
+/// Who sent a frame, and as which of its frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Header {
+    /// The sender's system.
+    pub system_id: u8,
+    /// The sender's component.
+    pub component_id: u8,
+    /// Counts the sender's frames.
+    pub sequence: u8,
+}
+
+/// A frame whose checksum is right, inside the framer's buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frame<'a> {
+    /// Who sent it.
+    pub header: Header,
+    /// MAVLink 1 or 2.
+    pub version: MavlinkVersion,
+    /// Which message it carries, in or out of our dialect.
+    pub message_id: u32,
+    /// Whether it carries a signature (which nobody has checked).
+    pub signed: bool,
+    /// The message, in MAVLink 2 with trailing zeros cut off by the sender.
+    pub payload: &'a [u8],
+    /// All its bytes, from 0xFD to the end.
+    pub bytes: &'a [u8],
+}
+
+impl<'a> Frame<'a> {
+    /// The message, if it is one of our dialect.
+    #[must_use]
+    pub fn message(&self) -> Option<MavMessage> {
+        MavMessage::parse(self.version, self.message_id, self.payload).ok()
+    }
+
+    /// The signature of a signed frame: link id, time (6 bytes, little endian) and 6 bytes of hash, over all bytes up
+    /// to the hash.
+    #[must_use]
+    pub fn signature(&self) -> Option<&'a [u8; SIGNATURE]> {
+        if self.signed { self.bytes.last_chunk() } else { None }
+    }
+}
+
+/// What a framer has seen. No count overflows: each stays at its greatest.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames of messages of our dialect.
+    pub frames: u32,
+    /// Frames of other published messages.
+    pub unknown: u32,
+    /// Candidates with the header of a frame and a wrong checksum: damaged frames, rarely noise.
+    pub bad_crc: u32,
+    /// Bytes outside frames.
+    pub skipped_bytes: u32,
+    /// Frames that are missing between those of one sender; the sum over all senders, also those forgotten.
+    pub lost: u32,
+}
+
+/// Finds frames in bytes that arrive in pieces of any size.
+///
+/// ```
+/// use foxhound_link::dialect::{HEARTBEAT_DATA, MavMessage};
+/// use foxhound_link::framer::{self, Framer, Header};
+///
+/// let mut sent = [0; framer::FRAME_MAX];
+/// let length = framer::encode(Header::default(), &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()), &mut sent);
+///
+/// let mut framer = Framer::new();
+/// let mut rest = &sent[..length];
+/// while !rest.is_empty() {
+///     let taken = framer.push(rest);
+///     rest = &rest[taken..];
+///     while let Some(frame) = framer.next_frame() {
+///         assert!(matches!(frame.message(), Some(MavMessage::HEARTBEAT(_))));
+///     }
+/// }
+/// assert_eq!(framer.counters().frames, 1);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Framer {
+    buffer: [u8; FRAME_MAX],
+    start: usize,
+    end: usize,
+    /// With fewer bytes than these the candidate at `start` cannot be judged further.
+    until: usize,
+    v1: bool,
+    counters: Counters,
+    senders: Senders,
+}
+
+impl Default for Framer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Framer {
+    /// A framer for MAVLink 2 that has seen nothing.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; FRAME_MAX],
+            start: 0,
+            end: 0,
+            until: 0,
+            v1: false,
+            counters: Counters { frames: 0, unknown: 0, bad_crc: 0, skipped_bytes: 0, lost: 0 },
+            senders: Senders::NONE,
+        }
+    }
+
+    /// From here on also takes MAVLink 1, or no longer. Of its frames only those of the length without extensions.
+    pub const fn accept_v1(&mut self, accept: bool) {
+        self.v1 = accept;
+        // What waits is judged anew.
+        self.until = 0;
+    }
+
+    /// Takes as many bytes as there is room for and says how many. At least one, if the frames were fetched with
+    /// [`Self::next_frame`] until there was none.
+    pub fn push(&mut self, bytes: &[u8]) -> usize {
+        if bytes.len() > self.buffer.len() - self.end {
+            self.buffer.copy_within(self.start..self.end, 0);
+            self.end -= self.start;
+            self.start = 0;
+        }
+        let taken = bytes.len().min(self.buffer.len() - self.end);
+        self.buffer[self.end..self.end + taken].copy_from_slice(&bytes[..taken]);
+        self.end += taken;
+        taken
+    }
+
+    /// The next frame; `None` when more bytes are needed.
+    pub fn next_frame(&mut self) -> Option<Frame<'_>> {
+        loop {
+            if self.waiting() < self.until {
+                return None;
+            }
+            self.seek();
+            if self.waiting() == 0 {
+                return None;
+            }
+            match candidate::judge(&self.buffer[self.start..self.end]) {
+                Candidate::Undecided { until } => {
+                    self.until = until;
+                    return None;
+                }
+                Candidate::Noise => self.skip(1),
+                Candidate::Damaged => {
+                    self.counters.bad_crc = self.counters.bad_crc.saturating_add(1);
+                    self.skip(1);
+                }
+                Candidate::Whole { length } => return Some(self.take(length)),
+            }
+        }
+    }
+
+    /// Bytes that were pushed and neither skipped nor part of a frame yet: the start of a candidate, and what is behind
+    /// it. Fewer than [`FRAME_MAX`] once [`Self::next_frame`] says `None`.
+    #[must_use]
+    pub const fn waiting(&self) -> usize {
+        self.end - self.start
+    }
+
+    /// Gives up the candidate that waits for more bytes, as if its checksum had failed. For a line that has gone quiet
+    /// and for the end of a recording: call it and fetch frames, while any bytes are [waiting](Self::waiting).
+    pub fn give_up(&mut self) {
+        self.skip(self.waiting().min(1));
+    }
+
+    /// What was seen so far.
+    #[must_use]
+    pub const fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// The eight senders that were heard last, the latest first.
+    #[must_use]
+    pub fn senders(&self) -> &[Sender] {
+        self.senders.all()
+    }
+
+    /// Skips what cannot start a frame.
+    fn seek(&mut self) {
+        let waiting = &self.buffer[self.start..self.end];
+        let noise = waiting.iter().position(|&byte| candidate::starts(byte, self.v1)).unwrap_or(waiting.len());
+        self.skip(noise);
+    }
+
+    fn skip(&mut self, bytes: usize) {
+        self.start += bytes;
+        self.until = 0;
+        // At most what the buffer holds.
+        self.counters.skipped_bytes = self.counters.skipped_bytes.saturating_add(bytes as u32);
+    }
+
+    fn take(&mut self, length: usize) -> Frame<'_> {
+        let start = self.start;
+        self.start += length;
+        self.until = 0;
+        let frame = candidate::frame(&self.buffer[start..start + length]);
+        let ours = MavMessage::all_ids().binary_search(&frame.message_id).is_ok();
+        let counter = if ours { &mut self.counters.frames } else { &mut self.counters.unknown };
+        *counter = counter.saturating_add(1);
+        self.counters.lost = self.counters.lost.saturating_add(self.senders.hear(frame.header));
+        frame
+    }
+}
