@@ -120,6 +120,19 @@ fn a_header_that_no_published_message_has_holds_nothing_back() {
 }
 
 #[test]
+fn a_false_start_right_before_a_frame_does_not_cost_it() {
+    // A heartbeat of which one byte is left, from component 1. With the 0xFD in front its length becomes the flags of a
+    // signed frame and its component the id of a SYS_STATUS, of 253 bytes.
+    let mut heartbeat = bytes("fd0100000701010000007f");
+    heartbeat.extend_from_slice(&calculate_crc(&heartbeat[1..], 50).to_le_bytes());
+    let mut stream = bytes("fd");
+    stream.extend_from_slice(&heartbeat);
+    stream.extend_from_slice(&[0; FRAME_MAX]);
+    let (ids, counters) = read(&stream);
+    assert_eq!((&ids[..], counters.bad_crc), (&[0][..], 1));
+}
+
+#[test]
 fn what_waits_behind_a_false_start_is_found_when_the_stream_ends() {
     // A true header, of a heartbeat of 255 bytes, and 12 heartbeats: 262 bytes of the 267.
     let mut stream = bytes("fdff0000000101000000");
