@@ -13,4 +13,5 @@ mod ownship;
 mod recorded;
 mod requests;
 mod setpoints;
+mod signing;
 mod telemetry;

@@ -1,0 +1,291 @@
+//! MAVLink 2 signing: frames that nobody without the key can make, and that nobody can play back.
+//!
+//! ```text
+//!  frame with incompat bit 0x01, its checksum | link id (1) | timestamp (6) | signature (6)
+//!  signature = first 6 bytes of SHA-256(key | everything from 0xFD to the timestamp)
+//! ```
+//!
+//! After <https://mavlink.io/en/guide/message_signing.html>. A timestamp counts units of 10 us since 2015-01-01 UTC, in
+//! 48 bits, which end in 2104: there signing ends too, and only a new key begins it again. Nothing wraps.
+//!
+//! # What comes in
+//!
+//! A *stream* is (system, component, link id). The frames of a stream must have strictly rising timestamps; a stream
+//! that is not known must not be more than a minute behind us. Only right signatures change anything here. There is room
+//! for [`STREAMS`] streams. One too many takes the place of the stream with the oldest timestamp, if that is more than a
+//! minute behind us, for then all that was ever heard of it is refused as too old; else it is refused itself. So no
+//! stream can be pushed out to be played back.
+//!
+//! A right frame that is ahead of us sets us forward, as MAVLink has it, however far: its sender holds the key. One whose
+//! clock is wrong by years takes all that it talks to with it, for as long as this key is in use, and one at the end of
+//! time silences them.
+//!
+//! # What goes out
+//!
+//! Timestamps rise strictly. They follow the best clock there is: the time of day when it is told, the timestamp that
+//! was stored and the time since then, or what was heard. [`Signing::timestamp_to_store`] is a minute ahead of what is
+//! in use, so that after a loss of power we go on behind everything that we have signed. Not farther: peers that have
+//! waited for us are then at most a minute behind, and are believed at once.
+//!
+//! Without clock and stored timestamp the first right frame is believed, whatever its age.
+
+mod policy;
+mod setup;
+
+use core::fmt;
+
+use foxhound_core::time::Instant;
+use mavlink_core::calculate_crc;
+use sha2::{Digest as _, Sha256};
+
+pub use policy::{Unsigned, is_secret};
+pub use setup::{Setup, set_up};
+
+/// Streams that are told apart.
+pub const STREAMS: usize = 8;
+/// What a signature adds to a frame.
+pub const SIGNATURE: usize = 13;
+/// The last timestamp that there is.
+pub const TIMESTAMP_MAX: u64 = (1 << 48) - 1;
+
+const STX: u8 = 0xFD;
+const HEADER: usize = 10;
+const CHECKSUM: usize = 2;
+const INCOMPAT: usize = 2;
+const SIGNED: u8 = 0x01;
+/// Link id and timestamp.
+const STAMP: usize = 7;
+
+/// 2015-01-01 in the time of Unix.
+const EPOCH_US: u64 = 1_420_070_400_000_000;
+const UNIT_US: u64 = 10;
+const MINUTE: u64 = 6_000_000;
+/// So long before the stored timestamp is reached, the next one is due: time to write it.
+const STORE_AHEAD: u64 = 500_000;
+
+/// A key. What it is made of is never shown.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Key([u8; 32]);
+
+impl Key {
+    /// A key; `None` for 32 zeros, which mean none.
+    #[must_use]
+    pub const fn new(bytes: [u8; 32]) -> Option<Self> {
+        let mut index = 0;
+        while index < bytes.len() {
+            if bytes[index] != 0 {
+                return Some(Self(bytes));
+            }
+            index += 1;
+        }
+        None
+    }
+
+    /// Its bytes, for whoever stores it and for nobody else.
+    #[must_use]
+    pub const fn secret(&self) -> &[u8; 32] {
+        &self.0
+    }
+}
+
+impl fmt::Debug for Key {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Key(..)")
+    }
+}
+
+/// What a frame is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Signed with our key, and new.
+    Valid,
+    /// Not signed: see [`Unsigned`].
+    Unsigned,
+    /// No whole frame of MAVLink 2, or one with flags that we do not know.
+    Malformed,
+    /// Signed with another key, or changed on the way.
+    WrongSignature,
+    /// Rightly signed, and not newer than what was heard of its stream.
+    Replayed,
+    /// Rightly signed, of a stream that is not known, and more than a minute behind us.
+    TooOld,
+    /// Rightly signed and new, but as many streams as there is room for were heard within a minute.
+    TooManyStreams,
+}
+
+/// The last timestamp of a sender on one of its links.
+#[derive(Clone, Copy, Debug)]
+struct Stream {
+    /// System, component, link id.
+    name: [u8; 3],
+    /// Little-endian; 0 is no stream.
+    last: [u8; 6],
+}
+
+impl Stream {
+    fn last(&self) -> u64 {
+        timestamp(self.last)
+    }
+}
+
+/// The state of signing under one key.
+#[derive(Clone, Debug)]
+pub struct Signing {
+    key: Key,
+    link_id: u8,
+    streams: [Stream; STREAMS],
+    /// The greatest timestamp that was signed, believed or restored.
+    last: u64,
+    /// Timestamp of `Instant(0)` by the best clock.
+    start: i64,
+    /// The timestamp that was last given away to be stored.
+    stored: u64,
+}
+
+impl Signing {
+    /// Signs with a key, as one of the links that we have.
+    #[must_use]
+    pub const fn new(key: Key, link_id: u8) -> Self {
+        Self { key, link_id, streams: [Stream { name: [0; 3], last: [0; 6] }; STREAMS], last: 0, start: 0, stored: 0 }
+    }
+
+    /// The key, for whoever stores it.
+    #[must_use]
+    pub const fn key(&self) -> &Key {
+        &self.key
+    }
+
+    /// Goes on from a timestamp that was stored, before the first frame.
+    pub fn restore(&mut self, now: Instant, stored: u64) {
+        let stored = stored.min(TIMESTAMP_MAX);
+        self.last = self.last.max(stored);
+        self.set_forward(now, stored);
+    }
+
+    /// Tells the time of day, in microseconds since 1970 UTC. A clock that is behind us changes nothing. Signing is only
+    /// as sound as the source of this time: no message that was not signed is one.
+    pub fn set_clock(&mut self, now: Instant, unix_us: u64) {
+        self.set_forward(now, (unix_us.saturating_sub(EPOCH_US) / UNIT_US).min(TIMESTAMP_MAX));
+    }
+
+    /// A timestamp to be stored now, if that is due: every 55 seconds, and when the time was set forward. Ask for it
+    /// before frames are signed, and have it written within five seconds.
+    pub fn timestamp_to_store(&mut self, now: Instant) -> Option<u64> {
+        let due = (self.time(now) + STORE_AHEAD).min(TIMESTAMP_MAX);
+        if due <= self.stored {
+            return None;
+        }
+        self.stored = (self.time(now) + MINUTE).min(TIMESTAMP_MAX);
+        Some(self.stored)
+    }
+
+    /// Signs the unsigned frame that takes up the first `length` bytes of `buffer`, and says how long it is then. 0, and
+    /// nothing is changed, when that is no such frame, when [`SIGNATURE`] more bytes do not fit, or when the last
+    /// timestamp is used up: such a frame must not be sent.
+    // Inlined into code that is made fast, it would be five times as long.
+    #[inline(never)]
+    pub fn sign(&mut self, now: Instant, buffer: &mut [u8], length: usize) -> usize {
+        let Some(Shape { body, signed: false }) = buffer.get(..length).and_then(Shape::of) else {
+            return 0;
+        };
+        let timestamp = self.reading(now).max(self.last + 1);
+        let Some(frame) = buffer.get_mut(..length + SIGNATURE).filter(|_| timestamp <= TIMESTAMP_MAX) else {
+            return 0;
+        };
+        self.last = timestamp;
+        // The checksum is linear: what the flag changes in it does not depend on the message's CRC_EXTRA.
+        let before = calculate_crc(&frame[1..body], 0);
+        frame[INCOMPAT] |= SIGNED;
+        let difference = (before ^ calculate_crc(&frame[1..body], 0)).to_le_bytes();
+        frame[body] ^= difference[0];
+        frame[body + 1] ^= difference[1];
+        let [t0, t1, t2, t3, t4, t5, ..] = timestamp.to_le_bytes();
+        frame[length..length + STAMP].copy_from_slice(&[self.link_id, t0, t1, t2, t3, t4, t5]);
+        let signature = self.signature(&frame[..length + STAMP]);
+        frame[length + STAMP..].copy_from_slice(&signature);
+        length + SIGNATURE
+    }
+
+    /// Judges a frame whose checksum is right. One that is [`Verdict::Valid`] now will not be so again.
+    #[inline(never)]
+    pub fn check(&mut self, now: Instant, frame: &[u8]) -> Verdict {
+        match Shape::of(frame) {
+            None => return Verdict::Malformed,
+            Some(Shape { signed: false, .. }) => return Verdict::Unsigned,
+            Some(_) => {}
+        }
+        let (content, signature) = frame.split_at(frame.len() - (SIGNATURE - STAMP));
+        let difference = self.signature(content).iter().zip(signature).fold(0, |sum, (ours, its)| sum | (ours ^ its));
+        if difference != 0 {
+            return Verdict::WrongSignature;
+        }
+        let &[.., link_id, t0, t1, t2, t3, t4, t5] = content else { return Verdict::Malformed };
+        self.follow(now, [frame[5], frame[6], link_id], [t0, t1, t2, t3, t4, t5])
+    }
+
+    /// Holds the timestamp of a right signature against those of its stream.
+    fn follow(&mut self, now: Instant, name: [u8; 3], stamp: [u8; 6]) -> Verdict {
+        let (heard, time) = (timestamp(stamp), self.time(now));
+        let known = self.streams.iter_mut().find(|stream| stream.name == name && stream.last() > 0);
+        let stream = match known {
+            // A timestamp of 0 is behind all others.
+            Some(stream) if heard <= stream.last() => return Verdict::Replayed,
+            Some(stream) => stream,
+            None if heard == 0 || heard + MINUTE < time => return Verdict::TooOld,
+            None => match self.streams.iter_mut().min_by_key(|stream| stream.last()) {
+                Some(oldest) if oldest.last() == 0 || oldest.last() + MINUTE < time => oldest,
+                _ => return Verdict::TooManyStreams,
+            },
+        };
+        *stream = Stream { name, last: stamp };
+        // Kept, so that what was too old stays so.
+        self.last = time.max(heard);
+        self.set_forward(now, heard);
+        Verdict::Valid
+    }
+
+    fn signature(&self, content: &[u8]) -> [u8; 6] {
+        let hash = Sha256::new().chain_update(self.key.0).chain_update(content).finalize();
+        let [a, b, c, d, e, f, ..] = hash.0;
+        [a, b, c, d, e, f]
+    }
+
+    /// Where we are: what the clock says, or what was used if that is more.
+    fn time(&self, now: Instant) -> u64 {
+        self.reading(now).max(self.last)
+    }
+
+    fn reading(&self, now: Instant) -> u64 {
+        u64::try_from(self.start.saturating_add(units(now))).unwrap_or(0).min(TIMESTAMP_MAX)
+    }
+
+    fn set_forward(&mut self, now: Instant, timestamp: u64) {
+        // 48 bits.
+        self.start = self.start.max(timestamp as i64 - units(now));
+    }
+}
+
+/// Since `Instant(0)`: a tenth of 64 bits is less than 63.
+fn units(now: Instant) -> i64 {
+    (now.0 / UNIT_US) as i64
+}
+
+fn timestamp([t0, t1, t2, t3, t4, t5]: [u8; 6]) -> u64 {
+    u64::from_le_bytes([t0, t1, t2, t3, t4, t5, 0, 0])
+}
+
+/// A whole frame.
+struct Shape {
+    /// Header and payload.
+    body: usize,
+    signed: bool,
+}
+
+impl Shape {
+    fn of(frame: &[u8]) -> Option<Self> {
+        let &[STX, payload, flags, ..] = frame else { return None };
+        let (body, signed) = (HEADER + usize::from(payload), flags & SIGNED != 0);
+        let length = body + CHECKSUM + if signed { SIGNATURE } else { 0 };
+        (flags & !SIGNED == 0 && frame.len() == length).then_some(Self { body, signed })
+    }
+}
