@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | firmware | flash | qemu | bench | parity>`.
+//! Developer commands: `cargo xtask <test | firmware | size | flash | qemu | bench | parity>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
@@ -6,6 +6,7 @@
 mod bench;
 mod build;
 mod parity;
+mod size;
 mod test;
 
 use std::fmt;
@@ -33,6 +34,12 @@ enum Task {
         #[arg(long)]
         board: Board,
         /// Print one JSON object: board, elf, `flash_bytes`, `ram_bytes`
+        #[arg(long)]
+        json: bool,
+    },
+    /// Say how much of the flash the link takes, and what takes it
+    Size {
+        /// Print one JSON object: base, `with_link`, link, allocator, functions
         #[arg(long)]
         json: bool,
     },
@@ -102,6 +109,7 @@ fn run(task: &Task) -> Result<(), Failure> {
     match task {
         Task::Test => test::run(),
         Task::Firmware { board, json } => firmware(*board, *json),
+        Task::Size { json } => size::run(*json),
         Task::Flash => {
             let image = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
             let mut probe = Command::new("probe-rs");

@@ -1,0 +1,167 @@
+//! What the link takes of the flash: `cargo xtask size`.
+//!
+//! Two images are compared: one that drives everything of the link, with numbers that the compiler does not know, and
+//! one that does nothing. Both are built as the product is, and both start, halt and panic the same way.
+
+use std::collections::BTreeMap;
+
+use object::{Object as _, ObjectSection as _, ObjectSymbol as _};
+use serde_json::json;
+
+use crate::build::Image;
+use crate::{Board, Failure};
+
+/// What the link may take, signing and parameters included.
+const TEXT_MAX: u64 = 16 * 1024;
+/// How many functions are listed.
+const LISTED: usize = 24;
+
+/// Builds both images, prints what lies between them, and fails when that is too much or needs a heap.
+pub(crate) fn run(json: bool) -> Result<(), Failure> {
+    let base = Program::read(&Image::build(Board::NucleoG474re, "size_base")?)?;
+    let link = Program::read(&Image::build(Board::NucleoG474re, "size_link")?)?;
+    let (text, rodata) = (link.text.saturating_sub(base.text), link.rodata.saturating_sub(base.rodata));
+    if json {
+        let largest: Vec<_> =
+            link.added(&base).into_iter().map(|(name, bytes)| json!({"name": name, "bytes": bytes})).collect();
+        let row = |program: &Program| json!({"text_bytes": program.text, "rodata_bytes": program.rodata});
+        let report = json!({
+            "base": row(&base),
+            "with_link": row(&link),
+            "link": {"text_bytes": text, "rodata_bytes": rodata, "text_bytes_max": TEXT_MAX},
+            "allocator": link.allocator,
+            "functions": largest,
+        });
+        println!("{report}");
+    } else {
+        println!("{:<16} {:>8} {:>8}", "", ".text", ".rodata");
+        println!("{:<16} {:>8} {:>8}", "without link", base.text, base.rodata);
+        println!("{:<16} {:>8} {:>8}", "with link", link.text, link.rodata);
+        println!("{:<16} {text:>8} {rodata:>8}   .text of {TEXT_MAX} allowed", "link");
+        println!();
+        for (name, bytes) in link.added(&base).into_iter().take(LISTED) {
+            println!("{bytes:>8}  {name}");
+        }
+    }
+    if let Some(symbol) = link.allocator {
+        return Err(Failure(format!("the link needs a heap: {symbol}")));
+    }
+    if text > TEXT_MAX {
+        return Err(Failure(format!("the link takes {text} bytes of .text, {} too many", text - TEXT_MAX)));
+    }
+    Ok(())
+}
+
+/// What there is in an image.
+struct Program {
+    text: u64,
+    rodata: u64,
+    /// Bytes by function.
+    functions: BTreeMap<String, u64>,
+    /// A symbol of an allocator.
+    allocator: Option<String>,
+}
+
+impl Program {
+    fn read(image: &Image) -> Result<Self, Failure> {
+        let unreadable = |why: String| Failure(format!("{}: {why}", image.elf.display()));
+        let bytes = std::fs::read(&image.elf).map_err(|error| unreadable(error.to_string()))?;
+        let file = object::File::parse(bytes.as_slice()).map_err(|error| unreadable(error.to_string()))?;
+        let section = |name| file.section_by_name(name).map(|section| section.size());
+        let text = section(".text").ok_or_else(|| unreadable("no .text".to_owned()))?;
+        let mut functions = BTreeMap::new();
+        let mut allocator = None;
+        for symbol in file.symbols() {
+            let name = symbol.name().unwrap_or_default();
+            if is_allocator(name) {
+                allocator = Some(name.to_owned());
+            }
+            if symbol.kind() == object::SymbolKind::Text && symbol.size() > 0 {
+                *functions.entry(readable(name)).or_insert(0) += symbol.size();
+            }
+        }
+        if functions.len() < 20 {
+            return Err(unreadable("it has no symbols, so nothing can be said of it".to_owned()));
+        }
+        Ok(Self { text, rodata: section(".rodata").unwrap_or(0), functions, allocator })
+    }
+
+    /// The functions that are new or longer than in another program, longest first.
+    fn added(&self, other: &Self) -> Vec<(&str, u64)> {
+        let mut added: Vec<(&str, u64)> = self
+            .functions
+            .iter()
+            .map(|(name, bytes)| (name.as_str(), bytes.saturating_sub(other.functions.get(name).copied().unwrap_or(0))))
+            .filter(|(_, bytes)| *bytes > 0)
+            .collect();
+        added.sort_by_key(|(_, bytes)| std::cmp::Reverse(*bytes));
+        added
+    }
+}
+
+fn is_allocator(name: &str) -> bool {
+    ["__rust_alloc", "__rg_alloc", "__rdl_alloc", "__rust_realloc"].iter().any(|part| name.contains(part))
+}
+
+/// A mangled name without its hash, `a::b::c`; one that is not mangled the old way, as it is.
+fn readable(name: &str) -> String {
+    let Some(mut rest) = name.strip_prefix("_ZN") else { return name.to_owned() };
+    let mut parts = Vec::new();
+    while let Some(digits) = rest.find(|letter: char| !letter.is_ascii_digit()).filter(|digits| *digits > 0) {
+        let Some((part, behind)) =
+            rest[..digits].parse().ok().and_then(|length: usize| rest[digits..].split_at_checked(length))
+        else {
+            break;
+        };
+        parts.push(part);
+        rest = behind;
+    }
+    let hash = parts.last().is_some_and(|part| part.len() == 17 && part.starts_with('h'));
+    parts.truncate(parts.len() - usize::from(hash));
+    [
+        ("_$LT$", "<"),
+        ("$LT$", "<"),
+        ("$GT$", ">"),
+        ("$u20$", " "),
+        ("$RF$", "&"),
+        ("$u7b$", "{"),
+        ("$u7d$", "}"),
+        ("..", "::"),
+    ]
+    .iter()
+    .fold(parts.join("::"), |text, (from, to)| text.replace(from, to))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lose_their_hash_and_keep_the_rest() {
+        let mangled = "_ZN13foxhound_link9companion9Companion7receive17h0123456789abcdefE";
+        assert_eq!(readable(mangled), "foxhound_link::companion::Companion::receive");
+        assert_eq!(readable("_ZN4core3fmt5Write10write_char17h0123456789abcdefE"), "core::fmt::Write::write_char");
+        for name in ["memcpy", "_RNvCs_4core", "_ZN", "_ZN99x", ""] {
+            let _ = readable(name);
+        }
+        assert_eq!(readable("memcpy"), "memcpy");
+    }
+
+    #[test]
+    fn what_is_new_or_longer_is_listed_longest_first() {
+        let program = |functions: &[(&str, u64)]| Program {
+            text: 0,
+            rodata: 0,
+            functions: functions.iter().map(|(name, bytes)| ((*name).to_owned(), *bytes)).collect(),
+            allocator: None,
+        };
+        let (base, link) = (program(&[("a", 5), ("b", 9)]), program(&[("a", 7), ("b", 9), ("c", 30)]));
+        assert_eq!(link.added(&base), [("c", 30), ("a", 2)]);
+    }
+
+    #[test]
+    fn an_allocator_is_known_by_any_of_its_names() {
+        assert!(is_allocator("__rust_alloc") && is_allocator("_R7__rustc12___rust_alloc_zeroed"));
+        assert!(!is_allocator("memcpy"));
+    }
+}
