@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | [`frames`] | configurations, snapshots -> phase -> bearing | no panic, no NaN, 0 < sigma <= pi, never valid without a signal |
 //! | [`looks`] | phasors, bearings, poses -> several looks -> arrival | the same, powers and directions in range |
-//! | [`link`] | bytes, broken and whole frames, outputs -> framer and companion | every whole frame is found, nothing is invented, what is sent is well formed and within the limits |
+//! | [`link`](fn@link) | bytes, broken and whole frames, outputs, clocks -> framer and companion | every whole frame is found, nothing is invented; what is sent is well formed; a setpoint is what was published last, inside the limits, in the mode only, and fresh |
 //! | [`steer`](fn@steer) | demands to the guard; sensors, controls and clocks through guidance and all planners -> setpoints, plans | finite and inside the limits of speed, acceleration, jerk, yaw rate and altitude; nothing without control; every plan finite |
 //! | [`filters`](fn@filters) | sightings, walls, powers, looks, points, circles -> filters of the source, bank, seeking, link state, walls, search | finite; every covariance symmetric and positive; probabilities, directions and targets in range |
 
@@ -16,21 +16,16 @@ use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::array;
 use foxhound_core::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::frame::Ned;
-use foxhound_core::guidance::{self, FrontEnd, Input, Output};
-use foxhound_core::mission::Control;
 use foxhound_core::multipath::{self, Look, Method};
 use foxhound_core::phase::{self, Complex, Phasors, Tone};
-use foxhound_core::scan::Sector;
 use foxhound_core::spectrum::Backend;
 use foxhound_core::time::Instant;
-use foxhound_link::companion::{self, ObstacleFrame};
-use foxhound_link::dialect::MavMessage;
-use foxhound_link::framer::Framer;
-use foxhound_link::{Message, companion::TYPE_MASK};
 
 mod filters;
+mod link;
 mod steer;
 pub use filters::filters;
+pub use link::link;
 pub use steer::steer;
 
 /// What a case came to, so that a test can tell whether cases reach deep enough.
@@ -40,7 +35,7 @@ pub struct Reached {
     pub configured: bool,
     /// Answers: bearings, arrivals, frames found.
     pub answers: u32,
-    /// Those that may be used: valid bearings; of the link, setpoints sent; of steering, what moved.
+    /// Those that may be used: valid bearings; of the link, setpoints that move; of steering, what moved.
     pub usable: u32,
 }
 
@@ -402,176 +397,4 @@ fn silence() -> Phasors {
         Ok(extractor) => extractor.step(&mut phase::State::default(), &Snapshot::zeroed()),
         Err(error) => unreachable!("the default configuration: {error}"),
     })
-}
-
-/// CRC-16/MCRF4XX, bit by bit: the one in the product goes by a table.
-fn checksum(bytes: impl Iterator<Item = u8>) -> u16 {
-    bytes.fold(0xffff, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(byte), |crc, _| if crc & 1 == 1 { (crc >> 1) ^ 0x8408 } else { crc >> 1 })
-    })
-}
-
-/// A whole frame of one of our messages with any payload.
-fn whole_frame(draw: &mut Draw<'_>) -> Vec<u8> {
-    let ids = MavMessage::all_ids();
-    let id = ids[usize::from(draw.byte()) % ids.len()];
-    let length = draw.byte();
-    let signed = draw.below(8) == 0;
-    let sender = if draw.below(4) == 0 { [draw.byte(), draw.byte()] } else { [1, 1] };
-    let [low, middle, high, _] = id.to_le_bytes();
-    let mut bytes = vec![0xfd, length, u8::from(signed), 0, draw.byte(), sender[0], sender[1], low, middle, high];
-    bytes.extend((0..length).map(|_| draw.byte()));
-    if id == 0 && draw.flag() && length >= 9 {
-        // A heartbeat of an armed autopilot in a mode that gives control.
-        let copter = [4, 0, 0, 0, 2, 3, 0x89, 4, 3];
-        bytes[10..19].copy_from_slice(&copter);
-    }
-    let crc = checksum(bytes[1..].iter().copied().chain([MavMessage::extra_crc(id)]));
-    bytes.extend(crc.to_le_bytes());
-    if signed {
-        bytes.extend((0..13).map(|_| draw.byte()));
-    }
-    bytes
-}
-
-/// An output of guidance with any numbers.
-fn output(draw: &mut Draw<'_>) -> Output {
-    static SILENT: OnceLock<Output> = OnceLock::new();
-    let mut output = *SILENT.get_or_init(|| match guidance::Config::default().build::<64>() {
-        Ok(guidance) => guidance.step(
-            &mut guidance.start(),
-            &Input {
-                now: Instant(0),
-                front_end: FrontEnd::Nothing,
-                ownship: None,
-                scan: None,
-                points: None,
-                circles: None,
-                control: Control::LinkLost,
-                plan: None,
-            },
-        ),
-        Err(error) => unreachable!("the default configuration: {error}"),
-    });
-    let velocity = &mut output.setpoint.velocity_ned_mps;
-    (velocity.north, velocity.east, velocity.down) = (draw.any(-3.0, 3.0), draw.any(-3.0, 3.0), draw.any(-3.0, 3.0));
-    output.setpoint.yaw_rate_radps = draw.any(-1.0, 1.0);
-    output.source_bearing_ned_rad = draw.flag().then(|| draw.any(-PI, PI));
-    output
-}
-
-/// Any bytes, broken and whole frames, in any pieces and at any time, and any outputs in between.
-pub fn link(case: &[u8]) -> Reached {
-    let draw = &mut Draw { rest: case };
-    let config = companion::Config {
-        system_id: if draw.below(8) == 0 { draw.byte() } else { 1 },
-        position_hz: draw.field(50.0, 0.0, 250.0),
-        setpoint_period_ms: if draw.below(8) == 0 { u16::from(draw.byte()) } else { 50 },
-        setpoint_age_max_s: draw.field(0.25, 0.0, 1.0),
-        speed_max_mps: draw.field(20.0, 0.0, 30.0),
-        heartbeat_timeout_s: draw.field(2.5, 1.0, 10.0),
-        silence_after_s: draw.field(5.0, 1.0, 30.0),
-        fresh_entry_after_silence: draw.flag(),
-        obstacle_frame: if draw.flag() { ObstacleFrame::Auto } else { companion::Config::default().obstacle_frame },
-        obstacle_age_max_s: draw.field(0.5, 0.0, 5.0),
-        ..companion::Config::default()
-    };
-    let Ok(mut companion) = config.build() else { return Reached::default() };
-    let mut reached = Reached { configured: true, ..Reached::default() };
-    let (mut framer, mut sent) = (Framer::new(), Framer::new());
-    let mut now = Instant(0);
-    // How many whole frames there were, while there was nothing else.
-    let mut whole = Some(0);
-    let (mut pushed, mut framed) = (0, 0);
-    while !draw.rest.is_empty() {
-        now = if draw.below(4) == 0 { draw.instant(now) } else { now.plus_micros(10_000) };
-        let mut bytes = match draw.below(8) {
-            0 => {
-                whole = None;
-                (0..draw.byte()).map(|_| draw.byte()).collect()
-            }
-            1..5 => {
-                whole = whole.map(|count| count + 1);
-                whole_frame(draw)
-            }
-            5 => {
-                companion.publish(now, &output(draw));
-                Vec::new()
-            }
-            _ => Vec::new(),
-        };
-        if !bytes.is_empty() && draw.below(16) == 0 {
-            whole = None;
-            let at = usize::from(draw.byte()) % bytes.len();
-            bytes[at] ^= draw.byte();
-        }
-        for piece in bytes.chunks(1 + usize::from(draw.byte())) {
-            companion.receive(now, piece);
-            let mut rest = piece;
-            while !rest.is_empty() {
-                let taken = framer.push(rest);
-                assert!(taken > 0, "a framer that takes nothing stops the stream");
-                (rest, pushed) = (&rest[taken..], pushed + taken);
-                while let Some(frame) = framer.next_frame() {
-                    let extra = if frame.signed { 13 } else { 0 };
-                    assert_eq!(frame.bytes.len(), 12 + frame.payload.len() + extra);
-                    let _ = frame.message();
-                    framed += frame.bytes.len();
-                    reached.answers += 1;
-                }
-            }
-        }
-        companion.poll(now);
-        if let Some(ownship) = companion.ownship() {
-            assert!(ownship.is_finite(), "{ownship:?}");
-        }
-        if let Some(scan) = companion.take_scan() {
-            assert!(scan.first_azimuth_rad.is_finite() && scan.step_rad.is_finite() && scan.step_rad != 0.0);
-            let sane =
-                |sector: &Sector| !matches!(sector, Sector::Hit(metres) if !(metres.is_finite() && *metres >= 0.0));
-            assert!(scan.sectors.iter().all(sane), "{scan:?}");
-        }
-        if let Some(points) = companion.take_points() {
-            assert!(points.points_m.iter().all(|point| point.is_finite()), "{points:?}");
-        }
-        let _ = (companion.control(now), companion.autopilot(), companion.landed());
-        reached.usable += speak(&mut companion, &mut sent, draw, &config);
-    }
-    let counters = framer.counters();
-    assert!(framed + counters.skipped_bytes as usize <= pushed);
-    assert_eq!(counters, companion.counters().framer, "pieces make no difference");
-    if let Some(count) = whole {
-        assert_eq!((counters.frames, counters.skipped_bytes, counters.bad_crc), (count, 0, 0));
-    }
-    reached
-}
-
-/// Takes what the companion has to say, and checks it. Returns how many setpoints there were.
-fn speak(
-    companion: &mut companion::Companion,
-    sent: &mut Framer,
-    draw: &mut Draw<'_>,
-    config: &companion::Config,
-) -> u32 {
-    let mut setpoints = 0;
-    let mut sink = [0; 300];
-    let room = if draw.flag() { sink.len() } else { usize::from(draw.byte()) };
-    // Once around is enough: what does not fit is said next time.
-    let length = companion.transmit(&mut sink[..room]);
-    assert!(length <= room);
-    let mut rest = &sink[..length];
-    while !rest.is_empty() {
-        rest = &rest[sent.push(rest)..];
-        while let Some(frame) = sent.next_frame() {
-            let Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) = frame.message() else { continue };
-            let speed = (target.vx * target.vx + target.vy * target.vy + target.vz * target.vz).sqrt();
-            assert!(speed <= config.speed_max_mps * 1.000_001, "{target:?}");
-            assert!(target.yaw_rate.abs() <= config.yaw_rate_max_radps, "{target:?}");
-            assert_eq!(target.type_mask, TYPE_MASK);
-            setpoints += 1;
-        }
-    }
-    let counters = sent.counters();
-    assert_eq!((counters.bad_crc, counters.skipped_bytes, counters.unknown), (0, 0, 0), "what we send is whole");
-    setpoints
 }
