@@ -83,4 +83,6 @@ pub mod track;
 
 pub mod guidance;
 
+pub mod param;
+
 pub use error::ConfigError;

@@ -44,6 +44,7 @@ pub mod companion;
 pub mod failsafe;
 pub mod framer;
 pub mod mailbox;
+pub mod params;
 pub mod signing;
 
 mod autopilot;

@@ -10,6 +10,7 @@ mod latching;
 mod noise;
 mod obstacles;
 mod ownship;
+mod params;
 mod recorded;
 mod requests;
 mod setpoints;

@@ -1,0 +1,107 @@
+//! From parameters into the configuration of guidance.
+
+use core::f32::consts::PI;
+
+use super::{Id, Values};
+use crate::guidance::{self, turning};
+use crate::{array, explore, param};
+
+/// Beyond this the cells of a search grow with its radius.
+const SEARCH_R_M: f32 = 15.0;
+/// Cells from the middle of the search's grid to its edge, and a little less, for rounding.
+const SEARCH_CELLS: f32 = 14.9;
+
+impl Values {
+    /// Puts every parameter of guidance into its configuration. The antennas become the square of `FH_ARR_SIDE`; what no
+    /// parameter says stays as it is.
+    pub fn apply(&self, config: &mut guidance::Config) {
+        for id in Id::all() {
+            self.apply_one(id, config);
+        }
+    }
+
+    /// Puts one parameter into the configuration; those of the link have no place there.
+    pub fn apply_one(&self, id: Id, config: &mut guidance::Config) {
+        let value = self.get(id);
+        let is_on = self.is_on(id);
+        let (guard, mission, planner) = (&mut config.guard, &mut config.mission, &mut config.planner);
+        match id {
+            param::FH_SPD_MAX => guard.v_max_mps = value,
+            param::FH_SPD_Z_MAX => guard.v_down_max_mps = value,
+            param::FH_ACC_MAX => guard.a_max_mps2 = value,
+            param::FH_JERK_MAX => guard.jerk_max_mps3 = value,
+            param::FH_YAWR_MAX => guard.yaw_rate_max_radps = value,
+            param::FH_DEAD_TIME => config.response.dead_time_s = value,
+            param::FH_LAG => config.response.lag_s = value,
+            param::FH_RADIUS => config.set_vehicle_radius_m(value),
+            param::FH_MARGIN => {
+                planner.margin_m = value;
+                // A search keeps it as well.
+                config.set_vehicle_radius_m(config.guard.vehicle_radius_m);
+            }
+            param::FH_MARGIN_TGT => planner.tight_margin_m = value,
+            param::FH_MARGIN_GRD => guard.margin_m = value,
+            param::FH_APPR_RATE => guard.approach_rate_per_s = value,
+            param::FH_ALT_BAND => guard.altitude_band_m = value,
+            param::FH_FENCE_MRG => guard.fence_margin_m = value,
+            param::FH_OBS_FOV => {
+                // In this order a quarter and a whole turn are exact.
+                guard.fov_rad = value / 180.0 * PI;
+                planner.sees_rad = guard.fov_rad;
+            }
+            param::FH_OBS_RANGE => {
+                guard.sight.range_m = value;
+                planner.sees_m = value;
+            }
+            param::FH_OBS_MIN => guard.sight.smallest_obstacle_m = value,
+            param::FH_OBS_SIDE => guard.out_of_view_share = value,
+            param::FH_START_CLR => guard.sight.start_clearance_m = value,
+            param::FH_TGT_DIST => config.goal.target_distance_m = value,
+            param::FH_RPL_TIME => config.replan_after_s = value,
+            param::FH_RPL_WPT => config.replan_at_waypoint = self.whole(id) as u8,
+            param::FH_BENDS => planner.bends = is_on,
+            param::FH_REFLECT => config.reflections = is_on,
+            param::FH_SRCH_TIME | param::FH_SRCH_R => self.apply_search(config),
+            param::FH_POS_AGE => mission.position_age_max_s = value,
+            param::FH_ATT_AGE => mission.attitude_age_max_s = value,
+            param::FH_OBS_AGE => mission.obstacles_age_max_s = value,
+            param::FH_OBS_REQ => mission.obstacles_required = is_on,
+            param::FH_BRG_AGE => mission.bearing_age_max_s = value,
+            param::FH_NOPATH_T => mission.no_path_max_s = value,
+            param::FH_STALL_T => mission.stall_s = value,
+            param::FH_STALL_R => mission.stall_radius_m = value,
+            param::FH_WAVELEN => config.array.wavelength_m = value,
+            param::FH_ARR_SIDE => config.array.antennas_m = array::Config::square(1.0, value).antennas_m,
+            param::FH_CAL_REQ => config.array.require_calibration = is_on,
+            param::FH_CH_SIGMA => config.bearing.channel_sigma_rad = value,
+            param::FH_SMP_RATE => config.phase.sample_rate_hz = value,
+            param::FH_TONE => config.phase.tone_hz = is_on.then_some(value),
+            param::FH_TONE_LO => config.phase.tone_band_hz[0] = value,
+            param::FH_TONE_HI => config.phase.tone_band_hz[1] = value,
+            param::FH_TURN | param::FH_TURN_RATE | param::FH_TURN_CH => self.apply_turning(config),
+            _ => {}
+        }
+    }
+
+    fn apply_search(&self, config: &mut guidance::Config) {
+        let (limit_s, radius_m) = (self.get(param::FH_SRCH_TIME), self.get(param::FH_SRCH_R));
+        let cell_m = if radius_m > SEARCH_R_M { radius_m / SEARCH_CELLS } else { explore::Config::default().cell_m };
+        let before = config.planner.explore.unwrap_or_default();
+        let searches = self.is_on(param::FH_SRCH_TIME);
+        config.planner.explore = searches.then_some(explore::Config { limit_s, radius_m, cell_m, ..before });
+        config.set_vehicle_radius_m(config.guard.vehicle_radius_m);
+    }
+
+    fn apply_turning(&self, config: &mut guidance::Config) {
+        let role = match self.whole(param::FH_TURN) {
+            0 => {
+                config.turning = None;
+                return;
+            }
+            1 => turning::Role::Fallback,
+            _ => turning::Role::Alone(self.whole(param::FH_TURN_CH) as u8),
+        };
+        let before = config.turning.unwrap_or_default();
+        config.turning = Some(turning::Config { role, yaw_rate_radps: self.get(param::FH_TURN_RATE), ..before });
+    }
+}

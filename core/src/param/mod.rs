@@ -1,0 +1,317 @@
+//! The parameters: what an operator tunes, each with its name, unit, range, default and a sentence about it.
+//!
+//! There is one [`TABLE`]. The ground station's list, the checks of what it sets, the manual's page and the command
+//! `foxhound params` all come from it. Every value is a float of 32 bits, so that nobody has to guess how an integer is
+//! packed; a [`Kind::Whole`] takes whole numbers only.
+//!
+//! The rows are constants. What a firmware carries of them is computed from them when it is compiled: name, range, default
+//! and kind, 32 bytes each. The units and the sentences stay behind.
+//!
+//! Parameters of guidance go into its configuration ([`Values::apply`]); the link reads those of its own by their
+//! [`Id`]. Each value is checked here by itself; whether all of them fit together only `guidance::Config::build` can
+//! say.
+
+mod apply;
+mod id;
+mod table;
+
+pub use id::*;
+pub use table::TABLE;
+
+/// Longest name, as MAVLink has it.
+pub const NAME_MAX: usize = 16;
+/// How many parameters there are.
+pub const COUNT: usize = TABLE.len();
+
+/// What values a parameter takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Kind {
+    /// Any in its range.
+    Real,
+    /// Whole numbers: counts, choices, and switches, which are 0 or 1.
+    Whole,
+}
+
+/// One row of the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Param {
+    /// Name, in capitals.
+    pub name: &'static str,
+    /// Unit as ground stations print it; empty where there is none.
+    pub unit: &'static str,
+    /// Value before anybody set another.
+    pub default: f32,
+    /// Smallest value.
+    pub min: f32,
+    /// Largest value.
+    pub max: f32,
+    /// Which values.
+    pub kind: Kind,
+    /// What it does.
+    pub doc: &'static str,
+}
+
+/// What a firmware carries of a row.
+#[derive(Clone, Copy, Debug)]
+struct Wire {
+    name: [u8; NAME_MAX],
+    default: f32,
+    min: f32,
+    max: f32,
+    kind: Kind,
+}
+
+static WIRE: [Wire; COUNT] = wire();
+
+const fn wire() -> [Wire; COUNT] {
+    let mut wire = [Wire { name: [0; NAME_MAX], default: 0.0, min: 0.0, max: 0.0, kind: Kind::Real }; COUNT];
+    let mut row = 0;
+    while row < COUNT {
+        let Param { name, default, min, max, kind, .. } = TABLE[row];
+        let name = name.as_bytes();
+        let mut at = 0;
+        // A longer name does not compile.
+        while at < name.len() {
+            wire[row].name[at] = name[at];
+            at += 1;
+        }
+        (wire[row].default, wire[row].min, wire[row].max, wire[row].kind) = (default, min, max, kind);
+        row += 1;
+    }
+    wire
+}
+
+const DEFAULTS: [f32; COUNT] = {
+    let mut defaults = [0.0; COUNT];
+    let mut row = 0;
+    while row < COUNT {
+        defaults[row] = TABLE[row].default;
+        row += 1;
+    }
+    defaults
+};
+
+/// Tells tables with other names, or the same in another order, apart: stored values belong to one table. FNV-1a over the
+/// names.
+pub const LAYOUT: u32 = {
+    let mut hash = 0x811C_9DC5_u32;
+    let mut row = 0;
+    while row < COUNT {
+        let name = TABLE[row].name.as_bytes();
+        let mut at = 0;
+        while at <= name.len() {
+            let byte = if at < name.len() { name[at] } else { 0 };
+            hash = (hash ^ byte as u32).wrapping_mul(0x0100_0193);
+            at += 1;
+        }
+        row += 1;
+    }
+    hash
+};
+
+/// A parameter of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Id(u8);
+
+impl Id {
+    /// For constants: a name that is not in the table does not compile.
+    const fn of(name: &str) -> Self {
+        let name = name.as_bytes();
+        let mut row = 0;
+        while !same(TABLE[row].name.as_bytes(), name) {
+            row += 1;
+        }
+        Self(row as u8)
+    }
+
+    /// The parameter of that number.
+    #[must_use]
+    pub fn at(index: usize) -> Option<Self> {
+        (index < COUNT).then_some(Self(index as u8))
+    }
+
+    /// The parameter of that name, which ends at its first zero or with the slice.
+    #[must_use]
+    pub fn named(name: &[u8]) -> Option<Self> {
+        let name = name.split(|byte| *byte == 0).next().unwrap_or_default();
+        WIRE.iter()
+            .position(|row| {
+                row.name.get(..name.len()) == Some(name) && row.name.get(name.len()).is_none_or(|byte| *byte == 0)
+            })
+            .and_then(Self::at)
+    }
+
+    /// All parameters, in order.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..COUNT).filter_map(Self::at)
+    }
+
+    /// Its number.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Its name, filled up with zeros.
+    #[must_use]
+    pub fn padded_name(self) -> &'static [u8; NAME_MAX] {
+        &self.wire().name
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        let name = self.padded_name();
+        let length = name.iter().position(|byte| *byte == 0).unwrap_or(NAME_MAX);
+        name.get(..length).and_then(|name| core::str::from_utf8(name).ok()).unwrap_or_default()
+    }
+
+    /// Its value before anybody set another.
+    #[must_use]
+    pub fn default(self) -> f32 {
+        self.wire().default
+    }
+
+    /// Its smallest and its largest value.
+    #[must_use]
+    pub fn range(self) -> (f32, f32) {
+        (self.wire().min, self.wire().max)
+    }
+
+    /// Whether it may have this value, all others aside.
+    ///
+    /// # Errors
+    /// Why it may not.
+    pub fn check(self, value: f32) -> Result<(), Refusal> {
+        let Wire { min, max, kind, .. } = *self.wire();
+        if !value.is_finite() {
+            return Err(Refusal::NotFinite);
+        }
+        if value < min || value > max {
+            return Err(Refusal::OutOfRange { min, max });
+        }
+        if kind == Kind::Whole && libm::roundf(value) != value {
+            return Err(Refusal::NotWhole);
+        }
+        Ok(())
+    }
+
+    fn wire(self) -> &'static Wire {
+        // Every constructor looks that it is inside.
+        &WIRE[self.index()]
+    }
+}
+
+const fn same(a: &[u8], b: &[u8]) -> bool {
+    let mut at = 0;
+    while at < a.len() && at < b.len() && a[at] == b[at] {
+        at += 1;
+    }
+    at == a.len() && at == b.len()
+}
+
+/// Why a value was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// There is no parameter of that name.
+    Unknown,
+    /// Not a finite number.
+    NotFinite,
+    /// Outside the closed range.
+    OutOfRange {
+        /// Smallest value.
+        min: f32,
+        /// Largest value.
+        max: f32,
+    },
+    /// Not a whole number, and it must be one.
+    NotWhole,
+}
+
+impl core::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Unknown => f.write_str("there is no such parameter"),
+            Self::NotFinite => f.write_str("is not a finite number"),
+            Self::OutOfRange { min, max } => write!(f, "is outside {min}..={max}"),
+            Self::NotWhole => f.write_str("is not a whole number"),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+/// A value for each parameter, each in its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Values([f32; COUNT]);
+
+impl Default for Values {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl Values {
+    /// The default of every parameter.
+    pub const DEFAULT: Self = Self(DEFAULTS);
+
+    /// Takes in what was stored, by [`LAYOUT`] of this very table. A value that is refused by now is its default; the number of
+    /// these is told.
+    #[must_use]
+    pub fn restore(stored: &[f32; COUNT]) -> (Self, usize) {
+        let (mut values, mut refused) = (Self::DEFAULT, 0);
+        for (id, value) in Id::all().zip(stored) {
+            refused += usize::from(values.set(id, *value).is_err());
+        }
+        (values, refused)
+    }
+
+    /// What is to be stored.
+    #[must_use]
+    pub const fn as_array(&self) -> &[f32; COUNT] {
+        &self.0
+    }
+
+    /// A value.
+    #[must_use]
+    pub fn get(&self, id: Id) -> f32 {
+        self.0[id.index()]
+    }
+
+    /// Whether a switch is on.
+    #[must_use]
+    pub fn is_on(&self, id: Id) -> bool {
+        self.get(id) != 0.0
+    }
+
+    /// A choice or a count.
+    #[must_use]
+    pub fn whole(&self, id: Id) -> u32 {
+        self.get(id) as u32
+    }
+
+    /// Sets a value.
+    ///
+    /// # Errors
+    /// Why it is refused; then the old one stays.
+    pub fn set(&mut self, id: Id, value: f32) -> Result<(), Refusal> {
+        id.check(value)?;
+        // There are no two zeros: -0 would be another one on the wire.
+        self.0[id.index()] = value + 0.0;
+        Ok(())
+    }
+
+    /// Sets the value of a name.
+    ///
+    /// # Errors
+    /// Why it is refused; then the old one stays.
+    pub fn set_named(&mut self, name: &str, value: f32) -> Result<(), Refusal> {
+        self.set(Id::named(name.as_bytes()).ok_or(Refusal::Unknown)?, value)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,352 @@
+//! The parameter protocol: a ground station lists, reads and sets the parameters of [`foxhound_core::param`].
+//!
+//! After <https://mavlink.io/en/services/parameter.html>. Messages go in by [`Params::hear`], answers come out of
+//! [`Params::next`], one every 50 ms at most: they can wait, setpoints cannot. What waits is not an answer but a mark that the
+//! parameter is to be told, so that the answer is the value of the moment in which it leaves, that many requests for one
+//! parameter are one answer, and that a list needs no more memory than a single read. Where a list and single answers
+//! wait, they take turns.
+//!
+//! # Setting
+//!
+//! A value that its own row refuses goes no further. Any other is a proposal: only whoever builds the configuration of
+//! guidance can say whether it fits the rest, so the application fetches it ([`Params::proposal`]), tries, and answers
+//! ([`Params::settle`]); no value takes effect before. Every set is answered by the value that holds then, the old one if it
+//! was refused; a refusal is also told in words. While the vehicle seeks, nothing is set.
+//!
+//! The answer to a set carries the true number of the parameter, as every other `PARAM_VALUE` does, and as PX4 does it.
+//! `ArduPilot` sends 65535 there. Ground stations go by the name when they wait for a set, so both are understood; but
+//! `QGroundControl` throws 65535 away while it waits for its list to begin, and `MAVProxy` once took it for a parameter of
+//! its own (its pull request 110).
+//!
+//! All parameters are `REAL32`. Another type is refused: integers are packed into the float in one of two ways, and nobody
+//! says which.
+
+use foxhound_core::error::ConfigError;
+use foxhound_core::param::{COUNT, Id, Values};
+use foxhound_core::time::Instant;
+use heapless::Deque;
+
+use crate::CharArray;
+use crate::dialect::{
+    COMMAND_ACK_DATA, MavCmd, MavMessage, MavParamType, MavResult, PARAM_SET_DATA, PARAM_VALUE_DATA, STATUSTEXT_DATA,
+};
+use crate::framer::Header;
+
+mod text;
+
+use text::{Trouble, Worded};
+
+/// From answer to answer.
+const PERIOD_US: u64 = 50_000;
+/// So many sets may wait for the application; a station repeats what is not answered.
+const SETS: usize = 4;
+const LAST: u8 = (COUNT - 1) as u8;
+
+/// What a station wants done with the stored parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Storage {
+    /// Store the values that hold.
+    Save,
+    /// Go back to the stored ones.
+    Load,
+    /// Go back to the defaults, and store these.
+    Reset,
+}
+
+/// Something to be sent.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reply {
+    /// A parameter.
+    Value(PARAM_VALUE_DATA),
+    /// What was refused and why.
+    Text(STATUSTEXT_DATA),
+    /// What became of a command about the storage.
+    Ack(COMMAND_ACK_DATA),
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Errand {
+    storage: Storage,
+    /// Who is to be answered; nobody where all components were addressed, since the station takes one answer only.
+    station: Option<(u8, u8)>,
+    is_taken: bool,
+}
+
+/// A set of parameters out of which one is taken after the other, round and round, so that none is always last.
+#[derive(Clone, Copy, Debug)]
+struct Marks {
+    /// One bit for each.
+    marked: u64,
+    /// The one that was taken last.
+    last: u8,
+}
+
+impl Marks {
+    const NONE: Self = Self { marked: 0, last: LAST };
+    /// From the first one on.
+    const ALL: Self = Self { marked: u64::MAX >> (64 - COUNT), last: LAST };
+
+    fn add(&mut self, id: Id) {
+        self.marked |= 1 << id.index();
+    }
+
+    fn remove(&mut self, id: Id) {
+        self.marked &= !(1 << id.index());
+    }
+
+    fn take(&mut self) -> Option<Id> {
+        let behind = self.marked & !(u64::MAX >> (63 - self.last));
+        let from = if behind == 0 { self.marked } else { behind };
+        let id = Id::at(from.trailing_zeros() as usize)?;
+        self.last = id.index() as u8;
+        self.remove(id);
+        Some(id)
+    }
+}
+
+/// The parameters as they are, and who waits for which.
+#[derive(Clone, Debug)]
+pub struct Params {
+    values: Values,
+    /// Parameters to be told because somebody asked for them or set them.
+    asked: Marks,
+    /// Parameters of a list that are still to be told.
+    listed: Marks,
+    /// Whether it is the list's turn.
+    is_lists_turn: bool,
+    sets: Deque<(Id, f32), SETS>,
+    errand: Option<Errand>,
+    ack: Option<(MavResult, (u8, u8))>,
+    trouble: Option<Worded>,
+    is_unsaved: bool,
+    due: Instant,
+}
+
+impl Params {
+    /// The parameters with which the application runs.
+    #[must_use]
+    pub const fn new(values: Values) -> Self {
+        Self {
+            values,
+            asked: Marks::NONE,
+            listed: Marks::NONE,
+            is_lists_turn: false,
+            sets: Deque::new(),
+            errand: None,
+            ack: None,
+            trouble: None,
+            is_unsaved: false,
+            due: Instant(0),
+        }
+    }
+
+    /// The values that hold.
+    #[must_use]
+    pub const fn values(&self) -> &Values {
+        &self.values
+    }
+
+    /// Whether a value was set since the last save.
+    #[must_use]
+    pub const fn is_unsaved(&self) -> bool {
+        self.is_unsaved
+    }
+
+    /// Takes in a message for us, the system and component `us`; false if it is none about parameters, or for another.
+    pub fn hear(&mut self, us: (u8, u8), from: Header, message: &MavMessage, is_seeking: bool) -> bool {
+        let for_us = |system, component| system == us.0 && (component == us.1 || component == 0);
+        match message {
+            MavMessage::PARAM_REQUEST_LIST(list) if for_us(list.target_system, list.target_component) => self.list(),
+            MavMessage::PARAM_REQUEST_READ(read) if for_us(read.target_system, read.target_component) => {
+                let id = match usize::try_from(read.param_index) {
+                    Ok(index) => Id::at(index),
+                    Err(_) => Id::named(&read.param_id[..]),
+                };
+                if let Some(id) = id {
+                    self.asked.add(id);
+                }
+            }
+            MavMessage::PARAM_SET(set) if for_us(set.target_system, set.target_component) => {
+                self.set(set, set.target_component == us.1, is_seeking);
+            }
+            MavMessage::COMMAND_LONG(command)
+                if command.command == MavCmd::MAV_CMD_PREFLIGHT_STORAGE as u16
+                    && for_us(command.target_system, command.target_component) =>
+            {
+                let station = (command.target_component == us.1).then_some((from.system_id, from.component_id));
+                self.command(command.param1, station, is_seeking);
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    /// What is to be sent next, if it is time for it. To be called when nothing else waits to be sent, and what it gave before
+    /// has left.
+    pub fn next(&mut self, now: Instant) -> Option<Reply> {
+        if now < self.due {
+            return None;
+        }
+        let reply = self.next_reply()?;
+        self.due = now.plus_micros(PERIOD_US);
+        Some(reply)
+    }
+
+    /// The values as a station wants them, and has waited longest for; `None` where nothing is proposed. What was not settled
+    /// before the vehicle began to seek is refused.
+    #[must_use]
+    pub fn proposal(&mut self, is_seeking: bool) -> Option<Values> {
+        while is_seeking && let Some((id, _)) = self.sets.pop_front() {
+            self.object(Trouble::Seeking(id));
+            self.asked.add(id);
+        }
+        let (id, value) = self.sets.front()?;
+        let mut values = self.values;
+        // Was checked when it was heard.
+        values.set(*id, *value).ok()?;
+        Some(values)
+    }
+
+    /// The application's answer to the [proposal](Self::proposal): from now on it runs with it, or it does not.
+    pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
+        let Some((id, value)) = self.sets.pop_front() else { return };
+        match verdict {
+            Ok(()) => {
+                self.is_unsaved |= self.values.set(id, value).is_ok();
+            }
+            Err(error) => self.object(Trouble::Config(id, value, error)),
+        }
+        self.asked.add(id);
+    }
+
+    /// What the application is to do with its storage; told once, and then waits for [`stored`](Self::stored).
+    pub fn take_storage(&mut self) -> Option<Storage> {
+        let errand = self.errand.as_mut().filter(|errand| !errand.is_taken)?;
+        errand.is_taken = true;
+        Some(errand.storage)
+    }
+
+    /// The application has done it, or could not. Values that were loaded or reset have been [replaced](Self::replace)
+    /// before.
+    pub fn stored(&mut self, is_done: bool) {
+        let Some(errand) = self.errand.take() else { return };
+        if is_done {
+            self.is_unsaved = false;
+        }
+        self.answer(
+            if is_done { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_FAILED },
+            errand.station,
+        );
+    }
+
+    /// The application runs with other values from now on. The stations are told all of them.
+    pub fn replace(&mut self, values: Values) {
+        self.values = values;
+        self.sets.clear();
+        self.list();
+    }
+
+    /// From the first parameter.
+    fn list(&mut self) {
+        self.listed = Marks::ALL;
+    }
+
+    fn set(&mut self, set: &PARAM_SET_DATA, is_for_us_alone: bool, is_seeking: bool) {
+        let Some(id) = Id::named(&set.param_id[..]) else {
+            // Among all components it is another's.
+            if is_for_us_alone {
+                self.object(Trouble::Unknown(set.param_id.into()));
+            }
+            return;
+        };
+        let value = set.param_value;
+        let trouble = if set.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 as u8 {
+            Some(Trouble::Type(id))
+        } else if let Err(refusal) = id.check(value) {
+            Some(Trouble::Refused(id, value, refusal))
+        } else if is_seeking && value != self.values.get(id) {
+            Some(Trouble::Seeking(id))
+        } else {
+            None
+        };
+        // Nothing changes, or only by the way of an earlier set that still waits.
+        let is_settled = value == self.values.get(id) && self.sets.iter().all(|(other, _)| *other != id);
+        match trouble {
+            Some(trouble) => self.object(trouble),
+            None if is_settled => {}
+            // Answered when it is settled. Without room it is as if it had not been heard.
+            None => {
+                self.sets.push_back((id, value)).ok();
+                return;
+            }
+        }
+        self.asked.add(id);
+    }
+
+    fn command(&mut self, param1: f32, station: Option<(u8, u8)>, is_seeking: bool) {
+        let storage = if param1 == 0.0 {
+            Storage::Load
+        } else if param1 == 1.0 {
+            Storage::Save
+        } else if param1 == 2.0 {
+            Storage::Reset
+        } else {
+            return self.answer(MavResult::MAV_RESULT_DENIED, station);
+        };
+        match self.errand {
+            // Asked again, for want of patience.
+            Some(errand) if errand.station == station && errand.storage == storage => {}
+            // Writing the flash stops the processor for a while, so it is not for a flight either.
+            _ if is_seeking => self.answer(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, station),
+            Some(_) => self.answer(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, station),
+            None => self.errand = Some(Errand { storage, station, is_taken: false }),
+        }
+    }
+
+    fn answer(&mut self, result: MavResult, station: Option<(u8, u8)>) {
+        if let Some(station) = station {
+            self.ack = Some((result, station));
+        }
+    }
+
+    /// What is being told is told to its end first. A station that floods us with nonsense hears of some of it.
+    fn object(&mut self, trouble: Trouble) {
+        if self.trouble.is_none() {
+            self.trouble = Some(Worded::new(trouble));
+        }
+    }
+
+    fn next_reply(&mut self) -> Option<Reply> {
+        if let Some((result, (target_system, target_component))) = self.ack.take() {
+            return Some(Reply::Ack(COMMAND_ACK_DATA {
+                command: MavCmd::MAV_CMD_PREFLIGHT_STORAGE as u16,
+                result: result as u8,
+                target_system,
+                target_component,
+                ..COMMAND_ACK_DATA::DEFAULT
+            }));
+        }
+        if let Some(worded) = &mut self.trouble {
+            let (text, is_last) = worded.next_piece();
+            if is_last {
+                self.trouble = None;
+            }
+            return Some(Reply::Text(text));
+        }
+        let list_first = self.is_lists_turn || self.asked.marked == 0;
+        let from_list = if list_first { self.listed.take() } else { None };
+        let id = from_list.or_else(|| self.asked.take())?;
+        self.is_lists_turn = from_list.is_none();
+        // Everybody hears it.
+        self.asked.remove(id);
+        self.listed.remove(id);
+        Some(Reply::Value(PARAM_VALUE_DATA {
+            param_id: CharArray::new(*id.padded_name()),
+            param_value: self.values.get(id),
+            param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
+            param_count: COUNT as u16,
+            param_index: id.index() as u16,
+        }))
+    }
+}
