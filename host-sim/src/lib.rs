@@ -18,6 +18,7 @@ pub mod frames;
 pub mod input;
 pub mod link_state;
 pub mod maps;
+pub mod params;
 pub mod plot;
 pub mod qemu;
 pub mod random;

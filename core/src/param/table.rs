@@ -155,12 +155,15 @@ pub const TABLE: &[Param] = &[
         [0.0, 2.0],
         "What the angles of OBSTACLE_DISTANCE count from: 0 the nose for ArduPilot, else as the message says; 1 as the message says; 2 the nose.",
     ),
-    whole(
-        "FH_BAT_MIN",
-        0.0,
-        [0.0, 100.0],
-        "It holds below this charge of the battery in percent; 0: goes by the autopilot's warnings only.",
-    ),
+    Param {
+        unit: "%",
+        ..whole(
+            "FH_BAT_MIN",
+            0.0,
+            [0.0, 100.0],
+            "It holds below this charge of the battery; 0: goes by the autopilot's warnings only.",
+        )
+    },
     whole("FH_RC_CH", 0.0, [0.0, 18.0], "RC channel that must be high for it to move; 0: none."),
     real("FH_FENCE_R", "m", 0.0, [0.0, 10_000.0], "Farthest from where control was given, horizontally; 0: anywhere."),
     real("FH_ALT_MIN", "m", 0.0, [0.0, 1000.0], "Lowest altitude above the start; 0: none."),

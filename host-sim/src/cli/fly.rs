@@ -12,6 +12,7 @@ use foxhound_link::mailbox::Setup;
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{self, Ending, Mission, Record};
 use foxhound_sim::input::{InputError, read_text};
+use foxhound_sim::params::Given;
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::scenario::{BearingModel, Scenario};
 use foxhound_sim::{plot, tlog};
@@ -51,6 +52,9 @@ pub(super) struct Fly {
     /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrules the scenario.
     #[arg(long, value_name = "DB", allow_negative_numbers = true)]
     snr_db: Option<f64>,
+    /// Parameters, as `foxhound params` checks them; they overrule the scenario.
+    #[arg(long, value_name = "FILE")]
+    params: Option<PathBuf>,
     /// Picture of the flight, .svg or .png [default: flight.svg in the output folder].
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -139,7 +143,12 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         return Err(InputError::new(format!("--plot {}: expected a file ending in .svg or .png", path.display())));
     }
 
-    let config = mission.guidance();
+    let mut config = mission.guidance();
+    if let Some(path) = &args.params {
+        let mut given = Given::default();
+        given.read(path)?;
+        given.apply(&mut config);
+    }
     // Checked here for every computer, so that a refused field is named the same way.
     let host = HostComputer::new(&config)?;
     let mut computer: Box<dyn Computer> = match &args.via {

@@ -5,6 +5,7 @@ mod bearing;
 mod fly;
 mod link_state;
 mod maps;
+mod params;
 mod reproduce;
 mod suite;
 
@@ -23,6 +24,7 @@ use bearing::{BearingCommand, CalibrateCommand};
 use fly::Fly;
 use link_state::LinkState;
 use maps::MapsCommand;
+use params::ParamsCommand;
 use reproduce::Reproduce;
 use suite::SuiteCommand;
 
@@ -69,6 +71,8 @@ enum Command {
     Maps(MapsCommand),
     /// Flies all pairs of a suite file, many at a time.
     Suite(SuiteCommand),
+    /// Lists the parameters, or checks values for them.
+    Params(ParamsCommand),
     /// Repeats an experiment of a paper and puts our number beside its number.
     Reproduce(Reproduce),
     /// Examines, or trains, what tells a reflection from the line of sight.
@@ -95,6 +99,7 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Tlog(args)) => read_log(&cli, args),
         Some(Command::Maps(args)) => maps::draw_maps(&cli, args),
         Some(Command::Suite(args)) => suite::fly_suite(&cli, args),
+        Some(Command::Params(args)) => params::params(&cli, args),
         Some(Command::Reproduce(args)) => reproduce::reproduce(&cli, args),
         Some(Command::LinkState(args)) => link_state::link_state(&cli, args),
     };

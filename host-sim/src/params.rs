@@ -1,0 +1,137 @@
+//! Parameters as a user writes them: assignments on the command line and flat TOML files, checked like everything else
+//! before it is flown; and the manual's page about them.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use foxhound_core::guidance;
+use foxhound_core::param::{self, Id, Kind, Param, TABLE, Values};
+use foxhound_link::companion;
+
+use crate::input::{InputError, read_text};
+
+/// Samples in a frame, which decide how fine a tone's band can be.
+const SAMPLES: usize = 256;
+
+/// The parameters that somebody gave, and all values that come of it.
+#[derive(Clone, Debug, Default)]
+pub struct Given {
+    values: Values,
+    ids: Vec<Id>,
+}
+
+impl Given {
+    /// Takes in the `NAME = VALUE` lines of a file.
+    ///
+    /// # Errors
+    /// The file and the line's name, with what would have been accepted.
+    pub fn read(&mut self, path: &Path) -> Result<(), InputError> {
+        self.parse(&read_text(path)?).map_err(|error| error.in_file(path))
+    }
+
+    fn parse(&mut self, text: &str) -> Result<(), InputError> {
+        let table: toml::Table =
+            text.parse().map_err(|error: toml::de::Error| InputError::new(error.to_string().trim_end()))?;
+        for (name, value) in &table {
+            let value = match value {
+                toml::Value::Float(value) => *value,
+                toml::Value::Integer(value) => *value as f64,
+                other => return Err(InputError::new(format!("{name}: expected a number, not {}", other.type_str()))),
+            };
+            self.set(name, value)?;
+        }
+        Ok(())
+    }
+
+    /// Takes in one `NAME=VALUE`.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what would have been accepted.
+    pub fn assign(&mut self, assignment: &str) -> Result<(), InputError> {
+        let (name, value) =
+            assignment.split_once('=').ok_or_else(|| InputError::new(format!("{assignment}: expected NAME=VALUE")))?;
+        let (name, value) = (name.trim(), value.trim());
+        let number = value.parse().map_err(|_| InputError::new(format!("{name}: expected a number, not `{value}`")))?;
+        self.set(name, number)
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), InputError> {
+        let id = Id::named(name.as_bytes()).filter(|_| !name.contains('\0')).ok_or_else(|| unknown(name))?;
+        let refused = |refusal| InputError::new(format!("{name} = {value} {refusal}"));
+        self.values.set(id, value as f32).map_err(refused)?;
+        self.ids.push(id);
+        Ok(())
+    }
+
+    /// All values: those given, and the defaults.
+    #[must_use]
+    pub fn values(&self) -> &Values {
+        &self.values
+    }
+
+    /// Puts what was given, and nothing else, into a configuration of guidance.
+    pub fn apply(&self, config: &mut guidance::Config) {
+        self.ids.iter().for_each(|id| self.values.apply_one(*id, config));
+    }
+
+    /// Checks whether all values fit together.
+    ///
+    /// # Errors
+    /// The field that does not.
+    pub fn check(&self) -> Result<(), InputError> {
+        let mut config = guidance::Config::default();
+        self.values.apply(&mut config);
+        config.build::<SAMPLES>()?;
+        companion::Config {
+            setpoint_age_max_s: self.values.get(param::FH_SP_AGE),
+            heartbeat_timeout_s: self.values.get(param::FH_HB_TMO),
+            silence_after_s: self.values.get(param::FH_SILENT),
+            ..companion::Config::default()
+        }
+        .build()?;
+        Ok(())
+    }
+}
+
+fn unknown(name: &str) -> InputError {
+    let likeness = |row: &Param| strsim::jaro_winkler(&name.to_uppercase(), row.name);
+    let nearest = TABLE.iter().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
+    InputError::new(match nearest.filter(|row| likeness(row) > 0.8) {
+        Some(row) => format!("{name}: unknown parameter; did you mean `{}`?", row.name),
+        None => format!("{name}: unknown parameter; `foxhound params` lists them"),
+    })
+}
+
+/// The range of a row as people write it.
+#[must_use]
+pub fn range(row: &Param) -> String {
+    match (row.kind, row.min, row.max) {
+        (Kind::Whole, 0.0, 1.0) => "0 or 1".to_owned(),
+        (_, min, max) => format!("{min} to {max}"),
+    }
+}
+
+/// The manual's page.
+#[must_use]
+pub fn page() -> String {
+    let mut page = format!(
+        "# Parameters
+
+A ground station lists and sets these {} parameters on component 191; `foxhound params` lists them too and checks a file
+of them. This page is what `foxhound params --markdown` prints.
+
+A parameter is a float of 32 bits (`REAL32`). A value outside its range, one that is not whole where it must be, one that
+does not fit the others, and any while the vehicle seeks is refused: the station hears the old value and a text that says
+why. A value that is accepted holds at once. `MAV_CMD_PREFLIGHT_STORAGE` to component 191 stores what holds (`param1` 1), goes back
+to what is stored (0) or to the defaults (2).
+
+| name | default | unit | range | what it does |
+| --- | ---: | --- | --- | --- |
+",
+        TABLE.len()
+    );
+    for row in TABLE {
+        let _ = writeln!(page, "| `{}` | {} | {} | {} | {} |", row.name, row.default, row.unit, range(row), row.doc);
+    }
+    page
+}

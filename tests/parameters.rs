@@ -1,0 +1,181 @@
+//! The parameters from outside: the command that lists and checks them, the manual's page, a flight with them, and pymavlink
+//! as the ground station.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::Stdio;
+
+use foxhound_core::guidance;
+use foxhound_core::param::Values;
+use foxhound_core::time::Instant;
+use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+use foxhound_link::params::{Params, Reply, Storage};
+use foxhound_tests::{python, root, run, run_json};
+
+#[test]
+fn the_manuals_page_is_what_the_command_prints() {
+    let printed = run(&["params", "--markdown"]);
+    let page = std::fs::read_to_string(root().join("docs/parameters.md")).unwrap();
+    let advice = "foxhound params --markdown > docs/parameters.md";
+    assert!(printed.status.success() && String::from_utf8(printed.stdout).unwrap() == page, "{advice}");
+}
+
+#[test]
+fn values_are_listed_with_what_was_set_from_the_file_and_after_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("quad.toml");
+    std::fs::write(&file, "# ours\nFH_SPD_MAX = 2\nFH_RADIUS = 0.25\n").unwrap();
+    let file = file.to_string_lossy();
+    let (code, table) = run_json(&["params", "--json", "--file", &file, "--set", "FH_RADIUS=0.3"]);
+    assert_eq!(code, 0);
+    let value = |name: &str| {
+        let row = table["params"].as_array().unwrap().iter().find(|row| row["name"] == name).unwrap();
+        (row["value"].as_f64().unwrap(), row["default"].as_f64().unwrap(), row["unit"].as_str().unwrap().to_owned())
+    };
+    assert_eq!(value("FH_SPD_MAX"), (2.0, 1.0, "m/s".to_owned()));
+    assert_eq!(value("FH_RADIUS"), (0.3, 0.15, "m".to_owned()));
+    assert_eq!(value("FH_LAG"), (0.5, 0.5, "s".to_owned()));
+}
+
+#[test]
+fn bad_values_are_refused_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("bad.toml");
+    for (content, words) in [
+        ("FH_SPD_MX = 2.0", ["FH_SPD_MX", "did you mean `FH_SPD_MAX`?"]),
+        ("fh_radius = 0.2", ["fh_radius", "did you mean `FH_RADIUS`?"]),
+        ("qqq = 0.2", ["qqq", "`foxhound params` lists them"]),
+        ("FH_SPD_MAX = 99", ["FH_SPD_MAX = 99", "outside 0.05..=20"]),
+        ("FH_SPD_MAX = nan", ["FH_SPD_MAX", "not a finite number"]),
+        ("FH_SPD_MAX = 1e300", ["FH_SPD_MAX", "not a finite number"]),
+        ("FH_SPD_MAX = \"fast\"", ["FH_SPD_MAX", "expected a number, not string"]),
+        ("FH_SPD_MAX = true", ["FH_SPD_MAX", "expected a number, not boolean"]),
+        ("FH_OBS_REQ = 0.5", ["FH_OBS_REQ = 0.5", "not a whole number"]),
+        ("[FH_SPD_MAX]\nx = 1", ["FH_SPD_MAX", "expected a number, not table"]),
+        ("FH_SPD_MAX = 1\nFH_SPD_MAX = 2", ["FH_SPD_MAX", "duplicate key"]),
+        ("FH_ARR_SIDE = 0.2", ["side_m = 0.2", "half a wavelength"]),
+        ("FH_HB_TMO = 6.0", ["link.silence_after_s", "link.heartbeat_timeout_s"]),
+        ("FH_SPD_MAX == 1", ["bad.toml", "line 1"]),
+    ] {
+        std::fs::write(&file, content).unwrap();
+        for command in [["params", "--file"], ["fly", "--params"]] {
+            let output = run(&[command[0], command[1], &file.to_string_lossy()]);
+            let text = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{command:?} {content}: {text}");
+            assert!(words.iter().all(|word| text.contains(word)), "{command:?} {content}: {text}");
+        }
+    }
+    for (assignment, word) in
+        [("FH_LAG", "NAME=VALUE"), ("FH_LAG=slow", "`slow`"), ("=1", "unknown"), ("FH_LAG=9", "0..=5")]
+    {
+        let output = run(&["params", "--set", assignment]);
+        assert_eq!(output.status.code(), Some(2), "{assignment}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains(word), "{assignment}");
+    }
+}
+
+#[test]
+fn a_flight_goes_by_the_parameters_that_it_is_given_and_by_its_scenario_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("slow.toml");
+    let scenario = root().join("tests/scenarios/open_field.json");
+    let fly = |content: &str| {
+        std::fs::write(&file, content).unwrap();
+        let scenario = scenario.to_string_lossy();
+        run_json(&["fly", "--json", "--scenario", &scenario, "--params", &file.to_string_lossy()]).1
+    };
+    let (as_it_is, slow) = (fly(""), fly("FH_SPD_MAX = 0.5"));
+    assert_eq!(as_it_is, run_json(&["fly", "--json", "--scenario", &scenario.to_string_lossy()]).1);
+    assert_eq!(slow["result"], "reached");
+    let (fast_s, slow_s) = (as_it_is["time_s"].as_f64().unwrap(), slow["time_s"].as_f64().unwrap());
+    assert!(slow_s > 1.7 * fast_s, "{fast_s} s, then {slow_s} s");
+}
+
+/// The companion's side of `tests/peers/set_parameters.py`.
+struct Companion {
+    framer: Framer,
+    params: Params,
+    now: Instant,
+    sequence: u8,
+}
+
+impl Companion {
+    fn hear(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.framer.push(&[*byte]);
+            while let Some((header, message)) = self.framer.next_frame().map(|frame| (frame.header, frame.message())) {
+                assert!(self.params.hear((1, 191), header, &message.unwrap(), false) || header.system_id == 255);
+            }
+            self.decide();
+        }
+    }
+
+    /// As an application does.
+    fn decide(&mut self) {
+        while let Some(values) = self.params.proposal(false) {
+            let mut config = guidance::Config::default();
+            values.apply(&mut config);
+            self.params.settle(config.build::<256>().map(|_| ()));
+        }
+        if let Some(storage) = self.params.take_storage() {
+            if storage == Storage::Reset {
+                self.params.replace(Values::DEFAULT);
+            }
+            self.params.stored(true);
+        }
+    }
+
+    fn speak(&mut self, milliseconds: u64) -> Vec<u8> {
+        let mut sent = Vec::new();
+        for _ in 0..milliseconds {
+            self.now = self.now.plus_micros(1_000);
+            let mut frame = [0; FRAME_MAX];
+            let header = Header { system_id: 1, component_id: 191, sequence: self.sequence };
+            let length = match self.params.next(self.now) {
+                Some(Reply::Value(value)) => encode_data(header, &value, &mut frame),
+                Some(Reply::Text(text)) => encode_data(header, &text, &mut frame),
+                Some(Reply::Ack(ack)) => encode_data(header, &ack, &mut frame),
+                None => continue,
+            };
+            self.sequence = self.sequence.wrapping_add(1);
+            sent.extend_from_slice(&frame[..length]);
+        }
+        sent
+    }
+}
+
+#[test]
+#[ignore = "needs pymavlink: cargo xtask test"]
+fn pymavlink_lists_sets_reads_back_and_stores_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let table = dir.path().join("table.json");
+    std::fs::write(&table, run(&["params", "--json"]).stdout).unwrap();
+    let mut station = python()
+        .arg(root().join("tests/peers/set_parameters.py"))
+        .arg(&table)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut companion =
+        Companion { framer: Framer::new(), params: Params::new(Values::DEFAULT), now: Instant(0), sequence: 0 };
+    let mut to_station = station.stdin.take().unwrap();
+    for line in BufReader::new(station.stdout.take().unwrap()).lines() {
+        let line = line.unwrap();
+        let (milliseconds, hex) = line.split_once(' ').unwrap();
+        let byte = |at: usize| u8::from_str_radix(&hex[at..at + 2], 16).unwrap();
+        companion.hear(&(0..hex.len()).step_by(2).map(byte).collect::<Vec<_>>());
+        let answer = companion.speak(milliseconds.parse().unwrap());
+        let answer: String = answer.iter().map(|byte| format!("{byte:02x}")).collect();
+        // A station that has failed listens no more.
+        if writeln!(to_station, "{answer}").is_err() {
+            break;
+        }
+    }
+    drop(to_station);
+    let output = station.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && text.contains("all checks passed"), "{text}");
+}
