@@ -18,7 +18,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::antennas::{Antennas, Fault, Pattern, Pose, Reflection};
-use crate::autopilot::Autopilot;
+use crate::autopilot::{Autopilot, Software, Start};
 use crate::computer::{BLOCK, Computer, ComputerError};
 use crate::random::Random;
 use crate::rays;
@@ -35,6 +35,8 @@ const TICK_US: u64 = 20_000;
 const CHECKS_PER_TICK: usize = 4;
 /// Steps from one word of the obstacle sensor to the next: 10 Hz.
 const SENSOR_TICKS: u64 = 5;
+/// Steps from one try of the pilot to give control to the next.
+const PILOT_TICKS: u64 = 25;
 /// A vehicle that moved less than this within the last while stands still.
 const STILL_M: f64 = 0.1;
 const STILL_TICKS: usize = 150;
@@ -247,7 +249,8 @@ pub fn fly(
     let world = scenario.world();
     let start = Horizontal::from_xy(scenario.start);
     let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose_at_start(&world, start));
-    let mut autopilot = Autopilot::default();
+    let mut autopilot = autopilot_at_start(scenario.vehicle.autopilot);
+    let mut control_is_due = autopilot.custom_mode != autopilot.companion_mode();
     let mut ears = Ears::new(mission);
     let mut hull = Hull::new(&world, scenario.drone_radius, start);
     let mut path: Vec<Sample> = Vec::new();
@@ -263,6 +266,11 @@ pub fn fly(
         let now_us = tick * TICK_US;
         let time_s = now_us as f64 * 1e-6;
         watch(time_s);
+
+        // The pilot gives control as soon as the autopilot lets him, once.
+        if control_is_due && tick % PILOT_TICKS == 0 {
+            control_is_due = !autopilot.select_mode(now_us, autopilot.companion_mode());
+        }
 
         // What the autopilot and the obstacle sensor say.
         let motion = vehicle.motion;
@@ -354,6 +362,15 @@ pub fn fly(
         reference_length_m: scenario.reference_length_m.clone(),
     };
     Ok(Record { scenario: scenario.clone(), report, path, replans, remembered: computer.remembered() })
+}
+
+/// PX4 cannot begin in OFFBOARD: it needs the companion's stream first.
+fn autopilot_at_start(software: Software) -> Autopilot {
+    let start = match software {
+        Software::ArduCopter => Start::InControl,
+        Software::Px4 => Start::Hovering,
+    };
+    Autopilot::new(software, start)
 }
 
 fn pose_at_start(world: &World, start: Horizontal) -> Pose {
@@ -631,6 +648,17 @@ mod tests {
         let text = text.replace("[0,99]", "[0,12]");
         let record = flown(&mission(parsed(&text), 1));
         assert_eq!((record.report.result, record.report.collisions), (Ending::Reached, 0), "{:?}", record.report);
+    }
+
+    #[test]
+    fn px4_is_flown_once_its_pilot_could_enter_offboard() {
+        let mut scenario = Scenario::built_in();
+        scenario.vehicle.autopilot = Software::Px4;
+        let record = flown(&mission(scenario, 1));
+        assert_eq!((record.report.result, record.report.collisions), (Ending::Reached, 0), "{:?}", record.report);
+        let before = &record.path[..PILOT_TICKS as usize];
+        assert!(before.iter().all(|sample| sample.outcome.name() == "not_in_control" || sample.time_s < 0.3));
+        assert!(before.iter().all(|sample| sample.speed_mps < 0.01));
     }
 
     #[test]

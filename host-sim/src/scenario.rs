@@ -7,6 +7,7 @@ use foxhound_core::adc::CHANNELS;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::autopilot::Software;
 use crate::input::{InputError, check, parse_strictly};
 use crate::rays;
 use crate::world::{Horizontal, Pillar, World};
@@ -225,6 +226,8 @@ pub struct Vehicle {
     pub model: VehicleModel,
     /// Velocity lag of the point mass, s.
     pub lag_s: f64,
+    /// Which autopilot flies it.
+    pub autopilot: Software,
 }
 
 /// Which vehicle model.
@@ -314,12 +317,12 @@ impl Default for Limits {
 
 impl Default for Vehicle {
     fn default() -> Self {
-        Self { model: VehicleModel::Point, lag_s: 0.15 }
+        Self { model: VehicleModel::Point, lag_s: 0.15, autopilot: Software::ArduCopter }
     }
 }
 
 /// The keys that a scenario file and a suite file share, with their paths.
-pub(crate) const FLIGHT_KEYS: [&str; 28] = [
+pub(crate) const FLIGHT_KEYS: [&str; 29] = [
     "name",
     "why",
     "frame",
@@ -346,6 +349,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 28] = [
     "vehicle",
     "vehicle.model",
     "vehicle.lag_s",
+    "vehicle.autopilot",
     "goal_tolerance",
     "max_time_s",
 ];
@@ -615,7 +619,7 @@ mod tests {
             "sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
             "bearing":{"only":false,"model":"rf","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
             "dropout":[1,2]},"antenna":{"single":true,"exponent":3,"front_to_back_db":20,"boresight_deg":[0,90,180,-90],
-            "turn_deg_per_s":60},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1},
+            "turn_deg_per_s":60},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1,"autopilot":"px4"},
             "goal_tolerance":0.3,"max_time_s":30,"faults":{"nan_bearing":[1,2],"stale_obstacles":[3,4],"clock_back_s":5,
             "stale_ownship":[6,7],"dead_channels":[null,[1,2],null,[3,4]]},"why":"w","frame":{"x":"east"},"expect":"reached","reference_length_m":9.5}"#;
         let scenario = Scenario::parse(text).unwrap();
@@ -694,6 +698,7 @@ mod tests {
             (r#"{"start":[1]}"#, "start"),
             (r#"{"start":[1,2,3]}"#, "start"),
             (r#"{"sensor":{"model":"lidar"}}"#, "sensor.model"),
+            (r#"{"vehicle":{"autopilot":"betaflight"}}"#, "vehicle.autopilot"),
             (r#"{"obstacles":[{"x":1,"y":1}]}"#, "obstacles[0]"),
             (r#"{"obstacles":[{"x":1,"y":null,"r":1}]}"#, "obstacles[0].y"),
             (r#"{"bearing":{"only":1}}"#, "bearing.only"),

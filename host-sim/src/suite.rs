@@ -545,7 +545,7 @@ mod tests {
     const SMALL: &str = r#"{"name":"n","why":"w","frame":"f","expect":"e","seed":1,"drone_radius":0.2,
         "bounds":[-1,-2,12,13],"sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
         "bearing":{"only":true,"model":"noise","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
-        "dropout":[1,2]},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1},
+        "dropout":[1,2]},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1,"autopilot":"px4"},
         "goal_tolerance":0.3,"max_time_s":30,"maps":[{"row":3,"instance":1,"name":"m","seed":2,"mean":0.1,
         "variance":0.01,"obstacles":[[1.1,2.2,0.3],[4,5,0.3]],"pairs":[[0,0,5,5,7.5],[0,1,5,5,6.5]]},
         {"row":1,"instance":0,"obstacles":[],"pairs":[[0,0,5,5,7.1]]}]}"#;

@@ -167,7 +167,7 @@ mod tests {
     use crate::scenario::VehicleModel;
 
     fn vehicle(model: VehicleModel) -> Vehicle {
-        Vehicle::new(scenario::Vehicle { model, lag_s: 0.15 }, 2.0, Pose::default())
+        Vehicle::new(scenario::Vehicle { model, ..scenario::Vehicle::default() }, 2.0, Pose::default())
     }
 
     fn north(speed: f64) -> Command {

@@ -29,7 +29,7 @@ A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a d
   obstacles [{x,y,r,vx,vy}], sensor {fov_deg (90), range_m (3), occlusion (true), model circles|scan},
   bearing {only (true; false: the planner is told where the beacon is), model rf|noise, sigma_deg, snr_db,
     outlier {rate, offset_deg}, dropout [t0,t1]},
-  limits {v_max (1.0), a_max (2.0)}, vehicle {model point|arducopter, lag_s (0.15)},
+  limits {v_max (1.0), a_max (2.0)}, vehicle {model point|arducopter, lag_s (0.15), autopilot arducopter|px4},
   goal_tolerance (0.5: within that many metres of the beacon it counts as reached), max_time_s (90),
   faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s, stale_ownship [t0,t1]}";
 

@@ -1,0 +1,278 @@
+//! What the vehicle is told: goals of a companion, and what the autopilot flies by itself.
+
+use crate::vehicle::{Command, Motion};
+use crate::world::wrap_pi;
+
+use super::{Autopilot, Software};
+
+/// Higher than this it has left the ground.
+const LIFTED_M: f64 = 0.3;
+const GROUND_M: f64 = 0.02;
+const TOUCH_RATE: f64 = 1.5;
+const TOUCH_SPEED_MPS: f64 = 0.05;
+/// What it flies by itself. `LAND_SPEED` 0.5 m/s \[src\]; the others are of the order of both autopilots' defaults.
+const LAND_SPEED_MPS: f64 = 0.5;
+const CLIMB_SPEED_MPS: f64 = 1.0;
+const CRUISE_SPEED_MPS: f64 = 5.0;
+const HOME_M: f64 = 0.5;
+const POSITION_GAIN: f64 = 1.0;
+/// An acceleration is followed by the velocity that it leads to in this time.
+const ACCELERATION_S: f64 = 0.5;
+const YAW_GAIN: f64 = 2.0;
+/// `ATC_SLEW_YAW`, 60 deg/s \[mem\].
+const YAW_RATE_MAX_RADPS: f64 = 1.05;
+/// Slower than this there is no direction of travel.
+const TRAVEL_MPS: f64 = 0.2;
+
+/// What a mode does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Behaviour {
+    /// Stands where it is: position modes with centred sticks, missions that are none.
+    Hold,
+    /// Follows the companion.
+    Companion,
+    TakeOff,
+    Land,
+    Return,
+}
+
+/// Where the nose turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Yaw {
+    Hold,
+    Rate(f64),
+    Angle(f64),
+    /// To the direction of travel.
+    Travel,
+}
+
+/// What a companion asked for: each axis by place, velocity, acceleration or not at all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Goal {
+    pub(super) since_us: u64,
+    /// In the filter's frame.
+    pub(super) position_ned_m: [Option<f64>; 3],
+    pub(super) velocity_ned_mps: [Option<f64>; 3],
+    pub(super) acceleration_ned_mps2: [Option<f64>; 3],
+    pub(super) yaw: Yaw,
+}
+
+impl Goal {
+    pub(super) fn shift(&mut self, step_ned_m: [f64; 3]) {
+        for (place, step) in self.position_ned_m.iter_mut().zip(step_ned_m) {
+            *place = place.map(|place| place + step);
+        }
+    }
+
+    /// How to follow it from where the filter believes to be.
+    pub(super) fn command(&self, estimate: &Motion) -> Command {
+        let velocity_ned_mps = std::array::from_fn(|axis| {
+            let feed_mps = self.velocity_ned_mps[axis].unwrap_or(0.0);
+            match (self.position_ned_m[axis], self.acceleration_ned_mps2[axis]) {
+                (Some(place), _) => {
+                    let error_m = place - estimate.pose.position_ned_m[axis];
+                    let limit_mps = if axis == 2 { CLIMB_SPEED_MPS } else { CRUISE_SPEED_MPS };
+                    (POSITION_GAIN * error_m).clamp(-limit_mps, limit_mps) + feed_mps
+                }
+                (None, Some(acceleration)) if self.velocity_ned_mps[axis].is_none() => {
+                    estimate.velocity_ned_mps[axis] + acceleration * ACCELERATION_S
+                }
+                _ => feed_mps,
+            }
+        });
+        let toward = |angle_rad: f64| {
+            let error_rad = wrap_pi(angle_rad - estimate.pose.yaw_rad);
+            (YAW_GAIN * error_rad).clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS)
+        };
+        let [north, east, _] = velocity_ned_mps;
+        let yaw_rate_radps = match self.yaw {
+            Yaw::Rate(rate_radps) => rate_radps,
+            Yaw::Angle(angle_rad) => toward(angle_rad),
+            Yaw::Travel if libm::hypot(north, east) > TRAVEL_MPS => toward(libm::atan2(east, north)),
+            Yaw::Hold | Yaw::Travel => 0.0,
+        };
+        Command { velocity_ned_mps, yaw_rate_radps, is_brake: false }
+    }
+}
+
+/// The state of the flight.
+#[derive(Clone, Debug)]
+pub(super) struct Flight {
+    /// What it believes, and what it says.
+    pub(super) landed: bool,
+    landed_us: Option<u64>,
+    has_flown: bool,
+    /// What the companion asked for last and is obeyed; none makes it stop.
+    pub(super) goal: Option<Goal>,
+    /// When the last acceptable setpoint came, obeyed or not (PX4).
+    pub(super) stream_us: Option<u64>,
+    /// When OFFBOARD lost its stream (PX4).
+    pub(super) lost_us: Option<u64>,
+    pub(super) takeoff_down_m: Option<f64>,
+    /// The mode that all this belongs to.
+    pub(super) mode: Option<u32>,
+    home_ned_m: Option<[f64; 3]>,
+    pub(super) truth: Motion,
+    /// What the filter is off by.
+    pub(super) offset_ned_m: [f64; 3],
+    pub(super) yaw_offset_rad: f64,
+    pub(super) resets: u8,
+    pub(super) origin_moves: i32,
+}
+
+impl Flight {
+    pub(super) fn new(landed: bool) -> Self {
+        Self {
+            landed,
+            landed_us: None,
+            has_flown: false,
+            goal: None,
+            stream_us: None,
+            lost_us: None,
+            takeoff_down_m: None,
+            mode: None,
+            home_ned_m: None,
+            truth: Motion::default(),
+            offset_ned_m: [0.0; 3],
+            yaw_offset_rad: 0.0,
+            resets: 0,
+            origin_moves: 0,
+        }
+    }
+
+    /// Where the filter believes to be.
+    pub(super) fn estimate(&self) -> Motion {
+        let mut motion = self.truth;
+        for (place, offset) in motion.pose.position_ned_m.iter_mut().zip(self.offset_ned_m) {
+            // A sum with nothing may still change the sign of a zero.
+            if offset != 0.0 {
+                *place += offset;
+            }
+        }
+        if self.yaw_offset_rad != 0.0 {
+            motion.pose.yaw_rad = wrap_pi(motion.pose.yaw_rad + self.yaw_offset_rad);
+        }
+        motion
+    }
+
+    /// The ground is at zero.
+    fn height_m(&self) -> f64 {
+        -self.truth.pose.position_ned_m[2]
+    }
+}
+
+impl Autopilot {
+    /// Follows the vehicle and the clock.
+    pub(super) fn advance(&mut self, now_us: u64, motion: &Motion) {
+        self.is_booting = now_us < self.awake_us;
+        let flight = &mut self.flight;
+        flight.truth = *motion;
+        flight.home_ned_m.get_or_insert(motion.pose.position_ned_m);
+        if flight.mode.is_some_and(|mode| mode != self.custom_mode) {
+            flight.goal = None;
+        }
+        flight.mode = Some(self.custom_mode);
+        self.watch_the_ground(now_us);
+        self.finish_takeoff();
+        if self.software == Software::Px4 {
+            self.px4_watch_the_stream(now_us);
+        }
+    }
+
+    fn watch_the_ground(&mut self, now_us: u64) {
+        let is_landing = self.is_going_down();
+        let flight = &mut self.flight;
+        if flight.height_m() > LIFTED_M {
+            // What was up there before and says that it landed is a fault on order, and stays.
+            flight.landed &= !self.armed || flight.has_flown;
+            flight.has_flown = true;
+        } else if flight.height_m() < GROUND_M && is_landing && !flight.landed {
+            flight.landed = true;
+            flight.has_flown = false;
+            flight.takeoff_down_m = None;
+            flight.landed_us = Some(now_us);
+        }
+        // ArduCopter disarms when LAND is done [run], PX4 after COM_DISARM_LAND, 2 s [src].
+        let wait_us = if self.software == Software::Px4 { 2_000_000 } else { 0 };
+        let is_down_us = self.flight.landed_us.filter(|_| self.flight.landed);
+        if is_down_us.is_some_and(|since_us| now_us >= since_us + wait_us) {
+            self.flight.landed_us = None;
+            if self.behaviour() != Behaviour::Companion {
+                self.armed = false;
+            }
+        }
+    }
+
+    fn is_going_down(&self) -> bool {
+        match self.behaviour() {
+            Behaviour::Land | Behaviour::Return => true,
+            _ => self.flight.has_flown,
+        }
+    }
+
+    /// What the vehicle is to do now.
+    #[must_use]
+    pub fn command(&self, now_us: u64) -> Command {
+        let mut command = self.command_in_the_air(now_us).unwrap_or(Command { is_brake: true, ..Command::default() });
+        let height_m = self.flight.height_m();
+        if height_m < LIFTED_M && (self.flight.landed || self.is_going_down()) {
+            // The ground is hard: a vehicle that lags would sink into it.
+            let limit_mps = if height_m < GROUND_M { 0.0 } else { TOUCH_RATE * height_m + TOUCH_SPEED_MPS };
+            command.velocity_ned_mps[2] = command.velocity_ned_mps[2].min(limit_mps);
+        }
+        command
+    }
+
+    /// None where it brakes.
+    fn command_in_the_air(&self, now_us: u64) -> Option<Command> {
+        if !self.armed || self.flight.mode.is_some_and(|mode| mode != self.custom_mode) {
+            return None;
+        }
+        match self.behaviour() {
+            Behaviour::Hold => None,
+            Behaviour::Companion if self.flight.takeoff_down_m.is_some() => self.climb(),
+            Behaviour::Companion => match self.software {
+                Software::ArduCopter => self.arducopter_command(now_us),
+                Software::Px4 => self.px4_command(now_us),
+            },
+            Behaviour::TakeOff => self.climb(),
+            Behaviour::Land => down(),
+            Behaviour::Return => self.way_home(),
+        }
+    }
+
+    fn climb(&self) -> Option<Command> {
+        let up_m = self.flight.truth.pose.position_ned_m[2] - self.flight.takeoff_down_m?;
+        let velocity_ned_mps = [0.0, 0.0, -(POSITION_GAIN * up_m + 0.05).clamp(0.0, CLIMB_SPEED_MPS)];
+        Some(Command { velocity_ned_mps, ..Command::default() })
+    }
+
+    /// Up to the height of return, home, down.
+    fn way_home(&self) -> Option<Command> {
+        let (here, home) = (self.flight.truth.pose.position_ned_m, self.flight.home_ned_m?);
+        let [north, east] = [home[0] - here[0], home[1] - here[1]];
+        let away_m = libm::hypot(north, east);
+        if away_m < HOME_M {
+            return down();
+        }
+        if self.flight.height_m() < self.return_height_m() - LIFTED_M {
+            let velocity_ned_mps = [0.0, 0.0, -CLIMB_SPEED_MPS];
+            return Some(Command { velocity_ned_mps, ..Command::default() });
+        }
+        let speed_mps = (POSITION_GAIN * away_m).min(CRUISE_SPEED_MPS);
+        let velocity_ned_mps = [north / away_m * speed_mps, east / away_m * speed_mps, 0.0];
+        Some(Command { velocity_ned_mps, ..Command::default() })
+    }
+
+    /// `RTL_ALT` in centimetres, `RTL_RETURN_ALT` in metres \[src\].
+    fn return_height_m(&self) -> f64 {
+        match self.software {
+            Software::ArduCopter => self.parameters.get("RTL_ALT") / 100.0,
+            Software::Px4 => self.parameters.get("RTL_RETURN_ALT"),
+        }
+    }
+}
+
+fn down() -> Option<Command> {
+    Some(Command { velocity_ned_mps: [0.0, 0.0, LAND_SPEED_MPS], ..Command::default() })
+}

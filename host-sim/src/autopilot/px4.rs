@@ -1,0 +1,225 @@
+//! PX4's rules on a multicopter, of the sources after v1.13 where they differ from older ones.
+
+use foxhound_link::dialect::{
+    HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavSeverity, MavState, MavType, SET_POSITION_TARGET_LOCAL_NED_DATA,
+};
+
+use crate::vehicle::{Command, Motion};
+
+use super::Autopilot;
+use super::arducopter::{ACCELERATION_BITS, FORCE_BIT, VELOCITY_BITS, YAW_BIT, YAW_RATE_BIT};
+use super::flight::{Behaviour, Goal, Yaw};
+
+/// Codes a mode as HEARTBEAT does: main mode in the third byte, sub mode in the fourth \[src: `px4_custom_mode.h`; run\].
+#[must_use]
+pub const fn mode(main: u8, sub: u8) -> u32 {
+    (main as u32) << 16 | (sub as u32) << 24
+}
+
+/// Manual flight at a held height.
+pub const ALTITUDE: u32 = mode(2, 0);
+/// Manual flight that holds its place.
+pub const POSITION: u32 = mode(3, 0);
+/// Takes off.
+pub const TAKEOFF: u32 = mode(4, 2);
+/// Holds its place.
+pub const HOLD: u32 = mode(4, 3);
+/// A mission.
+pub const MISSION: u32 = mode(4, 4);
+/// Returns and lands.
+pub const RETURN: u32 = mode(4, 5);
+/// Lands.
+pub const LAND: u32 = mode(4, 6);
+/// Obeys a companion.
+pub const OFFBOARD: u32 = mode(6, 0);
+/// Manual flight.
+pub const STABILIZED: u32 = mode(7, 0);
+
+const MODES: [u32; 9] = [ALTITUDE, POSITION, TAKEOFF, HOLD, MISSION, RETURN, LAND, OFFBOARD, STABILIZED];
+/// Modes that fly without a place.
+const BLIND_MODES: [u32; 3] = [ALTITUDE, LAND, STABILIZED];
+/// The bit of `COM_RCL_EXCEPT` that lets OFFBOARD fly without a remote control: the value 4, not 2 \[issue:
+/// PX4 user_guide#1690\].
+const OFFBOARD_WITHOUT_RC: u32 = 4;
+
+const LOCAL_NED: u8 = 1;
+const BODY_NED: u8 = 8;
+
+impl Autopilot {
+    pub(super) fn px4_heartbeat(&self) -> HEARTBEAT_DATA {
+        let armed = if self.armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED as u8 } else { 0 };
+        let status = match (self.flight.lost_us, self.armed) {
+            (Some(_), _) => MavState::MAV_STATE_CRITICAL,
+            (None, true) => MavState::MAV_STATE_ACTIVE,
+            (None, false) => MavState::MAV_STATE_STANDBY,
+        };
+        HEARTBEAT_DATA {
+            custom_mode: self.custom_mode,
+            mavtype: MavType::MAV_TYPE_QUADROTOR as u8,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_PX4 as u8,
+            base_mode: armed | MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED as u8,
+            system_status: status as u8,
+            mavlink_version: 3,
+        }
+    }
+
+    /// A setpoint: what is acceptable counts as a sign of life in every mode, which is the stream that OFFBOARD needs to
+    /// be entered; in OFFBOARD it is obeyed, too \[src: `handle_message_set_position_target_local_ned`\]. What is not
+    /// acceptable is told as a text and changes nothing: the setpoint before it goes on.
+    pub(super) fn px4_target(&mut self, now_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
+        match goal(now_us, target, &self.flight.estimate(), self.body_ned_by_full_attitude) {
+            Ok(goal) => {
+                self.flight.stream_us = Some(now_us);
+                if self.custom_mode == OFFBOARD {
+                    self.flight.goal = Some(goal);
+                }
+            }
+            Err(refusal) => {
+                let text = format!("SET_POSITION_TARGET_LOCAL_NED {refusal}");
+                self.text(MavSeverity::MAV_SEVERITY_CRITICAL, &text);
+            }
+        }
+    }
+
+    /// A setpoint that is not finite where it controls, or has only one of north and east, is replaced by standing still
+    /// \[src: `PositionControl::_inputValid` and the failsafe setpoint\].
+    pub(super) fn px4_command(&self, now_us: u64) -> Option<Command> {
+        let goal = self.flight.goal.filter(|_| self.stream_is_fresh(now_us))?;
+        let vectors = [goal.position_ned_m, goal.velocity_ned_mps, goal.acceleration_ned_mps2];
+        let every_axis = (0..3).all(|axis| vectors.iter().any(|vector| vector[axis].is_some()));
+        let in_pairs = vectors.iter().all(|[north, east, _]| north.is_some() == east.is_some());
+        if !every_axis || !in_pairs {
+            return None;
+        }
+        let command = goal.command(&self.flight.estimate());
+        // On the ground it climbs, and does nothing else [src].
+        (!self.flight.landed || command.velocity_ned_mps[2] < 0.0).then_some(command)
+    }
+
+    fn stream_is_fresh(&self, now_us: u64) -> bool {
+        // A model that begins in OFFBOARD has been sent setpoints until then.
+        let since_us = self.flight.stream_us.unwrap_or(self.booted_us);
+        now_us.saturating_sub(since_us) < self.seconds_us("COM_OF_LOSS_T")
+    }
+
+    fn seconds_us(&self, parameter: &str) -> u64 {
+        (self.parameters.get(parameter) * 1e6) as u64
+    }
+
+    /// Without a setpoint for `COM_OF_LOSS_T` OFFBOARD is left: Hold for `COM_FAIL_ACT_T`, then what `COM_OBL_RC_ACT`
+    /// says \[src\]. It does not come back by itself \[inf\]; a pilot's choice ends the failsafe \[src\].
+    pub(super) fn px4_watch_the_stream(&mut self, now_us: u64) {
+        if self.custom_mode == OFFBOARD && self.armed && !self.stream_is_fresh(now_us) {
+            self.change_mode(HOLD);
+            self.flight.lost_us = Some(now_us);
+            self.text(MavSeverity::MAV_SEVERITY_CRITICAL, "Failsafe: no offboard signal, entering Hold");
+        }
+        let Some(lost_us) = self.flight.lost_us else { return };
+        if now_us < lost_us + self.seconds_us("COM_FAIL_ACT_T") {
+            return;
+        }
+        self.flight.lost_us = None;
+        match self.parameters.get("COM_OBL_RC_ACT") as u8 {
+            // Position is no place to fall back to without a remote control [issue: PX4 PR#26289].
+            0 if !self.faults.rc_is_lost => self.change_mode(POSITION),
+            1 if !self.faults.rc_is_lost => self.change_mode(ALTITUDE),
+            2 if !self.faults.rc_is_lost => self.change_mode(STABILIZED),
+            0..=3 => self.change_mode(RETURN),
+            4 => self.change_mode(LAND),
+            5 => self.change_mode(HOLD),
+            _ => self.armed = false,
+        }
+    }
+
+    /// Whether a change of mode is taken: OFFBOARD needs its stream, and the remote control unless `COM_RCL_EXCEPT` says
+    /// otherwise \[src; issue: PX4#27636\]; modes that need a place need one.
+    pub(super) fn px4_may_enter(&mut self, now_us: u64, mode: u32) -> bool {
+        let without_rc = self.parameters.get("COM_RCL_EXCEPT") as u32 & OFFBOARD_WITHOUT_RC != 0;
+        let why = if !MODES.contains(&mode) {
+            "Unsupported mode"
+        } else if mode == OFFBOARD && (self.flight.stream_us.is_none() || !self.stream_is_fresh(now_us)) {
+            "Switching to Offboard is not possible: no signal"
+        } else if mode == OFFBOARD && self.faults.rc_is_lost && !without_rc {
+            "Switching to Offboard is not possible: no RC"
+        } else if self.faults.filter_is_bad && !BLIND_MODES.contains(&mode) {
+            "Mode change is not possible: no position"
+        } else {
+            return true;
+        };
+        self.text(MavSeverity::MAV_SEVERITY_CRITICAL, why);
+        false
+    }
+}
+
+pub(super) const fn behaviour(mode: u32) -> Behaviour {
+    match mode {
+        OFFBOARD => Behaviour::Companion,
+        TAKEOFF => Behaviour::TakeOff,
+        RETURN => Behaviour::Return,
+        LAND => Behaviour::Land,
+        _ => Behaviour::Hold,
+    }
+}
+
+/// What a setpoint asks for, or why it is refused \[src\]:
+///
+/// - frames `LOCAL_NED` and `BODY_NED` only; in the latter no place, and one ignored axis ignores the whole vector;
+/// - in `LOCAL_NED` each axis counts by itself; ignored or not a number means not controlled;
+/// - velocities of `BODY_NED` are turned by the yaw alone since PR#17958, accelerations by the full attitude
+///   \[issue: PX4#23255\];
+/// - no forces; yaw alone is invalid;
+/// - yaw is absolute in every frame; without yaw and yaw rate the nose stays.
+fn goal(
+    now_us: u64,
+    target: &SET_POSITION_TARGET_LOCAL_NED_DATA,
+    estimate: &Motion,
+    by_full_attitude: bool,
+) -> Result<Goal, String> {
+    let mask = target.type_mask;
+    let vectors: [[f32; 3]; 3] =
+        [[target.x, target.y, target.z], [target.vx, target.vy, target.vz], [target.afx, target.afy, target.afz]];
+    let axis =
+        |bit: usize| Some(f64::from(vectors[bit / 3][bit % 3])).filter(|x| mask & 1 << bit == 0 && x.is_finite());
+    let raw = |index: usize| vectors[index].map(f64::from);
+    let turned = |vector: [f64; 3]| vector.map(|x| x.is_finite().then_some(x));
+    let [position_ned_m, velocity_ned_mps, acceleration_ned_mps2] = match target.coordinate_frame {
+        LOCAL_NED => [0, 3, 6].map(|first| [axis(first), axis(first + 1), axis(first + 2)]),
+        BODY_NED => {
+            let attitude = if by_full_attitude { from_body(estimate, raw(1)) } else { from_heading(estimate, raw(1)) };
+            let velocity = if mask & VELOCITY_BITS == 0 { turned(attitude) } else { [None; 3] };
+            let acceleration =
+                if mask & ACCELERATION_BITS == 0 { turned(from_body(estimate, raw(2))) } else { [None; 3] };
+            [[None; 3], velocity, acceleration]
+        }
+        frame => return Err(format!("coordinate frame {frame} unsupported")),
+    };
+    let has = |vector: [Option<f64>; 3]| vector.iter().any(Option::is_some);
+    if has(acceleration_ned_mps2) && mask & FORCE_BIT != 0 {
+        return Err("force not supported".to_owned());
+    }
+    if !has(position_ned_m) && !has(velocity_ned_mps) && !has(acceleration_ned_mps2) {
+        return Err("invalid".to_owned());
+    }
+    let (yaw, rate) = (f64::from(target.yaw), f64::from(target.yaw_rate));
+    let yaw = if mask & YAW_BIT == 0 && yaw.is_finite() {
+        Yaw::Angle(yaw)
+    } else if mask & YAW_RATE_BIT == 0 && rate.is_finite() {
+        Yaw::Rate(rate)
+    } else {
+        Yaw::Hold
+    };
+    Ok(Goal { since_us: now_us, position_ned_m, velocity_ned_mps, acceleration_ned_mps2, yaw })
+}
+
+fn from_heading(estimate: &Motion, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    let (sine, cosine) = (libm::sin(estimate.pose.yaw_rad), libm::cos(estimate.pose.yaw_rad));
+    [x * cosine - y * sine, x * sine + y * cosine, z]
+}
+
+fn from_body(estimate: &Motion, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    let (sr, cr) = (libm::sin(estimate.pose.roll_rad), libm::cos(estimate.pose.roll_rad));
+    let (sp, cp) = (libm::sin(estimate.pose.pitch_rad), libm::cos(estimate.pose.pitch_rad));
+    let (y, z) = (y * cr - z * sr, y * sr + z * cr);
+    let (x, z) = (x * cp + z * sp, z * cp - x * sp);
+    from_heading(estimate, [x, y, z])
+}
