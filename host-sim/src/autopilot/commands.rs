@@ -59,7 +59,7 @@ impl Autopilot {
         if may {
             self.flight.takeoff_down_m = Some(-height_m);
             self.flight.goal = None;
-            // From then on it is not landed any more [src: set_land_complete(false)].
+            // It is not landed any more once it begins to climb [src: `set_land_complete(false)`].
             self.flight.landed &= self.software == Software::Px4;
         }
         may

@@ -39,7 +39,7 @@ const MODES: [u32; 9] = [ALTITUDE, POSITION, TAKEOFF, HOLD, MISSION, RETURN, LAN
 /// Modes that fly without a place.
 const BLIND_MODES: [u32; 3] = [ALTITUDE, LAND, STABILIZED];
 /// The bit of `COM_RCL_EXCEPT` that lets OFFBOARD fly without a remote control: the value 4, not 2 \[issue:
-/// PX4 user_guide#1690\].
+/// `PX4/PX4-user_guide#1690`\].
 const OFFBOARD_WITHOUT_RC: u32 = 4;
 
 const LOCAL_NED: u8 = 1;

@@ -16,7 +16,7 @@ use foxhound_link::dialect::{
 
 use super::{AUTOPILOT, Autopilot, Software, is_for_us};
 
-/// ArduPilot asks for the time soon after its boot, then every 10 s \[src: GCS_Common.cpp; one in 3 s, run\].
+/// ArduPilot asks for the time soon after its boot, then every 10 s \[src: `GCS_Common.cpp`; one in 3 s, run\].
 pub(super) const TIMESYNC_FIRST_US: u64 = 1_000_000;
 const ARDUPILOT_TIMESYNC_US: u64 = 10_000_000;
 /// PX4 asks at 10 Hz in Onboard mode \[src\].

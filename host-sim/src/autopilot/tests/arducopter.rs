@@ -12,6 +12,9 @@ fn near(left: [f64; 3], right: [f64; 3]) -> bool {
 const NORTH_EAST: [f64; 3] = [1.0, 2.0, -0.5];
 const TURNED: [f64; 3] = [-2.0, 1.0, -0.5];
 
+/// What the vehicle is told; none stops it.
+type Told = Option<[f64; 3]>;
+
 #[test]
 fn every_mask_in_every_frame_does_what_it_does_there() {
     // What the vehicle is told with each mask in frames 1, 7, 8, 9, from (1, 2, -5) with the nose to the east. `None`
@@ -24,7 +27,7 @@ fn every_mask_in_every_frame_does_what_it_does_there() {
     let all = |v: [f64; 3], turned: [f64; 3]| [Some(v), Some(v), Some(turned), Some(turned)];
     let stops = [None; 4];
     let velocity = all(NORTH_EAST, TURNED);
-    let rows: [(u16, &str, [Option<[f64; 3]>; 4]); 17] = [
+    let rows: [(u16, &str, [Told; 4]); 17] = [
         (0x05C7, "velocity and yaw rate", velocity),
         (0x09C7, "velocity and yaw", velocity),
         (0x0DC7, "velocity", velocity),
