@@ -106,7 +106,7 @@ impl From<EstimatorName> for Estimator {
 }
 
 #[derive(Clone, Debug, Default)]
-enum Via {
+pub(super) enum Via {
     #[default]
     Host,
     Qemu(PathBuf),

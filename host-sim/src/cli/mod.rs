@@ -1,7 +1,9 @@
 //! The command line. Results go to stdout; notes, progress and errors to stderr. Exit status: 0 done as asked, 1 flown
 //! but the goal was not reached, 2 bad usage or input.
 
+mod autopilot;
 mod bearing;
+mod companion;
 mod fly;
 mod link_state;
 mod maps;
@@ -20,7 +22,9 @@ use foxhound_sim::tlog;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
+use autopilot::AutopilotCommand;
 use bearing::{BearingCommand, CalibrateCommand};
+use companion::CompanionCommand;
 use fly::Fly;
 use link_state::LinkState;
 use maps::MapsCommand;
@@ -50,6 +54,7 @@ const EXAMPLES: &str = "Examples:
   foxhound                                          fly through a pillar forest; picture in out/flight.svg
   foxhound fly --scenario gate.json --json          fly a scenario file, result as JSON
   foxhound fly --via qemu:firmware.elf --tlog f.tlog   the same flight with the firmware in QEMU
+  foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5   the same beside a real autopilot
   foxhound bearing --adc frames.npy --array array.toml --json
   foxhound calibrate --adc known.npy --array array.toml --azimuth-deg 30
   foxhound tlog f.tlog --json
@@ -61,6 +66,10 @@ Exit status: 0 done as asked; 1 flown, but a goal was not reached; 2 bad usage o
 enum Command {
     /// Flies one mission in closed loop.
     Fly(Fly),
+    /// Flies a real or modelled autopilot over MAVLink, in real time.
+    Companion(CompanionCommand),
+    /// Is a modelled autopilot in real time, to try `companion` with.
+    Autopilot(AutopilotCommand),
     /// Finds the bearings in recorded ADC frames.
     Bearing(BearingCommand),
     /// Measures the channels with a known source and writes them into the array file.
@@ -94,6 +103,8 @@ pub(crate) fn run() -> ExitCode {
     let done = match &cli.command {
         None => fly::fly(&cli, &Fly::default()),
         Some(Command::Fly(args)) => fly::fly(&cli, args),
+        Some(Command::Companion(args)) => companion::companion(&cli, args),
+        Some(Command::Autopilot(args)) => autopilot::autopilot(&cli, args),
         Some(Command::Bearing(args)) => bearing::bearing(&cli, args),
         Some(Command::Calibrate(args)) => bearing::calibration(&cli, args),
         Some(Command::Tlog(args)) => read_log(&cli, args),

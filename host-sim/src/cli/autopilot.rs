@@ -1,0 +1,160 @@
+//! `foxhound autopilot`: a modelled autopilot and its vehicle, in real time, for whoever has none at hand.
+
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use clap::Args;
+use foxhound_link::dialect::MavMessage;
+use foxhound_link::framer::Framer;
+use foxhound_sim::antennas::Pose;
+use foxhound_sim::autopilot::Autopilot;
+use foxhound_sim::companion::Pace;
+use foxhound_sim::input::{InputError, check};
+use foxhound_sim::random::Random;
+use foxhound_sim::scenario::{self, VehicleModel};
+use foxhound_sim::transport::{Line, Listen};
+use foxhound_sim::vehicle::Vehicle;
+use serde::Serialize;
+
+use super::companion::{stop_flag, triple};
+use super::{Cli, json_line, say};
+
+const AUTOPILOT_HELP: &str = "Examples:
+  foxhound autopilot --listen tcp:127.0.0.1:5760
+  foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,0,-5      (in another terminal)
+
+It is in GUIDED, armed and in the air, and ends with Ctrl-C. With --json the first line tells the address for
+`companion --autopilot`, the last one where the vehicle came to be and what it was told.";
+
+/// Physics go on in steps of this length.
+const STEP_US: u64 = 10_000;
+/// More than this is not caught up with when the machine stalls.
+const STALL_MAX_US: u64 = 1_000_000;
+/// As `fly` has it.
+const A_MAX_MPS2: f64 = 2.0;
+
+#[derive(Args, Debug)]
+#[command(after_help = AUTOPILOT_HELP)]
+pub(super) struct AutopilotCommand {
+    /// Where it can be reached: tcp:HOST:PORT, udp:HOST:PORT (port 0: any that is free) or pty. One companion after
+    /// another is served.
+    #[arg(long, value_name = "ADDRESS")]
+    listen: Listen,
+    /// Where the vehicle starts: north, east and altitude, in metres.
+    #[arg(long, value_name = "N,E,ALT", value_parser = triple, allow_hyphen_values = true, default_value = "0,0,5")]
+    start: [f64; 3],
+    /// Damages that share of the bytes in both directions, as a bad line does.
+    #[arg(long, value_name = "SEED:RATE", value_parser = noise)]
+    noise: Option<(u64, f64)>,
+    /// Ends after so many seconds [default: never].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    max_time: Option<f64>,
+}
+
+fn noise(text: &str) -> Result<(u64, f64), String> {
+    let parsed = text.split_once(':').and_then(|(seed, rate)| Some((seed.parse().ok()?, rate.parse().ok()?)));
+    let (seed, rate) = parsed.ok_or("expected SEED:RATE, as in 7:0.001")?;
+    if (0.0..=1.0).contains(&rate) { Ok((seed, rate)) } else { Err(format!("rate {rate} is outside 0..=1")) }
+}
+
+/// The first line with `--json`.
+#[derive(Serialize)]
+struct Listening {
+    autopilot: String,
+}
+
+/// The last line with `--json`: what the vehicle did and was told.
+#[derive(Default, Serialize)]
+struct Ended {
+    time_s: f64,
+    position_ned_m: [f64; 3],
+    speed_mps: f64,
+    heartbeats: u32,
+    setpoints: u32,
+    fastest_setpoint_mps: f32,
+    last_setpoint_mps: Option<[f32; 3]>,
+}
+
+impl Ended {
+    fn watch(&mut self, framer: &mut Framer, mut bytes: &[u8]) {
+        while !bytes.is_empty() {
+            bytes = &bytes[framer.push(bytes)..];
+            while let Some(message) = framer.next_frame().map(|frame| frame.message()) {
+                match message {
+                    Some(MavMessage::HEARTBEAT(_)) => self.heartbeats += 1,
+                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
+                        self.setpoints += 1;
+                        self.fastest_setpoint_mps = self.fastest_setpoint_mps.max(libm::hypotf(target.vx, target.vy));
+                        self.last_setpoint_mps = Some([target.vx, target.vy, target.vz]);
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+}
+
+pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, InputError> {
+    for (axis, value) in ["N", "E", "ALT"].into_iter().zip(args.start) {
+        check(&format!("--start: {axis}"), value, -10_000.0, 10_000.0)?;
+    }
+    if let Some(max_time_s) = args.max_time {
+        check("--max-time", max_time_s, 0.1, 1e6)?;
+    }
+    let (mut line, address) =
+        Line::listen(&args.listen).map_err(|error| InputError::new(format!("--listen: {error}")))?;
+    let stop = stop_flag()?;
+    say(&if cli.json {
+        json_line(&Listening { autopilot: address.to_string() })?
+    } else {
+        format!("fly it with: foxhound companion --autopilot {address} --source N,E,D\n")
+    });
+
+    let [north, east, altitude] = args.start;
+    let pose = Pose { position_ned_m: [north, east, -altitude], ..Pose::default() };
+    let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };
+    let mut vehicle = Vehicle::new(model, A_MAX_MPS2, pose);
+    let mut autopilot = Autopilot::default();
+    let mut damage = args.noise.map(|(seed, rate)| (Random::new(seed, 9), rate));
+    let (mut framer, mut ended) = (Framer::new(), Ended::default());
+    let mut pace = Pace::new(Duration::from_micros(STEP_US));
+    let mut flown_us = 0;
+    while !stop.load(Ordering::Relaxed) && args.max_time.is_none_or(|limit_s| ended.time_s < limit_s) {
+        let now_us = pace.wait().0;
+        ended.time_s = now_us as f64 * 1e-6;
+        let mut rx = line.read();
+        spoil(&mut rx, &mut damage);
+        ended.watch(&mut framer, &rx);
+        autopilot.receive(now_us, &vehicle.motion, &rx);
+        flown_us = flown_us.max(now_us.saturating_sub(STALL_MAX_US));
+        while flown_us + STEP_US <= now_us {
+            vehicle.step(autopilot.command(now_us), STEP_US as f64 * 1e-6);
+            flown_us += STEP_US;
+        }
+        autopilot.telemetry(now_us, &vehicle.motion, false);
+        let mut tx = autopilot.transmit();
+        spoil(&mut tx, &mut damage);
+        if line.is_open() {
+            line.write(&tx);
+        }
+    }
+    let [north_mps, east_mps, _] = vehicle.motion.velocity_ned_mps;
+    ended.position_ned_m = vehicle.motion.pose.position_ned_m;
+    ended.speed_mps = libm::hypot(north_mps, east_mps);
+    if cli.json {
+        say(&json_line(&ended)?);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Flips a bit of some bytes.
+fn spoil(bytes: &mut [u8], damage: &mut Option<(Random, f64)>) {
+    if let Some((random, rate)) = damage {
+        for byte in bytes {
+            if random.uniform() < *rate {
+                *byte ^= 1 << (random.uniform() * 8.0) as u32;
+            }
+        }
+    }
+}

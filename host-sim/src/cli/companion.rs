@@ -1,0 +1,268 @@
+//! `foxhound companion`: the whole system beside an autopilot, in real time.
+
+use std::io::{self, IsTerminal as _};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use clap::Args;
+use foxhound_core::planner;
+use foxhound_link::companion::Software;
+use foxhound_link::mailbox::Setup;
+use foxhound_sim::companion::{self, Config, News};
+use foxhound_sim::computer::{Computer, HostComputer};
+use foxhound_sim::flight::{Ending, Report};
+use foxhound_sim::input::{InputError, read_text};
+use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::tlog;
+use foxhound_sim::transport::{Address, Line};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::fly::{EstimatorName, Via, planner_parser};
+use super::{Cli, json_line, note, say};
+
+const COMPANION_HELP: &str = "Examples:
+  foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5
+  foxhound companion --autopilot udp:127.0.0.1:14550 --source=-8,-9,-5 --obstacles pillars.json --tlog flight.tlog
+  foxhound companion --autopilot serial:/dev/ttyACM0:115200 --source 30,0,-10 --via qemu:firmware.elf
+
+It waits for GUIDED (ArduPilot) or OFFBOARD (PX4), armed; it never changes the mode, arms or takes off. Leave the mode to
+take control away; enter it again to give it back. It ends within 1 m of the beacon, or with Ctrl-C, at zero velocity.
+
+Obstacles are JSON, vertical cylinders, x east, y north, metres: {\"obstacles\": [{\"x\": 3, \"y\": 4, \"r\": 0.3}]}
+
+Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
+
+#[derive(Args, Debug)]
+#[command(after_help = COMPANION_HELP)]
+pub(super) struct CompanionCommand {
+    /// Where the autopilot is: tcp:HOST:PORT, udp:HOST:PORT (it listens there), udpin:HOST:PORT (it sends there), or
+    /// serial:DEVICE:BAUD. It may come later, or start anew.
+    #[arg(long, value_name = "ADDRESS")]
+    autopilot: Address,
+    /// Where the beacon is, in metres of the autopilot's local frame: north, east, down.
+    #[arg(long, value_name = "N,E,D", value_parser = triple, allow_hyphen_values = true)]
+    source: [f64; 3],
+    /// Obstacles, in the same frame.
+    #[arg(long, value_name = "FILE")]
+    obstacles: Option<PathBuf>,
+    /// Which computer flies: `host`, or `qemu:ELF` for a firmware image in QEMU.
+    #[arg(long, value_name = "COMPUTER", default_value = "host")]
+    via: Via,
+    /// Horizontal speed of the fastest setpoint, in m/s.
+    #[arg(long, value_name = "M/S", default_value_t = 2.0, allow_negative_numbers = true)]
+    v_max: f64,
+    /// Radius of the vehicle, in metres.
+    #[arg(long, value_name = "M", default_value_t = 0.15, allow_negative_numbers = true)]
+    drone_radius: f64,
+    /// Signal-to-noise ratio per sample of the antenna waveforms, in dB.
+    #[arg(long, value_name = "DB", default_value_t = 20.0, allow_negative_numbers = true)]
+    snr_db: f64,
+    /// Which planner, as for `fly`.
+    #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
+    planner: planner::Config,
+    /// Which angle-of-arrival estimator.
+    #[arg(long, value_enum, default_value_t)]
+    estimator: EstimatorName,
+    /// Gives up after so many seconds, from the start of the program [default: never].
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    max_time: Option<f64>,
+    /// Telemetry log of every MAVLink frame in both directions, with wall time.
+    #[arg(long, value_name = "FILE")]
+    tlog: Option<PathBuf>,
+}
+
+/// Three finite numbers with commas between.
+pub(super) fn triple(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))
+        .map(|number| number.ok_or_else(|| "expected three numbers, as in 8,-9,-5".to_owned()))
+        .collect::<Result<_, _>>()?;
+    numbers.try_into().map_err(|_| "expected three numbers, as in 8,-9,-5".to_owned())
+}
+
+/// A flag that Ctrl-C, or whoever ends the program, sets.
+pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&flag)).map_err(|error| InputError::new(error.to_string()))?;
+    }
+    Ok(flag)
+}
+
+pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, InputError> {
+    let obstacles = match &args.obstacles {
+        Some(path) => {
+            let named = |error: InputError| InputError::new(format!("--obstacles {error}"));
+            let text = read_text(path).map_err(named)?;
+            companion::parse_obstacles(&text).map_err(|error| named(error.in_file(path)))?
+        }
+        None => Vec::new(),
+    };
+    let config = Config {
+        source_ned_m: args.source,
+        obstacles,
+        v_max_mps: args.v_max,
+        drone_radius_m: args.drone_radius,
+        snr_db: args.snr_db,
+        seed: cli.seed,
+        planner: args.planner,
+        estimator: args.estimator.into(),
+        max_time_s: args.max_time,
+    };
+    let config = config.checked()?;
+    let guidance = config.guidance();
+    // Checked here for every computer, so that a refused field is named the same way.
+    let mut host = HostComputer::new(&guidance)?;
+    let mut qemu = match &args.via {
+        Via::Host => None,
+        Via::Qemu(elf) => Some(QemuComputer::start(elf, &Setup { guidance }).map_err(refused)?),
+    };
+    let failed = |error: io::Error| InputError::new(format!("--autopilot {}: {error}", args.autopilot));
+    let mut line = Line::open(&args.autopilot).map_err(failed)?;
+    let mut log = match &args.tlog {
+        Some(path) => Some(
+            tlog::Writer::create(path)
+                .map_err(|error| InputError::new(format!("--tlog {}: {error}", path.display())))?,
+        ),
+        None => None,
+    };
+
+    let stop = stop_flag()?;
+    let mut progress = Progress::new(args.autopilot.clone());
+    progress.text("waits for the autopilot");
+    let report = if companion::wait_for_line(&mut line, &stop, config.max_time_s) {
+        let computer: &mut dyn Computer = match &mut qemu {
+            Some(qemu) => {
+                // What the firmware did while it was alone belongs to no flight.
+                qemu.set_up(&Setup { guidance }).map_err(refused)?;
+                qemu
+            }
+            None => &mut host,
+        };
+        let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news| progress.show(news))?;
+        progress.clear();
+        for complaint in &flown.complaints {
+            note(&format!("error: {complaint}"));
+        }
+        if flown.missed_steps > 0 {
+            note(&format!("{} steps were left out: the machine was busy", flown.missed_steps));
+        }
+        flown.report
+    } else {
+        companion::nobody_there(&config)
+    };
+    if let Some(log) = log {
+        log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
+    }
+    say(&if cli.json { json_line(&report)? } else { summary(&report) });
+    Ok(if report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+fn refused(error: foxhound_sim::qemu::QemuError) -> InputError {
+    InputError::new(format!("--via: {error}"))
+}
+
+/// A line that is drawn over and over on a terminal; elsewhere a line when something changes.
+struct Progress {
+    address: Address,
+    bar: Option<ProgressBar>,
+    state: String,
+    shown_s: f64,
+}
+
+/// On a terminal the line changes so often; elsewhere no more lines are written than that.
+const PERIOD_S: f64 = 0.5;
+
+impl Progress {
+    fn new(address: Address) -> Self {
+        let bar = io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+            match ProgressStyle::with_template("{msg}") {
+                Ok(style) => bar.with_style(style),
+                Err(_) => bar,
+            }
+        });
+        Self { address, bar, state: String::new(), shown_s: 0.0 }
+    }
+
+    fn text(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => {
+                bar.set_message(format!("{}: {text}", self.address));
+                bar.tick();
+            }
+            None => note(&format!("{}: {text}", self.address)),
+        }
+    }
+
+    fn show(&mut self, news: &News) {
+        if news.time_s < self.shown_s + PERIOD_S && self.shown_s > 0.0 {
+            return;
+        }
+        let state = state(news);
+        if self.bar.is_none() && state == self.state {
+            return;
+        }
+        self.shown_s = news.time_s;
+        let distance = news.distance_m.map_or(String::new(), |distance_m| format!(", {distance_m:.1} m to the beacon"));
+        self.text(&format!("{:.1} s: {state}{distance}", news.time_s));
+        self.state = state;
+    }
+
+    fn clear(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// How things stand, in words.
+fn state(news: &News) -> String {
+    if let Some(ending) = news.ending {
+        return format!("{}; brakes", word(ending));
+    }
+    if !news.is_open {
+        return "the line is down".to_owned();
+    }
+    let Some(autopilot) = news.autopilot else { return "no autopilot is heard".to_owned() };
+    let software = match autopilot.software {
+        Software::ArduPilot => "ArduPilot",
+        Software::Px4 => "PX4",
+        Software::Other => "an autopilot that is not commanded",
+    };
+    let mode = match (autopilot.software, autopilot.in_mode) {
+        (Software::ArduPilot, true) => "GUIDED".to_owned(),
+        (Software::Px4, true) => "OFFBOARD".to_owned(),
+        (Software::Px4, false) => format!("main mode {}", (autopilot.custom_mode >> 16) & 0xFF),
+        _ => format!("mode {}", autopilot.custom_mode),
+    };
+    let armed = if autopilot.armed { "armed" } else { "disarmed" };
+    format!("{software}, {mode}, {armed}: {}", news.outcome.name())
+}
+
+fn word(ending: Ending) -> &'static str {
+    match ending {
+        Ending::Reached => "reached the beacon",
+        Ending::Hold => "holds",
+        Ending::Collision => "collided",
+        Ending::Timeout => "ended on the way",
+    }
+}
+
+/// A flight for people.
+fn summary(report: &Report) -> String {
+    let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
+    let mut text = format!("{}{reason} after {:.1} s in control\n", word(report.result), report.time_s);
+    text +=
+        &format!("  path             {:.2} m, straight line {:.2} m\n", report.path_length_m, report.straight_line_m);
+    if let Some(clearance_m) = report.min_clearance_m {
+        text += &format!("  least clearance  {clearance_m:.3} m\n");
+    }
+    if let Some(rms_deg) = report.bearing_rms_deg {
+        text += &format!("  bearing error    {rms_deg:.2} deg rms\n");
+    }
+    text + &format!("  plans            {}\n", report.replans)
+}

@@ -1,0 +1,422 @@
+//! The whole system beside a real or a modelled autopilot, in real time: steps of 20 ms by the monotonic clock.
+//!
+//! ```text
+//!  autopilot --bytes--> computer (in this process, or the firmware in QEMU) --bytes--> autopilot
+//!      `--telemetry--> senses --codes, obstacles--^
+//! ```
+//!
+//! The beacon and the pillars are where the caller says, in the autopilot's local frame; what the vehicle would hear and
+//! see of them is synthesised from its telemetry. When the machine stalls, the steps that were missed are left out
+//! ([`Pace`]).
+//!
+//! The driver never commands the vehicle: it only ends the flight. Within [`ARRIVED_M`] of the beacon, at a collision, at
+//! a hold for good, at the time limit or when it is told to stop, it pauses the computer, waits until the stream of
+//! setpoints has been zero for [`QUIET_S`] and the vehicle is slow, and leaves. Where the computer does not obey, it sends
+//! the zeros itself. The last setpoint is zero, however the flight ends.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
+
+use foxhound_core::ConfigError;
+use foxhound_core::bearing::Estimator;
+use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::mission::{Behaviour, Outcome};
+use foxhound_core::planner;
+use foxhound_core::time::Instant;
+use foxhound_link::companion::Autopilot;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::computer::{Computer, StepReport};
+use crate::flight::{Ending, Mission, Report, TICK_S};
+use crate::input::{InputError, check, parse_strictly};
+use crate::scenario::{self, Obstacle, Scenario, VehicleModel};
+use crate::tlog;
+use crate::transport::Line;
+use crate::world::Horizontal;
+
+mod pace;
+mod senses;
+mod tally;
+mod wire;
+
+pub use pace::Pace;
+use senses::{Fix, Senses};
+use tally::Tally;
+use wire::Wire;
+
+/// Horizontal distance to the beacon that counts as arrival.
+pub const ARRIVED_M: f64 = 1.0;
+/// How long the stream of setpoints must have been zero at the end.
+pub const QUIET_S: f32 = 0.5;
+
+/// A vehicle slower than this is slow.
+const SLOW_MPS: f64 = 0.25;
+/// A vehicle that does not become slow is not waited for any longer.
+const BRAKE_MAX_S: f32 = 5.0;
+/// A pause is repeated that often until the stream is zero.
+const PAUSE_PERIOD_US: u64 = 200_000;
+/// A computer whose stream still moves after so long does not obey.
+const OBEYS_WITHIN_S: f32 = 0.5;
+/// From one zero of the driver to the next.
+const ZERO_PERIOD: Duration = Duration::from_millis(50);
+/// What rounding may add to a speed is taken off the limit.
+const ROUNDING: f32 = 1.0 - 1e-6;
+
+/// What is flown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// The beacon, in the autopilot's local frame.
+    pub source_ned_m: [f64; 3],
+    /// The pillars, in the same frame.
+    pub obstacles: Vec<Obstacle>,
+    /// Horizontal speed of the fastest setpoint.
+    pub v_max_mps: f64,
+    /// Radius of the vehicle.
+    pub drone_radius_m: f64,
+    /// Signal-to-noise ratio per sample of the antenna waveforms.
+    pub snr_db: f64,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Which planner.
+    pub planner: planner::Config,
+    /// Which estimator.
+    pub estimator: Estimator,
+    /// When the flight is given up, from the start of the program.
+    pub max_time_s: Option<f64>,
+}
+
+impl Config {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The option out of range.
+    pub fn checked(self) -> Result<Self, InputError> {
+        let far = 10_000.0;
+        for (axis, value) in ["N", "E", "D"].into_iter().zip(self.source_ned_m) {
+            check(&format!("--source: {axis}"), value, -far, far)?;
+        }
+        check("--v-max", self.v_max_mps, 0.1, 20.0)?;
+        check("--drone-radius", self.drone_radius_m, 0.01, 5.0)?;
+        check("--snr-db", self.snr_db, -30.0, 80.0)?;
+        if let Some(max_time_s) = self.max_time_s {
+            check("--max-time", max_time_s, 0.1, 1e6)?;
+        }
+        self.scenario().checked()?;
+        Ok(self)
+    }
+
+    fn scenario(&self) -> Scenario {
+        let [north, east, _] = self.source_ned_m;
+        Scenario {
+            name: "companion".to_owned(),
+            drone_radius: self.drone_radius_m,
+            goal: [east, north],
+            obstacles: self.obstacles.clone(),
+            bearing: scenario::Bearing { snr_db: Some(self.snr_db), ..scenario::Bearing::default() },
+            limits: scenario::Limits { v_max: self.v_max_mps, ..scenario::Limits::default() },
+            vehicle: scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() },
+            goal_tolerance: ARRIVED_M,
+            ..Scenario::default()
+        }
+    }
+
+    /// The configuration of the computer.
+    #[must_use]
+    pub fn guidance(&self) -> guidance::Config {
+        let (seed, planner, estimator) = (self.seed, self.planner, self.estimator);
+        let mut config = Mission { scenario: self.scenario(), seed, planner, estimator }.guidance();
+        config.guard.v_max_mps *= ROUNDING;
+        config
+    }
+}
+
+#[derive(Default, Deserialize, Serialize)]
+struct ObstacleFile {
+    obstacles: Vec<Cylinder>,
+}
+
+#[derive(Deserialize, Serialize)]
+struct Cylinder {
+    x: f64,
+    y: f64,
+    r: f64,
+}
+
+/// Reads an obstacle file: `{"obstacles": [{"x", "y", "r"}]}`, vertical cylinders, x east, y north, metres.
+///
+/// # Errors
+/// The path of the first key that is unknown, missing, of the wrong type or out of range.
+pub fn parse_obstacles(text: &str) -> Result<Vec<Obstacle>, InputError> {
+    // A derived reader would take a list for an object; what is no JSON at all is refused below, with its place.
+    if let Ok(value) = serde_json::from_str::<Value>(text) {
+        let entries = value.get("obstacles").and_then(Value::as_array).into_iter().flatten().enumerate();
+        let mut places = entries.map(|(index, entry)| (format!("obstacles[{index}]"), entry));
+        let first = Some(("the file".to_owned(), &value));
+        if let Some((path, _)) = first.into_iter().chain(&mut places).find(|(_, value)| !value.is_object()) {
+            return Err(InputError::new(format!("{path}: expected an object {{...}}")));
+        }
+    }
+    let known = ["obstacles", "obstacles[].x", "obstacles[].y", "obstacles[].r"];
+    let mut document = serde_json::Deserializer::from_str(text);
+    let file: ObstacleFile = parse_strictly(&mut document, &known)?;
+    document.end().map_err(|error| InputError::new(error.to_string()))?;
+    let obstacle = |Cylinder { x, y, r }| Obstacle { x, y, r, ..Obstacle::default() };
+    let obstacles = file.obstacles.into_iter().map(obstacle).collect();
+    Ok(Scenario { obstacles, ..Scenario::default() }.checked()?.obstacles)
+}
+
+/// How things stand, once a step.
+#[derive(Clone, Copy, Debug)]
+pub struct News {
+    /// Since the start.
+    pub time_s: f64,
+    /// Whether there is a line to the autopilot.
+    pub is_open: bool,
+    /// The autopilot, once it was heard.
+    pub autopilot: Option<Autopilot>,
+    /// What the step came to.
+    pub outcome: Outcome,
+    /// Horizontal distance to the beacon, while the autopilot says where it is.
+    pub distance_m: Option<f64>,
+    /// The flight is being ended, and how.
+    pub ending: Option<Ending>,
+}
+
+/// What came of it.
+#[derive(Clone, Debug)]
+pub struct Flown {
+    /// The object that is printed.
+    pub report: Report,
+    /// What broke on the way.
+    pub complaints: Vec<String>,
+    /// Steps that were left out because the machine was busy.
+    pub missed_steps: u32,
+}
+
+/// Waits for somebody at the other end of the line; false when told to stop or after `limit_s`.
+pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -> bool {
+    let begin = WallInstant::now();
+    while !line.is_open() {
+        // Whoever calls first may be heard before he can be answered.
+        line.read();
+        if stop.load(Ordering::Relaxed) || limit_s.is_some_and(|limit_s| begin.elapsed().as_secs_f64() > limit_s) {
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    true
+}
+
+/// The report of a flight that never began, because nobody was at the other end.
+#[must_use]
+pub fn nobody_there(config: &Config) -> Report {
+    Tally::new(Horizontal::default(), config.drone_radius_m).report(config.seed, Ending::Timeout, Outcome::LinkLost)
+}
+
+/// Flies with a computer until the flight has an end; `stop` ends it at any time.
+///
+/// # Errors
+/// The field of the link's configuration that is refused.
+pub fn fly(
+    config: &Config,
+    computer: &mut dyn Computer,
+    line: &mut Line,
+    log: Option<&mut tlog::Writer>,
+    stop: &AtomicBool,
+    watch: impl FnMut(&News),
+) -> Result<Flown, ConfigError> {
+    let [north, east, _] = config.source_ned_m;
+    let source = Horizontal { north, east };
+    let world = config.scenario().world();
+    let mut flight = Flight {
+        config,
+        line,
+        log,
+        source,
+        senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed)?,
+        tally: Tally::new(source, config.drone_radius_m),
+        wire: Wire::default(),
+        started_us: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64),
+        complaints: Vec::new(),
+    };
+    let mut pace = Pace::new(Duration::from_micros((TICK_S * 1e6) as u64));
+    let (ending, reason) = flight.fly(computer, &mut pace, stop, watch);
+    let report = flight.tally.report(config.seed, ending, reason);
+    Ok(Flown { report, complaints: flight.complaints, missed_steps: pace.missed })
+}
+
+struct Flight<'a> {
+    config: &'a Config,
+    line: &'a mut Line,
+    log: Option<&'a mut tlog::Writer>,
+    source: Horizontal,
+    senses: Senses,
+    tally: Tally,
+    wire: Wire,
+    /// Wall time at the start.
+    started_us: u64,
+    complaints: Vec<String>,
+}
+
+/// The flight is being ended.
+#[derive(Clone, Copy)]
+struct Brake {
+    ending: Ending,
+    reason: Outcome,
+    since: Instant,
+    pause_due: Instant,
+}
+
+impl Flight<'_> {
+    fn fly(
+        &mut self,
+        computer: &mut dyn Computer,
+        pace: &mut Pace,
+        stop: &AtomicBool,
+        mut watch: impl FnMut(&News),
+    ) -> (Ending, Outcome) {
+        let mut outcome = Outcome::LinkLost;
+        let mut brake: Option<Brake> = None;
+        loop {
+            let now = pace.wait();
+            let mut rx = self.hear(now);
+            let fix = self.senses.fix(now);
+            let in_control = self.senses.is_in_control(now);
+            self.tally.step(now, self.senses.world(), fix.as_ref(), in_control);
+            if brake.is_none() {
+                brake = self.end(now, fix.as_ref(), in_control, outcome, stop);
+            }
+            if let (Some(brake), Some(autopilot)) = (&mut brake, self.senses.autopilot())
+                && now >= brake.pause_due
+            {
+                brake.pause_due = now.plus_micros(PAUSE_PERIOD_US);
+                let pause = self.wire.pause(&autopilot);
+                self.note(now, tlog::Direction::ToCompanion, &pause);
+                rx.extend(pause);
+            }
+
+            match self.step(computer, now, fix.as_ref(), &rx) {
+                Ok(report) => outcome = report.output.outcome,
+                Err(complaint) => {
+                    self.stand(pace);
+                    // Who is told to stop from a terminal may have been told together with what he needs.
+                    if !stop.load(Ordering::Relaxed) {
+                        self.complaints.push(complaint);
+                    }
+                    let Some(brake) = brake else { return (Ending::Hold, Outcome::Fault) };
+                    return (brake.ending, brake.reason);
+                }
+            }
+            watch(&News {
+                time_s: now.0 as f64 * 1e-6,
+                is_open: self.line.is_open(),
+                autopilot: self.senses.autopilot(),
+                outcome,
+                distance_m: fix.map(|fix| self.source.minus(fix.place()).norm()),
+                ending: brake.map(|brake| brake.ending),
+            });
+
+            if let Some(brake) = brake {
+                let braked_s = now.seconds_since(brake.since);
+                let is_slow = !in_control || fix.is_none_or(|fix| fix.speed_mps < SLOW_MPS);
+                let is_quiet = self.wire.quiet_s(now) >= QUIET_S;
+                let disobeys = self.wire.moves() && (is_quiet || braked_s > OBEYS_WITHIN_S);
+                if disobeys {
+                    self.stand(pace);
+                }
+                if disobeys || is_quiet && (is_slow || braked_s > BRAKE_MAX_S) {
+                    let ending = if self.tally.collided() { Ending::Collision } else { brake.ending };
+                    return (ending, brake.reason);
+                }
+            }
+        }
+    }
+
+    /// Whether the flight ends here.
+    fn end(
+        &self,
+        now: Instant,
+        fix: Option<&Fix>,
+        in_control: bool,
+        outcome: Outcome,
+        stop: &AtomicBool,
+    ) -> Option<Brake> {
+        let arrived = |fix: &Fix| self.source.minus(fix.place()).norm() <= ARRIVED_M;
+        let is_late = |limit_s: f64| now.0 as f64 * 1e-6 >= limit_s;
+        let holds = outcome.behaviour() == Behaviour::Hold;
+        let (ending, reason) = if self.tally.collided() {
+            (Ending::Collision, outcome)
+        } else if in_control && fix.is_some_and(arrived) {
+            (Ending::Reached, Outcome::Nominal)
+        } else if outcome == Outcome::GoalUnreachable && self.tally.is_still(now) {
+            (Ending::Hold, outcome)
+        } else if stop.load(Ordering::Relaxed) || self.config.max_time_s.is_some_and(is_late) {
+            (if holds { Ending::Hold } else { Ending::Timeout }, outcome)
+        } else {
+            return None;
+        };
+        Some(Brake { ending, reason, since: now, pause_due: now })
+    }
+
+    fn hear(&mut self, now: Instant) -> Vec<u8> {
+        let rx = self.line.read();
+        self.senses.receive(now, &rx);
+        self.note(now, tlog::Direction::ToCompanion, &rx);
+        rx
+    }
+
+    fn say(&mut self, now: Instant, frames: &[u8]) {
+        self.line.write(frames);
+        self.note(now, tlog::Direction::ToAutopilot, frames);
+    }
+
+    fn step(
+        &mut self,
+        computer: &mut dyn Computer,
+        now: Instant,
+        fix: Option<&Fix>,
+        rx: &[u8],
+    ) -> Result<StepReport, String> {
+        let snapshot = fix.map(|fix| self.senses.hear(now, fix));
+        let front_end = snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Snapshot);
+        let circles = fix.and_then(|fix| self.senses.look(now, fix));
+        let report = computer.step(now, front_end, circles.as_deref(), rx).map_err(|error| error.to_string())?;
+        self.wire.watch(now, &report.tx);
+        self.say(now, &report.tx);
+        self.tally.hear(&report.output, fix, report.plan.is_some());
+        Ok(report)
+    }
+
+    /// Brings the vehicle to a stand without a computer.
+    fn stand(&mut self, pace: &Pace) {
+        let mut beat = pace.with_period(ZERO_PERIOD);
+        let begin = beat.wait();
+        loop {
+            let now = beat.wait();
+            self.hear(now);
+            let Some(autopilot) = self.senses.autopilot() else { return };
+            let zero = self.wire.zero(now, &autopilot);
+            self.say(now, &zero);
+            let is_slow = self.senses.fix(now).is_none_or(|fix| fix.speed_mps < SLOW_MPS);
+            let stood_s = now.seconds_since(begin);
+            let is_ours = self.senses.is_in_control(now);
+            if stood_s > BRAKE_MAX_S || stood_s > QUIET_S && (is_slow || !is_ours) {
+                return;
+            }
+        }
+    }
+
+    /// A log that cannot be written is given up; the flight is not.
+    fn note(&mut self, now: Instant, direction: tlog::Direction, bytes: &[u8]) {
+        if let Some(log) = self.log.as_deref_mut()
+            && let Err(error) = log.bytes(self.started_us + now.0, direction, bytes)
+        {
+            self.complaints.push(format!("--tlog: {error}"));
+            self.log = None;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

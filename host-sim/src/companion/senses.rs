@@ -1,0 +1,177 @@
+//! What the vehicle would hear and see where its autopilot says it is.
+//!
+//! The autopilot's telemetry is taken in by a second [`Companion`] that only listens: so that what is synthesised, and what
+//! the flying computer is told, rest on the same reading of the same bytes. Position and yaw are carried on to the present
+//! by velocity and yaw rate. Without telemetry there are no waves and no obstacles.
+
+use foxhound_core::ConfigError;
+use foxhound_core::adc::Snapshot;
+use foxhound_core::map::Circle;
+use foxhound_core::mission::Control;
+use foxhound_core::time::Instant;
+use foxhound_link::companion::{self, Autopilot, Companion};
+
+use crate::antennas::{Antennas, Pose};
+use crate::computer::BLOCK;
+use crate::random::Random;
+use crate::scenario;
+use crate::sensor::View;
+use crate::world::{Horizontal, World};
+
+/// Telemetry older than this says nothing about now.
+const AGE_MAX_S: f32 = 0.5;
+/// From one look of the obstacle sensor to the next.
+const LOOK_PERIOD_US: u64 = 100_000;
+
+/// The vehicle, as its autopilot says.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fix {
+    /// When the position was heard.
+    pub(super) heard: Instant,
+    /// The position that was heard.
+    pub(super) heard_at: Horizontal,
+    /// The pose now.
+    pub(super) pose: Pose,
+    /// Horizontal speed.
+    pub(super) speed_mps: f64,
+}
+
+impl Fix {
+    pub(super) fn place(&self) -> Horizontal {
+        Horizontal { north: self.pose.position_ned_m[0], east: self.pose.position_ned_m[1] }
+    }
+}
+
+/// Ears and eyes.
+#[derive(Debug)]
+pub(super) struct Senses {
+    ear: Companion,
+    antennas: Antennas,
+    random: Random,
+    source_ned_m: [f64; 3],
+    world: World,
+    sensor: scenario::Sensor,
+    look_due: Instant,
+}
+
+impl Senses {
+    pub(super) fn new(source_ned_m: [f64; 3], snr_db: f64, world: World, seed: u64) -> Result<Self, ConfigError> {
+        Ok(Self {
+            ear: companion::Config::default().build()?,
+            antennas: Antennas { snr_db: Some(snr_db), ..Antennas::default() },
+            random: Random::new(seed, 1),
+            source_ned_m,
+            world,
+            sensor: scenario::Sensor::default(),
+            look_due: Instant::default(),
+        })
+    }
+
+    /// Takes in what the autopilot sent.
+    pub(super) fn receive(&mut self, now: Instant, bytes: &[u8]) {
+        self.ear.receive(now, bytes);
+        // It keeps its books only while it believes that it speaks, too.
+        self.ear.poll(now);
+        while self.ear.transmit(&mut [0; 1024]) > 0 {}
+    }
+
+    pub(super) fn autopilot(&self) -> Option<Autopilot> {
+        self.ear.autopilot()
+    }
+
+    pub(super) fn is_in_control(&self, now: Instant) -> bool {
+        self.ear.control(now) == Control::Granted
+    }
+
+    pub(super) fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Where the vehicle is now.
+    pub(super) fn fix(&self, now: Instant) -> Option<Fix> {
+        let ownship = self.ear.ownship()?;
+        let ahead_s = now.seconds_since(ownship.position_time);
+        if ahead_s > AGE_MAX_S || now.seconds_since(ownship.attitude_time) > AGE_MAX_S {
+            return None;
+        }
+        let heard = [ownship.position_ned_m.north, ownship.position_ned_m.east, ownship.position_ned_m.down];
+        let velocity = [ownship.velocity_ned_mps.north, ownship.velocity_ned_mps.east, ownship.velocity_ned_mps.down];
+        let position_ned_m = std::array::from_fn(|axis| f64::from(heard[axis] + velocity[axis] * ahead_s));
+        let pose = Pose {
+            position_ned_m,
+            roll_rad: f64::from(ownship.roll_rad),
+            pitch_rad: f64::from(ownship.pitch_rad),
+            yaw_rad: f64::from(ownship.yaw_at(now)),
+        };
+        let heard_at = Horizontal { north: f64::from(heard[0]), east: f64::from(heard[1]) };
+        let speed_mps = f64::from(libm::hypotf(velocity[0], velocity[1]));
+        Some(Fix { heard: ownship.position_time, heard_at, pose, speed_mps })
+    }
+
+    /// One frame of the antennas.
+    pub(super) fn hear(&mut self, now: Instant, fix: &Fix) -> Box<Snapshot<BLOCK>> {
+        Box::new(self.antennas.frame(now, &fix.pose, self.source_ned_m, &mut self.random))
+    }
+
+    /// What the obstacle sensor sees, when it is time to look.
+    pub(super) fn look(&mut self, now: Instant, fix: &Fix) -> Option<Vec<Circle>> {
+        if now < self.look_due {
+            return None;
+        }
+        self.look_due = now.plus_micros(LOOK_PERIOD_US);
+        let (position, yaw_rad) = (fix.place(), fix.pose.yaw_rad);
+        Some(View { world: &self.world, time_s: 0.0, position, yaw_rad, sensor: self.sensor }.circles())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foxhound_link::MessageData;
+    use foxhound_link::dialect::{ATTITUDE_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA};
+    use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
+
+    fn bytes<D: MessageData>(data: &D) -> Vec<u8> {
+        let mut frame = [0; FRAME_MAX];
+        let length = encode_data(Header { system_id: 1, component_id: 1, sequence: 0 }, data, &mut frame);
+        frame[..length].to_vec()
+    }
+
+    fn senses() -> Senses {
+        let obstacles = vec![scenario::Obstacle { x: 0.0, y: 3.0, r: 0.5, ..Default::default() }];
+        let world = scenario::Scenario { obstacles, ..Default::default() }.world();
+        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, world, 1).unwrap();
+        let now = Instant(1_000_000);
+        let heartbeat =
+            HEARTBEAT_DATA { custom_mode: 4, mavtype: 2, autopilot: 3, base_mode: 0x81, ..HEARTBEAT_DATA::DEFAULT };
+        senses.receive(now, &bytes(&heartbeat));
+        senses.receive(now, &bytes(&LOCAL_POSITION_NED_DATA { vx: 2.0, z: -5.0, ..LOCAL_POSITION_NED_DATA::DEFAULT }));
+        senses.receive(now, &bytes(&ATTITUDE_DATA { yawspeed: 0.5, ..ATTITUDE_DATA::DEFAULT }));
+        senses
+    }
+
+    #[test]
+    fn telemetry_is_carried_on_to_the_present_and_forgotten_when_it_is_old() {
+        let senses = senses();
+        let fix = senses.fix(Instant(1_100_000)).unwrap();
+        assert!((fix.place().north - 0.2).abs() < 1e-6 && fix.heard_at.north == 0.0 && fix.speed_mps == 2.0);
+        assert!((fix.pose.yaw_rad - 0.05).abs() < 1e-6);
+        assert!(senses.fix(Instant(1_501_000)).is_none());
+        assert!(senses.is_in_control(Instant(1_100_000)) && !senses.is_in_control(Instant(4_000_000)));
+    }
+
+    #[test]
+    fn an_obstacle_in_view_is_seen_ten_times_a_second() {
+        let mut senses = senses();
+        let mut looks = 0;
+        for step in 0..20 {
+            let now = Instant(1_000_000 + step * 20_000);
+            let fix = senses.fix(now).unwrap();
+            if let Some(circles) = senses.look(now, &fix) {
+                assert_eq!(circles.len(), 1);
+                looks += 1;
+            }
+        }
+        assert_eq!(looks, 4);
+    }
+}

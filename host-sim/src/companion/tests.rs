@@ -1,0 +1,54 @@
+use super::*;
+
+#[test]
+fn an_obstacle_file_is_read_strictly() {
+    let read = parse_obstacles(r#"{"obstacles":[{"x":1,"y":2.5,"r":0.3},{"x":-1,"y":0,"r":1}]}"#).unwrap();
+    assert_eq!((read.len(), read[0].x, read[0].y, read[1].x), (2, 1.0, 2.5, -1.0));
+    assert!(parse_obstacles(r#"{"obstacles":[]}"#).unwrap().is_empty());
+    for (text, words) in [
+        (r#"{"obstacles":[{"x":1,"y":2,"r":0.3,"h":4}]}"#, "obstacles[0].h: unknown key"),
+        (r#"{"obstacels":[]}"#, "obstac"),
+        (r#"{"obstacles":[{"x":1,"y":2}]}"#, "obstacles[0]"),
+        (r#"{"obstacles":[{"x":1,"y":2,"r":-1}]}"#, "obstacles[0].r = -1 is outside"),
+        (r#"{"obstacles":[{"x":"1","y":2,"r":1}]}"#, "obstacles[0].x"),
+        (r#"{"obstacles":[[1,2,0.3]]}"#, "obstacles[0]: expected an object"),
+        (r#"[]"#, "the file: expected an object"),
+        (r#"{"obstacles":[]} {}"#, "trailing"),
+        ("", "EOF"),
+    ] {
+        let error = parse_obstacles(text).unwrap_err().to_string();
+        assert!(error.contains(words), "{text}: {error}");
+    }
+}
+
+fn config() -> Config {
+    Config {
+        source_ned_m: [8.0, 0.0, -5.0],
+        obstacles: Vec::new(),
+        v_max_mps: 2.0,
+        drone_radius_m: 0.15,
+        snr_db: 20.0,
+        seed: 1,
+        planner: planner::Config::default(),
+        estimator: Estimator::CrossSpectrum,
+        max_time_s: None,
+    }
+}
+
+#[test]
+fn an_option_out_of_range_is_named() {
+    assert!(config().checked().is_ok());
+    let refused = |config: Config| config.checked().unwrap_err().to_string();
+    assert!(refused(Config { v_max_mps: 0.0, ..config() }).starts_with("--v-max = 0 is outside"));
+    assert!(refused(Config { source_ned_m: [0.0, f64::NAN, 0.0], ..config() }).starts_with("--source: E = NaN"));
+    assert!(refused(Config { drone_radius_m: -1.0, ..config() }).starts_with("--drone-radius"));
+    assert!(refused(Config { snr_db: 99.0, ..config() }).starts_with("--snr-db"));
+    assert!(refused(Config { max_time_s: Some(-1.0), ..config() }).starts_with("--max-time"));
+}
+
+#[test]
+fn the_guard_keeps_the_limit_with_room_for_rounding() {
+    let guidance = config().guidance();
+    assert!(guidance.guard.v_max_mps < 2.0 && guidance.guard.v_max_mps > 1.999);
+    assert!(guidance.goal.known_source_ned_m.is_none(), "the beacon is heard, not told");
+}

@@ -1,0 +1,133 @@
+//! What the driver itself says on the link, and what it notices of what the computer says.
+//!
+//! To stop, the computer is told to pause as a ground station would tell it, with `MAV_CMD_DO_PAUSE_CONTINUE`: so the stop
+//! works for every computer, and is one that a pilot has, too. Where no computer is left to obey, the driver sends zero
+//! velocity in its place.
+
+use foxhound_core::time::Instant;
+use foxhound_link::MessageData;
+use foxhound_link::companion::{Autopilot, TYPE_MASK};
+use foxhound_link::dialect::{COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
+use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+
+/// A ground station's place.
+const GROUND_STATION: (u8, u8) = (255, 190);
+const COMPANION: u8 = 191;
+
+/// Follows the computer's frames on their way out.
+#[derive(Debug, Default)]
+pub(super) struct Wire {
+    framer: Framer,
+    /// Number of the computer's last frame.
+    sequence: u8,
+    /// The last setpoint asks for motion.
+    moves: bool,
+    /// When a setpoint last asked for motion.
+    moved: Instant,
+    /// Number of the driver's next command.
+    command: u8,
+}
+
+impl Wire {
+    /// Takes in what the computer sends.
+    pub(super) fn watch(&mut self, now: Instant, mut bytes: &[u8]) {
+        while !bytes.is_empty() {
+            bytes = &bytes[self.framer.push(bytes)..];
+            while let Some((header, message)) = self.framer.next_frame().map(|frame| (frame.header, frame.message())) {
+                self.sequence = header.sequence;
+                if let Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) = message {
+                    self.moves = [target.vx, target.vy, target.vz, target.yaw_rate].iter().any(|v| *v != 0.0);
+                    if self.moves {
+                        self.moved = now;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether the last setpoint asks for motion.
+    pub(super) const fn moves(&self) -> bool {
+        self.moves
+    }
+
+    /// Since when no setpoint has asked for motion.
+    pub(super) fn quiet_s(&self, now: Instant) -> f32 {
+        now.seconds_since(self.moved)
+    }
+
+    /// The command to pause, for the computer beside an autopilot.
+    pub(super) fn pause(&mut self, autopilot: &Autopilot) -> Vec<u8> {
+        let (system_id, component_id) = GROUND_STATION;
+        let header = Header { system_id, component_id, sequence: self.command };
+        self.command = self.command.wrapping_add(1);
+        let pause = COMMAND_LONG_DATA {
+            target_system: autopilot.system_id,
+            target_component: COMPANION,
+            command: MavCmd::MAV_CMD_DO_PAUSE_CONTINUE as u16,
+            ..COMMAND_LONG_DATA::DEFAULT
+        };
+        frame(header, &pause)
+    }
+
+    /// A setpoint of zero velocity in the computer's place.
+    pub(super) fn zero(&mut self, now: Instant, autopilot: &Autopilot) -> Vec<u8> {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.moves = false;
+        let header = Header { system_id: autopilot.system_id, component_id: COMPANION, sequence: self.sequence };
+        let zero = SET_POSITION_TARGET_LOCAL_NED_DATA {
+            time_boot_ms: (now.0 / 1000) as u32,
+            target_system: autopilot.system_id,
+            target_component: autopilot.component_id,
+            coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
+            type_mask: TYPE_MASK,
+            ..SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT
+        };
+        frame(header, &zero)
+    }
+}
+
+fn frame<D: MessageData>(header: Header, data: &D) -> Vec<u8> {
+    let mut frame = [0; FRAME_MAX];
+    let length = encode_data(header, data, &mut frame);
+    frame[..length].to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use foxhound_link::companion::Software;
+
+    const AUTOPILOT: Autopilot = Autopilot {
+        system_id: 7,
+        component_id: 1,
+        software: Software::ArduPilot,
+        custom_mode: 4,
+        in_mode: true,
+        armed: true,
+        heard: Instant(0),
+    };
+
+    #[test]
+    fn the_last_setpoint_is_known_and_a_zero_continues_the_numbers_of_the_frames() {
+        let mut wire = Wire::default();
+        let setpoint = SET_POSITION_TARGET_LOCAL_NED_DATA { vy: 0.1, ..SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT };
+        let sent = frame(Header { system_id: 7, component_id: 191, sequence: 255 }, &setpoint);
+        wire.watch(Instant(1_000_000), &sent);
+        assert!(wire.moves() && wire.quiet_s(Instant(3_000_000)) == 2.0);
+        let zero = wire.zero(Instant(3_000_000), &AUTOPILOT);
+        assert!(!wire.moves());
+        assert_eq!(zero[4..7], [0, 7, 191]);
+        wire.watch(Instant(4_000_000), &zero);
+        assert!(!wire.moves() && wire.quiet_s(Instant(4_000_000)) == 3.0);
+    }
+
+    #[test]
+    fn the_pause_is_for_our_component_of_the_autopilots_system() {
+        let mut framer = Framer::new();
+        framer.push(&Wire::default().pause(&AUTOPILOT));
+        let Some(MavMessage::COMMAND_LONG(pause)) = framer.next_frame().unwrap().message() else {
+            unreachable!("it is a command")
+        };
+        assert_eq!((pause.command, pause.target_system, pause.target_component, pause.param1), (193, 7, 191, 0.0));
+    }
+}

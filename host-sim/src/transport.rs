@@ -1,0 +1,246 @@
+//! The line between companion and autopilot in real time: TCP, UDP, a serial port or a pseudo-terminal.
+//!
+//! Nothing here ever waits. A line that breaks is opened again by itself, for as long as it takes; until then what is
+//! written is lost, as on a wire. What a line cannot take at once is dropped by whole frames: on a link of setpoints a newer
+//! frame is worth more than an older one, and a queue of old ones is dangerous.
+//!
+//! | address | the other end |
+//! |---|---|
+//! | `tcp:HOST:PORT` | listens there; called again when it hangs up |
+//! | `udp:HOST:PORT`, `udpout:` | listens there; the answers may come from another port of it |
+//! | `udpin:HOST:PORT` | sends to this port of ours; whoever speaks first is answered |
+//! | `serial:DEVICE:BAUD` | is wired to a serial port: 8 data bits, no parity, no flow control |
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+pub mod serial;
+mod stream;
+mod tcp;
+mod udp;
+
+use stream::Stream;
+use tcp::Tcp;
+use udp::Udp;
+
+/// A host by name or number, and a port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Endpoint {
+    /// Name or number.
+    pub host: String,
+    /// Port.
+    pub port: u16,
+}
+
+/// Where the autopilot is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Address {
+    /// It listens for TCP.
+    Tcp(Endpoint),
+    /// It listens for UDP.
+    Udp(Endpoint),
+    /// It sends by UDP to this port.
+    UdpIn(Endpoint),
+    /// It is behind a serial port.
+    Serial {
+        /// The device file.
+        device: PathBuf,
+        /// Bits a second.
+        baud: u32,
+    },
+}
+
+/// Where a modelled autopilot can be reached.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Listen {
+    /// By TCP; port 0 is any free one.
+    Tcp(Endpoint),
+    /// By UDP; port 0 is any free one.
+    Udp(Endpoint),
+    /// As if by a serial port, at a pseudo-terminal.
+    Pty,
+}
+
+const SCHEMES: [&str; 5] = ["tcp", "udp", "udpin", "udpout", "serial"];
+const BAUDS: std::ops::RangeInclusive<u32> = 1_200..=12_000_000;
+
+impl FromStr for Address {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (scheme, rest) = text.split_once(':').ok_or_else(|| forms().to_owned())?;
+        match scheme {
+            "tcp" => Ok(Self::Tcp(endpoint(rest, 1)?)),
+            "udp" | "udpout" => Ok(Self::Udp(endpoint(rest, 1)?)),
+            "udpin" => Ok(Self::UdpIn(endpoint(rest, 1)?)),
+            "serial" => {
+                // The names of devices may hold colons.
+                let (device, baud) = rest.rsplit_once(':').ok_or("expected serial:DEVICE:BAUD")?;
+                if device.is_empty() {
+                    return Err("expected serial:DEVICE:BAUD".to_owned());
+                }
+                let baud = baud.parse().map_err(|_| format!("baud rate `{baud}` is no number"))?;
+                if !BAUDS.contains(&baud) {
+                    return Err(format!("baud rate {baud} is outside {}..={}", BAUDS.start(), BAUDS.end()));
+                }
+                Ok(Self::Serial { device: device.into(), baud })
+            }
+            _ => Err(unknown_scheme(scheme, &SCHEMES)),
+        }
+    }
+}
+
+impl FromStr for Listen {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once(':') {
+            None if text == "pty" => Ok(Self::Pty),
+            Some(("tcp", rest)) => Ok(Self::Tcp(endpoint(rest, 0)?)),
+            Some(("udp", rest)) => Ok(Self::Udp(endpoint(rest, 0)?)),
+            Some((scheme, _)) if !["tcp", "udp"].contains(&scheme) => Err(unknown_scheme(scheme, &["tcp", "udp"])),
+            _ => Err("expected tcp:HOST:PORT, udp:HOST:PORT or pty".to_owned()),
+        }
+    }
+}
+
+fn forms() -> &'static str {
+    "expected tcp:HOST:PORT, udp:HOST:PORT, udpin:HOST:PORT or serial:DEVICE:BAUD"
+}
+
+fn unknown_scheme(scheme: &str, known: &[&str]) -> String {
+    let nearest = known
+        .iter()
+        .map(|name| (strsim::damerau_levenshtein(scheme, name), name))
+        .min_by_key(|(distance, _)| *distance)
+        .filter(|(distance, _)| *distance <= 2);
+    match nearest {
+        Some((_, name)) => format!("there is no scheme `{scheme}`; did you mean `{name}`?"),
+        None => format!("there is no scheme `{scheme}`; known: {}", known.join(", ")),
+    }
+}
+
+fn endpoint(text: &str, port_min: u32) -> Result<Endpoint, String> {
+    let (host, port) = text.rsplit_once(':').ok_or_else(|| format!("`{text}` has no port: expected HOST:PORT"))?;
+    let host = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
+    if host.is_empty() {
+        return Err("the host is missing: expected HOST:PORT".to_owned());
+    }
+    let port: u32 = port.parse().map_err(|_| format!("port `{port}` is no number in {port_min}..=65535"))?;
+    match u16::try_from(port) {
+        Ok(number) if port >= port_min => Ok(Endpoint { host: host.to_owned(), port: number }),
+        _ => Err(format!("port {port} is outside {port_min}..=65535")),
+    }
+}
+
+impl fmt::Display for Endpoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.host.contains(':') {
+            true => write!(f, "[{}]:{}", self.host, self.port),
+            false => write!(f, "{}:{}", self.host, self.port),
+        }
+    }
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tcp(endpoint) => write!(f, "tcp:{endpoint}"),
+            Self::Udp(endpoint) => write!(f, "udp:{endpoint}"),
+            Self::UdpIn(endpoint) => write!(f, "udpin:{endpoint}"),
+            Self::Serial { device, baud } => write!(f, "serial:{}:{baud}", device.display()),
+        }
+    }
+}
+
+/// One end of a line.
+#[derive(Debug)]
+pub struct Line(Kind);
+
+#[derive(Debug)]
+enum Kind {
+    Tcp(Tcp),
+    Udp(Udp),
+    Serial(serial::Serial),
+}
+
+impl Line {
+    /// The companion's end. That nobody is there yet is no error.
+    ///
+    /// # Errors
+    /// A host that cannot be found, a port that is taken, a device that is missing or no serial port.
+    pub fn open(address: &Address) -> io::Result<Self> {
+        Ok(Self(match address {
+            Address::Tcp(endpoint) => Kind::Tcp(Tcp::call(endpoint)?),
+            Address::Udp(endpoint) => Kind::Udp(Udp::call(endpoint)?),
+            Address::UdpIn(endpoint) => Kind::Udp(Udp::listen(endpoint)?),
+            Address::Serial { device, baud } => Kind::Serial(serial::Serial::open(device, *baud)?),
+        }))
+    }
+
+    /// The autopilot's end, and the address by which a companion reaches it.
+    ///
+    /// # Errors
+    /// A host that is not here, a port that is taken, no pseudo-terminal.
+    pub fn listen(listen: &Listen) -> io::Result<(Self, Address)> {
+        let at = |endpoint: &Endpoint, port| Endpoint { port, ..endpoint.clone() };
+        Ok(match listen {
+            Listen::Tcp(endpoint) => {
+                let tcp = Tcp::listen(endpoint)?;
+                let address = Address::Tcp(at(endpoint, tcp.port()?));
+                (Self(Kind::Tcp(tcp)), address)
+            }
+            Listen::Udp(endpoint) => {
+                let udp = Udp::listen(endpoint)?;
+                let address = Address::Udp(at(endpoint, udp.port()?));
+                (Self(Kind::Udp(udp)), address)
+            }
+            Listen::Pty => {
+                let (serial, device) = serial::Serial::pseudo_terminal()?;
+                (Self(Kind::Serial(serial)), Address::Serial { device, baud: 115_200 })
+            }
+        })
+    }
+
+    /// Whether there is somebody to write to, as far as one can know. Opens again what broke.
+    pub fn is_open(&mut self) -> bool {
+        match &mut self.0 {
+            Kind::Tcp(tcp) => tcp.is_open(),
+            Kind::Udp(udp) => udp.is_open(),
+            Kind::Serial(serial) => serial.is_open(),
+        }
+    }
+
+    /// Everything that has come since the last call.
+    pub fn read(&mut self) -> Vec<u8> {
+        match &mut self.0 {
+            Kind::Tcp(tcp) => tcp.read(),
+            Kind::Udp(udp) => udp.read(),
+            Kind::Serial(serial) => serial.read(),
+        }
+    }
+
+    /// Writes whole frames, as many as the line takes at once.
+    pub fn write(&mut self, frames: &[u8]) {
+        match &mut self.0 {
+            Kind::Tcp(tcp) => tcp.write(frames),
+            Kind::Udp(udp) => udp.write(frames),
+            Kind::Serial(serial) => serial.write(frames),
+        }
+    }
+}
+
+/// Length of the frame that `bytes` begin with; of all of them, where that is no frame.
+fn frame_length(bytes: &[u8]) -> usize {
+    match bytes {
+        [0xFD, payload, flags, ..] => {
+            (12 + usize::from(*payload) + if flags & 1 == 1 { 13 } else { 0 }).min(bytes.len())
+        }
+        _ => bytes.len(),
+    }
+}
+
+#[cfg(test)]
+mod tests;
