@@ -51,7 +51,7 @@ pub const ARRIVED_M: f64 = 1.0;
 pub const QUIET_S: f32 = 0.5;
 
 /// A vehicle slower than this is slow.
-const SLOW_MPS: f64 = 0.25;
+const SLOW_MPS: f64 = 0.2;
 /// A vehicle that does not become slow is not waited for any longer.
 const BRAKE_MAX_S: f32 = 5.0;
 /// A pause is repeated that often until the stream is zero.
@@ -82,7 +82,7 @@ pub struct Config {
     pub planner: planner::Config,
     /// Which estimator.
     pub estimator: Estimator,
-    /// When the flight is given up, from the start of the program.
+    /// When the flight is given up.
     pub max_time_s: Option<f64>,
 }
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use clap::Args;
 use foxhound_core::planner;
@@ -133,7 +134,10 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let stop = stop_flag()?;
     let mut progress = Progress::new(args.autopilot.clone());
     progress.text("waits for the autopilot");
+    let waited = Instant::now();
     let report = if companion::wait_for_line(&mut line, &stop, config.max_time_s) {
+        let waited_s = waited.elapsed().as_secs_f64();
+        let config = Config { max_time_s: config.max_time_s.map(|limit_s| limit_s - waited_s), ..config };
         let computer: &mut dyn Computer = match &mut qemu {
             Some(qemu) => {
                 // What the firmware did while it was alone belongs to no flight.

@@ -1,0 +1,457 @@
+//! `foxhound companion` beside an autopilot, in real time, over every kind of line.
+//!
+//! The autopilot is a thread here, so that everything is known: where the vehicle really is, what it was told and when, and
+//! in which mode it was then. Nothing is asserted about how long anything takes.
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::{JoinHandle, sleep};
+use std::time::{Duration, Instant};
+
+use foxhound_link::dialect::MavMessage;
+use foxhound_link::framer::Framer;
+use foxhound_sim::antennas::Pose;
+use foxhound_sim::autopilot::{Autopilot, GUIDED};
+use foxhound_sim::companion::Pace;
+use foxhound_sim::scenario::{self, VehicleModel};
+use foxhound_sim::transport::{Line, Listen};
+use foxhound_sim::vehicle::Vehicle;
+use foxhound_tests::{foxhound, python, qemu_image, root, run, run_json};
+use serde_json::Value;
+
+const STEP_US: u64 = 10_000;
+const LOITER: u32 = 5;
+const SOURCE: [f64; 2] = [8.0, 0.0];
+const V_MAX: f32 = 2.0;
+/// North, east, radius.
+const PILLARS: [[f64; 3]; 2] = [[3.0, 0.3, 0.4], [5.5, -0.6, 0.3]];
+const HULL_M: f64 = 0.15;
+
+/// A setpoint that the autopilot received.
+#[derive(Clone, Copy, Debug)]
+struct Told {
+    /// Whether it was in the mode and armed.
+    in_mode: bool,
+    velocity: [f32; 3],
+    yaw_rate: f32,
+}
+
+impl Told {
+    fn horizontal_mps(&self) -> f32 {
+        self.velocity[0].hypot(self.velocity[1])
+    }
+
+    fn is_zero(&self) -> bool {
+        self.velocity == [0.0; 3] && self.yaw_rate == 0.0
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+struct Heard {
+    setpoints: Vec<Told>,
+    heartbeats: u32,
+    /// Commands that were sent to the autopilot.
+    commands: Vec<u16>,
+    /// Where the vehicle is, and how fast.
+    position_ned_m: [f64; 3],
+    speed_mps: f64,
+    min_clearance_m: f64,
+}
+
+impl Heard {
+    fn to_source_m(&self) -> f64 {
+        (self.position_ned_m[0] - SOURCE[0]).hypot(self.position_ned_m[1] - SOURCE[1])
+    }
+}
+
+/// An autopilot and its vehicle, in a thread.
+struct Bench {
+    /// For `--autopilot`.
+    address: String,
+    heard: Arc<Mutex<Heard>>,
+    custom_mode: Arc<Mutex<u32>>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Bench {
+    fn new(listen: &str) -> Self {
+        Self::at(listen, [0.0, 0.0, -5.0], GUIDED)
+    }
+
+    fn at(listen: &str, position_ned_m: [f64; 3], custom_mode: u32) -> Self {
+        let (line, address) = Line::listen(&listen.parse::<Listen>().unwrap()).unwrap();
+        Self::on(line, address.to_string(), position_ned_m, custom_mode)
+    }
+
+    fn on(mut line: Line, address: String, position_ned_m: [f64; 3], custom_mode: u32) -> Self {
+        let heard = Arc::new(Mutex::new(Heard { position_ned_m, min_clearance_m: f64::INFINITY, ..Heard::default() }));
+        let custom_mode = Arc::new(Mutex::new(custom_mode));
+        let stop = Arc::new(AtomicBool::new(false));
+        let (ours, mode, stopped) = (Arc::clone(&heard), Arc::clone(&custom_mode), Arc::clone(&stop));
+        let thread = std::thread::spawn(move || {
+            let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };
+            let mut vehicle = Vehicle::new(model, 2.0, Pose { position_ned_m, ..Pose::default() });
+            let mut autopilot = Autopilot::default();
+            let (mut framer, mut pace, mut flown_us) = (Framer::new(), Pace::new(Duration::from_micros(STEP_US)), 0);
+            while !stopped.load(Ordering::Relaxed) {
+                let now_us = pace.wait().0;
+                autopilot.custom_mode = *mode.lock().unwrap();
+                let rx = line.read();
+                let mut heard = ours.lock().unwrap();
+                listen(&mut heard, &mut framer, &rx, autopilot.custom_mode == GUIDED);
+                autopilot.receive(now_us, &vehicle.motion, &rx);
+                while flown_us + STEP_US <= now_us {
+                    vehicle.step(autopilot.command(now_us), STEP_US as f64 * 1e-6);
+                    flown_us += STEP_US;
+                    let [north, east, _] = vehicle.motion.pose.position_ned_m;
+                    for [n, e, r] in PILLARS {
+                        let clearance_m = (north - n).hypot(east - e) - r - HULL_M;
+                        heard.min_clearance_m = heard.min_clearance_m.min(clearance_m);
+                    }
+                }
+                let velocity = vehicle.motion.velocity_ned_mps;
+                heard.position_ned_m = vehicle.motion.pose.position_ned_m;
+                heard.speed_mps = velocity[0].hypot(velocity[1]);
+                drop(heard);
+                autopilot.telemetry(now_us, &vehicle.motion, false);
+                let tx = autopilot.transmit();
+                if line.is_open() {
+                    line.write(&tx);
+                }
+            }
+        });
+        Self { address, heard, custom_mode, stop, thread: Some(thread) }
+    }
+
+    fn heard(&self) -> Heard {
+        self.heard.lock().unwrap().clone()
+    }
+
+    fn switch(&self, custom_mode: u32) {
+        *self.custom_mode.lock().unwrap() = custom_mode;
+    }
+
+    /// Waits until it is so, for half a minute at most.
+    fn wait(&self, what: &str, is_so: impl Fn(&Heard) -> bool) -> Heard {
+        let begin = Instant::now();
+        loop {
+            let heard = self.heard();
+            if is_so(&heard) {
+                return heard;
+            }
+            assert!(begin.elapsed() < Duration::from_secs(30), "never: {what}; {:?}", heard.position_ned_m);
+            sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            thread.join().unwrap();
+        }
+    }
+}
+
+fn listen(heard: &mut Heard, framer: &mut Framer, mut bytes: &[u8], in_mode: bool) {
+    while !bytes.is_empty() {
+        bytes = &bytes[framer.push(bytes)..];
+        while let Some((header, message)) = framer.next_frame().map(|frame| (frame.header, frame.message())) {
+            assert_eq!((header.system_id, header.component_id), (1, 191));
+            match message {
+                Some(MavMessage::HEARTBEAT(beat)) => {
+                    assert_eq!((beat.mavtype, beat.autopilot), (18, 8));
+                    heard.heartbeats += 1;
+                }
+                Some(MavMessage::COMMAND_LONG(command)) => heard.commands.push(command.command),
+                Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) => {
+                    assert_eq!((target.type_mask, target.coordinate_frame), (0x05C7, 1));
+                    let velocity = [target.vx, target.vy, target.vz];
+                    heard.setpoints.push(Told { in_mode, velocity, yaw_rate: target.yaw_rate });
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+/// The file of the pillars.
+fn pillars(dir: &Path) -> String {
+    let obstacles = PILLARS.map(|[north, east, r]| format!(r#"{{"x":{east},"y":{north},"r":{r}}}"#));
+    let path = dir.join("pillars.json");
+    std::fs::write(&path, format!(r#"{{"obstacles":[{}]}}"#, obstacles.join(","))).unwrap();
+    path.to_string_lossy().into_owned()
+}
+
+fn start(address: &str, extra: &[&str]) -> Child {
+    let mut command = foxhound();
+    command.args(["companion", "--autopilot", address, "--json", "--v-max", "2"]).args(extra);
+    if !extra.iter().any(|word| word.starts_with("--source")) {
+        command.arg("--source=8,0,-5");
+    }
+    command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+fn ended(child: Child) -> (i32, Value) {
+    let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
+    let report =
+        serde_json::from_slice(&stdout).unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&stderr)));
+    (status.code().unwrap(), report)
+}
+
+fn interrupt(child: &Child) {
+    let killed = Command::new("sh").arg("-c").arg(format!("kill -INT {}", child.id())).status().unwrap();
+    assert!(killed.success());
+}
+
+/// What must be so at the end of every flight that arrives.
+fn arrived(bench: &Bench, code: i32, report: &Value) {
+    assert_eq!((code, &report["result"], &report["reason"]), (0, &"reached".into(), &"nominal".into()), "{report}");
+    assert_eq!(report["collisions"], 0, "{report}");
+    let heard = bench.heard();
+    well_behaved(&heard);
+    assert!(heard.to_source_m() < 1.5 && heard.speed_mps < 0.5, "{:?} {}", heard.position_ned_m, heard.speed_mps);
+    assert!((heard.position_ned_m[2] + 5.0).abs() < 0.3, "altitude lost: {:?}", heard.position_ned_m);
+}
+
+fn well_behaved(heard: &Heard) {
+    assert!(heard.setpoints.iter().all(|told| told.horizontal_mps() <= V_MAX));
+    let outside = heard.setpoints.iter().filter(|told| !told.in_mode);
+    // The mode is known with the next heartbeat only, and nothing that comes until then is obeyed.
+    assert!(outside.clone().filter(|told| told.horizontal_mps() > 0.05).count() < 40);
+    assert!(heard.setpoints.last().is_none_or(Told::is_zero), "{:?}", heard.setpoints.last());
+    assert!(heard.commands.iter().all(|command| *command == 511), "only messages are asked for: {:?}", heard.commands);
+}
+
+fn flies_to_the_beacon(listen: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let bench = Bench::new(listen);
+    let log = dir.path().join("flight.tlog").to_string_lossy().into_owned();
+    let (code, report) = ended(start(&bench.address, &["--obstacles", &pillars(dir.path()), "--tlog", &log]));
+    arrived(&bench, code, &report);
+    let heard = bench.heard();
+    assert!(heard.min_clearance_m > 0.0, "{}", heard.min_clearance_m);
+    let told_m = report["min_clearance_m"].as_f64().unwrap();
+    // It knows of the places that were told, fifty a second, at 2 m/s at most.
+    assert!((told_m - heard.min_clearance_m).abs() < 0.05, "{told_m} {}", heard.min_clearance_m);
+    let length_m = report["path_length_m"].as_f64().unwrap();
+    assert!(length_m > 7.0 && length_m < 14.0 && report["straight_line_m"] == 8.0, "{report}");
+    for key in ["name", "seed", "time_s", "replans", "bearing_rms_deg", "trace_hash"] {
+        assert!(!report[key].is_null(), "{key}: {report}");
+    }
+    let (code, counts) = run_json(&["tlog", &log, "--json"]);
+    assert_eq!((code, &counts["bad_crc"], &counts["skipped_bytes"]), (0, &0.into(), &0.into()), "{counts}");
+    let setpoints = counts["counts"]["84"].as_u64().unwrap() as usize;
+    bench.wait("what was logged is what was sent", |heard| heard.setpoints.len() == setpoints);
+    assert!(counts["counts"]["32"].as_u64().unwrap() > 100, "{counts}");
+}
+
+#[test]
+fn over_tcp_it_flies_among_pillars_to_the_beacon_and_stops_there() {
+    flies_to_the_beacon("tcp:127.0.0.1:0");
+}
+
+#[test]
+fn over_udp_it_flies_among_pillars_to_the_beacon_and_stops_there() {
+    flies_to_the_beacon("udp:127.0.0.1:0");
+}
+
+#[test]
+fn over_a_serial_port_it_flies_among_pillars_to_the_beacon_and_stops_there() {
+    flies_to_the_beacon("pty");
+}
+
+#[test]
+fn an_autopilot_that_sends_first_is_answered() {
+    // A port that was free a moment ago.
+    let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let address = format!("udpin:127.0.0.1:{port}");
+    let companion = start(&address, &["--source=4,0,-5"]);
+    let line = Line::open(&format!("udp:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    let bench = Bench::on(line, address, [0.0, 0.0, -5.0], GUIDED);
+    let (code, report) = ended(companion);
+    assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
+    well_behaved(&bench.heard());
+}
+
+#[test]
+fn it_waits_for_the_mode_holds_when_it_is_taken_away_and_goes_on_when_it_is_given_back() {
+    let bench = Bench::at("tcp:127.0.0.1:0", [0.0, 0.0, -5.0], LOITER);
+    let companion = start(&bench.address, &["--source=7,0,-5"]);
+    let before = bench.wait("two heartbeats", |heard| heard.heartbeats >= 2);
+    assert!(before.setpoints.iter().all(Told::is_zero) && before.speed_mps < 1e-3, "{:?}", before.setpoints.last());
+    bench.switch(GUIDED);
+    bench.wait("on the way", |heard| heard.position_ned_m[0] > 1.5);
+    bench.switch(LOITER);
+    let beats = bench.heard().heartbeats;
+    let taken = bench.wait("a stand", |heard| heard.speed_mps < 0.02 && heard.heartbeats >= beats + 3);
+    let count = taken.setpoints.len();
+    bench.wait("another second", |heard| heard.heartbeats >= beats + 4);
+    let later = bench.heard();
+    assert!(later.setpoints[count..].iter().all(|told| told.horizontal_mps() <= 0.05));
+    assert!((later.position_ned_m[0] - taken.position_ned_m[0]).abs() < 0.1, "it is not ours");
+    bench.switch(GUIDED);
+    let (code, report) = ended(companion);
+    assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
+    well_behaved(&bench.heard());
+}
+
+#[test]
+fn an_autopilot_that_starts_anew_is_called_again_and_must_give_the_mode_afresh() {
+    let bench = Bench::new("tcp:127.0.0.1:0");
+    let companion = start(&bench.address, &["--source=6,0,-5"]);
+    let heard = bench.wait("on the way", |heard| heard.position_ned_m[0] > 1.0);
+    let address = bench.address.clone();
+    drop(bench);
+    // Longer than the link takes to fall silent.
+    sleep(Duration::from_millis(5_500));
+    let bench = Bench::at(&address, heard.position_ned_m, GUIDED);
+    bench.wait("a heartbeat", |heard| heard.heartbeats >= 2);
+    let first = bench.heard();
+    assert!(first.setpoints.iter().all(Told::is_zero), "it was in the mode, but nobody gave it: {:?}", first.setpoints);
+    bench.switch(LOITER);
+    bench.wait("another heartbeat", |heard| heard.heartbeats >= first.heartbeats + 2);
+    bench.switch(GUIDED);
+    let (code, report) = ended(companion);
+    assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
+    well_behaved(&bench.heard());
+}
+
+#[test]
+fn interrupted_it_stops_the_vehicle_first() {
+    let bench = Bench::new("tcp:127.0.0.1:0");
+    let companion = start(&bench.address, &["--source=40,0,-5"]);
+    bench.wait("some speed", |heard| heard.speed_mps > 0.6);
+    interrupt(&companion);
+    let (code, report) = ended(companion);
+    assert_eq!((code, &report["result"]), (1, &"timeout".into()), "{report}");
+    let heard = bench.heard();
+    well_behaved(&heard);
+    assert!(heard.speed_mps < 0.4, "{}", heard.speed_mps);
+}
+
+#[test]
+fn at_the_time_limit_it_stops_the_vehicle_and_says_so() {
+    let bench = Bench::new("udp:127.0.0.1:0");
+    let (code, report) = ended(start(&bench.address, &["--source=40,0,-5", "--max-time", "4"]));
+    assert_eq!((code, &report["result"], &report["reason"]), (1, &"timeout".into(), &"nominal".into()), "{report}");
+    well_behaved(&bench.heard());
+    let (code, report) =
+        run_json(&["companion", "--json", "--autopilot", "tcp:127.0.0.1:9", "--source", "1,2,-3", "--max-time", "1"]);
+    assert_eq!((code, &report["result"], &report["reason"]), (1, &"timeout".into(), &"link_lost".into()), "{report}");
+}
+
+#[test]
+fn a_stranger_can_try_it_with_the_modelled_autopilot_and_a_bad_line() {
+    let mut autopilot = foxhound()
+        .args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0", "--start=1,-1,7", "--noise", "3:0.0005"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(autopilot.stdout.take().unwrap()).lines();
+    let first: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
+    let (code, report) = ended(start(first["autopilot"].as_str().unwrap(), &["--source=-3,-3,-7"]));
+    assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
+    interrupt(&autopilot);
+    let last: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
+    assert!(autopilot.wait().unwrap().success() && lines.next().is_none());
+    assert_eq!(last["last_setpoint_mps"], serde_json::json!([0.0, 0.0, 0.0]), "{last}");
+    let [north, east, down] = [0, 1, 2].map(|axis| last["position_ned_m"][axis].as_f64().unwrap());
+    assert!((north + 3.0).hypot(east + 3.0) < 1.5 && (down + 7.0).abs() < 0.3, "{last}");
+    assert!(last["fastest_setpoint_mps"].as_f64().unwrap() <= 2.0, "{last}");
+}
+
+#[test]
+fn bad_usage_is_refused_and_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_string_lossy().into_owned()
+    };
+    let unknown = write("unknown.json", r#"{"obstacles":[{"x":1,"y":2,"r":0.3,"height":4}]}"#);
+    let negative = write("negative.json", r#"{"obstacles":[{"x":1,"y":2,"r":-0.3}]}"#);
+    let missing = dir.path().join("missing.json").to_string_lossy().into_owned();
+    let no_elf = format!("qemu:{unknown}");
+    let good = ["--autopilot", "tcp:127.0.0.1:9", "--source", "1,2,-3", "--max-time", "1"];
+    for (arguments, words) in [
+        (vec!["--autopilot", "tpc:127.0.0.1:9", "--source", "1,2,-3"], ["--autopilot", "did you mean `tcp`?"]),
+        (vec!["--autopilot", "tcp:127.0.0.1:70000", "--source", "1,2,-3"], ["--autopilot", "70000 is outside"]),
+        (vec!["--autopilot", "tcp:127.0.0.1", "--source", "1,2,-3"], ["--autopilot", "has no port"]),
+        (vec!["--autopilot", "serial:/dev/no-such-port:57600", "--source", "1,2,-3"], ["--autopilot", "No such file"]),
+        (vec!["--autopilot", "serial:/dev/null:57600", "--source", "1,2,-3"], ["--autopilot", "/dev/null"]),
+        (vec!["--autopilot", "udp:no-such-host.invalid:9", "--source", "1,2,-3"], ["--autopilot", "no-such-host"]),
+        (vec!["--autopilot", "tcp:127.0.0.1:9"], ["--source", "required"]),
+        (vec!["--source", "1,2,-3"], ["--autopilot", "required"]),
+        (vec!["--autopilot", "tcp:127.0.0.1:9", "--source", "1,2"], ["--source", "three numbers"]),
+        (vec!["--autopilot", "tcp:127.0.0.1:9", "--source", "1,nan,3"], ["--source", "three numbers"]),
+        (vec!["--autopilot", "tcp:127.0.0.1:9", "--source=1e9,0,0"], ["--source: N", "is outside"]),
+        ([&good[..], &["--v-max", "0"]].concat(), ["--v-max = 0", "is outside"]),
+        ([&good[..], &["--v-max", "-1"]].concat(), ["--v-max = -1", "is outside"]),
+        ([&good[..], &["--drone-radius", "nan"]].concat(), ["--drone-radius", "is outside"]),
+        ([&good[..], &["--snr-db", "900"]].concat(), ["--snr-db", "is outside"]),
+        ([&good[..], &["--max-time", "x"]].concat(), ["--max-time", "invalid"]),
+        ([&good[..], &["--obstacles", &missing]].concat(), ["--obstacles", "missing.json"]),
+        ([&good[..], &["--obstacles", &unknown]].concat(), ["--obstacles", "obstacles[0].height: unknown key"]),
+        ([&good[..], &["--obstacles", &negative]].concat(), ["--obstacles", "obstacles[0].r = -0.3 is outside"]),
+        ([&good[..], &["--via", "qmeu:x"]].concat(), ["--via", "expected"]),
+        ([&good[..], &["--via", &no_elf]].concat(), ["--via", "not an ELF file"]),
+        ([&good[..], &["--tlog", "/no/such/folder/f.tlog"]].concat(), ["--tlog", "/no/such/folder"]),
+        ([&good[..], &["--planner", "nobody"]].concat(), ["--planner", "nobody"]),
+    ] {
+        // A limit given twice is refused for that; the last word counts here.
+        let mut arguments = arguments;
+        if arguments.iter().filter(|word| **word == "--max-time").count() == 2 {
+            arguments.drain(4..6);
+        }
+        let output = run(&[&["companion"], &arguments[..]].concat());
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
+        assert!(words.iter().all(|word| errors.contains(word)), "{arguments:?}: {errors}");
+        assert!(output.stdout.is_empty());
+    }
+    for (arguments, words) in [
+        (vec!["autopilot", "--listen", "ptty"], ["--listen", "expected"]),
+        (vec!["autopilot", "--listen", "pty", "--noise", "0.1"], ["--noise", "SEED:RATE"]),
+        (vec!["autopilot", "--listen", "pty", "--noise", "1:2"], ["--noise", "rate 2 is outside"]),
+        (vec!["autopilot", "--listen", "pty", "--start", "1,2"], ["--start", "three numbers"]),
+    ] {
+        let output = run(&arguments);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {errors}");
+        assert!(words.iter().all(|word| errors.contains(word)), "{arguments:?}: {errors}");
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn the_firmware_in_qemu_flies_among_pillars_to_the_beacon_and_stops_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let bench = Bench::new("tcp:127.0.0.1:0");
+    let via = format!("qemu:{}", qemu_image());
+    let (code, report) = ended(start(&bench.address, &["--obstacles", &pillars(dir.path()), "--via", &via]));
+    arrived(&bench, code, &report);
+    assert!(bench.heard().min_clearance_m > 0.0);
+}
+
+#[test]
+#[ignore = "needs pymavlink: cargo xtask test"]
+fn pymavlink_reads_the_log_without_bad_data() {
+    let dir = tempfile::tempdir().unwrap();
+    let bench = Bench::new("tcp:127.0.0.1:0");
+    let log = dir.path().join("flight.tlog");
+    let (code, report) = ended(start(&bench.address, &["--source=4,0,-5", "--tlog", &log.to_string_lossy()]));
+    assert_eq!(code, 0, "{report}");
+    let output = python().arg(root().join("tests/peers/read_tlog.py")).arg(&log).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
+    let counts: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&counts["bad"], &counts["directions"]), (&0.into(), &2.into()), "{counts}");
+    let now_s = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs_f64();
+    assert!((counts["last_s"].as_f64().unwrap() - now_s).abs() < 60.0, "wall time: {counts}");
+}
