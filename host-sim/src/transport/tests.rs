@@ -71,6 +71,7 @@ fn a_serial_port_may_be_left_and_opened_again() {
     there.read();
     there.write(&frame(3));
     let mut here = Line::open(&address).unwrap();
+    there.read();
     there.write(&frame(4));
     assert_eq!(read(&mut here, 21), frame(4), "what was said to nobody is not kept");
 }
