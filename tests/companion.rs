@@ -347,9 +347,19 @@ fn at_the_time_limit_it_stops_the_vehicle_and_says_so() {
 }
 
 #[test]
-fn a_stranger_can_try_it_with_the_modelled_autopilot_and_a_bad_line() {
+fn a_stranger_can_try_it_with_the_modelled_arducopter_and_a_bad_line() {
+    tried_with("arducopter");
+}
+
+#[test]
+fn a_stranger_can_try_it_with_the_modelled_px4_and_a_bad_line() {
+    tried_with("px4");
+}
+
+fn tried_with(software: &str) {
     let mut autopilot = foxhound()
         .args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0", "--start=1,-1,7", "--noise", "3:0.0005"])
+        .args(["--software", software])
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
@@ -417,6 +427,7 @@ fn bad_usage_is_refused_and_named() {
     }
     for (arguments, words) in [
         (vec!["autopilot", "--listen", "ptty"], ["--listen", "expected"]),
+        (vec!["autopilot", "--listen", "pty", "--software", "px5"], ["--software", "px5"]),
         (vec!["autopilot", "--listen", "pty", "--noise", "0.1"], ["--noise", "SEED:RATE"]),
         (vec!["autopilot", "--listen", "pty", "--noise", "1:2"], ["--noise", "rate 2 is outside"]),
         (vec!["autopilot", "--listen", "pty", "--start", "1,2"], ["--start", "three numbers"]),

@@ -4,14 +4,13 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
 use foxhound_sim::antennas::Pose;
-use foxhound_sim::autopilot::Autopilot;
+use foxhound_sim::autopilot::{Autopilot, Software, Start, Wire};
 use foxhound_sim::companion::Pace;
 use foxhound_sim::input::{InputError, check};
-use foxhound_sim::random::Random;
 use foxhound_sim::scenario::{self, VehicleModel};
 use foxhound_sim::transport::{Line, Listen};
 use foxhound_sim::vehicle::Vehicle;
@@ -24,7 +23,8 @@ const AUTOPILOT_HELP: &str = "Examples:
   foxhound autopilot --listen tcp:127.0.0.1:5760
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,0,-5      (in another terminal)
 
-It is in GUIDED, armed and in the air, and ends with Ctrl-C. With --json the first line tells the address for
+It begins armed, in the air, in GUIDED (PX4: enters OFFBOARD as soon as a companion's stream lets it); a ground station may
+change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line tells the address for
 `companion --autopilot`, the last one where the vehicle came to be and what it was told.";
 
 /// Physics go on in steps of this length.
@@ -34,6 +34,25 @@ const STALL_MAX_US: u64 = 1_000_000;
 /// As `fly` has it.
 const A_MAX_MPS2: f64 = 2.0;
 
+/// From one try to enter the companion's mode to the next.
+const PILOT_PERIOD_US: u64 = 500_000;
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum SoftwareName {
+    Arducopter,
+    Px4,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Begin {
+    /// In the air, in GUIDED or OFFBOARD.
+    InControl,
+    /// In the air, in LOITER or Hold.
+    Hovering,
+    /// Disarmed on the ground.
+    Parked,
+}
+
 #[derive(Args, Debug)]
 #[command(after_help = AUTOPILOT_HELP)]
 pub(super) struct AutopilotCommand {
@@ -41,7 +60,13 @@ pub(super) struct AutopilotCommand {
     /// another is served.
     #[arg(long, value_name = "ADDRESS")]
     listen: Listen,
-    /// Where the vehicle starts: north, east and altitude, in metres.
+    /// Which autopilot.
+    #[arg(long, value_enum, default_value_t = SoftwareName::Arducopter)]
+    software: SoftwareName,
+    /// How it begins.
+    #[arg(long, value_enum, default_value_t = Begin::InControl)]
+    begin: Begin,
+    /// Where the vehicle starts: north, east and altitude, in metres; on the ground the altitude is zero.
     #[arg(long, value_name = "N,E,ALT", value_parser = triple, allow_hyphen_values = true, default_value = "0,0,5")]
     start: [f64; 3],
     /// Damages that share of the bytes in both directions, as a bad line does.
@@ -112,29 +137,33 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
     });
 
     let [north, east, altitude] = args.start;
+    let altitude = if args.begin == Begin::Parked { 0.0 } else { altitude };
     let pose = Pose { position_ned_m: [north, east, -altitude], ..Pose::default() };
     let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };
     let mut vehicle = Vehicle::new(model, A_MAX_MPS2, pose);
-    let mut autopilot = Autopilot::default();
-    let mut damage = args.noise.map(|(seed, rate)| (Random::new(seed, 9), rate));
+    let (mut autopilot, mut control_due_us) = model_at_start(args);
+    let (seed, rate) = args.noise.unwrap_or_default();
+    let mut wire = Wire::new(seed, 0.0, rate);
     let (mut framer, mut ended) = (Framer::new(), Ended::default());
     let mut pace = Pace::new(Duration::from_micros(STEP_US));
     let mut flown_us = 0;
     while !stop.load(Ordering::Relaxed) && args.max_time.is_none_or(|limit_s| ended.time_s < limit_s) {
         let now_us = pace.wait().0;
         ended.time_s = now_us as f64 * 1e-6;
-        let mut rx = line.read();
-        spoil(&mut rx, &mut damage);
+        let rx = wire.to_autopilot(&line.read());
         ended.watch(&mut framer, &rx);
         autopilot.receive(now_us, &vehicle.motion, &rx);
+        if control_due_us.is_some_and(|due_us| now_us >= due_us) {
+            let is_given = autopilot.select_mode(now_us, autopilot.companion_mode());
+            control_due_us = (!is_given).then_some(now_us + PILOT_PERIOD_US);
+        }
         flown_us = flown_us.max(now_us.saturating_sub(STALL_MAX_US));
         while flown_us + STEP_US <= now_us {
             vehicle.step(autopilot.command(now_us), STEP_US as f64 * 1e-6);
             flown_us += STEP_US;
         }
         autopilot.telemetry(now_us, &vehicle.motion, false);
-        let mut tx = autopilot.transmit();
-        spoil(&mut tx, &mut damage);
+        let tx = wire.to_companion(&autopilot.transmit());
         if line.is_open() {
             line.write(&tx);
         }
@@ -148,13 +177,16 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
     Ok(ExitCode::SUCCESS)
 }
 
-/// Flips a bit of some bytes.
-fn spoil(bytes: &mut [u8], damage: &mut Option<(Random, f64)>) {
-    if let Some((random, rate)) = damage {
-        for byte in bytes {
-            if random.uniform() < *rate {
-                *byte ^= 1 << (random.uniform() * 8.0) as u32;
-            }
-        }
-    }
+/// The model, and when its pilot gives control where it cannot begin with that: PX4 needs the companion's stream first.
+fn model_at_start(args: &AutopilotCommand) -> (Autopilot, Option<u64>) {
+    let (software, start) = match (args.software, args.begin) {
+        (SoftwareName::Arducopter, Begin::InControl) => (Software::ArduCopter, Start::InControl),
+        (SoftwareName::Arducopter, Begin::Hovering) => (Software::ArduCopter, Start::Hovering),
+        (SoftwareName::Arducopter, Begin::Parked) => (Software::ArduCopter, Start::Parked),
+        (SoftwareName::Px4, Begin::InControl | Begin::Hovering) => (Software::Px4, Start::Hovering),
+        (SoftwareName::Px4, Begin::Parked) => (Software::Px4, Start::Parked),
+    };
+    let autopilot = Autopilot::new(software, start);
+    let is_due = args.begin == Begin::InControl && autopilot.custom_mode != autopilot.companion_mode();
+    (autopilot, is_due.then_some(0))
 }
