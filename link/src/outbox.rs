@@ -1,4 +1,4 @@
-//! Frames that wait for the wire, by priority: setpoint, heartbeat, errands (answers and requests), telemetry.
+//! Frames that wait for the wire, by priority: setpoint, heartbeat, errands (answers and requests), telemetry, parameters.
 //!
 //! What waits is the message; its frame is made when the wire is free, so that sequence numbers and signatures rise in the
 //! order of sending and a setpoint is the newest one.
@@ -8,7 +8,7 @@ use heapless::Deque;
 
 use crate::dialect::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, DEBUG_VECT_DATA, HEARTBEAT_DATA, LANDING_TARGET_DATA, NAMED_VALUE_FLOAT_DATA,
-    OBSTACLE_DISTANCE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+    OBSTACLE_DISTANCE_DATA, PARAM_VALUE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use crate::framer::{FRAME_MAX, Header, encode_data};
 
@@ -44,6 +44,7 @@ pub(crate) struct Outbox {
     notes: Deque<Note, 8>,
     direction: Option<DEBUG_VECT_DATA>,
     surroundings: Option<OBSTACLE_DISTANCE_DATA>,
+    parameter: Option<PARAM_VALUE_DATA>,
     dropped: Dropped,
     sequence: u8,
     frame: [u8; FRAME_MAX],
@@ -61,6 +62,7 @@ impl Outbox {
             notes: Deque::new(),
             direction: None,
             surroundings: None,
+            parameter: None,
             dropped: Dropped { setpoints: 0, errands: 0, notes: 0 },
             sequence: 0,
             frame: [0; FRAME_MAX],
@@ -121,12 +123,21 @@ impl Outbox {
         self.surroundings = Some(surroundings);
     }
 
+    /// Whether a parameter may be posted: one waits at a time.
+    pub(crate) const fn has_room_for_a_parameter(&self) -> bool {
+        self.parameter.is_none()
+    }
+
+    pub(crate) fn post_parameter(&mut self, parameter: PARAM_VALUE_DATA) {
+        self.parameter = Some(parameter);
+    }
+
     pub(crate) const fn dropped(&self) -> Dropped {
         self.dropped
     }
 
     /// Fills `sink` and says how far. A frame that does not fit is continued by the next call. `seal` may sign a finished
-    /// frame, whose length it is told and answers.
+    /// frame, whose length it is told, and says how long it is then; 0 keeps it back.
     pub(crate) fn transmit(
         &mut self,
         (system_id, component_id): (u8, u8),
@@ -143,6 +154,10 @@ impl Outbox {
                 }
                 self.end = seal(&mut self.frame, self.end).min(FRAME_MAX);
                 self.sequence = self.sequence.wrapping_add(1);
+                if self.end == 0 {
+                    // It cannot be signed: not to be sent.
+                    continue;
+                }
             }
             let length = (self.end - self.sent).min(sink.len() - filled);
             sink[filled..filled + length].copy_from_slice(&self.frame[self.sent..self.sent + length]);
@@ -177,6 +192,9 @@ impl Outbox {
         if let Some(direction) = self.direction.take() {
             return encode_data(header, &direction, frame);
         }
-        self.surroundings.take().map_or(0, |surroundings| encode_data(header, &surroundings, frame))
+        if let Some(surroundings) = self.surroundings.take() {
+            return encode_data(header, &surroundings, frame);
+        }
+        self.parameter.take().map_or(0, |parameter| encode_data(header, &parameter, frame))
     }
 }

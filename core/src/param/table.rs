@@ -43,6 +43,13 @@ pub const TABLE: &[Param] = &[
         [0.1, 1000.0],
         "Largest deviation from the altitude at which control was given, either way.",
     ),
+    real(
+        "FH_FENCE_R",
+        "m",
+        0.0,
+        [0.0, 10_000.0],
+        "Farthest from the origin of the autopilot's local frame, horizontally, 1 m at least; 0: anywhere.",
+    ),
     real("FH_FENCE_MRG", "m", 0.5, [0.0, 100.0], "Distance that is kept from the fence, on its inside."),
     // What it sees.
     real("FH_OBS_FOV", "deg", 90.0, [5.73, 360.0], "Full angle of the obstacle sensor's view, centred on the nose."),
@@ -165,9 +172,6 @@ pub const TABLE: &[Param] = &[
         )
     },
     whole("FH_RC_CH", 0.0, [0.0, 18.0], "RC channel that must be high for it to move; 0: none."),
-    real("FH_FENCE_R", "m", 0.0, [0.0, 10_000.0], "Farthest from where control was given, horizontally; 0: anywhere."),
-    real("FH_ALT_MIN", "m", 0.0, [0.0, 1000.0], "Lowest altitude above the start; 0: none."),
-    real("FH_ALT_MAX", "m", 0.0, [0.0, 1000.0], "Highest altitude above the start; 0: none."),
     whole(
         "FH_SIGN",
         1.0,
@@ -182,9 +186,4 @@ pub const TABLE: &[Param] = &[
     ),
     switch("FH_LND_OUT", 0.0, "1: sends LANDING_TARGET."),
     switch("FH_OBS_OUT", 0.0, "1: sends its map of obstacles as OBSTACLE_DISTANCE."),
-    switch(
-        "FH_MODE_REQ",
-        0.0,
-        "1: asks the autopilot for a mode that holds after a fault that does not end. 0: never asks for a mode.",
-    ),
 ];

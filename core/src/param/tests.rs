@@ -3,6 +3,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::error::Why;
+use crate::guard::Fence;
 use crate::guidance::{self, turning};
 
 type Place = fn(&guidance::Config) -> f32;
@@ -24,6 +25,10 @@ const PLACES: &[(Id, Place)] = &[
     (FH_APPR_RATE, |c| c.guard.approach_rate_per_s),
     (FH_ALT_BAND, |c| c.guard.altitude_band_m),
     (FH_FENCE_MRG, |c| c.guard.fence_margin_m),
+    (FH_FENCE_R, |c| match c.guard.fence {
+        Fence::Circle { radius_m, .. } => radius_m,
+        _ => 0.0,
+    }),
     (FH_OBS_FOV, |c| c.guard.fov_rad.to_degrees()),
     (FH_OBS_FOV, |c| c.planner.sees_rad.to_degrees()),
     (FH_OBS_RANGE, |c| c.guard.sight.range_m),
@@ -136,6 +141,26 @@ fn every_parameter_before_those_of_the_link_arrives_where_it_belongs_and_nowhere
 }
 
 #[test]
+fn what_was_applied_is_read_back_and_what_no_parameter_can_say_is_the_default() {
+    let mut values = Values::DEFAULT;
+    assert_eq!(Values::of(&guidance::Config::default()), values);
+    for id in Id::all().filter(|id| *id < FH_SP_AGE) {
+        let (min, max) = id.range();
+        let value = if TABLE[id.index()].kind == Kind::Whole { max } else { min + (max - min) * 0.25 };
+        values.set(id, value).unwrap();
+    }
+    let read = Values::of(&applied(&values));
+    for id in Id::all() {
+        let (was, is) = (values.get(id), read.get(id));
+        assert!((was - is).abs() <= 1e-5 * was.abs(), "{}: {was} became {is}", id.name());
+    }
+    let mut odd = guidance::Config::default();
+    odd.guard.v_max_mps = f32::NAN;
+    odd.guard.fence = Fence::rectangle(Default::default(), crate::frame::Horizontal { north: 5.0, east: 5.0 });
+    assert_eq!(Values::of(&odd), Values::DEFAULT);
+}
+
+#[test]
 fn both_ends_of_every_range_build() {
     for id in Id::all() {
         let (min, max) = id.range();
@@ -150,7 +175,15 @@ fn both_ends_of_every_range_build() {
 fn nothing_beyond_a_range_would_build() {
     // Switches and choices have nothing beyond. The others end before guidance does: where antennas can be
     // built, where a search's grid is fine enough, and where the widest band that fits into the highest rate ends.
-    let narrower = [(FH_ARR_SIDE, 0), (FH_ARR_SIDE, 1), (FH_SRCH_R, 1), (FH_TONE, 1), (FH_TONE_LO, 1), (FH_TONE_HI, 0)];
+    let narrower = [
+        (FH_ARR_SIDE, 0),
+        (FH_ARR_SIDE, 1),
+        (FH_SRCH_R, 1),
+        (FH_TONE, 1),
+        (FH_TONE_LO, 1),
+        (FH_TONE_HI, 0),
+        (FH_FENCE_R, 1),
+    ];
     for (id, _) in PLACES {
         let (min, max) = id.range();
         let kind = TABLE[id.index()].kind;

@@ -1,5 +1,6 @@
 //! The listening half: what each message changes.
 
+use foxhound_core::mission::Control;
 use foxhound_core::scan::{Frame, Points};
 use foxhound_core::time::Instant;
 
@@ -10,12 +11,16 @@ use crate::clock::{PeerClock, nanos};
 use crate::dialect::{
     ATTITUDE_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, EXTENDED_SYS_STATE_DATA, HEARTBEAT_DATA,
     LOCAL_POSITION_NED_DATA, MavCmd, MavFrame, MavLandedState, MavMessage, MavResult, OBSTACLE_DISTANCE_DATA,
-    ODOMETRY_DATA, TIMESYNC_DATA,
+    ODOMETRY_DATA, SETUP_SIGNING_DATA, TIMESYNC_DATA,
 };
 use crate::framer::Header;
 use crate::obstacles::{self, Heard, Reading};
 use crate::outbox::Errand;
 use crate::requests::Wish;
+use crate::signing::{Setup, set_up};
+
+/// Our link to the autopilot, among those that sign with one key.
+const LINK_ID: u8 = 0;
 
 /// North-aligned obstacles need a yaw at most this old.
 const YAW_AGE_MAX_S: f32 = 0.5;
@@ -31,8 +36,14 @@ impl Companion {
         if self.is_autopilot(header) {
             self.requests.heard(mavlink_core::Message::message_id(message));
         }
+        let us = (self.system_id(), self.config.component_id);
+        let is_seeking = self.control(now) == Control::Granted;
+        if self.params.hear(us, header, message, is_seeking) {
+            return;
+        }
         match message {
             MavMessage::HEARTBEAT(heartbeat) => self.on_heartbeat(now, header, heartbeat),
+            MavMessage::SETUP_SIGNING(setup) => self.on_key(now, setup),
             MavMessage::COMMAND_LONG(command) => self.on_command_long(header, command),
             MavMessage::COMMAND_INT(command) => {
                 let target = (command.target_system, command.target_component);
@@ -51,6 +62,26 @@ impl Companion {
             }
             _ if self.is_autopilot(header) => self.on_telemetry(now, message),
             _ => {}
+        }
+    }
+
+    /// A key: taken on a local link while the vehicle is disarmed, and nowhere else.
+    fn on_key(&mut self, now: Instant, setup: &SETUP_SIGNING_DATA) {
+        let us = (self.system_id(), self.config.component_id);
+        let may = self.config.provisioning && self.autopilot.is_none_or(|autopilot| !autopilot.armed);
+        match set_up(now, setup, us, may, LINK_ID, self.signing.as_ref()) {
+            Setup::NotOurs => {}
+            Setup::Refused => self.telemetry.warn("Foxhound: takes no key now"),
+            Setup::Off => {
+                self.sign_with(None);
+                self.key_changed = true;
+                self.telemetry.warn("Foxhound: signing is off");
+            }
+            Setup::On(signing) => {
+                self.sign_with(Some(signing));
+                self.key_changed = true;
+                self.telemetry.warn("Foxhound: signing is on");
+            }
         }
     }
 
@@ -92,7 +123,7 @@ impl Companion {
     }
 
     /// What we want to hear of an autopilot. `GLOBAL_ORIGIN` and the health come seldom, the rest at the configured rates.
-    fn wish(&mut self, now: Instant, software: Software) {
+    pub(super) fn wish(&mut self, now: Instant, software: Software) {
         use crate::dialect as d;
         let config = &self.config;
         let health_hz = if config.landed_hz > 0.0 { 1.0 } else { 0.0 };

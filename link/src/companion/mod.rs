@@ -22,19 +22,25 @@ use foxhound_core::guidance;
 use foxhound_core::map::Circle;
 use foxhound_core::mission::{Behaviour, Control, Outcome};
 use foxhound_core::ownship::Ownship;
+use foxhound_core::param::{self, Id, Values};
 use foxhound_core::scan::{Points, Scan};
 use foxhound_core::time::Instant;
 
+use crate::MessageData;
 use crate::autopilot::{Attitude, Position};
 use crate::clock::PeerClock;
 use crate::continuity::Continuity;
+use crate::dialect::HEARTBEAT_DATA;
 use crate::failsafe::{Cause, Facts};
 use crate::framer::{self, Framer};
 use crate::health::{Charge, Health};
 use crate::outbox::Outbox;
+use crate::params::Params;
 use crate::requests::Requests;
+use crate::signing::{Signing, Unsigned, Verdict};
 
 pub use crate::autopilot::{Autopilot, Software};
+pub use crate::params::Storage;
 
 /// Ignore position, acceleration and yaw; obey velocity and yaw rate.
 pub const TYPE_MASK: u16 = 0x05C7;
@@ -127,6 +133,13 @@ pub struct Config {
     pub landing_target: bool,
     /// Whether what is remembered of the obstacles is sent as `OBSTACLE_DISTANCE`.
     pub surroundings: bool,
+    /// Whether MAVLink 1 is understood.
+    pub accept_v1: bool,
+    /// Which unsigned messages are believed where there is a key.
+    pub unsigned: Unsigned,
+    /// Whether a key may come over this link while the vehicle is disarmed: it is a local one, and somebody is at the
+    /// vehicle.
+    pub provisioning: bool,
 }
 
 impl Default for Config {
@@ -153,11 +166,42 @@ impl Default for Config {
             switch_channel: 0,
             landing_target: false,
             surroundings: false,
+            accept_v1: false,
+            unsigned: Unsigned::UntilFirstSigned,
+            provisioning: false,
         }
     }
 }
 
 impl Config {
+    /// The same, with the parameters of the link as the table has them.
+    #[must_use]
+    pub fn with(&self, values: &Values) -> Self {
+        Self {
+            setpoint_age_max_s: values.get(param::FH_SP_AGE),
+            heartbeat_timeout_s: values.get(param::FH_HB_TMO),
+            silence_after_s: values.get(param::FH_SILENT),
+            prestream: values.is_on(param::FH_PRESTREAM),
+            obstacle_frame: match values.whole(param::FH_OBS_FRAME) {
+                0 => ObstacleFrame::Auto,
+                1 => ObstacleFrame::Field,
+                _ => ObstacleFrame::Body,
+            },
+            battery_min_percent: values.get(param::FH_BAT_MIN),
+            switch_channel: values.whole(param::FH_RC_CH) as u8,
+            unsigned: match values.whole(param::FH_SIGN) {
+                0 => Unsigned::Always,
+                1 => Unsigned::UntilFirstSigned,
+                _ => Unsigned::HeartbeatAndRadioStatusOnly,
+            },
+            accept_v1: values.is_on(param::FH_V1),
+            yaw: if values.is_on(param::FH_YAW_MODE) { Yaw::Angle } else { Yaw::Rate },
+            landing_target: values.is_on(param::FH_LND_OUT),
+            surroundings: values.is_on(param::FH_OBS_OUT),
+            ..*self
+        }
+    }
+
     /// Checks the configuration.
     ///
     /// # Errors
@@ -178,11 +222,16 @@ impl Config {
         check("link.obstacle_age_max_s", self.obstacle_age_max_s, 0.05, 5.0)?;
         check("link.battery_min_percent", self.battery_min_percent, 0.0, 100.0)?;
         check("link.switch_channel", f32::from(self.switch_channel), 0.0, 18.0)?;
+        self.check_together()?;
+        Ok(Companion::from_checked(*self))
+    }
+
+    fn check_together(&self) -> Result<(), ConfigError> {
         if self.silence_after_s < self.heartbeat_timeout_s {
             let why = Why::Inconsistent("silence must not come before the link is lost (link.heartbeat_timeout_s)");
             return Err(ConfigError { field: "link.silence_after_s", value: self.silence_after_s, why });
         }
-        Ok(Companion::from_checked(*self))
+        Ok(())
     }
 }
 
@@ -211,6 +260,10 @@ pub struct Counters {
     pub jumps: u32,
     /// Heartbeats of autopilots other than ours.
     pub foreign_heartbeats: u32,
+    /// Messages that were not signed and should have been.
+    pub unsigned: u32,
+    /// Messages whose signature was wrong, old or played back.
+    pub forged: u32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -239,6 +292,12 @@ pub struct Companion {
     clock: PeerClock,
     continuity: Continuity,
     health: Health,
+    params: Params,
+    signing: Option<Signing>,
+    /// Whether a right signature was ever seen.
+    signed_heard: bool,
+    /// Whether the key is another one since the application last asked.
+    key_changed: bool,
     counters: Counters,
     /// The latest time that was mentioned.
     now: Instant,
@@ -279,14 +338,20 @@ pub struct Companion {
 
 impl Companion {
     fn from_checked(config: Config) -> Self {
+        let mut framer = Framer::new();
+        framer.accept_v1(config.accept_v1);
         Self {
             config,
-            framer: Framer::new(),
+            framer,
             outbox: Outbox::new(),
             requests: Requests::new(),
             clock: PeerClock::new(),
             continuity: Continuity::new(),
             health: Health::new(),
+            params: Params::new(Values::DEFAULT),
+            signing: None,
+            signed_heard: false,
+            key_changed: false,
             counters: Counters::default(),
             now: Instant::default(),
             autopilot: None,
@@ -323,10 +388,46 @@ impl Companion {
         while !rest.is_empty() {
             let taken = self.framer.push(rest);
             rest = &rest[taken..];
-            while let Some((header, message)) = self.framer.next_frame().map(|frame| (frame.header, frame.message())) {
-                if let Some(message) = message {
+            while let Some(frame) = self.framer.next_frame() {
+                let (header, message) = (frame.header, frame.message());
+                // Nothing is done about the others, so their signatures are not looked at either.
+                let Some(message) = message else { continue };
+                let verdict = self.signing.as_mut().map(|signing| signing.check(now, frame.bytes));
+                let id = frame.message_id;
+                if self.believes(verdict, id) {
                     self.handle(now, header, &message);
                 }
+            }
+        }
+    }
+
+    /// Whether a message is believed for its signature. An unsigned heartbeat only says that somebody is there, and by
+    /// itself gives no control.
+    fn believes(&mut self, verdict: Option<Verdict>, message_id: u32) -> bool {
+        let policy = self.config.unsigned;
+        match verdict {
+            None => true,
+            Some(Verdict::Valid) => {
+                self.signed_heard = true;
+                true
+            }
+            Some(Verdict::Unsigned) => {
+                let is_open = policy == Unsigned::Always || message_id != HEARTBEAT_DATA::ID;
+                let believed = is_open && policy.takes(message_id, self.signed_heard);
+                if !believed {
+                    if self.counters.unsigned == 0 {
+                        self.telemetry.warn("Foxhound: ignores unsigned messages");
+                    }
+                    count(&mut self.counters.unsigned);
+                }
+                believed
+            }
+            Some(_) => {
+                if self.counters.forged == 0 {
+                    self.telemetry.warn("Foxhound: ignores wrong signatures");
+                }
+                count(&mut self.counters.forged);
+                false
             }
         }
     }
@@ -414,6 +515,82 @@ impl Companion {
         self.points.take()
     }
 
+    /// Signs what is sent from now on, and looks at the signatures of what is heard; or neither.
+    pub fn sign_with(&mut self, signing: Option<Signing>) {
+        self.signing = signing;
+        self.signed_heard = false;
+    }
+
+    /// The key, the clock and the timestamps of signing, for whoever stores the first and knows the second.
+    pub const fn signing(&mut self) -> Option<&mut Signing> {
+        self.signing.as_mut()
+    }
+
+    /// Whether the key was set, changed or taken away over the link since the last call, and has to be stored.
+    pub fn take_key_change(&mut self) -> bool {
+        core::mem::take(&mut self.key_changed)
+    }
+
+    /// The parameters with which the application runs; the link takes its own from them.
+    ///
+    /// # Errors
+    /// The field of the link's configuration that does not fit the others; then everything stays as it was.
+    pub fn set_parameters(&mut self, values: Values) -> Result<(), ConfigError> {
+        let config = self.config.with(&values);
+        config.check_together()?;
+        self.params.replace(values);
+        self.reconfigure(config);
+        Ok(())
+    }
+
+    /// The parameters that hold.
+    #[must_use]
+    pub const fn parameters(&self) -> &Values {
+        self.params.values()
+    }
+
+    /// A parameter that somebody wants changed, and all of them with it: for the application to try. To be answered by
+    /// [`settle`](Self::settle) before anything else.
+    pub fn proposal(&mut self) -> Option<(Id, Values)> {
+        let is_seeking = self.control(self.now) == Control::Granted;
+        loop {
+            let values = self.params.proposal(is_seeking)?;
+            match self.config.with(&values).check_together() {
+                Ok(()) => return self.params.proposed().map(|id| (id, values)),
+                Err(error) => self.params.settle(Err(error)),
+            }
+        }
+    }
+
+    /// The application's answer: from now on it runs with the proposal, or it cannot.
+    pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
+        self.params.settle(verdict);
+        let config = self.config.with(self.params.values());
+        self.reconfigure(config);
+    }
+
+    /// What the application is to do with its storage of parameters; to be answered by [`stored`](Self::stored).
+    pub fn take_storage(&mut self) -> Option<Storage> {
+        self.params.take_storage()
+    }
+
+    /// The application has done it, or could not. Values that were loaded or reset have been
+    /// [set](Self::set_parameters) before.
+    pub fn stored(&mut self, is_done: bool) {
+        self.params.stored(is_done);
+    }
+
+    fn reconfigure(&mut self, config: Config) {
+        if self.config.accept_v1 != config.accept_v1 {
+            self.framer.accept_v1(config.accept_v1);
+        }
+        let channel_changed = self.config.switch_channel != config.switch_channel;
+        self.config = config;
+        if let Some(autopilot) = self.autopilot.filter(|_| channel_changed) {
+            self.wish(self.now, autopilot.software);
+        }
+    }
+
     /// The application has found itself unfit to fly: no setpoints and no heartbeats from now on, until a restart.
     pub fn fail(&mut self) {
         self.failed = true;
@@ -461,6 +638,7 @@ impl Companion {
             }
         }
         self.announce(now, cause);
+        self.tell_parameters(now);
         let Some(autopilot) = self.autopilot else {
             return;
         };
@@ -482,7 +660,11 @@ impl Companion {
     /// Fills `sink` with the bytes that wait to be sent, setpoints first, and says how far.
     pub fn transmit(&mut self, sink: &mut [u8]) -> usize {
         let address = (self.system_id(), self.config.component_id);
-        self.outbox.transmit(address, sink, |_, length| length)
+        let (signing, now) = (&mut self.signing, self.now);
+        self.outbox.transmit(address, sink, |frame, length| match signing {
+            Some(signing) => signing.sign(now, frame, length),
+            None => length,
+        })
     }
 
     /// What was counted so far.

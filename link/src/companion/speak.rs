@@ -19,6 +19,7 @@ use crate::dialect::{
 use crate::failsafe::{Cause, Stream};
 use crate::landing;
 use crate::outbox::{Errand, Note};
+use crate::params::Reply;
 use crate::surroundings;
 
 /// One value of the list in turn: each of the ten twice a second.
@@ -210,6 +211,19 @@ impl Companion {
 
 /// Telemetry.
 impl Companion {
+    /// Parameters wait for everything else.
+    pub(super) fn tell_parameters(&mut self, now: Instant) {
+        if !self.outbox.has_room_for_a_parameter() {
+            return;
+        }
+        match self.params.next(now) {
+            Some(Reply::Value(value)) => self.outbox.post_parameter(value),
+            Some(Reply::Text(text)) => self.outbox.post_note(Note::Text(text)),
+            Some(Reply::Ack(ack)) => self.outbox.post_errand(Errand::Ack(ack)),
+            None => {}
+        }
+    }
+
     /// One value of the list, when its turn has come and there is something to tell, and what has a period of its own.
     pub(super) fn report(&mut self, now: Instant, output: &guidance::Output) {
         if let Some(bearing) = output.bearing.filter(|bearing| bearing.valid) {

@@ -208,6 +208,12 @@ impl Params {
         Some(values)
     }
 
+    /// Which parameter the [proposal](Self::proposal) changes.
+    #[must_use]
+    pub fn proposed(&self) -> Option<Id> {
+        self.sets.front().map(|(id, _)| *id)
+    }
+
     /// The application's answer to the [proposal](Self::proposal): from now on it runs with it, or it does not.
     pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
         let Some((id, value)) = self.sets.pop_front() else { return };
