@@ -69,7 +69,9 @@ pub struct Key([u8; 32]);
 
 impl Key {
     /// A key; `None` for 32 zeros, which mean none.
+    // Here and below: inlined into code that is made fast, small code becomes long code.
     #[must_use]
+    #[inline(never)]
     pub const fn new(bytes: [u8; 32]) -> Option<Self> {
         let mut index = 0;
         while index < bytes.len() {
@@ -182,7 +184,6 @@ impl Signing {
     /// Signs the unsigned frame that takes up the first `length` bytes of `buffer`, and says how long it is then. 0, and
     /// nothing is changed, when that is no such frame, when [`SIGNATURE`] more bytes do not fit, or when the last
     /// timestamp is used up: such a frame must not be sent.
-    // Inlined into code that is made fast, it would be five times as long.
     #[inline(never)]
     pub fn sign(&mut self, now: Instant, buffer: &mut [u8], length: usize) -> usize {
         let Some(Shape { body, signed: false }) = buffer.get(..length).and_then(Shape::of) else {
