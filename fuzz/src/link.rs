@@ -208,8 +208,7 @@ impl Flight {
                         self.reached.usable += u32::from(moves);
                     }
                     Some(MavMessage::NAMED_VALUE_FLOAT(value)) => assert!(value.value.is_finite(), "{value:?}"),
-                    Some(_) => {}
-                    None => panic!("we send what we do not know: {}", frame.message_id),
+                    message => assert!(message.is_some(), "we send what we do not know: {}", frame.message_id),
                 }
                 self.in_flight = false;
             }
@@ -224,12 +223,8 @@ impl Flight {
 
     /// When nothing more happens, there comes an end to what it has to say.
     fn drain(&mut self, now: Instant) {
-        for _ in 0..100 {
-            if self.transmit(now, 300) == 0 {
-                return;
-            }
-        }
-        panic!("it never falls silent");
+        let silent = (0..100).any(|_| self.transmit(now, 300) == 0);
+        assert!(silent, "it never falls silent");
     }
 }
 
