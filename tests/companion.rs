@@ -3,6 +3,8 @@
 //! The autopilot is a thread here, so that everything is known: where the vehicle really is, what it was told and when, and
 //! in which mode it was then. Nothing is asserted about how long anything takes.
 
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
+
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
