@@ -82,6 +82,14 @@ impl Given {
         let mut config = guidance::Config::default();
         self.values.apply(&mut config);
         config.build::<SAMPLES>()?;
+        self.check_link()
+    }
+
+    /// Checks whether those of the link fit together; those of guidance are checked with what else it is given.
+    ///
+    /// # Errors
+    /// The field that does not.
+    pub fn check_link(&self) -> Result<(), InputError> {
         companion::Config {
             setpoint_age_max_s: self.values.get(param::FH_SP_AGE),
             heartbeat_timeout_s: self.values.get(param::FH_HB_TMO),

@@ -88,10 +88,12 @@ check(not drain("PARAM_VALUE"), "a list of the autopilot's is not ours to tell")
 
 # What mavparm thinks a parameter protocol is.
 params = mavparm.MAVParmDict()
+# At their ends these do not fit the defaults of others.
+at_odds = {"FH_MARGIN_TGT", "FH_WAVELEN", "FH_ARR_SIDE", "FH_SMP_RATE", "FH_TONE", "FH_TONE_LO", "FH_TONE_HI"}
 for row in table:
     wanted = row["min"] if row["whole"] and row["default"] != row["min"] else row["max"]
-    if row["name"] in ("FH_MARGIN_TGT", "FH_ARR_SIDE", "FH_WAVELEN", "FH_SMP_RATE", "FH_TONE", "FH_TONE_LO", "FH_TONE_HI", "FH_HB_TMO"):
-        wanted = row["default"]  # at odds with another one at its end
+    if row["name"] in at_odds:
+        wanted = row["default"]
     check(params.mavset(station, row["name"], wanted, retries=1), f"mavset {row['name']} {wanted:g}", quiet=True)
     check(math.isclose(params[row["name"]], wanted, rel_tol=1e-6, abs_tol=1e-9), f"{row['name']} is {wanted:g}", quiet=True)
     station.mav.param_request_read_send(VEHICLE, COMPANION, row["name"].encode(), -1)
@@ -100,13 +102,14 @@ for row in table:
         read = (message.param_id, message.param_index)
         check(read == (row["name"], row["index"]), f"{read}", quiet=True)
         check(math.isclose(message.param_value, wanted, rel_tol=1e-6, abs_tol=1e-9), f"{message}", quiet=True)
+    check(params.mavset(station, row["name"], row["default"], retries=1), f"{row['name']} back", quiet=True)
 check(not texts, "all parameters set, acknowledged and read back")
 
 # Refusals: the old value, and why.
 for value, kind in ((99.0, 9), (float("nan"), 9), (float("inf"), 9), (2.0, 6)):
     station.param_set_send("FH_SPD_MAX", value, kind)
     (answer,) = drain("PARAM_VALUE")
-    check(answer.param_value == 20.0, f"{value} of type {kind} is refused and {answer.param_value} stays")
+    check(answer.param_value == 1.0, f"{value} of type {kind} is refused and {answer.param_value} stays")
     text = texts.pop().text
     check(text.startswith("FH_SPD_MAX") and "refused" in text, text)
 station.param_set_send("FH_ARR_SIDE", 0.2)

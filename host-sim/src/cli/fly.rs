@@ -147,6 +147,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if let Some(path) = &args.params {
         let mut given = Given::default();
         given.read(path)?;
+        given.check_link()?;
         given.apply(&mut config);
     }
     // Checked here for every computer, so that a refused field is named the same way.
