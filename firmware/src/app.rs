@@ -12,6 +12,7 @@ use embassy_sync::signal::Signal;
 use foxhound_core::ConfigError;
 use foxhound_core::frame::Horizontal;
 use foxhound_core::guidance::{self, Guidance, Input, Output};
+use foxhound_core::param::{Id, Values};
 use foxhound_core::planner::{Plan, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::rollout::WAYPOINTS;
 use foxhound_link::companion::{self, Companion};
@@ -118,6 +119,11 @@ pub async fn guide(
             Call::Step(step) => {
                 let lock_step = step.lock_step.is_some();
                 line.read(&mut flight.companion, &step).await;
+                if flight.serve() {
+                    // It was for what guidance was before.
+                    plan = None;
+                    plans.reset();
+                }
                 if !lock_step {
                     plan = plans.try_take();
                 }
@@ -148,6 +154,7 @@ async fn settle(plans: &'static Plans, last_request: &mut Option<u32>) -> Option
 
 /// Everything that is begun anew with a configuration.
 struct Flight {
+    config: guidance::Config,
     guidance: Guidance<SAMPLES_PER_CHANNEL>,
     state: guidance::State<SAMPLES_PER_CHANNEL>,
     planner: Planner,
@@ -161,19 +168,47 @@ impl Flight {
     fn begin<'a>(place: &'a mut MaybeUninit<Self>, config: &guidance::Config) -> Result<&'a mut Self, ConfigError> {
         let guidance = config.build()?;
         let planner = config.planner.build()?;
-        let companion = companion::Config::default().build()?;
-        Ok(place.write(Self { state: guidance.start(), guidance, planner, companion }))
+        let companion = companion::Config::default().build_with(Values::of(config))?;
+        Ok(place.write(Self { config: *config, state: guidance.start(), guidance, planner, companion }))
     }
 
     /// The next flight in the same place; the old one goes on if the configuration is refused.
     #[inline(never)]
     fn begin_anew(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
+        self.set_up(config)?;
+        self.companion = companion::Config::default().build_with(Values::of(config))?;
+        Ok(())
+    }
+
+    /// Guidance and planner with another configuration, from the start; the old one goes on if that is refused.
+    #[inline(never)]
+    fn set_up(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
         let guidance = config.build()?;
         self.planner = config.planner.build()?;
-        self.companion = companion::Config::default().build()?;
         self.guidance = guidance;
         self.state = self.guidance.start();
+        self.config = *config;
         Ok(())
+    }
+
+    /// Tries a parameter that somebody wants changed; it holds from this step on, which starts afresh.
+    #[inline(never)]
+    fn adopt(&mut self, id: Id, values: &Values) -> Result<(), ConfigError> {
+        let mut config = self.config;
+        values.apply_one(id, &mut config);
+        self.set_up(&config)
+    }
+
+    /// What stations want done about the parameters; true where guidance starts afresh.
+    fn serve(&mut self) -> bool {
+        if self.companion.take_storage().is_some() {
+            // There is none yet.
+            self.companion.stored(false);
+        }
+        let Some((id, values)) = self.companion.proposal() else { return false };
+        let verdict = self.adopt(id, &values);
+        self.companion.settle(verdict);
+        verdict.is_ok()
     }
 
     /// One step, and how long guidance took. The simulator does the same in the same order: bit for bit.
@@ -193,6 +228,9 @@ impl Flight {
         let output = self.guidance.step(&mut self.state, &input);
         let ticks = board::ticks().wrapping_sub(begin);
         self.companion.publish(step.now, &output);
+        if self.companion.wants_surroundings(step.now) {
+            self.companion.publish_surroundings(step.now, self.state.map().circles());
+        }
         self.companion.poll(step.now);
         (output, ticks)
     }

@@ -2,7 +2,7 @@
 //!
 //! Both do the same things in the same order, so that their traces are equal bit for bit:
 //!
-//! 1. the link takes in the bytes of the autopilot;
+//! 1. the link takes in the bytes of the autopilot, and a parameter that somebody set is tried;
 //! 2. guidance steps, with what the link heard, the frame, and the plan that was finished in the step before;
 //! 3. the link publishes the outcome, does what is due, and gives out its bytes;
 //! 4. when guidance asked for a plan, the planner makes one, which is handed over at the next step.
@@ -12,6 +12,7 @@ use std::fmt;
 use foxhound_core::ConfigError;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::map::Circle;
+use foxhound_core::param::{Id, Values};
 use foxhound_core::planner::{Plan, Planner, Scratch};
 use foxhound_core::time::Instant;
 use foxhound_link::companion::{self, Companion};
@@ -71,6 +72,7 @@ pub trait Computer {
 /// The computer in this process.
 #[derive(Debug)]
 pub struct HostComputer {
+    config: guidance::Config,
     companion: Companion,
     guidance: Guidance<BLOCK>,
     state: guidance::State<BLOCK>,
@@ -87,13 +89,25 @@ impl HostComputer {
     pub fn new(config: &guidance::Config) -> Result<Self, ConfigError> {
         let guidance = config.build()?;
         Ok(Self {
-            companion: companion::Config::default().build()?,
+            config: *config,
+            companion: companion::Config::default().build_with(Values::of(config))?,
             state: guidance.start(),
             guidance,
             planner: config.planner.build()?,
             scratch: Scratch::default(),
             finished: None,
         })
+    }
+
+    /// Tries a parameter that somebody wants changed; it holds from the next step on, which starts afresh.
+    fn adopt(&mut self, id: Id, values: &Values) -> Result<(), ConfigError> {
+        let mut config = self.config;
+        values.apply_one(id, &mut config);
+        let guidance = config.build()?;
+        self.planner = config.planner.build()?;
+        self.state = guidance.start();
+        (self.config, self.guidance, self.finished) = (config, guidance, None);
+        Ok(())
     }
 }
 
@@ -106,6 +120,14 @@ impl Computer for HostComputer {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
         self.companion.receive(now, rx);
+        if let Some((id, values)) = self.companion.proposal() {
+            let verdict = self.adopt(id, &values);
+            self.companion.settle(verdict);
+        }
+        if self.companion.take_storage().is_some() {
+            // There is none.
+            self.companion.stored(false);
+        }
         let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let plan = self.finished.take();
         let input = Input {
@@ -120,6 +142,9 @@ impl Computer for HostComputer {
         };
         let output = self.guidance.step(&mut self.state, &input);
         self.companion.publish(now, &output);
+        if self.companion.wants_surroundings(now) {
+            self.companion.publish_surroundings(now, self.state.map().circles());
+        }
         self.companion.poll(now);
         let mut tx = vec![0; TRANSMIT_BYTES];
         let length = self.companion.transmit(&mut tx);

@@ -52,3 +52,32 @@ fn the_guard_keeps_the_limit_with_room_for_rounding() {
     assert!(guidance.guard.v_max_mps < 2.0 && guidance.guard.v_max_mps > 1.999);
     assert!(guidance.goal.known_source_ned_m.is_none(), "the beacon is heard, not told");
 }
+
+#[test]
+fn a_take_off_that_its_pilot_asks_for_in_guided_is_not_ended_by_our_setpoints() {
+    use crate::antennas::Pose;
+    use crate::autopilot::{Autopilot, GUIDED, Software, Start};
+    use crate::computer::HostComputer;
+    use crate::vehicle::Vehicle;
+    let mut computer = HostComputer::new(&config().guidance()).unwrap();
+    let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };
+    let mut vehicle = Vehicle::new(model, 2.0, Pose::default());
+    let mut autopilot = Autopilot::new(Software::ArduCopter, Start::Parked);
+    for step in 0..1000_u64 {
+        let now_us = step * 20_000;
+        let motion = vehicle.motion;
+        if step == 100 {
+            assert!(autopilot.select_mode(now_us, GUIDED) && autopilot.arm(now_us));
+        }
+        if step == 200 {
+            assert!(autopilot.take_off(now_us, 5.0));
+        }
+        autopilot.telemetry(now_us, &motion, false);
+        let rx = autopilot.transmit();
+        let report = computer.step(Instant(now_us), FrontEnd::Nothing, Some(&[]), &rx).unwrap();
+        autopilot.receive(now_us, &motion, &report.tx);
+        vehicle.step(autopilot.command(now_us), TICK_S);
+    }
+    let down_m = vehicle.motion.pose.position_ned_m[2];
+    assert!(down_m < -4.5, "it is {} m up", -down_m);
+}

@@ -226,6 +226,15 @@ impl Config {
         Ok(Companion::from_checked(*self))
     }
 
+    /// The same, with the parameters with which the application runs: the link takes its own from them, and serves them.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build_with(&self, values: Values) -> Result<Companion, ConfigError> {
+        let companion = self.with(&values).build()?;
+        Ok(Companion { params: Params::new(values), ..companion })
+    }
+
     fn check_together(&self) -> Result<(), ConfigError> {
         if self.silence_after_s < self.heartbeat_timeout_s {
             let why = Why::Inconsistent("silence must not come before the link is lost (link.heartbeat_timeout_s)");
@@ -531,7 +540,7 @@ impl Companion {
         core::mem::take(&mut self.key_changed)
     }
 
-    /// The parameters with which the application runs; the link takes its own from them.
+    /// The application runs with other parameters from now on; the link takes its own from them.
     ///
     /// # Errors
     /// The field of the link's configuration that does not fit the others; then everything stays as it was.
