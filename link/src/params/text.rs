@@ -78,10 +78,10 @@ impl Trouble {
         let mut text = Text::default();
         match *self {
             Self::Unknown(name) => text.word("no parameter ").shown(&name),
-            Self::Type(id) => text.word(id.name()).word(" refused: send REAL32"),
-            Self::Seeking(id) => text.word(id.name()).word(" refused while seeking"),
+            Self::Type(id) => text.shown(id.padded_name()).word(" refused: send REAL32"),
+            Self::Seeking(id) => text.shown(id.padded_name()).word(" refused while seeking"),
             Self::Refused(id, value, refusal) => {
-                text.word(id.name()).word("=").number(value).word(" refused: ");
+                text.shown(id.padded_name()).word("=").number(value).word(" refused: ");
                 if refusal == Refusal::NotWhole {
                     text.word("whole ");
                 }
@@ -89,7 +89,7 @@ impl Trouble {
                 text.number(min).word(" to ").number(max)
             }
             Self::Config(id, value, error) => {
-                text.word(id.name()).word("=").number(value).word(" refused: ");
+                text.shown(id.padded_name()).word("=").number(value).word(" refused: ");
                 text.word(error.field).word("=").number(error.value).word(" ");
                 match error.why {
                     Why::NotFinite => text.word("is not finite"),
