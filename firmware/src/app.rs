@@ -27,8 +27,11 @@ pub const SAMPLES_PER_CHANNEL: usize = 256;
 /// Room for some whole MAVLink frames.
 const TRANSMIT_BYTES: usize = 512;
 
-/// Bytes between the serial line and guidance, one pipe for each direction.
-pub type Bytes = Pipe<CriticalSectionRawMutex, 2048>;
+/// Bytes from the serial line to guidance: what arrives in a step of 20 ms at 921 600 baud.
+pub type Incoming = Pipe<CriticalSectionRawMutex, 2048>;
+
+/// Bytes from guidance to the serial line; what does not fit waits in the link, where a newer setpoint replaces it.
+pub type Outgoing = Pipe<CriticalSectionRawMutex, 1024>;
 
 /// What the planner is to do; a newer order replaces one that it has not begun.
 pub type Orders = Signal<CriticalSectionRawMutex, Order>;
@@ -58,7 +61,7 @@ pub struct Planned {
 
 /// Bytes of the autopilot, from the serial line into the pipe.
 #[embassy_executor::task]
-pub async fn receive(mut line: Receiver, incoming: &'static Bytes) {
+pub async fn receive(mut line: Receiver, incoming: &'static Incoming) {
     let mut bytes = [0; 256];
     loop {
         let count = line.read(&mut bytes).await;
@@ -68,7 +71,7 @@ pub async fn receive(mut line: Receiver, incoming: &'static Bytes) {
 
 /// Bytes to the autopilot, from the pipe onto the serial line.
 #[embassy_executor::task]
-pub async fn transmit(mut line: Transmitter, outgoing: &'static Bytes) {
+pub async fn transmit(mut line: Transmitter, outgoing: &'static Outgoing) {
     let mut bytes = [0; 256];
     loop {
         let count = outgoing.read(&mut bytes).await;
@@ -94,8 +97,8 @@ pub async fn plan(orders: &'static Orders, plans: &'static Plans) {
 #[embassy_executor::task]
 pub async fn guide(
     mut pacer: Pacer,
-    incoming: &'static Bytes,
-    outgoing: &'static Bytes,
+    incoming: &'static Incoming,
+    outgoing: &'static Outgoing,
     orders: &'static Orders,
     plans: &'static Plans,
 ) {
@@ -238,8 +241,8 @@ impl Flight {
 
 /// The serial line as guidance sees it.
 struct Line {
-    incoming: &'static Bytes,
-    outgoing: &'static Bytes,
+    incoming: &'static Incoming,
+    outgoing: &'static Outgoing,
     rx_total: u32,
     tx_total: u32,
 }

@@ -3,11 +3,11 @@
 #![no_main]
 
 use embassy_executor::SpawnToken;
-use foxhound_firmware::app::{self, Bytes, Orders, Plans};
+use foxhound_firmware::app::{self, Incoming, Orders, Outgoing, Plans};
 use foxhound_firmware::boards::board;
 
-static INCOMING: Bytes = Bytes::new();
-static OUTGOING: Bytes = Bytes::new();
+static INCOMING: Incoming = Incoming::new();
+static OUTGOING: Outgoing = Outgoing::new();
 static ORDERS: Orders = Orders::new();
 static PLANS: Plans = Plans::new();
 
