@@ -4,8 +4,6 @@
 //! a replan that is under way. A plan is handed to guidance at the step after it was finished; guidance itself takes
 //! it up at a fixed tick after its request, so that nothing depends on how long the replan took.
 
-use core::mem::MaybeUninit;
-
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
@@ -102,8 +100,7 @@ pub async fn guide(
     orders: &'static Orders,
     plans: &'static Plans,
 ) {
-    static FLIGHT: StaticCell<Flight> = StaticCell::new();
-    let flight = match Flight::begin(FLIGHT.uninit(), &guidance::Config::default()) {
+    let mut flight = match Flight::begin(&guidance::Config::default()) {
         Ok(flight) => flight,
         // Not its value and range: to write numbers takes 17 KB of flash.
         Err(error) => board::halt(format_args!("the built-in configuration: {}", error.field)),
@@ -121,7 +118,7 @@ pub async fn guide(
             }
             Call::Step(step) => {
                 let lock_step = step.lock_step.is_some();
-                line.read(&mut flight.companion, &step).await;
+                line.read(flight.companion, &step).await;
                 if flight.serve() {
                     // It was for what guidance was before.
                     plan = None;
@@ -131,7 +128,7 @@ pub async fn guide(
                     plan = plans.try_take();
                 }
                 let (output, fast_ticks) = flight.step(&step, plan.as_ref());
-                line.write(&mut flight.companion, lock_step).await;
+                line.write(flight.companion, lock_step).await;
                 if output.plan_requested {
                     let request = flight.state.request().clone();
                     last_request = Some(request.id);
@@ -155,42 +152,67 @@ async fn settle(plans: &'static Plans, last_request: &mut Option<u32>) -> Option
     }
 }
 
-/// Everything that is begun anew with a configuration.
+/// Everything that is begun anew with a configuration, each where it stays.
 struct Flight {
     config: guidance::Config,
-    guidance: Guidance<SAMPLES_PER_CHANNEL>,
-    state: guidance::State<SAMPLES_PER_CHANNEL>,
+    guidance: &'static mut Guidance<SAMPLES_PER_CHANNEL>,
+    state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>,
     planner: Planner,
-    companion: Companion,
+    companion: &'static mut Companion,
 }
 
+// The stack holds one of these at a time, while it is built: hence a function for each, and none inlined into the step.
 impl Flight {
-    /// The first flight, built where it stays. Not inlined, nor is the next: what is built on the stack on the way
-    /// would be in the frame of every step.
+    fn begin(config: &guidance::Config) -> Result<Self, ConfigError> {
+        let guidance = Self::first_guidance(config)?;
+        let state = Self::first_state(guidance);
+        Ok(Self {
+            config: *config,
+            state,
+            guidance,
+            planner: config.planner.build()?,
+            companion: Self::first_companion(config)?,
+        })
+    }
+
     #[inline(never)]
-    fn begin<'a>(place: &'a mut MaybeUninit<Self>, config: &guidance::Config) -> Result<&'a mut Self, ConfigError> {
-        let guidance = config.build()?;
-        let planner = config.planner.build()?;
-        let companion = companion::Config::default().build_with(Values::of(config))?;
-        Ok(place.write(Self { config: *config, state: guidance.start(), guidance, planner, companion }))
+    fn first_guidance(config: &guidance::Config) -> Result<&'static mut Guidance<SAMPLES_PER_CHANNEL>, ConfigError> {
+        static GUIDANCE: StaticCell<Guidance<SAMPLES_PER_CHANNEL>> = StaticCell::new();
+        Ok(GUIDANCE.init(config.build()?))
+    }
+
+    #[inline(never)]
+    fn first_state(guidance: &Guidance<SAMPLES_PER_CHANNEL>) -> &'static mut guidance::State<SAMPLES_PER_CHANNEL> {
+        static STATE: StaticCell<guidance::State<SAMPLES_PER_CHANNEL>> = StaticCell::new();
+        STATE.init_with(|| guidance.start())
+    }
+
+    #[inline(never)]
+    fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, ConfigError> {
+        static COMPANION: StaticCell<Companion> = StaticCell::new();
+        Ok(COMPANION.init(companion::Config::default().build_with(Values::of(config))?))
     }
 
     /// The next flight in the same place; the old one goes on if the configuration is refused.
-    #[inline(never)]
     fn begin_anew(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
         self.set_up(config)?;
-        self.companion = companion::Config::default().build_with(Values::of(config))?;
-        Ok(())
+        self.listen_anew()
     }
 
     /// Guidance and planner with another configuration, from the start; the old one goes on if that is refused.
     #[inline(never)]
     fn set_up(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
-        let guidance = config.build()?;
-        self.planner = config.planner.build()?;
-        self.guidance = guidance;
-        self.state = self.guidance.start();
+        let planner = config.planner.build()?;
+        *self.guidance = config.build()?;
+        self.planner = planner;
+        self.guidance.restart(self.state);
         self.config = *config;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn listen_anew(&mut self) -> Result<(), ConfigError> {
+        *self.companion = companion::Config::default().build_with(Values::of(&self.config))?;
         Ok(())
     }
 
@@ -203,6 +225,7 @@ impl Flight {
     }
 
     /// What stations want done about the parameters; true where guidance starts afresh.
+    #[inline(never)]
     fn serve(&mut self) -> bool {
         if self.companion.take_storage().is_some() {
             // There is none yet.
@@ -228,7 +251,7 @@ impl Flight {
             plan: plan.map(|planned| &planned.plan),
         };
         let begin = board::ticks();
-        let output = self.guidance.step(&mut self.state, &input);
+        let output = self.guidance.step(self.state, &input);
         let ticks = board::ticks().wrapping_sub(begin);
         self.companion.publish(step.now, &output);
         if self.companion.wants_surroundings(step.now) {

@@ -103,10 +103,10 @@ impl HostComputer {
     fn adopt(&mut self, id: Id, values: &Values) -> Result<(), ConfigError> {
         let mut config = self.config;
         values.apply_one(id, &mut config);
-        let guidance = config.build()?;
-        self.planner = config.planner.build()?;
-        self.state = guidance.start();
-        (self.config, self.guidance, self.finished) = (config, guidance, None);
+        let planner = config.planner.build()?;
+        self.guidance = config.build()?;
+        self.guidance.restart(&mut self.state);
+        (self.config, self.planner, self.finished) = (config, planner, None);
         Ok(())
     }
 }

@@ -388,6 +388,65 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
+    /// Back to the state before the first step, in place: a second state on the stack is more than a microcontroller has
+    /// room for.
+    pub fn restart(&self, state: &mut State<N>) {
+        let State {
+            tick,
+            phase,
+            map,
+            gathering,
+            link,
+            reflected,
+            source,
+            misled,
+            belief,
+            is_searching,
+            goal,
+            response,
+            track,
+            guard,
+            look_ned_rad,
+            mission,
+            turning,
+            near,
+            ownship,
+            last_flags,
+            hold_down_m,
+            request,
+            due,
+            pending,
+            active,
+            activated,
+            plans_late,
+            trace,
+        } = state;
+        (*tick, *activated, *plans_late) = (0, 0, 0);
+        *phase = phase::State::default();
+        *map = Map::default();
+        *gathering = Gathering::default();
+        *link = link_state::State::new();
+        *reflected = 0.0;
+        *source = bank::State::new();
+        (*misled, *is_searching) = (false, false);
+        *belief = None;
+        *goal = goal::State::default();
+        *response = response::State::default();
+        *track = track::State::default();
+        *guard = guard::State::default();
+        (*look_ned_rad, *hold_down_m) = (None, None);
+        *mission = mission::State::default();
+        *turning = turning::State::default();
+        near.clear();
+        *ownship = None;
+        *last_flags = Flags::default();
+        *request = PlanRequest::default();
+        *due = None;
+        *pending = None;
+        *active = None;
+        *trace = Trace::default();
+    }
+
     /// One step of the fast loop.
     pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
         state.tick = state.tick.wrapping_add(1);

@@ -26,6 +26,7 @@ struct Report {
     reached: bool,
     closest_m: f32,
     outputs: StdVec<Output>,
+    state: Option<State<64>>,
 }
 
 impl Flight {
@@ -74,7 +75,7 @@ impl Flight {
         let planner = self.config.planner.build().unwrap();
         let (mut state, mut scratch) = (guidance.start(), Scratch::default());
         let mut ready: Option<(u32, Plan)> = None;
-        let mut report = Report { reached: false, closest_m: f32::INFINITY, outputs: StdVec::new() };
+        let mut report = Report { reached: false, closest_m: f32::INFINITY, outputs: StdVec::new(), state: None };
         for step in 0..(seconds / DT) as u32 {
             let now = Instant(1_000_000 + u64::from(step) * 20_000);
             let circles = self.visible();
@@ -120,6 +121,7 @@ impl Flight {
                 break;
             }
         }
+        report.state = Some(state);
         report
     }
 }
@@ -144,6 +146,17 @@ fn it_reaches_the_source_through_pillars_without_touching_one() {
         assert!(report.reached, "seed {seed}: {:?} after {} steps", end.outcome, report.outputs.len());
         assert!(report.closest_m > 0.0, "seed {seed}: {}", report.closest_m);
     }
+}
+
+#[test]
+fn a_restart_in_place_leaves_nothing_of_the_flight_before() {
+    let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
+    let mut state = flight.run(3.0, |_, _| {}).state.unwrap();
+    let guidance = flight.config.build::<64>().unwrap();
+    let fresh = std::format!("{:?}", guidance.start());
+    assert_ne!(std::format!("{state:?}"), fresh);
+    guidance.restart(&mut state);
+    assert_eq!(std::format!("{state:?}"), fresh);
 }
 
 #[test]
