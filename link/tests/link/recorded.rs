@@ -5,12 +5,13 @@
 
 use std::collections::BTreeMap;
 
-use crate::bench::Bench;
+use crate::bench::{Bench, output};
 use foxhound_core::mission::Control;
 use foxhound_core::time::Instant;
 use foxhound_core::units::wrap_pi;
 use foxhound_link::companion::{Config, Software};
 use foxhound_link::dialect::*;
+use foxhound_link::failsafe::Cause;
 use foxhound_link::framer::{Counters, Framer};
 use rand_core::{Rng, SeedableRng};
 use rand_xoshiro::Xoshiro128PlusPlus;
@@ -186,6 +187,31 @@ fn the_senders_of_the_flight_are_told_apart_and_what_is_missing_is_counted() {
     // The companion that flew sent two frames that the log does not hold.
     assert_eq!(senders(0), (vec![(1, 17_107, 0), (191, 20, 2)], 2));
     assert_eq!(senders(10), (vec![(1, 15_395, 1_712), (191, 19, 3)], 1_715));
+}
+
+#[test]
+fn a_real_flight_is_told_without_a_gap_or_a_jump_while_we_are_in_control() {
+    let mut bench = Bench::new(Config::default());
+    bench.output = Some(output([1.0, 0.0, 0.0], 0.0));
+    let (mut told, mut jumps) = (0, Vec::new());
+    for (at_us, frame) in records() {
+        bench.now_us = at_us;
+        bench.companion.receive(Instant(at_us), frame);
+        bench.companion.publish(bench.now(), bench.output.as_ref().unwrap());
+        bench.companion.poll(bench.now());
+        if bench.companion.counters().jumps as usize > jumps.len() {
+            jumps.push(at_us);
+        }
+        if bench.companion.control(bench.now()) == Control::Granted {
+            assert!(bench.companion.ownship().is_some(), "{at_us}");
+            assert_eq!(bench.companion.cause(bench.now()), Cause::None);
+            told += 1;
+        }
+    }
+    assert!(told > 4_500, "{told}");
+    // Only while the filter was settling, before take-off.
+    assert!(jumps.iter().all(|at_us| *at_us < 13_700_000), "{jumps:?}");
+    assert_eq!((bench.companion.counters().reboots, bench.companion.counters().rejected), (0, 0));
 }
 
 #[test]
