@@ -24,6 +24,7 @@ use foxhound_core::mission::{Behaviour, Outcome};
 use foxhound_core::planner;
 use foxhound_core::time::Instant;
 use foxhound_link::companion::Autopilot;
+use foxhound_link::signing::Key;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -35,11 +36,13 @@ use crate::tlog;
 use crate::transport::Line;
 use crate::world::Horizontal;
 
+mod key;
 mod pace;
 mod senses;
 mod tally;
 mod wire;
 
+pub use key::{parse_key, signing};
 pub use pace::Pace;
 use senses::{Fix, Senses};
 use tally::Tally;
@@ -84,6 +87,8 @@ pub struct Config {
     pub estimator: Estimator,
     /// When the flight is given up.
     pub max_time_s: Option<f64>,
+    /// The key with which everybody on the link signs. The computer is given it by the caller.
+    pub key: Option<Key>,
 }
 
 impl Config {
@@ -229,14 +234,15 @@ pub fn fly(
     let [north, east, _] = config.source_ned_m;
     let source = Horizontal { north, east };
     let world = config.scenario().world();
+    let sign = || config.key.as_ref().map(|key| signing(key, key::DRIVER, Instant(0)));
     let mut flight = Flight {
         config,
         line,
         log,
         source,
-        senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed)?,
+        senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed, sign())?,
         tally: Tally::new(source, config.drone_radius_m),
-        wire: Wire::default(),
+        wire: Wire::new(sign()),
         started_us: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64),
         complaints: Vec::new(),
     };
@@ -291,7 +297,7 @@ impl Flight<'_> {
                 && now >= brake.pause_due
             {
                 brake.pause_due = now.plus_micros(PAUSE_PERIOD_US);
-                let pause = self.wire.pause(&autopilot);
+                let pause = self.wire.pause(now, &autopilot);
                 self.note(now, tlog::Direction::ToCompanion, &pause);
                 rx.extend(pause);
             }

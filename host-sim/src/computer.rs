@@ -17,6 +17,7 @@ use foxhound_core::planner::{Plan, Planner, Scratch};
 use foxhound_core::time::Instant;
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::mailbox::Planned;
+use foxhound_link::signing::Signing;
 
 use crate::qemu::QemuComputer;
 
@@ -97,6 +98,11 @@ impl HostComputer {
             scratch: Scratch::default(),
             finished: None,
         })
+    }
+
+    /// Signs what the link says from now on, and believes what is signed.
+    pub fn sign_with(&mut self, signing: Signing) {
+        self.companion.sign_with(Some(signing));
     }
 
     /// Tries a parameter that somebody wants changed; it holds from the next step on, which starts afresh.

@@ -8,6 +8,7 @@ use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 
 use foxhound_link::framer::Framer;
+use foxhound_link::signing::is_secret;
 use serde::Serialize;
 
 /// Writes a log.
@@ -35,7 +36,7 @@ impl Writer {
         Ok(Self { file: BufWriter::new(File::create(path)?), framers: [Framer::new(), Framer::new()] })
     }
 
-    /// Takes in bytes of one direction; whole frames are written as they complete.
+    /// Takes in bytes of one direction; whole frames are written as they complete, but for those that carry a key.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -44,6 +45,9 @@ impl Writer {
         while !bytes.is_empty() {
             bytes = &bytes[framer.push(bytes)..];
             while let Some(frame) = framer.next_frame() {
+                if is_secret(frame.message_id) {
+                    continue;
+                }
                 self.file.write_all(&time_us.to_be_bytes())?;
                 self.file.write_all(frame.bytes)?;
             }
@@ -164,7 +168,7 @@ fn whole_frame(bytes: &[u8]) -> Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_link::dialect::{ATTITUDE_DATA, HEARTBEAT_DATA};
+    use foxhound_link::dialect::{ATTITUDE_DATA, HEARTBEAT_DATA, SETUP_SIGNING_DATA};
     use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
 
     fn frames() -> [Vec<u8>; 2] {
@@ -228,13 +232,18 @@ mod tests {
     }
 
     #[test]
-    fn frames_split_between_writes_come_out_whole_with_their_time() {
+    fn frames_split_between_writes_come_out_whole_with_their_time_and_keys_do_not() {
         let path = std::env::temp_dir().join(format!("foxhound-tlog-test-{}.tlog", std::process::id()));
         let [heartbeat, attitude] = frames();
         let mut writer = Writer::create(&path).unwrap();
         writer.bytes(1, Direction::ToCompanion, &heartbeat[..7]).unwrap();
         writer.bytes(2, Direction::ToAutopilot, &attitude).unwrap();
         writer.bytes(0x0102, Direction::ToCompanion, &heartbeat[7..]).unwrap();
+        let header = Header { system_id: 255, component_id: 190, sequence: 0 };
+        let mut secret = [0; FRAME_MAX];
+        let length =
+            encode_data(header, &SETUP_SIGNING_DATA { secret_key: [7; 32], ..Default::default() }, &mut secret);
+        writer.bytes(4, Direction::ToCompanion, &secret[..length]).unwrap();
         writer.finish().unwrap();
         let written = std::fs::read(&path).unwrap();
         std::fs::remove_file(&path).unwrap();

@@ -1,7 +1,8 @@
 //! How the system tests reach the product: through its command line, as a user does.
 
+use std::io::{BufRead as _, BufReader, Lines};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::sync::OnceLock;
 
 use serde_json::Value;
@@ -83,6 +84,83 @@ pub fn python() -> Command {
     match std::env::var("FOXHOUND_PYTHON") {
         Ok(path) => Command::new(path),
         Err(_) => fail("FOXHOUND_PYTHON names no Python; `cargo xtask test` makes one and runs this test"),
+    }
+}
+
+/// A program beside the test, which ends with it, however that ends.
+#[derive(Debug)]
+pub struct Program(Child);
+
+impl Program {
+    /// Starts it with its input and output in our hands. What it says to people is dropped.
+    ///
+    /// # Panics
+    /// When it does not start.
+    #[must_use]
+    pub fn start(command: &mut Command) -> Self {
+        match command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn() {
+            Ok(child) => Self(child),
+            Err(error) => fail(&format!("{command:?}: {error}")),
+        }
+    }
+
+    /// What it says, line for line; once.
+    ///
+    /// # Panics
+    /// When somebody has it already.
+    #[must_use]
+    pub fn lines(&mut self) -> Lines<BufReader<ChildStdout>> {
+        match self.0.stdout.take() {
+            Some(output) => BufReader::new(output).lines(),
+            None => fail("the output is taken"),
+        }
+    }
+
+    /// Ends its input.
+    pub fn end_input(&mut self) {
+        drop(self.0.stdin.take());
+    }
+
+    /// Sends it a signal, as `kill` names them: `-INT`.
+    ///
+    /// # Panics
+    /// When it is gone.
+    pub fn signal(&self, name: &str) {
+        match Command::new("kill").args([name, &self.0.id().to_string()]).status() {
+            Ok(status) if status.success() => {}
+            other => fail(&format!("kill {name}: {other:?}")),
+        }
+    }
+
+    /// Whether it has ended.
+    ///
+    /// # Panics
+    /// When the system does not say.
+    #[must_use]
+    pub fn has_ended(&mut self) -> bool {
+        match self.0.try_wait() {
+            Ok(status) => status.is_some(),
+            Err(error) => fail(&format!("{error}")),
+        }
+    }
+
+    /// Waits for its end; its exit code, or -1 where a signal ended it.
+    ///
+    /// # Panics
+    /// When the system does not say.
+    pub fn wait(&mut self) -> i32 {
+        match self.0.wait() {
+            Ok(status) => status.code().unwrap_or(-1),
+            Err(error) => fail(&format!("{error}")),
+        }
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        // It may have ended before.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
     }
 }
 

@@ -6,8 +6,19 @@ use std::process::Command;
 use crate::build::{Image, TARGET, workspace};
 use crate::{Board, Failure, attend};
 
-/// The peer that reads our bytes, at the version that the tests were written against.
-const PYMAVLINK: &str = "pymavlink==2.4.50";
+/// The peers that read our bytes, at the versions that the tests were written against.
+const PEERS: [&str; 3] = ["pymavlink==2.4.50", "mavsdk==4.1.0", "pyserial==3.5"];
+/// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
+const ROUTER: &str = "MAVProxy==1.8.75";
+/// Loads them, and exits with 1 where a version is another one.
+const CHECK: &str = "
+import sys
+from importlib.metadata import version
+import mavsdk, serial
+from MAVProxy import modules
+from pymavlink.dialects.v20 import ardupilotmega
+sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))
+";
 
 /// Installs what is missing, then runs everything, cheapest first.
 pub(crate) fn run() -> Result<(), Failure> {
@@ -66,7 +77,7 @@ fn cargo(arguments: &[&str], more: &[&str]) -> Result<(), Failure> {
     attend(command(arguments).args(more))
 }
 
-/// Installs what the checks need and says so; returns a Python that has pymavlink.
+/// Installs what the checks need and says so; returns a Python that has the peers.
 fn install() -> Result<PathBuf, Failure> {
     for component in ["rustfmt", "clippy"] {
         if !runs(&format!("cargo-{}", component.trim_start_matches("rust")), "--version") {
@@ -80,22 +91,26 @@ fn install() -> Result<PathBuf, Failure> {
     }
     let folder = workspace().join("target/venv");
     let python = folder.join("bin/python");
-    let has_peer = |python: &Path| {
-        Command::new(python)
-            .args(["-c", "from pymavlink.dialects.v20 import ardupilotmega"])
-            .output()
-            .is_ok_and(|output| output.status.success())
+    let has_peers = |python: &Path| {
+        let check = Command::new(python).args(["-c", CHECK]).args(PEERS).arg(ROUTER).output();
+        check.is_ok_and(|output| output.status.success())
     };
-    if !has_peer(&python) {
-        println!("installing {PYMAVLINK} (pip) into {}", folder.display());
+    if !has_peers(&python) {
+        println!("installing {} {ROUTER} (pip) into {}", PEERS.join(" "), folder.display());
         if attend(Command::new("python3").args(["-m", "venv"]).arg(&folder)).is_err() {
             println!("installing python3-venv (apt)");
             apt("python3-venv")?;
             attend(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
         }
-        attend(Command::new(&python).args(["-m", "pip", "install", "--quiet", PYMAVLINK]))?;
+        let pip = || {
+            let mut pip = Command::new(&python);
+            pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+            pip
+        };
+        attend(pip().args(PEERS))?;
+        attend(pip().args(["--no-deps", ROUTER]))?;
     }
-    if has_peer(&python) { Ok(python) } else { Err(Failure("pymavlink does not load".to_owned())) }
+    if has_peers(&python) { Ok(python) } else { Err(Failure("a MAVLink peer does not load".to_owned())) }
 }
 
 fn runs(program: &str, argument: &str) -> bool {

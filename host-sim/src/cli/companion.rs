@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use clap::Args;
 use foxhound_core::planner;
+use foxhound_core::time::Instant as Time;
 use foxhound_link::companion::Software;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::companion::{self, Config, News};
@@ -69,6 +70,10 @@ pub(super) struct CompanionCommand {
     /// Gives up after so many seconds, from the start of the program [default: never].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     max_time: Option<f64>,
+    /// Signs every frame, and believes no position, obstacle or command that is not signed with the same key: a file of
+    /// 64 hexadecimal digits.
+    #[arg(long, value_name = "FILE")]
+    key: Option<PathBuf>,
     /// Telemetry log of every MAVLink frame in both directions, with wall time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
@@ -102,6 +107,17 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         }
         None => Vec::new(),
     };
+    let key = match &args.key {
+        Some(_) if matches!(args.via, Via::Qemu(_)) => {
+            return Err(InputError::new("--key: a firmware image has its key stored; it works with --via host only"));
+        }
+        Some(path) => {
+            let named = |error: InputError| InputError::new(format!("--key {error}"));
+            let text = read_text(path).map_err(named)?;
+            Some(companion::parse_key(&text).map_err(|error| named(error.in_file(path)))?)
+        }
+        None => None,
+    };
     let config = Config {
         source_ned_m: args.source,
         obstacles,
@@ -112,6 +128,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         planner: args.planner,
         estimator: args.estimator.into(),
         max_time_s: args.max_time,
+        key,
     };
     let config = config.checked()?;
     let guidance = config.guidance();
@@ -144,7 +161,12 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
                 qemu.set_up(&Setup { guidance }).map_err(refused)?;
                 qemu
             }
-            None => &mut host,
+            None => {
+                if let Some(key) = &config.key {
+                    host.sign_with(companion::signing(key, 0, Time(0)));
+                }
+                &mut host
+            }
         };
         let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news| progress.show(news))?;
         progress.clear();

@@ -10,6 +10,7 @@ use foxhound_core::map::Circle;
 use foxhound_core::mission::Control;
 use foxhound_core::time::Instant;
 use foxhound_link::companion::{self, Autopilot, Companion};
+use foxhound_link::signing::Signing;
 
 use crate::antennas::{Antennas, Pose};
 use crate::computer::BLOCK;
@@ -55,9 +56,17 @@ pub(super) struct Senses {
 }
 
 impl Senses {
-    pub(super) fn new(source_ned_m: [f64; 3], snr_db: f64, world: World, seed: u64) -> Result<Self, ConfigError> {
+    pub(super) fn new(
+        source_ned_m: [f64; 3],
+        snr_db: f64,
+        world: World,
+        seed: u64,
+        signing: Option<Signing>,
+    ) -> Result<Self, ConfigError> {
+        let mut ear = companion::Config::default().build()?;
+        ear.sign_with(signing);
         Ok(Self {
-            ear: companion::Config::default().build()?,
+            ear,
             antennas: Antennas { snr_db: Some(snr_db), ..Antennas::default() },
             random: Random::new(seed, 1),
             source_ned_m,
@@ -140,7 +149,7 @@ mod tests {
     fn senses() -> Senses {
         let obstacles = vec![scenario::Obstacle { x: 0.0, y: 3.0, r: 0.5, ..Default::default() }];
         let world = scenario::Scenario { obstacles, ..Default::default() }.world();
-        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, world, 1).unwrap();
+        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, world, 1, None).unwrap();
         let now = Instant(1_000_000);
         let heartbeat =
             HEARTBEAT_DATA { custom_mode: 4, mavtype: 2, autopilot: 3, base_mode: 0x81, ..HEARTBEAT_DATA::DEFAULT };

@@ -32,6 +32,7 @@ fn config() -> Config {
         planner: planner::Config::default(),
         estimator: Estimator::CrossSpectrum,
         max_time_s: None,
+        key: None,
     }
 }
 

@@ -9,6 +9,7 @@ use foxhound_link::MessageData;
 use foxhound_link::companion::{Autopilot, TYPE_MASK};
 use foxhound_link::dialect::{COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+use foxhound_link::signing::Signing;
 
 /// A ground station's place.
 const GROUND_STATION: (u8, u8) = (255, 190);
@@ -26,14 +27,25 @@ pub(super) struct Wire {
     moved: Instant,
     /// Number of the driver's next command.
     command: u8,
+    /// Where there is a key, the driver signs, too: by a link of its own, since the computer counts on its.
+    signing: Option<Signing>,
 }
 
 impl Wire {
+    pub(super) fn new(signing: Option<Signing>) -> Self {
+        Self { signing, ..Self::default() }
+    }
+
     /// Takes in what the computer sends.
     pub(super) fn watch(&mut self, now: Instant, mut bytes: &[u8]) {
         while !bytes.is_empty() {
             bytes = &bytes[self.framer.push(bytes)..];
-            while let Some((header, message)) = self.framer.next_frame().map(|frame| (frame.header, frame.message())) {
+            while let Some(frame) = self.framer.next_frame() {
+                if let Some(signing) = &mut self.signing {
+                    // The computer goes by the time of others; so does the driver, then.
+                    signing.check(now, frame.bytes);
+                }
+                let (header, message) = (frame.header, frame.message());
                 self.sequence = header.sequence;
                 if let Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)) = message {
                     self.moves = [target.vx, target.vy, target.vz, target.yaw_rate].iter().any(|v| *v != 0.0);
@@ -56,7 +68,7 @@ impl Wire {
     }
 
     /// The command to pause, for the computer beside an autopilot.
-    pub(super) fn pause(&mut self, autopilot: &Autopilot) -> Vec<u8> {
+    pub(super) fn pause(&mut self, now: Instant, autopilot: &Autopilot) -> Vec<u8> {
         let (system_id, component_id) = GROUND_STATION;
         let header = Header { system_id, component_id, sequence: self.command };
         self.command = self.command.wrapping_add(1);
@@ -66,7 +78,7 @@ impl Wire {
             command: MavCmd::MAV_CMD_DO_PAUSE_CONTINUE as u16,
             ..COMMAND_LONG_DATA::DEFAULT
         };
-        frame(header, &pause)
+        self.frame(now, header, &pause)
     }
 
     /// A setpoint of zero velocity in the computer's place.
@@ -82,20 +94,24 @@ impl Wire {
             type_mask: TYPE_MASK,
             ..SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT
         };
-        frame(header, &zero)
+        self.frame(now, header, &zero)
     }
-}
 
-fn frame<D: MessageData>(header: Header, data: &D) -> Vec<u8> {
-    let mut frame = [0; FRAME_MAX];
-    let length = encode_data(header, data, &mut frame);
-    frame[..length].to_vec()
+    fn frame<D: MessageData>(&mut self, now: Instant, header: Header, data: &D) -> Vec<u8> {
+        let mut frame = [0; FRAME_MAX];
+        let mut length = encode_data(header, data, &mut frame);
+        if let Some(signing) = &mut self.signing {
+            length = signing.sign(now, &mut frame, length);
+        }
+        frame[..length].to_vec()
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use foxhound_link::companion::Software;
+    use foxhound_link::signing::{Key, Verdict};
 
     const AUTOPILOT: Autopilot = Autopilot {
         system_id: 7,
@@ -111,7 +127,8 @@ mod tests {
     fn the_last_setpoint_is_known_and_a_zero_continues_the_numbers_of_the_frames() {
         let mut wire = Wire::default();
         let setpoint = SET_POSITION_TARGET_LOCAL_NED_DATA { vy: 0.1, ..SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT };
-        let sent = frame(Header { system_id: 7, component_id: 191, sequence: 255 }, &setpoint);
+        let computer = Header { system_id: 7, component_id: 191, sequence: 255 };
+        let sent = Wire::default().frame(Instant(0), computer, &setpoint);
         wire.watch(Instant(1_000_000), &sent);
         assert!(wire.moves() && wire.quiet_s(Instant(3_000_000)) == 2.0);
         let zero = wire.zero(Instant(3_000_000), &AUTOPILOT);
@@ -124,10 +141,28 @@ mod tests {
     #[test]
     fn the_pause_is_for_our_component_of_the_autopilots_system() {
         let mut framer = Framer::new();
-        framer.push(&Wire::default().pause(&AUTOPILOT));
+        framer.push(&Wire::default().pause(Instant(0), &AUTOPILOT));
         let Some(MavMessage::COMMAND_LONG(pause)) = framer.next_frame().unwrap().message() else {
             unreachable!("it is a command")
         };
         assert_eq!((pause.command, pause.target_system, pause.target_component, pause.param1), (193, 7, 191, 0.0));
+    }
+    #[test]
+    fn where_there_is_a_key_a_computer_that_is_a_year_ahead_believes_the_driver() {
+        let key = Key::new([7; 32]).unwrap();
+        let mut wire = Wire::new(Some(Signing::new(key.clone(), 1)));
+        wire.signing.as_mut().unwrap().set_clock(Instant(0), 1_800_000_000_000_000);
+        let mut computer = Signing::new(key, 0);
+        computer.set_clock(Instant(0), 1_831_536_000_000_000);
+        let early = wire.pause(Instant(0), &AUTOPILOT);
+        assert_eq!(computer.check(Instant(0), &early), Verdict::TooOld);
+        let mut sent = vec![0; FRAME_MAX];
+        let header = Header { system_id: 7, component_id: 191, sequence: 1 };
+        let length = encode_data(header, &SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT, &mut sent);
+        let length = computer.sign(Instant(1_000), &mut sent, length);
+        wire.watch(Instant(1_000), &sent[..length]);
+        let (pause, zero) = (wire.pause(Instant(2_000), &AUTOPILOT), wire.zero(Instant(2_000), &AUTOPILOT));
+        assert_eq!(computer.check(Instant(3_000), &pause), Verdict::Valid);
+        assert_eq!(computer.check(Instant(3_000), &zero), Verdict::Valid);
     }
 }
