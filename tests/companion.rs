@@ -389,6 +389,7 @@ fn bad_usage_is_refused_and_named() {
     let unknown = write("unknown.json", r#"{"obstacles":[{"x":1,"y":2,"r":0.3,"height":4}]}"#);
     let negative = write("negative.json", r#"{"obstacles":[{"x":1,"y":2,"r":-0.3}]}"#);
     let missing = dir.path().join("missing.json").to_string_lossy().into_owned();
+    let fast = write("fast.toml", "FH_SPD_MAX = 99");
     let no_elf = format!("qemu:{unknown}");
     let good = ["--autopilot", "tcp:127.0.0.1:9", "--source", "1,2,-3", "--max-time", "1"];
     for (arguments, words) in [
@@ -415,6 +416,8 @@ fn bad_usage_is_refused_and_named() {
         ([&good[..], &["--via", &no_elf]].concat(), ["--via", "not an ELF file"]),
         ([&good[..], &["--tlog", "/no/such/folder/f.tlog"]].concat(), ["--tlog", "/no/such/folder"]),
         ([&good[..], &["--planner", "nobody"]].concat(), ["--planner", "nobody"]),
+        ([&good[..], &["--params", &missing]].concat(), ["missing.json", "No such file"]),
+        ([&good[..], &["--params", &fast]].concat(), ["fast.toml: FH_SPD_MAX = 99", "outside"]),
     ] {
         // A limit given twice is refused for that; the last word counts here.
         let mut arguments = arguments;

@@ -1,4 +1,4 @@
-//! `foxhound companion` beside programs that others made: MAVSDK as its autopilot and ground station, MAVProxy as a router
+//! `foxhound companion` beside programs that others made: MAVSDK as its autopilot and ground station, `MAVProxy` as a router
 //! with wishes of its own. `cargo xtask test` installs both and runs these.
 #![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -88,17 +88,14 @@ fn flown_with_mavsdk(software: &str) -> Transcript {
             && setpoints.iter().filter(|setpoint| is_moving(setpoint)).count() > 80
             && transcript.of("LANDING_TARGET").len() > 10;
         if is_enough && !is_stopped {
-            companion.signal("-INT");
             is_stopped = true;
-        }
-        if companion.has_ended() {
-            // What is under way arrives before it notices that nobody speaks to it any more.
+            companion.signal("-INT");
+            // 1 is what it ends with when the beacon was not reached.
+            assert_eq!(companion.wait(), 1);
             mavsdk.end_input();
         }
     }
     assert!(is_stopped, "too little was read: {:?}", transcript.texts());
-    // 1 is the time limit's and the user's end.
-    assert_eq!(companion.wait(), 1);
     assert_eq!(mavsdk.wait(), 0);
     transcript
 }

@@ -180,6 +180,8 @@ pub struct News {
     pub is_open: bool,
     /// The autopilot, once it was heard.
     pub autopilot: Option<Autopilot>,
+    /// Frames came that were not signed with the key.
+    pub is_disbelieved: bool,
     /// What the step came to.
     pub outcome: Outcome,
     /// Horizontal distance to the beacon, while the autopilot says where it is.
@@ -318,6 +320,7 @@ impl Flight<'_> {
                 time_s: now.0 as f64 * 1e-6,
                 is_open: self.line.is_open(),
                 autopilot: self.senses.autopilot(),
+                is_disbelieved: self.senses.disbelieves(),
                 outcome,
                 distance_m: fix.map(|fix| self.source.minus(fix.place()).norm()),
                 ending: brake.map(|brake| brake.ending),

@@ -12,7 +12,7 @@ use std::fmt;
 use foxhound_core::ConfigError;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::map::Circle;
-use foxhound_core::param::{Id, Values};
+use foxhound_core::param::Values;
 use foxhound_core::planner::{Plan, Planner, Scratch};
 use foxhound_core::time::Instant;
 use foxhound_link::companion::{self, Companion};
@@ -20,6 +20,10 @@ use foxhound_link::mailbox::Planned;
 use foxhound_link::signing::Signing;
 
 use crate::qemu::QemuComputer;
+
+mod store;
+
+use store::Store;
 
 /// Samples per channel of one frame.
 pub const BLOCK: usize = 256;
@@ -80,6 +84,7 @@ pub struct HostComputer {
     planner: Planner,
     scratch: Scratch,
     finished: Option<Plan>,
+    store: Option<Store>,
 }
 
 impl HostComputer {
@@ -97,6 +102,7 @@ impl HostComputer {
             planner: config.planner.build()?,
             scratch: Scratch::default(),
             finished: None,
+            store: None,
         })
     }
 
@@ -105,10 +111,14 @@ impl HostComputer {
         self.companion.sign_with(Some(signing));
     }
 
-    /// Tries a parameter that somebody wants changed; it holds from the next step on, which starts afresh.
-    fn adopt(&mut self, id: Id, values: &Values) -> Result<(), ConfigError> {
-        let mut config = self.config;
-        values.apply_one(id, &mut config);
+    /// The configuration that holds.
+    #[must_use]
+    pub const fn config(&self) -> &guidance::Config {
+        &self.config
+    }
+
+    /// Tries another configuration; it holds from the next step on, which starts afresh.
+    fn adopt(&mut self, config: guidance::Config) -> Result<(), ConfigError> {
         let planner = config.planner.build()?;
         self.guidance = config.build()?;
         self.guidance.restart(&mut self.state);
@@ -127,12 +137,14 @@ impl Computer for HostComputer {
     ) -> Result<StepReport, ComputerError> {
         self.companion.receive(now, rx);
         if let Some((id, values)) = self.companion.proposal() {
-            let verdict = self.adopt(id, &values);
+            let mut config = self.config;
+            values.apply_one(id, &mut config);
+            let verdict = self.adopt(config);
             self.companion.settle(verdict);
         }
-        if self.companion.take_storage().is_some() {
-            // There is none.
-            self.companion.stored(false);
+        if let Some(storage) = self.companion.take_storage() {
+            let is_done = self.keep(storage);
+            self.companion.stored(is_done);
         }
         let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let plan = self.finished.take();

@@ -36,7 +36,9 @@ impl Given {
             let value = match value {
                 toml::Value::Float(value) => *value,
                 toml::Value::Integer(value) => *value as f64,
-                other => return Err(InputError::new(format!("{name}: expected a number, not {}", other.type_str()))),
+                other => {
+                    return Err(InputError::new(format!("{name}: expected a number, not {}", other.type_str())));
+                }
             };
             self.set(name, value)?;
         }
@@ -74,6 +76,14 @@ impl Given {
         self.ids.iter().for_each(|id| self.values.apply_one(*id, config));
     }
 
+    /// Puts what was given, and nothing else, in the place of other values.
+    pub fn overrule(&self, values: &mut Values) {
+        for id in &self.ids {
+            // It was accepted when it was given.
+            let _ = values.set(*id, self.values.get(*id));
+        }
+    }
+
     /// Checks whether all values fit together.
     ///
     /// # Errors
@@ -99,6 +109,21 @@ impl Given {
         .build()?;
         Ok(())
     }
+}
+
+/// Writes all values to a file, at once or not at all.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(path: &Path, values: &Values) -> Result<(), InputError> {
+    let text = Id::all().fold(String::new(), |mut text, id| {
+        let _ = writeln!(text, "{} = {}", id.name(), values.get(id));
+        text
+    });
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".new");
+    let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, path));
+    written.map_err(|error| InputError::new(error.to_string()).in_file(path))
 }
 
 fn unknown(name: &str) -> InputError {

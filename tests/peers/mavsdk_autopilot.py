@@ -2,13 +2,14 @@
 
 The first line is `{"port": N}`, where it can be reached by UDP. It says what an autopilot in the companion's mode would
 say, and goes where it is told to. MAVSDK is there twice, on raw connections: as the autopilot itself, and as a ground
-station, which sets and lists the companion's parameters. It ends when its standard input does.
+station, which sets and lists the companion's parameters. It ends when its standard input does, or when it was left alone.
 
 Usage: mavsdk_autopilot.py ardupilot|px4
 """
 
 import json
 import math
+import os
 import queue
 import socket
 import sys
@@ -26,6 +27,7 @@ QUADROTOR, ARMED = 2, 0x81
 # Its number, a mode in which it obeys no companion (LOITER, Hold), and the one in which it does (GUIDED, OFFBOARD).
 SOFTWARE, HOLD, CONTROL = {"ardupilot": (3, 5, 4), "px4": (12, 4 << 16 | 3 << 24, 6 << 16)}[sys.argv[1]]
 STEP_S = 0.02
+LEFT_ALONE_S = 5.0
 
 out_lock = threading.Lock()
 
@@ -80,11 +82,15 @@ for peer in (autopilot, station):
 
 
 def receive():
+    heard_at = math.inf
     while not is_over.is_set():
         try:
             data, wire.companion = wire.socket.recvfrom(4096)
         except TimeoutError:
+            if time.monotonic() > heard_at + LEFT_ALONE_S:
+                is_over.set()
             continue
+        heard_at = time.monotonic()
         autopilot.pass_received_raw_bytes(data)
         station.pass_received_raw_bytes(data)
 
@@ -161,8 +167,8 @@ def run():
 
 
 threading.Thread(target=run, daemon=True).start()
-sys.stdin.read()
-is_over.set()
+threading.Thread(target=lambda: (os.read(0, 1), is_over.set()), daemon=True).start()
+is_over.wait()
 for thread in threads:
     thread.join()
 autopilot.destroy()

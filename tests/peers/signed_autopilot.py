@@ -30,7 +30,7 @@ mav.signing.sign_outgoing = True
 mav.signing.timestamp = int((time.time() - EPOCH_S) * 1e5)
 
 is_over = threading.Event()
-threading.Thread(target=lambda: (sys.stdin.read(), is_over.set()), daemon=True).start()
+threading.Thread(target=lambda: (os.read(0, 1), is_over.set()), daemon=True).start()
 print(json.dumps({"port": wire.getsockname()[1]}), flush=True)
 
 companion, taken, refused, texts, fastest_mps = None, {}, 0, [], 0.0

@@ -132,18 +132,6 @@ impl Program {
         }
     }
 
-    /// Whether it has ended.
-    ///
-    /// # Panics
-    /// When the system does not say.
-    #[must_use]
-    pub fn has_ended(&mut self) -> bool {
-        match self.0.try_wait() {
-            Ok(status) => status.is_some(),
-            Err(error) => fail(&format!("{error}")),
-        }
-    }
-
     /// Waits for its end; its exit code, or -1 where a signal ended it.
     ///
     /// # Panics

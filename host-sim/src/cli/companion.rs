@@ -70,6 +70,10 @@ pub(super) struct CompanionCommand {
     /// Gives up after so many seconds, from the start of the program [default: never].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     max_time: Option<f64>,
+    /// Parameters, as `foxhound params` checks them; they overrule the options. Who has them stored by MAVLink has them all
+    /// stored here.
+    #[arg(long, value_name = "FILE")]
+    params: Option<PathBuf>,
     /// Signs every frame, and believes no position, obstacle or command that is not signed with the same key: a file of
     /// 64 hexadecimal digits.
     #[arg(long, value_name = "FILE")]
@@ -131,9 +135,12 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         key,
     };
     let config = config.checked()?;
-    let guidance = config.guidance();
     // Checked here for every computer, so that a refused field is named the same way.
-    let mut host = HostComputer::new(&guidance)?;
+    let mut host = match &args.params {
+        Some(path) => HostComputer::with_store(&config.guidance(), path)?,
+        None => HostComputer::new(&config.guidance())?,
+    };
+    let guidance = *host.config();
     let mut qemu = match &args.via {
         Via::Host => None,
         Via::Qemu(elf) => Some(QemuComputer::start(elf, &Setup { guidance }).map_err(refused)?),
@@ -253,7 +260,11 @@ fn state(news: &News) -> String {
     if !news.is_open {
         return "the line is down".to_owned();
     }
-    let Some(autopilot) = news.autopilot else { return "no autopilot is heard".to_owned() };
+    let Some(autopilot) = news.autopilot else {
+        let heard =
+            if news.is_disbelieved { "nobody who signs with this key is heard" } else { "no autopilot is heard" };
+        return heard.to_owned();
+    };
     let software = match autopilot.software {
         Software::ArduPilot => "ArduPilot",
         Software::Px4 => "PX4",

@@ -88,6 +88,12 @@ impl Senses {
         self.ear.autopilot()
     }
 
+    /// Whether there was anything that is not signed as it should be.
+    pub(super) const fn disbelieves(&self) -> bool {
+        let counters = self.ear.counters();
+        counters.unsigned > 0 || counters.forged > 0
+    }
+
     pub(super) fn is_in_control(&self, now: Instant) -> bool {
         self.ear.control(now) == Control::Granted
     }

@@ -1,0 +1,165 @@
+//! The parameters of the computer in this process, kept in a file that people write, too.
+
+use std::path::{Path, PathBuf};
+
+use foxhound_core::ConfigError;
+use foxhound_core::guidance;
+use foxhound_core::param::Values;
+use foxhound_link::params::Storage;
+
+use super::{BLOCK, HostComputer};
+use crate::input::InputError;
+use crate::params::{self, Given};
+
+/// A file of parameters, and what holds where it says nothing.
+#[derive(Clone, Debug)]
+pub(super) struct Store {
+    path: PathBuf,
+    base: guidance::Config,
+}
+
+impl HostComputer {
+    /// A computer that was just switched on, with the parameters of a file, which overrule the configuration. Who stores
+    /// parameters by `MAV_CMD_PREFLIGHT_STORAGE` stores them all there.
+    ///
+    /// # Errors
+    /// What is wrong with the file, or the field of the configuration that is refused.
+    pub fn with_store(config: &guidance::Config, path: &Path) -> Result<Self, InputError> {
+        let mut computer = Self::new(config)?;
+        let store = Store { path: path.to_owned(), base: *config };
+        computer.load(&store)?;
+        computer.store = Some(store);
+        Ok(computer)
+    }
+
+    /// Does what somebody wants done about the file; false where there is none, or where that is not possible.
+    pub(super) fn keep(&mut self, storage: Storage) -> bool {
+        let Some(store) = self.store.clone() else {
+            return false;
+        };
+        match storage {
+            Storage::Save => self.save(&store).is_ok(),
+            Storage::Load => self.load(&store).is_ok(),
+            Storage::Reset => {
+                let mut config = store.base;
+                Values::DEFAULT.apply(&mut config);
+                self.run_with(config, Values::DEFAULT).is_ok() && self.save(&store).is_ok()
+            }
+        }
+    }
+
+    fn save(&self, store: &Store) -> Result<(), InputError> {
+        params::write(&store.path, self.companion.parameters())
+    }
+
+    fn load(&mut self, store: &Store) -> Result<(), InputError> {
+        let mut given = Given::default();
+        given.read(&store.path)?;
+        let mut config = store.base;
+        given.apply(&mut config);
+        let mut values = Values::of(&config);
+        given.overrule(&mut values);
+        Ok(self.run_with(config, values)?)
+    }
+
+    /// Starts afresh with all of these, or with none.
+    fn run_with(&mut self, config: guidance::Config, values: Values) -> Result<(), ConfigError> {
+        config.build::<BLOCK>()?;
+        config.planner.build()?;
+        self.companion.set_parameters(values)?;
+        self.adopt(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::computer::Computer as _;
+    use foxhound_core::guidance::FrontEnd;
+    use foxhound_core::param::{self, Id};
+    use foxhound_core::time::Instant;
+    use foxhound_link::dialect::{COMMAND_LONG_DATA, MavMessage, PARAM_SET_DATA};
+    use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+    use foxhound_link::{CharArray, MessageData};
+
+    const PREFLIGHT_STORAGE: u16 = 245;
+
+    /// Tells the computer something as a ground station, and says how its command was answered.
+    fn tell<D: MessageData>(computer: &mut HostComputer, now: &mut Instant, data: &D) -> Option<u8> {
+        let mut frame = [0; FRAME_MAX];
+        let length = encode_data(Header { system_id: 255, component_id: 190, sequence: 0 }, data, &mut frame);
+        let (mut framer, mut result) = (Framer::new(), None);
+        for step in 0..100 {
+            *now = now.plus_micros(20_000);
+            let rx = if step == 0 { &frame[..length] } else { &[] };
+            let mut tx = &computer.step(*now, FrontEnd::Nothing, None, rx).unwrap().tx[..];
+            while !tx.is_empty() {
+                tx = &tx[framer.push(tx)..];
+                while let Some(message) = framer.next_frame().map(|frame| frame.message()) {
+                    if let Some(MavMessage::COMMAND_ACK(answer)) = message {
+                        result = Some(answer.result);
+                    }
+                }
+            }
+        }
+        result
+    }
+
+    fn storage(param1: f32) -> COMMAND_LONG_DATA {
+        let (target_system, target_component) = (1, 191);
+        COMMAND_LONG_DATA { target_system, target_component, command: PREFLIGHT_STORAGE, param1, ..Default::default() }
+    }
+
+    fn set(id: Id, param_value: f32) -> PARAM_SET_DATA {
+        PARAM_SET_DATA {
+            target_system: 1,
+            target_component: 191,
+            param_id: CharArray::new(*id.padded_name()),
+            param_type: 9,
+            param_value,
+        }
+    }
+
+    #[test]
+    fn what_a_station_sets_and_stores_stands_in_the_file_and_holds_after_the_next_start() {
+        let path = std::env::temp_dir().join(format!("foxhound-store-test-{}.toml", std::process::id()));
+        std::fs::write(&path, "FH_RADIUS = 0.3\nFH_SILENT = 7\n").unwrap();
+        let mut config = guidance::Config::default();
+        config.guard.v_max_mps = 2.5;
+        let mut now = Instant(0);
+        let mut computer = HostComputer::with_store(&config, &path).unwrap();
+        let read = |computer: &HostComputer| {
+            let values = computer.companion.parameters();
+            [param::FH_SPD_MAX, param::FH_RADIUS, param::FH_SILENT, param::FH_LND_OUT].map(|id| values.get(id))
+        };
+        assert_eq!(read(&computer), [2.5, 0.3, 7.0, 0.0], "the file overrules, for the link, too");
+        tell(&mut computer, &mut now, &set(param::FH_SPD_MAX, 1.7));
+        tell(&mut computer, &mut now, &set(param::FH_LND_OUT, 1.0));
+        assert_eq!(read(&computer), [1.7, 0.3, 7.0, 1.0]);
+        assert_eq!(computer.config.guard.v_max_mps, 1.7);
+        assert_eq!(tell(&mut computer, &mut now, &storage(1.0)), Some(0), "saved");
+        let mut again = HostComputer::with_store(&config, &path).unwrap();
+        assert_eq!(again.companion.parameters(), computer.companion.parameters());
+
+        tell(&mut again, &mut now, &set(param::FH_SPD_MAX, 0.9));
+        assert_eq!(tell(&mut again, &mut now, &storage(0.0)), Some(0), "loaded");
+        assert_eq!(read(&again), [1.7, 0.3, 7.0, 1.0]);
+        assert_eq!(again.config.guard.v_max_mps, 1.7);
+        assert_eq!(tell(&mut again, &mut now, &storage(2.0)), Some(0), "reset");
+        assert_eq!(again.companion.parameters(), &Values::DEFAULT);
+        let given = HostComputer::with_store(&config, &path).unwrap();
+        assert_eq!(given.companion.parameters(), &Values::DEFAULT);
+
+        // A file that somebody spoiled is not loaded, and what held goes on to hold.
+        std::fs::write(&path, "FH_SPD_MAX = 99\n").unwrap();
+        assert_ne!(tell(&mut again, &mut now, &storage(0.0)), Some(0));
+        assert_eq!(again.companion.parameters(), &Values::DEFAULT);
+        std::fs::remove_file(&path).unwrap();
+        assert!(HostComputer::with_store(&config, &path).unwrap_err().to_string().contains("foxhound-store-test"));
+        assert_ne!(
+            tell(&mut HostComputer::new(&config).unwrap(), &mut now, &storage(1.0)),
+            Some(0),
+            "there is no file"
+        );
+    }
+}
