@@ -105,7 +105,7 @@ impl Companion {
         for byte in bytes {
             self.framer.push(&[*byte]);
             while let Some((header, message)) = self.framer.next_frame().map(|frame| (frame.header, frame.message())) {
-                assert!(self.params.hear((1, 191), header, &message.unwrap(), false) || header.system_id == 255);
+                assert!(self.params.hear((1, 191), header, &(&message.unwrap()).into(), false) || header.system_id == 255);
             }
             self.decide();
         }

@@ -109,6 +109,7 @@ fn is_vehicle(heartbeat: &HEARTBEAT_DATA) -> bool {
     vehicle && heartbeat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID as u8
 }
 
+#[inline(never)]
 fn is_copter(heartbeat: &HEARTBEAT_DATA) -> bool {
     [
         MavType::MAV_TYPE_QUADROTOR,
@@ -191,6 +192,7 @@ impl Attitude {
 
     /// With the body's pitch rate `q` and yaw rate `r`, the yaw angle turns at `(q sin(roll) + r cos(roll)) /
     /// cos(pitch)`; where the nose points up or down it has no meaning, and the body's rate must do.
+    #[inline(never)]
     fn from_euler((time, time_boot_ms): (Instant, u32), angles_rad: [f32; 3], q: f32, r: f32) -> Option<Self> {
         let sane = angles_rad.iter().all(|&angle| is_within(angle, ANGLE_MAX_RAD))
             && is_within(q, RATE_MAX_RADPS)

@@ -17,6 +17,22 @@ const STAMP_US: i64 = 1_000;
 /// Nothing is older than this on its arrival; who says so has another clock.
 const AGE_MAX_US: i64 = 200_000;
 
+/// Whether it is longer ago than `limit_s`.
+#[inline(never)]
+pub(crate) fn is_over(now: Instant, since: Instant, limit_s: f32) -> bool {
+    now.seconds_since(since) > limit_s
+}
+
+/// Whether something is due that is done every `period_us`; then it is due again a period later.
+#[inline(never)]
+pub(crate) fn is_due(now: Instant, due: &mut Instant, period_us: u32) -> bool {
+    let is_due = now >= *due;
+    if is_due {
+        *due = now.plus_micros(u64::from(period_us));
+    }
+    is_due
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct PeerClock {
     /// Bounds of the autopilot's clock minus ours, and when each was set.
@@ -69,6 +85,7 @@ impl PeerClock {
         (0..=WIDTH_MAX_US).contains(&width_us).then(|| low + width_us / 2)
     }
 
+    #[inline(never)]
     fn bound_low(&mut self, now: Instant, bound_us: i64) {
         let tighter = self.low.is_none_or(|low| bound_us > grown(low, now, -1));
         if tighter {
@@ -80,6 +97,7 @@ impl PeerClock {
         }
     }
 
+    #[inline(never)]
     fn bound_high(&mut self, now: Instant, bound_us: i64) {
         let tighter = self.high.is_none_or(|high| bound_us < grown(high, now, 1));
         if tighter {
@@ -92,6 +110,7 @@ impl PeerClock {
 }
 
 /// A bound as far off as the drift may have carried it.
+#[inline(never)]
 fn grown((since, bound_us): (Instant, i64), now: Instant, sign: i64) -> i64 {
     let drift_us = now.micros_since(since).saturating_mul(DRIFT_PER_MILLION) / 1_000_000;
     bound_us.saturating_add(sign * i64::try_from(drift_us).unwrap_or(i64::MAX))
@@ -102,6 +121,7 @@ fn micros(instant: Instant) -> i64 {
 }
 
 /// Never 0, which would be a request's `tc1`.
+#[inline(never)]
 pub(crate) fn nanos(instant: Instant) -> i64 {
     micros(instant).saturating_mul(1_000).max(1)
 }

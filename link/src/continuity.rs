@@ -54,12 +54,14 @@ impl Continuity {
     }
 
     /// The autopilot has begun anew: the next position and heading are where the last ones were.
+    #[inline(never)]
     pub(crate) fn expect_new(&mut self, heading: bool) {
         self.place_is_new = true;
         self.heading_is_new |= heading;
     }
 
     /// Follows the autopilot from one position to the next; how far it jumped, if it did.
+    #[inline(never)]
     pub(crate) fn follow_place(&mut self, from_m: Ned, velocity_mps: Ned, to_m: Ned, dt_s: f32) -> Option<f32> {
         let is_new = core::mem::take(&mut self.place_is_new);
         if dt_s > PLACE_GAP_MAX_S && !is_new {
@@ -87,6 +89,7 @@ impl Continuity {
     }
 
     /// Follows the autopilot from one heading to the next, at a place; by how much it turned, if it did.
+    #[inline(never)]
     pub(crate) fn follow_heading(
         &mut self,
         from_rad: f32,
@@ -118,6 +121,7 @@ impl Continuity {
     }
 
     /// A place of the autopilot's, in our frame.
+    #[inline(never)]
     pub(crate) fn place_to_ours(&self, place_m: Ned) -> Ned {
         if !self.differs {
             return place_m;
@@ -153,6 +157,7 @@ impl Continuity {
     }
 
     /// A heading of the autopilot's, in our frame.
+    #[inline(never)]
     pub(crate) fn heading_to_ours(&self, heading_rad: f32) -> f32 {
         if self.differs { wrap_pi(heading_rad - self.turn_rad) } else { heading_rad }
     }
@@ -162,6 +167,7 @@ impl Continuity {
         if self.differs { wrap_pi(heading_rad + self.turn_rad) } else { heading_rad }
     }
 
+    #[inline(never)]
     fn turned(&self, v: Ned, sin: f32) -> Ned {
         if !self.differs {
             return v;
@@ -170,6 +176,7 @@ impl Continuity {
     }
 }
 
+#[inline(never)]
 fn norm(v: Ned) -> f32 {
     libm::sqrtf(v.north * v.north + v.east * v.east + v.down * v.down)
 }

@@ -99,23 +99,39 @@ pub(crate) struct Facts {
 impl Facts {
     /// The first row that applies.
     pub(crate) fn cause(&self) -> Cause {
-        let rows = [
-            (self.unfit, Cause::Unfit),
-            (!self.has_autopilot, Cause::NoAutopilot),
-            (self.is_lost, Cause::LinkLost),
-            (self.is_quiet, Cause::LinkQuiet),
-            (!self.obeys, Cause::NotInMode),
-            (self.on_ground, Cause::OnGround),
-            (self.entry_needed, Cause::EntryNeeded),
-            (self.switched_off, Cause::SwitchedOff),
-            (self.paused, Cause::Paused),
-            (self.battery_critical, Cause::BatteryCritical),
-            (self.battery_low && !self.seeking, Cause::BatteryLow),
-            (self.fence_breached, Cause::FenceBreached),
-            (self.is_noisy, Cause::LinkNoisy),
-            (self.ownship_lost, Cause::OwnshipLost),
+        static CAUSES: [Cause; 14] = [
+            Cause::Unfit,
+            Cause::NoAutopilot,
+            Cause::LinkLost,
+            Cause::LinkQuiet,
+            Cause::NotInMode,
+            Cause::OnGround,
+            Cause::EntryNeeded,
+            Cause::SwitchedOff,
+            Cause::Paused,
+            Cause::BatteryCritical,
+            Cause::BatteryLow,
+            Cause::FenceBreached,
+            Cause::LinkNoisy,
+            Cause::OwnshipLost,
         ];
-        rows.iter().find(|(applies, _)| *applies).map_or(Cause::None, |(_, cause)| *cause)
+        let applies = [
+            self.unfit,
+            !self.has_autopilot,
+            self.is_lost,
+            self.is_quiet,
+            !self.obeys,
+            self.on_ground,
+            self.entry_needed,
+            self.switched_off,
+            self.paused,
+            self.battery_critical,
+            self.battery_low && !self.seeking,
+            self.fence_breached,
+            self.is_noisy,
+            self.ownship_lost,
+        ];
+        applies.iter().zip(&CAUSES).find(|(applies, _)| **applies).map_or(Cause::None, |(_, cause)| *cause)
     }
 }
 

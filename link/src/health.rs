@@ -4,6 +4,7 @@
 
 use foxhound_core::time::Instant;
 
+use crate::clock::is_over;
 use crate::dialect::{
     BATTERY_STATUS_DATA, EKF_STATUS_REPORT_DATA, ESTIMATOR_STATUS_DATA, EkfStatusFlags, EstimatorStatusFlags,
     FENCE_STATUS_DATA, MavBatteryChargeState, RC_CHANNELS_DATA, SYS_STATUS_DATA,
@@ -129,6 +130,7 @@ impl Health {
     }
 
     /// The worst of the batteries; critical also when less is left than `least_percent` (0 asks for nothing).
+    #[inline(never)]
     pub(crate) fn charge(&self, least_percent: f32) -> Charge {
         let is_below = |left: &u8| f32::from(*left) < least_percent;
         if self.remaining_percent.iter().flatten().any(is_below) {
@@ -139,16 +141,16 @@ impl Health {
 
     /// Whether the estimator says that it does not know where it is.
     pub(crate) fn is_estimator_bad(&self, now: Instant) -> bool {
-        self.estimator.is_some_and(|(at, knows)| !knows && now.seconds_since(at) <= ESTIMATOR_AGE_MAX_S)
+        self.estimator.is_some_and(|(at, knows)| !knows && !is_over(now, at, ESTIMATOR_AGE_MAX_S))
     }
 
     pub(crate) fn is_fence_breached(&self, now: Instant) -> bool {
-        self.fence_breached.is_some_and(|(at, breached)| breached && now.seconds_since(at) <= FENCE_AGE_MAX_S)
+        self.fence_breached.is_some_and(|(at, breached)| breached && !is_over(now, at, FENCE_AGE_MAX_S))
     }
 
     /// Whether the pilot's switch is on.
     pub(crate) fn is_switched_on(&self, now: Instant) -> bool {
-        self.switch.is_some_and(|(at, on)| on && now.seconds_since(at) <= SWITCH_AGE_MAX_S)
+        self.switch.is_some_and(|(at, on)| on && !is_over(now, at, SWITCH_AGE_MAX_S))
     }
 
     /// A clock that ran backwards: nothing is younger than now.

@@ -23,6 +23,7 @@ pub(crate) struct Target {
 }
 
 /// The message; `None` for an autopilot that takes none, a target without distance, or numbers that are not finite.
+#[inline(never)]
 pub(crate) fn message(time_us: u64, software: Software, target: &Target) -> Option<LANDING_TARGET_DATA> {
     let [forward, right, down] = target.body_frd_m;
     let distance_m = libm::sqrtf(forward * forward + right * right + down * down);

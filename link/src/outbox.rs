@@ -6,26 +6,17 @@
 use foxhound_core::time::Instant;
 use heapless::Deque;
 
+use crate::MessageData;
 use crate::dialect::{
-    COMMAND_ACK_DATA, COMMAND_LONG_DATA, DEBUG_VECT_DATA, HEARTBEAT_DATA, LANDING_TARGET_DATA, NAMED_VALUE_FLOAT_DATA,
-    OBSTACLE_DISTANCE_DATA, PARAM_VALUE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+    COMMAND_LONG_DATA, DEBUG_VECT_DATA, HEARTBEAT_DATA, LANDING_TARGET_DATA, OBSTACLE_DISTANCE_DATA, PARAM_VALUE_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
 };
-use crate::framer::{FRAME_MAX, Header, encode_data};
+use crate::framer::{FRAME_MAX, Header, Packed};
 
-/// Answers and requests.
-#[derive(Clone, Debug)]
-pub(crate) enum Errand {
-    Command(COMMAND_LONG_DATA),
-    Ack(COMMAND_ACK_DATA),
-    Timesync(TIMESYNC_DATA),
-}
-
-/// Telemetry that queues; of the rest there is one of each, the newest.
-#[derive(Clone, Debug)]
-pub(crate) enum Note {
-    Value(NAMED_VALUE_FLOAT_DATA),
-    Text(STATUSTEXT_DATA),
-}
+/// Answers and requests; the longest is a command.
+type Errand = Packed<[u8; COMMAND_LONG_DATA::ENCODED_LEN]>;
+/// Telemetry that queues, the longest of it a text; of the rest there is one of each, the newest.
+type Note = Packed<[u8; STATUSTEXT_DATA::ENCODED_LEN]>;
 
 /// What did not reach the wire.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,14 +28,14 @@ pub(crate) struct Dropped {
 
 #[derive(Clone, Debug)]
 pub(crate) struct Outbox {
-    setpoint: Option<(Instant, SET_POSITION_TARGET_LOCAL_NED_DATA)>,
-    heartbeat: Option<HEARTBEAT_DATA>,
+    setpoint: Option<(Instant, Packed<[u8; SET_POSITION_TARGET_LOCAL_NED_DATA::ENCODED_LEN]>)>,
+    heartbeat: Option<Packed<[u8; HEARTBEAT_DATA::ENCODED_LEN]>>,
     errands: Deque<Errand, 8>,
-    landing: Option<LANDING_TARGET_DATA>,
+    landing: Option<Packed<[u8; LANDING_TARGET_DATA::ENCODED_LEN]>>,
     notes: Deque<Note, 8>,
-    direction: Option<DEBUG_VECT_DATA>,
-    surroundings: Option<OBSTACLE_DISTANCE_DATA>,
-    parameter: Option<PARAM_VALUE_DATA>,
+    direction: Option<Packed<[u8; DEBUG_VECT_DATA::ENCODED_LEN]>>,
+    surroundings: Option<Packed<[u8; OBSTACLE_DISTANCE_DATA::ENCODED_LEN]>>,
+    parameter: Option<Packed<[u8; PARAM_VALUE_DATA::ENCODED_LEN]>>,
     dropped: Dropped,
     sequence: u8,
     frame: [u8; FRAME_MAX],
@@ -72,12 +63,12 @@ impl Outbox {
     }
 
     /// The newest setpoint takes the place of one that has not left yet.
-    pub(crate) fn post_setpoint(&mut self, now: Instant, setpoint: SET_POSITION_TARGET_LOCAL_NED_DATA) {
+    pub(crate) fn post_setpoint(&mut self, now: Instant, setpoint: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
         let since = self.waiting_since();
         if since.is_some() {
             self.dropped.setpoints = self.dropped.setpoints.saturating_add(1);
         }
-        self.setpoint = Some((since.unwrap_or(now), setpoint));
+        self.setpoint = Some((since.unwrap_or(now), Packed::new(setpoint)));
     }
 
     /// A setpoint that waits is taken back.
@@ -90,19 +81,29 @@ impl Outbox {
         self.setpoint.as_ref().map(|(since, _)| *since)
     }
 
-    pub(crate) fn post_heartbeat(&mut self, heartbeat: HEARTBEAT_DATA) {
-        self.heartbeat = Some(heartbeat);
+    pub(crate) fn post_heartbeat(&mut self, heartbeat: &HEARTBEAT_DATA) {
+        self.heartbeat = Some(Packed::new(heartbeat));
     }
 
     /// With no room left the new errand is dropped: the one who wants it asks again.
-    pub(crate) fn post_errand(&mut self, errand: Errand) {
+    pub(crate) fn post_errand(&mut self, errand: &impl MessageData) {
+        self.push_errand(Packed::new(errand));
+    }
+
+    #[inline(never)]
+    fn push_errand(&mut self, errand: Errand) {
         if self.errands.push_back(errand).is_err() {
             self.dropped.errands = self.dropped.errands.saturating_add(1);
         }
     }
 
     /// With no room left the oldest note is dropped.
-    pub(crate) fn post_note(&mut self, note: Note) {
+    pub(crate) fn post_note(&mut self, note: &impl MessageData) {
+        self.push_note(Packed::new(note));
+    }
+
+    #[inline(never)]
+    fn push_note(&mut self, note: Note) {
         if self.notes.is_full() {
             self.notes.pop_front();
             self.dropped.notes = self.dropped.notes.saturating_add(1);
@@ -111,16 +112,16 @@ impl Outbox {
         self.notes.push_back(note).ok();
     }
 
-    pub(crate) fn post_landing(&mut self, landing: Option<LANDING_TARGET_DATA>) {
-        self.landing = landing;
+    pub(crate) fn post_landing(&mut self, landing: Option<&LANDING_TARGET_DATA>) {
+        self.landing = landing.map(Packed::new);
     }
 
-    pub(crate) fn post_direction(&mut self, direction: DEBUG_VECT_DATA) {
-        self.direction = Some(direction);
+    pub(crate) fn post_direction(&mut self, direction: &DEBUG_VECT_DATA) {
+        self.direction = Some(Packed::new(direction));
     }
 
-    pub(crate) fn post_surroundings(&mut self, surroundings: OBSTACLE_DISTANCE_DATA) {
-        self.surroundings = Some(surroundings);
+    pub(crate) fn post_surroundings(&mut self, surroundings: &OBSTACLE_DISTANCE_DATA) {
+        self.surroundings = Some(Packed::new(surroundings));
     }
 
     /// Whether a parameter may be posted: one waits at a time.
@@ -128,8 +129,8 @@ impl Outbox {
         self.parameter.is_none()
     }
 
-    pub(crate) fn post_parameter(&mut self, parameter: PARAM_VALUE_DATA) {
-        self.parameter = Some(parameter);
+    pub(crate) fn post_parameter(&mut self, parameter: &PARAM_VALUE_DATA) {
+        self.parameter = Some(Packed::new(parameter));
     }
 
     pub(crate) const fn dropped(&self) -> Dropped {
@@ -138,6 +139,7 @@ impl Outbox {
 
     /// Fills `sink` and says how far. A frame that does not fit is continued by the next call. `seal` may sign a finished
     /// frame, whose length it is told, and says how long it is then; 0 keeps it back.
+    #[inline(never)]
     pub(crate) fn transmit(
         &mut self,
         (system_id, component_id): (u8, u8),
@@ -167,34 +169,28 @@ impl Outbox {
         filled
     }
 
+    #[inline(never)]
     fn next_frame(&mut self, header: Header) -> usize {
         let frame = &mut self.frame;
+        let mut write = |packed: &Packed| packed.write(header, frame);
         if let Some((_, setpoint)) = self.setpoint.take() {
-            return encode_data(header, &setpoint, frame);
+            write(&setpoint)
+        } else if let Some(heartbeat) = self.heartbeat.take() {
+            write(&heartbeat)
+        } else if let Some(errand) = self.errands.pop_front() {
+            write(&errand)
+        } else if let Some(landing) = self.landing.take() {
+            write(&landing)
+        } else if let Some(note) = self.notes.pop_front() {
+            write(&note)
+        } else if let Some(direction) = self.direction.take() {
+            write(&direction)
+        } else if let Some(surroundings) = self.surroundings.take() {
+            write(&surroundings)
+        } else if let Some(parameter) = self.parameter.take() {
+            write(&parameter)
+        } else {
+            0
         }
-        if let Some(heartbeat) = self.heartbeat.take() {
-            return encode_data(header, &heartbeat, frame);
-        }
-        match self.errands.pop_front() {
-            Some(Errand::Command(command)) => return encode_data(header, &command, frame),
-            Some(Errand::Ack(ack)) => return encode_data(header, &ack, frame),
-            Some(Errand::Timesync(timesync)) => return encode_data(header, &timesync, frame),
-            None => {}
-        }
-        if let Some(landing) = self.landing.take() {
-            return encode_data(header, &landing, frame);
-        }
-        match self.notes.pop_front() {
-            Some(Note::Value(value)) => return encode_data(header, &value, frame),
-            Some(Note::Text(text)) => return encode_data(header, &text, frame),
-            None => {}
-        }
-        if let Some(direction) = self.direction.take() {
-            return encode_data(header, &direction, frame);
-        }
-        if let Some(surroundings) = self.surroundings.take() {
-            return encode_data(header, &surroundings, frame);
-        }
-        self.parameter.take().map_or(0, |parameter| encode_data(header, &parameter, frame))
     }
 }

@@ -88,6 +88,7 @@ impl Requests {
     }
 
     /// Everything is asked for anew, from now on.
+    #[inline(never)]
     pub(crate) fn restart(&mut self, now: Instant) {
         self.asked.clear();
         self.unanswered = 0;
@@ -98,6 +99,7 @@ impl Requests {
     }
 
     /// A message came.
+    #[inline(never)]
     pub(crate) fn heard(&mut self, message_id: u32) {
         for progress in self.progress.iter_mut().filter(|progress| u32::from(progress.wish.message_id) == message_id) {
             progress.heard = progress.heard.saturating_add(1);
@@ -105,6 +107,7 @@ impl Requests {
     }
 
     /// An acknowledgement of a `MAV_CMD_SET_MESSAGE_INTERVAL` of ours came.
+    #[inline(never)]
     pub(crate) fn acknowledged(&mut self, now: Instant) {
         self.unanswered = 0;
         let asked = self.asked.pop_front();
@@ -124,6 +127,7 @@ impl Requests {
     }
 
     /// Requests that are due now go to `send`.
+    #[inline(never)]
     pub(crate) fn poll(&mut self, now: Instant, target: (u8, u8), mut send: impl FnMut(COMMAND_LONG_DATA)) {
         self.check_rates(now);
         if now < self.next_round || !self.progress.iter().any(Progress::pending) {
@@ -156,6 +160,7 @@ impl Requests {
         }
     }
 
+    #[inline(never)]
     fn check_rates(&mut self, now: Instant) {
         for progress in &mut self.progress {
             if progress.pending() || now.micros_since(progress.since) < progress.window_us() {

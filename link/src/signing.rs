@@ -158,6 +158,7 @@ impl Signing {
     }
 
     /// Goes on from a timestamp that was stored, before the first frame.
+    #[inline(never)]
     pub fn restore(&mut self, now: Instant, stored: u64) {
         let stored = stored.min(TIMESTAMP_MAX);
         self.last = self.last.max(stored);
@@ -166,12 +167,14 @@ impl Signing {
 
     /// Tells the time of day, in microseconds since 1970 UTC. A clock that is behind us changes nothing. Signing is only
     /// as sound as the source of this time: no message that was not signed is one.
+    #[inline(never)]
     pub fn set_clock(&mut self, now: Instant, unix_us: u64) {
         self.set_forward(now, (unix_us.saturating_sub(EPOCH_US) / UNIT_US).min(TIMESTAMP_MAX));
     }
 
     /// A timestamp to be stored now, if that is due: every 55 seconds, and when the time was set forward. Ask for it
     /// before frames are signed, and have it written within five seconds.
+    #[inline(never)]
     pub fn timestamp_to_store(&mut self, now: Instant) -> Option<u64> {
         let due = (self.time(now) + STORE_AHEAD).min(TIMESTAMP_MAX);
         if due <= self.stored {
@@ -245,6 +248,7 @@ impl Signing {
         Verdict::Valid
     }
 
+    #[inline(never)]
     fn signature(&self, content: &[u8]) -> [u8; 6] {
         let hash = Sha256::new().chain_update(self.key.0).chain_update(content).finalize();
         let [a, b, c, d, e, f, ..] = hash.0;
@@ -252,14 +256,17 @@ impl Signing {
     }
 
     /// Where we are: what the clock says, or what was used if that is more.
+    #[inline(never)]
     fn time(&self, now: Instant) -> u64 {
         self.reading(now).max(self.last)
     }
 
+    #[inline(never)]
     fn reading(&self, now: Instant) -> u64 {
         u64::try_from(self.start.saturating_add(units(now))).unwrap_or(0).min(TIMESTAMP_MAX)
     }
 
+    #[inline(never)]
     fn set_forward(&mut self, now: Instant, timestamp: u64) {
         // 48 bits.
         self.start = self.start.max(timestamp as i64 - units(now));
@@ -271,6 +278,7 @@ fn units(now: Instant) -> i64 {
     (now.0 / UNIT_US) as i64
 }
 
+#[inline(never)]
 fn timestamp([t0, t1, t2, t3, t4, t5]: [u8; 6]) -> u64 {
     u64::from_le_bytes([t0, t1, t2, t3, t4, t5, 0, 0])
 }

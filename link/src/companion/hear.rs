@@ -7,15 +7,13 @@ use foxhound_core::time::Instant;
 use super::{Companion, ObstacleFrame, UNSETTLED_US, count};
 use crate::MessageData;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
-use crate::clock::{PeerClock, nanos};
+use crate::clock::{PeerClock, is_over, nanos};
 use crate::dialect::{
-    ATTITUDE_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, EXTENDED_SYS_STATE_DATA, HEARTBEAT_DATA,
-    LOCAL_POSITION_NED_DATA, MavCmd, MavFrame, MavLandedState, MavMessage, MavResult, OBSTACLE_DISTANCE_DATA,
-    ODOMETRY_DATA, SETUP_SIGNING_DATA, TIMESYNC_DATA,
+    self as d, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavLandedState, MavResult, OBSTACLE_DISTANCE_DATA,
+    SETUP_SIGNING_DATA, TIMESYNC_DATA,
 };
-use crate::framer::Header;
+use crate::framer::{Content, Header};
 use crate::obstacles::{self, Heard, Reading};
-use crate::outbox::Errand;
 use crate::requests::Wish;
 use crate::signing::{Setup, set_up};
 
@@ -28,44 +26,51 @@ const YAW_AGE_MAX_S: f32 = 0.5;
 const BOOT_CLOCK_SLACK_MS: u32 = 1_000;
 
 impl Companion {
-    pub(super) fn handle(&mut self, now: Instant, header: Header, message: &MavMessage) {
+    #[inline(never)]
+    pub(super) fn handle(&mut self, now: Instant, header: Header, content: &Content) {
         if (header.system_id, header.component_id) == (self.system_id(), self.config.component_id) {
             // A router's echo of ourselves.
             return;
         }
         if self.is_autopilot(header) {
-            self.requests.heard(mavlink_core::Message::message_id(message));
+            self.requests.heard(content.message_id());
         }
         let us = (self.system_id(), self.config.component_id);
         let is_seeking = self.control(now) == Control::Granted;
-        if self.params.hear(us, header, message, is_seeking) {
+        if self.params.hear(us, header, content, is_seeking) {
             return;
         }
-        match message {
-            MavMessage::HEARTBEAT(heartbeat) => self.on_heartbeat(now, header, heartbeat),
-            MavMessage::SETUP_SIGNING(setup) => self.on_key(now, setup),
-            MavMessage::COMMAND_LONG(command) => self.on_command_long(header, command),
-            MavMessage::COMMAND_INT(command) => {
+        match content.message_id() {
+            d::HEARTBEAT_DATA::ID => self.on_heartbeat(now, header, &content.read()),
+            d::SETUP_SIGNING_DATA::ID => self.on_key(now, &content.read()),
+            d::COMMAND_LONG_DATA::ID => {
+                let command: d::COMMAND_LONG_DATA = content.read();
                 let target = (command.target_system, command.target_component);
                 self.on_command(header, target, command.command, command.param1);
             }
-            MavMessage::TIMESYNC(timesync) => self.on_timesync(now, header, timesync),
+            d::COMMAND_INT_DATA::ID => {
+                let command: d::COMMAND_INT_DATA = content.read();
+                let target = (command.target_system, command.target_component);
+                self.on_command(header, target, command.command, command.param1);
+            }
+            d::TIMESYNC_DATA::ID => self.on_timesync(now, header, &content.read()),
             // Any component of our system may see obstacles.
-            MavMessage::OBSTACLE_DISTANCE(obstacles) if header.system_id == self.system_id() => {
-                self.on_obstacles(now, obstacles);
+            d::OBSTACLE_DISTANCE_DATA::ID if header.system_id == self.system_id() => {
+                self.on_obstacles(now, &content.read());
             }
-            MavMessage::OBSTACLE_DISTANCE_3D(point) if header.system_id == self.system_id() => {
-                self.on_point(now, obstacles::point(point));
+            d::OBSTACLE_DISTANCE_3D_DATA::ID if header.system_id == self.system_id() => {
+                self.on_point(now, obstacles::point(&content.read()));
             }
-            MavMessage::DISTANCE_SENSOR(beam) if header.system_id == self.system_id() => {
-                self.on_point(now, obstacles::beam(beam));
+            d::DISTANCE_SENSOR_DATA::ID if header.system_id == self.system_id() => {
+                self.on_point(now, obstacles::beam(&content.read()));
             }
-            _ if self.is_autopilot(header) => self.on_telemetry(now, message),
+            _ if self.is_autopilot(header) => self.on_telemetry(now, content),
             _ => {}
         }
     }
 
     /// A key: taken on a local link while the vehicle is disarmed, and nowhere else.
+    #[inline(never)]
     fn on_key(&mut self, now: Instant, setup: &SETUP_SIGNING_DATA) {
         let us = (self.system_id(), self.config.component_id);
         let may = self.config.provisioning && self.autopilot.is_none_or(|autopilot| !autopilot.armed);
@@ -85,6 +90,7 @@ impl Companion {
         }
     }
 
+    #[inline(never)]
     fn is_autopilot(&self, header: Header) -> bool {
         self.autopilot.is_some_and(|autopilot| autopilot.sent(header))
     }
@@ -95,19 +101,20 @@ impl Companion {
             || self.landed_state == MavLandedState::MAV_LANDED_STATE_TAKEOFF as u8
     }
 
+    #[inline(never)]
     fn on_heartbeat(&mut self, now: Instant, header: Header, heartbeat: &HEARTBEAT_DATA) {
         let Some(autopilot) = Autopilot::from_heartbeat(now, header, heartbeat) else {
             return;
         };
-        let silent_s = match &self.autopilot {
-            Some(known) if known.sent(header) => now.seconds_since(known.heard),
+        let was_silent = match &self.autopilot {
+            Some(known) if known.sent(header) => is_over(now, known.heard, self.config.heartbeat_timeout_s),
             Some(_) => {
                 if self.counters.foreign_heartbeats == 0 {
                     self.telemetry.warn("Foxhound: ignores a second autopilot");
                 }
                 return count(&mut self.counters.foreign_heartbeats);
             }
-            None => f32::MAX,
+            None => true,
         };
         if !autopilot.obeys() {
             self.entry_needed = false;
@@ -117,22 +124,21 @@ impl Companion {
         self.autopilot = Some(autopilot);
         if changed {
             self.wish(now, autopilot.software);
-        } else if silent_s > self.config.heartbeat_timeout_s {
+        } else if was_silent {
             self.requests.restart(now);
         }
     }
 
     /// What we want to hear of an autopilot. `GLOBAL_ORIGIN` and the health come seldom, the rest at the configured rates.
     pub(super) fn wish(&mut self, now: Instant, software: Software) {
-        use crate::dialect as d;
         let config = &self.config;
         let health_hz = if config.landed_hz > 0.0 { 1.0 } else { 0.0 };
         let channels_hz = if config.switch_channel > 0 { 5.0 } else { 0.0 };
         let common = [
-            (LOCAL_POSITION_NED_DATA::ID, config.position_hz),
-            (ATTITUDE_DATA::ID, config.attitude_hz),
-            (EXTENDED_SYS_STATE_DATA::ID, config.landed_hz),
-            (OBSTACLE_DISTANCE_DATA::ID, config.obstacle_hz),
+            (d::LOCAL_POSITION_NED_DATA::ID, config.position_hz),
+            (d::ATTITUDE_DATA::ID, config.attitude_hz),
+            (d::EXTENDED_SYS_STATE_DATA::ID, config.landed_hz),
+            (d::OBSTACLE_DISTANCE_DATA::ID, config.obstacle_hz),
             (d::DISTANCE_SENSOR_DATA::ID, config.obstacle_hz),
             (d::SYS_STATUS_DATA::ID, health_hz),
             (d::BATTERY_STATUS_DATA::ID, health_hz),
@@ -140,7 +146,7 @@ impl Companion {
             (d::RC_CHANNELS_DATA::ID, channels_hz),
         ];
         let ardupilot = [(d::EKF_STATUS_REPORT_DATA::ID, 2.0 * health_hz), (d::FENCE_STATUS_DATA::ID, health_hz)];
-        let px4 = [(d::ESTIMATOR_STATUS_DATA::ID, health_hz), (ODOMETRY_DATA::ID, 10.0 * health_hz)];
+        let px4 = [(d::ESTIMATOR_STATUS_DATA::ID, health_hz), (d::ODOMETRY_DATA::ID, 10.0 * health_hz)];
         let own = match software {
             Software::ArduPilot => &ardupilot[..],
             Software::Px4 => &px4[..],
@@ -153,56 +159,64 @@ impl Companion {
                 // All of ours are below 2^16.
                 message_id: *message_id as u16,
                 rate_hz: *rate_hz,
-                is_vital: matches!(*message_id, LOCAL_POSITION_NED_DATA::ID | ATTITUDE_DATA::ID),
+                is_vital: matches!(*message_id, d::LOCAL_POSITION_NED_DATA::ID | d::ATTITUDE_DATA::ID),
             }),
         );
     }
 
-    fn on_telemetry(&mut self, now: Instant, message: &MavMessage) {
-        if let Some(time_boot_ms) = time_boot_ms(message) {
-            self.follow_boot_clock(now, time_boot_ms);
-        }
-        match message {
-            MavMessage::LOCAL_POSITION_NED(position) => {
-                let made = self.clock.made(now, position.time_boot_ms);
-                self.on_position(now, Position::from_message(made, position));
+    #[inline(never)]
+    fn on_telemetry(&mut self, now: Instant, content: &Content) {
+        match content.message_id() {
+            d::LOCAL_POSITION_NED_DATA::ID => {
+                let position: d::LOCAL_POSITION_NED_DATA = content.read();
+                let made = self.made(now, position.time_boot_ms);
+                self.on_position(now, Position::from_message(made, &position));
             }
-            MavMessage::ATTITUDE(attitude) => {
-                let made = self.clock.made(now, attitude.time_boot_ms);
-                self.on_attitude(now, Attitude::from_angles(made, attitude));
+            d::ATTITUDE_DATA::ID => {
+                let attitude: d::ATTITUDE_DATA = content.read();
+                let made = self.made(now, attitude.time_boot_ms);
+                self.on_attitude(now, Attitude::from_angles(made, &attitude));
             }
-            MavMessage::ATTITUDE_QUATERNION(attitude) => {
-                let made = self.clock.made(now, attitude.time_boot_ms);
-                self.on_attitude(now, Attitude::from_quaternion(made, attitude));
+            d::ATTITUDE_QUATERNION_DATA::ID => {
+                let attitude: d::ATTITUDE_QUATERNION_DATA = content.read();
+                let made = self.made(now, attitude.time_boot_ms);
+                self.on_attitude(now, Attitude::from_quaternion(made, &attitude));
             }
-            MavMessage::EXTENDED_SYS_STATE(state) => self.landed_state = state.landed_state,
-            MavMessage::GPS_GLOBAL_ORIGIN(origin) => {
+            d::EXTENDED_SYS_STATE_DATA::ID => {
+                self.landed_state = content.read::<d::EXTENDED_SYS_STATE_DATA>().landed_state;
+            }
+            d::GPS_GLOBAL_ORIGIN_DATA::ID => {
+                let origin: d::GPS_GLOBAL_ORIGIN_DATA = content.read();
                 let origin = [origin.latitude, origin.longitude, origin.altitude];
                 if self.origin.replace(origin).is_some_and(|last| last != origin) {
                     self.continuity.expect_new(false);
                     self.unsettle(now);
                 }
             }
-            MavMessage::ODOMETRY(odometry) => {
-                let resets = odometry.reset_counter;
+            d::ODOMETRY_DATA::ID => {
+                let resets = content.read::<d::ODOMETRY_DATA>().reset_counter;
                 if self.reset_counter.replace(resets).is_some_and(|last| last != resets) {
                     self.continuity.expect_new(true);
                     self.unsettle(now);
                 }
             }
-            MavMessage::SYS_STATUS(status) => self.health.on_sys_status(status),
-            MavMessage::BATTERY_STATUS(battery) => self.health.on_battery(battery),
-            MavMessage::EKF_STATUS_REPORT(report) => self.health.on_ekf(now, report),
-            MavMessage::ESTIMATOR_STATUS(report) => self.health.on_estimator(now, report),
-            MavMessage::FENCE_STATUS(fence) => self.health.on_fence(now, fence),
-            MavMessage::RC_CHANNELS(channels) if self.config.switch_channel > 0 => {
-                self.health.on_channels(now, channels, self.config.switch_channel);
+            d::SYSTEM_TIME_DATA::ID => {
+                self.follow_boot_clock(now, content.read::<d::SYSTEM_TIME_DATA>().time_boot_ms);
             }
-            MavMessage::COMMAND_ACK(ack) => self.on_ack(now, ack),
+            d::SYS_STATUS_DATA::ID => self.health.on_sys_status(&content.read()),
+            d::BATTERY_STATUS_DATA::ID => self.health.on_battery(&content.read()),
+            d::EKF_STATUS_REPORT_DATA::ID => self.health.on_ekf(now, &content.read()),
+            d::ESTIMATOR_STATUS_DATA::ID => self.health.on_estimator(now, &content.read()),
+            d::FENCE_STATUS_DATA::ID => self.health.on_fence(now, &content.read()),
+            d::RC_CHANNELS_DATA::ID if self.config.switch_channel > 0 => {
+                self.health.on_channels(now, &content.read(), self.config.switch_channel);
+            }
+            d::COMMAND_ACK_DATA::ID => self.on_ack(now, &content.read()),
             _ => {}
         }
     }
 
+    #[inline(never)]
     fn on_position(&mut self, now: Instant, heard: Option<Position>) {
         let Some(position) = heard else { return count(&mut self.counters.rejected) };
         if let Some((last, _)) = &self.position {
@@ -215,6 +229,7 @@ impl Companion {
         self.position = Some((position, true));
     }
 
+    #[inline(never)]
     fn on_attitude(&mut self, now: Instant, heard: Option<Attitude>) {
         let Some(attitude) = heard else { return count(&mut self.counters.rejected) };
         if let Some((last, _)) = &self.attitude {
@@ -230,6 +245,7 @@ impl Companion {
     }
 
     /// The autopilot's estimate jumped: guidance holds until it has settled.
+    #[inline(never)]
     fn unsettle(&mut self, now: Instant) {
         if now >= self.settled_at {
             count(&mut self.counters.jumps);
@@ -239,8 +255,16 @@ impl Companion {
         self.yaw_rad = None;
     }
 
+    /// When a message of the autopilot was made, by its clock, which is looked at first.
+    #[inline(never)]
+    fn made(&mut self, now: Instant, time_boot_ms: u32) -> Instant {
+        self.follow_boot_clock(now, time_boot_ms);
+        self.clock.made(now, time_boot_ms)
+    }
+
     /// The autopilot's clock running backwards means that it restarted: nothing that it said before counts, and where it
     /// begins anew is where it was.
+    #[inline(never)]
     fn follow_boot_clock(&mut self, now: Instant, time_boot_ms: u32) {
         if let Some(last) = self.boot_ms {
             if last.saturating_sub(time_boot_ms) <= BOOT_CLOCK_SLACK_MS {
@@ -272,6 +296,7 @@ impl Companion {
         self.boot_ms = Some(time_boot_ms);
     }
 
+    #[inline(never)]
     fn on_obstacles(&mut self, now: Instant, obstacles: &OBSTACLE_DISTANCE_DATA) {
         let ardupilot = self.autopilot.is_some_and(|autopilot| autopilot.software == Software::ArduPilot);
         let from_nose = match self.config.obstacle_frame {
@@ -285,7 +310,7 @@ impl Companion {
         let yaw_rad = match attitude {
             _ if from_nose => Some(0.0),
             // The autopilot's own: so does north.
-            Some(attitude) if from_north && now.seconds_since(attitude.time) <= YAW_AGE_MAX_S => Some(attitude.yaw_rad),
+            Some(attitude) if from_north && !is_over(now, attitude.time, YAW_AGE_MAX_S) => Some(attitude.yaw_rad),
             _ => None,
         };
         let zero_touches = !ardupilot;
@@ -295,6 +320,7 @@ impl Companion {
         }
     }
 
+    #[inline(never)]
     fn on_point(&mut self, now: Instant, heard: Heard) {
         let point = match heard {
             Heard::At(point) => Some(point),
@@ -310,12 +336,8 @@ impl Companion {
         }
     }
 
-    fn on_command_long(&mut self, header: Header, command: &COMMAND_LONG_DATA) {
-        let target = (command.target_system, command.target_component);
-        self.on_command(header, target, command.command, command.param1);
-    }
-
     /// Every command for us is answered: we pause and go on, never arm, never change the mode.
+    #[inline(never)]
     fn on_command(&mut self, header: Header, target: (u8, u8), command: u16, param1: f32) {
         if target != (self.system_id(), self.config.component_id) {
             return;
@@ -331,21 +353,23 @@ impl Companion {
         } else {
             MavResult::MAV_RESULT_UNSUPPORTED
         };
-        self.outbox.post_errand(Errand::Ack(COMMAND_ACK_DATA {
+        self.outbox.post_errand(&COMMAND_ACK_DATA {
             command,
             result: result as u8,
             target_system: header.system_id,
             target_component: header.component_id,
             ..COMMAND_ACK_DATA::DEFAULT
-        }));
+        });
     }
 
     /// Whether what names a target names us, or everybody.
+    #[inline(never)]
     fn is_for_us(&self, system_id: u8, component_id: u8) -> bool {
         (system_id == 0 || system_id == self.system_id())
             && (component_id == 0 || component_id == self.config.component_id)
     }
 
+    #[inline(never)]
     fn on_ack(&mut self, now: Instant, ack: &COMMAND_ACK_DATA) {
         if self.is_for_us(ack.target_system, ack.target_component)
             && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16
@@ -355,17 +379,18 @@ impl Companion {
         }
     }
 
+    #[inline(never)]
     fn on_timesync(&mut self, now: Instant, header: Header, timesync: &TIMESYNC_DATA) {
         if !self.is_for_us(timesync.target_system, timesync.target_component) {
             return;
         }
         if timesync.tc1 == 0 {
-            self.outbox.post_errand(Errand::Timesync(TIMESYNC_DATA {
+            self.outbox.post_errand(&TIMESYNC_DATA {
                 tc1: nanos(now),
                 ts1: timesync.ts1,
                 target_system: header.system_id,
                 target_component: header.component_id,
-            }));
+            });
         } else if self.is_autopilot(header) {
             self.clock.answered(now, timesync.ts1, timesync.tc1);
         }
@@ -376,17 +401,6 @@ impl Companion {
 pub(super) fn landed(landed_state: u8) -> Option<bool> {
     (landed_state != MavLandedState::MAV_LANDED_STATE_UNDEFINED as u8)
         .then_some(landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND as u8)
-}
-
-/// The autopilot's clock, in the messages that have it.
-fn time_boot_ms(message: &MavMessage) -> Option<u32> {
-    match message {
-        MavMessage::LOCAL_POSITION_NED(position) => Some(position.time_boot_ms),
-        MavMessage::ATTITUDE(attitude) => Some(attitude.time_boot_ms),
-        MavMessage::ATTITUDE_QUATERNION(attitude) => Some(attitude.time_boot_ms),
-        MavMessage::SYSTEM_TIME(time) => Some(time.time_boot_ms),
-        _ => None,
-    }
 }
 
 /// On the autopilot's clock; none backwards.

@@ -28,11 +28,11 @@ use foxhound_core::time::Instant;
 
 use crate::MessageData;
 use crate::autopilot::{Attitude, Position};
-use crate::clock::PeerClock;
+use crate::clock::{PeerClock, is_over};
 use crate::continuity::Continuity;
 use crate::dialect::HEARTBEAT_DATA;
 use crate::failsafe::{Cause, Facts};
-use crate::framer::{self, Framer};
+use crate::framer::{self, Content, Framer};
 use crate::health::{Charge, Health};
 use crate::outbox::Outbox;
 use crate::params::Params;
@@ -48,7 +48,7 @@ pub const TYPE_MASK: u16 = 0x05C7;
 pub const TYPE_MASK_YAW: u16 = 0x09C7;
 
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
-const TIMESYNC_PERIOD_US: u64 = 1_000_000;
+const TIMESYNC_PERIOD_US: u32 = 1_000_000;
 /// After a jump of the autopilot's estimate guidance gets no ownship for this long, and so holds.
 const UNSETTLED_US: u64 = 500_000;
 /// Ownship older than this is of no use.
@@ -175,7 +175,9 @@ impl Default for Config {
 
 impl Config {
     /// The same, with the parameters of the link as the table has them.
+    // Here and below: inlined into code that is made fast, small code becomes long code.
     #[must_use]
+    #[inline(never)]
     pub fn with(&self, values: &Values) -> Self {
         Self {
             setpoint_age_max_s: values.get(param::FH_SP_AGE),
@@ -206,35 +208,67 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
+    #[inline(never)]
     pub fn build(&self) -> Result<Companion, ConfigError> {
-        check("link.system_id", f32::from(self.system_id), 1.0, 254.0)?;
-        check("link.component_id", f32::from(self.component_id), 2.0, 255.0)?;
-        check("link.position_hz", self.position_hz, 0.0, 200.0)?;
-        check("link.attitude_hz", self.attitude_hz, 0.0, 200.0)?;
-        check("link.obstacle_hz", self.obstacle_hz, 0.0, 50.0)?;
-        check("link.landed_hz", self.landed_hz, 0.0, 50.0)?;
-        check("link.setpoint_period_ms", f32::from(self.setpoint_period_ms), 10.0, 100.0)?;
-        check("link.setpoint_age_max_s", self.setpoint_age_max_s, 0.05, 1.0)?;
-        check("link.speed_max_mps", self.speed_max_mps, 0.1, 30.0)?;
-        check("link.yaw_rate_max_radps", self.yaw_rate_max_radps, 0.1, 10.0)?;
-        check("link.heartbeat_timeout_s", self.heartbeat_timeout_s, 1.5, 10.0)?;
-        check("link.silence_after_s", self.silence_after_s, 1.5, 30.0)?;
-        check("link.obstacle_age_max_s", self.obstacle_age_max_s, 0.05, 5.0)?;
-        check("link.battery_min_percent", self.battery_min_percent, 0.0, 100.0)?;
-        check("link.switch_channel", f32::from(self.switch_channel), 0.0, 18.0)?;
+        self.check_each()?;
         self.check_together()?;
-        Ok(Companion::from_checked(*self))
+        Ok(Companion::from_checked(self, Values::DEFAULT))
     }
 
     /// The same, with the parameters with which the application runs: the link takes its own from them, and serves them.
     ///
     /// # Errors
     /// The field that is out of range.
+    #[inline(never)]
     pub fn build_with(&self, values: Values) -> Result<Companion, ConfigError> {
-        let companion = self.with(&values).build()?;
-        Ok(Companion { params: Params::new(values), ..companion })
+        let config = self.with(&values);
+        config.check_each()?;
+        config.check_together()?;
+        Ok(Companion::from_checked(&config, values))
     }
 
+    fn check_each(&self) -> Result<(), ConfigError> {
+        static RANGES: [(&str, f32, f32); 15] = [
+            ("link.system_id", 1.0, 254.0),
+            ("link.component_id", 2.0, 255.0),
+            ("link.position_hz", 0.0, 200.0),
+            ("link.attitude_hz", 0.0, 200.0),
+            ("link.obstacle_hz", 0.0, 50.0),
+            ("link.landed_hz", 0.0, 50.0),
+            ("link.setpoint_period_ms", 10.0, 100.0),
+            ("link.setpoint_age_max_s", 0.05, 1.0),
+            ("link.speed_max_mps", 0.1, 30.0),
+            ("link.yaw_rate_max_radps", 0.1, 10.0),
+            ("link.heartbeat_timeout_s", 1.5, 10.0),
+            ("link.silence_after_s", 1.5, 30.0),
+            ("link.obstacle_age_max_s", 0.05, 5.0),
+            ("link.battery_min_percent", 0.0, 100.0),
+            ("link.switch_channel", 0.0, 18.0),
+        ];
+        let values = [
+            f32::from(self.system_id),
+            f32::from(self.component_id),
+            self.position_hz,
+            self.attitude_hz,
+            self.obstacle_hz,
+            self.landed_hz,
+            f32::from(self.setpoint_period_ms),
+            self.setpoint_age_max_s,
+            self.speed_max_mps,
+            self.yaw_rate_max_radps,
+            self.heartbeat_timeout_s,
+            self.silence_after_s,
+            self.obstacle_age_max_s,
+            self.battery_min_percent,
+            f32::from(self.switch_channel),
+        ];
+        for (&(field, min, max), value) in RANGES.iter().zip(values) {
+            check(field, value, min, max)?;
+        }
+        Ok(())
+    }
+
+    #[inline(never)]
     fn check_together(&self) -> Result<(), ConfigError> {
         if self.silence_after_s < self.heartbeat_timeout_s {
             let why = Why::Inconsistent("silence must not come before the link is lost (link.heartbeat_timeout_s)");
@@ -346,18 +380,19 @@ pub struct Companion {
 }
 
 impl Companion {
-    fn from_checked(config: Config) -> Self {
+    #[inline(never)]
+    fn from_checked(config: &Config, values: Values) -> Self {
         let mut framer = Framer::new();
         framer.accept_v1(config.accept_v1);
         Self {
-            config,
+            config: *config,
             framer,
             outbox: Outbox::new(),
             requests: Requests::new(),
             clock: PeerClock::new(),
             continuity: Continuity::new(),
             health: Health::new(),
-            params: Params::new(Values::DEFAULT),
+            params: Params::new(values),
             signing: None,
             signed_heard: false,
             key_changed: false,
@@ -391,6 +426,7 @@ impl Companion {
     }
 
     /// Takes in bytes from the autopilot, in pieces of any size.
+    #[inline(never)]
     pub fn receive(&mut self, now: Instant, bytes: &[u8]) {
         self.follow_clock(now);
         let mut rest = bytes;
@@ -398,13 +434,12 @@ impl Companion {
             let taken = self.framer.push(rest);
             rest = &rest[taken..];
             while let Some(frame) = self.framer.next_frame() {
-                let (header, message) = (frame.header, frame.message());
+                let header = frame.header;
                 // Nothing is done about the others, so their signatures are not looked at either.
-                let Some(message) = message else { continue };
+                let Some(content) = Content::of(&frame) else { continue };
                 let verdict = self.signing.as_mut().map(|signing| signing.check(now, frame.bytes));
-                let id = frame.message_id;
-                if self.believes(verdict, id) {
-                    self.handle(now, header, &message);
+                if self.believes(verdict, content.message_id()) {
+                    self.handle(now, header, &content);
                 }
             }
         }
@@ -412,6 +447,7 @@ impl Companion {
 
     /// Whether a message is believed for its signature. An unsigned heartbeat only says that somebody is there, and by
     /// itself gives no control.
+    #[inline(never)]
     fn believes(&mut self, verdict: Option<Verdict>, message_id: u32) -> bool {
         let policy = self.config.unsigned;
         match verdict {
@@ -443,6 +479,7 @@ impl Companion {
 
     /// Whether guidance may move the vehicle.
     #[must_use]
+    #[inline(never)]
     pub fn control(&self, now: Instant) -> Control {
         match self.cause(now) {
             Cause::None | Cause::OwnshipLost => Control::Granted,
@@ -453,14 +490,15 @@ impl Companion {
 
     /// Why guidance may not move the vehicle.
     #[must_use]
+    #[inline(never)]
     pub fn cause(&self, now: Instant) -> Cause {
         let charge = self.health.charge(self.config.battery_min_percent);
-        let silent_s = self.autopilot.map_or(f32::MAX, |autopilot| now.seconds_since(autopilot.heard));
+        let silent = |limit_s| self.autopilot.is_none_or(|autopilot| is_over(now, autopilot.heard, limit_s));
         Facts {
             unfit: self.is_unfit(now),
             has_autopilot: self.autopilot.is_some(),
-            is_lost: silent_s > self.config.silence_after_s,
-            is_quiet: silent_s > self.config.heartbeat_timeout_s,
+            is_lost: silent(self.config.silence_after_s),
+            is_quiet: silent(self.config.heartbeat_timeout_s),
             obeys: self.obeys(),
             on_ground: self.is_on_ground(),
             entry_needed: self.entry_needed,
@@ -471,7 +509,7 @@ impl Companion {
             seeking: self.seeking,
             fence_breached: self.health.is_fence_breached(now),
             is_noisy: self.noise.percent > NOISE_HOLD_PERCENT,
-            ownship_lost: self.usable_at.is_some_and(|at| now.seconds_since(at) > OWNSHIP_LOST_S),
+            ownship_lost: self.usable_at.is_some_and(|at| is_over(now, at, OWNSHIP_LOST_S)),
         }
         .cause()
     }
@@ -485,6 +523,7 @@ impl Companion {
     /// Our vehicle as last heard, in a frame that does not jump; `None` until position and attitude were both heard, while
     /// the autopilot's estimator says that it does not know them, and for half a second after a jump.
     #[must_use]
+    #[inline(never)]
     pub fn ownship(&self) -> Option<Ownship> {
         if self.now < self.settled_at || self.health.is_estimator_bad(self.now) {
             return None;
@@ -492,6 +531,7 @@ impl Companion {
         self.ownship_as_told()
     }
 
+    #[inline(never)]
     fn ownship_as_told(&self) -> Option<Ownship> {
         let (position, attitude) = (self.position?, self.attitude?);
         let ((position, true), (attitude, true)) = (position, attitude) else { return None };
@@ -509,22 +549,26 @@ impl Companion {
 
     /// Whether the vehicle stands on the ground; `None` while nobody said.
     #[must_use]
+    #[inline(never)]
     pub fn landed(&self) -> Option<bool> {
         hear::landed(self.landed_state)
     }
 
     /// The newest obstacle scan since the last call.
+    #[inline(never)]
     pub fn take_scan(&mut self) -> Option<Scan> {
         self.scan.take()
     }
 
     /// The single points, from beams and points alike, since the last call; without a point where sensors looked and saw
     /// nothing.
+    #[inline(never)]
     pub fn take_points(&mut self) -> Option<Points> {
         self.points.take()
     }
 
     /// Signs what is sent from now on, and looks at the signatures of what is heard; or neither.
+    #[inline(never)]
     pub fn sign_with(&mut self, signing: Option<Signing>) {
         self.signing = signing;
         self.signed_heard = false;
@@ -536,6 +580,7 @@ impl Companion {
     }
 
     /// Whether the key was set, changed or taken away over the link since the last call, and has to be stored.
+    #[inline(never)]
     pub fn take_key_change(&mut self) -> bool {
         core::mem::take(&mut self.key_changed)
     }
@@ -544,6 +589,7 @@ impl Companion {
     ///
     /// # Errors
     /// The field of the link's configuration that does not fit the others; then everything stays as it was.
+    #[inline(never)]
     pub fn set_parameters(&mut self, values: Values) -> Result<(), ConfigError> {
         let config = self.config.with(&values);
         config.check_together()?;
@@ -560,6 +606,7 @@ impl Companion {
 
     /// A parameter that somebody wants changed, and all of them with it: for the application to try. To be answered by
     /// [`settle`](Self::settle) before anything else.
+    #[inline(never)]
     pub fn proposal(&mut self) -> Option<(Id, Values)> {
         let is_seeking = self.control(self.now) == Control::Granted;
         loop {
@@ -572,6 +619,7 @@ impl Companion {
     }
 
     /// The application's answer: from now on it runs with the proposal, or it cannot.
+    #[inline(never)]
     pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
         self.params.settle(verdict);
         let config = self.config.with(self.params.values());
@@ -579,12 +627,14 @@ impl Companion {
     }
 
     /// What the application is to do with its storage of parameters; to be answered by [`stored`](Self::stored).
+    #[inline(never)]
     pub fn take_storage(&mut self) -> Option<Storage> {
         self.params.take_storage()
     }
 
     /// The application has done it, or could not. Values that were loaded or reset have been
     /// [set](Self::set_parameters) before.
+    #[inline(never)]
     pub fn stored(&mut self, is_done: bool) {
         self.params.stored(is_done);
     }
@@ -606,6 +656,7 @@ impl Companion {
     }
 
     /// Takes the outcome of a guidance step: its setpoint for the stream, the rest for telemetry.
+    #[inline(never)]
     pub fn publish(&mut self, now: Instant, output: &guidance::Output) {
         self.follow_clock(now);
         let setpoint = if self.is_sane(&output.setpoint) {
@@ -622,18 +673,20 @@ impl Companion {
 
     /// Whether what is remembered of the obstacles is wanted now.
     #[must_use]
+    #[inline(never)]
     pub fn wants_surroundings(&self, now: Instant) -> bool {
         self.config.surroundings && self.telemetry.wants_surroundings(now)
     }
 
     /// Takes what is remembered of the obstacles, for whoever wants to see it.
-    pub fn publish_surroundings<'a>(&mut self, now: Instant, circles: impl Iterator<Item = &'a Circle>) {
+    pub fn publish_surroundings<'a>(&mut self, now: Instant, mut circles: impl Iterator<Item = &'a Circle>) {
         if let Some(ownship) = self.ownship() {
-            self.report_surroundings(now, &ownship, circles);
+            self.report_surroundings(now, &ownship, &mut circles);
         }
     }
 
     /// Does what is due: heartbeats, requests, setpoints. To be called at least every 10 ms or so.
+    #[inline(never)]
     pub fn poll(&mut self, now: Instant) {
         self.follow_clock(now);
         self.age(now);
@@ -643,7 +696,8 @@ impl Companion {
             self.heartbeat_due = if next > now { next } else { now.plus_micros(HEARTBEAT_PERIOD_US) };
             // A heartbeat says that we are well.
             if cause != Cause::Unfit {
-                self.outbox.post_heartbeat(self.heartbeat(now, cause));
+                let heartbeat = self.heartbeat(now, cause);
+                self.outbox.post_heartbeat(&heartbeat);
             }
         }
         self.announce(now, cause);
@@ -667,6 +721,7 @@ impl Companion {
     }
 
     /// Fills `sink` with the bytes that wait to be sent, setpoints first, and says how far.
+    #[inline(never)]
     pub fn transmit(&mut self, sink: &mut [u8]) -> usize {
         let address = (self.system_id(), self.config.component_id);
         let (signing, now) = (&mut self.signing, self.now);
@@ -678,6 +733,7 @@ impl Companion {
 
     /// What was counted so far.
     #[must_use]
+    #[inline(never)]
     pub const fn counters(&self) -> Counters {
         let dropped = self.outbox.dropped();
         Counters {
@@ -689,6 +745,7 @@ impl Companion {
         }
     }
 
+    #[inline(never)]
     fn system_id(&self) -> u8 {
         self.autopilot.map_or(self.config.system_id, |autopilot| autopilot.system_id)
     }
@@ -698,21 +755,27 @@ impl Companion {
         self.autopilot.is_some_and(|autopilot| autopilot.obeys())
     }
 
+    #[inline(never)]
     fn is_unfit(&self, now: Instant) -> bool {
-        let is_over = |since: Option<Instant>, limit_s| since.is_some_and(|since| now.seconds_since(since) > limit_s);
+        let lasts = |since: Option<Instant>, limit_s| since.is_some_and(|since| is_over(now, since, limit_s));
         self.failed
-            || is_over(self.insane_since, INSANE_MAX_S)
-            || is_over(self.published.map(|published| published.time), GUIDANCE_SILENT_MAX_S)
+            || lasts(self.insane_since, INSANE_MAX_S)
+            || lasts(self.published.map(|published| published.time), GUIDANCE_SILENT_MAX_S)
     }
 
     /// Lets go of what is too old, and notes what is not.
+    #[inline(never)]
     fn age(&mut self, now: Instant) {
         let obstacle_age_max_s = self.config.obstacle_age_max_s;
-        self.scan = self.scan.take().filter(|scan| now.seconds_since(scan.time) <= obstacle_age_max_s);
-        self.points = self.points.take().filter(|points| now.seconds_since(points.time) <= obstacle_age_max_s);
+        if self.scan.as_ref().is_some_and(|scan| is_over(now, scan.time, obstacle_age_max_s)) {
+            self.scan = None;
+        }
+        if self.points.as_ref().is_some_and(|points| is_over(now, points.time, obstacle_age_max_s)) {
+            self.points = None;
+        }
         let is_young = |ownship: &Ownship| {
-            now.seconds_since(ownship.position_time) <= OWNSHIP_AGE_MAX_S
-                && now.seconds_since(ownship.attitude_time) <= OWNSHIP_AGE_MAX_S
+            !is_over(now, ownship.position_time, OWNSHIP_AGE_MAX_S)
+                && !is_over(now, ownship.attitude_time, OWNSHIP_AGE_MAX_S)
         };
         if self.ownship().as_ref().is_some_and(is_young) {
             self.usable_at = Some(now);
@@ -762,6 +825,7 @@ impl Companion {
     }
 }
 
+#[inline(never)]
 fn count(counter: &mut u32) {
     *counter = counter.saturating_add(1);
 }

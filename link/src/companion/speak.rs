@@ -12,21 +12,21 @@ use foxhound_core::units::{DEG_PER_RAD, sin_cos, wrap_pi};
 use super::{Companion, NOISE_WARN_PERCENT, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
 use crate::CharArray;
 use crate::autopilot::Autopilot;
+use crate::clock::{is_due, is_over};
 use crate::dialect::{
     DEBUG_VECT_DATA, HEARTBEAT_DATA, MavAutopilot, MavFrame, MavSeverity, MavState, MavType, NAMED_VALUE_FLOAT_DATA,
     SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use crate::failsafe::{Cause, Stream};
 use crate::landing;
-use crate::outbox::{Errand, Note};
 use crate::params::Reply;
 use crate::surroundings;
 
 /// One value of the list in turn: each of the ten twice a second.
-const TELEMETRY_PERIOD_US: u64 = 50_000;
+const TELEMETRY_PERIOD_US: u32 = 50_000;
 const TURNS: u8 = 10;
 const TEXT_PERIOD_US: u64 = 1_000_000;
-const LANDING_PERIOD_US: u64 = 100_000;
+const LANDING_PERIOD_US: u32 = 100_000;
 const SURROUNDINGS_PERIOD_US: u64 = 200_000;
 /// A bearing older than this is not reported any more.
 const BEARING_AGE_MAX_S: f32 = 0.5;
@@ -86,6 +86,7 @@ impl Telemetry {
     }
 
     /// Something happened that is to be told once; the last of several is.
+    #[inline(never)]
     pub(super) fn warn(&mut self, text: &'static str) {
         self.warning = Some(text);
     }
@@ -106,6 +107,7 @@ impl Companion {
     }
 
     /// Posts the setpoint that is due, or takes back the one that must not leave any more.
+    #[inline(never)]
     pub(super) fn stream(&mut self, now: Instant, autopilot: &Autopilot, cause: Cause) {
         let slot = now.0 / (u64::from(self.config.setpoint_period_ms) * 1_000);
         let due = self.setpoint_slot.replace(slot).is_some_and(|last| last != slot);
@@ -113,7 +115,7 @@ impl Companion {
             Stream::Silent => None,
             Stream::Zero => Some(Setpoint::default()),
             Stream::Guidance => {
-                let is_fresh = |time: Instant| now.seconds_since(time) <= self.config.setpoint_age_max_s;
+                let is_fresh = |time: Instant| !is_over(now, time, self.config.setpoint_age_max_s);
                 let published = self.published.filter(|published| is_fresh(published.time));
                 Some(published.map_or_else(Setpoint::default, |published| published.setpoint))
             }
@@ -125,12 +127,13 @@ impl Companion {
             }
             Some(setpoint) if due => {
                 let message = self.setpoint_message(now, autopilot, setpoint);
-                self.outbox.post_setpoint(now, message);
+                self.outbox.post_setpoint(now, &message);
             }
             Some(_) => {}
         }
     }
 
+    #[inline(never)]
     fn setpoint_message(
         &mut self,
         now: Instant,
@@ -169,11 +172,11 @@ impl Companion {
 
 /// Heartbeats and requests.
 impl Companion {
+    #[inline(never)]
     pub(super) fn heartbeat(&self, now: Instant, cause: Cause) -> HEARTBEAT_DATA {
         let state = match (cause, self.published) {
             (Cause::None, Some(published))
-                if now.seconds_since(published.time) <= self.config.setpoint_age_max_s
-                    && !is_critical(published.outcome) =>
+                if !is_over(now, published.time, self.config.setpoint_age_max_s) && !is_critical(published.outcome) =>
             {
                 MavState::MAV_STATE_ACTIVE
             }
@@ -190,17 +193,17 @@ impl Companion {
     }
 
     /// Asks for the messages that we need, and for the time.
+    #[inline(never)]
     pub(super) fn ask(&mut self, now: Instant, autopilot: &Autopilot) {
         let (outbox, target) = (&mut self.outbox, (autopilot.system_id, autopilot.component_id));
-        self.requests.poll(now, target, |command| outbox.post_errand(Errand::Command(command)));
-        if now >= self.timesync_due {
-            self.timesync_due = now.plus_micros(TIMESYNC_PERIOD_US);
-            self.outbox.post_errand(Errand::Timesync(TIMESYNC_DATA {
+        self.requests.poll(now, target, |command| outbox.post_errand(&command));
+        if is_due(now, &mut self.timesync_due, TIMESYNC_PERIOD_US) {
+            self.outbox.post_errand(&TIMESYNC_DATA {
                 tc1: 0,
                 ts1: self.clock.ask(now),
                 target_system: target.0,
                 target_component: target.1,
-            }));
+            });
         }
         if self.requests.is_ignored() && !self.telemetry.ignored_told {
             self.telemetry.warn("Foxhound: autopilot does not answer; signing?");
@@ -212,19 +215,21 @@ impl Companion {
 /// Telemetry.
 impl Companion {
     /// Parameters wait for everything else.
+    #[inline(never)]
     pub(super) fn tell_parameters(&mut self, now: Instant) {
         if !self.outbox.has_room_for_a_parameter() {
             return;
         }
         match self.params.next(now) {
-            Some(Reply::Value(value)) => self.outbox.post_parameter(value),
-            Some(Reply::Text(text)) => self.outbox.post_note(Note::Text(text)),
-            Some(Reply::Ack(ack)) => self.outbox.post_errand(Errand::Ack(ack)),
+            Some(Reply::Value(value)) => self.outbox.post_parameter(&value),
+            Some(Reply::Text(text)) => self.outbox.post_note(&text),
+            Some(Reply::Ack(ack)) => self.outbox.post_errand(&ack),
             None => {}
         }
     }
 
     /// One value of the list, when its turn has come and there is something to tell, and what has a period of its own.
+    #[inline(never)]
     pub(super) fn report(&mut self, now: Instant, output: &guidance::Output) {
         if let Some(bearing) = output.bearing.filter(|bearing| bearing.valid) {
             let elevation_deg = (bearing.elevation_sigma_rad < 0.5).then_some(bearing.elevation_rad * DEG_PER_RAD);
@@ -236,12 +241,11 @@ impl Companion {
             self.telemetry.lasting_told = false;
         }
         self.report_landing(now, output);
-        if now < self.telemetry.due {
+        if !is_due(now, &mut self.telemetry.due, TELEMETRY_PERIOD_US) {
             return;
         }
-        self.telemetry.due = now.plus_micros(TELEMETRY_PERIOD_US);
         self.telemetry.turn = (self.telemetry.turn + 1) % TURNS;
-        let fresh = self.telemetry.bearing.filter(|(time, ..)| now.seconds_since(*time) <= BEARING_AGE_MAX_S);
+        let fresh = self.telemetry.bearing.filter(|(time, ..)| !is_over(now, *time, BEARING_AGE_MAX_S));
         let towards_rad = output.source_bearing_ned_rad.map(|bearing| self.continuity.heading_to_theirs(bearing));
         let belief = output.source_share_and_nis.filter(|_| fresh.is_some());
         let (name, value) = match self.telemetry.turn {
@@ -260,11 +264,11 @@ impl Companion {
             && let Some(towards_rad) = towards_rad
         {
             let depression_rad = fresh.and_then(|(.., elevation_deg)| elevation_deg).unwrap_or(0.0) / DEG_PER_RAD;
-            self.outbox.post_direction(direction(now, towards_rad, depression_rad));
+            self.outbox.post_direction(&direction(now, towards_rad, depression_rad));
         }
         if let Some(value) = value.filter(|value| value.is_finite()) {
             let name = CharArray::from(name);
-            self.outbox.post_note(Note::Value(NAMED_VALUE_FLOAT_DATA { time_boot_ms: boot_ms(now), value, name }));
+            self.outbox.post_note(&NAMED_VALUE_FLOAT_DATA { time_boot_ms: boot_ms(now), value, name });
         }
     }
 
@@ -274,15 +278,15 @@ impl Companion {
         output.source.map(|source| source.place_ned_m.minus(here).norm())
     }
 
+    #[inline(never)]
     fn report_landing(&mut self, now: Instant, output: &guidance::Output) {
-        if !self.config.landing_target || now < self.telemetry.landing_due {
+        if !self.config.landing_target || !is_due(now, &mut self.telemetry.landing_due, LANDING_PERIOD_US) {
             return;
         }
-        self.telemetry.landing_due = now.plus_micros(LANDING_PERIOD_US);
         let message = self.landing_target(output);
         let software = self.autopilot.map(|autopilot| autopilot.software);
         let message = message.zip(software).and_then(|(target, software)| landing::message(now.0, software, &target));
-        self.outbox.post_landing(message);
+        self.outbox.post_landing(message.as_ref());
     }
 
     /// The source, where it is heard now and its range is known.
@@ -309,18 +313,20 @@ impl Companion {
         })
     }
 
+    #[inline(never)]
     pub(super) fn report_surroundings<'a>(
         &mut self,
         now: Instant,
         ownship: &Ownship,
-        circles: impl Iterator<Item = &'a Circle>,
+        circles: &mut dyn Iterator<Item = &'a Circle>,
     ) {
         self.telemetry.surroundings_due = now.plus_micros(SURROUNDINGS_PERIOD_US);
-        self.outbox.post_surroundings(surroundings::message(now.0, ownship, circles));
+        self.outbox.post_surroundings(&surroundings::message(now.0, ownship, circles));
     }
 
     /// A text when what we do changes, or something happened; at most one a second, and a change that did not last is not
     /// told.
+    #[inline(never)]
     pub(super) fn announce(&mut self, now: Instant, cause: Cause) {
         let is_noisy = self.noise.percent > NOISE_WARN_PERCENT;
         if is_noisy && !self.telemetry.noise_told {
@@ -344,21 +350,23 @@ impl Companion {
             return;
         };
         self.telemetry.text_due = now.plus_micros(TEXT_PERIOD_US);
-        self.outbox.post_note(Note::Text(STATUSTEXT_DATA {
+        self.outbox.post_note(&STATUSTEXT_DATA {
             severity: severity as u8,
             text: CharArray::from(text),
             ..STATUSTEXT_DATA::DEFAULT
-        }));
+        });
     }
 
     /// What is to be said of an outcome that has lasted.
+    #[inline(never)]
     fn lasting(&self, now: Instant, cause: Cause) -> Option<&'static str> {
         let (outcome, since) =
             self.telemetry.outcome.filter(|_| cause == Cause::None && !self.telemetry.lasting_told)?;
-        let lasted_s = now.seconds_since(since);
         match outcome {
-            Outcome::NoSignal if lasted_s > NO_SIGNAL_LONG_S => Some("Foxhound: no signal for 30 s, take over"),
-            Outcome::StaleObstacles if lasted_s > STALE_OBSTACLES_LONG_S => {
+            Outcome::NoSignal if is_over(now, since, NO_SIGNAL_LONG_S) => {
+                Some("Foxhound: no signal for 30 s, take over")
+            }
+            Outcome::StaleObstacles if is_over(now, since, STALE_OBSTACLES_LONG_S) => {
                 Some("Foxhound: no obstacle data for 15 s, take over")
             }
             _ => None,

@@ -2,11 +2,9 @@
 
 use mavlink_core::{MavlinkVersion, calculate_crc};
 
-use super::{CHECKSUM, Frame, Header, SIGNATURE, known::known};
+use super::{CHECKSUM, Frame, HEADER, Header, SIGNATURE, STX, known::known};
 
-const STX: u8 = 0xFD;
 const STX_V1: u8 = 0xFE;
-const HEADER: usize = 10;
 const HEADER_V1: usize = 6;
 const SIGNED: u8 = 0x01;
 

@@ -15,7 +15,7 @@ pub struct Known {
 
 /// The published message with this id.
 #[must_use]
-#[inline]
+#[inline(never)]
 pub fn known(message_id: u32) -> Option<Known> {
     let id = u16::try_from(message_id).ok()?;
     let at = table::IDS.binary_search(&id).ok()?;

@@ -35,6 +35,7 @@
 //! * Load: bytes made to look like the start of a long frame every 5 bytes cost 56 bytes of checksum each.
 
 mod candidate;
+mod content;
 mod known;
 mod senders;
 mod table;
@@ -42,9 +43,11 @@ mod table;
 mod tests;
 mod write;
 
+pub use content::Content;
 pub use known::{Known, known, known_ids};
 pub use mavlink_core::MavlinkVersion;
 pub use senders::Sender;
+pub(crate) use write::Packed;
 pub use write::{encode, encode_data};
 
 use mavlink_core::Message;
@@ -54,8 +57,11 @@ use candidate::Candidate;
 use senders::Senders;
 
 /// Longest frame: header, 255 bytes of payload, checksum, signature.
-pub const FRAME_MAX: usize = 10 + 255 + CHECKSUM + SIGNATURE;
+pub const FRAME_MAX: usize = HEADER + PAYLOAD_MAX + CHECKSUM + SIGNATURE;
 
+const STX: u8 = 0xFD;
+const HEADER: usize = 10;
+const PAYLOAD_MAX: usize = 255;
 const CHECKSUM: usize = 2;
 const SIGNATURE: usize = 13;
 
@@ -179,6 +185,7 @@ impl Framer {
 
     /// Takes as many bytes as there is room for and says how many. At least one, if the frames were fetched with
     /// [`Self::next_frame`] until there was none.
+    #[inline(never)]
     pub fn push(&mut self, bytes: &[u8]) -> usize {
         if bytes.len() > self.buffer.len() - self.end {
             self.buffer.copy_within(self.start..self.end, 0);
@@ -192,6 +199,7 @@ impl Framer {
     }
 
     /// The next frame; `None` when more bytes are needed.
+    #[inline(never)]
     pub fn next_frame(&mut self) -> Option<Frame<'_>> {
         loop {
             if self.waiting() < self.until {
@@ -248,6 +256,7 @@ impl Framer {
         self.skip(noise);
     }
 
+    #[inline(never)]
     fn skip(&mut self, bytes: usize) {
         self.start += bytes;
         self.until = 0;
@@ -255,13 +264,14 @@ impl Framer {
         self.counters.skipped_bytes = self.counters.skipped_bytes.saturating_add(bytes as u32);
     }
 
+    #[inline(never)]
     fn take(&mut self, length: usize) -> Frame<'_> {
         let start = self.start;
         self.start += length;
         self.until = 0;
         let frame = candidate::frame(&self.buffer[start..start + length]);
-        let ours = MavMessage::all_ids().binary_search(&frame.message_id).is_ok();
-        let counter = if ours { &mut self.counters.frames } else { &mut self.counters.unknown };
+        let counter =
+            if content::is_ours(frame.message_id) { &mut self.counters.frames } else { &mut self.counters.unknown };
         *counter = counter.saturating_add(1);
         self.counters.lost = self.counters.lost.saturating_add(self.senders.hear(frame.header));
         frame

@@ -36,6 +36,7 @@ impl Senders {
 
     /// Takes a frame into account and says how many are missing before it. A sender too many takes the place of the
     /// one that was silent longest.
+    #[inline(never)]
     pub(super) fn hear(&mut self, latest: Header) -> u32 {
         let is_it = |sender: &Sender| {
             sender.latest.system_id == latest.system_id && sender.latest.component_id == latest.component_id

@@ -1,34 +1,62 @@
 //! Frames out.
 
-use mavlink_core::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+use mavlink_core::utils::remove_trailing_zeroes;
+use mavlink_core::{MavlinkVersion, Message as _, MessageData, calculate_crc};
 
-use super::Header;
+use super::{CHECKSUM, HEADER, Header, PAYLOAD_MAX, STX};
 use crate::dialect::MavMessage;
+
+/// A message that waits to be sent: all of its frame but the header, which only the moment of sending knows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Packed<Payload: ?Sized = [u8]> {
+    message_id: u16,
+    extra: u8,
+    payload: Payload,
+}
+
+impl<const LENGTH: usize> Packed<[u8; LENGTH]> {
+    pub(crate) fn new<D: MessageData>(data: &D) -> Self {
+        const { assert!(D::ENCODED_LEN <= LENGTH && D::ID <= u16::MAX as u32) };
+        let mut payload = [0; LENGTH];
+        data.ser(MavlinkVersion::V2, &mut payload);
+        Self { message_id: D::ID as u16, extra: D::EXTRA_CRC, payload }
+    }
+}
+
+impl Packed {
+    /// Writes its frame into `sink` and says how long it is; 0 when it does not fit.
+    #[inline(never)]
+    pub(crate) fn write(&self, header: Header, sink: &mut [u8]) -> usize {
+        write(header, u32::from(self.message_id), self.extra, &self.payload, sink)
+    }
+}
 
 /// Writes one frame into `sink` and says how long it is; 0 when it does not fit. [`FRAME_MAX`](super::FRAME_MAX) bytes
 /// always suffice.
 pub fn encode(header: Header, message: &MavMessage, sink: &mut [u8]) -> usize {
-    let mut raw = MAVLinkV2MessageRaw::new();
-    raw.serialize_message(mav_header(header), message);
-    copy_out(&raw, sink)
+    let mut payload = [0; PAYLOAD_MAX];
+    message.ser(MavlinkVersion::V2, &mut payload);
+    let message_id = message.message_id();
+    write(header, message_id, MavMessage::extra_crc(message_id), &payload, sink)
 }
 
 /// [`encode`] for a message whose type is known when compiling: the other messages' encoders are not linked.
 pub fn encode_data<D: MessageData>(header: Header, data: &D, sink: &mut [u8]) -> usize {
-    let mut raw = MAVLinkV2MessageRaw::new();
-    raw.serialize_message_data(mav_header(header), data);
-    copy_out(&raw, sink)
+    let packed: &Packed = &Packed::<[u8; PAYLOAD_MAX]>::new(data);
+    packed.write(header, sink)
 }
 
-fn mav_header(header: Header) -> MavHeader {
-    MavHeader { system_id: u32::from(header.system_id), component_id: header.component_id, sequence: header.sequence }
-}
-
-fn copy_out(raw: &MAVLinkV2MessageRaw, sink: &mut [u8]) -> usize {
-    let bytes = raw.raw_bytes();
-    let Some(room) = sink.get_mut(..bytes.len()) else {
-        return 0;
-    };
-    room.copy_from_slice(bytes);
-    bytes.len()
+/// Zeros at the end of the payload are cut off.
+fn write(header: Header, message_id: u32, extra: u8, payload: &[u8], sink: &mut [u8]) -> usize {
+    let payload = &payload[..remove_trailing_zeroes(payload)];
+    let body = HEADER + payload.len();
+    let Some(frame) = sink.get_mut(..body + CHECKSUM) else { return 0 };
+    let Header { system_id, component_id, sequence } = header;
+    let [id_0, id_1, id_2, _] = message_id.to_le_bytes();
+    let start = [STX, payload.len() as u8, 0, 0, sequence, system_id, component_id, id_0, id_1, id_2];
+    frame[..HEADER].copy_from_slice(&start);
+    frame[HEADER..body].copy_from_slice(payload);
+    let checksum = calculate_crc(&frame[1..body], extra);
+    frame[body..].copy_from_slice(&checksum.to_le_bytes());
+    body + CHECKSUM
 }

@@ -26,11 +26,12 @@ use foxhound_core::param::{COUNT, Id, Values};
 use foxhound_core::time::Instant;
 use heapless::Deque;
 
-use crate::CharArray;
 use crate::dialect::{
-    COMMAND_ACK_DATA, MavCmd, MavMessage, MavParamType, MavResult, PARAM_SET_DATA, PARAM_VALUE_DATA, STATUSTEXT_DATA,
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavParamType, MavResult, PARAM_REQUEST_LIST_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, STATUSTEXT_DATA,
 };
-use crate::framer::Header;
+use crate::framer::{Content, Header};
+use crate::{CharArray, MessageData as _};
 
 mod text;
 
@@ -87,14 +88,17 @@ impl Marks {
     /// From the first one on.
     const ALL: Self = Self { marked: u64::MAX >> (64 - COUNT), last: LAST };
 
+    #[inline(never)]
     fn add(&mut self, id: Id) {
         self.marked |= 1 << id.index();
     }
 
+    #[inline(never)]
     fn remove(&mut self, id: Id) {
         self.marked &= !(1 << id.index());
     }
 
+    #[inline(never)]
     fn take(&mut self) -> Option<Id> {
         let behind = self.marked & !(u64::MAX >> (63 - self.last));
         let from = if behind == 0 { self.marked } else { behind };
@@ -154,36 +158,55 @@ impl Params {
     }
 
     /// Takes in a message for us, the system and component `us`; false if it is none about parameters, or for another.
-    pub fn hear(&mut self, us: (u8, u8), from: Header, message: &MavMessage, is_seeking: bool) -> bool {
+    #[inline(never)]
+    pub fn hear(&mut self, us: (u8, u8), from: Header, content: &Content, is_seeking: bool) -> bool {
         let for_us = |system, component| system == us.0 && (component == us.1 || component == 0);
-        match message {
-            MavMessage::PARAM_REQUEST_LIST(list) if for_us(list.target_system, list.target_component) => self.list(),
-            MavMessage::PARAM_REQUEST_READ(read) if for_us(read.target_system, read.target_component) => {
+        match content.message_id() {
+            PARAM_REQUEST_LIST_DATA::ID => {
+                let list: PARAM_REQUEST_LIST_DATA = content.read();
+                let is_ours = for_us(list.target_system, list.target_component);
+                if is_ours {
+                    self.list();
+                }
+                is_ours
+            }
+            PARAM_REQUEST_READ_DATA::ID => {
+                let read: PARAM_REQUEST_READ_DATA = content.read();
+                let is_ours = for_us(read.target_system, read.target_component);
                 let id = match usize::try_from(read.param_index) {
                     Ok(index) => Id::at(index),
                     Err(_) => Id::named(&read.param_id[..]),
                 };
-                if let Some(id) = id {
+                if let Some(id) = id.filter(|_| is_ours) {
                     self.asked.add(id);
                 }
+                is_ours
             }
-            MavMessage::PARAM_SET(set) if for_us(set.target_system, set.target_component) => {
-                self.set(set, set.target_component == us.1, is_seeking);
+            PARAM_SET_DATA::ID => {
+                let set: PARAM_SET_DATA = content.read();
+                let is_ours = for_us(set.target_system, set.target_component);
+                if is_ours {
+                    self.set(&set, set.target_component == us.1, is_seeking);
+                }
+                is_ours
             }
-            MavMessage::COMMAND_LONG(command)
-                if command.command == MavCmd::MAV_CMD_PREFLIGHT_STORAGE as u16
-                    && for_us(command.target_system, command.target_component) =>
-            {
-                let station = (command.target_component == us.1).then_some((from.system_id, from.component_id));
-                self.command(command.param1, station, is_seeking);
+            COMMAND_LONG_DATA::ID => {
+                let command: COMMAND_LONG_DATA = content.read();
+                let is_ours = command.command == MavCmd::MAV_CMD_PREFLIGHT_STORAGE as u16
+                    && for_us(command.target_system, command.target_component);
+                if is_ours {
+                    let station = (command.target_component == us.1).then_some((from.system_id, from.component_id));
+                    self.command(command.param1, station, is_seeking);
+                }
+                is_ours
             }
-            _ => return false,
+            _ => false,
         }
-        true
     }
 
     /// What is to be sent next, if it is time for it. To be called when nothing else waits to be sent, and what it gave before
     /// has left.
+    #[inline(never)]
     pub fn next(&mut self, now: Instant) -> Option<Reply> {
         if now < self.due {
             return None;
@@ -258,6 +281,7 @@ impl Params {
         self.listed = Marks::ALL;
     }
 
+    #[inline(never)]
     fn set(&mut self, set: &PARAM_SET_DATA, is_for_us_alone: bool, is_seeking: bool) {
         let Some(id) = Id::named(&set.param_id[..]) else {
             // Among all components it is another's.
@@ -290,6 +314,7 @@ impl Params {
         self.asked.add(id);
     }
 
+    #[inline(never)]
     fn command(&mut self, param1: f32, station: Option<(u8, u8)>, is_seeking: bool) {
         let storage = if param1 == 0.0 {
             Storage::Load
@@ -310,6 +335,7 @@ impl Params {
         }
     }
 
+    #[inline(never)]
     fn answer(&mut self, result: MavResult, station: Option<(u8, u8)>) {
         if let Some(station) = station {
             self.ack = Some((result, station));
@@ -317,12 +343,14 @@ impl Params {
     }
 
     /// What is being told is told to its end first. A station that floods us with nonsense hears of some of it.
+    #[inline(never)]
     fn object(&mut self, trouble: Trouble) {
         if self.trouble.is_none() {
             self.trouble = Some(Worded::new(trouble));
         }
     }
 
+    #[inline(never)]
     fn next_reply(&mut self) -> Option<Reply> {
         if let Some((result, (target_system, target_component))) = self.ack.take() {
             return Some(Reply::Ack(COMMAND_ACK_DATA {

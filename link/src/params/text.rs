@@ -43,6 +43,7 @@ impl Worded {
 
     /// The next piece of the text, and whether it is the last one. A text that fits is a single piece; one of several ends with
     /// the first that is not full.
+    #[inline(never)]
     pub(super) fn next_piece(&mut self) -> (STATUSTEXT_DATA, bool) {
         let text = self.trouble.text();
         let text = text.as_bytes();
@@ -65,6 +66,7 @@ impl Worded {
 impl Trouble {
     /// A number for texts of several pieces, other for each parameter; two in a row about the same one are alike but for their
     /// values.
+    #[inline(never)]
     fn number(&self) -> u16 {
         match self {
             Self::Unknown(_) => 1,
@@ -74,6 +76,7 @@ impl Trouble {
         }
     }
 
+    #[inline(never)]
     fn text(&self) -> Text {
         let mut text = Text::default();
         match *self {
@@ -119,6 +122,7 @@ impl Text {
         &self.bytes[..self.length]
     }
 
+    #[inline(never)]
     fn byte(&mut self, byte: u8) {
         if let Some(place) = self.bytes.get_mut(self.length) {
             *place = byte;
@@ -127,11 +131,13 @@ impl Text {
     }
 
     /// As much as can be shown.
+    #[inline(never)]
     fn shown(&mut self, bytes: &[u8]) -> &mut Self {
         bytes.iter().take_while(|byte| byte.is_ascii_graphic()).for_each(|byte| self.byte(*byte));
         self
     }
 
+    #[inline(never)]
     fn word(&mut self, word: &str) -> &mut Self {
         word.bytes().for_each(|byte| self.byte(byte));
         self
@@ -166,6 +172,7 @@ impl Text {
         self
     }
 
+    #[inline(never)]
     fn digits(&mut self, number: u32, mut place: u32) {
         while place > 1 && number < place {
             place /= 10;
@@ -178,6 +185,7 @@ impl Text {
 }
 
 /// The whole part and the thousandths, 1000 included, of a positive number below 2^32; half goes to even.
+#[inline(never)]
 fn fixed_point(value: f32) -> (u32, u32) {
     // value = mantissa / 2^shift, exactly.
     let bits = value.to_bits();

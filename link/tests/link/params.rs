@@ -36,7 +36,7 @@ impl Link {
     }
 
     fn hear(&mut self, message: &MavMessage) -> bool {
-        self.params.hear(US, STATION, message, self.is_seeking)
+        self.params.hear(US, STATION, &message.into(), self.is_seeking)
     }
 
     fn settle(&mut self) {

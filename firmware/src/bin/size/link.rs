@@ -6,58 +6,65 @@
 use core::hint::black_box;
 
 use foxhound_core::guidance::Output;
+use foxhound_core::map::Circle;
+use foxhound_core::param::Values;
 use foxhound_core::time::Instant;
 use foxhound_firmware as _;
 use foxhound_link::companion::{Companion, Config};
-use foxhound_link::dialect::SETUP_SIGNING_DATA;
-use foxhound_link::framer::FRAME_MAX;
-use foxhound_link::signing::{Key, Setup, Signing, Unsigned, Verdict, is_secret, set_up};
+use foxhound_link::signing::{Key, Signing};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    let config = black_box(Config::default());
-    let (Ok(mut companion), Some(key)) = (config.build(), Key::new(black_box([1; 32]))) else {
+    if let Ok(mut companion) = black_box(&Config::default()).build_with(black_box(Values::DEFAULT)) {
+        companion.sign_with(Key::new(black_box([1; 32])).map(|key| Signing::new(key, 0)));
         loop {
-            cortex_m::asm::wfi();
+            let now = black_box(Instant(0));
+            run(&mut companion, now);
+            tune(&mut companion);
+            sign(&mut companion, now);
         }
-    };
-    let mut signing = Some(Signing::new(key, 0));
-    let mut now = Instant(0);
+    }
     loop {
-        now = black_box(now);
-        speak(&mut companion, now);
-        sign(&mut signing, now);
+        cortex_m::asm::wfi();
     }
 }
 
-fn speak(companion: &mut Companion, now: Instant) {
-    companion.receive(now, &black_box([0; 64]));
+fn run(companion: &mut Companion, now: Instant) {
+    companion.receive(now, black_box(&[0; 64]));
+    black_box((&companion.take_scan(), &companion.take_points(), companion.control(now)));
+    black_box((&companion.ownship(), companion.landed(), &companion.autopilot(), &companion.counters()));
+    if let Some(output) = black_box(None::<&Output>) {
+        companion.publish(now, output);
+    }
+    if companion.wants_surroundings(now) {
+        companion.publish_surroundings(now, black_box(&[] as &[Circle]).iter());
+    }
     companion.poll(now);
-    if let Some(output) = black_box(None::<Output>) {
-        companion.publish(now, &output);
+    companion.transmit(black_box(&mut [0; 64]));
+    if black_box(false) {
+        companion.fail();
     }
-    let mut sink = [0; 64];
-    black_box(companion.transmit(&mut sink));
-    black_box(&sink);
-    black_box((companion.control(now), companion.autopilot(), companion.ownship(), companion.landed()));
-    black_box((companion.take_scan(), companion.take_points(), companion.counters()));
 }
 
-fn sign(signing: &mut Option<Signing>, now: Instant) {
-    let setup = black_box(SETUP_SIGNING_DATA::DEFAULT);
-    match set_up(now, &setup, black_box((1, 191)), black_box(true), 0, signing.as_ref()) {
-        Setup::On(new) => *signing = Some(new),
-        Setup::Off => *signing = None,
-        Setup::NotOurs | Setup::Refused => {}
+fn tune(companion: &mut Companion) {
+    if let Some(values) = black_box(None::<&Values>) {
+        black_box(companion.set_parameters(*values).is_ok());
     }
-    let Some(signing) = signing else { return };
-    signing.restore(now, black_box(0));
-    signing.set_clock(now, black_box(0));
-    black_box(signing.timestamp_to_store(now));
-    let mut frame = black_box([0; FRAME_MAX]);
-    let length = signing.sign(now, &mut frame, black_box(21));
-    let verdict = signing.check(now, &frame[..length]);
-    let id = black_box(0);
-    black_box(verdict == Verdict::Unsigned && black_box(Unsigned::default()).takes(id, black_box(true)));
-    black_box(is_secret(id));
+    black_box(companion.take_storage());
+    companion.stored(black_box(true));
+    if let Some(proposal) = companion.proposal() {
+        black_box(&proposal);
+        companion.settle(black_box(Ok(())));
+    }
+    black_box(companion.parameters());
+}
+
+fn sign(companion: &mut Companion, now: Instant) {
+    black_box(companion.take_key_change());
+    if let Some(signing) = companion.signing() {
+        signing.restore(now, black_box(0));
+        signing.set_clock(now, black_box(0));
+        black_box(signing.timestamp_to_store(now));
+        black_box(signing.key());
+    }
 }
