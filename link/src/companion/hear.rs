@@ -14,7 +14,7 @@ use crate::dialect::{
 };
 use crate::framer::{Content, Header};
 use crate::obstacles::{self, Heard, Reading};
-use crate::requests::Wish;
+use crate::requests::{WISHES, Wish};
 use crate::signing::{Setup, set_up};
 
 /// Our link to the autopilot, among those that sign with one key.
@@ -41,8 +41,8 @@ impl Companion {
             return;
         }
         match content.message_id() {
-            d::HEARTBEAT_DATA::ID => self.on_heartbeat(now, header, &content.read()),
-            d::SETUP_SIGNING_DATA::ID => self.on_key(now, &content.read()),
+            d::HEARTBEAT_DATA::ID => self.on_heartbeat(now, header, content),
+            d::SETUP_SIGNING_DATA::ID => self.on_key(now, content),
             d::COMMAND_LONG_DATA::ID => {
                 let command: d::COMMAND_LONG_DATA = content.read();
                 let target = (command.target_system, command.target_component);
@@ -53,10 +53,10 @@ impl Companion {
                 let target = (command.target_system, command.target_component);
                 self.on_command(header, target, command.command, command.param1);
             }
-            d::TIMESYNC_DATA::ID => self.on_timesync(now, header, &content.read()),
+            d::TIMESYNC_DATA::ID => self.on_timesync(now, header, content),
             // Any component of our system may see obstacles.
             d::OBSTACLE_DISTANCE_DATA::ID if header.system_id == self.system_id() => {
-                self.on_obstacles(now, &content.read());
+                self.on_obstacles(now, content);
             }
             d::OBSTACLE_DISTANCE_3D_DATA::ID if header.system_id == self.system_id() => {
                 self.on_point(now, obstacles::point(&content.read()));
@@ -71,10 +71,11 @@ impl Companion {
 
     /// A key: taken on a local link while the vehicle is disarmed, and nowhere else.
     #[inline(never)]
-    fn on_key(&mut self, now: Instant, setup: &SETUP_SIGNING_DATA) {
+    fn on_key(&mut self, now: Instant, content: &Content) {
+        let setup: SETUP_SIGNING_DATA = content.read();
         let us = (self.system_id(), self.config.component_id);
         let may = self.config.provisioning && self.autopilot.is_none_or(|autopilot| !autopilot.armed);
-        match set_up(now, setup, us, may, LINK_ID, self.signing.as_ref()) {
+        match set_up(now, &setup, us, may, LINK_ID, self.signing.as_ref()) {
             Setup::NotOurs => {}
             Setup::Refused => self.telemetry.warn("Foxhound: takes no key now"),
             Setup::Off => {
@@ -102,8 +103,9 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_heartbeat(&mut self, now: Instant, header: Header, heartbeat: &HEARTBEAT_DATA) {
-        let Some(autopilot) = Autopilot::from_heartbeat(now, header, heartbeat) else {
+    fn on_heartbeat(&mut self, now: Instant, header: Header, content: &Content) {
+        let heartbeat: HEARTBEAT_DATA = content.read();
+        let Some(autopilot) = Autopilot::from_heartbeat(now, header, &heartbeat) else {
             return;
         };
         let was_silent = match &self.autopilot {
@@ -131,34 +133,47 @@ impl Companion {
 
     /// What we want to hear of an autopilot. `GLOBAL_ORIGIN` and the health come seldom, the rest at the configured rates.
     pub(super) fn wish(&mut self, now: Instant, software: Software) {
+        const IDS: [u32; WISHES] = [
+            d::LOCAL_POSITION_NED_DATA::ID,
+            d::ATTITUDE_DATA::ID,
+            d::EXTENDED_SYS_STATE_DATA::ID,
+            d::OBSTACLE_DISTANCE_DATA::ID,
+            d::DISTANCE_SENSOR_DATA::ID,
+            d::SYS_STATUS_DATA::ID,
+            d::BATTERY_STATUS_DATA::ID,
+            d::GPS_GLOBAL_ORIGIN_DATA::ID,
+            d::RC_CHANNELS_DATA::ID,
+            d::EKF_STATUS_REPORT_DATA::ID,
+            d::FENCE_STATUS_DATA::ID,
+            d::ESTIMATOR_STATUS_DATA::ID,
+            d::ODOMETRY_DATA::ID,
+        ];
         let config = &self.config;
         let health_hz = if config.landed_hz > 0.0 { 1.0 } else { 0.0 };
-        let channels_hz = if config.switch_channel > 0 { 5.0 } else { 0.0 };
-        let common = [
-            (d::LOCAL_POSITION_NED_DATA::ID, config.position_hz),
-            (d::ATTITUDE_DATA::ID, config.attitude_hz),
-            (d::EXTENDED_SYS_STATE_DATA::ID, config.landed_hz),
-            (d::OBSTACLE_DISTANCE_DATA::ID, config.obstacle_hz),
-            (d::DISTANCE_SENSOR_DATA::ID, config.obstacle_hz),
-            (d::SYS_STATUS_DATA::ID, health_hz),
-            (d::BATTERY_STATUS_DATA::ID, health_hz),
-            (d::GPS_GLOBAL_ORIGIN_DATA::ID, health_hz),
-            (d::RC_CHANNELS_DATA::ID, channels_hz),
+        let ardupilot_hz = if software == Software::ArduPilot { health_hz } else { 0.0 };
+        let px4_hz = if software == Software::Px4 { health_hz } else { 0.0 };
+        let rates_hz = [
+            config.position_hz,
+            config.attitude_hz,
+            config.landed_hz,
+            config.obstacle_hz,
+            config.obstacle_hz,
+            health_hz,
+            health_hz,
+            health_hz,
+            if config.switch_channel > 0 { 5.0 } else { 0.0 },
+            2.0 * ardupilot_hz,
+            ardupilot_hz,
+            px4_hz,
+            10.0 * px4_hz,
         ];
-        let ardupilot = [(d::EKF_STATUS_REPORT_DATA::ID, 2.0 * health_hz), (d::FENCE_STATUS_DATA::ID, health_hz)];
-        let px4 = [(d::ESTIMATOR_STATUS_DATA::ID, health_hz), (d::ODOMETRY_DATA::ID, 10.0 * health_hz)];
-        let own = match software {
-            Software::ArduPilot => &ardupilot[..],
-            Software::Px4 => &px4[..],
-            Software::Other => &[],
-        };
-        let wishes = common.iter().chain(own).filter(|(_, rate_hz)| *rate_hz > 0.0);
+        let wishes = IDS.iter().zip(rates_hz).filter(|(_, rate_hz)| *rate_hz > 0.0);
         self.requests.wish_for(
             now,
             wishes.map(|(message_id, rate_hz)| Wish {
                 // All of ours are below 2^16.
                 message_id: *message_id as u16,
-                rate_hz: *rate_hz,
+                rate_hz,
                 is_vital: matches!(*message_id, d::LOCAL_POSITION_NED_DATA::ID | d::ATTITUDE_DATA::ID),
             }),
         );
@@ -167,11 +182,7 @@ impl Companion {
     #[inline(never)]
     fn on_telemetry(&mut self, now: Instant, content: &Content) {
         match content.message_id() {
-            d::LOCAL_POSITION_NED_DATA::ID => {
-                let position: d::LOCAL_POSITION_NED_DATA = content.read();
-                let made = self.made(now, position.time_boot_ms);
-                self.on_position(now, Position::from_message(made, &position));
-            }
+            d::LOCAL_POSITION_NED_DATA::ID => self.on_position(now, content),
             d::ATTITUDE_DATA::ID => {
                 let attitude: d::ATTITUDE_DATA = content.read();
                 let made = self.made(now, attitude.time_boot_ms);
@@ -211,14 +222,16 @@ impl Companion {
             d::RC_CHANNELS_DATA::ID if self.config.switch_channel > 0 => {
                 self.health.on_channels(now, &content.read(), self.config.switch_channel);
             }
-            d::COMMAND_ACK_DATA::ID => self.on_ack(now, &content.read()),
+            d::COMMAND_ACK_DATA::ID => self.on_ack(now, content),
             _ => {}
         }
     }
 
     #[inline(never)]
-    fn on_position(&mut self, now: Instant, heard: Option<Position>) {
-        let Some(position) = heard else { return count(&mut self.counters.rejected) };
+    fn on_position(&mut self, now: Instant, content: &Content) {
+        let message: d::LOCAL_POSITION_NED_DATA = content.read();
+        let made = self.made(now, message.time_boot_ms);
+        let Some(position) = Position::from_message(made, &message) else { return count(&mut self.counters.rejected) };
         if let Some((last, _)) = &self.position {
             let dt_s = seconds_between(last.time_boot_ms, position.time_boot_ms);
             let (from_m, to_m) = (last.position_ned_m, position.position_ned_m);
@@ -297,7 +310,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_obstacles(&mut self, now: Instant, obstacles: &OBSTACLE_DISTANCE_DATA) {
+    fn on_obstacles(&mut self, now: Instant, content: &Content) {
+        let obstacles: OBSTACLE_DISTANCE_DATA = content.read();
         let ardupilot = self.autopilot.is_some_and(|autopilot| autopilot.software == Software::ArduPilot);
         let from_nose = match self.config.obstacle_frame {
             ObstacleFrame::Auto if ardupilot => true,
@@ -314,7 +328,7 @@ impl Companion {
             _ => None,
         };
         let zero_touches = !ardupilot;
-        match yaw_rad.and_then(|yaw_rad| obstacles::scan(obstacles, now, Reading { yaw_rad, zero_touches })) {
+        match yaw_rad.and_then(|yaw_rad| obstacles::scan(&obstacles, now, Reading { yaw_rad, zero_touches })) {
             Some(scan) => self.scan = Some(scan),
             None => count(&mut self.counters.rejected),
         }
@@ -370,7 +384,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_ack(&mut self, now: Instant, ack: &COMMAND_ACK_DATA) {
+    fn on_ack(&mut self, now: Instant, content: &Content) {
+        let ack: COMMAND_ACK_DATA = content.read();
         if self.is_for_us(ack.target_system, ack.target_component)
             && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16
             && ack.result != MavResult::MAV_RESULT_IN_PROGRESS as u8
@@ -380,7 +395,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_timesync(&mut self, now: Instant, header: Header, timesync: &TIMESYNC_DATA) {
+    fn on_timesync(&mut self, now: Instant, header: Header, content: &Content) {
+        let timesync: TIMESYNC_DATA = content.read();
         if !self.is_for_us(timesync.target_system, timesync.target_component) {
             return;
         }

@@ -327,16 +327,12 @@ struct Noise {
 
 /// Our end of the link. See the [module](self).
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Companion {
     config: Config,
-    framer: Framer,
-    outbox: Outbox,
-    requests: Requests,
     clock: PeerClock,
     continuity: Continuity,
     health: Health,
-    params: Params,
-    signing: Option<Signing>,
     /// Whether a right signature was ever seen.
     signed_heard: bool,
     /// Whether the key is another one since the application last asked.
@@ -361,8 +357,6 @@ pub struct Companion {
     usable_at: Option<Instant>,
     landed_state: u8,
     noise: Noise,
-    scan: Option<Scan>,
-    points: Option<Points>,
 
     published: Option<Published>,
     /// Since when what guidance publishes is not sane.
@@ -377,6 +371,14 @@ pub struct Companion {
     /// Number of the grid period that was polled last.
     setpoint_slot: Option<u64>,
     telemetry: speak::Telemetry,
+    // Large ones last: what is near is cheap to reach.
+    framer: Framer,
+    outbox: Outbox,
+    requests: Requests,
+    params: Params,
+    signing: Option<Signing>,
+    scan: Option<Scan>,
+    points: Option<Points>,
 }
 
 impl Companion {
