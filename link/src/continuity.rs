@@ -39,6 +39,18 @@ pub(crate) struct Continuity {
     heading_is_new: bool,
 }
 
+/// From one heading to the next.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Turn {
+    pub(crate) from_rad: f32,
+    pub(crate) to_rad: f32,
+    pub(crate) dt_s: f32,
+    /// The yaw rate in between.
+    pub(crate) rate_radps: f32,
+    /// How much faster it may have been.
+    pub(crate) unknown_radps: f32,
+}
+
 impl Continuity {
     /// The same frame.
     pub(crate) const fn new() -> Self {
@@ -89,22 +101,15 @@ impl Continuity {
     }
 
     /// Follows the autopilot from one heading to the next, at a place; by how much it turned, if it did.
-    #[inline(never)]
-    pub(crate) fn follow_heading(
-        &mut self,
-        from_rad: f32,
-        rate_radps: f32,
-        to_rad: f32,
-        dt_s: f32,
-        at_m: Ned,
-    ) -> Option<f32> {
+    pub(crate) fn follow_heading(&mut self, turn: Turn, at_m: Ned) -> Option<f32> {
         let is_new = core::mem::take(&mut self.heading_is_new);
-        if dt_s > HEADING_GAP_MAX_S && !is_new {
+        let is_gap = turn.dt_s > HEADING_GAP_MAX_S;
+        if is_gap && !is_new {
             return None;
         }
-        let dt_s = if dt_s > HEADING_GAP_MAX_S { 0.0 } else { dt_s };
-        let turned_rad = wrap_pi(to_rad - from_rad - rate_radps * dt_s);
-        if libm::fabsf(turned_rad) <= TURN_MIN_RAD && !is_new {
+        let dt_s = if is_gap { 0.0 } else { turn.dt_s };
+        let turned_rad = wrap_pi(turn.to_rad - turn.from_rad - turn.rate_radps * dt_s);
+        if libm::fabsf(turned_rad) <= TURN_MIN_RAD + turn.unknown_radps * dt_s && !is_new {
             return None;
         }
         let here_m = self.place_to_ours(at_m);
@@ -189,6 +194,19 @@ mod tests {
         Ned { north, east, down }
     }
 
+    fn turn(from_rad: f32, rate_radps: f32, to_rad: f32, dt_s: f32) -> Turn {
+        Turn { from_rad, to_rad, dt_s, rate_radps, unknown_radps: 0.0 }
+    }
+
+    #[test]
+    fn a_turn_at_a_rate_that_nobody_told_is_no_jump_unless_no_vehicle_turns_so_fast() {
+        let mut frame = Continuity::new();
+        let here = ned(0.0, 0.0, 0.0);
+        let told = |to_rad| Turn { unknown_radps: 4.0, ..turn(0.0, 0.0, to_rad, 0.1) };
+        assert_eq!(frame.follow_heading(told(0.5), here), None);
+        assert!(frame.follow_heading(told(0.6), here).is_some());
+    }
+
     fn distance(a: Ned, b: Ned) -> f32 {
         norm(ned(a.north - b.north, a.east - b.east, a.down - b.down))
     }
@@ -201,7 +219,7 @@ mod tests {
         for _ in 0..1000 {
             let next = ned(place.north + 0.061, place.east - 0.019, place.down + 0.011);
             assert_eq!(frame.follow_place(place, velocity, next, 0.02), None);
-            assert_eq!(frame.follow_heading(3.1, 1.5, -3.13, 0.02, next), None);
+            assert_eq!(frame.follow_heading(turn(3.1, 1.5, -3.13, 0.02), next), None);
             place = next;
             assert_eq!(frame.place_to_ours(place), place);
             assert_eq!(frame.velocity_to_theirs(velocity), velocity);
@@ -225,7 +243,7 @@ mod tests {
     fn a_turn_of_the_heading_keeps_place_and_body_directions() {
         let mut frame = Continuity::new();
         let here = ned(20.0, -7.0, -3.0);
-        let turned = frame.follow_heading(1.0, 0.0, 1.5, 0.02, here).unwrap();
+        let turned = frame.follow_heading(turn(1.0, 0.0, 1.5, 0.02), here).unwrap();
         assert!((turned - 0.5).abs() < 1e-6);
         assert!(distance(frame.place_to_ours(here), here) < 1e-4);
         assert!((frame.heading_to_ours(1.5) - 1.0).abs() < 1e-6);
@@ -249,9 +267,9 @@ mod tests {
         assert!(frame.follow_place(still, still, ned(0.2, 0.0, 0.0), 0.02).is_some());
         assert!((frame.place_to_ours(ned(0.2, 0.0, 0.0)).north).abs() < 1e-6);
         assert_eq!(frame.follow_place(still, still, ned(50.0, 0.0, 0.0), 3.0), None);
-        assert_eq!(frame.follow_heading(0.0, 0.0, 3.0, 1.0, still), None);
+        assert_eq!(frame.follow_heading(turn(0.0, 0.0, 3.0, 1.0), still), None);
         frame.expect_new(true);
         assert!(frame.follow_place(still, still, ned(50.0, 0.0, 0.0), 30.0).is_some());
-        assert!(frame.follow_heading(0.0, 0.0, 3.0, 30.0, still).is_some());
+        assert!(frame.follow_heading(turn(0.0, 0.0, 3.0, 30.0), still).is_some());
     }
 }

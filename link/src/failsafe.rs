@@ -1,31 +1,4 @@
-//! What may go wrong on the link or on the vehicle, and what is done about it: the first row that applies.
-//!
-//! "Zero" is a stream of zero velocity: the vehicle stands, and PX4 stays in OFFBOARD. "Silent" is no setpoint at all: the
-//! autopilot's own failsafe acts (`GUID_TIMEOUT`, `COM_OF_LOSS_T`). We hold while we trust the link and ourselves, fall
-//! silent where we do not, and never ask for another mode.
-//!
-//! | cause | when | setpoints | heartbeat |
-//! |---|---|---|---|
-//! | `Unfit` | setpoints that are not sane for 0.5 s, guidance silent for 2 s, or the application says so | silent | none |
-//! | `NoAutopilot` | none was heard yet | silent | standby |
-//! | `LinkLost` | no heartbeat of the autopilot for 5 s | silent | standby |
-//! | `LinkQuiet` | none for 2.5 s | zero where there were setpoints | standby |
-//! | `NotInMode` | not in GUIDED or OFFBOARD, or disarmed, or neither ArduPilot nor PX4 | ArduPilot: silent; PX4: zero, without which OFFBOARD cannot be entered | standby |
-//! | `OnGround` | landed or taking off | the same: a setpoint would end ArduPilot's take-off | standby |
-//! | `EntryNeeded` | back from a lost link or a restart in the mode | zero, until the mode is entered afresh | standby |
-//! | `SwitchedOff` | the pilot's switch is off, or not heard for 2 s | zero | standby |
-//! | `Paused` | `MAV_CMD_DO_PAUSE_CONTINUE` | zero, until told to go on | standby |
-//! | `BatteryCritical` | the autopilot says so, or less is left than is wanted | zero | critical |
-//! | `BatteryLow` | the autopilot says so before a search has begun | zero; one under way goes on | critical |
-//! | `FenceBreached` | the autopilot says so | zero: it decides what next | critical |
-//! | `LinkNoisy` | more than 20 % of the frames were damaged in 2 s | zero | critical |
-//! | `OwnshipLost` | no usable position or attitude for 2 s after there was one | silent | critical |
-//! | `None` | none of these | the newest published one; zero if it is older than 0.25 s | active, or critical where guidance holds for want of an input |
-//!
-//! What guidance holds for (stale position, stale obstacles, no signal, ...) is in the table of
-//! [`foxhound_core::mission`]. A jump of the autopilot's position or heading is no row of its own: it takes ownship away
-//! for half a second, which guidance answers with a hold, and the frame goes on as if nothing had happened. With every
-//! cause, what goes on afterwards starts from zero velocity.
+#![doc = include_str!("../../docs/failsafes.md")]
 
 use crate::autopilot::Software;
 

@@ -47,6 +47,7 @@ pub mod mailbox;
 pub mod params;
 pub mod signing;
 
+mod advice;
 mod autopilot;
 mod clock;
 mod continuity;
@@ -55,6 +56,7 @@ mod landing;
 mod obstacles;
 mod outbox;
 mod requests;
+mod sources;
 mod surroundings;
 
 pub use mavlink_core::types::CharArray;

@@ -6,8 +6,10 @@ use foxhound_core::time::Instant;
 
 use super::{Companion, ObstacleFrame, UNSETTLED_US, count};
 use crate::MessageData;
+use crate::advice::Advice;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
 use crate::clock::{PeerClock, is_over, nanos};
+use crate::continuity::Turn;
 use crate::dialect::{
     self as d, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavLandedState, MavResult, OBSTACLE_DISTANCE_DATA,
     SETUP_SIGNING_DATA, TIMESYNC_DATA,
@@ -16,6 +18,7 @@ use crate::framer::{Content, Header};
 use crate::obstacles::{self, Heard, Reading};
 use crate::requests::{WISHES, Wish};
 use crate::signing::{Setup, set_up};
+use crate::sources::Source;
 
 /// Our link to the autopilot, among those that sign with one key.
 const LINK_ID: u8 = 0;
@@ -56,13 +59,16 @@ impl Companion {
             d::TIMESYNC_DATA::ID => self.on_timesync(now, header, content),
             // Any component of our system may see obstacles.
             d::OBSTACLE_DISTANCE_DATA::ID if header.system_id == self.system_id() => {
-                self.on_obstacles(now, content);
+                self.on_obstacles(now, header, content);
             }
             d::OBSTACLE_DISTANCE_3D_DATA::ID if header.system_id == self.system_id() => {
+                self.note_source(now, header, content, 0);
                 self.on_point(now, obstacles::point(&content.read()));
             }
             d::DISTANCE_SENSOR_DATA::ID if header.system_id == self.system_id() => {
-                self.on_point(now, obstacles::beam(&content.read()));
+                let beam: d::DISTANCE_SENSOR_DATA = content.read();
+                self.note_source(now, header, content, beam.id);
+                self.on_point(now, obstacles::beam(&beam));
             }
             _ if self.is_autopilot(header) => self.on_telemetry(now, content),
             _ => {}
@@ -125,6 +131,7 @@ impl Companion {
         let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software);
         self.autopilot = Some(autopilot);
         if changed {
+            self.advice = Advice::new();
             self.wish(now, autopilot.software);
         } else if was_silent {
             self.requests.restart(now);
@@ -223,6 +230,12 @@ impl Companion {
                 self.health.on_channels(now, &content.read(), self.config.switch_channel);
             }
             d::COMMAND_ACK_DATA::ID => self.on_ack(now, content),
+            d::PARAM_VALUE_DATA::ID => {
+                let software = self.autopilot.map_or(Software::Other, |autopilot| autopilot.software);
+                if let Some(text) = self.advice.hear(now, software, &content.read()) {
+                    self.telemetry.warn(text);
+                }
+            }
             _ => {}
         }
     }
@@ -233,7 +246,7 @@ impl Companion {
         let made = self.made(now, message.time_boot_ms);
         let Some(position) = Position::from_message(made, &message) else { return count(&mut self.counters.rejected) };
         if let Some((last, _)) = &self.position {
-            let dt_s = seconds_between(last.time_boot_ms, position.time_boot_ms);
+            let dt_s = seconds_between((last.time_boot_ms, last.time), (position.time_boot_ms, position.time));
             let (from_m, to_m) = (last.position_ned_m, position.position_ned_m);
             if self.continuity.follow_place(from_m, last.velocity_ned_mps, to_m, dt_s).is_some() {
                 self.unsettle(now);
@@ -246,11 +259,14 @@ impl Companion {
     fn on_attitude(&mut self, now: Instant, heard: Option<Attitude>) {
         let Some(attitude) = heard else { return count(&mut self.counters.rejected) };
         if let Some((last, _)) = &self.attitude {
-            let dt_s = seconds_between(last.time_boot_ms, attitude.time_boot_ms);
+            let dt_s = seconds_between((last.time_boot_ms, last.time), (attitude.time_boot_ms, attitude.time));
             let at_m = self.position.map_or_else(Default::default, |(position, _)| position.position_ned_m);
             let rate_radps = 0.5 * (last.yaw_rate_radps + attitude.yaw_rate_radps);
-            let (from_rad, to_rad) = (last.yaw_rad, attitude.yaw_rad);
-            if self.continuity.follow_heading(from_rad, rate_radps, to_rad, dt_s, at_m).is_some() {
+            // A gyroscope never says exactly nothing: who does tells no rates, and then the vehicle may turn as it was told.
+            let tells_rates = last.yaw_rate_radps != 0.0 || attitude.yaw_rate_radps != 0.0;
+            let unknown_radps = if tells_rates { 0.0 } else { self.config.yaw_rate_max_radps };
+            let turn = Turn { from_rad: last.yaw_rad, rate_radps, unknown_radps, to_rad: attitude.yaw_rad, dt_s };
+            if self.continuity.follow_heading(turn, at_m).is_some() {
                 self.unsettle(now);
             }
         }
@@ -310,7 +326,19 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_obstacles(&mut self, now: Instant, content: &Content) {
+    fn note_source(&mut self, now: Instant, header: Header, content: &Content, sensor_id: u8) {
+        // All of ours are below 2^16.
+        let message_id = content.message_id() as u16;
+        self.sources.hear(now, Source { component_id: header.component_id, message_id, sensor_id });
+    }
+
+    #[inline(never)]
+    fn on_obstacles(&mut self, now: Instant, header: Header, content: &Content) {
+        self.note_source(now, header, content, 0);
+        if self.scan.is_some() && self.scan_of != header.component_id && self.last_scan_of == header.component_id {
+            // Two sensors between two steps: it is the other one's turn.
+            return;
+        }
         let obstacles: OBSTACLE_DISTANCE_DATA = content.read();
         let ardupilot = self.autopilot.is_some_and(|autopilot| autopilot.software == Software::ArduPilot);
         let from_nose = match self.config.obstacle_frame {
@@ -329,7 +357,10 @@ impl Companion {
         };
         let zero_touches = !ardupilot;
         match yaw_rad.and_then(|yaw_rad| obstacles::scan(&obstacles, now, Reading { yaw_rad, zero_touches })) {
-            Some(scan) => self.scan = Some(scan),
+            Some(scan) => {
+                self.scan = Some(scan);
+                self.scan_of = header.component_id;
+            }
             None => count(&mut self.counters.rejected),
         }
     }
@@ -419,7 +450,10 @@ pub(super) fn landed(landed_state: u8) -> Option<bool> {
         .then_some(landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND as u8)
 }
 
-/// On the autopilot's clock; none backwards.
-fn seconds_between(from_ms: u32, to_ms: u32) -> f32 {
-    to_ms.saturating_sub(from_ms) as f32 * 1e-3
+/// On the autopilot's clock, or on ours where that stands still; none backwards.
+fn seconds_between(from: (u32, Instant), to: (u32, Instant)) -> f32 {
+    match to.0.saturating_sub(from.0) {
+        0 => to.1.seconds_since(from.1),
+        ms => ms as f32 * 1e-3,
+    }
 }

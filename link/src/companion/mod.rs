@@ -27,6 +27,7 @@ use foxhound_core::scan::{Points, Scan};
 use foxhound_core::time::Instant;
 
 use crate::MessageData;
+use crate::advice::Advice;
 use crate::autopilot::{Attitude, Position};
 use crate::clock::{PeerClock, is_over};
 use crate::continuity::Continuity;
@@ -38,9 +39,11 @@ use crate::outbox::Outbox;
 use crate::params::Params;
 use crate::requests::Requests;
 use crate::signing::{Signing, Unsigned, Verdict};
+use crate::sources::Sources;
 
 pub use crate::autopilot::{Autopilot, Software};
 pub use crate::params::Storage;
+pub use crate::sources::Source;
 
 /// Ignore position, acceleration and yaw; obey velocity and yaw rate.
 pub const TYPE_MASK: u16 = 0x05C7;
@@ -357,6 +360,11 @@ pub struct Companion {
     usable_at: Option<Instant>,
     landed_state: u8,
     noise: Noise,
+    advice: Advice,
+    sources: Sources,
+    /// The component whose scan waits, and the one whose scan was taken last.
+    scan_of: u8,
+    last_scan_of: u8,
 
     published: Option<Published>,
     /// Since when what guidance publishes is not sane.
@@ -413,7 +421,11 @@ impl Companion {
             usable_at: None,
             landed_state: 0,
             noise: Noise { since: Instant(0), good: 0, bad: 0, percent: 0 },
+            advice: Advice::new(),
+            sources: Sources::new(),
             scan: None,
+            scan_of: 0,
+            last_scan_of: 0,
             points: None,
             published: None,
             insane_since: None,
@@ -559,7 +571,13 @@ impl Companion {
     /// The newest obstacle scan since the last call.
     #[inline(never)]
     pub fn take_scan(&mut self) -> Option<Scan> {
+        self.last_scan_of = self.scan_of;
         self.scan.take()
+    }
+
+    /// Who reports obstacles, and how long ago each did.
+    pub fn obstacle_sources(&self, now: Instant) -> impl Iterator<Item = (Source, f32)> {
+        self.sources.ages(now)
     }
 
     /// The single points, from beams and points alike, since the last call; without a point where sensors looked and saw
@@ -650,6 +668,11 @@ impl Companion {
         if let Some(autopilot) = self.autopilot.filter(|_| channel_changed) {
             self.wish(self.now, autopilot.software);
         }
+    }
+
+    /// We have been restarted in flight: the mode gives control only when it is entered afresh.
+    pub fn require_entry(&mut self) {
+        self.entry_needed = true;
     }
 
     /// The application has found itself unfit to fly: no setpoints and no heartbeats from now on, until a restart.
@@ -813,6 +836,8 @@ impl Companion {
             self.telemetry.restart(now);
             self.requests.restart(now);
             self.health.follow_clock(now);
+            self.sources.follow_clock(now);
+            self.advice.follow_clock(now);
             if let Some((position, _)) = &mut self.position {
                 position.time = position.time.min(now);
             }

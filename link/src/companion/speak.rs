@@ -8,6 +8,7 @@ use foxhound_core::mission::Outcome;
 use foxhound_core::ownship::Ownship;
 use foxhound_core::time::Instant;
 use foxhound_core::units::{DEG_PER_RAD, sin_cos, wrap_pi};
+use heapless::Deque;
 
 use super::{Companion, NOISE_WARN_PERCENT, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
 use crate::CharArray;
@@ -18,6 +19,7 @@ use crate::dialect::{
     SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use crate::failsafe::{Cause, Stream};
+use crate::health::Charge;
 use crate::landing;
 use crate::params::Reply;
 use crate::surroundings;
@@ -35,6 +37,8 @@ const LANDING_SIGMA_MAX: f32 = 0.5;
 /// An outcome that lasts so long is told again, in plain words.
 const NO_SIGNAL_LONG_S: f32 = 30.0;
 const STALE_OBSTACLES_LONG_S: f32 = 15.0;
+/// Warnings that may wait.
+const WARNINGS: usize = 4;
 /// The yaw that is commanded runs at most so far ahead of the vehicle's.
 const YAW_AHEAD_MAX_RAD: f32 = 0.5;
 
@@ -49,12 +53,13 @@ pub(super) struct Telemetry {
     lasting_told: bool,
     /// What was announced last.
     announced: Option<&'static str>,
-    /// A warning that waits.
-    warning: Option<&'static str>,
+    /// Warnings that wait, the oldest first.
+    warnings: Deque<&'static str, WARNINGS>,
     text_due: Instant,
     landing_due: Instant,
     surroundings_due: Instant,
     noise_told: bool,
+    low_told: bool,
     ignored_told: bool,
 }
 
@@ -67,11 +72,12 @@ impl Telemetry {
             outcome: None,
             lasting_told: false,
             announced: None,
-            warning: None,
+            warnings: Deque::new(),
             text_due: Instant(0),
             landing_due: Instant(0),
             surroundings_due: Instant(0),
             noise_told: false,
+            low_told: false,
             ignored_told: false,
         }
     }
@@ -85,10 +91,12 @@ impl Telemetry {
         }
     }
 
-    /// Something happened that is to be told once; the last of several is.
+    /// Something happened that is to be told once. Where there is no room, those that wait say enough.
     #[inline(never)]
     pub(super) fn warn(&mut self, text: &'static str) {
-        self.warning = Some(text);
+        if self.warnings.iter().all(|waiting| *waiting != text) {
+            self.warnings.push_back(text).ok();
+        }
     }
 
     pub(super) fn wants_surroundings(&self, now: Instant) -> bool {
@@ -205,6 +213,11 @@ impl Companion {
                 target_component: target.1,
             });
         }
+        if !self.obeys()
+            && let Some(request) = self.advice.poll(now, autopilot.software, target)
+        {
+            self.outbox.post_errand(&request);
+        }
         if self.requests.is_ignored() && !self.telemetry.ignored_told {
             self.telemetry.warn("Foxhound: autopilot does not answer; signing?");
         }
@@ -258,7 +271,9 @@ impl Companion {
             6 => ("FH_CNF", belief.map(|(share, _)| share)),
             7 => ("FH_NIS", belief.map(|(_, nis)| nis)),
             8 => ("FH_RTT", self.clock.round_trip_us().map(|us| us.min(60_000_000) as f32 * 1e-3)),
-            _ => ("FH_CRC", Some(self.noise.percent as f32)),
+            9 => ("FH_CRC", Some(self.noise.percent as f32)),
+            10 => ("FH_OB0", self.sources.ages(now).next().map(|(_, age_s)| age_s)),
+            _ => ("FH_OB1", self.sources.ages(now).nth(1).map(|(_, age_s)| age_s)),
         };
         if self.telemetry.turn == 0
             && let Some(towards_rad) = towards_rad
@@ -328,6 +343,11 @@ impl Companion {
     /// told.
     #[inline(never)]
     pub(super) fn announce(&mut self, now: Instant, cause: Cause) {
+        let is_low = cause == Cause::None && self.health.charge(self.config.battery_min_percent) == Charge::Low;
+        if is_low && !self.telemetry.low_told {
+            self.telemetry.warn("Foxhound: battery low");
+        }
+        self.telemetry.low_told = is_low;
         let is_noisy = self.noise.percent > NOISE_WARN_PERCENT;
         if is_noisy && !self.telemetry.noise_told {
             self.telemetry.warn("Foxhound: frames arrive damaged");
@@ -338,7 +358,7 @@ impl Companion {
         }
         let outcome = self.telemetry.outcome;
         let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome)));
-        let (severity, text) = if let Some(warning) = self.telemetry.warning.take() {
+        let (severity, text) = if let Some(warning) = self.telemetry.warnings.pop_front() {
             (MavSeverity::MAV_SEVERITY_WARNING, warning)
         } else if let Some(text) = text.filter(|text| self.telemetry.announced != Some(text)) {
             self.telemetry.announced = Some(text);

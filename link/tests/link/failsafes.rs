@@ -508,3 +508,65 @@ fn an_autopilot_that_beats_and_never_answers_is_told_of() {
     let told = texts(&mut bench).into_iter().map(|(_, text)| text).collect::<Vec<_>>();
     assert!(told.contains(&"Foxhound: autopilot does not answer; signing?".to_owned()), "{told:?}");
 }
+
+#[test]
+fn after_a_restart_of_our_own_the_mode_must_be_entered_afresh() {
+    for autopilot in BOTH {
+        let mut bench = Bench::new(Config::default());
+        bench.companion.require_entry();
+        bench.answers = true;
+        let in_mode = heartbeat(autopilot, if autopilot == PX4 { OFFBOARD } else { GUIDED }, ARMED);
+        bench.heartbeat = Some(in_mode.clone());
+        bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
+        let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
+        flight.run(1.0);
+        flight.assert_zero(Cause::EntryNeeded);
+        flight.bench.heartbeat = Some(HEARTBEAT_DATA { base_mode: DISARMED, ..in_mode.clone() });
+        flight.run(1.1);
+        flight.bench.heartbeat = Some(in_mode);
+        flight.run(1.1);
+        flight.assert_flies();
+    }
+}
+
+#[test]
+fn a_battery_that_gets_low_on_the_way_is_told_of_once() {
+    let mut flight = Flight::of(ARDUPILOT);
+    flight.run(2.0);
+    flight.bench.say(&battery(0, 2, 25));
+    assert_eq!(flight.texts(5.0), ["Foxhound: battery low"]);
+}
+
+#[test]
+fn an_autopilot_without_rates_may_turn_as_fast_as_it_was_told_to() {
+    let mut flight = Flight::of(ARDUPILOT);
+    // 10 Hz, 20 degrees from one to the next, and never a word of the rate.
+    for _ in 0..36 {
+        flight.yaw = foxhound_core::units::wrap_pi(flight.yaw + 20.0_f32.to_radians());
+        flight.bench.now_us += 80_000;
+        flight.run(0.02);
+    }
+    assert_eq!(flight.bench.companion.counters().jumps, 0);
+}
+
+#[test]
+fn a_hole_in_the_autopilots_own_failsafe_is_told_of() {
+    let mut bench = Bench::new(Config::default());
+    bench.answers = true;
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, 0, DISARMED));
+    bench.run(1.0);
+    let asked = bench.take_sent().into_iter().find_map(|sent| match sent.message {
+        MavMessage::PARAM_REQUEST_READ(request) => Some(request.param_id.to_str().unwrap().to_owned()),
+        _ => None,
+    });
+    assert_eq!(asked.as_deref(), Some("GUID_TIMEOUT"));
+    bench.say(&MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
+        param_id: "GUID_TIMEOUT".into(),
+        param_value: 3.0,
+        param_type: 9,
+        ..PARAM_VALUE_DATA::DEFAULT
+    }));
+    bench.run(3.0);
+    let told: Vec<String> = texts(&mut bench).into_iter().map(|(_, text)| text).collect();
+    assert!(told.contains(&"Foxhound: GUID_TIMEOUT is long, set 1".to_owned()), "{told:?}");
+}

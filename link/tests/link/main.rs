@@ -6,6 +6,7 @@ mod carriers;
 mod core_reader;
 mod dialect;
 mod failsafes;
+mod keys;
 mod latching;
 mod noise;
 mod obstacles;

@@ -1,6 +1,7 @@
 //! What others see in the way.
 
 use foxhound_core::scan::{Frame, Sector};
+use foxhound_core::time::Instant;
 use foxhound_link::companion::{Config, ObstacleFrame};
 use foxhound_link::dialect::*;
 
@@ -156,4 +157,31 @@ fn points_are_bounded_counted_and_dropped_when_they_are_old() {
     bench.say(&beam(0, 300));
     bench.run(0.6);
     assert_eq!(bench.companion.take_points(), None);
+}
+
+#[test]
+fn two_sensors_take_turns_and_each_has_an_age_of_its_own() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    let taken: Vec<f32> = (0..6)
+        .map(|_| {
+            bench.now_us += 20_000;
+            for (component, increment) in [(154, 5), (158, 10)] {
+                let MavMessage::OBSTACLE_DISTANCE(mut data) = obstacles(12) else { panic!() };
+                data.increment = increment;
+                bench.say_as((1, component), &MavMessage::OBSTACLE_DISTANCE(data));
+            }
+            bench.companion.take_scan().unwrap().step_rad.to_degrees().round()
+        })
+        .collect();
+    assert_eq!(taken, [10.0, 5.0, 10.0, 5.0, 10.0, 5.0]);
+    bench.now_us += 1_000_000;
+    bench.say_as((1, 158), &obstacles(12));
+    let now = Instant(bench.now_us + 500_000);
+    let ages: Vec<(u8, u16, f32)> = bench
+        .companion
+        .obstacle_sources(now)
+        .map(|(source, age)| (source.component_id, source.message_id, age))
+        .collect();
+    assert_eq!(ages, [(154, 330, 1.5), (158, 330, 0.5)]);
 }

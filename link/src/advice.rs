@@ -1,0 +1,151 @@
+//! A look at the autopilot's own failsafe: parameters that leave a hole under ours are told of, once each.
+//!
+//! Asked for by `PARAM_REQUEST_READ`, one at a time while we are not in control, three times at most; an autopilot that does not
+//! answer, or does not know the name, is left alone. Nothing is ever set. `ArduPilot` sends whole numbers as floats, PX4 the
+//! bytes of whole numbers in the place of a float, and the message says which is which.
+
+use foxhound_core::time::Instant;
+
+use crate::CharArray;
+use crate::autopilot::Software;
+use crate::dialect::{MavParamType, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA};
+
+const PERIOD_US: u64 = 2_000_000;
+const TRIES: u8 = 3;
+
+struct Row {
+    name: &'static str,
+    is_hole: fn(f32) -> bool,
+    text: &'static str,
+}
+
+/// `GUID_TIMEOUT` and `COM_OF_LOSS_T`: how long the vehicle flies on when we are silent.
+const ARDUPILOT: [Row; 2] = [
+    Row { name: "GUID_TIMEOUT", is_hole: |s| s > 1.5, text: "Foxhound: GUID_TIMEOUT is long, set 1" },
+    Row { name: "FS_GCS_ENABLE", is_hole: |on| on == 0.0, text: "Foxhound: FS_GCS_ENABLE is off" },
+];
+const PX4: [Row; 2] = [
+    Row { name: "COM_OF_LOSS_T", is_hole: |s| s > 1.5, text: "Foxhound: COM_OF_LOSS_T is long, set 1" },
+    Row {
+        name: "COM_RC_OVERRIDE",
+        is_hole: |bits| (bits as u32) & 2 == 0,
+        text: "Foxhound: COM_RC_OVERRIDE: no sticks in OFFBOARD",
+    },
+];
+
+/// Which of them was asked for, and when.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Advice {
+    row: u8,
+    tries: u8,
+    due: Instant,
+}
+
+impl Advice {
+    /// From the first one on.
+    pub(crate) const fn new() -> Self {
+        Self { row: 0, tries: 0, due: Instant(0) }
+    }
+
+    /// The clock ran backwards.
+    pub(crate) fn follow_clock(&mut self, now: Instant) {
+        self.due = now;
+    }
+
+    /// What is to be asked now.
+    pub(crate) fn poll(
+        &mut self,
+        now: Instant,
+        software: Software,
+        target: (u8, u8),
+    ) -> Option<PARAM_REQUEST_READ_DATA> {
+        if now < self.due {
+            return None;
+        }
+        if self.tries >= TRIES {
+            (self.row, self.tries) = (self.row.saturating_add(1), 0);
+        }
+        let row = rows(software).get(usize::from(self.row))?;
+        self.due = now.plus_micros(PERIOD_US);
+        self.tries += 1;
+        Some(PARAM_REQUEST_READ_DATA {
+            target_system: target.0,
+            target_component: target.1,
+            param_id: CharArray::from(row.name),
+            param_index: -1,
+        })
+    }
+
+    /// What is to be said of the autopilot's answer.
+    pub(crate) fn hear(&mut self, now: Instant, software: Software, answer: &PARAM_VALUE_DATA) -> Option<&'static str> {
+        let row = rows(software).get(usize::from(self.row))?;
+        let name = answer.param_id.split(|byte| *byte == 0).next().unwrap_or_default();
+        if name != row.name.as_bytes() {
+            return None;
+        }
+        (self.row, self.tries, self.due) = (self.row + 1, 0, now);
+        let is_bytes = software == Software::Px4 && answer.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 as u8;
+        let value = if is_bytes { answer.param_value.to_bits() as f32 } else { answer.param_value };
+        (row.is_hole)(value).then_some(row.text)
+    }
+}
+
+fn rows(software: Software) -> &'static [Row] {
+    match software {
+        Software::ArduPilot => &ARDUPILOT,
+        Software::Px4 => &PX4,
+        Software::Other => &[],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answer(name: &str, param_value: f32, param_type: u8) -> PARAM_VALUE_DATA {
+        PARAM_VALUE_DATA { param_id: CharArray::from(name), param_value, param_type, ..PARAM_VALUE_DATA::DEFAULT }
+    }
+
+    fn asked(advice: &mut Advice, now: Instant, software: Software) -> Option<std::string::String> {
+        let request = advice.poll(now, software, (1, 1))?;
+        assert_eq!((request.target_system, request.target_component, request.param_index), (1, 1, -1));
+        Some(request.param_id.to_str().unwrap().into())
+    }
+
+    #[test]
+    fn each_parameter_is_asked_for_until_it_is_answered_and_a_hole_is_told() {
+        let mut advice = Advice::new();
+        let at = |s: u64| Instant(s * 1_000_000);
+        assert_eq!(asked(&mut advice, at(0), Software::ArduPilot).as_deref(), Some("GUID_TIMEOUT"));
+        assert_eq!(asked(&mut advice, at(1), Software::ArduPilot), None);
+        assert_eq!(advice.hear(at(1), Software::ArduPilot, &answer("FENCE_ENABLE", 3.0, 9)), None);
+        let told = advice.hear(at(1), Software::ArduPilot, &answer("GUID_TIMEOUT", 3.0, 9));
+        assert_eq!(told, Some("Foxhound: GUID_TIMEOUT is long, set 1"));
+        for s in [1, 3, 5] {
+            assert_eq!(asked(&mut advice, at(s), Software::ArduPilot).as_deref(), Some("FS_GCS_ENABLE"));
+        }
+        assert_eq!(asked(&mut advice, at(9), Software::ArduPilot), None, "nobody answers");
+        assert_eq!(advice.hear(at(9), Software::ArduPilot, &answer("FS_GCS_ENABLE", 0.0, 2)), None, "too late");
+    }
+
+    #[test]
+    fn whole_numbers_of_px4_are_read_by_their_bytes() {
+        for (bits, hole) in [(1_u32, true), (3, false), (2, false), (0, true)] {
+            let mut advice = Advice::new();
+            asked(&mut advice, Instant(0), Software::Px4);
+            assert_eq!(advice.hear(Instant(0), Software::Px4, &answer("COM_OF_LOSS_T", 1.0, 9)), None);
+            let told = advice.hear(Instant(0), Software::Px4, &answer("COM_RC_OVERRIDE", f32::from_bits(bits), 6));
+            assert_eq!(told.is_some(), hole, "{bits}");
+        }
+    }
+
+    #[test]
+    fn another_autopilot_is_asked_nothing() {
+        assert_eq!(Advice::new().poll(Instant(0), Software::Other, (1, 1)), None);
+    }
+
+    #[test]
+    fn texts_fit_a_message() {
+        assert!(ARDUPILOT.iter().chain(&PX4).all(|row| row.text.len() <= 50 && row.name.len() <= 16));
+    }
+}
