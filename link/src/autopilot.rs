@@ -5,6 +5,7 @@
 //! OFFBOARD is main mode 6 of PX4.
 
 use foxhound_core::frame::Ned;
+use foxhound_core::kernel::sqrt;
 use foxhound_core::time::Instant;
 use foxhound_core::units::sin_cos;
 
@@ -184,7 +185,7 @@ impl Attitude {
         let roll_rad = libm::atan2f(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y));
         // The arc sine, by way of the arc tangent: libm's own computes in f64.
         let sin_pitch = (2.0 * (w * y - z * x)).clamp(-1.0, 1.0);
-        let pitch_rad = libm::atan2f(sin_pitch, libm::sqrtf((1.0 - sin_pitch) * (1.0 + sin_pitch)));
+        let pitch_rad = libm::atan2f(sin_pitch, sqrt((1.0 - sin_pitch) * (1.0 + sin_pitch)));
         let yaw_rad = libm::atan2f(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
         let times = (time, message.time_boot_ms);
         Self::from_euler(times, [roll_rad, pitch_rad, yaw_rad], message.pitchspeed, message.yawspeed)

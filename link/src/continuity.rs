@@ -14,6 +14,7 @@
 //! where the yaw rate led. Until the first jump both frames are the same, to the bit.
 
 use foxhound_core::frame::Ned;
+use foxhound_core::kernel::sqrt;
 use foxhound_core::units::{sin_cos, wrap_pi};
 
 const STEP_MIN_M: f32 = 1.0;
@@ -183,7 +184,7 @@ impl Continuity {
 
 #[inline(never)]
 fn norm(v: Ned) -> f32 {
-    libm::sqrtf(v.north * v.north + v.east * v.east + v.down * v.down)
+    sqrt(v.north * v.north + v.east * v.east + v.down * v.down)
 }
 
 #[cfg(test)]

@@ -134,6 +134,7 @@ impl Cause {
     }
 
     /// What is told about it; `None` where guidance's own word does.
+    #[inline(never)]
     pub(crate) fn text(self) -> Option<&'static str> {
         match self {
             Self::None | Self::NoAutopilot => None,

@@ -9,6 +9,7 @@
 //! down, so we do not send that form.
 
 use foxhound_core::frame::Ned;
+use foxhound_core::kernel::sqrt;
 
 use crate::autopilot::Software;
 use crate::dialect::{LANDING_TARGET_DATA, LandingTargetType, MavFrame};
@@ -26,7 +27,7 @@ pub(crate) struct Target {
 #[inline(never)]
 pub(crate) fn message(time_us: u64, software: Software, target: &Target) -> Option<LANDING_TARGET_DATA> {
     let [forward, right, down] = target.body_frd_m;
-    let distance_m = libm::sqrtf(forward * forward + right * right + down * down);
+    let distance_m = sqrt(forward * forward + right * right + down * down);
     // Not finite, too.
     if !(distance_m > 0.01 && distance_m < 1e4 && target.place_ned_m.is_finite()) {
         return None;

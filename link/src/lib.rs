@@ -11,6 +11,12 @@
 //! [`companion`] is the door for whoever flies. [`framer`] and [`dialect`] serve both ends of a link: the simulator
 //! plays the autopilot with them.
 //!
+//! ## Size
+//!
+//! `cargo xtask size` says what all this takes of the flash. The crate is compiled for size; `#[inline(never)]` stands where
+//! a function would else be made part of fast code that calls it, or be there twice. Of the dialect only what is read or
+//! written is linked ([`framer::Content`]).
+//!
 //! ## Sources
 //!
 //! The MAVLink guide (<https://mavlink.io/en/guide/serialization.html>) for the frame, the public message definitions

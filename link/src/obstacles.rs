@@ -28,9 +28,10 @@
 use core::f32::consts::{FRAC_PI_4, PI};
 
 use foxhound_core::frame::Horizontal;
+use foxhound_core::kernel::sqrt;
 use foxhound_core::scan::{SECTORS_MAX, Scan, Sector};
 use foxhound_core::time::Instant;
-use foxhound_core::units::wrap_pi;
+use foxhound_core::units::{sin_cos, wrap_pi};
 
 use crate::dialect::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA};
 
@@ -100,9 +101,10 @@ pub(crate) enum Heard {
 }
 
 /// Where `OBSTACLE_DISTANCE_3D` sees something.
+#[inline(never)]
 pub(crate) fn point(message: &OBSTACLE_DISTANCE_3D_DATA) -> Heard {
     let point = Horizontal { north: message.x, east: message.y };
-    let distance_m = libm::sqrtf(point.norm_squared() + message.z * message.z);
+    let distance_m = sqrt(point.norm_squared() + message.z * message.z);
     let sane = message.frame == MavFrame::MAV_FRAME_BODY_FRD as u8
         && distance_m.is_finite()
         && message.min_distance >= 0.0
@@ -121,12 +123,16 @@ pub(crate) fn point(message: &OBSTACLE_DISTANCE_3D_DATA) -> Heard {
 }
 
 /// Where `DISTANCE_SENSOR` sees something.
+#[inline(never)]
 pub(crate) fn beam(message: &DISTANCE_SENSOR_DATA) -> Heard {
     if message.max_distance == 0 || message.min_distance > message.max_distance {
         return Heard::Absurd;
     }
     let (direction, down) = match message.orientation {
-        step @ 0..=7 => (Horizontal::from_bearing(f32::from(step) * FRAC_PI_4), 0.0),
+        step @ 0..=7 => {
+            let (sin, cos) = sin_cos(f32::from(step) * FRAC_PI_4);
+            (Horizontal { north: cos, east: sin }, 0.0)
+        }
         CUSTOM => {
             // The sensor's forward axis in the body frame.
             let [w, x, y, z] = message.quaternion;

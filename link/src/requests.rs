@@ -51,6 +51,7 @@ struct Progress {
 }
 
 impl Progress {
+    #[inline(never)]
     fn pending(&self) -> bool {
         self.wish.rate_hz > 0.0 && !self.granted && self.tries < TRIES
     }

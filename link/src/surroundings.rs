@@ -5,6 +5,7 @@
 
 use core::f32::consts::PI;
 
+use foxhound_core::kernel::sqrt;
 use foxhound_core::map::Circle;
 use foxhound_core::ownship::Ownship;
 use foxhound_core::units::wrap_pi;
@@ -17,10 +18,10 @@ const RANGE_CM: u16 = 2_000;
 
 /// The message, from circles in the frame of the vehicle's own position.
 #[inline(never)]
-pub(crate) fn message<'a>(
+pub(crate) fn message(
     time_us: u64,
     ownship: &Ownship,
-    circles: &mut dyn Iterator<Item = &'a Circle>,
+    circles: &mut dyn Iterator<Item = &Circle>,
 ) -> OBSTACLE_DISTANCE_DATA {
     let mut distances = [u16::MAX; SECTORS];
     let here = ownship.position_ned_m.horizontal();
@@ -30,7 +31,7 @@ pub(crate) fn message<'a>(
         let azimuth_rad = wrap_pi(libm::atan2f(off.east, off.north) - ownship.yaw_rad);
         // Half of the angle under which it is seen; all round for one that we are in.
         let half_rad = if range_m > circle.radius_m {
-            libm::atan2f(circle.radius_m, libm::sqrtf(range_m * range_m - circle.radius_m * circle.radius_m))
+            libm::atan2f(circle.radius_m, sqrt(range_m * range_m - circle.radius_m * circle.radius_m))
         } else {
             PI
         };

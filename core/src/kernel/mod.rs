@@ -15,4 +15,4 @@ pub(crate) use armv7em as active;
 #[cfg(not(all(target_arch = "arm", target_os = "none")))]
 pub(crate) use portable as active;
 
-pub(crate) use active::sqrt;
+pub use active::sqrt;

@@ -30,22 +30,25 @@ const BOOT_CLOCK_SLACK_MS: u32 = 1_000;
 
 impl Companion {
     #[inline(never)]
-    pub(super) fn handle(&mut self, now: Instant, header: Header, content: &Content) {
-        if (header.system_id, header.component_id) == (self.system_id(), self.config.component_id) {
+    pub(super) fn handle(&mut self, header: Header, content: &Content) {
+        let us = (self.system_id(), self.config.component_id);
+        if (header.system_id, header.component_id) == us {
             // A router's echo of ourselves.
             return;
         }
-        if self.is_autopilot(header) {
+        let is_autopilot = self.is_autopilot(header);
+        if is_autopilot {
             self.requests.heard(content.message_id());
         }
-        let us = (self.system_id(), self.config.component_id);
-        let is_seeking = self.control(now) == Control::Granted;
+        let is_seeking = self.control(self.now) == Control::Granted;
         if self.params.hear(us, header, content, is_seeking) {
             return;
         }
+        // Any component of our system may see obstacles.
+        let is_aboard = header.system_id == us.0;
         match content.message_id() {
-            d::HEARTBEAT_DATA::ID => self.on_heartbeat(now, header, content),
-            d::SETUP_SIGNING_DATA::ID => self.on_key(now, content),
+            d::HEARTBEAT_DATA::ID => self.on_heartbeat(header, content),
+            d::SETUP_SIGNING_DATA::ID => self.on_key(content),
             d::COMMAND_LONG_DATA::ID => {
                 let command: d::COMMAND_LONG_DATA = content.read();
                 let target = (command.target_system, command.target_component);
@@ -56,28 +59,28 @@ impl Companion {
                 let target = (command.target_system, command.target_component);
                 self.on_command(header, target, command.command, command.param1);
             }
-            d::TIMESYNC_DATA::ID => self.on_timesync(now, header, content),
-            // Any component of our system may see obstacles.
-            d::OBSTACLE_DISTANCE_DATA::ID if header.system_id == self.system_id() => {
-                self.on_obstacles(now, header, content);
+            d::TIMESYNC_DATA::ID => self.on_timesync(header, content),
+            d::OBSTACLE_DISTANCE_DATA::ID if is_aboard => {
+                self.on_obstacles(header, content);
             }
-            d::OBSTACLE_DISTANCE_3D_DATA::ID if header.system_id == self.system_id() => {
-                self.note_source(now, header, content, 0);
-                self.on_point(now, obstacles::point(&content.read()));
+            d::OBSTACLE_DISTANCE_3D_DATA::ID if is_aboard => {
+                self.note_source(header, content, 0);
+                self.on_point(obstacles::point(&content.read()));
             }
-            d::DISTANCE_SENSOR_DATA::ID if header.system_id == self.system_id() => {
+            d::DISTANCE_SENSOR_DATA::ID if is_aboard => {
                 let beam: d::DISTANCE_SENSOR_DATA = content.read();
-                self.note_source(now, header, content, beam.id);
-                self.on_point(now, obstacles::beam(&beam));
+                self.note_source(header, content, beam.id);
+                self.on_point(obstacles::beam(&beam));
             }
-            _ if self.is_autopilot(header) => self.on_telemetry(now, content),
+            _ if is_autopilot => self.on_telemetry(content),
             _ => {}
         }
     }
 
     /// A key: taken on a local link while the vehicle is disarmed, and nowhere else.
     #[inline(never)]
-    fn on_key(&mut self, now: Instant, content: &Content) {
+    fn on_key(&mut self, content: &Content) {
+        let now = self.now;
         let setup: SETUP_SIGNING_DATA = content.read();
         let us = (self.system_id(), self.config.component_id);
         let may = self.config.provisioning && self.autopilot.is_none_or(|autopilot| !autopilot.armed);
@@ -109,7 +112,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_heartbeat(&mut self, now: Instant, header: Header, content: &Content) {
+    fn on_heartbeat(&mut self, header: Header, content: &Content) {
+        let now = self.now;
         let heartbeat: HEARTBEAT_DATA = content.read();
         let Some(autopilot) = Autopilot::from_heartbeat(now, header, &heartbeat) else {
             return;
@@ -132,14 +136,15 @@ impl Companion {
         self.autopilot = Some(autopilot);
         if changed {
             self.advice = Advice::new();
-            self.wish(now, autopilot.software);
+            self.wish(autopilot.software);
         } else if was_silent {
             self.requests.restart(now);
         }
     }
 
     /// What we want to hear of an autopilot. `GLOBAL_ORIGIN` and the health come seldom, the rest at the configured rates.
-    pub(super) fn wish(&mut self, now: Instant, software: Software) {
+    pub(super) fn wish(&mut self, software: Software) {
+        let now = self.now;
         const IDS: [u32; WISHES] = [
             d::LOCAL_POSITION_NED_DATA::ID,
             d::ATTITUDE_DATA::ID,
@@ -187,19 +192,12 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_telemetry(&mut self, now: Instant, content: &Content) {
+    fn on_telemetry(&mut self, content: &Content) {
+        let now = self.now;
         match content.message_id() {
-            d::LOCAL_POSITION_NED_DATA::ID => self.on_position(now, content),
-            d::ATTITUDE_DATA::ID => {
-                let attitude: d::ATTITUDE_DATA = content.read();
-                let made = self.made(now, attitude.time_boot_ms);
-                self.on_attitude(now, Attitude::from_angles(made, &attitude));
-            }
-            d::ATTITUDE_QUATERNION_DATA::ID => {
-                let attitude: d::ATTITUDE_QUATERNION_DATA = content.read();
-                let made = self.made(now, attitude.time_boot_ms);
-                self.on_attitude(now, Attitude::from_quaternion(made, &attitude));
-            }
+            d::LOCAL_POSITION_NED_DATA::ID => self.on_position(content),
+            d::ATTITUDE_DATA::ID => self.on_angles(content),
+            d::ATTITUDE_QUATERNION_DATA::ID => self.on_quaternion(content),
             d::EXTENDED_SYS_STATE_DATA::ID => {
                 self.landed_state = content.read::<d::EXTENDED_SYS_STATE_DATA>().landed_state;
             }
@@ -208,18 +206,18 @@ impl Companion {
                 let origin = [origin.latitude, origin.longitude, origin.altitude];
                 if self.origin.replace(origin).is_some_and(|last| last != origin) {
                     self.continuity.expect_new(false);
-                    self.unsettle(now);
+                    self.unsettle();
                 }
             }
             d::ODOMETRY_DATA::ID => {
                 let resets = content.read::<d::ODOMETRY_DATA>().reset_counter;
                 if self.reset_counter.replace(resets).is_some_and(|last| last != resets) {
                     self.continuity.expect_new(true);
-                    self.unsettle(now);
+                    self.unsettle();
                 }
             }
             d::SYSTEM_TIME_DATA::ID => {
-                self.follow_boot_clock(now, content.read::<d::SYSTEM_TIME_DATA>().time_boot_ms);
+                self.follow_boot_clock(content.read::<d::SYSTEM_TIME_DATA>().time_boot_ms);
             }
             d::SYS_STATUS_DATA::ID => self.health.on_sys_status(&content.read()),
             d::BATTERY_STATUS_DATA::ID => self.health.on_battery(&content.read()),
@@ -229,7 +227,7 @@ impl Companion {
             d::RC_CHANNELS_DATA::ID if self.config.switch_channel > 0 => {
                 self.health.on_channels(now, &content.read(), self.config.switch_channel);
             }
-            d::COMMAND_ACK_DATA::ID => self.on_ack(now, content),
+            d::COMMAND_ACK_DATA::ID => self.on_ack(content),
             d::PARAM_VALUE_DATA::ID => {
                 let software = self.autopilot.map_or(Software::Other, |autopilot| autopilot.software);
                 if let Some(text) = self.advice.hear(now, software, &content.read()) {
@@ -241,22 +239,36 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_position(&mut self, now: Instant, content: &Content) {
+    fn on_position(&mut self, content: &Content) {
         let message: d::LOCAL_POSITION_NED_DATA = content.read();
-        let made = self.made(now, message.time_boot_ms);
+        let made = self.made(message.time_boot_ms);
         let Some(position) = Position::from_message(made, &message) else { return count(&mut self.counters.rejected) };
         if let Some((last, _)) = &self.position {
             let dt_s = seconds_between((last.time_boot_ms, last.time), (position.time_boot_ms, position.time));
             let (from_m, to_m) = (last.position_ned_m, position.position_ned_m);
             if self.continuity.follow_place(from_m, last.velocity_ned_mps, to_m, dt_s).is_some() {
-                self.unsettle(now);
+                self.unsettle();
             }
         }
         self.position = Some((position, true));
     }
 
     #[inline(never)]
-    fn on_attitude(&mut self, now: Instant, heard: Option<Attitude>) {
+    fn on_angles(&mut self, content: &Content) {
+        let message: d::ATTITUDE_DATA = content.read();
+        let made = self.made(message.time_boot_ms);
+        self.on_attitude(Attitude::from_angles(made, &message));
+    }
+
+    #[inline(never)]
+    fn on_quaternion(&mut self, content: &Content) {
+        let message: d::ATTITUDE_QUATERNION_DATA = content.read();
+        let made = self.made(message.time_boot_ms);
+        self.on_attitude(Attitude::from_quaternion(made, &message));
+    }
+
+    #[inline(never)]
+    fn on_attitude(&mut self, heard: Option<Attitude>) {
         let Some(attitude) = heard else { return count(&mut self.counters.rejected) };
         if let Some((last, _)) = &self.attitude {
             let dt_s = seconds_between((last.time_boot_ms, last.time), (attitude.time_boot_ms, attitude.time));
@@ -267,7 +279,7 @@ impl Companion {
             let unknown_radps = if tells_rates { 0.0 } else { self.config.yaw_rate_max_radps };
             let turn = Turn { from_rad: last.yaw_rad, rate_radps, unknown_radps, to_rad: attitude.yaw_rad, dt_s };
             if self.continuity.follow_heading(turn, at_m).is_some() {
-                self.unsettle(now);
+                self.unsettle();
             }
         }
         self.attitude = Some((attitude, true));
@@ -275,7 +287,8 @@ impl Companion {
 
     /// The autopilot's estimate jumped: guidance holds until it has settled.
     #[inline(never)]
-    fn unsettle(&mut self, now: Instant) {
+    fn unsettle(&mut self) {
+        let now = self.now;
         if now >= self.settled_at {
             count(&mut self.counters.jumps);
             self.telemetry.warn("Foxhound: position or heading jumped");
@@ -286,15 +299,17 @@ impl Companion {
 
     /// When a message of the autopilot was made, by its clock, which is looked at first.
     #[inline(never)]
-    fn made(&mut self, now: Instant, time_boot_ms: u32) -> Instant {
-        self.follow_boot_clock(now, time_boot_ms);
+    fn made(&mut self, time_boot_ms: u32) -> Instant {
+        let now = self.now;
+        self.follow_boot_clock(time_boot_ms);
         self.clock.made(now, time_boot_ms)
     }
 
     /// The autopilot's clock running backwards means that it restarted: nothing that it said before counts, and where it
     /// begins anew is where it was.
     #[inline(never)]
-    fn follow_boot_clock(&mut self, now: Instant, time_boot_ms: u32) {
+    fn follow_boot_clock(&mut self, time_boot_ms: u32) {
+        let now = self.now;
         if let Some(last) = self.boot_ms {
             if last.saturating_sub(time_boot_ms) <= BOOT_CLOCK_SLACK_MS {
                 self.boot_ms = Some(last.max(time_boot_ms));
@@ -326,15 +341,16 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn note_source(&mut self, now: Instant, header: Header, content: &Content, sensor_id: u8) {
+    fn note_source(&mut self, header: Header, content: &Content, sensor_id: u8) {
         // All of ours are below 2^16.
         let message_id = content.message_id() as u16;
-        self.sources.hear(now, Source { component_id: header.component_id, message_id, sensor_id });
+        self.sources.hear(self.now, Source { component_id: header.component_id, message_id, sensor_id });
     }
 
     #[inline(never)]
-    fn on_obstacles(&mut self, now: Instant, header: Header, content: &Content) {
-        self.note_source(now, header, content, 0);
+    fn on_obstacles(&mut self, header: Header, content: &Content) {
+        let now = self.now;
+        self.note_source(header, content, 0);
         if self.scan.is_some() && self.scan_of != header.component_id && self.last_scan_of == header.component_id {
             // Two sensors between two steps: it is the other one's turn.
             return;
@@ -366,7 +382,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_point(&mut self, now: Instant, heard: Heard) {
+    fn on_point(&mut self, heard: Heard) {
+        let now = self.now;
         let point = match heard {
             Heard::At(point) => Some(point),
             Heard::Free => None,
@@ -415,7 +432,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_ack(&mut self, now: Instant, content: &Content) {
+    fn on_ack(&mut self, content: &Content) {
+        let now = self.now;
         let ack: COMMAND_ACK_DATA = content.read();
         if self.is_for_us(ack.target_system, ack.target_component)
             && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16
@@ -426,7 +444,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn on_timesync(&mut self, now: Instant, header: Header, content: &Content) {
+    fn on_timesync(&mut self, header: Header, content: &Content) {
+        let now = self.now;
         let timesync: TIMESYNC_DATA = content.read();
         if !self.is_for_us(timesync.target_system, timesync.target_component) {
             return;

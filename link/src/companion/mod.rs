@@ -178,7 +178,6 @@ impl Default for Config {
 
 impl Config {
     /// The same, with the parameters of the link as the table has them.
-    // Here and below: inlined into code that is made fast, small code becomes long code.
     #[must_use]
     #[inline(never)]
     pub fn with(&self, values: &Values) -> Self {
@@ -330,6 +329,7 @@ struct Noise {
 
 /// Our end of the link. See the [module](self).
 #[derive(Clone, Debug)]
+// In this order, for the sake of the flash.
 #[repr(C)]
 pub struct Companion {
     config: Config,
@@ -379,7 +379,7 @@ pub struct Companion {
     /// Number of the grid period that was polled last.
     setpoint_slot: Option<u64>,
     telemetry: speak::Telemetry,
-    // Large ones last: what is near is cheap to reach.
+    // The large ones last: what is near is cheaper to reach.
     framer: Framer,
     outbox: Outbox,
     requests: Requests,
@@ -453,7 +453,7 @@ impl Companion {
                 let Some(content) = Content::of(&frame) else { continue };
                 let verdict = self.signing.as_mut().map(|signing| signing.check(now, frame.bytes));
                 if self.believes(verdict, content.message_id()) {
-                    self.handle(now, header, &content);
+                    self.handle(header, &content);
                 }
             }
         }
@@ -666,7 +666,7 @@ impl Companion {
         let channel_changed = self.config.switch_channel != config.switch_channel;
         self.config = config;
         if let Some(autopilot) = self.autopilot.filter(|_| channel_changed) {
-            self.wish(self.now, autopilot.software);
+            self.wish(autopilot.software);
         }
     }
 
@@ -693,7 +693,7 @@ impl Companion {
             Setpoint::default()
         };
         self.published = Some(Published { time: now, setpoint, outcome: output.outcome });
-        self.report(now, output);
+        self.report(output);
     }
 
     /// Whether what is remembered of the obstacles is wanted now.
@@ -714,19 +714,19 @@ impl Companion {
     #[inline(never)]
     pub fn poll(&mut self, now: Instant) {
         self.follow_clock(now);
-        self.age(now);
+        self.age();
         let cause = self.cause(now);
         if now >= self.heartbeat_due {
             let next = self.heartbeat_due.plus_micros(HEARTBEAT_PERIOD_US);
             self.heartbeat_due = if next > now { next } else { now.plus_micros(HEARTBEAT_PERIOD_US) };
             // A heartbeat says that we are well.
             if cause != Cause::Unfit {
-                let heartbeat = self.heartbeat(now, cause);
+                let heartbeat = self.heartbeat(cause);
                 self.outbox.post_heartbeat(&heartbeat);
             }
         }
-        self.announce(now, cause);
-        self.tell_parameters(now);
+        self.announce(cause);
+        self.tell_parameters();
         let Some(autopilot) = self.autopilot else {
             return;
         };
@@ -740,9 +740,9 @@ impl Companion {
             self.seeking = true;
         }
         if !matches!(cause, Cause::LinkLost | Cause::LinkQuiet) {
-            self.ask(now, &autopilot);
+            self.ask(&autopilot);
         }
-        self.stream(now, &autopilot, cause);
+        self.stream(&autopilot, cause);
     }
 
     /// Fills `sink` with the bytes that wait to be sent, setpoints first, and says how far.
@@ -790,7 +790,8 @@ impl Companion {
 
     /// Lets go of what is too old, and notes what is not.
     #[inline(never)]
-    fn age(&mut self, now: Instant) {
+    fn age(&mut self) {
+        let now = self.now;
         let obstacle_age_max_s = self.config.obstacle_age_max_s;
         if self.scan.as_ref().is_some_and(|scan| is_over(now, scan.time, obstacle_age_max_s)) {
             self.scan = None;

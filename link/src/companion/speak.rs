@@ -24,9 +24,24 @@ use crate::landing;
 use crate::params::Reply;
 use crate::surroundings;
 
-/// One value of the list in turn: each of the ten twice a second.
-const TELEMETRY_PERIOD_US: u32 = 50_000;
-const TURNS: u8 = 10;
+/// Warnings that may wait.
+const WARNINGS: usize = 4;
+/// One value of the list in turn: each of the twelve twice a second.
+const TELEMETRY_PERIOD_US: u32 = 40_000;
+static VALUES: [[u8; 10]; 12] = [
+    *b"FH_BRG\0\0\0\0",
+    *b"FH_SNR\0\0\0\0",
+    *b"FH_SIG\0\0\0\0",
+    *b"FH_ST\0\0\0\0\0",
+    *b"FH_ELV\0\0\0\0",
+    *b"FH_RNG\0\0\0\0",
+    *b"FH_CNF\0\0\0\0",
+    *b"FH_NIS\0\0\0\0",
+    *b"FH_RTT\0\0\0\0",
+    *b"FH_CRC\0\0\0\0",
+    *b"FH_OB0\0\0\0\0",
+    *b"FH_OB1\0\0\0\0",
+];
 const TEXT_PERIOD_US: u64 = 1_000_000;
 const LANDING_PERIOD_US: u32 = 100_000;
 const SURROUNDINGS_PERIOD_US: u64 = 200_000;
@@ -37,8 +52,6 @@ const LANDING_SIGMA_MAX: f32 = 0.5;
 /// An outcome that lasts so long is told again, in plain words.
 const NO_SIGNAL_LONG_S: f32 = 30.0;
 const STALE_OBSTACLES_LONG_S: f32 = 15.0;
-/// Warnings that may wait.
-const WARNINGS: usize = 4;
 /// The yaw that is commanded runs at most so far ahead of the vehicle's.
 const YAW_AHEAD_MAX_RAD: f32 = 0.5;
 
@@ -116,7 +129,8 @@ impl Companion {
 
     /// Posts the setpoint that is due, or takes back the one that must not leave any more.
     #[inline(never)]
-    pub(super) fn stream(&mut self, now: Instant, autopilot: &Autopilot, cause: Cause) {
+    pub(super) fn stream(&mut self, autopilot: &Autopilot, cause: Cause) {
+        let now = self.now;
         let slot = now.0 / (u64::from(self.config.setpoint_period_ms) * 1_000);
         let due = self.setpoint_slot.replace(slot).is_some_and(|last| last != slot);
         let setpoint = match cause.stream(autopilot.software, autopilot.obeys(), self.config.prestream) {
@@ -134,7 +148,7 @@ impl Companion {
                 self.outbox.withdraw_setpoint();
             }
             Some(setpoint) if due => {
-                let message = self.setpoint_message(now, autopilot, setpoint);
+                let message = self.setpoint_message(autopilot, setpoint);
                 self.outbox.post_setpoint(now, &message);
             }
             Some(_) => {}
@@ -142,12 +156,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn setpoint_message(
-        &mut self,
-        now: Instant,
-        autopilot: &Autopilot,
-        setpoint: Setpoint,
-    ) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
+    fn setpoint_message(&mut self, autopilot: &Autopilot, setpoint: Setpoint) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
+        let now = self.now;
         let velocity = self.continuity.velocity_to_theirs(setpoint.velocity_ned_mps);
         let is_yaw = self.config.yaw == Yaw::Angle && self.attitude.is_some();
         SET_POSITION_TARGET_LOCAL_NED_DATA {
@@ -181,7 +191,8 @@ impl Companion {
 /// Heartbeats and requests.
 impl Companion {
     #[inline(never)]
-    pub(super) fn heartbeat(&self, now: Instant, cause: Cause) -> HEARTBEAT_DATA {
+    pub(super) fn heartbeat(&self, cause: Cause) -> HEARTBEAT_DATA {
+        let now = self.now;
         let state = match (cause, self.published) {
             (Cause::None, Some(published))
                 if !is_over(now, published.time, self.config.setpoint_age_max_s) && !is_critical(published.outcome) =>
@@ -202,7 +213,8 @@ impl Companion {
 
     /// Asks for the messages that we need, and for the time.
     #[inline(never)]
-    pub(super) fn ask(&mut self, now: Instant, autopilot: &Autopilot) {
+    pub(super) fn ask(&mut self, autopilot: &Autopilot) {
+        let now = self.now;
         let (outbox, target) = (&mut self.outbox, (autopilot.system_id, autopilot.component_id));
         self.requests.poll(now, target, |command| outbox.post_errand(&command));
         if is_due(now, &mut self.timesync_due, TIMESYNC_PERIOD_US) {
@@ -229,7 +241,8 @@ impl Companion {
 impl Companion {
     /// Parameters wait for everything else.
     #[inline(never)]
-    pub(super) fn tell_parameters(&mut self, now: Instant) {
+    pub(super) fn tell_parameters(&mut self) {
+        let now = self.now;
         if !self.outbox.has_room_for_a_parameter() {
             return;
         }
@@ -243,7 +256,8 @@ impl Companion {
 
     /// One value of the list, when its turn has come and there is something to tell, and what has a period of its own.
     #[inline(never)]
-    pub(super) fn report(&mut self, now: Instant, output: &guidance::Output) {
+    pub(super) fn report(&mut self, output: &guidance::Output) {
+        let now = self.now;
         if let Some(bearing) = output.bearing.filter(|bearing| bearing.valid) {
             let elevation_deg = (bearing.elevation_sigma_rad < 0.5).then_some(bearing.elevation_rad * DEG_PER_RAD);
             let sigma_deg = bearing.sigma_rad * DEG_PER_RAD;
@@ -253,36 +267,36 @@ impl Companion {
             self.telemetry.outcome = Some((output.outcome, now));
             self.telemetry.lasting_told = false;
         }
-        self.report_landing(now, output);
+        self.report_landing(output);
         if !is_due(now, &mut self.telemetry.due, TELEMETRY_PERIOD_US) {
             return;
         }
-        self.telemetry.turn = (self.telemetry.turn + 1) % TURNS;
+        self.telemetry.turn = (self.telemetry.turn + 1) % VALUES.len() as u8;
         let fresh = self.telemetry.bearing.filter(|(time, ..)| !is_over(now, *time, BEARING_AGE_MAX_S));
         let towards_rad = output.source_bearing_ned_rad.map(|bearing| self.continuity.heading_to_theirs(bearing));
         let belief = output.source_share_and_nis.filter(|_| fresh.is_some());
-        let (name, value) = match self.telemetry.turn {
-            0 => ("FH_BRG", towards_rad.map(compass_deg)),
-            1 => ("FH_SNR", fresh.map(|(_, snr_db, ..)| snr_db)),
-            2 => ("FH_SIG", fresh.map(|(_, _, sigma_deg, _)| sigma_deg)),
-            3 => ("FH_ST", Some(f32::from(output.outcome as u8))),
-            4 => ("FH_ELV", fresh.and_then(|(.., elevation_deg)| elevation_deg)),
-            5 => ("FH_RNG", self.range_m(output)),
-            6 => ("FH_CNF", belief.map(|(share, _)| share)),
-            7 => ("FH_NIS", belief.map(|(_, nis)| nis)),
-            8 => ("FH_RTT", self.clock.round_trip_us().map(|us| us.min(60_000_000) as f32 * 1e-3)),
-            9 => ("FH_CRC", Some(self.noise.percent as f32)),
-            10 => ("FH_OB0", self.sources.ages(now).next().map(|(_, age_s)| age_s)),
-            _ => ("FH_OB1", self.sources.ages(now).nth(1).map(|(_, age_s)| age_s)),
+        let turn = self.telemetry.turn;
+        let value = match turn {
+            0 => towards_rad.map(compass_deg),
+            1 => fresh.map(|(_, snr_db, ..)| snr_db),
+            2 => fresh.map(|(_, _, sigma_deg, _)| sigma_deg),
+            3 => Some(f32::from(output.outcome as u8)),
+            4 => fresh.and_then(|(.., elevation_deg)| elevation_deg),
+            5 => self.range_m(output),
+            6 => belief.map(|(share, _)| share),
+            7 => belief.map(|(_, nis)| nis),
+            8 => self.clock.round_trip_us().map(|us| us.min(60_000_000) as f32 * 1e-3),
+            9 => Some(self.noise.percent as f32),
+            _ => self.sources.ages(now).nth(usize::from(turn - 10)).map(|(_, age_s)| age_s),
         };
-        if self.telemetry.turn == 0
+        if turn == 0
             && let Some(towards_rad) = towards_rad
         {
             let depression_rad = fresh.and_then(|(.., elevation_deg)| elevation_deg).unwrap_or(0.0) / DEG_PER_RAD;
             self.outbox.post_direction(&direction(now, towards_rad, depression_rad));
         }
         if let Some(value) = value.filter(|value| value.is_finite()) {
-            let name = CharArray::from(name);
+            let name = CharArray::new(VALUES[usize::from(turn)]);
             self.outbox.post_note(&NAMED_VALUE_FLOAT_DATA { time_boot_ms: boot_ms(now), value, name });
         }
     }
@@ -294,7 +308,8 @@ impl Companion {
     }
 
     #[inline(never)]
-    fn report_landing(&mut self, now: Instant, output: &guidance::Output) {
+    fn report_landing(&mut self, output: &guidance::Output) {
+        let now = self.now;
         if !self.config.landing_target || !is_due(now, &mut self.telemetry.landing_due, LANDING_PERIOD_US) {
             return;
         }
@@ -329,11 +344,11 @@ impl Companion {
     }
 
     #[inline(never)]
-    pub(super) fn report_surroundings<'a>(
+    pub(super) fn report_surroundings(
         &mut self,
         now: Instant,
         ownship: &Ownship,
-        circles: &mut dyn Iterator<Item = &'a Circle>,
+        circles: &mut dyn Iterator<Item = &Circle>,
     ) {
         self.telemetry.surroundings_due = now.plus_micros(SURROUNDINGS_PERIOD_US);
         self.outbox.post_surroundings(&surroundings::message(now.0, ownship, circles));
@@ -342,7 +357,8 @@ impl Companion {
     /// A text when what we do changes, or something happened; at most one a second, and a change that did not last is not
     /// told.
     #[inline(never)]
-    pub(super) fn announce(&mut self, now: Instant, cause: Cause) {
+    pub(super) fn announce(&mut self, cause: Cause) {
+        let now = self.now;
         let is_low = cause == Cause::None && self.health.charge(self.config.battery_min_percent) == Charge::Low;
         if is_low && !self.telemetry.low_told {
             self.telemetry.warn("Foxhound: battery low");
@@ -363,7 +379,7 @@ impl Companion {
         } else if let Some(text) = text.filter(|text| self.telemetry.announced != Some(text)) {
             self.telemetry.announced = Some(text);
             (severity(cause, outcome.map(|(outcome, _)| outcome)), text)
-        } else if let Some(text) = self.lasting(now, cause) {
+        } else if let Some(text) = self.lasting(cause) {
             self.telemetry.lasting_told = true;
             (MavSeverity::MAV_SEVERITY_CRITICAL, text)
         } else {
@@ -379,7 +395,8 @@ impl Companion {
 
     /// What is to be said of an outcome that has lasted.
     #[inline(never)]
-    fn lasting(&self, now: Instant, cause: Cause) -> Option<&'static str> {
+    fn lasting(&self, cause: Cause) -> Option<&'static str> {
+        let now = self.now;
         let (outcome, since) =
             self.telemetry.outcome.filter(|_| cause == Cause::None && !self.telemetry.lasting_told)?;
         match outcome {
@@ -397,7 +414,13 @@ impl Companion {
 fn direction(now: Instant, towards_rad: f32, depression_rad: f32) -> DEBUG_VECT_DATA {
     let (sin, cos) = sin_cos(towards_rad);
     let (down, level) = sin_cos(depression_rad);
-    DEBUG_VECT_DATA { time_usec: now.0, name: CharArray::from("FH_DIR"), x: cos * level, y: sin * level, z: down }
+    DEBUG_VECT_DATA {
+        time_usec: now.0,
+        name: CharArray::new(*b"FH_DIR\0\0\0\0"),
+        x: cos * level,
+        y: sin * level,
+        z: down,
+    }
 }
 
 /// Milliseconds since boot; wraps after 49 days, as MAVLink's own clocks do.

@@ -22,7 +22,7 @@
 //! says which.
 
 use foxhound_core::error::ConfigError;
-use foxhound_core::param::{COUNT, Id, Values};
+use foxhound_core::param::{COUNT, Id, Refusal, Values};
 use foxhound_core::time::Instant;
 use heapless::Deque;
 
@@ -294,7 +294,7 @@ impl Params {
         let trouble = if set.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 as u8 {
             Some(Trouble::Type(id))
         } else if let Err(refusal) = id.check(value) {
-            Some(Trouble::Refused(id, value, refusal))
+            Some(Trouble::Refused(id, value, refusal == Refusal::NotWhole))
         } else if is_seeking && value != self.values.get(id) {
             Some(Trouble::Seeking(id))
         } else {

@@ -2,7 +2,7 @@
 //! float to the last digit and costs 17 KB of flash.
 
 use foxhound_core::error::{ConfigError, Why};
-use foxhound_core::param::{Id, NAME_MAX, Refusal};
+use foxhound_core::param::{Id, NAME_MAX};
 
 use crate::CharArray;
 use crate::dialect::{MavSeverity, STATUSTEXT_DATA};
@@ -23,8 +23,8 @@ pub(super) enum Trouble {
     Type(Id),
     /// Not now.
     Seeking(Id),
-    /// Not in its row's range.
-    Refused(Id, f32, Refusal),
+    /// Not in its row's range, or in it and not whole.
+    Refused(Id, f32, bool),
     /// It does not fit the other parameters.
     Config(Id, f32, ConfigError),
 }
@@ -83,20 +83,19 @@ impl Trouble {
             Self::Unknown(name) => text.word("no parameter ").shown(&name),
             Self::Type(id) => text.shown(id.padded_name()).word(" refused: send REAL32"),
             Self::Seeking(id) => text.shown(id.padded_name()).word(" refused while seeking"),
-            Self::Refused(id, value, refusal) => {
-                text.shown(id.padded_name()).word("=").number(value).word(" refused: ");
-                if refusal == Refusal::NotWhole {
+            Self::Refused(id, value, is_broken) => {
+                text.equation(id.padded_name(), value).word(" refused: ");
+                if is_broken {
                     text.word("whole ");
                 }
-                let (min, max) = id.range();
-                text.number(min).word(" to ").number(max)
+                text.range(id.range())
             }
             Self::Config(id, value, error) => {
-                text.shown(id.padded_name()).word("=").number(value).word(" refused: ");
-                text.word(error.field).word("=").number(error.value).word(" ");
+                text.equation(id.padded_name(), value).word(" refused: ");
+                text.equation(error.field.as_bytes(), error.value).word(" ");
                 match error.why {
                     Why::NotFinite => text.word("is not finite"),
-                    Why::OutOfRange { min, max } => text.word("is not ").number(min).word(" to ").number(max),
+                    Why::OutOfRange { min, max } => text.word("is not ").range((min, max)),
                     Why::Inconsistent(why) => text.word(why),
                 }
             }
@@ -141,6 +140,16 @@ impl Text {
     fn word(&mut self, word: &str) -> &mut Self {
         word.bytes().for_each(|byte| self.byte(byte));
         self
+    }
+
+    #[inline(never)]
+    fn equation(&mut self, name: &[u8], value: f32) -> &mut Self {
+        self.shown(name).word("=").number(value)
+    }
+
+    #[inline(never)]
+    fn range(&mut self, (min, max): (f32, f32)) -> &mut Self {
+        self.number(min).word(" to ").number(max)
     }
 
     /// A number, rounded to three decimals as the standard library rounds, without zeros at its end.
@@ -272,10 +281,10 @@ mod tests {
     #[test]
     fn the_refusal_of_a_range_fits_one_message_whatever_the_value() {
         for id in Id::all() {
-            let (min, max) = id.range();
+            let (_, max) = id.range();
             let far = [-999_999_936.0, -123_456.79, f32::NAN, f32::MAX];
-            let far = far.map(|value| Trouble::Refused(id, value, Refusal::OutOfRange { min, max }));
-            let between = Trouble::Refused(id, max - 0.125, Refusal::NotWhole);
+            let far = far.map(|value| Trouble::Refused(id, value, false));
+            let between = Trouble::Refused(id, max - 0.125, true);
             let is_whole = TABLE[id.index()].kind == Kind::Whole;
             for trouble in far.into_iter().chain(is_whole.then_some(between)) {
                 let told = told(trouble);
@@ -284,11 +293,10 @@ mod tests {
             }
         }
         let id = Id::named(b"FH_SPD_MAX").unwrap();
-        let refusal = id.check(99.0).unwrap_err();
-        assert_eq!(told(Trouble::Refused(id, 99.0, refusal)), "FH_SPD_MAX=99 refused: 0.05 to 20");
-        assert_eq!(told(Trouble::Refused(id, f32::NAN, Refusal::NotFinite)), "FH_SPD_MAX=nan refused: 0.05 to 20");
+        assert_eq!(told(Trouble::Refused(id, 99.0, false)), "FH_SPD_MAX=99 refused: 0.05 to 20");
+        assert_eq!(told(Trouble::Refused(id, f32::NAN, false)), "FH_SPD_MAX=nan refused: 0.05 to 20");
         let id = Id::named(b"FH_RC_CH").unwrap();
-        assert_eq!(told(Trouble::Refused(id, 7.5, Refusal::NotWhole)), "FH_RC_CH=7.5 refused: whole 0 to 18");
+        assert_eq!(told(Trouble::Refused(id, 7.5, true)), "FH_RC_CH=7.5 refused: whole 0 to 18");
         assert_eq!(told(Trouble::Type(id)), "FH_RC_CH refused: send REAL32");
         assert_eq!(told(Trouble::Seeking(id)), "FH_RC_CH refused while seeking");
         assert_eq!(told(Trouble::Unknown(*b"SIXTEEN_LETTERS_")), "no parameter SIXTEEN_LETTERS_");

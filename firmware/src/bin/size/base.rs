@@ -20,7 +20,12 @@ fn main() -> ! {
     black_box(&bytes);
     bytes.fill(black_box(0));
     black_box(bytes == black_box([0; 64]));
-    black_box(black_box([0_u64; 64]));
+    let (mut words, some) = (black_box([0_u32; 64]), black_box(9));
+    words[some..][..some].copy_from_slice(&black_box([0; 64])[..some]);
+    words[..some].fill(0);
+    black_box((&words, black_box([0_u64; 64])));
+    bytes[..some].fill(0);
+    black_box(&bytes);
     arithmetic(black_box(Instant(7)), black_box(1.0));
     loop {
         cortex_m::asm::wfi();
@@ -31,6 +36,6 @@ fn main() -> ! {
 fn arithmetic(now: Instant, x: f32) {
     let place = Horizontal { north: x, east: black_box(x) };
     black_box((black_box(wrap_pi as fn(f32) -> f32)(x), black_box(sin_cos as fn(f32) -> (f32, f32))(x)));
-    black_box((black_box(Horizontal::bearing_rad as fn(_) -> f32)(place), place.norm()));
+    black_box((place.bearing_rad(), place.minus(black_box(place)).bearing_rad(), place.norm()));
     black_box((now.seconds_since(black_box(Instant(3))), now.0 / black_box(9), now.0 as i64 / black_box(9)));
 }

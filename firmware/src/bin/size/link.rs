@@ -15,8 +15,10 @@ use foxhound_link::signing::{Key, Signing};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    if let Ok(mut companion) = black_box(&Config::default()).build_with(black_box(Values::DEFAULT)) {
-        companion.sign_with(Key::new(black_box([1; 32])).map(|key| Signing::new(key, 0)));
+    if let Some((config, values, key)) = black_box(None::<(&Config, &Values, &[u8; 32])>)
+        && let Ok(mut companion) = config.build_with(*values)
+    {
+        companion.sign_with(Key::new(*key).map(|key| Signing::new(key, 0)));
         loop {
             let now = black_box(Instant(0));
             run(&mut companion, now);
@@ -47,16 +49,14 @@ fn run(companion: &mut Companion, now: Instant) {
 }
 
 fn tune(companion: &mut Companion) {
-    if let Some(values) = black_box(None::<&Values>) {
-        black_box(companion.set_parameters(*values).is_ok());
-    }
+    let values = *companion.parameters();
+    black_box(companion.set_parameters(values).is_ok());
     black_box(companion.take_storage());
     companion.stored(black_box(true));
     if let Some(proposal) = companion.proposal() {
         black_box(&proposal);
         companion.settle(black_box(Ok(())));
     }
-    black_box(companion.parameters());
 }
 
 fn sign(companion: &mut Companion, now: Instant) {
