@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | firmware | size | flash | qemu | bench | parity>`.
+//! Developer commands: `cargo xtask <test | firmware | size | flash | qemu | bench | parity | soak>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
@@ -7,6 +7,7 @@ mod bench;
 mod build;
 mod parity;
 mod size;
+mod soak;
 mod test;
 
 use std::fmt;
@@ -62,6 +63,12 @@ enum Task {
         /// How many
         #[arg(long, default_value_t = 100)]
         flights: u32,
+    },
+    /// Keep the link up and fly to and fro for a simulated day, with faults all the time
+    Soak {
+        /// Simulated hours
+        #[arg(long, default_value_t = 24.0)]
+        hours: f64,
     },
 }
 
@@ -125,6 +132,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         }
         Task::Bench { json } => bench::run(*json),
         Task::Parity { flights } => parity::run(*flights),
+        Task::Soak { hours } => soak::run(*hours),
     }
 }
 

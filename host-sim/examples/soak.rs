@@ -1,0 +1,64 @@
+//! Two long runs beside each modelled autopilot: the link by itself, and the whole computer; prints tables for
+//! `docs/soak.md`. `cargo xtask soak` runs it.
+
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "it prints")]
+
+use std::process::ExitCode;
+
+use foxhound_sim::autopilot::Software;
+use foxhound_sim::scenario::{Obstacle, Scenario, Sensor, SensorModel};
+use foxhound_sim::soak::{Config, fly_laps, keep_link};
+use foxhound_sim::trial::Clocks;
+use serde_json::Value;
+
+const BOTH: [Software; 2] = [Software::ArduCopter, Software::Px4];
+/// East, north, radius.
+const PILLARS: [[f64; 3]; 6] =
+    [[0.3, 6.0, 0.4], [-0.8, 10.0, 0.3], [0.9, 13.0, 0.5], [-0.2, 17.0, 0.3], [0.4, 21.0, 0.4], [-1.2, 24.0, 0.4]];
+
+fn main() -> ExitCode {
+    let hours = std::env::args().nth(1).and_then(|hours| hours.parse().ok()).unwrap_or(24.0);
+    match run(hours) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("soak: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(hours: f64) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    let config = |software, step_us| Config { software, hours, step_us, clocks: Clocks::default(), seed: 1 };
+    let link = both(move |software| Ok(serde_json::to_value(keep_link(&config(software, 10_000), |_| ())?)?))?;
+    table("The link by itself, every 10 ms", &link);
+    let scenario = Scenario {
+        start: [0.0, 0.0],
+        goal: [0.0, 28.0],
+        obstacles: PILLARS.map(|[x, y, r]| Obstacle { x, y, r, ..Obstacle::default() }).to_vec(),
+        sensor: Sensor { model: SensorModel::Scan, range_m: 4.0, ..Sensor::default() },
+        ..Scenario::default()
+    };
+    let laps =
+        both(move |software| Ok(serde_json::to_value(fly_laps(&scenario, &config(software, 20_000), |_| ())?)?))?;
+    table("The whole computer, every 20 ms", &laps);
+    Ok(())
+}
+
+type Outcome = Result<Value, Box<dyn std::error::Error + Send + Sync>>;
+
+/// The same beside both, at the same time.
+fn both(run: impl Fn(Software) -> Outcome + Sync) -> Result<[Value; 2], Box<dyn std::error::Error + Send + Sync>> {
+    let [first, second] = std::thread::scope(|scope| {
+        let run = &run;
+        BOTH.map(|software| scope.spawn(move || run(software)))
+            .map(|thread| thread.join().unwrap_or_else(|_| Err("a thread has panicked".into())))
+    });
+    Ok([first?, second?])
+}
+
+fn table(title: &str, columns: &[Value; 2]) {
+    println!("\n## {title}\n\n| | ArduCopter | PX4 |\n|---|---|---|");
+    for (name, value) in columns[0].as_object().into_iter().flatten() {
+        println!("| {} | {value} | {} |", name.replace('_', " "), columns[1][name]);
+    }
+}

@@ -1,0 +1,310 @@
+//! The whole companion beside a modelled autopilot, step by step, with everything known: where the vehicle really is, what
+//! guidance published, what was sent, and in which mode it was then.
+//!
+//! Unlike [`crate::flight`] nothing here ends, fails or reports by itself: whoever drives it makes things go wrong between
+//! the steps. The waves come from where the beacon is and the obstacles are seen from where the vehicle is, whatever the
+//! autopilot believes.
+
+use foxhound_core::ConfigError;
+use foxhound_core::bearing::Estimator;
+use foxhound_core::guidance::{FrontEnd, Output};
+use foxhound_core::planner;
+use foxhound_core::time::Instant;
+use foxhound_link::MessageData;
+use foxhound_link::dialect::{
+    COMMAND_LONG_DATA, MavMessage, PARAM_SET_DATA, PARAM_VALUE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
+};
+use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+
+use crate::antennas::{Antennas, Pose};
+use crate::autopilot::{Autopilot, Software, Start, Wire};
+use crate::computer::{Computer as _, HostComputer};
+use crate::flight::{Mission, TICK_S};
+use crate::random::Random;
+use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, VehicleModel};
+use crate::sensor::View;
+use crate::vehicle::{Motion, Vehicle};
+use crate::world::{Horizontal, Hull, World};
+
+/// Length of one step.
+pub const STEP_US: u64 = 20_000;
+/// Steps from one word of the obstacle sensor to the next: 10 Hz.
+const SENSOR_STEPS: u64 = 5;
+const SNR_DB: f64 = 20.0;
+const GROUND_STATION: (u8, u8) = (255, 190);
+/// Our system and component.
+const US: (u8, u8) = (1, 191);
+const REAL32: u8 = 9;
+
+/// Time on the clocks of both ends when the trial begins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Clocks {
+    /// The companion's, microseconds.
+    pub ours_us: u64,
+    /// The autopilot's since its boot, microseconds.
+    pub theirs_us: u64,
+}
+
+/// What one step came to.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// Since the beginning, microseconds.
+    pub time_us: u64,
+    /// How the vehicle really moved at its beginning.
+    pub motion: Motion,
+    /// Whether the autopilot obeyed us then: in the mode and armed.
+    pub obeyed: bool,
+    /// What guidance published; none while the computer stood still.
+    pub output: Option<Output>,
+    /// What we sent.
+    pub sent: Vec<(Header, MavMessage)>,
+}
+
+impl Step {
+    /// The setpoints that we sent.
+    pub fn setpoints(&self) -> impl Iterator<Item = &SET_POSITION_TARGET_LOCAL_NED_DATA> {
+        self.sent.iter().filter_map(|(_, message)| match message {
+            MavMessage::SET_POSITION_TARGET_LOCAL_NED(target) => Some(target),
+            _ => None,
+        })
+    }
+
+    /// Seconds since the beginning.
+    #[must_use]
+    pub const fn time_s(&self) -> f64 {
+        self.time_us as f64 * 1e-6
+    }
+
+    /// True horizontal speed.
+    #[must_use]
+    pub fn speed_mps(&self) -> f64 {
+        let [north, east, _] = self.motion.velocity_ned_mps;
+        libm::hypot(north, east)
+    }
+
+    /// True place.
+    #[must_use]
+    pub const fn place(&self) -> Horizontal {
+        place(&self.motion)
+    }
+}
+
+/// A flight under way.
+#[derive(Debug)]
+pub struct Trial {
+    /// The autopilot, for its faults and its pilot.
+    pub autopilot: Autopilot,
+    /// The beacon and the pillars.
+    pub world: World,
+    /// What the bytes of both ways go through.
+    pub wire: Option<Wire>,
+    /// Position and attitude are not said.
+    pub ownship_is_silent: bool,
+    /// The obstacle sensor says nothing.
+    pub obstacles_are_silent: bool,
+    /// The computer does nothing; what is said to it waits.
+    pub computer_stands_still: bool,
+    /// The vehicle has met a pillar.
+    pub collided: bool,
+    vehicle: Vehicle,
+    computer: HostComputer,
+    hull: Hull,
+    antennas: Antennas,
+    random: Random,
+    sensor: scenario::Sensor,
+    clocks: Clocks,
+    time_us: u64,
+    waiting: Vec<u8>,
+    framer: Framer,
+    sequence: u8,
+}
+
+impl Trial {
+    /// A vehicle that hovers, or stands on the ground, at the scenario's start.
+    ///
+    /// # Errors
+    /// The field of the configuration that is refused.
+    pub fn new(
+        scenario: &Scenario,
+        software: Software,
+        start: Start,
+        clocks: Clocks,
+        seed: u64,
+    ) -> Result<Self, ConfigError> {
+        let scenario = scenario.clone();
+        let mission = Mission {
+            scenario: scenario.clone(),
+            seed,
+            planner: planner::Config::default(),
+            estimator: Estimator::CrossSpectrum,
+        };
+        let world = scenario.world();
+        let from = Horizontal::from_xy(scenario.start);
+        let down_m = if start == Start::Parked { 0.0 } else { FLIGHT_DOWN_M };
+        let pose = Pose {
+            position_ned_m: [from.north, from.east, down_m],
+            yaw_rad: world.source.minus(from).bearing_rad(),
+            ..Pose::default()
+        };
+        let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario.vehicle };
+        Ok(Self {
+            autopilot: Autopilot::new(software, start),
+            hull: Hull::new(&world, scenario.drone_radius, from),
+            world,
+            wire: None,
+            ownship_is_silent: false,
+            obstacles_are_silent: false,
+            computer_stands_still: false,
+            collided: false,
+            vehicle: Vehicle::new(model, scenario.limits.a_max, pose),
+            computer: HostComputer::new(&mission.guidance())?,
+            antennas: Antennas { snr_db: Some(SNR_DB), ..Antennas::default() },
+            random: Random::new(seed, 1),
+            sensor: scenario.sensor,
+            clocks,
+            time_us: 0,
+            waiting: Vec::new(),
+            framer: Framer::new(),
+            sequence: 0,
+        })
+    }
+
+    /// Time since the beginning.
+    #[must_use]
+    pub const fn time_us(&self) -> u64 {
+        self.time_us
+    }
+
+    /// Time on the clock of the autopilot's model, for what is asked of it.
+    #[must_use]
+    pub const fn autopilot_us(&self) -> u64 {
+        self.clocks.theirs_us + self.time_us
+    }
+
+    /// How the vehicle really moves.
+    #[must_use]
+    pub const fn motion(&self) -> Motion {
+        self.vehicle.motion
+    }
+
+    /// Horizontal distance to the beacon.
+    #[must_use]
+    pub fn to_source_m(&self) -> f64 {
+        self.world.source.minus(place(&self.vehicle.motion)).norm()
+    }
+
+    /// The least distance of the hull to a pillar so far.
+    #[must_use]
+    pub const fn min_clearance_m(&self) -> f64 {
+        self.hull.min_clearance_m
+    }
+
+    /// The pilot chooses the mode in which a companion is obeyed; false where the autopilot refuses.
+    pub fn give_control(&mut self) -> bool {
+        let (now_us, mode) = (self.autopilot_us(), self.autopilot.companion_mode());
+        self.autopilot.select_mode(now_us, mode)
+    }
+
+    /// A ground station says something, to us.
+    pub fn say<D: MessageData>(&mut self, data: &D) {
+        let (system_id, component_id) = GROUND_STATION;
+        let header = Header { system_id, component_id, sequence: self.sequence };
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut frame = [0; FRAME_MAX];
+        let length = encode_data(header, data, &mut frame);
+        self.waiting.extend_from_slice(&frame[..length]);
+    }
+
+    /// A ground station commands us.
+    pub fn command(&mut self, command: u16, param1: f32) {
+        let (target_system, target_component) = US;
+        let order =
+            COMMAND_LONG_DATA { target_system, target_component, command, param1, ..COMMAND_LONG_DATA::DEFAULT };
+        self.say(&order);
+    }
+
+    /// A ground station sets one of our parameters.
+    pub fn set_parameter(&mut self, name: &str, value: f32) {
+        let (target_system, target_component) = US;
+        let wish = PARAM_SET_DATA {
+            target_system,
+            target_component,
+            param_id: name.into(),
+            param_value: value,
+            param_type: REAL32,
+        };
+        self.say(&wish);
+    }
+
+    /// Flies on for one step.
+    pub fn step(&mut self) -> Step {
+        let (time_us, theirs_us) = (self.time_us, self.autopilot_us());
+        let now = Instant(self.clocks.ours_us + time_us);
+        let motion = self.vehicle.motion;
+        self.autopilot.telemetry(theirs_us, &motion, self.ownship_is_silent);
+        if (time_us / STEP_US).is_multiple_of(SENSOR_STEPS) && !self.obstacles_are_silent {
+            let (position, yaw_rad) = (place(&motion), motion.pose.yaw_rad);
+            let view = View { world: &self.world, time_s: 0.0, position, yaw_rad, sensor: self.sensor };
+            self.autopilot.forward(&view.scan(theirs_us));
+        }
+        let obeyed = self.autopilot.armed && self.autopilot.custom_mode == self.autopilot.companion_mode();
+        let heard = self.autopilot.transmit();
+        self.waiting.extend(match &mut self.wire {
+            Some(wire) => wire.to_companion(&heard),
+            None => heard,
+        });
+        let (output, tx) = self.compute(now, &motion);
+        let sent = self.read(&tx);
+        let arriving = match &mut self.wire {
+            Some(wire) => wire.to_autopilot(&tx),
+            None => tx,
+        };
+        self.autopilot.receive(theirs_us, &motion, &arriving);
+        self.vehicle.step(self.autopilot.command(theirs_us), TICK_S);
+        self.collided |= self.hull.collides(&self.world, place(&self.vehicle.motion), 0.0);
+        self.time_us += STEP_US;
+        Step { time_us, motion, obeyed, output, sent }
+    }
+
+    fn compute(&mut self, now: Instant, motion: &Motion) -> (Option<Output>, Vec<u8>) {
+        if self.computer_stands_still {
+            return (None, Vec::new());
+        }
+        let source = [self.world.source.north, self.world.source.east, self.world.source_down_m];
+        let frame = self.antennas.frame(now, &motion.pose, source, &mut self.random);
+        let rx = std::mem::take(&mut self.waiting);
+        match self.computer.step(now, FrontEnd::Snapshot(&frame), None, &rx) {
+            Ok(report) => (Some(report.output), report.tx),
+            Err(_) => (None, Vec::new()),
+        }
+    }
+
+    fn read(&mut self, mut bytes: &[u8]) -> Vec<(Header, MavMessage)> {
+        let mut sent = Vec::new();
+        while !bytes.is_empty() {
+            bytes = &bytes[self.framer.push(bytes)..];
+            while let Some(frame) = self.framer.next_frame() {
+                if let (header, Some(message)) = (frame.header, frame.message()) {
+                    sent.push((header, message));
+                }
+            }
+        }
+        sent
+    }
+}
+
+/// The value of a parameter in what was sent, if it was.
+#[must_use]
+pub fn parameter(step: &Step, name: &str) -> Option<f32> {
+    step.sent.iter().find_map(|(_, message)| match message {
+        MavMessage::PARAM_VALUE(PARAM_VALUE_DATA { param_id, param_value, .. }) if param_id.to_str() == Ok(name) => {
+            Some(*param_value)
+        }
+        _ => None,
+    })
+}
+
+const fn place(motion: &Motion) -> Horizontal {
+    let [north, east, _] = motion.pose.position_ned_m;
+    Horizontal { north, east }
+}

@@ -1,0 +1,71 @@
+//! A day of link time, and half an hour of the whole computer, with faults all the time.
+
+use foxhound_sim::autopilot::Software;
+use foxhound_sim::soak::{Config, Laps, Report, fly_laps, keep_link};
+use foxhound_sim::trial::Clocks;
+
+use crate::stand::{BOTH, scenario};
+
+const HOUR_US: u64 = 3_600_000_000;
+/// Milliseconds of a u32 are over after 49.7 days.
+const U32_MS_US: u64 = (1 << 32) * 1_000;
+
+fn kept(software: Software, hours: f64, clocks: Clocks, seed: u64) -> Report {
+    let config = Config { software, hours, step_us: 25_000, clocks, seed };
+    let report = keep_link(&config, |_| ()).unwrap();
+    if std::env::var_os("FOXHOUND_SHOW").is_some() {
+        eprintln!("{software:?} {clocks:?} {report:#?}");
+    }
+    report
+}
+
+fn assert_sound(report: &Report, why: &str) {
+    // One at the beginning, one after each second.
+    assert!(report.heartbeats.abs_diff(report.seconds) <= 1, "{why}: {report:?}");
+    assert!(report.heartbeat_off_us <= 25_000, "{why}: {report:?}");
+    assert_eq!((report.setpoints_off_grid, report.setpoints_wrong), (0, 0), "{why}: {report:?}");
+    // The age limit, and a step.
+    assert!((100_000..=275_000).contains(&report.setpoint_oldest_us), "{why}: {report:?}");
+    assert_eq!((report.not_recovered, report.telemetry_off), (0, 0), "{why}: {report:?}");
+    assert_eq!(u64::from(report.restarts_counted), report.restarts, "{why}: {report:?}");
+}
+
+#[test]
+fn a_day_of_link_time_with_faults_all_the_time_drifts_by_nothing_and_ends_in_control() {
+    for software in BOTH {
+        let report = kept(software, 24.0, Clocks::default(), 1);
+        assert_sound(&report, &format!("{software:?}"));
+        assert!(report.faults.iter().all(|count| *count > 50), "{report:?}");
+        assert!(report.frames > 5_000_000 && report.damaged > 10_000, "{report:?}");
+        assert!(report.clock_answers >= report.clock_requests, "{report:?}");
+    }
+}
+
+#[test]
+fn clocks_far_ahead_change_nothing() {
+    for software in BOTH {
+        // A quarter of a million years of microseconds, and one that has just begun.
+        let clocks = Clocks { ours_us: 1 << 63, theirs_us: 0 };
+        assert_sound(&kept(software, 0.5, clocks, 2), "ours far ahead");
+        let clocks = Clocks { ours_us: U32_MS_US - HOUR_US / 4, theirs_us: 0 };
+        assert_sound(&kept(software, 0.5, clocks, 3), "our milliseconds overflow");
+    }
+}
+
+#[test]
+fn the_whole_computer_flies_to_and_fro_for_half_an_hour_and_touches_nothing() {
+    std::thread::scope(|scope| {
+        for software in BOTH {
+            scope.spawn(move || {
+                let config = Config { software, hours: 0.5, step_us: 20_000, clocks: Clocks::default(), seed: 1 };
+                let laps: Laps = fly_laps(&scenario(), &config, |_| ()).unwrap();
+                if std::env::var_os("FOXHOUND_SHOW").is_some() {
+                    eprintln!("{software:?} {laps:?}");
+                }
+                assert!(!laps.collided && laps.min_clearance_m > 0.0, "{laps:?}");
+                assert!(laps.laps > 20 && laps.missed * 10 <= laps.laps, "{laps:?}");
+                assert_eq!(laps.setpoints_off_grid, 0, "{laps:?}");
+            });
+        }
+    });
+}
