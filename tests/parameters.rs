@@ -9,7 +9,7 @@ use std::process::Stdio;
 use foxhound_core::guidance;
 use foxhound_core::param::Values;
 use foxhound_core::time::Instant;
-use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+use foxhound_link::framer::{Content, FRAME_MAX, Framer, Header, encode_data};
 use foxhound_link::params::{Params, Reply, Storage};
 use foxhound_tests::{python, root, run, run_json};
 
@@ -104,8 +104,10 @@ impl Companion {
     fn hear(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.framer.push(&[*byte]);
-            while let Some((header, message)) = self.framer.next_frame().map(|frame| (frame.header, frame.message())) {
-                assert!(self.params.hear((1, 191), header, &(&message.unwrap()).into(), false) || header.system_id == 255);
+            while let Some((header, content)) =
+                self.framer.next_frame().map(|frame| (frame.header, Content::of(&frame)))
+            {
+                assert!(self.params.hear((1, 191), header, &content.unwrap(), false) || header.system_id == 255);
             }
             self.decide();
         }
