@@ -1,10 +1,10 @@
 //! A day of link time, and half an hour of the whole computer, with faults all the time.
 
-use foxhound_sim::autopilot::Software;
+use foxhound_sim::autopilot::{Software, Start};
 use foxhound_sim::soak::{Config, Laps, Report, fly_laps, keep_link};
-use foxhound_sim::trial::Clocks;
+use foxhound_sim::trial::{Clocks, Step};
 
-use crate::stand::{BOTH, scenario};
+use crate::stand::{BOTH, Stand, Stream, scenario};
 
 const HOUR_US: u64 = 3_600_000_000;
 /// Milliseconds of a u32 are over after 49.7 days.
@@ -49,6 +49,21 @@ fn clocks_far_ahead_change_nothing() {
         assert_sound(&kept(software, 0.5, clocks, 2), "ours far ahead");
         let clocks = Clocks { ours_us: U32_MS_US - HOUR_US / 4, theirs_us: 0 };
         assert_sound(&kept(software, 0.5, clocks, 3), "our milliseconds overflow");
+    }
+}
+
+#[test]
+fn milliseconds_of_the_autopilot_that_overflow_in_flight_are_no_restart() {
+    for software in BOTH {
+        let clocks = Clocks { ours_us: U32_MS_US - 14_000_000, theirs_us: U32_MS_US - 15_000_000 };
+        let mut stand = Stand::with(software, Start::Hovering, clocks, 1);
+        stand.run(2.0);
+        stand.get_under_way();
+        stand.expect(7.0, Stream::Moving, "both overflow");
+        assert!(stand.trial.time_us() > 15_500_000);
+        let slowest = stand.steps[stand.steps.len() - 350..].iter().map(Step::speed_mps).fold(1.0, f64::min);
+        assert!(slowest > 0.5, "{software:?}: {slowest} m/s");
+        stand.expect_beacon("both overflow");
     }
 }
 
