@@ -19,6 +19,7 @@ fn run(property: fn(&[u8]) -> Reached, cases: u64, longest: u32) -> (u64, Reache
         configured += u64::from(reached.configured);
         sum.answers += reached.answers;
         sum.usable += reached.usable;
+        sum.settled += reached.settled;
     }
     (configured, sum)
 }
@@ -38,7 +39,10 @@ fn any_looks_give_finite_arrivals_with_a_sigma() {
 #[test]
 fn any_bytes_leave_the_link_sane_and_its_own_frames_whole() {
     let (configured, sum) = run(link, 4000, 4000);
-    assert!(configured > 1000 && sum.usable > 500, "too shallow: {configured} configured, {sum:?}");
+    assert!(
+        configured > 1000 && sum.usable > 2000 && sum.settled > 500,
+        "too shallow: {configured} configured, {sum:?}"
+    );
 }
 
 #[test]

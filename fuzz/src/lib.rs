@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | [`frames`] | configurations, snapshots -> phase -> bearing | no panic, no NaN, 0 < sigma <= pi, never valid without a signal |
 //! | [`looks`] | phasors, bearings, poses -> several looks -> arrival | the same, powers and directions in range |
-//! | [`link`](fn@link) | bytes, broken and whole frames, outputs, clocks -> framer and companion | every whole frame is found, nothing is invented; what is sent is well formed; a setpoint is what was published last, inside the limits, in the mode only, and fresh |
+//! | [`link`](fn@link) | bytes, broken and whole frames, signed and not, outputs, parameters, keys, clocks -> framer and companion | every whole frame is found, nothing is invented; what is sent is well formed and signed where there is a key; a setpoint is what was published last, or that turned after a jump, inside the limits, fresh, and only where the failsafe table says so; with a key nothing unsigned or played back is believed; no parameter is proposed while in control, and what is settled builds and flies |
 //! | [`steer`](fn@steer) | demands to the guard; sensors, controls and clocks through guidance and all planners -> setpoints, plans | finite and inside the limits of speed, acceleration, jerk, yaw rate and altitude; nothing without control; every plan finite |
 //! | [`filters`](fn@filters) | sightings, walls, powers, looks, points, circles -> filters of the source, bank, seeking, link state, walls, search | finite; every covariance symmetric and positive; probabilities, directions and targets in range |
 
@@ -37,6 +37,8 @@ pub struct Reached {
     pub answers: u32,
     /// Those that may be used: valid bearings; of the link, setpoints that move; of steering, what moved.
     pub usable: u32,
+    /// Of the link, parameters that were settled.
+    pub settled: u32,
 }
 
 /// Numbers that have broken programs before.
