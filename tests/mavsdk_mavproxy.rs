@@ -222,11 +222,14 @@ fn of(records: &[Record], sender: (u8, u8)) -> Vec<Record> {
     records.iter().filter(|record| record.sender == sender).cloned().collect()
 }
 
-/// That a log holds what another one does from its first frame on, but for at most `missing` frames at its end.
-fn goes_on_as(log: &[Record], other: &[Record], missing: usize) {
+/// Frames that the end of a log may lack: neither program waits for what is under way.
+const END: usize = 200;
+
+/// That two logs hold the same frames without a gap, from the first one of `log` on, but for the end of either.
+fn goes_on_as(log: &[Record], other: &[Record]) {
     let begin = other.iter().position(|record| record.frame == log[0].frame).unwrap();
     let other = &other[begin..];
-    assert!(log.len() <= other.len() && log.len() + missing >= other.len(), "{} of {}", log.len(), other.len());
+    assert!(log.len() > 3 * END && log.len().abs_diff(other.len()) < END, "{} of {}", log.len(), other.len());
     let lost = log.iter().zip(other).position(|(one, other)| one.frame != other.frame);
     assert_eq!(lost, None, "of {}", log.len());
     assert!(log.windows(2).all(|pair| pair[1].sequence() == pair[0].sequence().wrapping_add(1)), "a gap");
@@ -274,18 +277,18 @@ fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
 
     let report: Value = serde_json::from_str(&companion.lines().next().unwrap().unwrap()).unwrap();
     assert_eq!((companion.wait(), &report["result"]), (0, &"reached".into()), "{report}");
-    // What it has still to write.
-    sleep(Duration::from_millis(500));
+    // What it has still to pass on.
+    sleep(Duration::from_secs(1));
     router.signal("-TERM");
     router.wait();
     autopilot.signal("-INT");
     let last = said.next().unwrap();
 
-    // Both ways, frame for frame.
+    // Both ways, frame for frame. What it passed on last it may not have written any more; the autopilot counts that.
     let (ours, routed) = (records(&log), records(&router_log));
     let sent = of(&ours, (1, 191));
-    goes_on_as(&of(&routed, (1, 191)), &sent, 0);
-    goes_on_as(&of(&ours, (1, 1)), &of(&routed, (1, 1)), 100);
+    goes_on_as(&of(&routed, (1, 191)), &sent);
+    goes_on_as(&of(&ours, (1, 1)), &of(&routed, (1, 1)));
     let setpoints = sent.iter().filter(|record| record.message_id == SET_POSITION_TARGET_LOCAL_NED).count();
     assert!(setpoints > 200 && last["setpoints"] == setpoints, "{setpoints} {last}");
     assert_eq!(last["last_setpoint_mps"], serde_json::json!([0.0, 0.0, 0.0]), "{last}");
@@ -317,6 +320,7 @@ fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
     let enough_hz = ENOUGH * WISH_HZ;
     let rates = format!("{before_hz} Hz, {meanwhile_hz} Hz for {} us, {after_hz} Hz", taken_us - stolen_us);
     assert!(before_hz >= enough_hz && meanwhile_hz < enough_hz && after_hz >= enough_hz, "{rates}");
-    assert!(taken_us - stolen_us < 4 * SECOND_US && end_us > taken_us + 2 * SECOND_US, "{rates}");
+    // It counts for 3 s at a time: in those in which it happens it may not be too few yet.
+    assert!(taken_us - stolen_us < 6 * SECOND_US && end_us > taken_us + 2 * SECOND_US, "{rates}");
     println!("{rates}; {} frames up, {} down", sent.len(), of(&ours, (1, 1)).len());
 }
