@@ -25,6 +25,9 @@ pub const SAMPLES_PER_CHANNEL: usize = 256;
 /// Room for some whole MAVLink frames.
 const TRANSMIT_BYTES: usize = 512;
 
+/// With so many bytes on their way to the serial line, no more are sent there.
+const WAITING_BYTES: usize = 128;
+
 /// Bytes from the serial line to guidance: what arrives in a step of 20 ms at 921 600 baud.
 pub type Incoming = Pipe<CriticalSectionRawMutex, 2048>;
 
@@ -190,7 +193,10 @@ impl Flight {
     #[inline(never)]
     fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, ConfigError> {
         static COMPANION: StaticCell<Companion> = StaticCell::new();
-        Ok(COMPANION.init(companion::Config::default().build_with(Values::of(config))?))
+        let companion = COMPANION.init(companion::Config::default().build_with(Values::of(config))?);
+        // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
+        companion.require_entry();
+        Ok(companion)
     }
 
     /// The next flight in the same place; the old one goes on if the configuration is refused.
@@ -231,10 +237,17 @@ impl Flight {
             // There is none yet.
             self.companion.stored(false);
         }
-        let Some((id, values)) = self.companion.proposal() else { return false };
-        let verdict = self.adopt(id, &values);
-        self.companion.settle(verdict);
-        verdict.is_ok()
+        let mut begins_anew = false;
+        if let Some((id, values)) = self.companion.proposal() {
+            let verdict = self.adopt(id, &values);
+            self.companion.settle(verdict);
+            begins_anew = verdict.is_ok();
+        }
+        if self.companion.take_world_lost() {
+            self.guidance.restart(self.state);
+            begins_anew = true;
+        }
+        begins_anew
     }
 
     /// One step, and how long guidance took. The simulator does the same in the same order: bit for bit.
@@ -293,10 +306,11 @@ impl Line {
         }
     }
 
-    /// Sends what the companion has to say: in lock-step all of it, else what there is room for; the rest waits there.
+    /// Sends what the companion has to say: in lock-step all of it, else little at a time: what waits there a newer setpoint
+    /// can replace, what waits in the pipe it cannot.
     async fn write(&mut self, companion: &mut Companion, lock_step: bool) {
         let mut bytes = [0; TRANSMIT_BYTES];
-        while lock_step || self.outgoing.free_capacity() >= bytes.len() {
+        while lock_step || self.outgoing.len() < WAITING_BYTES {
             let count = companion.transmit(&mut bytes);
             if count == 0 {
                 return;

@@ -146,6 +146,10 @@ impl Computer for HostComputer {
             let is_done = self.keep(storage);
             self.companion.stored(is_done);
         }
+        if self.companion.take_world_lost() {
+            self.guidance.restart(&mut self.state);
+            self.finished = None;
+        }
         let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let plan = self.finished.take();
         let input = Input {

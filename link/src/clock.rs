@@ -14,8 +14,8 @@ const DRIFT_PER_MILLION: u64 = 100;
 const WIDTH_MAX_US: i64 = 10_000;
 /// Stamps are whole milliseconds; a lesser age is none.
 const STAMP_US: i64 = 1_000;
-/// Nothing is older than this on its arrival; who says so has another clock.
-const AGE_MAX_US: i64 = 200_000;
+/// Older than this is as good as this.
+const AGE_MAX_US: i64 = 5_000_000;
 
 /// Whether it is longer ago than `limit_s`.
 #[inline(never)]
@@ -42,11 +42,13 @@ pub(crate) struct PeerClock {
     asked: Option<Instant>,
     /// Of the last answer.
     round_trip_us: Option<u64>,
+    /// The last message's stamp.
+    stamped_ms: Option<u32>,
 }
 
 impl PeerClock {
     pub(crate) const fn new() -> Self {
-        Self { low: None, high: None, asked: None, round_trip_us: None }
+        Self { low: None, high: None, asked: None, round_trip_us: None, stamped_ms: None }
     }
 
     /// A request leaves; its `ts1`, in nanoseconds as the protocol wants it.
@@ -69,9 +71,11 @@ impl PeerClock {
     pub(crate) fn made(&mut self, now: Instant, time_boot_ms: u32) -> Instant {
         let stamped_us = i64::from(time_boot_ms) * 1_000;
         self.bound_low(now, stamped_us.saturating_sub(micros(now)));
-        let Some(offset_us) = self.offset_us(now) else { return now };
-        let age_us = micros(now).saturating_add(offset_us).saturating_sub(stamped_us);
-        if (STAMP_US..=AGE_MAX_US).contains(&age_us) { Instant(now.0.saturating_sub(age_us as u64)) } else { now }
+        // Stamps that stand still are no clock.
+        let is_running = self.stamped_ms.replace(time_boot_ms) != Some(time_boot_ms);
+        let Some(offset_us) = self.offset_us(now).filter(|_| is_running) else { return now };
+        let age_us = micros(now).saturating_add(offset_us).saturating_sub(stamped_us).min(AGE_MAX_US);
+        if age_us >= STAMP_US { Instant(now.0.saturating_sub(age_us as u64)) } else { now }
     }
 
     /// Time from the last answered request to its answer.
@@ -150,6 +154,18 @@ mod tests {
         exchange(&mut clock, 1_400_000, 9_000, 40_000);
         let made = clock.made(Instant(1_520_000), 8_500);
         assert!(made.0.abs_diff(1_500_000) <= 700, "{made:?}");
+    }
+
+    #[test]
+    fn a_backlog_is_as_old_as_it_is_and_a_stamp_that_stands_still_says_nothing() {
+        let mut clock = PeerClock::new();
+        exchange(&mut clock, 11_000_000, 500, 500);
+        for late_us in [500_000, 2_000_000, 5_000_000] {
+            let stamp_ms = ((12_000_000 - late_us + 7_000_000) / 1_000) as u32;
+            let made = clock.made(Instant(12_000_000), stamp_ms);
+            assert!(made.0.abs_diff(12_000_000 - late_us) <= 1_000, "{made:?}");
+            assert_eq!(clock.made(Instant(12_000_000), stamp_ms), Instant(12_000_000));
+        }
     }
 
     #[test]

@@ -9,8 +9,8 @@
 //!  ours = turn back (autopilot's) + shift         velocities for the autopilot = turn (ours)
 //! ```
 //!
-//! A position is a jump when it is farther from where the last one led than `max(1 m, 3 v dt + 0.5 m)`, or when somebody
-//! said so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`, a restart); a heading when it is more than 10 degrees from
+//! A position is a jump when it is farther from where the last one led than `max(1 m, 3 v dt + 0.5 m)`, `v` the faster of the two speeds,, or when somebody
+//! said so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`); a heading when it is more than 10 degrees from
 //! where the yaw rate led. Until the first jump both frames are the same, to the bit.
 
 use foxhound_core::frame::Ned;
@@ -40,6 +40,16 @@ pub(crate) struct Continuity {
     heading_is_new: bool,
 }
 
+/// From one position to the next.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Way {
+    pub(crate) from_m: Ned,
+    pub(crate) to_m: Ned,
+    pub(crate) from_mps: Ned,
+    pub(crate) to_mps: Ned,
+    pub(crate) dt_s: f32,
+}
+
 /// From one heading to the next.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Turn {
@@ -66,7 +76,7 @@ impl Continuity {
         }
     }
 
-    /// The autopilot has begun anew: the next position and heading are where the last ones were.
+    /// The autopilot has said that its estimate jumps: the next position, and the heading, are where the last ones were.
     #[inline(never)]
     pub(crate) fn expect_new(&mut self, heading: bool) {
         self.place_is_new = true;
@@ -75,7 +85,8 @@ impl Continuity {
 
     /// Follows the autopilot from one position to the next; how far it jumped, if it did.
     #[inline(never)]
-    pub(crate) fn follow_place(&mut self, from_m: Ned, velocity_mps: Ned, to_m: Ned, dt_s: f32) -> Option<f32> {
+    pub(crate) fn follow_place(&mut self, way: &Way) -> Option<f32> {
+        let Way { from_m, to_m, from_mps, to_mps, dt_s } = *way;
         let is_new = core::mem::take(&mut self.place_is_new);
         if dt_s > PLACE_GAP_MAX_S && !is_new {
             return None;
@@ -83,11 +94,13 @@ impl Continuity {
         // Over a gap before a new beginning nobody knows; not carried on, then.
         let dt_s = if dt_s > PLACE_GAP_MAX_S { 0.0 } else { dt_s };
         let step_m = Ned {
-            north: to_m.north - from_m.north - velocity_mps.north * dt_s,
-            east: to_m.east - from_m.east - velocity_mps.east * dt_s,
-            down: to_m.down - from_m.down - velocity_mps.down * dt_s,
+            north: to_m.north - from_m.north - 0.5 * (from_mps.north + to_mps.north) * dt_s,
+            east: to_m.east - from_m.east - 0.5 * (from_mps.east + to_mps.east) * dt_s,
+            down: to_m.down - from_m.down - 0.5 * (from_mps.down + to_mps.down) * dt_s,
         };
-        let limit_m = STEP_PER_WAY * norm(velocity_mps) * dt_s + STEP_MARGIN_M;
+        let (before_mps, after_mps) = (norm(from_mps), norm(to_mps));
+        let fastest_mps = if before_mps > after_mps { before_mps } else { after_mps };
+        let limit_m = STEP_PER_WAY * fastest_mps * dt_s + STEP_MARGIN_M;
         let limit_m = if limit_m > STEP_MIN_M { limit_m } else { STEP_MIN_M };
         let jumped_m = norm(step_m);
         if jumped_m <= limit_m && !is_new {
@@ -195,6 +208,20 @@ mod tests {
         Ned { north, east, down }
     }
 
+    fn way(from_m: Ned, velocity_mps: Ned, to_m: Ned, dt_s: f32) -> Way {
+        Way { from_m, to_m, from_mps: velocity_mps, to_mps: velocity_mps, dt_s }
+    }
+
+    #[test]
+    fn a_vehicle_that_gets_going_in_a_gap_has_not_jumped() {
+        for (dt_s, a_mps2) in [(0.25, 5.0), (0.75, 4.0), (1.0, 3.0), (1.5, 3.0)] {
+            let mut frame = Continuity::new();
+            let still = ned(0.0, 0.0, 0.0);
+            let (to_m, to_mps) = (ned(0.5 * a_mps2 * dt_s * dt_s, 0.0, 0.0), ned(a_mps2 * dt_s, 0.0, 0.0));
+            assert_eq!(frame.follow_place(&Way { from_m: still, to_m, from_mps: still, to_mps, dt_s }), None);
+        }
+    }
+
     fn turn(from_rad: f32, rate_radps: f32, to_rad: f32, dt_s: f32) -> Turn {
         Turn { from_rad, to_rad, dt_s, rate_radps, unknown_radps: 0.0 }
     }
@@ -219,7 +246,7 @@ mod tests {
         let mut place = ned(0.1, -0.3, -5.7);
         for _ in 0..1000 {
             let next = ned(place.north + 0.061, place.east - 0.019, place.down + 0.011);
-            assert_eq!(frame.follow_place(place, velocity, next, 0.02), None);
+            assert_eq!(frame.follow_place(&way(place, velocity, next, 0.02)), None);
             assert_eq!(frame.follow_heading(turn(3.1, 1.5, -3.13, 0.02), next), None);
             place = next;
             assert_eq!(frame.place_to_ours(place), place);
@@ -233,7 +260,7 @@ mod tests {
         let mut frame = Continuity::new();
         let (before, velocity) = (ned(10.0, 4.0, -5.0), ned(1.0, 0.0, 0.0));
         let after = ned(10.02 + 3.0, 4.0 - 4.0, -5.0);
-        let jumped_m = frame.follow_place(before, velocity, after, 0.02).unwrap();
+        let jumped_m = frame.follow_place(&way(before, velocity, after, 0.02)).unwrap();
         assert!((jumped_m - 5.0).abs() < 1e-3);
         assert!(distance(frame.place_to_ours(after), ned(10.02, 4.0, -5.0)) < 1e-4);
         assert!(distance(frame.place_to_theirs(frame.place_to_ours(after)), after) < 1e-4);
@@ -254,7 +281,7 @@ mod tests {
         let (sin, cos) = sin_cos(1.5);
         assert!(distance(ahead, ned(cos, sin, 0.0)) < 1e-6);
         // And another jump of the place on top of it.
-        frame.follow_place(here, ned(0.0, 0.0, 0.0), ned(24.0, -10.0, -3.0), 0.02).unwrap();
+        frame.follow_place(&way(here, ned(0.0, 0.0, 0.0), ned(24.0, -10.0, -3.0), 0.02)).unwrap();
         assert!(distance(frame.place_to_ours(ned(24.0, -10.0, -3.0)), here) < 1e-4);
         assert!(distance(frame.place_to_theirs(here), ned(24.0, -10.0, -3.0)) < 1e-4);
     }
@@ -263,14 +290,14 @@ mod tests {
     fn what_is_announced_is_a_jump_however_small_and_a_gap_is_none() {
         let mut frame = Continuity::new();
         let still = ned(0.0, 0.0, 0.0);
-        assert_eq!(frame.follow_place(still, still, ned(0.9, 0.0, 0.0), 0.02), None);
+        assert_eq!(frame.follow_place(&way(still, still, ned(0.9, 0.0, 0.0), 0.02)), None);
         frame.expect_new(false);
-        assert!(frame.follow_place(still, still, ned(0.2, 0.0, 0.0), 0.02).is_some());
+        assert!(frame.follow_place(&way(still, still, ned(0.2, 0.0, 0.0), 0.02)).is_some());
         assert!((frame.place_to_ours(ned(0.2, 0.0, 0.0)).north).abs() < 1e-6);
-        assert_eq!(frame.follow_place(still, still, ned(50.0, 0.0, 0.0), 3.0), None);
+        assert_eq!(frame.follow_place(&way(still, still, ned(50.0, 0.0, 0.0), 3.0)), None);
         assert_eq!(frame.follow_heading(turn(0.0, 0.0, 3.0, 1.0), still), None);
         frame.expect_new(true);
-        assert!(frame.follow_place(still, still, ned(50.0, 0.0, 0.0), 30.0).is_some());
+        assert!(frame.follow_place(&way(still, still, ned(50.0, 0.0, 0.0), 30.0)).is_some());
         assert!(frame.follow_heading(turn(0.0, 0.0, 3.0, 30.0), still).is_some());
     }
 }

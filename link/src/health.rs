@@ -10,11 +10,8 @@ use crate::dialect::{
     FENCE_STATUS_DATA, MavBatteryChargeState, RC_CHANNELS_DATA, SYS_STATUS_DATA,
 };
 
-/// Batteries that are told apart; one with a higher number is not looked at.
+/// Batteries that are told apart; those with higher numbers count as the last one.
 const BATTERIES: usize = 4;
-/// What an estimator said counts for so long.
-const ESTIMATOR_AGE_MAX_S: f32 = 5.0;
-const FENCE_AGE_MAX_S: f32 = 5.0;
 /// A switch that is not heard for so long is off.
 const SWITCH_AGE_MAX_S: f32 = 2.0;
 /// Pulses of a transmitter are between these; anything else is no signal.
@@ -36,8 +33,8 @@ pub(crate) struct Health {
     charges: [Charge; BATTERIES],
     /// Energy left, of all that said so the least, in the last message of each kind.
     remaining_percent: [Option<u8>; 2],
-    estimator: Option<(Instant, bool)>,
-    fence_breached: Option<(Instant, bool)>,
+    estimator_is_bad: bool,
+    fence_is_breached: bool,
     switch: Option<(Instant, bool)>,
 }
 
@@ -46,8 +43,8 @@ impl Health {
         Self {
             charges: [Charge::Enough; BATTERIES],
             remaining_percent: [None; 2],
-            estimator: None,
-            fence_breached: None,
+            estimator_is_bad: false,
+            fence_is_breached: false,
             switch: None,
         }
     }
@@ -55,7 +52,7 @@ impl Health {
     pub(crate) fn on_battery(&mut self, battery: &BATTERY_STATUS_DATA) {
         use MavBatteryChargeState as State;
         let state = battery.charge_state;
-        if let Some(charge) = self.charges.get_mut(usize::from(battery.id)) {
+        if let Some(charge) = self.charges.get_mut(usize::from(battery.id).min(BATTERIES - 1)) {
             *charge = if state == State::MAV_BATTERY_CHARGE_STATE_LOW as u8 {
                 Charge::Low
             } else if (State::MAV_BATTERY_CHARGE_STATE_CRITICAL as u8..=State::MAV_BATTERY_CHARGE_STATE_UNHEALTHY as u8)
@@ -75,7 +72,7 @@ impl Health {
         self.remaining_percent[1] = percent(status.battery_remaining);
     }
 
-    pub(crate) fn on_ekf(&mut self, now: Instant, report: &EKF_STATUS_REPORT_DATA) {
+    pub(crate) fn on_ekf(&mut self, report: &EKF_STATUS_REPORT_DATA) {
         use EkfStatusFlags as Flag;
         let has = |flag: Flag| u32::from(report.flags) & flag as u32 != 0;
         let knows = has(Flag::EKF_ATTITUDE)
@@ -83,21 +80,21 @@ impl Health {
             && (has(Flag::EKF_POS_HORIZ_REL) || has(Flag::EKF_POS_HORIZ_ABS))
             && !has(Flag::EKF_CONST_POS_MODE)
             && !has(Flag::EKF_UNINITIALIZED);
-        self.estimator = Some((now, knows));
+        self.estimator_is_bad = !knows;
     }
 
-    pub(crate) fn on_estimator(&mut self, now: Instant, report: &ESTIMATOR_STATUS_DATA) {
+    pub(crate) fn on_estimator(&mut self, report: &ESTIMATOR_STATUS_DATA) {
         use EstimatorStatusFlags as Flag;
         let has = |flag: Flag| u32::from(report.flags) & flag as u32 != 0;
         let knows = has(Flag::ESTIMATOR_ATTITUDE)
             && has(Flag::ESTIMATOR_VELOCITY_HORIZ)
             && (has(Flag::ESTIMATOR_POS_HORIZ_REL) || has(Flag::ESTIMATOR_POS_HORIZ_ABS))
             && !has(Flag::ESTIMATOR_CONST_POS_MODE);
-        self.estimator = Some((now, knows));
+        self.estimator_is_bad = !knows;
     }
 
-    pub(crate) fn on_fence(&mut self, now: Instant, fence: &FENCE_STATUS_DATA) {
-        self.fence_breached = Some((now, fence.breach_status != 0));
+    pub(crate) fn on_fence(&mut self, fence: &FENCE_STATUS_DATA) {
+        self.fence_is_breached = fence.breach_status != 0;
     }
 
     /// `channel` counts from 1.
@@ -139,13 +136,14 @@ impl Health {
         self.charges.iter().copied().max().unwrap_or_default()
     }
 
-    /// Whether the estimator says that it does not know where it is.
-    pub(crate) fn is_estimator_bad(&self, now: Instant) -> bool {
-        self.estimator.is_some_and(|(at, knows)| !knows && !is_over(now, at, ESTIMATOR_AGE_MAX_S))
+    /// Whether the estimator said last that it does not know where it is. Silence does not make it better.
+    pub(crate) fn is_estimator_bad(&self) -> bool {
+        self.estimator_is_bad
     }
 
-    pub(crate) fn is_fence_breached(&self, now: Instant) -> bool {
-        self.fence_breached.is_some_and(|(at, breached)| breached && !is_over(now, at, FENCE_AGE_MAX_S))
+    /// Whether the fence was breached when it was heard of last.
+    pub(crate) fn is_fence_breached(&self) -> bool {
+        self.fence_is_breached
     }
 
     /// Whether the pilot's switch is on.
@@ -155,7 +153,7 @@ impl Health {
 
     /// A clock that ran backwards: nothing is younger than now.
     pub(crate) fn follow_clock(&mut self, now: Instant) {
-        for (at, _) in [&mut self.estimator, &mut self.fence_breached, &mut self.switch].into_iter().flatten() {
+        if let Some((at, _)) = &mut self.switch {
             *at = (*at).min(now);
         }
     }

@@ -97,7 +97,7 @@ impl Outbox {
         }
     }
 
-    /// With no room left the oldest note is dropped.
+    /// With no room left the oldest value is dropped, and the oldest text only where there are no values.
     pub(crate) fn post_note(&mut self, note: &impl MessageData) {
         self.push_note(Packed::new(note));
     }
@@ -105,6 +105,10 @@ impl Outbox {
     #[inline(never)]
     fn push_note(&mut self, note: Note) {
         if self.notes.is_full() {
+            for _ in 0..self.notes.len() {
+                let Some(text) = self.notes.pop_front_if(|note| note.is(STATUSTEXT_DATA::ID)) else { break };
+                self.notes.push_back(text).ok();
+            }
             self.notes.pop_front();
             self.dropped.notes = self.dropped.notes.saturating_add(1);
         }

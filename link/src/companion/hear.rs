@@ -9,7 +9,7 @@ use crate::MessageData;
 use crate::advice::Advice;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
 use crate::clock::{PeerClock, is_over, nanos};
-use crate::continuity::Turn;
+use crate::continuity::{Continuity, Turn, Way};
 use crate::dialect::{
     self as d, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavLandedState, MavResult, OBSTACLE_DISTANCE_DATA,
     SETUP_SIGNING_DATA, TIMESYNC_DATA,
@@ -27,6 +27,8 @@ const LINK_ID: u8 = 0;
 const YAW_AGE_MAX_S: f32 = 0.5;
 /// Messages of one autopilot may overtake each other by less than this; more is a restart.
 const BOOT_CLOCK_SLACK_MS: u32 = 1_000;
+/// It passes its end, and has not restarted, if no more than this was missed.
+const BOOT_CLOCK_GAP_MAX_MS: u32 = 60_000;
 
 impl Companion {
     #[inline(never)]
@@ -45,7 +47,8 @@ impl Companion {
             return;
         }
         // Any component of our system may see obstacles.
-        let is_aboard = header.system_id == us.0;
+        // An autopilot that is told of obstacles by us tells us of them.
+        let is_aboard = header.system_id == us.0 && !(is_autopilot && self.config.surroundings);
         match content.message_id() {
             d::HEARTBEAT_DATA::ID => self.on_heartbeat(header, content),
             d::SETUP_SIGNING_DATA::ID => self.on_key(content),
@@ -128,9 +131,12 @@ impl Companion {
             }
             None => true,
         };
+        let was_lost = self.autopilot.is_some_and(|known| is_over(now, known.heard, self.config.silence_after_s));
         if !autopilot.obeys() {
             self.entry_needed = false;
             self.paused = false;
+        } else if was_lost && self.config.fresh_entry_after_silence {
+            self.entry_needed = true;
         }
         let changed = self.autopilot.is_none_or(|known| known.software != autopilot.software);
         self.autopilot = Some(autopilot);
@@ -221,9 +227,9 @@ impl Companion {
             }
             d::SYS_STATUS_DATA::ID => self.health.on_sys_status(&content.read()),
             d::BATTERY_STATUS_DATA::ID => self.health.on_battery(&content.read()),
-            d::EKF_STATUS_REPORT_DATA::ID => self.health.on_ekf(now, &content.read()),
-            d::ESTIMATOR_STATUS_DATA::ID => self.health.on_estimator(now, &content.read()),
-            d::FENCE_STATUS_DATA::ID => self.health.on_fence(now, &content.read()),
+            d::EKF_STATUS_REPORT_DATA::ID => self.health.on_ekf(&content.read()),
+            d::ESTIMATOR_STATUS_DATA::ID => self.health.on_estimator(&content.read()),
+            d::FENCE_STATUS_DATA::ID => self.health.on_fence(&content.read()),
             d::RC_CHANNELS_DATA::ID if self.config.switch_channel > 0 => {
                 self.health.on_channels(now, &content.read(), self.config.switch_channel);
             }
@@ -243,14 +249,20 @@ impl Companion {
         let message: d::LOCAL_POSITION_NED_DATA = content.read();
         let made = self.made(message.time_boot_ms);
         let Some(position) = Position::from_message(made, &message) else { return count(&mut self.counters.rejected) };
-        if let Some((last, _)) = &self.position {
+        if let Some(last) = &self.position {
             let dt_s = seconds_between((last.time_boot_ms, last.time), (position.time_boot_ms, position.time));
-            let (from_m, to_m) = (last.position_ned_m, position.position_ned_m);
-            if self.continuity.follow_place(from_m, last.velocity_ned_mps, to_m, dt_s).is_some() {
+            let way = Way {
+                from_m: last.position_ned_m,
+                to_m: position.position_ned_m,
+                from_mps: last.velocity_ned_mps,
+                to_mps: position.velocity_ned_mps,
+                dt_s,
+            };
+            if self.continuity.follow_place(&way).is_some() {
                 self.unsettle();
             }
         }
-        self.position = Some((position, true));
+        self.position = Some(position);
     }
 
     #[inline(never)]
@@ -270,9 +282,9 @@ impl Companion {
     #[inline(never)]
     fn on_attitude(&mut self, heard: Option<Attitude>) {
         let Some(attitude) = heard else { return count(&mut self.counters.rejected) };
-        if let Some((last, _)) = &self.attitude {
+        if let Some(last) = &self.attitude {
             let dt_s = seconds_between((last.time_boot_ms, last.time), (attitude.time_boot_ms, attitude.time));
-            let at_m = self.position.map_or_else(Default::default, |(position, _)| position.position_ned_m);
+            let at_m = self.position.map_or_else(Default::default, |position| position.position_ned_m);
             let rate_radps = 0.5 * (last.yaw_rate_radps + attitude.yaw_rate_radps);
             // A gyroscope never says exactly nothing: who does tells no rates, and then the vehicle may turn as it was told.
             let tells_rates = last.yaw_rate_radps != 0.0 || attitude.yaw_rate_radps != 0.0;
@@ -282,7 +294,7 @@ impl Companion {
                 self.unsettle();
             }
         }
-        self.attitude = Some((attitude, true));
+        self.attitude = Some(attitude);
     }
 
     /// The autopilot's estimate jumped: guidance holds until it has settled.
@@ -305,26 +317,28 @@ impl Companion {
         self.clock.made(now, time_boot_ms)
     }
 
-    /// The autopilot's clock running backwards means that it restarted: nothing that it said before counts, and where it
-    /// begins anew is where it was.
+    /// The autopilot's clock running backwards means that it restarted: nothing that it said before counts. Its frame
+    /// begins anew, and nobody knows how the vehicle moved meanwhile, so what guidance remembers is of no use either.
     #[inline(never)]
     fn follow_boot_clock(&mut self, time_boot_ms: u32) {
         let now = self.now;
         if let Some(last) = self.boot_ms {
+            // After 49.7 days it begins at zero again.
+            if time_boot_ms < last && time_boot_ms.wrapping_sub(last) < BOOT_CLOCK_GAP_MAX_MS {
+                self.boot_ms = Some(time_boot_ms);
+                return;
+            }
             if last.saturating_sub(time_boot_ms) <= BOOT_CLOCK_SLACK_MS {
                 self.boot_ms = Some(last.max(time_boot_ms));
                 return;
             }
             count(&mut self.counters.reboots);
             self.telemetry.warn("Foxhound: autopilot has restarted");
-            self.continuity.expect_new(true);
+            self.continuity = Continuity::new();
             self.clock = PeerClock::new();
-            if let Some((_, is_current)) = &mut self.position {
-                *is_current = false;
-            }
-            if let Some((_, is_current)) = &mut self.attitude {
-                *is_current = false;
-            }
+            self.position = None;
+            self.attitude = None;
+            self.world_is_lost = true;
             self.landed_state = 0;
             self.origin = None;
             self.reset_counter = None;
@@ -364,8 +378,7 @@ impl Companion {
         };
         let from_north = obstacles.frame == MavFrame::MAV_FRAME_GLOBAL as u8
             || obstacles.frame == MavFrame::MAV_FRAME_LOCAL_NED as u8;
-        let attitude = self.attitude.filter(|(_, is_current)| *is_current).map(|(attitude, _)| attitude);
-        let yaw_rad = match attitude {
+        let yaw_rad = match self.attitude {
             _ if from_nose => Some(0.0),
             // The autopilot's own: so does north.
             Some(attitude) if from_north && !is_over(now, attitude.time, YAW_AGE_MAX_S) => Some(attitude.yaw_rad),
@@ -407,6 +420,9 @@ impl Companion {
         let is = |known: MavCmd| known as u16 == command;
         let result = if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) || is(MavCmd::MAV_CMD_DO_SET_MODE) {
             MavResult::MAV_RESULT_DENIED
+        } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.obeys() {
+            // It would be forgotten at the entry into the mode.
+            MavResult::MAV_RESULT_TEMPORARILY_REJECTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && (param1 == 0.0 || param1 == 1.0) {
             self.paused = param1 == 0.0;
             MavResult::MAV_RESULT_ACCEPTED

@@ -349,9 +349,11 @@ pub struct Companion {
     paused: bool,
     failed: bool,
     boot_ms: Option<u32>,
-    /// As the autopilot says it, and whether it was said since the autopilot's last restart.
-    position: Option<(Position, bool)>,
-    attitude: Option<(Attitude, bool)>,
+    /// The autopilot has restarted, and the application does not know yet.
+    world_is_lost: bool,
+    /// As the autopilot says it.
+    position: Option<Position>,
+    attitude: Option<Attitude>,
     origin: Option<[i32; 3]>,
     reset_counter: Option<u8>,
     /// Guidance gets no ownship until then.
@@ -413,6 +415,7 @@ impl Companion {
             paused: false,
             failed: false,
             boot_ms: None,
+            world_is_lost: false,
             position: None,
             attitude: None,
             origin: None,
@@ -521,7 +524,7 @@ impl Companion {
             battery_critical: charge == Charge::Critical,
             battery_low: charge == Charge::Low,
             seeking: self.seeking,
-            fence_breached: self.health.is_fence_breached(now),
+            fence_breached: self.health.is_fence_breached(),
             is_noisy: self.noise.percent > NOISE_HOLD_PERCENT,
             ownship_lost: self.usable_at.is_some_and(|at| is_over(now, at, OWNSHIP_LOST_S)),
         }
@@ -539,7 +542,7 @@ impl Companion {
     #[must_use]
     #[inline(never)]
     pub fn ownship(&self) -> Option<Ownship> {
-        if self.now < self.settled_at || self.health.is_estimator_bad(self.now) {
+        if self.now < self.settled_at || self.health.is_estimator_bad() {
             return None;
         }
         self.ownship_as_told()
@@ -548,7 +551,6 @@ impl Companion {
     #[inline(never)]
     fn ownship_as_told(&self) -> Option<Ownship> {
         let (position, attitude) = (self.position?, self.attitude?);
-        let ((position, true), (attitude, true)) = (position, attitude) else { return None };
         Some(Ownship {
             position_time: position.time,
             position_ned_m: self.continuity.place_to_ours(position.position_ned_m),
@@ -649,7 +651,18 @@ impl Companion {
     /// What the application is to do with its storage of parameters; to be answered by [`stored`](Self::stored).
     #[inline(never)]
     pub fn take_storage(&mut self) -> Option<Storage> {
-        self.params.take_storage()
+        let storage = self.params.take_storage()?;
+        if self.control(self.now) == Control::Granted {
+            // It was asked for before. To write a flash stops the processor.
+            self.params.stored(false);
+            return None;
+        }
+        Some(storage)
+    }
+
+    /// Whether the autopilot has restarted since the last call: guidance must begin anew, as its frame does.
+    pub fn take_world_lost(&mut self) -> bool {
+        core::mem::take(&mut self.world_is_lost)
     }
 
     /// The application has done it, or could not. Values that were loaded or reset have been
@@ -839,10 +852,10 @@ impl Companion {
             self.health.follow_clock(now);
             self.sources.follow_clock(now);
             self.advice.follow_clock(now);
-            if let Some((position, _)) = &mut self.position {
+            if let Some(position) = &mut self.position {
                 position.time = position.time.min(now);
             }
-            if let Some((attitude, _)) = &mut self.attitude {
+            if let Some(attitude) = &mut self.attitude {
                 attitude.time = attitude.time.min(now);
             }
             if let Some(autopilot) = &mut self.autopilot {

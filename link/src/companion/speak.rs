@@ -68,6 +68,7 @@ pub(super) struct Telemetry {
     announced: Option<&'static str>,
     /// Warnings that wait, the oldest first.
     warnings: Deque<&'static str, WARNINGS>,
+    warned_last: bool,
     text_due: Instant,
     landing_due: Instant,
     surroundings_due: Instant,
@@ -86,6 +87,7 @@ impl Telemetry {
             lasting_told: false,
             announced: None,
             warnings: Deque::new(),
+            warned_last: false,
             text_due: Instant(0),
             landing_due: Instant(0),
             surroundings_due: Instant(0),
@@ -159,6 +161,10 @@ impl Companion {
     fn setpoint_message(&mut self, autopilot: &Autopilot, setpoint: Setpoint) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
         let now = self.now;
         let velocity = self.continuity.velocity_to_theirs(setpoint.velocity_ned_mps);
+        if !autopilot.obeys() {
+            // The pilot turns it.
+            self.yaw_rad = None;
+        }
         let is_yaw = self.config.yaw == Yaw::Angle && self.attitude.is_some();
         SET_POSITION_TARGET_LOCAL_NED_DATA {
             time_boot_ms: boot_ms(now),
@@ -177,7 +183,7 @@ impl Companion {
 
     /// The yaw to command: it moves on at the rate that is asked for, and waits for the vehicle.
     fn yaw_ahead_rad(&mut self, yaw_rate_radps: f32) -> f32 {
-        let actual_rad = self.attitude.map_or(0.0, |(attitude, _)| attitude.yaw_rad);
+        let actual_rad = self.attitude.map_or(0.0, |attitude| attitude.yaw_rad);
         let last_rad = self.yaw_rad.unwrap_or(actual_rad);
         let ahead_rad =
             wrap_pi(last_rad - actual_rad) + yaw_rate_radps * f32::from(self.config.setpoint_period_ms) * 1e-3;
@@ -374,9 +380,14 @@ impl Companion {
         }
         let outcome = self.telemetry.outcome;
         let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome)));
-        let (severity, text) = if let Some(warning) = self.telemetry.warnings.pop_front() {
+        // In turns, so that neither hides the other.
+        let text = text.filter(|text| self.telemetry.announced != Some(*text));
+        let warns_first = text.is_none() || !self.telemetry.warned_last;
+        let warning = if warns_first { self.telemetry.warnings.pop_front() } else { None };
+        self.telemetry.warned_last = warning.is_some();
+        let (severity, text) = if let Some(warning) = warning {
             (MavSeverity::MAV_SEVERITY_WARNING, warning)
-        } else if let Some(text) = text.filter(|text| self.telemetry.announced != Some(text)) {
+        } else if let Some(text) = text {
             self.telemetry.announced = Some(text);
             (severity(cause, outcome.map(|(outcome, _)| outcome)), text)
         } else if let Some(text) = self.lasting(cause) {

@@ -23,6 +23,13 @@ impl<const LENGTH: usize> Packed<[u8; LENGTH]> {
     }
 }
 
+impl<Payload: ?Sized> Packed<Payload> {
+    /// Whether it is that message.
+    pub(crate) fn is(&self, message_id: u32) -> bool {
+        u32::from(self.message_id) == message_id
+    }
+}
+
 impl Packed {
     /// Writes its frame into `sink` and says how long it is; 0 when it does not fit.
     #[inline(never)]

@@ -462,27 +462,87 @@ fn announced_resets_count_however_small_they_are() {
 }
 
 #[test]
-fn a_restart_of_the_autopilot_needs_a_fresh_entry_and_the_place_goes_on() {
+fn a_restart_of_the_autopilot_needs_a_fresh_entry_and_ends_what_guidance_knew() {
     for autopilot in BOTH {
         let mut flight = Flight::of(autopilot);
-        let before = flight.bench.companion.ownship().unwrap().position_ned_m;
+        // A turn of the heading before, of which nothing is left.
+        flight.yaw += 1.0;
+        flight.run(1.0);
+        assert!(!flight.bench.companion.take_world_lost());
         // It comes back in the mode and armed, at its new origin; the clock starts over.
         let data = LOCAL_POSITION_NED_DATA { time_boot_ms: 900, ..LOCAL_POSITION_NED_DATA::DEFAULT };
         flight.bench.say(&MavMessage::LOCAL_POSITION_NED(data));
         assert_eq!(flight.bench.companion.counters().reboots, 1);
+        assert!(flight.bench.companion.take_world_lost() && !flight.bench.companion.take_world_lost());
         assert_eq!(flight.bench.companion.control(flight.bench.now()), Control::NotInControl);
         for step in 0..60 {
             let time_boot_ms = 1000 + step * 20;
             let data = LOCAL_POSITION_NED_DATA { time_boot_ms, ..LOCAL_POSITION_NED_DATA::DEFAULT };
             flight.bench.say(&MavMessage::LOCAL_POSITION_NED(data));
-            flight.bench.say(&attitude(time_boot_ms, 0.0));
+            flight.bench.say(&attitude(time_boot_ms, 0.25));
             flight.bench.step(20_000);
         }
         assert_eq!(flight.cause(), Cause::EntryNeeded);
         let after = flight.bench.companion.ownship().unwrap();
-        assert!(after.position_ned_m.horizontal().minus(before.horizontal()).norm() < 1e-4);
-        assert!((after.yaw_rad - 0.5).abs() < 1e-5);
+        assert_eq!((after.position_ned_m.north, after.position_ned_m.east, after.yaw_rad), (0.0, 0.0, 0.25));
     }
+}
+
+#[test]
+fn a_silence_that_nobody_polled_through_needs_a_fresh_entry_too() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.now_us += 20_000_000;
+        let data = flight.bench.heartbeat.clone().unwrap();
+        flight.bench.say(&MavMessage::HEARTBEAT(data));
+        flight.run(0.1);
+        assert_eq!(flight.cause(), Cause::EntryNeeded);
+    }
+}
+
+#[test]
+fn a_pause_outside_the_mode_is_refused_since_it_would_be_forgotten() {
+    let mut bench = Bench::flying();
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, 5, ARMED));
+    bench.step(10_000);
+    bench.take_sent();
+    bench.say_as((255, 190), &command(193, 0.0));
+    bench.drain();
+    let result = bench.take_sent().into_iter().find_map(|sent| match sent.message {
+        MavMessage::COMMAND_ACK(ack) => Some(ack.result),
+        _ => None,
+    });
+    assert_eq!(result, Some(1));
+}
+
+#[test]
+fn what_is_bad_does_not_get_good_by_silence() {
+    let mut flight = Flight::of(ARDUPILOT);
+    flight.bench.say(&MavMessage::FENCE_STATUS(FENCE_STATUS_DATA { breach_status: 1, ..FENCE_STATUS_DATA::DEFAULT }));
+    flight.run(30.0);
+    flight.assert_zero(Cause::FenceBreached);
+    let mut flight = Flight::of(ARDUPILOT);
+    flight.bench.say(&MavMessage::EKF_STATUS_REPORT(EKF_STATUS_REPORT_DATA::DEFAULT));
+    flight.run(30.0);
+    flight.assert_silent(Cause::OwnshipLost);
+}
+
+#[test]
+fn warnings_do_not_hide_what_we_do() {
+    let mut flight = Flight::of(ARDUPILOT);
+    flight.run(2.0);
+    flight.bench.take_sent();
+    let origin = |altitude| {
+        MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA { altitude, ..GPS_GLOBAL_ORIGIN_DATA::DEFAULT })
+    };
+    flight.bench.say(&battery(0, 3, 5));
+    for flap in 0..6 {
+        flight.bench.say(&origin(flap));
+        flight.run(0.6);
+    }
+    let told: Vec<String> = texts(&mut flight.bench).into_iter().map(|(_, text)| text).collect();
+    assert!(told.contains(&"Foxhound: battery critical, holds".to_owned()), "{told:?}");
+    assert!(told.contains(&"Foxhound: position or heading jumped".to_owned()), "{told:?}");
 }
 
 #[test]

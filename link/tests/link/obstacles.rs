@@ -185,3 +185,16 @@ fn two_sensors_take_turns_and_each_has_an_age_of_its_own() {
         .collect();
     assert_eq!(ages, [(154, 330, 1.5), (158, 330, 0.5)]);
 }
+
+#[test]
+fn who_tells_the_autopilot_of_obstacles_does_not_hear_them_back() {
+    for surroundings in [false, true] {
+        let mut bench = Bench::new(Config { surroundings, ..Config::default() });
+        bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+        bench.step(10_000);
+        bench.say(&beam(0, 200));
+        assert_eq!(bench.companion.take_points().is_some(), !surroundings, "the autopilot's");
+        bench.say_as((1, 158), &beam(0, 200));
+        assert!(bench.companion.take_points().is_some(), "another's");
+    }
+}
