@@ -16,6 +16,8 @@ const WIDTH_MAX_US: i64 = 10_000;
 const STAMP_US: i64 = 1_000;
 /// Older than this is as good as this.
 const AGE_MAX_US: i64 = 5_000_000;
+/// And older than this is none at all.
+const ABSURD_US: i64 = 60_000_000;
 
 /// Whether it is longer ago than `limit_s`.
 #[inline(never)]
@@ -74,7 +76,13 @@ impl PeerClock {
         // Stamps that stand still are no clock.
         let is_running = self.stamped_ms.replace(time_boot_ms) != Some(time_boot_ms);
         let Some(offset_us) = self.offset_us(now).filter(|_| is_running) else { return now };
-        let age_us = micros(now).saturating_add(offset_us).saturating_sub(stamped_us).min(AGE_MAX_US);
+        let age_us = micros(now).saturating_add(offset_us).saturating_sub(stamped_us);
+        if age_us > ABSURD_US {
+            // Its milliseconds are over after 49.7 days, and begin again.
+            (self.low, self.high) = (None, None);
+            return now;
+        }
+        let age_us = age_us.min(AGE_MAX_US);
         if age_us >= STAMP_US { Instant(now.0.saturating_sub(age_us as u64)) } else { now }
     }
 

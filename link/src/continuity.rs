@@ -9,7 +9,7 @@
 //!  ours = turn back (autopilot's) + shift         velocities for the autopilot = turn (ours)
 //! ```
 //!
-//! A position is a jump when it is farther from where the last one led than `max(1 m, 3 v dt + 0.5 m)`, `v` the faster of the two speeds,, or when somebody
+//! A position is a jump when it is farther from where the last one led than `max(0.4 m, 3 v dt + 0.25 m)`, `v` the faster of the two speeds,, or when somebody
 //! said so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`); a heading when it is more than 10 degrees from
 //! where the yaw rate led. Until the first jump both frames are the same, to the bit.
 
@@ -17,9 +17,11 @@ use foxhound_core::frame::Ned;
 use foxhound_core::kernel::sqrt;
 use foxhound_core::units::{sin_cos, wrap_pi};
 
-const STEP_MIN_M: f32 = 1.0;
+const STEP_MIN_M: f32 = 0.4;
 const STEP_PER_WAY: f32 = 3.0;
-const STEP_MARGIN_M: f32 = 0.5;
+const STEP_MARGIN_M: f32 = 0.25;
+/// The same where nobody tells velocities.
+const BLIND_STEP_MIN_M: f32 = 1.0;
 /// What happens to the place in a longer gap is nobody's jump.
 const PLACE_GAP_MAX_S: f32 = 2.0;
 const TURN_MIN_RAD: f32 = 10.0 * core::f32::consts::PI / 180.0;
@@ -101,7 +103,9 @@ impl Continuity {
         let (before_mps, after_mps) = (norm(from_mps), norm(to_mps));
         let fastest_mps = if before_mps > after_mps { before_mps } else { after_mps };
         let limit_m = STEP_PER_WAY * fastest_mps * dt_s + STEP_MARGIN_M;
-        let limit_m = if limit_m > STEP_MIN_M { limit_m } else { STEP_MIN_M };
+        // A vehicle in the air is never exactly still: who says so tells no velocities.
+        let least_m = if fastest_mps > 0.0 { STEP_MIN_M } else { BLIND_STEP_MIN_M };
+        let limit_m = if limit_m > least_m { limit_m } else { least_m };
         let jumped_m = norm(step_m);
         if jumped_m <= limit_m && !is_new {
             return None;
