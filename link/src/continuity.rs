@@ -9,17 +9,17 @@
 //!  ours = turn back (autopilot's) + shift         velocities for the autopilot = turn (ours)
 //! ```
 //!
-//! A position is a jump when it is farther from where the last one led than `max(0.4 m, 3 v dt + 0.25 m)`, `v` the faster of the two speeds,, or when somebody
-//! said so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`); a heading when it is more than 10 degrees from
-//! where the yaw rate led. Until the first jump both frames are the same, to the bit.
+//! A position is a jump when it is farther from where the last one led than `max(0.15 m, 3 v dt + 0.1 m)`, `v` the faster
+//! of the two speeds, or when somebody said so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`); a heading when it is
+//! more than 10 degrees from where the yaw rate led. Until the first jump both frames are the same, to the bit.
 
 use foxhound_core::frame::Ned;
 use foxhound_core::kernel::sqrt;
 use foxhound_core::units::{sin_cos, wrap_pi};
 
-const STEP_MIN_M: f32 = 0.4;
+const STEP_MIN_M: f32 = 0.15;
 const STEP_PER_WAY: f32 = 3.0;
-const STEP_MARGIN_M: f32 = 0.25;
+const STEP_MARGIN_M: f32 = 0.1;
 /// The same where nobody tells velocities.
 const BLIND_STEP_MIN_M: f32 = 1.0;
 /// What happens to the place in a longer gap is nobody's jump.

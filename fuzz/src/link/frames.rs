@@ -46,7 +46,7 @@ impl Peer {
     /// Whether a signature was made with this key, and is heard for the first time.
     pub(super) fn signed(&mut self, signature: Option<&[u8; SIGNATURE]>, key: Option<&Key>) -> bool {
         let is_it = |(made, with, heard): &&mut ([u8; SIGNATURE], Key, bool)| {
-            Some(&*made) == signature && Some(&*with) == key && !*heard
+            Some(made) == signature && Some(with) == key && !*heard
         };
         self.made.iter_mut().find(is_it).map(|(.., heard)| *heard = true).is_some()
     }

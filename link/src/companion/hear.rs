@@ -25,6 +25,10 @@ const LINK_ID: u8 = 0;
 
 /// North-aligned obstacles need a yaw at most this old.
 const YAW_AGE_MAX_S: f32 = 0.5;
+/// After a jump of this the vehicle holds.
+const JUMP_MIN_M: f32 = 0.4;
+/// A yaw rate may rise by this between two words of it.
+const YAW_RATE_MARGIN_RADPS: f32 = 2.0;
 /// Messages of one autopilot may overtake each other by less than this; more is a restart.
 const BOOT_CLOCK_SLACK_MS: u32 = 1_000;
 /// It passes its end, and has not restarted, if no more than this was missed.
@@ -258,7 +262,8 @@ impl Companion {
                 to_mps: position.velocity_ned_mps,
                 dt_s,
             };
-            if self.continuity.follow_place(&way).is_some() {
+            // What is less is followed on the way.
+            if self.continuity.follow_place(&way).is_some_and(|jumped_m| jumped_m > JUMP_MIN_M) {
                 self.unsettle();
             }
         }
@@ -288,7 +293,12 @@ impl Companion {
             let rate_radps = 0.5 * (last.yaw_rate_radps + attitude.yaw_rate_radps);
             // A gyroscope never says exactly nothing: who does tells no rates, and then the vehicle may turn as it was told.
             let tells_rates = last.yaw_rate_radps != 0.0 || attitude.yaw_rate_radps != 0.0;
-            let unknown_radps = if tells_rates { 0.0 } else { self.config.yaw_rate_max_radps };
+            let unknown_radps = if tells_rates {
+                // Between the two it may have been either, and a little more.
+                YAW_RATE_MARGIN_RADPS + 0.5 * libm::fabsf(attitude.yaw_rate_radps - last.yaw_rate_radps)
+            } else {
+                self.config.yaw_rate_max_radps
+            };
             let turn = Turn { from_rad: last.yaw_rad, rate_radps, unknown_radps, to_rad: attitude.yaw_rad, dt_s };
             if self.continuity.follow_heading(turn, at_m).is_some() {
                 self.unsettle();
