@@ -245,6 +245,7 @@ fn check_message(message: &MavMessage, are_angles: bool) {
             assert!(target.position_valid == 1 && [LOCAL_NED, BODY_FRD].contains(&target.frame), "{target:?}");
         }
         MavMessage::COMMAND_LONG(command) => assert_eq!(command.command, ASKED_FOR),
+        MavMessage::PARAM_REQUEST_READ(read) => assert_eq!(read.param_index, -1, "by name: {read:?}"),
         MavMessage::COMMAND_ACK(ack) => assert!(ack.result == DENIED || !NEVER.contains(&ack.command), "{ack:?}"),
         MavMessage::PARAM_VALUE(value) => assert!(value.param_value.is_finite(), "{value:?}"),
         MavMessage::TIMESYNC(_) | MavMessage::STATUSTEXT(_) | MavMessage::OBSTACLE_DISTANCE(_) => {}
