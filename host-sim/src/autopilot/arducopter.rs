@@ -1,9 +1,6 @@
 //! ArduPilot Copter's rules, of the 4.6 and 4.7-dev sources where they differ from older ones.
 
-use foxhound_link::dialect::{
-    HEARTBEAT_DATA, MavAutopilot, MavBatteryChargeState, MavModeFlag, MavSeverity, MavState, MavType,
-    SET_POSITION_TARGET_LOCAL_NED_DATA,
-};
+use foxhound_link::dialect::{MavBatteryChargeState, MavSeverity, MavState, SET_POSITION_TARGET_LOCAL_NED_DATA};
 
 use crate::vehicle::{Command, Motion};
 
@@ -46,23 +43,14 @@ pub(super) const YAW_RATE_BIT: u16 = 0x0800;
 const SPEED_MAX_MPS: f32 = 1000.0;
 
 impl Autopilot {
-    pub(super) fn arducopter_heartbeat(&self) -> HEARTBEAT_DATA {
-        let armed = if self.armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED as u8 } else { 0 };
+    pub(super) fn arducopter_status(&self) -> MavState {
         // CRITICAL in a failsafe, STANDBY on the ground [src].
         let is_failing =
             self.faults.battery.charge_state >= MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_CRITICAL as u8;
-        let status = match (is_failing, self.flight.landed) {
+        match (is_failing, self.flight.landed) {
             (true, _) => MavState::MAV_STATE_CRITICAL,
             (false, true) => MavState::MAV_STATE_STANDBY,
             (false, false) => MavState::MAV_STATE_ACTIVE,
-        };
-        HEARTBEAT_DATA {
-            custom_mode: self.custom_mode,
-            mavtype: MavType::MAV_TYPE_QUADROTOR as u8,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA as u8,
-            base_mode: armed | MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED as u8,
-            system_status: status as u8,
-            mavlink_version: 3,
         }
     }
 

@@ -32,8 +32,8 @@ mod wire;
 
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{
-    HEARTBEAT_DATA, MavMessage, MavSeverity, OBSTACLE_DISTANCE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
-    STATUSTEXT_DATA, TIMESYNC_DATA,
+    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavSeverity, MavType, OBSTACLE_DISTANCE_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode, encode_data};
 use serde::{Deserialize, Serialize};
@@ -249,9 +249,18 @@ impl Autopilot {
     }
 
     fn heartbeat(&self) -> HEARTBEAT_DATA {
-        match self.software {
-            Software::ArduCopter => self.arducopter_heartbeat(),
-            Software::Px4 => self.px4_heartbeat(),
+        let (autopilot, status) = match self.software {
+            Software::ArduCopter => (MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, self.arducopter_status()),
+            Software::Px4 => (MavAutopilot::MAV_AUTOPILOT_PX4, self.px4_status()),
+        };
+        let armed = if self.armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED as u8 } else { 0 };
+        HEARTBEAT_DATA {
+            custom_mode: self.custom_mode,
+            mavtype: MavType::MAV_TYPE_QUADROTOR as u8,
+            autopilot: autopilot as u8,
+            base_mode: armed | MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED as u8,
+            system_status: status as u8,
+            mavlink_version: 3,
         }
     }
 

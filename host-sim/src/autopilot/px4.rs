@@ -1,8 +1,6 @@
 //! PX4's rules on a multicopter, of the sources after v1.13 where they differ from older ones.
 
-use foxhound_link::dialect::{
-    HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavSeverity, MavState, MavType, SET_POSITION_TARGET_LOCAL_NED_DATA,
-};
+use foxhound_link::dialect::{MavSeverity, MavState, SET_POSITION_TARGET_LOCAL_NED_DATA};
 
 use crate::vehicle::{Command, Motion};
 
@@ -46,20 +44,11 @@ const LOCAL_NED: u8 = 1;
 const BODY_NED: u8 = 8;
 
 impl Autopilot {
-    pub(super) fn px4_heartbeat(&self) -> HEARTBEAT_DATA {
-        let armed = if self.armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED as u8 } else { 0 };
-        let status = match (self.flight.lost_us, self.armed) {
+    pub(super) fn px4_status(&self) -> MavState {
+        match (self.flight.lost_us, self.armed) {
             (Some(_), _) => MavState::MAV_STATE_CRITICAL,
             (None, true) => MavState::MAV_STATE_ACTIVE,
             (None, false) => MavState::MAV_STATE_STANDBY,
-        };
-        HEARTBEAT_DATA {
-            custom_mode: self.custom_mode,
-            mavtype: MavType::MAV_TYPE_QUADROTOR as u8,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_PX4 as u8,
-            base_mode: armed | MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED as u8,
-            system_status: status as u8,
-            mavlink_version: 3,
         }
     }
 

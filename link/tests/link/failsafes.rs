@@ -47,6 +47,17 @@ impl Flight {
         }
     }
 
+    /// The pilot leaves the mode, in this way, and enters it again.
+    fn enter_afresh(&mut self, leave: fn(&mut HEARTBEAT_DATA)) {
+        let in_mode = self.bench.heartbeat.clone().unwrap();
+        let mut left = in_mode.clone();
+        leave(&mut left);
+        self.bench.heartbeat = Some(left);
+        self.run(1.1);
+        self.bench.heartbeat = Some(in_mode);
+        self.run(1.1);
+    }
+
     fn cause(&self) -> Cause {
         self.bench.companion.cause(self.bench.now())
     }
@@ -127,11 +138,7 @@ fn unfit_setpoints_that_stay_insane_end_the_stream_and_the_heartbeats_until_a_fr
         flight.bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
         flight.run(0.1);
         flight.assert_zero(Cause::EntryNeeded);
-        let in_mode = flight.bench.heartbeat.clone().unwrap();
-        flight.bench.heartbeat = Some(HEARTBEAT_DATA { base_mode: DISARMED, ..in_mode.clone() });
-        flight.run(1.1);
-        flight.bench.heartbeat = Some(in_mode);
-        flight.run(1.1);
+        flight.enter_afresh(|heartbeat| heartbeat.base_mode = DISARMED);
         flight.assert_flies();
     }
 }
@@ -250,11 +257,7 @@ fn paused_by_a_command_until_told_to_go_on_or_the_mode_is_entered_afresh() {
         flight.bench.say_as((255, 190), &command(193, 1.0));
         flight.assert_flies();
         flight.bench.say_as((255, 190), &command(193, 0.0));
-        let in_mode = flight.bench.heartbeat.clone().unwrap();
-        flight.bench.heartbeat = Some(HEARTBEAT_DATA { custom_mode: 5, ..in_mode.clone() });
-        flight.run(1.1);
-        flight.bench.heartbeat = Some(in_mode);
-        flight.run(1.1);
+        flight.enter_afresh(|heartbeat| heartbeat.custom_mode = 5);
         flight.assert_flies();
         flight.bench.take_sent();
         for value in [f32::NAN, 2.0, -1.0] {
@@ -306,11 +309,7 @@ fn battery_low_lets_a_search_go_on_and_does_not_begin_one() {
         let mut flight = Flight::of(autopilot);
         flight.bench.say(&battery(0, 2, 25));
         flight.assert_flies();
-        let in_mode = flight.bench.heartbeat.clone().unwrap();
-        flight.bench.heartbeat = Some(HEARTBEAT_DATA { custom_mode: 5, ..in_mode.clone() });
-        flight.run(1.1);
-        flight.bench.heartbeat = Some(in_mode);
-        flight.run(1.1);
+        flight.enter_afresh(|heartbeat| heartbeat.custom_mode = 5);
         flight.assert_zero(Cause::BatteryLow);
         flight.bench.say(&battery(0, 1, 90));
         flight.assert_flies();
@@ -576,15 +575,12 @@ fn after_a_restart_of_our_own_the_mode_must_be_entered_afresh() {
         bench.companion.require_entry();
         bench.answers = true;
         let in_mode = heartbeat(autopilot, if autopilot == PX4 { OFFBOARD } else { GUIDED }, ARMED);
-        bench.heartbeat = Some(in_mode.clone());
+        bench.heartbeat = Some(in_mode);
         bench.output = Some(output([1.0, -0.5, -0.25], 0.125));
         let mut flight = Flight { bench, position: [0.0; 3], yaw: 0.0, position_is_silent: false };
         flight.run(1.0);
         flight.assert_zero(Cause::EntryNeeded);
-        flight.bench.heartbeat = Some(HEARTBEAT_DATA { base_mode: DISARMED, ..in_mode.clone() });
-        flight.run(1.1);
-        flight.bench.heartbeat = Some(in_mode);
-        flight.run(1.1);
+        flight.enter_afresh(|heartbeat| heartbeat.base_mode = DISARMED);
         flight.assert_flies();
     }
 }
