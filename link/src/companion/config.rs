@@ -21,10 +21,10 @@ pub enum ObstacleFrame {
 /// How a setpoint turns the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Yaw {
-    /// By a rate ([`TYPE_MASK`]).
+    /// By a rate ([`TYPE_MASK`](super::TYPE_MASK)).
     #[default]
     Rate,
-    /// By an angle that moves on at that rate ([`TYPE_MASK_YAW`]).
+    /// By an angle that moves on at that rate ([`TYPE_MASK_YAW`](super::TYPE_MASK_YAW)).
     Angle,
 }
 
