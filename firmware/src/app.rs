@@ -1,26 +1,41 @@
-//! The tasks: link, guidance and planner, the same on every board.
+//! The tasks, the same on every board.
 //!
-//! Guidance and link run in an interrupt executor, the planner in another of the lowest priority: every step pre-empts
-//! a replan that is under way. A plan is handed to guidance at the step after it was finished; guidance itself takes
-//! it up at a fixed tick after its request, so that nothing depends on how long the replan took.
+//! | what | runs in | may be pre-empted by |
+//! |---|---|---|
+//! | frames, bytes, time | interrupts of the board | each other, by their priorities |
+//! | [`guide`]: link and guidance, a step for every frame | the guidance executor, an interrupt | the above |
+//! | [`receive`], [`transmit`]: bytes between the serial line and the link | the link executor, an interrupt | the above |
+//! | [`plan`] | the thread | everything |
+//!
+//! The thread runs no executor: it has one thing to do, sleeps by `wfi` when there is nothing, and so wakes the same way on
+//! the twin, where QEMU takes `wfe`, which embassy's own thread executor sleeps by, for a `nop`.
+//!
+//! A plan is handed to guidance at the step after it was finished; guidance itself takes it up at a fixed tick after its
+//! request, so that nothing depends on how long the replan took.
+//!
+//! Whether a step is in time, and what a late one means for the vehicle, is [`foxhound_computer::deadline`]'s business. The
+//! watchdog is fed here, by a step that was in time, and nowhere else.
 
+use cortex_m::{asm, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
-use embassy_sync::signal::Signal;
+use embassy_sync::zerocopy_channel::{self, Channel, Sender};
+use foxhound_computer::deadline::{self, Monitor};
+use foxhound_computer::flight::{self, Flight, Keeper};
+use foxhound_computer::restart::{Cause, Restart};
 use foxhound_core::ConfigError;
 use foxhound_core::frame::Horizontal;
-use foxhound_core::guidance::{self, Guidance, Input, Output};
-use foxhound_core::param::{Id, Values};
+use foxhound_core::guidance::{self, Guidance};
+use foxhound_core::param::Values;
 use foxhound_core::planner::{Plan, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::rollout::WAYPOINTS;
-use foxhound_link::companion::{self, Companion};
+use foxhound_link::companion::{self, Companion, Pace};
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::boards::board::{self, Pacer, Receiver, Transmitter};
+use crate::boards::board::{self, Pacer, Receiver, Transmitter, Watchdog};
 use crate::boards::{Call, Done, Step};
 
-/// Samples of one channel in one snapshot.
-pub const SAMPLES_PER_CHANNEL: usize = 256;
+pub use foxhound_computer::SAMPLES_PER_CHANNEL;
 
 /// Room for some whole MAVLink frames.
 const TRANSMIT_BYTES: usize = 512;
@@ -34,19 +49,34 @@ pub type Incoming = Pipe<CriticalSectionRawMutex, 2048>;
 /// Bytes from guidance to the serial line; what does not fit waits in the link, where a newer setpoint replaces it.
 pub type Outgoing = Pipe<CriticalSectionRawMutex, 1024>;
 
-/// What the planner is to do; a newer order replaces one that it has not begun.
-pub type Orders = Signal<CriticalSectionRawMutex, Order>;
+/// An end of the way to the planner, and one of the way back: one order and one answer at a time, each written and read
+/// where it lies. Guidance gives no second order before the handover tick of the first; one that finds the place taken even
+/// then is dropped, and its plan counts as late.
+type Mutex = CriticalSectionRawMutex;
 
-/// What the planner has found; a newer plan replaces one that nobody has taken.
-pub type Plans = Signal<CriticalSectionRawMutex, Planned>;
+/// Guidance's end of the planner.
+pub struct Planning {
+    orders: Sender<'static, Mutex, Order>,
+    plans: zerocopy_channel::Receiver<'static, Mutex, Planned>,
+    /// An order has no answer yet that was taken.
+    is_ordered: bool,
+    /// The next answer is to a flight that has ended.
+    is_stale: bool,
+}
+
+/// The planner's own end.
+pub struct Desk {
+    orders: zerocopy_channel::Receiver<'static, Mutex, Order>,
+    plans: Sender<'static, Mutex, Planned>,
+}
 
 /// An order to the planner.
 #[derive(Clone, Debug)]
-pub struct Order {
+struct Order {
     /// With this one.
-    pub planner: Planner,
+    planner: Planner,
     /// Answer this.
-    pub request: PlanRequest,
+    request: PlanRequest,
 }
 
 /// A plan, and how it came about.
@@ -80,17 +110,88 @@ pub async fn transmit(mut line: Transmitter, outgoing: &'static Outgoing) {
     }
 }
 
-/// The planner: answers orders, and may be pre-empted at any moment.
-#[embassy_executor::task]
-pub async fn plan(orders: &'static Orders, plans: &'static Plans) {
+/// Both ends of the planner. To be called once.
+///
+/// # Errors
+/// The field of the built-in configuration that is refused.
+pub fn planning() -> Result<(Planning, Desk), ConfigError> {
+    static ORDER: StaticCell<[Order; 1]> = StaticCell::new();
+    static PLANNED: StaticCell<[Planned; 1]> = StaticCell::new();
+    static ORDERS: StaticCell<Channel<'static, Mutex, Order>> = StaticCell::new();
+    static PLANS: StaticCell<Channel<'static, Mutex, Planned>> = StaticCell::new();
+    let planner = guidance::Config::default().planner.build()?;
+    let order = ORDER.init_with(|| [Order { planner, request: PlanRequest::default() }]);
+    let [Order { planner, request }] = &*order;
+    let nothing = [[Horizontal::default(); WAYPOINTS]; SAMPLES];
+    let planned = [Planned { plan: planner.brake(request), samples_ned_m: nothing, ticks: 0 }];
+    let planned = PLANNED.init(planned);
+    let (order_tx, order_rx) = ORDERS.init_with(|| Channel::new(order)).split();
+    let (plan_tx, plan_rx) = PLANS.init_with(|| Channel::new(planned)).split();
+    let planning = Planning { orders: order_tx, plans: plan_rx, is_ordered: false, is_stale: false };
+    Ok((planning, Desk { orders: order_rx, plans: plan_tx }))
+}
+
+impl Planning {
+    /// The answer that waits, if one does.
+    fn answer(&mut self) -> Option<&Planned> {
+        if self.is_stale && self.plans.try_receive().is_some() {
+            self.take();
+        }
+        self.plans.try_receive().map(|planned| &*planned)
+    }
+
+    /// The answer has been used.
+    fn take(&mut self) {
+        if self.plans.try_receive().is_some() {
+            self.plans.receive_done();
+            (self.is_ordered, self.is_stale) = (false, false);
+        }
+    }
+
+    /// What was ordered before is of no use any more.
+    fn begin_anew(&mut self) {
+        self.take();
+        self.is_stale = self.is_ordered;
+    }
+
+    #[inline(never)]
+    fn order(&mut self, flight: &Flight<'_>) {
+        let Some(order) = self.orders.try_send() else { return };
+        order.planner.clone_from(flight.planner);
+        order.request.clone_from(flight.state.request());
+        self.orders.send_done();
+        self.is_ordered = true;
+    }
+
+    /// Waits until the planner is idle; its answer stays where it is.
+    async fn settle(&mut self) {
+        if self.is_ordered {
+            self.plans.receive().await;
+        }
+    }
+}
+
+/// The planner: answers orders, and may be pre-empted at any moment. To be called by the thread when all is set up.
+pub fn plan(desk: Desk) -> ! {
     static SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(Scratch::new());
     let scratch = SCRATCH.take();
+    let Desk { mut orders, mut plans } = desk;
     loop {
-        let order = orders.wait().await;
+        let (Some(order), Some(planned)) = (orders.try_receive(), plans.try_send()) else {
+            // An interrupt that comes in between still ends the sleep.
+            interrupt::free(|_| {
+                if orders.is_empty() || plans.is_full() {
+                    asm::wfi();
+                }
+            });
+            continue;
+        };
         let begin = board::ticks();
-        let plan = order.planner.plan(scratch, &order.request);
-        let ticks = board::ticks().wrapping_sub(begin);
-        plans.signal(Planned { plan, samples_ned_m: scratch.samples, ticks });
+        planned.plan = order.planner.plan(scratch, &order.request);
+        planned.ticks = board::ticks().wrapping_sub(begin);
+        planned.samples_ned_m = scratch.samples;
+        plans.send_done();
+        orders.receive_done();
     }
 }
 
@@ -98,181 +199,134 @@ pub async fn plan(orders: &'static Orders, plans: &'static Plans) {
 #[embassy_executor::task]
 pub async fn guide(
     mut pacer: Pacer,
+    mut watchdog: Watchdog,
+    restart: Restart,
     incoming: &'static Incoming,
     outgoing: &'static Outgoing,
-    orders: &'static Orders,
-    plans: &'static Plans,
+    mut planning: Planning,
 ) {
-    let mut flight = match Flight::begin(&guidance::Config::default()) {
+    let mut flight = match begin(&guidance::Config::default()) {
         Ok(flight) => flight,
-        // Not its value and range: to write numbers takes 17 KB of flash.
-        Err(error) => board::halt(format_args!("the built-in configuration: {}", error.field)),
+        Err(error) => refuse(error),
     };
+    // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
+    flight.companion.require_entry();
+    if restart.is_news() {
+        flight.companion.notify(restart.words());
+    }
     let mut line = Line { incoming, outgoing, rx_total: 0, tx_total: 0 };
-    let mut plan = None;
-    let mut last_request = None;
+    let mut monitor = Monitor::new(deadline::Config::default());
     loop {
         match pacer.next().await {
             Call::Setup(config) => {
-                let settled = settle(plans, &mut last_request).await;
-                let begun = flight.begin_anew(&config);
-                plan = if begun.is_ok() { None } else { settled.or(plan) };
+                planning.settle().await;
+                let begun = flight.begin_anew(config);
+                if begun.is_ok() {
+                    planning.begin_anew();
+                }
+                // A simulator that sets up a board for the first time begins in the mode; after a reset it may not.
+                if restart.cause != Cause::Power {
+                    flight.companion.require_entry();
+                }
                 pacer.accept(begun, line.tx_total).await;
+                watchdog.feed();
             }
             Call::Step(step) => {
                 let lock_step = step.lock_step.is_some();
+                let mut begin = board::ticks();
                 line.read(flight.companion, &step).await;
-                if flight.serve() {
-                    // It was for what guidance was before.
-                    plan = None;
-                    plans.reset();
+                if lock_step {
+                    // The simulator's time is not ours.
+                    begin = board::ticks();
                 }
-                if !lock_step {
-                    plan = plans.try_take();
+                if flight.serve(&mut Nowhere) {
+                    planning.begin_anew();
                 }
-                let (output, fast_ticks) = flight.step(&step, plan.as_ref());
+                let (output, fast_ticks) = fly(&mut flight, &step, planning.answer());
+                planning.take();
+                let mut end = board::ticks();
                 line.write(flight.companion, lock_step).await;
-                if output.plan_requested {
-                    let request = flight.state.request().clone();
-                    last_request = Some(request.id);
-                    orders.signal(Order { planner: flight.planner.clone(), request });
+                if !lock_step {
+                    end = board::ticks();
                 }
-                plan = if lock_step { settle(plans, &mut last_request).await } else { None };
-                pacer.done(Done { output, fast_ticks, tx_total: line.tx_total, plan: plan.as_ref() }).await;
+                let taken_us = end.wrapping_sub(begin) / board::TICKS_PER_US;
+                if monitor.step(taken_us, false).feeds() {
+                    watchdog.feed();
+                }
+                let deadline::Counts { late, longest_us, .. } = monitor.counts();
+                flight.companion.note_pace(Pace { longest_us, late });
+                if output.plan_requested {
+                    planning.order(&flight);
+                }
+                if lock_step {
+                    planning.settle().await;
+                }
+                let plan = planning.answer();
+                pacer.done(Done { output, fast_ticks, late, tx_total: line.tx_total, plan }).await;
             }
         }
     }
 }
 
-/// Waits until the planner is idle; its answer to the last request, if that was still to come.
-async fn settle(plans: &'static Plans, last_request: &mut Option<u32>) -> Option<Planned> {
-    let id = last_request.take()?;
-    loop {
-        let planned = plans.wait().await;
-        if planned.plan.id == id {
-            return Some(planned);
-        }
+/// The built-in configuration does not build.
+pub fn refuse(error: ConfigError) -> ! {
+    // Not its value and range: to write numbers takes 17 KB of flash.
+    board::halt(format_args!("the built-in configuration: {}", error.field))
+}
+
+/// There is no place for parameters yet.
+struct Nowhere;
+
+impl Keeper for Nowhere {
+    fn save(&mut self, _values: &Values) -> bool {
+        false
+    }
+
+    fn load(&mut self) -> Option<Values> {
+        None
     }
 }
 
-/// Everything that is begun anew with a configuration, each where it stays.
-struct Flight {
-    config: guidance::Config,
-    guidance: &'static mut Guidance<SAMPLES_PER_CHANNEL>,
-    state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>,
-    planner: Planner,
-    companion: &'static mut Companion,
+/// One step, and how long guidance took.
+#[inline(never)]
+fn fly(flight: &mut Flight<'_>, step: &Step<'_>, plan: Option<&Planned>) -> (guidance::Output, u32) {
+    let plan = plan.map(|planned| &planned.plan);
+    let step = flight::Step { now: step.now, front_end: step.front_end, circles: step.circles, plan };
+    flight.step(&step, board::ticks)
 }
 
-// The stack holds one of these at a time, while it is built: hence a function for each, and none inlined into the step.
-impl Flight {
-    fn begin(config: &guidance::Config) -> Result<Self, ConfigError> {
-        let guidance = Self::first_guidance(config)?;
-        let state = Self::first_state(guidance);
-        Ok(Self {
-            config: *config,
-            state,
-            guidance,
-            planner: config.planner.build()?,
-            companion: Self::first_companion(config)?,
-        })
-    }
+// The stack holds one of the large parts at a time, while it is built: hence a function for each.
 
-    #[inline(never)]
-    fn first_guidance(config: &guidance::Config) -> Result<&'static mut Guidance<SAMPLES_PER_CHANNEL>, ConfigError> {
-        static GUIDANCE: StaticCell<Guidance<SAMPLES_PER_CHANNEL>> = StaticCell::new();
-        Ok(GUIDANCE.init(config.build()?))
-    }
+fn begin(config: &guidance::Config) -> Result<Flight<'static>, ConfigError> {
+    static CONFIG: StaticCell<guidance::Config> = StaticCell::new();
+    static PLANNER: StaticCell<Planner> = StaticCell::new();
+    let guidance = first_guidance(config)?;
+    let state = first_state(guidance);
+    Ok(Flight {
+        config: CONFIG.init(*config),
+        state,
+        guidance,
+        planner: PLANNER.init(config.planner.build()?),
+        companion: first_companion(config)?,
+    })
+}
 
-    #[inline(never)]
-    fn first_state(guidance: &Guidance<SAMPLES_PER_CHANNEL>) -> &'static mut guidance::State<SAMPLES_PER_CHANNEL> {
-        static STATE: StaticCell<guidance::State<SAMPLES_PER_CHANNEL>> = StaticCell::new();
-        STATE.init_with(|| guidance.start())
-    }
+#[inline(never)]
+fn first_guidance(config: &guidance::Config) -> Result<&'static mut Guidance<SAMPLES_PER_CHANNEL>, ConfigError> {
+    static GUIDANCE: StaticCell<Guidance<SAMPLES_PER_CHANNEL>> = StaticCell::new();
+    Ok(GUIDANCE.init(config.build()?))
+}
 
-    #[inline(never)]
-    fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, ConfigError> {
-        static COMPANION: StaticCell<Companion> = StaticCell::new();
-        let companion = COMPANION.init(companion::Config::default().build_with(Values::of(config))?);
-        // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
-        companion.require_entry();
-        Ok(companion)
-    }
+#[inline(never)]
+fn first_state(guidance: &Guidance<SAMPLES_PER_CHANNEL>) -> &'static mut guidance::State<SAMPLES_PER_CHANNEL> {
+    static STATE: StaticCell<guidance::State<SAMPLES_PER_CHANNEL>> = StaticCell::new();
+    STATE.init_with(|| guidance.start())
+}
 
-    /// The next flight in the same place; the old one goes on if the configuration is refused.
-    fn begin_anew(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
-        self.set_up(config)?;
-        self.listen_anew()
-    }
-
-    /// Guidance and planner with another configuration, from the start; the old one goes on if that is refused.
-    #[inline(never)]
-    fn set_up(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
-        let planner = config.planner.build()?;
-        *self.guidance = config.build()?;
-        self.planner = planner;
-        self.guidance.restart(self.state);
-        self.config = *config;
-        Ok(())
-    }
-
-    #[inline(never)]
-    fn listen_anew(&mut self) -> Result<(), ConfigError> {
-        *self.companion = companion::Config::default().build_with(Values::of(&self.config))?;
-        Ok(())
-    }
-
-    /// Tries a parameter that somebody wants changed; it holds from this step on, which starts afresh.
-    #[inline(never)]
-    fn adopt(&mut self, id: Id, values: &Values) -> Result<(), ConfigError> {
-        let mut config = self.config;
-        values.apply_one(id, &mut config);
-        self.set_up(&config)
-    }
-
-    /// What stations want done about the parameters; true where guidance starts afresh.
-    #[inline(never)]
-    fn serve(&mut self) -> bool {
-        if self.companion.take_storage().is_some() {
-            // There is none yet.
-            self.companion.stored(false);
-        }
-        let mut begins_anew = false;
-        if let Some((id, values)) = self.companion.proposal() {
-            let verdict = self.adopt(id, &values);
-            self.companion.settle(verdict);
-            begins_anew = verdict.is_ok();
-        }
-        if self.companion.take_world_lost() {
-            self.guidance.restart(self.state);
-            begins_anew = true;
-        }
-        begins_anew
-    }
-
-    /// One step, and how long guidance took. The simulator does the same in the same order: bit for bit.
-    fn step(&mut self, step: &Step<'_>, plan: Option<&Planned>) -> (Output, u32) {
-        let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
-        let input = Input {
-            now: step.now,
-            front_end: step.front_end,
-            ownship: self.companion.ownship(),
-            scan: scan.as_ref(),
-            points: points.as_ref(),
-            circles: step.circles,
-            control: self.companion.control(step.now),
-            plan: plan.map(|planned| &planned.plan),
-        };
-        let begin = board::ticks();
-        let output = self.guidance.step(self.state, &input);
-        let ticks = board::ticks().wrapping_sub(begin);
-        self.companion.publish(step.now, &output);
-        if self.companion.wants_surroundings(step.now) {
-            self.companion.publish_surroundings(step.now, self.state.map().circles());
-        }
-        self.companion.poll(step.now);
-        (output, ticks)
-    }
+#[inline(never)]
+fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, ConfigError> {
+    static COMPANION: StaticCell<Companion> = StaticCell::new();
+    Ok(COMPANION.init(companion::Config::default().build_with(Values::of(config))?))
 }
 
 /// The serial line as guidance sees it.

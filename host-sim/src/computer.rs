@@ -1,16 +1,12 @@
 //! The companion computer that is being flown: in this process, or the firmware in QEMU.
 //!
-//! Both do the same things in the same order, so that their traces are equal bit for bit:
-//!
-//! 1. the link takes in the bytes of the autopilot, and a parameter that somebody set is tried;
-//! 2. guidance steps, with what the link heard, the frame, and the plan that was finished in the step before;
-//! 3. the link publishes the outcome, does what is due, and gives out its bytes;
-//! 4. when guidance asked for a plan, the planner makes one, which is handed over at the next step.
+//! Both drive the same [`foxhound_computer::flight`], so that their traces are equal bit for bit.
 
 use std::fmt;
 
+use foxhound_computer::flight::{Flight, Step};
 use foxhound_core::ConfigError;
-use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
+use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
 use foxhound_core::map::Circle;
 use foxhound_core::param::Values;
 use foxhound_core::planner::{Plan, Planner, Scratch};
@@ -26,7 +22,7 @@ mod store;
 use store::Store;
 
 /// Samples per channel of one frame.
-pub const BLOCK: usize = 256;
+pub const BLOCK: usize = foxhound_computer::SAMPLES_PER_CHANNEL;
 
 /// Room for what the link may want to say in one step.
 const TRANSMIT_BYTES: usize = 4096;
@@ -117,13 +113,10 @@ impl HostComputer {
         &self.config
     }
 
-    /// Tries another configuration; it holds from the next step on, which starts afresh.
-    fn adopt(&mut self, config: guidance::Config) -> Result<(), ConfigError> {
-        let planner = config.planner.build()?;
-        self.guidance = config.build()?;
-        self.guidance.restart(&mut self.state);
-        (self.config, self.planner, self.finished) = (config, planner, None);
-        Ok(())
+    /// What is flown, and where its parameters are kept.
+    fn parts(&mut self) -> (Flight<'_>, &mut Option<Store>) {
+        let Self { config, guidance, state, planner, companion, store, .. } = self;
+        (Flight { config, guidance, state, planner, companion }, store)
     }
 }
 
@@ -135,39 +128,12 @@ impl Computer for HostComputer {
         circles: Option<&[Circle]>,
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
-        self.companion.receive(now, rx);
-        if let Some((id, values)) = self.companion.proposal() {
-            let mut config = self.config;
-            values.apply_one(id, &mut config);
-            let verdict = self.adopt(config);
-            self.companion.settle(verdict);
-        }
-        if let Some(storage) = self.companion.take_storage() {
-            let is_done = self.keep(storage);
-            self.companion.stored(is_done);
-        }
-        if self.companion.take_world_lost() {
-            self.guidance.restart(&mut self.state);
-            self.finished = None;
-        }
-        let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let plan = self.finished.take();
-        let input = Input {
-            now,
-            front_end,
-            ownship: self.companion.ownship(),
-            scan: scan.as_ref(),
-            points: points.as_ref(),
-            circles,
-            control: self.companion.control(now),
-            plan: plan.as_ref(),
-        };
-        let output = self.guidance.step(&mut self.state, &input);
-        self.companion.publish(now, &output);
-        if self.companion.wants_surroundings(now) {
-            self.companion.publish_surroundings(now, self.state.map().circles());
-        }
-        self.companion.poll(now);
+        let (mut flight, store) = self.parts();
+        flight.hear(now, rx);
+        let begins_anew = flight.serve(store);
+        let plan = plan.as_ref().filter(|_| !begins_anew);
+        let (output, _) = flight.step(&Step { now, front_end, circles, plan }, || 0);
         let mut tx = vec![0; TRANSMIT_BYTES];
         let length = self.companion.transmit(&mut tx);
         tx.truncate(length);

@@ -37,7 +37,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// First word of every block; the last letter is the version of the layout.
-pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM1");
+pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM2");
 
 /// Bytes of one block.
 pub const BLOCK_BYTES: usize = 4096;
@@ -171,6 +171,10 @@ pub struct Report {
     pub tx_total: u32,
     /// Length of the guidance step in ticks of the 25 MHz timer; [`instructions`] converts.
     pub fast_ticks: u32,
+    /// Steps that were late since the twin's start.
+    pub late: u32,
+    /// Bytes of the stack that have been used since the twin's start, as far as it has looked.
+    pub stack_bytes: u32,
     /// A replan that was finished in this step.
     pub plan: Option<Planned>,
 }

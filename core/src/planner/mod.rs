@@ -353,6 +353,12 @@ pub struct Planner {
 }
 
 impl Planner {
+    /// The answer that says to stay where the request starts.
+    #[must_use]
+    pub fn brake(&self, request: &PlanRequest) -> Plan {
+        Plan::brake(&self.config, request)
+    }
+
     /// Answers one request.
     pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
         let mut plan = match self.config.kind {

@@ -3,15 +3,25 @@
 //! | name | what |
 //! |---|---|
 //! | `NAME` | the name in `--board` and in the image's `.foxhound_board` section |
-//! | `start()` | clocks, peripherals, executors -> `Board { urgent, relaxed, receiver, transmitter, pacer }` |
+//! | `start()` | clocks, peripherals, executors -> `Board { guidance, link, receiver, transmitter, pacer, watchdog, restart }` |
 //! | `Receiver::read(&mut self, &mut [u8]) -> usize` | waits for bytes from the autopilot |
 //! | `Transmitter::write(&mut self, &[u8])` | returns when the bytes are on their way |
 //! | `Pacer::next(&mut self) -> Call` | waits for what to do next |
 //! | `Pacer::accept(&mut self, Result)`, `Pacer::done(&mut self, Done)` | takes note of how it went |
-//! | `ticks() -> u32` | a fast free-running counter, to measure with |
-//! | `halt(reason) -> !` | the end, said as loudly as the board can |
+//! | `Watchdog::feed(&mut self)` | runs from the start; without food the board restarts |
+//! | `ticks() -> u32`, `TICKS_PER_US` | a fast free-running counter, to measure with |
+//! | `uptime_s() -> u32` | since the start |
+//! | `halt(reason) -> !` | it cannot go on |
+//! | `last_words(words)`, `on_fault`, `is_memory` | for [`last_words`] |
 //!
-//! Everything `unsafe` of the firmware is in the boards.
+//! Everything `unsafe` of the firmware is in the boards, and in the two modules that they share.
+
+#[expect(unsafe_code, reason = "memory that a reset leaves alone, the fault vector")]
+mod last_words;
+#[expect(unsafe_code, reason = "the stack as memory")]
+mod stack;
+
+pub use stack::Watermark;
 
 #[cfg(feature = "board-mps2_an386")]
 pub mod mps2_an386;
@@ -31,10 +41,9 @@ use crate::app::{Planned, SAMPLES_PER_CHANNEL as N};
 
 /// What the board wants done.
 #[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is one at a time")]
 pub enum Call<'a> {
     /// Start anew with this configuration.
-    Setup(guidance::Config),
+    Setup(&'a guidance::Config),
     /// One step of the fast loop.
     Step(Step<'a>),
 }
@@ -60,6 +69,8 @@ pub struct Done<'a> {
     pub output: guidance::Output,
     /// Length of the guidance step, in `ticks`.
     pub fast_ticks: u32,
+    /// Steps that were late since the start.
+    pub late: u32,
     /// Bytes handed to the transmitter since the start.
     pub tx_total: u32,
     /// A replan that was finished in this step (lock-step only).

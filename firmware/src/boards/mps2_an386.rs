@@ -19,27 +19,29 @@ mod console;
 mod interrupt;
 mod registers;
 mod uart;
+mod watchdog;
 
 use core::sync::atomic::{Ordering, fence};
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_futures::select::{Either, select};
-use embassy_futures::yield_now;
 use embassy_time::{Duration, Timer};
+use foxhound_computer::restart::{Cause, End, Record, Restart};
 use foxhound_core::ConfigError;
-use foxhound_core::guidance::FrontEnd;
+use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::time::Instant;
 use foxhound_link::mailbox::{self, Arrivals, Block};
 use static_cell::ConstStaticCell;
 
-use super::{Call, Done, Step};
+use super::{Call, Done, Step, Watermark, last_words, stack};
 use crate::app::SAMPLES_PER_CHANNEL as N;
 use interrupt::Interrupt;
 use uart::Doorbell;
 
-pub use clock::ticks;
-pub use console::halt;
+pub use clock::{TICKS_PER_US, ticks, uptime_s};
+pub use console::{halt, last_words, on_fault};
 pub use uart::{Receiver, Transmitter};
+pub use watchdog::Watchdog;
 
 /// The name of this board.
 pub const NAME: &str = "mps2_an386";
@@ -54,36 +56,42 @@ const FREE_RUN_PERIOD: Duration = Duration::from_millis(20);
 /// How long the bell may be silent in lock-step.
 const BELL_TIMEOUT: Duration = Duration::from_secs(5);
 
-static URGENT: InterruptExecutor = InterruptExecutor::new();
-static RELAXED: InterruptExecutor = InterruptExecutor::new();
+static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
+static LINK: InterruptExecutor = InterruptExecutor::new();
 
 static BLOCK: ConstStaticCell<Block> = ConstStaticCell::new([0; mailbox::BLOCK_BYTES]);
 static ARRIVALS: ConstStaticCell<Arrivals<N>> = ConstStaticCell::new(Arrivals::new());
 
 /// The board, started.
 pub struct Board {
-    /// Guidance and link.
-    pub urgent: SendSpawner,
-    /// The planner.
-    pub relaxed: SendSpawner,
+    /// The fast loop.
+    pub guidance: SendSpawner,
+    /// Bytes to and from the autopilot.
+    pub link: SendSpawner,
     /// From the autopilot.
     pub receiver: Receiver,
     /// To the autopilot.
     pub transmitter: Transmitter,
     /// What to do next.
     pub pacer: Pacer,
+    /// Runs from now on.
+    pub watchdog: Watchdog,
+    /// Why we are here.
+    pub restart: Restart,
 }
 
 /// Starts the board. To be called once.
 pub fn start() -> Board {
+    stack::paint();
+    let restart = why();
     let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
     interrupt::prioritise(&mut core.NVIC);
     clock::start();
     uart::start();
     let (receiver, transmitter, doorbell) = uart::ends();
     Board {
-        urgent: URGENT.start(Interrupt::GuidanceExecutor),
-        relaxed: RELAXED.start(Interrupt::PlannerExecutor),
+        guidance: GUIDANCE.start(Interrupt::GuidanceExecutor),
+        link: LINK.start(Interrupt::LinkExecutor),
         receiver,
         transmitter,
         pacer: Pacer {
@@ -93,8 +101,30 @@ pub fn start() -> Board {
             pace: Pace::Free { next: embassy_time::Instant::now() },
             now: Instant(0),
             now_at: embassy_time::Instant::MIN,
+            stack: Watermark::new(),
+            setup: guidance::Config::default(),
         },
+        watchdog: Watchdog::start(),
+        restart,
     }
+}
+
+/// Why we are here: the power came, or somebody reset the machine, or we did.
+fn why() -> Restart {
+    let record = last_words::take();
+    let is_warm = last_words::was_running();
+    let cause = match record {
+        Some(Record { end: End::Watchdog, .. }) => Cause::Watchdog,
+        Some(_) => Cause::Software,
+        None if is_warm => Cause::BrownOut,
+        None => Cause::Power,
+    };
+    Restart { cause, record }
+}
+
+/// Whether so many bytes from there on are data memory.
+pub(super) fn is_memory(address: u32, bytes: u32) -> bool {
+    (0x2000_0000..0x2002_0000 - bytes).contains(&address)
 }
 
 /// Says what to do next.
@@ -106,6 +136,8 @@ pub struct Pacer {
     /// The time of the last step, and when it was made in embassy's time.
     now: Instant,
     now_at: embassy_time::Instant,
+    stack: Watermark,
+    setup: guidance::Config,
 }
 
 #[derive(Clone, Copy)]
@@ -123,7 +155,10 @@ impl Pacer {
                 Either::First(mailbox::SETUP) => {
                     read(mailbox::SETUP_AT, self.block);
                     match mailbox::Setup::decode(self.block) {
-                        Ok(setup) => return Call::Setup(setup.guidance),
+                        Ok(setup) => {
+                            self.setup = setup.guidance;
+                            return Call::Setup(&self.setup);
+                        }
                         Err(error) => self.refuse(format_args!("{error}")),
                     }
                 }
@@ -175,7 +210,7 @@ impl Pacer {
     pub async fn accept(&mut self, result: Result<(), ConfigError>, tx_total: u32) {
         match result {
             Ok(()) => {
-                flush(tx_total).await;
+                uart::drained(tx_total).await;
                 let written = mailbox::Ready { tx_total }.encode(self.block);
                 self.answer(written);
             }
@@ -188,12 +223,14 @@ impl Pacer {
         let Pace::LockStep { .. } = self.pace else {
             return;
         };
-        flush(done.tx_total).await;
+        uart::drained(done.tx_total).await;
         let report = mailbox::Report {
             sequence: self.arrivals.step().sequence,
             output: done.output,
             tx_total: done.tx_total,
             fast_ticks: done.fast_ticks,
+            late: done.late,
+            stack_bytes: self.stack.look(),
             plan: done.plan.map(|planned| mailbox::Planned {
                 id: planned.plan.id,
                 waypoints_ned_m: planned.plan.waypoints_ned_m,
@@ -223,13 +260,6 @@ impl Pacer {
     }
 }
 
-/// Waits until everything that was handed to the transmitter has left.
-async fn flush(tx_total: u32) {
-    while uart::sent() != tx_total {
-        yield_now().await;
-    }
-}
-
 const PSRAM: usize = 0x2100_0000;
 const _: () = assert!(mailbox::BLOCK_BYTES.is_multiple_of(4));
 
@@ -254,12 +284,12 @@ fn write(to: usize, block: &Block) {
     fence(Ordering::Release);
 }
 
-extern "C" fn on_urgent() {
+extern "C" fn on_guidance() {
     // SAFETY: this is the executor's interrupt handler, and the interrupt is unmasked by `start` only.
-    unsafe { URGENT.on_interrupt() }
+    unsafe { GUIDANCE.on_interrupt() }
 }
 
-extern "C" fn on_relaxed() {
+extern "C" fn on_link() {
     // SAFETY: as above.
-    unsafe { RELAXED.on_interrupt() }
+    unsafe { LINK.on_interrupt() }
 }

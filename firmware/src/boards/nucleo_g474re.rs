@@ -7,7 +7,10 @@
 //! | log | defmt over RTT, through the ST-LINK |
 //! | time | a timer of embassy-stm32's choice, 1 MHz ticks |
 //!
-//! Priorities, most urgent first: DMA and time (embassy's), guidance and link, planner. The thread sleeps.
+//! Priorities, most urgent first: DMA and time (embassy's), guidance, link; the planner is the thread.
+//!
+//! The independent watchdog runs from the start on its own oscillator and stops while a debugger holds the core. The supply
+//! is watched by the brown-out reset, whose level stands in the option bytes (`docs/hardware.md`).
 
 #![expect(unsafe_code, reason = "registers, interrupt handlers and the memory that DMA writes")]
 
@@ -19,18 +22,20 @@ use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{InterruptExt as _, Priority};
 use embassy_stm32::mode::Async;
+use embassy_stm32::pac::{DBGMCU, RCC};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
+use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, interrupt, peripherals, rcc};
 use embassy_time::{Duration, with_timeout};
+use foxhound_computer::restart::{Cause, End, Restart};
 use foxhound_core::ConfigError;
 use foxhound_core::adc::Snapshot;
 use foxhound_core::guidance::FrontEnd;
 use foxhound_core::time::Instant;
-use panic_probe as _;
 use static_cell::ConstStaticCell;
 
-use super::{Call, Done, Step};
+use super::{Call, Done, Step, Watermark, last_words, stack};
 use crate::app::SAMPLES_PER_CHANNEL as N;
 use acquisition::Acquisition;
 
@@ -52,28 +57,40 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL2 => dma::InterruptHandler<peripherals::DMA1_CH2>;
 });
 
-static URGENT: InterruptExecutor = InterruptExecutor::new();
-static RELAXED: InterruptExecutor = InterruptExecutor::new();
+/// The watchdog restarts the board when no step was in time for so long: 25 steps.
+const WATCHDOG_US: u32 = 500_000;
+
+static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
+static LINK: InterruptExecutor = InterruptExecutor::new();
 static RING: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
 static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
 
 /// The board, started.
 pub struct Board {
-    /// Guidance and link.
-    pub urgent: SendSpawner,
-    /// The planner.
-    pub relaxed: SendSpawner,
+    /// The fast loop.
+    pub guidance: SendSpawner,
+    /// Bytes to and from the autopilot.
+    pub link: SendSpawner,
     /// From the autopilot.
     pub receiver: Receiver,
     /// To the autopilot.
     pub transmitter: Transmitter,
     /// What to do next.
     pub pacer: Pacer,
+    /// Runs from now on.
+    pub watchdog: Watchdog,
+    /// Why we are here.
+    pub restart: Restart,
 }
 
 /// Starts the board. To be called once.
 pub fn start() -> Board {
+    stack::paint();
+    let restart = Restart { cause: cause(), record: last_words::take() };
     let board = embassy_stm32::init(clocks());
+    DBGMCU.apb1lfzr().modify(|w| w.set_iwdg(true));
+    let mut watchdog = IndependentWatchdog::new(board.IWDG, WATCHDOG_US);
+    watchdog.unleash();
     let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
@@ -88,13 +105,46 @@ pub fn start() -> Board {
 
     // Two vectors whose peripherals are off.
     interrupt::CORDIC.set_priority(Priority::P6);
-    interrupt::FMAC.set_priority(Priority::P15);
+    interrupt::FMAC.set_priority(Priority::P8);
     Board {
-        urgent: URGENT.start(interrupt::CORDIC),
-        relaxed: RELAXED.start(interrupt::FMAC),
+        guidance: GUIDANCE.start(interrupt::CORDIC),
+        link: LINK.start(interrupt::FMAC),
         receiver: Receiver(rx.into_ring_buffered(RING.take())),
         transmitter: Transmitter(tx),
-        pacer: Pacer { acquisition: Acquisition::start(), snapshot: SNAPSHOT.take() },
+        pacer: Pacer { acquisition: Acquisition::start(), snapshot: SNAPSHOT.take(), stack: Watermark::new() },
+        watchdog: Watchdog(watchdog),
+        restart,
+    }
+}
+
+/// What the chip says of its last reset (RM0440, `RCC_CSR`); the flags are cleared, so that they speak of one reset only.
+fn cause() -> Cause {
+    let flags = RCC.csr().read();
+    RCC.csr().modify(|w| w.set_rmvf(true));
+    // A brown-out shows at every power-up, too: it is one where memory has not been lost. The pin shows at every reset.
+    let power = if last_words::was_running() { Cause::BrownOut } else { Cause::Power };
+    let causes = [
+        (flags.iwdgrstf() || flags.wwdgrstf(), Cause::Watchdog),
+        (flags.sftrstf(), Cause::Software),
+        (flags.oblrstf() || flags.lpwrrstf(), Cause::Other),
+        (flags.borrstf(), power),
+        (flags.pinrstf(), Cause::Pin),
+    ];
+    causes.into_iter().find(|(is_set, _)| *is_set).map_or(Cause::Other, |(_, cause)| cause)
+}
+
+/// Whether so many bytes from there on are data memory.
+pub(super) fn is_memory(address: u32, bytes: u32) -> bool {
+    (0x2000_0000..0x2002_0000 - bytes).contains(&address)
+}
+
+/// Restarts the board when it is not fed.
+pub struct Watchdog(IndependentWatchdog<'static, peripherals::IWDG>);
+
+impl Watchdog {
+    /// Begins anew.
+    pub fn feed(&mut self) {
+        self.0.pet();
     }
 }
 
@@ -146,6 +196,7 @@ impl Transmitter {
 pub struct Pacer {
     acquisition: Acquisition,
     snapshot: &'static mut Snapshot<N>,
+    stack: Watermark,
 }
 
 impl Pacer {
@@ -174,7 +225,14 @@ impl Pacer {
 
     /// Logs what a step took.
     pub async fn done(&mut self, done: Done<'_>) {
-        defmt::trace!("guidance took {} cycles: {}", done.fast_ticks, done.output.outcome);
+        let stack_bytes = self.stack.look();
+        defmt::trace!(
+            "guidance took {} cycles: {}; {} late, {} bytes of stack",
+            done.fast_ticks,
+            done.output.outcome,
+            done.late,
+            stack_bytes,
+        );
     }
 }
 
@@ -184,23 +242,50 @@ pub fn ticks() -> u32 {
     cortex_m::peripheral::DWT::cycle_count()
 }
 
-/// The end: says why and stops. Without setpoints the autopilot brakes by itself.
+/// Of [`ticks`].
+pub const TICKS_PER_US: u32 = 170;
+
+/// Seconds since the start.
+#[must_use]
+pub fn uptime_s() -> u32 {
+    embassy_time::Instant::now().as_secs() as u32
+}
+
+/// It cannot go on: says why, and begins anew.
 pub fn halt(reason: fmt::Arguments<'_>) -> ! {
-    cortex_m::interrupt::disable();
-    defmt::error!("{}", defmt::Display2Format(&reason));
-    loop {
-        cortex_m::asm::wfi();
-    }
+    last_words(reason);
+    last_words::end(End::Halt, 0, 0, reason.as_str().unwrap_or("halt").as_bytes())
+}
+
+/// Says why it ends, to a debugger.
+pub(super) fn last_words(words: fmt::Arguments<'_>) {
+    defmt::error!("{}", defmt::Display2Format(&words));
+}
+
+/// A fault: goes on with a stack begun anew, in which there is room.
+///
+/// # Safety
+/// To be reached from the vector only.
+// SAFETY: comes from the vector with the main stack, the only one in use, in r0. Nothing returns from here.
+#[unsafe(naked)]
+pub(super) unsafe extern "C" fn on_fault() {
+    core::arch::naked_asm!(
+        "movw r1, #:lower16:_stack_start",
+        "movt r1, #:upper16:_stack_start",
+        "msr  msp, r1",
+        "b    {fault}",
+        fault = sym last_words::fault,
+    )
 }
 
 #[interrupt]
 fn CORDIC() {
     // SAFETY: this is the executor's interrupt handler, and the interrupt is unmasked by `start` only.
-    unsafe { URGENT.on_interrupt() }
+    unsafe { GUIDANCE.on_interrupt() }
 }
 
 #[interrupt]
 fn FMAC() {
     // SAFETY: as above.
-    unsafe { RELAXED.on_interrupt() }
+    unsafe { LINK.on_interrupt() }
 }

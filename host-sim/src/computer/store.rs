@@ -2,12 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use foxhound_core::ConfigError;
+use foxhound_computer::flight::Keeper;
 use foxhound_core::guidance;
 use foxhound_core::param::Values;
-use foxhound_link::params::Storage;
 
-use super::{BLOCK, HostComputer};
+use super::HostComputer;
 use crate::input::InputError;
 use crate::params::{self, Given};
 
@@ -27,47 +26,33 @@ impl HostComputer {
     pub fn with_store(config: &guidance::Config, path: &Path) -> Result<Self, InputError> {
         let mut computer = Self::new(config)?;
         let store = Store { path: path.to_owned(), base: *config };
-        computer.load(&store)?;
+        let values = store.read()?;
+        computer.parts().0.run_with(values)?;
         computer.store = Some(store);
         Ok(computer)
     }
+}
 
-    /// Does what somebody wants done about the file; false where there is none, or where that is not possible.
-    pub(super) fn keep(&mut self, storage: Storage) -> bool {
-        let Some(store) = self.store.clone() else {
-            return false;
-        };
-        match storage {
-            Storage::Save => self.save(&store).is_ok(),
-            Storage::Load => self.load(&store).is_ok(),
-            Storage::Reset => {
-                let mut config = store.base;
-                Values::DEFAULT.apply(&mut config);
-                self.run_with(config, Values::DEFAULT).is_ok() && self.save(&store).is_ok()
-            }
-        }
-    }
-
-    fn save(&self, store: &Store) -> Result<(), InputError> {
-        params::write(&store.path, self.companion.parameters())
-    }
-
-    fn load(&mut self, store: &Store) -> Result<(), InputError> {
+impl Store {
+    /// The parameters that hold with the file.
+    fn read(&self) -> Result<Values, InputError> {
         let mut given = Given::default();
-        given.read(&store.path)?;
-        let mut config = store.base;
+        given.read(&self.path)?;
+        let mut config = self.base;
         given.apply(&mut config);
         let mut values = Values::of(&config);
         given.overrule(&mut values);
-        Ok(self.run_with(config, values)?)
+        Ok(values)
+    }
+}
+
+impl Keeper for Store {
+    fn save(&mut self, values: &Values) -> bool {
+        params::write(&self.path, values).is_ok()
     }
 
-    /// Starts afresh with all of these, or with none.
-    fn run_with(&mut self, config: guidance::Config, values: Values) -> Result<(), ConfigError> {
-        config.build::<BLOCK>()?;
-        config.planner.build()?;
-        self.companion.set_parameters(values)?;
-        self.adopt(config)
+    fn load(&mut self) -> Option<Values> {
+        self.read().ok()
     }
 }
 

@@ -43,6 +43,7 @@ use crate::signing::{Signing, Unsigned, Verdict};
 use crate::sources::Sources;
 
 pub use self::config::{Config, ObstacleFrame, Yaw};
+pub use self::speak::NOTICE_BYTES;
 pub use crate::autopilot::{Autopilot, Software};
 pub use crate::params::Storage;
 pub use crate::sources::Source;
@@ -70,6 +71,15 @@ const NOISE_WINDOW_US: u64 = 2_000_000;
 const NOISE_FRAMES_MIN: u32 = 20;
 const NOISE_HOLD_PERCENT: u32 = 20;
 const NOISE_WARN_PERCENT: u32 = 5;
+
+/// How the application keeps time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pace {
+    /// The longest step of guidance since the start, microseconds.
+    pub longest_us: u32,
+    /// Steps that were late since the start.
+    pub late: u32,
+}
 
 /// What went wrong, and what went through, since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -172,6 +182,7 @@ pub struct Companion {
     /// Number of the grid period that was polled last.
     setpoint_slot: Option<u64>,
     telemetry: speak::Telemetry,
+    pace: Option<Pace>,
     // The large ones last: what is near is cheaper to reach.
     framer: Framer,
     outbox: Outbox,
@@ -230,6 +241,7 @@ impl Companion {
             timesync_due: Instant::default(),
             setpoint_slot: None,
             telemetry: speak::Telemetry::new(),
+            pace: None,
         }
     }
 

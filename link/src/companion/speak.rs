@@ -8,9 +8,9 @@ use foxhound_core::mission::Outcome;
 use foxhound_core::ownship::Ownship;
 use foxhound_core::time::Instant;
 use foxhound_core::units::{DEG_PER_RAD, sin_cos, wrap_pi};
-use heapless::Deque;
+use heapless::{Deque, String};
 
-use super::{Companion, NOISE_WARN_PERCENT, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
+use super::{Companion, NOISE_WARN_PERCENT, Pace, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
 use crate::CharArray;
 use crate::autopilot::Autopilot;
 use crate::clock::{is_due, is_over};
@@ -26,9 +26,9 @@ use crate::surroundings;
 
 /// Warnings that may wait.
 const WARNINGS: usize = 4;
-/// One value of the list in turn: each of the twelve twice a second.
-const TELEMETRY_PERIOD_US: u32 = 40_000;
-static VALUES: [[u8; 10]; 12] = [
+/// One value of the list in turn: each of the fourteen twice a second.
+const TELEMETRY_PERIOD_US: u32 = 35_000;
+static VALUES: [[u8; 10]; 14] = [
     *b"FH_BRG\0\0\0\0",
     *b"FH_SNR\0\0\0\0",
     *b"FH_SIG\0\0\0\0",
@@ -39,9 +39,13 @@ static VALUES: [[u8; 10]; 12] = [
     *b"FH_NIS\0\0\0\0",
     *b"FH_RTT\0\0\0\0",
     *b"FH_CRC\0\0\0\0",
+    *b"FH_STP\0\0\0\0",
+    *b"FH_LATE\0\0\0",
     *b"FH_OB0\0\0\0\0",
     *b"FH_OB1\0\0\0\0",
 ];
+/// Bytes of a `STATUSTEXT`.
+pub const NOTICE_BYTES: usize = 50;
 const TEXT_PERIOD_US: u64 = 1_000_000;
 const LANDING_PERIOD_US: u32 = 100_000;
 const SURROUNDINGS_PERIOD_US: u64 = 200_000;
@@ -64,6 +68,8 @@ pub(super) struct Telemetry {
     bearing: Option<(Instant, f32, f32, Option<f32>)>,
     outcome: Option<(Outcome, Instant)>,
     lasting_told: bool,
+    /// What somebody else wants told, once there is somebody to hear it.
+    notice: Option<String<NOTICE_BYTES>>,
     /// What was announced last.
     announced: Option<&'static str>,
     /// Warnings that wait, the oldest first.
@@ -85,6 +91,7 @@ impl Telemetry {
             bearing: None,
             outcome: None,
             lasting_told: false,
+            notice: None,
             announced: None,
             warnings: Deque::new(),
             warned_last: false,
@@ -293,7 +300,9 @@ impl Companion {
             7 => belief.map(|(_, nis)| nis),
             8 => self.clock.round_trip_us().map(|us| us.min(60_000_000) as f32 * 1e-3),
             9 => Some(self.noise.percent as f32),
-            _ => self.sources.ages(now).nth(usize::from(turn - 10)).map(|(_, age_s)| age_s),
+            10 => self.pace.map(|pace| pace.longest_us as f32 * 1e-3),
+            11 => self.pace.map(|pace| pace.late as f32),
+            _ => self.sources.ages(now).nth(usize::from(turn - 12)).map(|(_, age_s)| age_s),
         };
         if turn == 0
             && let Some(towards_rad) = towards_rad
@@ -378,6 +387,10 @@ impl Companion {
         if now < self.telemetry.text_due {
             return;
         }
+        if let Some(notice) = self.autopilot.and_then(|_| self.telemetry.notice.take()) {
+            self.tell(MavSeverity::MAV_SEVERITY_WARNING, &notice);
+            return;
+        }
         let outcome = self.telemetry.outcome;
         let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome)));
         // In turns, so that neither hides the other.
@@ -396,12 +409,27 @@ impl Companion {
         } else {
             return;
         };
-        self.telemetry.text_due = now.plus_micros(TEXT_PERIOD_US);
+        self.tell(severity, text);
+    }
+
+    #[inline(never)]
+    fn tell(&mut self, severity: MavSeverity, text: &str) {
+        self.telemetry.text_due = self.now.plus_micros(TEXT_PERIOD_US);
         self.outbox.post_note(&STATUSTEXT_DATA {
             severity: severity as u8,
             text: CharArray::from(text),
             ..STATUSTEXT_DATA::DEFAULT
         });
+    }
+
+    /// What is to be told in words once an autopilot is there; a newer notice replaces one that waits.
+    pub fn notify(&mut self, text: String<NOTICE_BYTES>) {
+        self.telemetry.notice = Some(text);
+    }
+
+    /// How long the steps of guidance take, for telemetry.
+    pub const fn note_pace(&mut self, pace: Pace) {
+        self.pace = Some(pace);
     }
 
     /// What is to be said of an outcome that has lasted.

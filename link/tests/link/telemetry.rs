@@ -7,7 +7,7 @@ use foxhound_core::guidance::Output;
 use foxhound_core::map::Circle;
 use foxhound_core::mission::Outcome;
 use foxhound_core::time::Instant;
-use foxhound_link::companion::Config;
+use foxhound_link::companion::{Config, Pace};
 use foxhound_link::dialect::*;
 
 use crate::bench::*;
@@ -16,6 +16,7 @@ use crate::bench::*;
 fn named_values_are_told_twice_a_second_each_and_a_direction_with_them() {
     let mut bench = Bench::flying();
     bench.answers = true;
+    bench.companion.note_pace(Pace { longest_us: 1_500, late: 3 });
     bench.run(0.1);
     bench.take_sent();
     let told = bench.output.as_mut().unwrap();
@@ -61,6 +62,8 @@ fn named_values_are_told_twice_a_second_each_and_a_direction_with_them() {
         ("FH_NIS", 1.25),
         ("FH_RTT", 10.0),
         ("FH_CRC", 0.0),
+        ("FH_STP", 1.5),
+        ("FH_LATE", 3.0),
     ];
     for (name, expected) in expected {
         let of_it: Vec<f32> = values.iter().filter(|(other, _)| other == name).map(|(_, value)| *value).collect();

@@ -1,34 +1,40 @@
-//! The end of the program, by semihosting: a message on QEMU's error output and a non-zero exit.
+//! Last words by semihosting, on QEMU's error output.
 //!
 //! Without semihosting a `bkpt 0xab` is a fault. So that the image also runs in a QEMU that was started without it,
 //! the fault handler answers such a breakpoint with "failed" and goes on behind it.
 
 use core::fmt;
-use core::panic::PanicInfo;
 
 use defmt_semihosting as _;
 
-/// The end.
+use super::super::last_words::{fault, starved};
+
+/// The end of a program that cannot even begin.
 pub fn halt(reason: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
-    semihosting::eprintln!("foxhound: {reason}");
+    last_words(reason);
     semihosting::process::exit(1)
 }
 
-#[panic_handler]
-fn panic(info: &PanicInfo<'_>) -> ! {
-    halt(format_args!("{info}"))
+/// Says why it ends.
+pub fn last_words(words: fmt::Arguments<'_>) {
+    semihosting::eprintln!("foxhound: {words}");
 }
 
-/// Steps over a semihosting breakpoint that nobody answered; everything else is the end.
-// SAFETY: the name is that of the vector. The handler reads the exception frame at the top of the main stack, the only
-// stack in use, and changes in it only r0 and the program counter, after having seen that this points to `bkpt 0xab`
+/// Steps over a semihosting breakpoint that nobody answered; everything else is the end, on a stack begun anew.
+///
+/// # Safety
+/// To be reached from the vector only.
+// SAFETY: comes from the vector with the main stack, the only one in use, in r0. It reads the exception frame at its top,
+// if that is in memory, and changes in it only r0 and the program counter, after having seen that this points to `bkpt 0xab`
 // (0xbeab) inside the program's memory. It uses no register that the exception entry does not save.
-#[unsafe(no_mangle)]
 #[unsafe(naked)]
-unsafe extern "C" fn HardFault() {
+pub unsafe extern "C" fn on_fault() {
     core::arch::naked_asm!(
-        "mrs  r0, msp",
+        "movw r2, #0",
+        "movt r2, #0x2000",
+        "cmp  r0, r2",
+        "blo  2f",
         "ldr  r1, [r0, #24]",
         "cmp  r1, #0x80000",
         "bhs  2f",
@@ -42,12 +48,25 @@ unsafe extern "C" fn HardFault() {
         "str  r1, [r0, #0]",
         "bx   lr",
         "2:",
-        "ldr  r0, [r0, #24]",
+        "movw r1, #:lower16:_stack_start",
+        "movt r1, #:upper16:_stack_start",
+        "msr  msp, r1",
         "b    {fault}",
         fault = sym fault,
     )
 }
 
-extern "C" fn fault(address: u32) -> ! {
-    halt(format_args!("hard fault at {address:#010x}"))
+/// The watchdog's interrupt.
+// SAFETY: the name is that of the vector. Nothing returns from here, and the stack is begun anew.
+#[unsafe(no_mangle)]
+#[unsafe(naked)]
+unsafe extern "C" fn NonMaskableInt() {
+    core::arch::naked_asm!(
+        "mrs  r0, msp",
+        "movw r1, #:lower16:_stack_start",
+        "movt r1, #:upper16:_stack_start",
+        "msr  msp, r1",
+        "b    {starved}",
+        starved = sym starved,
+    )
 }

@@ -17,10 +17,10 @@ pub enum Interrupt {
     Timer0 = 8,
     /// The alarm.
     Timer1 = 9,
-    /// Nothing is wired here: the executor of guidance and link.
+    /// Nothing is wired here: the executor of guidance.
     GuidanceExecutor = 30,
-    /// Nothing is wired here: the executor of the planner.
-    PlannerExecutor = 31,
+    /// Nothing is wired here: the executor of the link.
+    LinkExecutor = 31,
 }
 
 // SAFETY: the numbers are inside the vector table below and belong to the vectors of the same name.
@@ -30,7 +30,8 @@ unsafe impl InterruptNumber for Interrupt {
     }
 }
 
-/// Sets priorities (lower is more urgent): time and serial lines before guidance before the planner.
+/// Sets priorities (lower is more urgent): time and serial lines before guidance before the link; the
+/// planner has none of this, it is the thread.
 pub fn prioritise(nvic: &mut NVIC) {
     use Interrupt as I;
     let levels = [
@@ -40,7 +41,7 @@ pub fn prioritise(nvic: &mut NVIC) {
         (I::Uart0Tx, 0x40),
         (I::Uart1Rx, 0x40),
         (I::GuidanceExecutor, 0x80),
-        (I::PlannerExecutor, 0xe0),
+        (I::LinkExecutor, 0xa0),
     ];
     for (interrupt, level) in levels {
         // SAFETY: called at the start, before any of these is unmasked and inside no critical section that counts on
@@ -68,8 +69,8 @@ static __INTERRUPTS: [extern "C" fn(); 32] = {
     table[Interrupt::Uart1Rx as usize] = super::uart::on_bell;
     table[Interrupt::Timer0 as usize] = super::clock::on_wrap;
     table[Interrupt::Timer1 as usize] = super::clock::on_alarm;
-    table[Interrupt::GuidanceExecutor as usize] = super::on_urgent;
-    table[Interrupt::PlannerExecutor as usize] = super::on_relaxed;
+    table[Interrupt::GuidanceExecutor as usize] = super::on_guidance;
+    table[Interrupt::LinkExecutor as usize] = super::on_link;
     table
 };
 

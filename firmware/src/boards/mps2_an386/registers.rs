@@ -15,6 +15,9 @@ pub const TIMER0: Peripheral = Peripheral { base: 0x4000_0000 };
 /// Runs out: the alarm.
 pub const TIMER1: Peripheral = Peripheral { base: 0x4000_1000 };
 
+/// Restarts the board when it has run out twice.
+pub const WATCHDOG: Peripheral = Peripheral { base: 0x4000_8000 };
+
 /// A register by its offset.
 #[derive(Clone, Copy, Debug)]
 #[repr(usize)]
@@ -29,6 +32,8 @@ pub enum Register {
     Interrupt = 0x0c,
     /// UART: clock divider.
     Divider = 0x10,
+    /// Watchdog: what unlocks it.
+    Lock = 0xc00,
 }
 
 impl Register {
@@ -38,6 +43,12 @@ impl Register {
     pub const TIMER_VALUE: Self = Self::State;
     /// What a timer starts again from after zero.
     pub const TIMER_RELOAD: Self = Self::Control;
+    /// What the watchdog starts from; writing starts it anew.
+    pub const WATCHDOG_LOAD: Self = Self::Data;
+    /// Control of the watchdog.
+    pub const WATCHDOG_CONTROL: Self = Self::Control;
+    /// Clears the watchdog's interrupt and starts it anew.
+    pub const WATCHDOG_CLEAR: Self = Self::Interrupt;
 }
 
 impl Peripheral {

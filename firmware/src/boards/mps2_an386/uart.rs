@@ -32,6 +32,7 @@ const DIVIDER: u32 = 27;
 static RING: Pipe<CriticalSectionRawMutex, 4096> = Pipe::new();
 static BELL: Pipe<CriticalSectionRawMutex, 16> = Pipe::new();
 static ROOM: AtomicWaker = AtomicWaker::new();
+static DRAINED: AtomicWaker = AtomicWaker::new();
 static SENT: AtomicU32 = AtomicU32::new(0);
 
 /// Opens both lines.
@@ -88,12 +89,17 @@ impl Transmitter {
             UART0.write(Register::Data, u32::from(*byte));
             SENT.fetch_add(1, Ordering::Relaxed);
         }
+        DRAINED.wake();
     }
 }
 
-/// Bytes sent to the autopilot since the start.
-pub(super) fn sent() -> u32 {
-    SENT.load(Ordering::Relaxed)
+/// Waits until so many bytes have been sent to the autopilot since the start.
+pub(super) async fn drained(total: u32) {
+    poll_fn(|context| {
+        DRAINED.register(context.waker());
+        if SENT.load(Ordering::Relaxed) == total { Poll::Ready(()) } else { Poll::Pending }
+    })
+    .await;
 }
 
 impl Doorbell {

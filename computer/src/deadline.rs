@@ -1,0 +1,123 @@
+//! Whether the fast loop is in time.
+//!
+//! A step begins when its frame is handed over and ends when its setpoint is on its way to the serial line. A step that
+//! takes longer than [`Config::budget_us`] is late. What that means for the vehicle:
+//!
+//! | what | what the vehicle does |
+//! |---|---|
+//! | a step is late | nothing else changes: the newest setpoint was at most that much older. It is counted and told |
+//! | no step in time for as long as the watchdog waits | the computer restarts, and comes up in standby: the autopilot, left without setpoints, stops by itself; the pilot enters the mode afresh |
+//! | the planner is starved | it misses its handover tick: the old plan goes on while it lasts, then the guard brakes (`PlanLate`) |
+//!
+//! The watchdog is fed by [`Verdict::Met`] and [`Verdict::Excused`] and by nothing else. Excused is a step in which the
+//! flash was written, which stops the processor; the link allows that only outside control.
+
+/// How long a step may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Config {
+    /// From the frame's hand-over to the setpoint, microseconds.
+    pub budget_us: u32,
+}
+
+impl Default for Config {
+    /// Half of the 20 ms from frame to frame: ten times what the worst step needs.
+    fn default() -> Self {
+        Self { budget_us: 10_000 }
+    }
+}
+
+/// What one step was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// In time.
+    Met,
+    /// Late, and the watchdog is not to be fed.
+    Missed,
+    /// Late, by something that was allowed to take long.
+    Excused,
+}
+
+impl Verdict {
+    /// Whether the watchdog is to be fed.
+    #[must_use]
+    pub fn feeds(self) -> bool {
+        self != Self::Missed
+    }
+}
+
+/// What was counted since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// All steps.
+    pub steps: u32,
+    /// Those that were late.
+    pub late: u32,
+    /// The longest one that nothing excused, microseconds.
+    pub longest_us: u32,
+}
+
+/// Watches the steps.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Monitor {
+    config: Config,
+    counts: Counts,
+}
+
+impl Monitor {
+    /// Nothing has happened yet.
+    #[must_use]
+    pub const fn new(config: Config) -> Self {
+        Self { config, counts: Counts { steps: 0, late: 0, longest_us: 0 } }
+    }
+
+    /// Takes note of a step that took so long; `is_excused` where it had to do what may take long.
+    pub fn step(&mut self, taken_us: u32, is_excused: bool) -> Verdict {
+        let counts = &mut self.counts;
+        counts.steps = counts.steps.saturating_add(1);
+        if is_excused {
+            return Verdict::Excused;
+        }
+        counts.longest_us = counts.longest_us.max(taken_us);
+        if taken_us <= self.config.budget_us {
+            return Verdict::Met;
+        }
+        counts.late = counts.late.saturating_add(1);
+        Verdict::Missed
+    }
+
+    /// What was counted so far.
+    #[must_use]
+    pub const fn counts(&self) -> Counts {
+        self.counts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_late_step_is_counted_and_does_not_feed_the_watchdog() {
+        let mut monitor = Monitor::new(Config { budget_us: 1000 });
+        assert_eq!(monitor.step(1000, false), Verdict::Met);
+        assert_eq!(monitor.step(1001, false), Verdict::Missed);
+        assert!(!Verdict::Missed.feeds() && Verdict::Met.feeds());
+        assert_eq!(monitor.counts(), Counts { steps: 2, late: 1, longest_us: 1001 });
+    }
+
+    #[test]
+    fn a_step_that_wrote_the_flash_is_neither_late_nor_the_longest() {
+        let mut monitor = Monitor::default();
+        assert_eq!(monitor.step(1_000_000, true), Verdict::Excused);
+        assert!(Verdict::Excused.feeds());
+        assert_eq!(monitor.counts(), Counts { steps: 1, late: 0, longest_us: 0 });
+    }
+
+    #[test]
+    fn the_counters_stay_at_their_ends() {
+        let mut monitor = Monitor::default();
+        monitor.counts = Counts { steps: u32::MAX, late: u32::MAX, longest_us: 0 };
+        assert_eq!(monitor.step(u32::MAX, false), Verdict::Missed);
+        assert_eq!(monitor.counts(), Counts { steps: u32::MAX, late: u32::MAX, longest_us: u32::MAX });
+    }
+}

@@ -1,0 +1,176 @@
+//! One step of the flight computer. The firmware and the simulator both call these lines, so that their traces are equal
+//! bit for bit:
+//!
+//! 1. the link takes in the bytes of the autopilot ([`Flight::hear`]);
+//! 2. what stations want of the parameters is done ([`Flight::serve`]);
+//! 3. guidance steps, with what the link heard, the frame, and the plan that was finished in the step before; the link
+//!    publishes the outcome and does what is due ([`Flight::step`]).
+//!
+//! Then the bytes of the link leave, and where guidance asks for a plan the planner makes one, which is handed over at the
+//! next step.
+
+use foxhound_core::ConfigError;
+use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
+use foxhound_core::map::Circle;
+use foxhound_core::param::{Id, Values};
+use foxhound_core::planner::{Plan, Planner};
+use foxhound_core::time::Instant;
+use foxhound_link::companion::{self, Companion};
+use foxhound_link::params::Storage;
+
+use crate::SAMPLES_PER_CHANNEL as N;
+
+/// Where parameters are kept while the power is off.
+pub trait Keeper {
+    /// Keeps these; false where that is not possible.
+    fn save(&mut self, values: &Values) -> bool;
+    /// What is kept; `None` where nothing is, or nothing that can be read.
+    fn load(&mut self) -> Option<Values>;
+}
+
+/// Where there is no place to keep them, there is none.
+impl<K: Keeper> Keeper for Option<K> {
+    fn save(&mut self, values: &Values) -> bool {
+        self.as_mut().is_some_and(|keeper| keeper.save(values))
+    }
+
+    fn load(&mut self) -> Option<Values> {
+        self.as_mut()?.load()
+    }
+}
+
+/// What one step is made of.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a> {
+    /// The time of the step: the only clock of guidance and link.
+    pub now: Instant,
+    /// What the antennas brought.
+    pub front_end: FrontEnd<'a, N>,
+    /// Obstacles that a sensor delivers as circles already.
+    pub circles: Option<&'a [Circle]>,
+    /// The planner's answer, once, as soon as there is one.
+    pub plan: Option<&'a Plan>,
+}
+
+/// Everything that a flight consists of, each where it stays.
+#[derive(Debug)]
+pub struct Flight<'a> {
+    /// The configuration that holds.
+    pub config: &'a mut guidance::Config,
+    /// The fast loop.
+    pub guidance: &'a mut Guidance<N>,
+    /// What it carries from step to step.
+    pub state: &'a mut guidance::State<N>,
+    /// The slow loop, as it is to be ordered.
+    pub planner: &'a mut Planner,
+    /// The link.
+    pub companion: &'a mut Companion,
+}
+
+// The stack holds one of the large parts at a time, while it is built: hence a function for each.
+impl Flight<'_> {
+    /// The next flight in the same place, with another link; the old one goes on if the configuration is refused.
+    ///
+    /// # Errors
+    /// The field that is refused.
+    pub fn begin_anew(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
+        self.set_up(config)?;
+        self.listen_anew()
+    }
+
+    /// Guidance and planner with another configuration, from the start; the old one goes on if that is refused.
+    ///
+    /// # Errors
+    /// The field that is refused.
+    #[inline(never)]
+    pub fn set_up(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
+        let planner = config.planner.build()?;
+        *self.guidance = config.build()?;
+        *self.planner = planner;
+        self.guidance.restart(self.state);
+        *self.config = *config;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn listen_anew(&mut self) -> Result<(), ConfigError> {
+        *self.companion = companion::Config::default().build_with(Values::of(self.config))?;
+        Ok(())
+    }
+
+    /// Starts afresh with all of these parameters, or goes on with the old ones.
+    ///
+    /// # Errors
+    /// The field that is refused.
+    #[inline(never)]
+    pub fn run_with(&mut self, values: Values) -> Result<(), ConfigError> {
+        let old = *self.config;
+        let mut config = old;
+        values.apply(&mut config);
+        self.set_up(&config)?;
+        self.companion.set_parameters(values).or_else(|error| self.set_up(&old).and(Err(error)))
+    }
+
+    /// Takes in bytes of the autopilot.
+    pub fn hear(&mut self, now: Instant, bytes: &[u8]) {
+        self.companion.receive(now, bytes);
+    }
+
+    /// Does what stations want of the parameters, and what a restart of the autopilot asks for; true where guidance has
+    /// started afresh, and plans that were ordered before are of no use any more.
+    #[inline(never)]
+    pub fn serve(&mut self, keeper: &mut impl Keeper) -> bool {
+        let mut begins_anew = false;
+        if let Some((id, values)) = self.companion.proposal() {
+            let verdict = self.adopt(id, &values);
+            self.companion.settle(verdict);
+            begins_anew = verdict.is_ok();
+        }
+        if let Some(storage) = self.companion.take_storage() {
+            let is_done = match storage {
+                Storage::Save => keeper.save(self.companion.parameters()),
+                Storage::Load => keeper.load().is_some_and(|values| self.run_with(values).is_ok()),
+                Storage::Reset => self.run_with(Values::DEFAULT).is_ok() && keeper.save(&Values::DEFAULT),
+            };
+            begins_anew |= is_done && storage != Storage::Save;
+            self.companion.stored(is_done);
+        }
+        if self.companion.take_world_lost() {
+            self.guidance.restart(self.state);
+            begins_anew = true;
+        }
+        begins_anew
+    }
+
+    /// Tries a parameter that somebody wants changed; it holds from this step on, which starts afresh.
+    #[inline(never)]
+    fn adopt(&mut self, id: Id, values: &Values) -> Result<(), ConfigError> {
+        let mut config = *self.config;
+        values.apply_one(id, &mut config);
+        self.set_up(&config)
+    }
+
+    /// Guidance steps; the link publishes what it came to, and does what is due. `ticks` is read before and after guidance.
+    pub fn step(&mut self, step: &Step<'_>, mut ticks: impl FnMut() -> u32) -> (Output, u32) {
+        let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
+        let input = Input {
+            now: step.now,
+            front_end: step.front_end,
+            ownship: self.companion.ownship(),
+            scan: scan.as_ref(),
+            points: points.as_ref(),
+            circles: step.circles,
+            control: self.companion.control(step.now),
+            plan: step.plan,
+        };
+        let begin = ticks();
+        let output = self.guidance.step(self.state, &input);
+        let taken = ticks().wrapping_sub(begin);
+        self.companion.publish(step.now, &output);
+        if self.companion.wants_surroundings(step.now) {
+            self.companion.publish_surroundings(step.now, self.state.map().circles());
+        }
+        self.companion.poll(step.now);
+        (output, taken)
+    }
+}

@@ -1,0 +1,21 @@
+//! # The flight computer, without its hardware
+//!
+//! What the firmware does around guidance and link, as far as it needs no register for that; so it runs on the desktop,
+//! too, and is tested there. Like `core` and `link` it has no heap, no clock, no IO and no globals.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`flight`] | one step: link, guidance, link; the same lines in the firmware and in the simulator |
+//! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
+//! | [`restart`] | why the computer has restarted: what is kept over a reset |
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod deadline;
+pub mod flight;
+pub mod restart;
+
+/// Samples of one channel in one snapshot.
+pub const SAMPLES_PER_CHANNEL: usize = 256;

@@ -1,0 +1,257 @@
+//! Why the computer has restarted.
+//!
+//! Two sources: what the chip says of its last reset ([`Cause`]), and what the program wrote down before it ended itself
+//! ([`Record`]), in memory that a reset leaves alone. The board owns both; here is what they mean, how a record lies in
+//! that memory, and in which words the autopilot's pilot hears of it.
+//!
+//! A record is believed only with its checksum: after power-up that memory holds anything. It is read once and then
+//! [taken away](take), so that an old one is never told for a new one.
+
+use core::fmt::{self, Write as _};
+
+use foxhound_core::calibration::record::crc32;
+use heapless::String;
+
+/// Words of a record in the memory that a reset leaves alone.
+pub const WORDS: usize = 16;
+
+const MAGIC: u32 = u32::from_le_bytes(*b"FXR1");
+const TEXT_AT: usize = 6;
+const CRC_AT: usize = WORDS - 1;
+/// Bytes of a record's text: the end of a file's name and a line.
+pub const TEXT_BYTES: usize = (CRC_AT - TEXT_AT) * 4;
+/// Bytes of a `STATUSTEXT`.
+const WORDS_BYTES: usize = 50;
+
+/// What the chip says of the last reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Cause {
+    /// The power came.
+    #[default]
+    Power,
+    /// The supply sank below its limit.
+    BrownOut,
+    /// The reset pin.
+    Pin,
+    /// The program asked for it.
+    Software,
+    /// The watchdog was not fed.
+    Watchdog,
+    /// Something else.
+    Other,
+}
+
+/// What ended the program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum End {
+    /// A panic; the text says where.
+    Panic = 1,
+    /// A fault of the processor; the address says where, the status why.
+    Fault = 2,
+    /// The board found that it cannot go on; the text says why.
+    Halt = 3,
+    /// Somebody wanted a restart.
+    Wanted = 4,
+    /// The watchdog ran out; the address says where the program was.
+    Watchdog = 5,
+}
+
+/// What the program wrote down before it ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Record {
+    /// What ended it.
+    pub end: End,
+    /// Where, as far as that is known.
+    pub address: u32,
+    /// `CFSR` of a fault.
+    pub status: u32,
+    /// How long it had been running.
+    pub uptime_s: u32,
+    text: [u8; TEXT_BYTES],
+}
+
+impl Record {
+    /// A record with a text, of which the end is kept.
+    #[must_use]
+    pub fn new(end: End, address: u32, status: u32, uptime_s: u32, text: &[u8]) -> Self {
+        let last = text.get(text.len().saturating_sub(TEXT_BYTES)..).unwrap_or_default();
+        let mut kept = [0; TEXT_BYTES];
+        for (to, from) in kept.iter_mut().zip(last) {
+            *to = *from;
+        }
+        Self { end, address, status, uptime_s, text: kept }
+    }
+
+    /// The text, as far as it is one.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        let until = self.text.iter().position(|byte| !byte.is_ascii_graphic() && *byte != b' ').unwrap_or(TEXT_BYTES);
+        self.text.get(..until).and_then(|text| str::from_utf8(text).ok()).unwrap_or_default()
+    }
+
+    /// The words to be kept over the reset.
+    #[must_use]
+    pub fn encode(&self) -> [u32; WORDS] {
+        let mut words = [0; WORDS];
+        let head = [MAGIC, self.end as u32, self.address, self.status, self.uptime_s, 0];
+        let text = self.text.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes));
+        for (word, value) in words.iter_mut().zip(head.into_iter().chain(text)) {
+            *word = value;
+        }
+        words[CRC_AT] = check(&words);
+        words
+    }
+
+    fn decode(words: &[u32; WORDS]) -> Option<Self> {
+        let [magic, end, address, status, uptime_s, _, rest @ ..] = *words;
+        if magic != MAGIC || words[CRC_AT] != check(words) {
+            return None;
+        }
+        let end = [End::Panic, End::Fault, End::Halt, End::Wanted, End::Watchdog]
+            .into_iter()
+            .find(|known| *known as u32 == end)?;
+        let mut text = [0; TEXT_BYTES];
+        for (to, from) in text.as_chunks_mut().0.iter_mut().zip(rest) {
+            *to = from.to_le_bytes();
+        }
+        Some(Self { end, address, status, uptime_s, text })
+    }
+}
+
+fn check(words: &[u32; WORDS]) -> u32 {
+    let mut bytes = [0; CRC_AT * 4];
+    for (to, from) in bytes.as_chunks_mut().0.iter_mut().zip(words) {
+        *to = from.to_le_bytes();
+    }
+    crc32(&bytes)
+}
+
+/// The record that the last run left, if it did; it is gone then.
+pub fn take(kept: &mut [u32; WORDS]) -> Option<Record> {
+    let record = Record::decode(kept);
+    *kept = [0; WORDS];
+    record
+}
+
+/// What is known of the last restart.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Restart {
+    /// What the chip says.
+    pub cause: Cause,
+    /// What the program said.
+    pub record: Option<Record>,
+}
+
+impl Restart {
+    /// Whether it is worth a word to the pilot: not where somebody switched the power on or pressed the button.
+    #[must_use]
+    pub fn is_news(&self) -> bool {
+        self.record.is_some() || !matches!(self.cause, Cause::Power | Cause::Pin)
+    }
+
+    /// The word to the pilot: at most 50 bytes, those of a `STATUSTEXT`; cut off behind them.
+    #[must_use]
+    pub fn words(&self) -> String<WORDS_BYTES> {
+        let mut words = Cut(String::new());
+        // What does not fit is cut off.
+        let _ = write!(words, "Foxhound: restart: {self}");
+        words.0
+    }
+}
+
+impl fmt::Display for Restart {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.record, self.cause) {
+            (Some(Record { end: End::Fault, address, .. }), _) => {
+                f.write_str("fault at ")?;
+                write_hex(f, *address)
+            }
+            (Some(record @ Record { end: End::Panic, .. }), _) => {
+                f.write_str("panic ")?;
+                f.write_str(record.text())
+            }
+            (Some(record @ Record { end: End::Halt, .. }), _) => f.write_str(record.text()),
+            (Some(Record { end: End::Wanted, .. }), _) => f.write_str("as asked"),
+            (Some(Record { end: End::Watchdog, address, .. }), _) => {
+                f.write_str("watchdog at ")?;
+                write_hex(f, *address)
+            }
+            (None, Cause::Power) => f.write_str("power"),
+            (None, Cause::BrownOut) => f.write_str("brown-out"),
+            (None, Cause::Pin) => f.write_str("reset pin"),
+            (None, Cause::Software) => f.write_str("software"),
+            (None, Cause::Watchdog) => f.write_str("watchdog"),
+            (None, Cause::Other) => f.write_str("unknown"),
+        }
+    }
+}
+
+/// Eight digits, without the formatting of numbers, which takes 2 KB of flash.
+fn write_hex(f: &mut fmt::Formatter<'_>, value: u32) -> fmt::Result {
+    f.write_str("0x")?;
+    (0..8).rev().try_for_each(|digit| {
+        let nibble = (value >> (4 * digit)) & 0xf;
+        f.write_char(char::from_digit(nibble, 16).unwrap_or('?'))
+    })
+}
+
+/// Takes as much as fits.
+struct Cut(String<WORDS_BYTES>);
+
+impl fmt::Write for Cut {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        text.chars().try_for_each(|letter| self.0.push(letter)).map_err(|_| fmt::Error)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString as _;
+
+    #[test]
+    fn a_record_is_read_once_as_it_was_written() {
+        let record = Record::new(End::Panic, 7, 8, 9, b"computer/src/flight.rs:123");
+        let mut kept = record.encode();
+        assert_eq!(take(&mut kept), Some(record));
+        assert_eq!(record.text(), "computer/src/flight.rs:123");
+        assert_eq!(take(&mut kept), None, "an old one is not told again");
+    }
+
+    #[test]
+    fn a_record_with_any_bit_changed_is_none() {
+        let kept = Record::new(End::Fault, 0x0800_1234, 0x8200, 3, b"").encode();
+        for bit in 0..WORDS * 32 {
+            let mut spoiled = kept;
+            spoiled[bit / 32] ^= 1 << (bit % 32);
+            assert_eq!(take(&mut spoiled), None, "bit {bit}");
+        }
+        for fill in [0, u32::MAX, 0x5555_5555] {
+            assert_eq!(take(&mut [fill; WORDS]), None);
+        }
+    }
+
+    #[test]
+    fn of_a_long_text_the_end_is_kept_and_the_words_fit_a_message() {
+        let text = "a/very/long/path/to/some/file/in/a/crate/flight.rs:123";
+        let record = Record::new(End::Panic, 0, 0, 0, text.as_bytes());
+        assert!(record.text().ends_with("flight.rs:123") && record.text().len() == TEXT_BYTES);
+        let restart = Restart { cause: Cause::Software, record: Some(record) };
+        assert!(restart.words().len() <= 50);
+        assert!(restart.words().starts_with("Foxhound: restart: panic "));
+    }
+
+    #[test]
+    fn every_restart_has_its_words_and_a_press_of_the_button_is_no_news() {
+        let record = Record::new(End::Fault, 0x0800_12ab, 0, 0, b"");
+        let fault = Restart { cause: Cause::Software, record: Some(record) };
+        assert_eq!(fault.to_string(), "fault at 0x080012ab");
+        let causes = [Cause::Power, Cause::BrownOut, Cause::Pin, Cause::Software, Cause::Watchdog, Cause::Other];
+        let all = causes.map(|cause| Restart { cause, record: None });
+        assert_eq!(all.map(|restart| restart.is_news()), [false, true, false, true, true, true]);
+        for (index, restart) in all.iter().enumerate() {
+            assert!(all[..index].iter().all(|other| other.words() != restart.words()));
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! What the program writes down before it ends: a panic, a fault of the processor, a board that cannot go on.
+//!
+//! The record lies in memory that neither a reset nor the start-up code touches (`.uninit`); after the restart it is told
+//! to the pilot and taken away. Whatever ends the program ends in a reset, and the computer comes up in standby. The
+//! autopilot, left without setpoints, stops by itself meanwhile.
+
+use core::cell::UnsafeCell;
+use core::fmt::{self, Write};
+use core::mem::MaybeUninit;
+use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use cortex_m::peripheral::SCB;
+use foxhound_computer::restart::{self, End, Record, TEXT_BYTES, WORDS};
+
+use super::board;
+
+/// Words that a reset leaves alone.
+struct Kept(UnsafeCell<MaybeUninit<[u32; WORDS]>>);
+
+// SAFETY: touched at the start, before anything else runs, and at the end, when nothing else runs any more.
+unsafe impl Sync for Kept {}
+
+// SAFETY: the section is one that the start-up code does not write; nothing else lies by that name.
+#[unsafe(link_section = ".uninit.foxhound_kept")]
+static KEPT: Kept = Kept(UnsafeCell::new(MaybeUninit::uninit()));
+
+/// What the last run left, if it did. To be called once, at the start.
+pub(super) fn take() -> Option<Record> {
+    let kept = KEPT.0.get().cast::<[u32; WORDS]>();
+    // SAFETY: aligned and ours, see `Kept`. Any words are valid ones, and volatile access does not care who wrote them.
+    let mut words = unsafe { kept.read_volatile() };
+    let record = restart::take(&mut words);
+    // SAFETY: as above.
+    unsafe { kept.write_volatile(words) };
+    record
+}
+
+/// Whether the program has been running in this memory before; from now on it has. After the power was away for long
+/// enough memory holds anything.
+pub(super) fn was_running() -> bool {
+    /// Set since the program has begun.
+    // SAFETY: as for `KEPT`; any bits are a valid one.
+    #[unsafe(link_section = ".uninit.foxhound_warm")]
+    static WARM: AtomicU32 = AtomicU32::new(0);
+    const IS_WARM: u32 = 0x3A9C_71E5;
+    WARM.swap(IS_WARM, Ordering::Relaxed) == IS_WARM
+}
+
+/// Writes down why, and restarts.
+pub(super) fn end(end: End, address: u32, status: u32, text: &[u8]) -> ! {
+    cortex_m::interrupt::disable();
+    let record = Record::new(end, address, status, board::uptime_s(), text);
+    // SAFETY: interrupts are off, and only a fault can come; that ends in here, too, and does not come back.
+    unsafe { KEPT.0.get().cast::<[u32; WORDS]>().write_volatile(record.encode()) };
+    SCB::sys_reset()
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    let mut text = Tail { bytes: [0; TEXT_BYTES], length: 0 };
+    if let Some(location) = info.location() {
+        let _ = text.write_str(location.file());
+        let _ = text.write_str(":");
+        let mut digits = [0; 10];
+        let _ = text.write_str(decimal(location.line(), &mut digits));
+    }
+    board::last_words(format_args!("panic at {}", text.text()));
+    end(End::Panic, 0, 0, text.text().as_bytes())
+}
+
+/// A fault of the processor; everything but a fault in here comes through it. The stack may be what is broken: a new one.
+// SAFETY: the name is that of the vector. Nothing returns from here.
+#[unsafe(no_mangle)]
+#[unsafe(naked)]
+unsafe extern "C" fn HardFault() {
+    core::arch::naked_asm!(
+        "mrs  r0, msp",
+        "b    {begin}",
+        begin = sym board::on_fault,
+    )
+}
+
+/// The end of a fault: `frame` is where the processor has stacked its registers, or would have.
+pub(super) extern "C" fn fault(frame: u32) -> ! {
+    // SAFETY: reading this register has no effect.
+    let status = unsafe { (*SCB::PTR).cfsr.read() };
+    board::last_words(format_args!("fault"));
+    end(End::Fault, interrupted(frame), status, b"")
+}
+
+/// The end of a program that did not feed the watchdog, where that asks first.
+#[cfg(feature = "board-mps2_an386")]
+pub(super) extern "C" fn starved(frame: u32) -> ! {
+    let address = interrupted(frame);
+    board::last_words(format_args!("watchdog at {address:#010x}"));
+    end(End::Watchdog, address, 0, b"")
+}
+
+/// Where the program was, where its registers are in memory.
+fn interrupted(frame: u32) -> u32 {
+    if !board::is_memory(frame, 32) {
+        return 0;
+    }
+    // SAFETY: `frame` is a word-aligned place in RAM; the processor keeps its stack pointer so.
+    unsafe { ((frame & !3) as *const u32).wrapping_add(6).read_volatile() }
+}
+
+/// The last bytes of what was written.
+struct Tail {
+    bytes: [u8; TEXT_BYTES],
+    length: usize,
+}
+
+impl Tail {
+    fn text(&self) -> &str {
+        self.bytes.get(..self.length).and_then(|bytes| str::from_utf8(bytes).ok()).unwrap_or("?")
+    }
+}
+
+impl fmt::Write for Tail {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for byte in text.bytes() {
+            if let Some(free) = self.bytes.get_mut(self.length) {
+                *free = byte;
+                self.length += 1;
+            } else {
+                self.bytes.rotate_left(1);
+                if let Some(last) = self.bytes.last_mut() {
+                    *last = byte;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A number without the formatting of numbers.
+fn decimal(mut number: u32, digits: &mut [u8; 10]) -> &str {
+    let mut from = digits.len();
+    for (at, digit) in digits.iter_mut().enumerate().rev() {
+        *digit = b'0' + (number % 10) as u8;
+        (number, from) = (number / 10, at);
+        if number == 0 {
+            break;
+        }
+    }
+    digits.get(from..).and_then(|digits| str::from_utf8(digits).ok()).unwrap_or("?")
+}

@@ -1,0 +1,30 @@
+//! The CMSDK watchdog (Arm DDI 0479, chapter 4): counts down at 25 MHz, asks by an interrupt, which nobody answers, when it
+//! comes to zero for the first time, and resets the machine at the second.
+
+use super::registers::{Register, WATCHDOG};
+
+/// Opens the registers for writing.
+const KEY: u32 = 0x1ACC_E551;
+const INTERRUPT_ENABLE: u32 = 1;
+const RESET_ENABLE: u32 = 1 << 1;
+/// Longer than the simulator may be silent in lock-step, in two halves.
+const LOAD: u32 = 4 * 25_000_000;
+
+/// Restarts the machine when it is not fed.
+#[derive(Debug)]
+pub struct Watchdog(());
+
+impl Watchdog {
+    /// Starts it.
+    pub(super) fn start() -> Self {
+        WATCHDOG.write(Register::Lock, KEY);
+        WATCHDOG.write(Register::WATCHDOG_LOAD, LOAD);
+        WATCHDOG.write(Register::WATCHDOG_CONTROL, INTERRUPT_ENABLE | RESET_ENABLE);
+        Self(())
+    }
+
+    /// Begins anew.
+    pub fn feed(&mut self) {
+        WATCHDOG.write(Register::WATCHDOG_CLEAR, 1);
+    }
+}

@@ -1,0 +1,72 @@
+//! How much of the stack was ever used.
+//!
+//! The stack lies at the bottom of the memory and grows down towards its end, so that one that overflows faults at once
+//! instead of changing variables (`memory.x`). At the start all of it is painted; a word that has lost its paint has been
+//! used. Each step looks at a few words only.
+
+use core::ptr;
+
+const PAINT: u32 = 0x5AFE_57AC;
+/// Words that one look looks at.
+const WORDS: u32 = 64;
+/// So much below the stack pointer is not painted: what is painting uses it.
+const GAP_BYTES: u32 = 256;
+
+unsafe extern "C" {
+    static _stack_start: u32;
+    static _stack_end: u32;
+}
+
+fn top() -> u32 {
+    &raw const _stack_start as u32
+}
+
+fn bottom() -> u32 {
+    &raw const _stack_end as u32
+}
+
+/// Paints what is free of the stack. To be called once, early.
+pub(super) fn paint() {
+    let until = cortex_m::register::msp::read().saturating_sub(GAP_BYTES);
+    let mut at = bottom();
+    while at < until {
+        // SAFETY: word-aligned, between the end of the stack and what is in use of it: nobody's memory.
+        unsafe { ptr::with_exposed_provenance_mut::<u32>(at as usize).write_volatile(PAINT) };
+        at += 4;
+    }
+}
+
+/// Looks for the deepest word that has lost its paint, a few words at a time.
+#[derive(Debug)]
+pub struct Watermark {
+    /// The deepest one that is known.
+    deepest: u32,
+    /// Where the next look begins; below `deepest`.
+    at: u32,
+}
+
+impl Watermark {
+    /// Nothing is known yet.
+    pub(super) fn new() -> Self {
+        Self { deepest: top(), at: bottom() }
+    }
+
+    /// One look; how many bytes of the stack have been used, as far as is known.
+    pub fn look(&mut self) -> u32 {
+        for _ in 0..WORDS {
+            if self.at >= self.deepest {
+                self.at = bottom();
+                break;
+            }
+            // SAFETY: word-aligned and inside the stack; volatile, because somebody's frame may lie there.
+            let word = unsafe { ptr::with_exposed_provenance::<u32>(self.at as usize).read_volatile() };
+            if word != PAINT {
+                self.deepest = self.at;
+                self.at = bottom();
+                break;
+            }
+            self.at += 4;
+        }
+        top() - self.deepest
+    }
+}
