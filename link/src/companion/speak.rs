@@ -26,8 +26,8 @@ use crate::surroundings;
 
 /// Warnings that may wait.
 const WARNINGS: usize = 4;
-/// One value of the list in turn: each of the fourteen twice a second.
-const TELEMETRY_PERIOD_US: u32 = 35_000;
+/// One value of the list in turn: each of the fourteen every 0.56 s.
+const TELEMETRY_PERIOD_US: u32 = 40_000;
 static VALUES: [[u8; 10]; 14] = [
     *b"FH_BRG\0\0\0\0",
     *b"FH_SNR\0\0\0\0",
