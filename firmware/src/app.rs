@@ -33,7 +33,7 @@ use foxhound_link::companion::{self, Companion, Pace};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::boards::board::{self, Pacer, Receiver, Transmitter, Watchdog};
-use crate::boards::{Call, Done, Step};
+use crate::boards::{Call, Done, LockStep, Step};
 
 pub use foxhound_computer::SAMPLES_PER_CHANNEL;
 
@@ -211,9 +211,7 @@ pub async fn guide(
     };
     // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
     flight.companion.require_entry();
-    if restart.is_news() {
-        flight.companion.notify(restart.words());
-    }
+    tell(&mut flight, &restart);
     let mut line = Line { incoming, outgoing, rx_total: 0, tx_total: 0 };
     let mut monitor = Monitor::new(deadline::Config::default());
     loop {
@@ -223,10 +221,11 @@ pub async fn guide(
                 let begun = flight.begin_anew(config);
                 if begun.is_ok() {
                     planning.begin_anew();
-                }
-                // A simulator that sets up a board for the first time begins in the mode; after a reset it may not.
-                if restart.cause != Cause::Power {
-                    flight.companion.require_entry();
+                    // A simulator that sets up a board for the first time may begin in the mode.
+                    if restart.cause != Cause::Power {
+                        flight.companion.require_entry();
+                    }
+                    tell(&mut flight, &restart);
                 }
                 pacer.accept(begun, line.tx_total).await;
                 watchdog.feed();
@@ -242,8 +241,11 @@ pub async fn guide(
                 if flight.serve(&mut Nowhere) {
                     planning.begin_anew();
                 }
-                let (output, fast_ticks) = fly(&mut flight, &step, planning.answer());
-                planning.take();
+                let is_starved = step.lock_step.is_some_and(|lock_step| lock_step.holds_plan);
+                let (output, fast_ticks) = fly(&mut flight, &step, planning.answer().filter(|_| !is_starved));
+                if !is_starved {
+                    planning.take();
+                }
                 let mut end = board::ticks();
                 line.write(flight.companion, lock_step).await;
                 if !lock_step {
@@ -265,6 +267,13 @@ pub async fn guide(
                 pacer.done(Done { output, fast_ticks, late, tx_total: line.tx_total, plan }).await;
             }
         }
+    }
+}
+
+/// Why we are here, where that is worth a word.
+fn tell(flight: &mut Flight<'_>, restart: &Restart) {
+    if restart.is_news() {
+        flight.companion.notify(restart.words());
     }
 }
 
@@ -343,8 +352,8 @@ impl Line {
         let mut bytes = [0; 256];
         loop {
             let count = match step.lock_step {
-                Some(expected) => {
-                    let missing = (expected.wrapping_sub(self.rx_total) as usize).min(bytes.len());
+                Some(LockStep { rx_expected, .. }) => {
+                    let missing = (rx_expected.wrapping_sub(self.rx_total) as usize).min(bytes.len());
                     match bytes.get_mut(..missing) {
                         Some(missing) if !missing.is_empty() => self.incoming.read(missing).await,
                         _ => return,

@@ -23,7 +23,7 @@ use std::time::{Duration, Instant as WallInstant};
 use foxhound_core::guidance::{FrontEnd, Output};
 use foxhound_core::map::Circle;
 use foxhound_core::time::Instant;
-use foxhound_link::mailbox::{self, BLOCK_BYTES, Planned, Ready, Report, Setup, Step};
+use foxhound_link::mailbox::{self, BLOCK_BYTES, Fault, Planned, Ready, Report, Setup, Step};
 use object::{Object as _, ObjectSection as _, ObjectSegment as _};
 
 /// Samples of one channel in one snapshot, as the firmware has it.
@@ -53,6 +53,8 @@ pub struct QemuComputer {
     tx_total: u32,
     /// MAVLink bytes that were taken out of the socket ahead of their step's end.
     drained: Vec<u8>,
+    /// What is to go wrong in the next step.
+    fault: Option<Fault>,
 }
 
 /// What one step came to.
@@ -66,6 +68,10 @@ pub struct StepReport {
     pub plan: Option<Planned>,
     /// Executed instructions of the guidance step.
     pub fast_instructions: u32,
+    /// Steps that were late since it started.
+    pub late: u32,
+    /// Bytes of its stack that have been used since it started, as far as it has looked.
+    pub stack_bytes: u32,
 }
 
 impl StepReport {
@@ -92,6 +98,8 @@ pub enum QemuError {
     Io(io::Error),
     /// The firmware refused, in its own words.
     Refused(String),
+    /// The firmware has restarted and wants a setup.
+    Restarted,
     /// No answer, or none that can be read.
     Lost {
         /// What was awaited and what came.
@@ -109,6 +117,7 @@ impl fmt::Display for QemuError {
             }
             Self::Start(error) => write!(f, "qemu-system-arm cannot be started: {error}"),
             Self::Io(error) => write!(f, "the connection to QEMU failed: {error}"),
+            Self::Restarted => f.write_str("the firmware has restarted"),
             Self::Refused(reason) => write!(f, "the firmware refused: {reason}"),
             Self::Lost { what, console } if console.is_empty() => write!(f, "{what}; it printed nothing"),
             Self::Lost { what, console } => write!(f, "{what}; it had printed: {console}"),
@@ -171,10 +180,54 @@ impl QemuComputer {
         mavlink.set_read_timeout(Some(PATIENCE))?;
         bell.set_read_timeout(Some(LOOK_ROUND))?;
 
-        let mut computer =
-            Self { qemu, folder, memory, mavlink, bell, sequence: 0, rx_total: 0, tx_total: 0, drained: Vec::new() };
+        let mut computer = Self {
+            qemu,
+            folder,
+            memory,
+            mavlink,
+            bell,
+            sequence: 0,
+            rx_total: 0,
+            tx_total: 0,
+            drained: Vec::new(),
+            fault: None,
+        };
+        computer.await_boot()?;
         computer.set_up(setup)?;
         Ok(computer)
+    }
+
+    /// Lets something go wrong inside the next step.
+    pub fn inject(&mut self, fault: Fault) {
+        self.fault = Some(fault);
+    }
+
+    /// The memory that the firmware shares with us, which outlives its resets.
+    #[must_use]
+    pub const fn memory(&self) -> &File {
+        &self.memory
+    }
+
+    /// After [`QemuError::Restarted`]: sets it up again. What it had sent meanwhile is lost, and so is what was under way.
+    ///
+    /// # Errors
+    /// As of [`set_up`](Self::set_up).
+    pub fn recover(&mut self, setup: &Setup) -> Result<(), QemuError> {
+        (self.rx_total, self.tx_total) = (0, 0);
+        self.write_setup(setup)?;
+        let block = self.ring(mailbox::SETUP)?;
+        let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
+        self.drain()?;
+        self.drained.clear();
+        (self.sequence, self.tx_total) = (0, ready.tx_total);
+        Ok(())
+    }
+
+    fn await_boot(&mut self) -> Result<(), QemuError> {
+        match self.answer()? {
+            mailbox::BOOTED => Ok(()),
+            other => Err(self.lost(format!("the firmware begins with {other:#04x}"))),
+        }
     }
 
     /// Starts the firmware's guidance and link anew.
@@ -182,15 +235,19 @@ impl QemuComputer {
     /// # Errors
     /// [`QemuError::Refused`] for a configuration that does not build: the old one goes on.
     pub fn set_up(&mut self, setup: &Setup) -> Result<(), QemuError> {
-        let mut block = [0; BLOCK_BYTES];
-        setup.encode(&mut block).map_err(|error| self.lost(format!("the setup: {error}")))?;
-        self.memory.write_all_at(&block, mailbox::SETUP_AT as u64)?;
+        self.write_setup(setup)?;
         let block = self.ring(mailbox::SETUP)?;
         let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
         // What it sent while it ran freely belongs to no step.
         self.take_sent(ready.tx_total)?;
         self.sequence = 0;
         Ok(())
+    }
+
+    fn write_setup(&mut self, setup: &Setup) -> Result<(), QemuError> {
+        let mut block = [0; BLOCK_BYTES];
+        setup.encode(&mut block).map_err(|error| self.lost(format!("the setup: {error}")))?;
+        Ok(self.memory.write_all_at(&block, mailbox::SETUP_AT as u64)?)
     }
 
     /// One step of the fast loop. `rx` are the bytes that the autopilot has sent since the last step.
@@ -207,7 +264,14 @@ impl QemuComputer {
         self.mavlink.write_all(rx)?;
         self.rx_total = self.rx_total.wrapping_add(rx.len() as u32);
         self.sequence = self.sequence.wrapping_add(1);
-        let step = Step { sequence: self.sequence, now, rx_expected: self.rx_total, front_end, circles };
+        let step = Step {
+            sequence: self.sequence,
+            now,
+            rx_expected: self.rx_total,
+            front_end,
+            circles,
+            fault: self.fault.take(),
+        };
         let mut block = [0; BLOCK_BYTES];
         step.encode(&mut block).map_err(|error| self.lost(format!("the step: {error}")))?;
         self.memory.write_all_at(&block, mailbox::STEP_AT as u64)?;
@@ -222,12 +286,30 @@ impl QemuComputer {
             tx,
             plan: report.plan,
             fast_instructions: mailbox::instructions(report.fast_ticks),
+            late: report.late,
+            stack_bytes: report.stack_bytes,
         })
     }
 
     /// Rings the bell, waits for the answer, and fetches the report block.
     fn ring(&mut self, bell: u8) -> Result<mailbox::Block, QemuError> {
         self.bell.write_all(&[bell])?;
+        let answer = self.answer()?;
+        let mut block = [0; BLOCK_BYTES];
+        self.memory.read_exact_at(&mut block, mailbox::REPORT_AT as u64)?;
+        match answer {
+            mailbox::DONE => Ok(block),
+            mailbox::BOOTED => Err(QemuError::Restarted),
+            mailbox::REFUSED => match mailbox::decode_refusal(&block) {
+                Ok(reason) => Err(QemuError::Refused(reason.to_owned())),
+                Err(error) => Err(self.lost(format!("the firmware refused, and the reason is lost: {error}"))),
+            },
+            other => Err(self.lost(format!("the firmware answered {other:#04x}"))),
+        }
+    }
+
+    /// Waits for a byte on the bell's line.
+    fn answer(&mut self) -> Result<u8, QemuError> {
         let mut answer = [0];
         let begin = WallInstant::now();
         while let Err(error) = self.bell.read_exact(&mut answer) {
@@ -238,16 +320,7 @@ impl QemuComputer {
             // QEMU sends byte by byte, and a socket holds fewer than 300 of such: make room, or it waits for us.
             self.drain()?;
         }
-        let mut block = [0; BLOCK_BYTES];
-        self.memory.read_exact_at(&mut block, mailbox::REPORT_AT as u64)?;
-        match answer {
-            [mailbox::DONE] => Ok(block),
-            [mailbox::REFUSED] => match mailbox::decode_refusal(&block) {
-                Ok(reason) => Err(QemuError::Refused(reason.to_owned())),
-                Err(error) => Err(self.lost(format!("the firmware refused, and the reason is lost: {error}"))),
-            },
-            [other] => Err(self.lost(format!("the firmware answered {other:#04x}"))),
-        }
+        Ok(answer[0])
     }
 
     /// Takes out of the MAVLink socket what is there.

@@ -20,6 +20,7 @@
 //! | [`FRAME`] `F` | to the twin | the step block is filled: do one step |
 //! | [`DONE`] `K` | to the simulator | done: the report block holds [`Ready`] after `S`, [`Report`] after `F` |
 //! | [`REFUSED`] `E` | to the simulator | not done; the report block holds the reason |
+//! | [`BOOTED`] `B` | to the simulator | the twin has started, for the first time or again: it wants a setup |
 //!
 //! The two serial lines and the memory are not ordered with each other. So a step says how many bytes of UART0 the twin
 //! must have taken in before it ([`Step::rx_expected`]), and a report says how many it has sent ([`Report::tx_total`]):
@@ -56,6 +57,8 @@ pub const FRAME: u8 = b'F';
 pub const DONE: u8 = b'K';
 /// Doorbell to the simulator: refused.
 pub const REFUSED: u8 = b'E';
+/// Doorbell to the simulator: the twin has started.
+pub const BOOTED: u8 = b'B';
 
 /// One block.
 pub type Block = [u8; BLOCK_BYTES];
@@ -71,6 +74,31 @@ pub struct Setup {
     pub guidance: guidance::Config,
 }
 
+/// What is to go wrong inside the twin in a step. Times are of its own clock, on which an instruction takes 256 ns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fault {
+    /// The power goes away and comes back: so long after the step has begun, wherever the program is then.
+    PowerCut {
+        /// Microseconds.
+        after_us: u32,
+    },
+    /// An interrupt takes the processor away for a while, in the middle of the step.
+    Steal {
+        /// Microseconds.
+        for_us: u32,
+    },
+    /// The planner does not get to run: what it has found waits for a later step.
+    StarvePlanner,
+    /// The program panics.
+    Panic,
+    /// It executes what is no instruction.
+    Undefined,
+    /// It calls itself without end.
+    Overflow,
+    /// It never comes back from the step.
+    Hang,
+}
+
 /// One step of the fast loop, as the simulator asks for it.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<'a, const N: usize> {
@@ -84,6 +112,8 @@ pub struct Step<'a, const N: usize> {
     pub front_end: FrontEnd<'a, N>,
     /// Obstacles that a sensor delivers as circles already.
     pub circles: Option<&'a [Circle]>,
+    /// What is to go wrong in it.
+    pub fault: Option<Fault>,
 }
 
 /// Where a twin keeps what came with a step.
@@ -102,8 +132,14 @@ impl<const N: usize> Arrivals<N> {
     pub const fn new() -> Self {
         let none = Horizontal { north: 0.0, east: 0.0 };
         let nowhere = Circle { center_ned_m: none, radius_m: 0.0, velocity_ned_mps: none };
-        let head =
-            StepHead { sequence: 0, now: Instant(0), rx_expected: 0, front_end: FrontEndKind::Nothing, circles: None };
+        let head = StepHead {
+            sequence: 0,
+            now: Instant(0),
+            rx_expected: 0,
+            front_end: FrontEndKind::Nothing,
+            circles: None,
+            fault: None,
+        };
         Self { head, snapshot: Snapshot::zeroed(), circles: [nowhere; DELIVERY_MAX] }
     }
 
@@ -143,6 +179,7 @@ impl<const N: usize> Arrivals<N> {
                 FrontEndKind::Nothing => FrontEnd::Nothing,
             },
             circles: head.circles.and_then(|count| self.circles.get(..usize::from(count))),
+            fault: head.fault,
         }
     }
 }
@@ -303,6 +340,7 @@ struct StepHead {
     rx_expected: u32,
     front_end: FrontEndKind,
     circles: Option<u8>,
+    fault: Option<Fault>,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -329,8 +367,14 @@ impl<const N: usize> Step<'_, N> {
             FrontEnd::Bearing(bearing) => FrontEndKind::Bearing(bearing),
             FrontEnd::Nothing => FrontEndKind::Nothing,
         };
-        let head =
-            StepHead { sequence: self.sequence, now: self.now, rx_expected: self.rx_expected, front_end, circles };
+        let head = StepHead {
+            sequence: self.sequence,
+            now: self.now,
+            rx_expected: self.rx_expected,
+            front_end,
+            circles,
+            fault: self.fault,
+        };
         let (records, codes) = block.split_at_mut(CODES_FROM);
         let (first, mut rest) = records.split_at_mut(CIRCLES_FROM);
         write_record(first, &head)?;
@@ -413,7 +457,14 @@ mod tests {
     }
 
     fn step<'a>(front_end: FrontEnd<'a, N>, circles: Option<&'a [Circle]>) -> Step<'a, N> {
-        Step { sequence: 7, now: Instant(u64::MAX - 3), rx_expected: 90_000, front_end, circles }
+        Step {
+            sequence: 7,
+            now: Instant(u64::MAX - 3),
+            rx_expected: 90_000,
+            front_end,
+            circles,
+            fault: Some(Fault::PowerCut { after_us: 123_456 }),
+        }
     }
 
     #[test]

@@ -53,13 +53,22 @@ pub enum Call<'a> {
 pub struct Step<'a> {
     /// The time of the step: the only clock of guidance and link.
     pub now: Instant,
-    /// In lock-step with a simulator: how many bytes of the autopilot, counted from the start, come before this step;
-    /// and nothing is left running when it is done, so that the result does not depend on the simulator's speed.
-    pub lock_step: Option<u32>,
+    /// In lock-step with a simulator nothing is left running when the step is done, so that the result does not depend on
+    /// the simulator's speed.
+    pub lock_step: Option<LockStep>,
     /// What the antennas brought.
     pub front_end: FrontEnd<'a, N>,
     /// Obstacles that a sensor delivers as circles already.
     pub circles: Option<&'a [Circle]>,
+}
+
+/// What a step in lock-step heeds.
+#[derive(Clone, Copy, Debug)]
+pub struct LockStep {
+    /// So many bytes of the autopilot, counted from the start, come before it.
+    pub rx_expected: u32,
+    /// The planner is starved: what it has found waits for a later step.
+    pub holds_plan: bool,
 }
 
 /// What one step came to.

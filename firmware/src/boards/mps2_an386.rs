@@ -17,6 +17,7 @@
 mod clock;
 mod console;
 mod interrupt;
+mod mischief;
 mod registers;
 mod uart;
 mod watchdog;
@@ -33,7 +34,7 @@ use foxhound_core::time::Instant;
 use foxhound_link::mailbox::{self, Arrivals, Block};
 use static_cell::ConstStaticCell;
 
-use super::{Call, Done, Step, Watermark, last_words, stack};
+use super::{Call, Done, LockStep, Step, Watermark, last_words, stack};
 use crate::app::SAMPLES_PER_CHANNEL as N;
 use interrupt::Interrupt;
 use uart::Doorbell;
@@ -85,10 +86,12 @@ pub fn start() -> Board {
     stack::paint();
     let restart = why();
     let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
+    stack::guard(&mut core.MPU);
     interrupt::prioritise(&mut core.NVIC);
     clock::start();
     uart::start();
-    let (receiver, transmitter, doorbell) = uart::ends();
+    let (receiver, transmitter, mut doorbell) = uart::ends();
+    doorbell.ring(mailbox::BOOTED);
     Board {
         guidance: GUIDANCE.start(Interrupt::GuidanceExecutor),
         link: LINK.start(Interrupt::LinkExecutor),
@@ -174,10 +177,16 @@ impl Pacer {
             }
         }
         let step = self.arrivals.step();
+        if let Some(fault) = step.fault {
+            mischief::begin(fault);
+        }
         (self.now, self.now_at) = (step.now, embassy_time::Instant::now());
         Call::Step(Step {
             now: step.now,
-            lock_step: Some(step.rx_expected),
+            lock_step: Some(LockStep {
+                rx_expected: step.rx_expected,
+                holds_plan: step.fault == Some(mailbox::Fault::StarvePlanner),
+            }),
             front_end: step.front_end,
             circles: step.circles,
         })

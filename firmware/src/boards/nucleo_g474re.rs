@@ -92,6 +92,7 @@ pub fn start() -> Board {
     let mut watchdog = IndependentWatchdog::new(board.IWDG, WATCHDOG_US);
     watchdog.unleash();
     let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
+    stack::guard(&mut core.MPU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
 

@@ -1,10 +1,12 @@
-//! How much of the stack was ever used.
+//! The stack: what guards it, and how much of it was ever used.
 //!
-//! The stack lies at the bottom of the memory and grows down towards its end, so that one that overflows faults at once
-//! instead of changing variables (`memory.x`). At the start all of it is painted; a word that has lost its paint has been
-//! used. Each step looks at a few words only.
+//! It lies at the bottom of the memory and grows down towards its end (`memory.x`), so that one that overflows changes no
+//! variables; the memory protection unit makes a fault of it, the 32 KB below being nobody's. At the start all of it is
+//! painted; a word that has lost its paint has been used. Each step looks at a few words only.
 
 use core::ptr;
+
+use cortex_m::peripheral::MPU;
 
 const PAINT: u32 = 0x5AFE_57AC;
 /// Words that one look looks at.
@@ -23,6 +25,26 @@ fn top() -> u32 {
 
 fn bottom() -> u32 {
     &raw const _stack_end as u32
+}
+
+/// Makes a fault of an overflow (Armv7-M Architecture Reference Manual, B3.5). To be called once, early.
+pub(super) fn guard(mpu: &mut MPU) {
+    const REGION: u32 = 0;
+    /// 2^(14 + 1) bytes.
+    const SIZE: u32 = 14 << 1;
+    const EXECUTE_NEVER: u32 = 1 << 28;
+    const ENABLE: u32 = 1;
+    /// What no region names is as without the unit.
+    const BACKGROUND: u32 = 1 << 2;
+    // SAFETY: nothing uses the memory of this region, and everything else stays as it was.
+    unsafe {
+        mpu.rnr.write(REGION);
+        mpu.rbar.write(bottom() - (32 << 10));
+        mpu.rasr.write(EXECUTE_NEVER | SIZE | ENABLE);
+        mpu.ctrl.write(BACKGROUND | ENABLE);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
 }
 
 /// Paints what is free of the stack. To be called once, early.

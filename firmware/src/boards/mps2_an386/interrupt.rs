@@ -17,6 +17,8 @@ pub enum Interrupt {
     Timer0 = 8,
     /// The alarm.
     Timer1 = 9,
+    /// Mischief is due.
+    DualTimer = 10,
     /// Nothing is wired here: the executor of guidance.
     GuidanceExecutor = 30,
     /// Nothing is wired here: the executor of the link.
@@ -35,6 +37,7 @@ unsafe impl InterruptNumber for Interrupt {
 pub fn prioritise(nvic: &mut NVIC) {
     use Interrupt as I;
     let levels = [
+        (I::DualTimer, 0x00),
         (I::Timer0, 0x20),
         (I::Timer1, 0x20),
         (I::Uart0Rx, 0x40),
@@ -69,6 +72,7 @@ static __INTERRUPTS: [extern "C" fn(); 32] = {
     table[Interrupt::Uart1Rx as usize] = super::uart::on_bell;
     table[Interrupt::Timer0 as usize] = super::clock::on_wrap;
     table[Interrupt::Timer1 as usize] = super::clock::on_alarm;
+    table[Interrupt::DualTimer as usize] = super::mischief::on_due;
     table[Interrupt::GuidanceExecutor as usize] = super::on_guidance;
     table[Interrupt::LinkExecutor as usize] = super::on_link;
     table

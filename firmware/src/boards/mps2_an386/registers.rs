@@ -15,6 +15,8 @@ pub const TIMER0: Peripheral = Peripheral { base: 0x4000_0000 };
 /// Runs out: the alarm.
 pub const TIMER1: Peripheral = Peripheral { base: 0x4000_1000 };
 
+/// Two timers; the first one of them.
+pub const DUAL_TIMER: Peripheral = Peripheral { base: 0x4000_2000 };
 /// Restarts the board when it has run out twice.
 pub const WATCHDOG: Peripheral = Peripheral { base: 0x4000_8000 };
 
@@ -47,6 +49,12 @@ impl Register {
     pub const WATCHDOG_LOAD: Self = Self::Data;
     /// Control of the watchdog.
     pub const WATCHDOG_CONTROL: Self = Self::Control;
+    /// What the dual timer starts from.
+    pub const DUAL_LOAD: Self = Self::Data;
+    /// Control of the dual timer.
+    pub const DUAL_CONTROL: Self = Self::Control;
+    /// Clears the dual timer's interrupt.
+    pub const DUAL_CLEAR: Self = Self::Interrupt;
     /// Clears the watchdog's interrupt and starts it anew.
     pub const WATCHDOG_CLEAR: Self = Self::Interrupt;
 }
