@@ -12,6 +12,7 @@ pub mod antennas;
 pub mod autopilot;
 pub mod bearings;
 pub mod calibrate;
+pub mod campaign;
 pub mod companion;
 pub mod computer;
 pub mod flight;

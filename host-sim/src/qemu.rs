@@ -25,6 +25,7 @@ use foxhound_core::map::Circle;
 use foxhound_core::time::Instant;
 use foxhound_link::mailbox::{self, BLOCK_BYTES, Fault, Planned, Ready, Report, Setup, Step};
 use object::{Object as _, ObjectSection as _, ObjectSegment as _};
+use serde::Serialize;
 
 /// Samples of one channel in one snapshot, as the firmware has it.
 pub const SAMPLES_PER_CHANNEL: usize = 256;
@@ -55,6 +56,30 @@ pub struct QemuComputer {
     drained: Vec<u8>,
     /// What is to go wrong in the next step.
     fault: Option<Fault>,
+    worst: Worst,
+}
+
+/// The worst that a firmware has shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Worst {
+    /// Instructions of a step of guidance.
+    pub fast_instructions: u32,
+    /// Instructions of a replan, with what pre-empted it.
+    pub plan_instructions: u32,
+    /// Bytes of the stack.
+    pub stack_bytes: u32,
+    /// Late steps without a restart between them.
+    pub late_steps: u32,
+}
+
+impl Worst {
+    /// The worse of both, in everything.
+    pub fn add(&mut self, other: Self) {
+        self.fast_instructions = self.fast_instructions.max(other.fast_instructions);
+        self.plan_instructions = self.plan_instructions.max(other.plan_instructions);
+        self.stack_bytes = self.stack_bytes.max(other.stack_bytes);
+        self.late_steps = self.late_steps.max(other.late_steps);
+    }
 }
 
 /// What one step came to.
@@ -66,20 +91,6 @@ pub struct StepReport {
     pub tx: Vec<u8>,
     /// A replan that was finished in this step.
     pub plan: Option<Planned>,
-    /// Executed instructions of the guidance step.
-    pub fast_instructions: u32,
-    /// Steps that were late since it started.
-    pub late: u32,
-    /// Bytes of its stack that have been used since it started, as far as it has looked.
-    pub stack_bytes: u32,
-}
-
-impl StepReport {
-    /// Executed instructions of the replan that was finished in this step.
-    #[must_use]
-    pub fn plan_instructions(&self) -> Option<u32> {
-        self.plan.as_ref().map(|plan| mailbox::instructions(plan.ticks))
-    }
 }
 
 /// Why the firmware does not fly.
@@ -191,6 +202,7 @@ impl QemuComputer {
             tx_total: 0,
             drained: Vec::new(),
             fault: None,
+            worst: Worst::default(),
         };
         computer.await_boot()?;
         computer.set_up(setup)?;
@@ -200,6 +212,12 @@ impl QemuComputer {
     /// Lets something go wrong inside the next step.
     pub fn inject(&mut self, fault: Fault) {
         self.fault = Some(fault);
+    }
+
+    /// The worst that it has shown since it was started.
+    #[must_use]
+    pub const fn worst(&self) -> Worst {
+        self.worst
     }
 
     /// The memory that the firmware shares with us, which outlives its resets.
@@ -281,14 +299,13 @@ impl QemuComputer {
             return Err(self.lost(format!("step {} was answered with step {}", self.sequence, report.sequence)));
         }
         let tx = self.take_sent(report.tx_total)?;
-        Ok(StepReport {
-            output: report.output,
-            tx,
-            plan: report.plan,
+        self.worst.add(Worst {
             fast_instructions: mailbox::instructions(report.fast_ticks),
-            late: report.late,
+            plan_instructions: report.plan.as_ref().map_or(0, |plan| mailbox::instructions(plan.ticks)),
             stack_bytes: report.stack_bytes,
-        })
+            late_steps: report.late,
+        });
+        Ok(StepReport { output: report.output, tx, plan: report.plan })
     }
 
     /// Rings the bell, waits for the answer, and fetches the report block.

@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | firmware | size | flash | qemu | bench | parity | soak>`.
+//! Developer commands: `cargo xtask <test | firmware | size | flash | qemu <boot | fly | bench | faults> | bench | parity | soak>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
@@ -9,6 +9,7 @@ mod parity;
 mod size;
 mod soak;
 mod test;
+mod twin;
 
 use std::fmt;
 use std::process::{Command, ExitCode};
@@ -46,12 +47,9 @@ enum Task {
     },
     /// Build for the NUCLEO-G474RE, write it through the ST-LINK and show its log (needs probe-rs)
     Flash,
-    /// Boot the twin in QEMU; MAVLink is served on the given serial line
-    Qemu {
-        /// What UART0 is connected to, as QEMU's -serial wants it
-        #[arg(long, default_value = "tcp:127.0.0.1:5760,server=on,wait=off")]
-        serial: String,
-    },
+    /// The firmware's twin in QEMU
+    #[command(subcommand)]
+    Qemu(Twin),
     /// Count the instructions of the rooms in QEMU
     Bench {
         /// Print one JSON object: the rows with name, instructions, ceiling
@@ -69,6 +67,33 @@ enum Task {
         /// Simulated hours
         #[arg(long, default_value_t = 24.0)]
         hours: f64,
+    },
+}
+
+#[derive(Subcommand)]
+enum Twin {
+    /// Boot it; MAVLink is served on the given serial line
+    Boot {
+        /// What UART0 is connected to, as QEMU's -serial wants it
+        #[arg(long, default_value = "tcp:127.0.0.1:5760,server=on,wait=off")]
+        serial: String,
+    },
+    /// Fly the built-in mission with many seeds, on the host and in it: reached, and the same trace on both
+    Fly {
+        /// How many seeds, from 0 on
+        #[arg(long, default_value_t = 20)]
+        seeds: u32,
+    },
+    /// Count the instructions of the rooms, and the worst of whole missions: docs/bench.md
+    Bench,
+    /// Fly many missions with everything going wrong: docs/faults.md
+    Faults {
+        /// How many missions
+        #[arg(long, default_value_t = 100)]
+        missions: u32,
+        /// How many faults in each
+        #[arg(long, default_value_t = 11)]
+        faults: u32,
     },
 }
 
@@ -123,13 +148,16 @@ fn run(task: &Task) -> Result<(), Failure> {
             probe.args(["run", "--chip", "STM32G474RETx"]).arg(&image.elf);
             attend(&mut probe)
         }
-        Task::Qemu { serial } => {
+        Task::Qemu(Twin::Boot { serial }) => {
             let image = Image::build(Board::Mps2An386, "foxhound-firmware")?;
             eprintln!("UART0 (MAVLink) is at {serial}; end with Ctrl-C");
             let mut qemu = qemu(&image);
             qemu.args(["-serial", serial]);
             attend(&mut qemu)
         }
+        Task::Qemu(Twin::Fly { seeds }) => twin::fly(*seeds),
+        Task::Qemu(Twin::Bench) => twin::bench(),
+        Task::Qemu(Twin::Faults { missions, faults }) => twin::faults(*missions, *faults),
         Task::Bench { json } => bench::run(*json),
         Task::Parity { flights } => parity::run(*flights),
         Task::Soak { hours } => soak::run(*hours),
