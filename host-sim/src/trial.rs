@@ -6,8 +6,9 @@
 //! autopilot believes.
 
 use foxhound_core::ConfigError;
+use foxhound_core::adc::Snapshot;
 use foxhound_core::bearing::Estimator;
-use foxhound_core::guidance::{FrontEnd, Output};
+use foxhound_core::guidance::{self, FrontEnd, Output};
 use foxhound_core::planner;
 use foxhound_core::time::Instant;
 use foxhound_link::MessageData;
@@ -18,7 +19,7 @@ use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 
 use crate::antennas::{Antennas, Pose};
 use crate::autopilot::{Autopilot, Software, Start, Wire};
-use crate::computer::{Computer as _, HostComputer};
+use crate::computer::{BLOCK, Computer, HostComputer};
 use crate::flight::{Mission, TICK_S};
 use crate::random::Random;
 use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, VehicleModel};
@@ -89,9 +90,21 @@ impl Step {
     }
 }
 
+/// What the antennas' converters do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Converters {
+    /// What they should.
+    #[default]
+    Work,
+    /// They bring the same codes again and again.
+    Freeze,
+    /// They bring nothing.
+    Stop,
+}
+
 /// A flight under way.
 #[derive(Debug)]
-pub struct Trial {
+pub struct Trial<C = HostComputer> {
     /// The autopilot, for its faults and its pilot.
     pub autopilot: Autopilot,
     /// The beacon and the pillars.
@@ -104,12 +117,18 @@ pub struct Trial {
     pub obstacles_are_silent: bool,
     /// The computer does nothing; what is said to it waits.
     pub computer_stands_still: bool,
+    /// What the frames do.
+    pub converters: Converters,
+    /// Our clock is so far off, microseconds.
+    pub clock_off_us: i64,
     /// The vehicle has met a pillar.
     pub collided: bool,
+    /// The computer that flies.
+    pub computer: C,
     vehicle: Vehicle,
-    computer: HostComputer,
     hull: Hull,
     antennas: Antennas,
+    frame: Snapshot<BLOCK>,
     random: Random,
     sensor: scenario::Sensor,
     clocks: Clocks,
@@ -131,13 +150,23 @@ impl Trial {
         clocks: Clocks,
         seed: u64,
     ) -> Result<Self, ConfigError> {
-        let scenario = scenario.clone();
-        let mission = Mission {
-            scenario: scenario.clone(),
-            seed,
-            planner: planner::Config::default(),
-            estimator: Estimator::CrossSpectrum,
-        };
+        let computer = HostComputer::new(&Self::guidance(scenario, seed))?;
+        Ok(Self::with(computer, scenario, software, start, clocks, seed))
+    }
+
+    /// The configuration of a computer that flies it.
+    #[must_use]
+    pub fn guidance(scenario: &Scenario, seed: u64) -> guidance::Config {
+        let (planner, estimator) = (planner::Config::default(), Estimator::CrossSpectrum);
+        let scenario = Scenario { vehicle: vehicle(scenario), ..scenario.clone() };
+        Mission { scenario, seed, planner, estimator }.guidance()
+    }
+}
+
+impl<C: Computer> Trial<C> {
+    /// The same with a computer that is there already.
+    #[must_use]
+    pub fn with(computer: C, scenario: &Scenario, software: Software, start: Start, clocks: Clocks, seed: u64) -> Self {
         let world = scenario.world();
         let from = Horizontal::from_xy(scenario.start);
         let down_m = if start == Start::Parked { 0.0 } else { FLIGHT_DOWN_M };
@@ -146,8 +175,7 @@ impl Trial {
             yaw_rad: world.source.minus(from).bearing_rad(),
             ..Pose::default()
         };
-        let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario.vehicle };
-        Ok(Self {
+        Self {
             autopilot: Autopilot::new(software, start),
             hull: Hull::new(&world, scenario.drone_radius, from),
             world,
@@ -155,9 +183,12 @@ impl Trial {
             ownship_is_silent: false,
             obstacles_are_silent: false,
             computer_stands_still: false,
+            converters: Converters::Work,
+            clock_off_us: 0,
             collided: false,
-            vehicle: Vehicle::new(model, scenario.limits.a_max, pose),
-            computer: HostComputer::new(&mission.guidance())?,
+            vehicle: Vehicle::new(vehicle(scenario), scenario.limits.a_max, pose),
+            computer,
+            frame: Snapshot::zeroed(),
             antennas: Antennas { snr_db: Some(SNR_DB), ..Antennas::default() },
             random: Random::new(seed, 1),
             sensor: scenario.sensor,
@@ -166,7 +197,7 @@ impl Trial {
             waiting: Vec::new(),
             framer: Framer::new(),
             sequence: 0,
-        })
+        }
     }
 
     /// Time since the beginning.
@@ -215,6 +246,11 @@ impl Trial {
         self.waiting.extend_from_slice(&frame[..length]);
     }
 
+    /// Any bytes come in on our line.
+    pub fn pour(&mut self, bytes: &[u8]) {
+        self.waiting.extend_from_slice(bytes);
+    }
+
     /// A ground station commands us.
     pub fn command(&mut self, command: u16, param1: f32) {
         let (target_system, target_component) = US;
@@ -239,7 +275,7 @@ impl Trial {
     /// Flies on for one step.
     pub fn step(&mut self) -> Step {
         let (time_us, theirs_us) = (self.time_us, self.autopilot_us());
-        let now = Instant(self.clocks.ours_us + time_us);
+        let now = Instant((self.clocks.ours_us + time_us).saturating_add_signed(self.clock_off_us));
         let motion = self.vehicle.motion;
         self.autopilot.telemetry(theirs_us, &motion, self.ownship_is_silent);
         if (time_us / STEP_US).is_multiple_of(SENSOR_STEPS) && !self.obstacles_are_silent {
@@ -271,9 +307,17 @@ impl Trial {
             return (None, Vec::new());
         }
         let source = [self.world.source.north, self.world.source.east, self.world.source_down_m];
-        let frame = self.antennas.frame(now, &motion.pose, source, &mut self.random);
+        if self.converters == Converters::Work {
+            self.frame = self.antennas.frame(now, &motion.pose, source, &mut self.random);
+        }
+        // Whoever brings the codes stamps them.
+        self.frame.time = now;
+        let front_end = match self.converters {
+            Converters::Stop => FrontEnd::Nothing,
+            _ => FrontEnd::Snapshot(&self.frame),
+        };
         let rx = std::mem::take(&mut self.waiting);
-        match self.computer.step(now, FrontEnd::Snapshot(&frame), None, &rx) {
+        match self.computer.step(now, front_end, None, &rx) {
             Ok(report) => (Some(report.output), report.tx),
             Err(_) => (None, Vec::new()),
         }
@@ -302,6 +346,11 @@ pub fn parameter(step: &Step, name: &str) -> Option<f32> {
         }
         _ => None,
     })
+}
+
+/// It answers as an autopilot does, and guidance is told so.
+const fn vehicle(scenario: &Scenario) -> scenario::Vehicle {
+    scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario.vehicle }
 }
 
 const fn place(motion: &Motion) -> Horizontal {
