@@ -106,7 +106,7 @@ impl Tracker {
         let c = &self.config;
         state.passed = progress(state.passed, trajectory, rest);
         let ahead = libm::roundf(c.lookahead_m / SPACING_M) as usize;
-        let aim = trajectory[(state.passed + ahead).min(WAYPOINTS) - 1];
+        let aim = trajectory[(state.passed + ahead).min(WAYPOINTS).saturating_sub(1)];
         let error = aim.minus(rest);
 
         state.integral_mps = state.integral_mps.plus(error.times(c.ki_per_s2 * dt_s)).clamped(c.integral_max_mps);

@@ -126,7 +126,8 @@ pub struct Window {
 /// What a disc is drawn as.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Tier {
-    Rim(usize),
+    Outer,
+    Inner,
     Closed,
 }
 
@@ -170,6 +171,17 @@ impl Window {
         (inside(offset.north) && inside(offset.east)).then(|| offset.north as usize * SIDE + offset.east as usize)
     }
 
+    /// When the wave reaches a cell; what is outside of the window is closed.
+    fn arrival(&self, cell: usize) -> u16 {
+        self.arrival.get(cell).copied().unwrap_or(CLOSED)
+    }
+
+    fn close(&mut self, cell: usize) {
+        if let Some(arrival) = self.arrival.get_mut(cell) {
+            *arrival = CLOSED;
+        }
+    }
+
     /// Centre of a cell.
     fn place_of(&self, cell: usize) -> Horizontal {
         let (row, column) = (cell / SIDE, cell % SIDE);
@@ -180,7 +192,7 @@ impl Window {
     /// Length of the shortest way to a place; `None` if there is none, or the place is outside of the window.
     #[must_use]
     pub fn arrival_m(&self, place_ned_m: Horizontal) -> Option<f32> {
-        let arrival = self.arrival[self.cell_at(place_ned_m)?];
+        let arrival = self.arrival(self.cell_at(place_ned_m)?);
         (arrival < FAR).then(|| f32::from(arrival) * self.cell_m / f32::from(UNIT))
     }
 
@@ -232,7 +244,7 @@ impl Window {
         }
         while let Some(top) = height.checked_sub(1) {
             height = top;
-            let cell = usize::from(self.waiting[top].cell);
+            let Some(cell) = self.waiting.get(top).map(|waiting| usize::from(waiting.cell)) else { break };
             let (row, column) = (cell / SIDE, cell % SIDE);
             // When the stack is full something is left out, and what is so wide counts as open.
             open |= row == 1 || row == SIDE - 2 || column == 1 || column == SIDE - 2 || height + 8 > WAITING_MAX;
@@ -245,10 +257,10 @@ impl Window {
 
     /// Puts a cell that has not been reached onto the stack, and closes it; the new height.
     fn stack(&mut self, cell: usize, height: usize) -> usize {
-        match self.waiting.get_mut(height) {
-            Some(waiting) if self.arrival[cell] == FAR => {
+        match (self.waiting.get_mut(height), self.arrival.get_mut(cell)) {
+            (Some(waiting), Some(arrival)) if *arrival == FAR => {
                 waiting.cell = cell as u16;
-                self.arrival[cell] = CLOSED;
+                *arrival = CLOSED;
                 height + 1
             }
             _ => height,
@@ -262,7 +274,7 @@ impl Window {
     ) -> Option<Horizontal> {
         let mut best: Option<(f32, Horizontal)> = None;
         for cell in cells {
-            let arrival = self.arrival[cell];
+            let arrival = self.arrival(cell);
             if arrival >= FAR || !(self.cell_m > 0.0) {
                 continue;
             }
@@ -281,8 +293,9 @@ impl Window {
     pub fn route(&self, to_ned_m: Horizontal) -> Vec<Horizontal, ROUTE_MAX> {
         let mut ring = [0_u16; ROUTE_MAX];
         let mut steps = 0;
-        let mut cell = self.cell_at(to_ned_m).filter(|cell| self.arrival[*cell] < FAR);
+        let mut cell = self.cell_at(to_ned_m).filter(|cell| self.arrival(*cell) < FAR);
         while let Some(here) = cell {
+            let its_arrival = self.arrival(here);
             ring[steps % ROUTE_MAX] = here as u16;
             steps += 1;
             if steps > CELLS {
@@ -292,8 +305,7 @@ impl Window {
             let mut steepest = (0_u32, None);
             for (offset, weight) in NEIGHBOURS {
                 let there = here.wrapping_add_signed(offset);
-                let arrival = self.arrival.get(there).copied().unwrap_or(CLOSED);
-                let drop = u32::from(self.arrival[here].saturating_sub(arrival)) * weight;
+                let drop = u32::from(its_arrival.saturating_sub(self.arrival(there))) * weight;
                 if drop > steepest.0 {
                     steepest = (drop, Some(there));
                 }
@@ -301,7 +313,11 @@ impl Window {
             cell = steepest.1;
         }
         let kept = steps.min(ROUTE_MAX);
-        (0..kept).map(|k| self.place_of(usize::from(ring[(steps - 1 - k) % ROUTE_MAX]))).collect()
+        let mut route = Vec::new();
+        for back in 1..=kept {
+            let _ = route.push(self.place_of(usize::from(ring[(steps - back) % ROUTE_MAX])));
+        }
+        route
     }
 
     /// Entries for which there was no room in the last march; not zero means that some ways may have been missed.
@@ -314,8 +330,9 @@ impl Window {
     fn mark(&mut self, row: usize, from: usize, to: usize, tier: Tier) {
         let (from, to) = (row * SIDE + from, row * SIDE + to);
         let rim = match tier {
-            Tier::Closed => return self.arrival[from..to].fill(CLOSED),
-            Tier::Rim(rim) => &mut self.rims[rim],
+            Tier::Closed => return self.arrival.get_mut(from..to).unwrap_or_default().fill(CLOSED),
+            Tier::Outer => &mut self.rims[0],
+            Tier::Inner => &mut self.rims[1],
         };
         for (index, word) in rim.iter_mut().enumerate().take(to.div_ceil(32)).skip(from / 32) {
             let low = from.max(index * 32) - index * 32;
@@ -326,11 +343,16 @@ impl Window {
 
     /// log2 of the slowness of a cell.
     fn slowness(&self, cell: usize) -> u16 {
-        let bit = |rim: usize| (self.rims[rim][cell / 32] >> (cell % 32)) & 1;
-        SLOW_SHIFT[(bit(0) | bit(1) << 1) as usize]
+        let [outer, inner] =
+            self.rims.each_ref().map(|rim| rim.get(cell / 32).map_or(0, |word| (word >> (cell % 32)) & 1));
+        SLOW_SHIFT[(outer | inner << 1) as usize]
     }
 
-    fn push(&mut self, cell: usize, arrival: u16) {
+    /// The wave reaches a cell, and is to go on from there.
+    fn reach(&mut self, cell: usize, arrival: u16) {
+        if let Some(its_arrival) = self.arrival.get_mut(cell) {
+            *its_arrival = arrival;
+        }
         let entry = self.free;
         let Some(waiting) = self.waiting.get_mut(usize::from(entry)) else {
             self.dropped += 1;
@@ -370,13 +392,13 @@ impl Wavefront {
         window.arrival.fill(FAR);
         for k in 0..SIDE {
             for cell in [k, (SIDE - 1) * SIDE + k, k * SIDE, k * SIDE + SIDE - 1] {
-                window.arrival[cell] = CLOSED;
+                window.close(cell);
             }
         }
         window.rims = [[0; WORDS]; 2];
         for obstacle in obstacles {
-            draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.clear_m, Tier::Rim(0));
-            draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.narrow_m, Tier::Rim(1));
+            draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.clear_m, Tier::Outer);
+            draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.narrow_m, Tier::Inner);
             // A cell is closed when not even a gap just passable has its middle in it, however it lies to the raster.
             let free_m = obstacle.center_ned_m.minus(start_ned_m).norm() - 0.01;
             let reach_m = obstacle.reach_m + self.config.passable_m - DIAGONAL * cell_m;
@@ -384,7 +406,7 @@ impl Wavefront {
         }
         // Gaps that are not: closed by a line of cells, which the wave cannot cross.
         for (index, one) in obstacles.iter().enumerate() {
-            for other in &obstacles[index + 1..] {
+            for other in obstacles.get(index + 1..).unwrap_or_default() {
                 let reach_m = one.reach_m + other.reach_m + 2.0 * self.config.passable_m;
                 let across = other.center_ned_m.minus(one.center_ned_m);
                 if across.norm_squared() < reach_m * reach_m {
@@ -436,7 +458,7 @@ fn bridge(window: &mut Window, from_ned_m: Horizontal, along: Horizontal) {
         if let Some(cell) =
             window.cell_at(from_ned_m.plus(along.times(step as f32 / if steps > 1.0 { steps } else { 1.0 })))
         {
-            window.arrival[cell] = CLOSED;
+            window.close(cell);
         }
     }
 }
@@ -455,11 +477,9 @@ fn spread(window: &mut Window) {
     for (offset, _) in NEIGHBOURS.into_iter().chain([(0, 0)]) {
         let cell = origin.wrapping_add_signed(offset);
         // The start counts whatever it is in.
-        if cell == origin || window.arrival[cell] != CLOSED {
+        if cell == origin || window.arrival(cell) != CLOSED {
             let distance = window.place_of(cell).minus(window.start_ned_m).norm() / window.cell_m;
-            let arrival = (distance * f32::from(UNIT)) as u16;
-            window.arrival[cell] = arrival;
-            window.push(cell, arrival);
+            window.reach(cell, (distance * f32::from(UNIT)) as u16);
         }
     }
 
@@ -468,20 +488,22 @@ fn spread(window: &mut Window) {
     // Each cell waits a few times at most; the bound is for the reader.
     let mut left = 4 * CELLS;
     while empty < BUCKETS && left > 0 {
-        let entry = window.first[bucket];
-        if entry == NONE {
+        let first = &mut window.first[bucket];
+        let entry = *first;
+        // There is none with the number `NONE`.
+        let Some(waiting) = window.waiting.get_mut(usize::from(entry)) else {
             empty += 1;
             bucket = (bucket + 1) % BUCKETS;
             continue;
-        }
+        };
         empty = 0;
         left -= 1;
-        let Waiting { cell, next } = window.waiting[usize::from(entry)];
-        window.first[bucket] = next;
-        window.waiting[usize::from(entry)].next = window.free;
+        let Waiting { cell, next } = *waiting;
+        *first = next;
+        waiting.next = window.free;
         window.free = entry;
         let cell = usize::from(cell);
-        let here = u32::from(window.arrival[cell]);
+        let here = u32::from(window.arrival(cell));
         relax(window, here, cell - SIDE, [cell - SIDE - 1, cell - SIDE + 1]);
         relax(window, here, cell + SIDE, [cell + SIDE - 1, cell + SIDE + 1]);
         relax(window, here, cell - 1, [cell - 1 - SIDE, cell - 1 + SIDE]);
@@ -492,19 +514,18 @@ fn spread(window: &mut Window) {
 /// Carries the wave on to a cell from one neighbour and the earlier one of the two across.
 #[inline(always)]
 fn relax(window: &mut Window, here: u32, there: usize, across: [usize; 2]) {
-    let old = u32::from(window.arrival[there]);
+    let old = u32::from(window.arrival(there));
     if old <= here || old == u32::from(CLOSED) {
         return;
     }
-    let across = across.map(|cell| u32::from(window.arrival[cell]));
+    let across = across.map(|cell| u32::from(window.arrival(cell)));
     let across = if across[0] < across[1] { across[0] } else { across[1] };
     let (early, late) = if across < here { (across, here) } else { (here, across) };
     let shift = window.slowness(there);
     let apart = ((late - early) >> shift).min(u32::from(UNIT));
     let arrival = early + (u32::from(STEP[apart as usize]) << shift);
     if arrival < old && arrival < u32::from(FAR) {
-        window.arrival[there] = arrival as u16;
-        window.push(there, arrival as u16);
+        window.reach(there, arrival as u16);
     }
 }
 

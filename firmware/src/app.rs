@@ -186,13 +186,19 @@ pub fn plan(desk: Desk) -> ! {
             });
             continue;
         };
-        let begin = board::ticks();
-        planned.plan = order.planner.plan(scratch, &order.request);
-        planned.ticks = board::ticks().wrapping_sub(begin);
-        planned.samples_ned_m = scratch.samples;
+        replan(scratch, order, planned);
         plans.send_done();
         orders.receive_done();
     }
+}
+
+/// Answers one order.
+#[inline(never)]
+fn replan(scratch: &mut Scratch, order: &Order, planned: &mut Planned) {
+    let begin = board::ticks();
+    planned.plan = order.planner.plan(scratch, &order.request);
+    planned.ticks = board::ticks().wrapping_sub(begin);
+    planned.samples_ned_m = scratch.samples;
 }
 
 /// The fast loop: does what the board's pacer says, a step at a time.

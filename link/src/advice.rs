@@ -15,20 +15,38 @@ const TRIES: u8 = 3;
 
 struct Row {
     name: &'static str,
-    is_hole: fn(f32) -> bool,
+    hole: Hole,
     text: &'static str,
+}
+
+/// Which values leave a hole.
+#[derive(Clone, Copy)]
+enum Hole {
+    Above(f32),
+    Zero,
+    WithoutBit(u32),
+}
+
+impl Hole {
+    fn is(self, value: f32) -> bool {
+        match self {
+            Self::Above(limit) => value > limit,
+            Self::Zero => value == 0.0,
+            Self::WithoutBit(bit) => value as u32 & bit == 0,
+        }
+    }
 }
 
 /// `GUID_TIMEOUT` and `COM_OF_LOSS_T`: how long the vehicle flies on when we are silent.
 const ARDUPILOT: [Row; 2] = [
-    Row { name: "GUID_TIMEOUT", is_hole: |s| s > 1.5, text: "Foxhound: GUID_TIMEOUT is long, set 1" },
-    Row { name: "FS_GCS_ENABLE", is_hole: |on| on == 0.0, text: "Foxhound: FS_GCS_ENABLE is off" },
+    Row { name: "GUID_TIMEOUT", hole: Hole::Above(1.5), text: "Foxhound: GUID_TIMEOUT is long, set 1" },
+    Row { name: "FS_GCS_ENABLE", hole: Hole::Zero, text: "Foxhound: FS_GCS_ENABLE is off" },
 ];
 const PX4: [Row; 2] = [
-    Row { name: "COM_OF_LOSS_T", is_hole: |s| s > 1.5, text: "Foxhound: COM_OF_LOSS_T is long, set 1" },
+    Row { name: "COM_OF_LOSS_T", hole: Hole::Above(1.5), text: "Foxhound: COM_OF_LOSS_T is long, set 1" },
     Row {
         name: "COM_RC_OVERRIDE",
-        is_hole: |bits| (bits as u32) & 2 == 0,
+        hole: Hole::WithoutBit(2),
         text: "Foxhound: COM_RC_OVERRIDE: no sticks in OFFBOARD",
     },
 ];
@@ -86,7 +104,7 @@ impl Advice {
         (self.row, self.tries, self.due) = (self.row + 1, 0, now);
         let is_bytes = software == Software::Px4 && answer.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 as u8;
         let value = if is_bytes { answer.param_value.to_bits() as f32 } else { answer.param_value };
-        (row.is_hole)(value).then_some(row.text)
+        row.hole.is(value).then_some(row.text)
     }
 }
 

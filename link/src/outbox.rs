@@ -11,7 +11,7 @@ use crate::dialect::{
     COMMAND_LONG_DATA, DEBUG_VECT_DATA, HEARTBEAT_DATA, LANDING_TARGET_DATA, OBSTACLE_DISTANCE_DATA, PARAM_VALUE_DATA,
     SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
 };
-use crate::framer::{FRAME_MAX, Header, Packed};
+use crate::framer::{FRAME_MAX, Header, Packed, fill};
 
 /// Answers and requests; the longest is a command.
 type Errand = Packed<[u8; COMMAND_LONG_DATA::ENCODED_LEN]>;
@@ -165,8 +165,8 @@ impl Outbox {
                     continue;
                 }
             }
-            let length = (self.end - self.sent).min(sink.len() - filled);
-            sink[filled..filled + length].copy_from_slice(&self.frame[self.sent..self.sent + length]);
+            let waiting = self.frame.get(self.sent..self.end).unwrap_or_default();
+            let length = fill(sink.get_mut(filled..).unwrap_or_default(), waiting);
             self.sent += length;
             filled += length;
         }

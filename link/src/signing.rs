@@ -38,6 +38,8 @@ use foxhound_core::time::Instant;
 use mavlink_core::calculate_crc;
 use sha2::{Digest as _, Sha256};
 
+use crate::framer::fill;
+
 pub use policy::{Unsigned, is_secret};
 pub use setup::{Setup, set_up};
 
@@ -198,15 +200,20 @@ impl Signing {
         };
         self.last = timestamp;
         // The checksum is linear: what the flag changes in it does not depend on the message's CRC_EXTRA.
-        let before = calculate_crc(&frame[1..body], 0);
-        frame[INCOMPAT] |= SIGNED;
-        let difference = (before ^ calculate_crc(&frame[1..body], 0)).to_le_bytes();
-        frame[body] ^= difference[0];
-        frame[body + 1] ^= difference[1];
+        let checksum = |frame: &[u8]| calculate_crc(frame.get(1..body).unwrap_or_default(), 0);
+        let before = checksum(frame);
+        if let Some(flags) = frame.get_mut(INCOMPAT) {
+            *flags |= SIGNED;
+        }
+        let difference = (before ^ checksum(frame)).to_le_bytes();
+        for (byte, difference) in frame.iter_mut().skip(body).zip(difference) {
+            *byte ^= difference;
+        }
         let [t0, t1, t2, t3, t4, t5, ..] = timestamp.to_le_bytes();
-        frame[length..length + STAMP].copy_from_slice(&[self.link_id, t0, t1, t2, t3, t4, t5]);
-        let signature = self.signature(&frame[..length + STAMP]);
-        frame[length + STAMP..].copy_from_slice(&signature);
+        let stamp = [self.link_id, t0, t1, t2, t3, t4, t5];
+        fill(frame.get_mut(length..).unwrap_or_default(), &stamp);
+        let signature = self.signature(frame.get(..length + STAMP).unwrap_or_default());
+        fill(frame.get_mut(length + STAMP..).unwrap_or_default(), &signature);
         length + SIGNATURE
     }
 
@@ -218,7 +225,9 @@ impl Signing {
             Some(Shape { signed: false, .. }) => return Verdict::Unsigned,
             Some(_) => {}
         }
-        let (content, signature) = frame.split_at(frame.len() - (SIGNATURE - STAMP));
+        let Some((content, signature)) = frame.split_last_chunk::<{ SIGNATURE - STAMP }>() else {
+            return Verdict::Malformed;
+        };
         let difference = self.signature(content).iter().zip(signature).fold(0, |sum, (ours, its)| sum | (ours ^ its));
         if difference != 0 {
             return Verdict::WrongSignature;

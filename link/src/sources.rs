@@ -34,8 +34,9 @@ impl Sources {
         let free = || self.heard.iter().position(Option::is_none);
         // None counts as heard before everybody.
         let oldest = || (0..SOURCES).min_by_key(|at| self.heard[*at].map(|(_, heard)| heard.0));
-        if let Some(at) = known.or_else(free).or_else(oldest) {
-            self.heard[at] = Some((source, now));
+        let at = known.or_else(free).or_else(oldest);
+        if let Some(heard) = at.and_then(|at| self.heard.get_mut(at)) {
+            *heard = Some((source, now));
         }
     }
 

@@ -5,10 +5,13 @@
 
 mod bench;
 mod build;
+mod panics;
 mod parity;
 mod size;
 mod soak;
+mod stack;
 mod test;
+mod thumb;
 mod twin;
 
 use std::fmt;
@@ -42,6 +45,18 @@ enum Task {
     /// Say how much of the flash the link takes, and what takes it
     Size {
         /// Print one JSON object: base, `with_link`, link, allocator, functions
+        #[arg(long)]
+        json: bool,
+    },
+    /// Say from where in flight the image can panic
+    Panics {
+        /// Print one JSON object: roots, panics with root, function, panics, way, proof
+        #[arg(long)]
+        json: bool,
+    },
+    /// Say how much stack the image can take at most
+    Stack {
+        /// Print one JSON object
         #[arg(long)]
         json: bool,
     },
@@ -142,6 +157,8 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Test => test::run(),
         Task::Firmware { board, json } => firmware(*board, *json),
         Task::Size { json } => size::run(*json),
+        Task::Panics { json } => panics::run(*json),
+        Task::Stack { json } => stack::run(*json),
         Task::Flash => {
             let image = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
             let mut probe = Command::new("probe-rs");

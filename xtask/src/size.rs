@@ -9,6 +9,7 @@ use object::{Object as _, ObjectSection as _, ObjectSymbol as _};
 use serde_json::json;
 
 use crate::build::Image;
+use crate::thumb::readable;
 use crate::{Board, Failure};
 
 /// What the link may take, signing and parameters included.
@@ -103,49 +104,9 @@ fn is_allocator(name: &str) -> bool {
     ["__rust_alloc", "__rg_alloc", "__rdl_alloc", "__rust_realloc"].iter().any(|part| name.contains(part))
 }
 
-/// A mangled name without its hash, `a::b::c`; one that is not mangled the old way, as it is.
-fn readable(name: &str) -> String {
-    let Some(mut rest) = name.strip_prefix("_ZN") else { return name.to_owned() };
-    let mut parts = Vec::new();
-    while let Some(digits) = rest.find(|letter: char| !letter.is_ascii_digit()).filter(|digits| *digits > 0) {
-        let Some((part, behind)) =
-            rest[..digits].parse().ok().and_then(|length: usize| rest[digits..].split_at_checked(length))
-        else {
-            break;
-        };
-        parts.push(part);
-        rest = behind;
-    }
-    let hash = parts.last().is_some_and(|part| part.len() == 17 && part.starts_with('h'));
-    parts.truncate(parts.len() - usize::from(hash));
-    [
-        ("_$LT$", "<"),
-        ("$LT$", "<"),
-        ("$GT$", ">"),
-        ("$u20$", " "),
-        ("$RF$", "&"),
-        ("$u7b$", "{"),
-        ("$u7d$", "}"),
-        ("..", "::"),
-    ]
-    .iter()
-    .fold(parts.join("::"), |text, (from, to)| text.replace(from, to))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn names_lose_their_hash_and_keep_the_rest() {
-        let mangled = "_ZN13foxhound_link9companion9Companion7receive17h0123456789abcdefE";
-        assert_eq!(readable(mangled), "foxhound_link::companion::Companion::receive");
-        assert_eq!(readable("_ZN4core3fmt5Write10write_char17h0123456789abcdefE"), "core::fmt::Write::write_char");
-        for name in ["memcpy", "_RNvCs_4core", "_ZN", "_ZN99x", ""] {
-            let _ = readable(name);
-        }
-        assert_eq!(readable("memcpy"), "memcpy");
-    }
 
     #[test]
     fn what_is_new_or_longer_is_listed_longest_first() {

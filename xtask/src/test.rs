@@ -52,6 +52,9 @@ pub(crate) fn run() -> Result<(), Failure> {
         }
     }
 
+    step("panics, looked for in the machine code");
+    crate::panics::run(false)?;
+
     step("tests");
     let mut test = command(&["test", "--", "--include-ignored"]);
     test.env("FOXHOUND_QEMU_ELF", &twin.elf).env("FOXHOUND_G474_ELF", &board.elf).env("FOXHOUND_PYTHON", &python);

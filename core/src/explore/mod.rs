@@ -355,7 +355,9 @@ impl Explorer {
         let mut front = [0; SIDE];
         if let Some(cell) = grid.cell_at(here) {
             set(&mut front, cell);
-            open[usize::from(cell.row)] &= !(1 << cell.column);
+            if let Some(open) = open.get_mut(usize::from(cell.row)) {
+                *open &= !(1 << cell.column);
+            }
         }
         let mut way_m = 0.0;
         while front.iter().any(|row| *row != 0) {

@@ -816,7 +816,10 @@ impl<const N: usize> Guidance<N> {
         let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
         state.request.search = state.is_searching.then_some(Search { now, pose });
         state.request.sightings = state.goal.take_sightings();
-        state.request.circles = state.map.circles().copied().collect();
+        state.request.circles.clear();
+        for circle in state.map.circles() {
+            let _ = state.request.circles.push(*circle);
+        }
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));
         true
     }
@@ -826,7 +829,7 @@ impl<const N: usize> Guidance<N> {
         let Some(plan) = &state.active else { return false };
         let from = state.track.passed.min(WAYPOINTS);
         let to = (from + 6).min(WAYPOINTS);
-        let next = &plan.waypoints_ned_m[from..to];
+        let next = plan.waypoints_ned_m.get(from..to).unwrap_or_default();
         let rest = situation.rest_ned_m;
         state.near.iter().any(|obstacle| {
             let at_rest = obstacle.clearance_m(rest) - 0.01;

@@ -232,9 +232,12 @@ impl Mixture {
     fn join(&mut self, prior: &Prior) -> bool {
         let mut joined = false;
         while let Some((first, second)) = self.thinnest(prior) {
-            let both = self.components[first].moments.joined(&self.components[second].moments);
-            self.components[first].moments = both;
-            self.components.swap_remove(second);
+            if second >= self.components.len() {
+                break;
+            }
+            let other = self.components.swap_remove(second);
+            let Some(component) = self.components.get_mut(first) else { break };
+            component.moments = component.moments.joined(&other.moments);
             joined = true;
         }
         if joined {

@@ -196,7 +196,10 @@ impl Lines {
             if is_last {
                 break;
             }
-            scratch.proposed = found.iter().map(|fit| fit.line).collect();
+            scratch.proposed.clear();
+            for fit in &found {
+                let _ = scratch.proposed.push(fit.line);
+            }
         }
         sort_by_key(&mut found, |fit| -length_m(&fit.line));
         let mut lines = Vec::new();
@@ -288,7 +291,9 @@ impl Lines {
         sort_by_key(order, |index| along_m(*index));
         let mut from = 0;
         for to in 1..=order.len() {
-            if to < order.len() && along_m(order[to]) - along_m(order[to - 1]) <= self.config.gap_m {
+            if let Some([last, next]) = order.get(to - 1..=to)
+                && along_m(*next) - along_m(*last) <= self.config.gap_m
+            {
                 continue;
             }
             let piece = order.get(from..to).unwrap_or_default().iter();
@@ -318,11 +323,12 @@ impl Lines {
     /// Makes one of two lines that are the same wall, as long as there are such.
     fn merge(&self, found: &mut Vec<Fit, PROPOSED_MAX>) {
         let mut index = 0;
-        while index < found.len() {
-            let same = (0..index).find(|other| self.is_same(&found[*other], &found[index]));
-            if let Some(other) = same {
-                found[other] = joined(&found[other], &found[index]);
-                found.swap_remove(index);
+        while let Some((earlier, [fit, ..])) = found.split_at_mut_checked(index) {
+            if let Some(other) = earlier.iter_mut().find(|other| self.is_same(other, fit)) {
+                *other = joined(other, fit);
+                if index < found.len() {
+                    found.swap_remove(index);
+                }
                 // The longer line may have more that are the same.
                 index = 0;
             } else {
@@ -386,7 +392,11 @@ pub fn points_of<'a>(
         }
     }
     sort_by_key(&mut points, |(turn, _)| *turn);
-    points.iter().map(|(_, point)| *point).collect()
+    let mut ordered = Vec::new();
+    for (_, point) in &points {
+        let _ = ordered.push(*point);
+    }
+    ordered
 }
 
 /// A number that grows with the bearing, from 0 in the south by 4 in a turn, and needs no arc tangent.

@@ -39,12 +39,15 @@ pub(super) struct Piece {
 
 /// The straight pieces of ordered points, in their order.
 pub(super) fn pieces(limits: &Limits, points: &[Horizontal]) -> Vec<Piece, PIECES_MAX> {
-    let points = &points[..points.len().min(POINTS_MAX)];
+    let points = points.get(..POINTS_MAX).unwrap_or(points);
     let mut pieces = Vec::new();
     let mut from = 0;
     for to in 1..=points.len() {
-        let jumps = to == points.len() || points[to].minus(points[to - 1]).norm_squared() > limits.gap_m * limits.gap_m;
-        if jumps {
+        let goes_on = match points.get(to - 1..=to) {
+            Some([last, next]) => !(next.minus(*last).norm_squared() > limits.gap_m * limits.gap_m),
+            _ => false,
+        };
+        if !goes_on {
             split(limits, points, from, to, &mut pieces);
             from = to;
         }
@@ -99,7 +102,9 @@ fn corner(part: &[Horizontal], deviation_m: f32) -> Option<usize> {
 fn merge(limits: &Limits, points: &[Horizontal], pieces: &mut Vec<Piece, PIECES_MAX>) {
     let mut kept = 0;
     for index in 1..pieces.len() {
-        let (last, piece) = (pieces[kept], pieces[index]);
+        let Some([last, .., piece]) = pieces.get(kept..=index) else { break };
+        let (last, piece) = (*last, *piece);
+        let merged;
         let between = points.get(usize::from(last.to)..usize::from(piece.from)).unwrap_or_default();
         let both = last.moments.joined(&moments_of(between)).joined(&piece.moments);
         let is_near = points
@@ -109,10 +114,13 @@ fn merge(limits: &Limits, points: &[Horizontal], pieces: &mut Vec<Piece, PIECES_
             .all(|pair| pair[1].minus(pair[0]).norm_squared() <= limits.gap_m * limits.gap_m);
         let is_thin = both.spread().is_some_and(|spread| spread.across_m2 <= limits.joined_m * limits.joined_m);
         if is_near && is_thin {
-            pieces[kept] = Piece { from: last.from, to: piece.to, moments: both };
+            merged = Piece { from: last.from, to: piece.to, moments: both };
         } else {
             kept += 1;
-            pieces[kept] = piece;
+            merged = piece;
+        }
+        if let Some(slot) = pieces.get_mut(kept) {
+            *slot = merged;
         }
     }
     if !pieces.is_empty() {

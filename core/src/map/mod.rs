@@ -210,7 +210,7 @@ impl Map {
         let mut index = self.known.len();
         while index > 0 {
             index -= 1;
-            if self.known[index].clear_looks == DOOMED {
+            if self.known.get(index).is_some_and(|known| known.clear_looks == DOOMED) {
                 self.known.swap_remove(index);
             }
         }
@@ -294,15 +294,15 @@ impl<'a> Comparison<'a> {
         let by = if known.is_round() { COVERED | BY_ROUND } else { COVERED };
         let reach_m = known.radius_m + margin_m;
         marks.near(known.circle.center_ned_m.minus(look.origin_ned_m), reach_m, |mark| {
-            if covered[mark] & by != by {
-                let place = if mark < POINTS_MAX {
-                    look.points_ned_m[mark]
-                } else {
-                    look.detections[mark - POINTS_MAX].face_ned_m
-                };
-                if known.covers(place, margin_m) {
-                    covered[mark] |= by;
-                }
+            let place = match mark.checked_sub(POINTS_MAX) {
+                None => look.points_ned_m.get(mark),
+                Some(index) => look.detections.get(index).map(|seen| &seen.face_ned_m),
+            };
+            if let (Some(covered), Some(place)) = (covered.get_mut(mark), place)
+                && *covered & by != by
+                && known.covers(*place, margin_m)
+            {
+                *covered |= by;
             }
         });
     }
@@ -312,7 +312,7 @@ impl<'a> Comparison<'a> {
         let Some(seen) = self.look.detections.get(index) else { return true };
         let has_face = seen.kind == Kind::Patch && seen.to > seen.from + 1;
         self.covered.get(usize::from(seen.from)..usize::from(seen.to)).unwrap_or_default().iter().all(|c| c & by != 0)
-            && (!has_face || self.covered[POINTS_MAX + index] & by != 0)
+            && (!has_face || self.covered.get(POINTS_MAX + index).is_some_and(|c| c & by != 0))
     }
 }
 
@@ -401,8 +401,7 @@ impl Keeper {
         self.advance(map, now);
         map.updated = Some(now);
         let mut compared = Comparison::new(look);
-        let mut matches: Vec<Match, DETECTIONS_MAX> =
-            look.detections.iter().map(|_| Match { known: None, squared: f32::INFINITY }).collect();
+        let mut matches = [Match { known: None, squared: f32::INFINITY }; DETECTIONS_MAX];
         let met = self.meet(map, &mut compared, &mut matches, view);
 
         for (seen, found) in look.detections.iter().zip(&matches) {
@@ -411,7 +410,9 @@ impl Keeper {
             }
         }
         for index in met {
-            compared.mark(&map.known[usize::from(index)], self.config.cover_m);
+            if let Some(known) = map.known.get(usize::from(index)) {
+                compared.mark(known, self.config.cover_m);
+            }
         }
         map.sweep();
 
@@ -484,7 +485,9 @@ impl Keeper {
                 let reach_m = if is_round { GATE_M + GATE * larger_m } else { compared.pillar_max_m + STICK_OUT_M };
                 let mut is_met = false;
                 compared.pillars.near(away, reach_m, |pillar| {
-                    let (seen, found) = (&look.detections[pillar], &mut matches[pillar]);
+                    let (Some(seen), Some(found)) = (look.detections.get(pillar), matches.get_mut(pillar)) else {
+                        return;
+                    };
                     let squared = known.circle.center_ned_m.minus(seen.center_ned_m).norm_squared();
                     if is_round {
                         let larger_m = if known.radius_m > seen.radius_m { known.radius_m } else { seen.radius_m };
@@ -645,17 +648,25 @@ impl Keeper {
                 let seen = look.detections.get(usize::from(index));
                 seen.map_or(f32::INFINITY, |seen| seen.face_ned_m.minus(look.origin_ned_m).norm_squared())
             };
-            let mut keyed: Vec<(f32, u8), DETECTIONS_MAX> =
-                wanted.iter().map(|index| (squared(*index), *index)).collect();
-            for place in 0..places.min(keyed.len()) {
-                let mut least = place;
-                for other in place + 1..keyed.len() {
-                    if keyed[other].0 < keyed[least].0 {
-                        least = other;
+            let mut keyed: Vec<(f32, u8), DETECTIONS_MAX> = Vec::new();
+            for index in wanted.iter() {
+                let _ = keyed.push((squared(*index), *index));
+            }
+            let mut rest = keyed.as_mut_slice();
+            for place in wanted.iter_mut().take(places) {
+                let Some((first, others)) = core::mem::take(&mut rest).split_first_mut() else { break };
+                let (mut least, mut least_squared) = (None, first.0);
+                for other in others.iter_mut() {
+                    if other.0 < least_squared {
+                        least_squared = other.0;
+                        least = Some(other);
                     }
                 }
-                keyed.swap(place, least);
-                wanted[place] = keyed[place].1;
+                if let Some(least) = least {
+                    core::mem::swap(first, least);
+                }
+                *place = first.1;
+                rest = others;
             }
         }
         map.overflow_count = map.overflow_count.saturating_add((wanted.len() - places) as u32);

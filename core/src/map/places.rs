@@ -34,9 +34,11 @@ impl Places {
     /// Puts a thing at a place, which is told from the middle of the grid as all places are.
     pub(super) fn put(&mut self, thing: usize, place: Horizontal) {
         let head = &mut self.heads[cell(line(place.north), line(place.east))];
-        self.next[thing] = *head;
-        *head = thing as u8;
-        self.is_empty = false;
+        if let Some(next) = self.next.get_mut(thing) {
+            *next = *head;
+            *head = thing as u8;
+            self.is_empty = false;
+        }
     }
 
     /// Calls for every thing within `reach_m` of a place, and for some others.
@@ -49,9 +51,10 @@ impl Places {
         for row in lines(place.north) {
             for column in columns.clone() {
                 let mut thing = self.heads[cell(row, column)];
-                while thing != END {
+                // The end has no next one.
+                while let Some(next) = self.next.get(usize::from(thing)) {
                     call(usize::from(thing));
-                    thing = self.next[usize::from(thing)];
+                    thing = *next;
                 }
             }
         }

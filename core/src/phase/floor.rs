@@ -1,6 +1,7 @@
 //! The noise floor of a channel: the median of its periodogram, less what the tone does to it.
 
 use super::lines::LINE_THRESHOLD;
+use crate::order::nth;
 use crate::spectrum::Spectrum;
 use crate::units::sin_cos;
 
@@ -18,9 +19,8 @@ pub(super) fn median<const N: usize>(spectrum: &Spectrum<N>, channel: usize, scr
     for (value, power) in scratch.iter_mut().zip(spectrum.powers(channel).skip(1)) {
         *value = power as f32;
     }
-    // Floats that are not negative stand in the order of their bits.
-    let (_, median, _) = scratch[..count].select_nth_unstable_by_key(count / 2, |power| power.to_bits());
-    *median * power_of_two(spectrum.exponent(channel))
+    let median = scratch.get_mut(..count).and_then(|powers| nth(powers, count / 2)).unwrap_or_default();
+    median * power_of_two(spectrum.exponent(channel))
 }
 
 /// By how much the median overrates the floor because of the bins under the tone, which all lie above it: the factor

@@ -163,7 +163,10 @@ pub(super) fn plan(
         *progress = Progress::NONE;
         way.clear();
     }
-    scratch.obstacles = request.circles.iter().map(|circle| Obstacle::of(circle, config.vehicle_radius_m)).collect();
+    scratch.obstacles.clear();
+    for circle in &request.circles {
+        let _ = scratch.obstacles.push(Obstacle::of(circle, config.vehicle_radius_m));
+    }
     progress.step(start, toward);
     let far = progress.until_far == Some(0);
     let near = |obstacle: &Obstacle| {
@@ -219,9 +222,7 @@ pub(super) fn plan(
     if let Some(optimal) = weighted(scratch, config.lambda) {
         let chosen = nearest(scratch, &optimal);
         plan.verdict = Verdict::Follow;
-        plan.waypoints_ned_m = scratch.samples[chosen];
-        plan.gains = scratch.gains[chosen];
-        plan.cost = scratch.costs[chosen];
+        scratch.choose(chosen, &mut plan);
         return plan;
     }
     let straight = straight(start, &[target]);
@@ -349,14 +350,23 @@ fn leave(
 /// The farthest place of a way to which the window has the same way, and the length of that.
 fn along(window: &Window, way: &[Horizontal]) -> Option<(Horizontal, f32)> {
     let reached = |place: &Horizontal| window.arrival_m(*place).map(|arrival_m| (*place, arrival_m));
-    let nearest = |best: usize, index: usize| match (reached(&way[best]), reached(&way[index])) {
-        (Some((_, least)), Some((_, arrival_m))) if arrival_m >= least => best,
-        (Some(_), None) => best,
-        _ => index,
-    };
-    let first = (0..way.len()).reduce(nearest)?;
-    let mut farthest = reached(&way[first])?;
-    for place in &way[first..] {
+    // From the place that is reached first.
+    let (mut from, mut nearest) = (way, reached(way.first()?));
+    let mut rest = way;
+    while let [place, others @ ..] = rest {
+        let there = reached(place);
+        let stays = match (nearest, there) {
+            (Some((_, least)), Some((_, arrival_m))) => arrival_m >= least,
+            (Some(_), None) => true,
+            (None, _) => false,
+        };
+        if !stays {
+            (from, nearest) = (rest, there);
+        }
+        rest = others;
+    }
+    let mut farthest = nearest?;
+    for place in from {
         match reached(place) {
             Some((place, arrival_m)) if arrival_m < farthest.1 + WAY_STEP_M => farthest = (place, arrival_m),
             _ => break,

@@ -341,6 +341,15 @@ impl Scratch {
             explore: explore::State::new(),
         }
     }
+
+    /// Puts a sample into the plan.
+    fn choose(&self, chosen: usize, plan: &mut Plan) {
+        if let (Some(sample), Some(gains), Some(cost)) =
+            (self.samples.get(chosen), self.gains.get(chosen), self.costs.get(chosen))
+        {
+            (plan.waypoints_ned_m, plan.gains, plan.cost) = (*sample, *gains, *cost);
+        }
+    }
 }
 
 /// The configured planner.

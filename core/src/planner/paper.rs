@@ -128,10 +128,7 @@ pub(super) fn plan(config: &Config, scratch: &mut Scratch, request: &PlanRequest
         scratch.feasible[index] = true;
     }
     if let Some(optimal) = average(scratch, config.lambda, config.offsets) {
-        let chosen = nearest(scratch, &optimal);
-        plan.waypoints_ned_m = scratch.samples[chosen];
-        plan.gains = scratch.gains[chosen];
-        plan.cost = scratch.costs[chosen];
+        scratch.choose(nearest(scratch, &optimal), &mut plan);
     } else {
         // A request that is not finite.
         plan.verdict = Verdict::Brake;
@@ -182,19 +179,20 @@ pub(super) fn weighted(scratch: &Scratch, lambda: f32) -> Option<Trajectory> {
 }
 
 fn average(scratch: &Scratch, lambda: f32, reading: Offsets) -> Option<Trajectory> {
-    let chosen = || (0..SAMPLES).filter(|j| scratch.feasible[*j]);
+    let samples = || scratch.samples.iter().zip(&scratch.costs).zip(&scratch.feasible);
+    let chosen = || samples().filter(|(_, feasible)| **feasible).map(|(sample, _)| sample);
     // Weights relative to the best, so that they cannot all vanish.
-    let best = chosen().map(|j| scratch.costs[j]).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
+    let best = chosen().map(|(_, cost)| *cost).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
     if !best.is_finite() {
         return None;
     }
     let mut optimal = scratch.initial;
     let mut total = 0.0;
     let mut offsets = [Horizontal::default(); WAYPOINTS];
-    for j in chosen() {
-        let weight = libm::expf((best - scratch.costs[j]) / lambda);
+    for (sample, cost) in chosen() {
+        let weight = libm::expf((best - cost) / lambda);
         total += weight;
-        for ((sum, sample), initial) in offsets.iter_mut().zip(&scratch.samples[j]).zip(&scratch.initial) {
+        for ((sum, sample), initial) in offsets.iter_mut().zip(sample).zip(&scratch.initial) {
             let offset = sample.minus(*initial);
             let offset = match reading {
                 Offsets::Signed => offset,
@@ -215,8 +213,8 @@ fn average(scratch: &Scratch, lambda: f32, reading: Offsets) -> Option<Trajector
 /// Line 16 of Algorithm 2: the sample nearest to the average, by the sum of the distances of its points.
 pub(super) fn nearest(scratch: &Scratch, optimal: &Trajectory) -> usize {
     let (mut chosen, mut least) = (0, f32::INFINITY);
-    for (j, sample) in scratch.samples.iter().enumerate() {
-        if !scratch.feasible[j] {
+    for (j, (sample, feasible)) in scratch.samples.iter().zip(&scratch.feasible).enumerate() {
+        if !feasible {
             continue;
         }
         let distance = sample.iter().zip(optimal).map(|(a, b)| a.minus(*b).norm()).sum::<f32>();

@@ -58,7 +58,9 @@ pub(super) fn cover(points: &[Horizontal], edges: Edges, radius_min_m: f32, mut 
         if last == from && from > 0 {
             return; // The last point is the end of the link before.
         }
-        link(span(points, from, last, radius_min_m));
+        if let Some(spanned) = points.get(from..=last).and_then(|part| span(part, from, radius_min_m)) {
+            link(spanned);
+        }
         if last == from {
             return;
         }
@@ -66,9 +68,9 @@ pub(super) fn cover(points: &[Horizontal], edges: Edges, radius_min_m: f32, mut 
     }
 }
 
-/// The link over `points[from..=last]`.
-fn span(points: &[Horizontal], from: usize, last: usize, radius_min_m: f32) -> Link {
-    let (a, b) = (points[from], points[last]);
+/// The link over a part of the points that begins with number `from`.
+fn span(part: &[Horizontal], from: usize, radius_min_m: f32) -> Option<Link> {
+    let (a, b) = (*part.first()?, *part.last()?);
     let (chord, face) = (b.minus(a), a.plus(b).times(0.5));
     let chord_m = root(chord.norm_squared());
     // Away from the sensor, square to the chord where there is one to speak of.
@@ -81,13 +83,13 @@ fn span(points: &[Horizontal], from: usize, last: usize, radius_min_m: f32) -> L
     let mut radius_m = if chord_m > radius_min_m { chord_m } else { radius_min_m };
     let half = 0.5 * chord_m;
     let center = face.plus(behind.times(root(radius_m * radius_m - half * half)));
-    for point in &points[from..=last] {
+    for point in part {
         let squared = point.minus(center).norm_squared();
         if squared > (radius_m + DIP_M) * (radius_m + DIP_M) {
             radius_m = root(squared) - DIP_M;
         }
     }
-    Link { center, radius_m, from, to: last + 1, face }
+    Some(Link { center, radius_m, from, to: from + part.len(), face })
 }
 
 fn unit(v: Horizontal) -> Horizontal {

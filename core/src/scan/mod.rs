@@ -331,9 +331,9 @@ impl Fitter {
         // A full turn is walked from a place where nothing continues, so that no run is cut at the seam.
         let turn = scan.turn();
         let count = turn.unwrap_or(SECTORS_MAX).min(SECTORS_MAX);
-        let ranges_m = &ranges_m[..count];
+        let range_m = |index: usize| ranges_m.get(index).copied().unwrap_or_default();
         let before = |index: usize| if index == 0 { count - 1 } else { index - 1 };
-        let seam = |index: &usize| !continues(ranges_m[before(*index)], ranges_m[*index]);
+        let seam = |index: &usize| !continues(range_m(before(*index)), range_m(*index));
         let begin = if turn.is_some() { (0..count).find(seam).unwrap_or(0) } else { 0 };
 
         let turned = Turned::new(scan.step_rad);
@@ -344,15 +344,15 @@ impl Fitter {
         let (mut first, mut first_direction, mut first_index) = (0, direction, begin);
         let (mut index, mut runs) = (begin, false);
         for left in (0..count).rev() {
-            let range_m = ranges_m[index];
+            let here_m = range_m(index);
             let next = if index + 1 == count { 0 } else { index + 1 };
-            if range_m > 0.0 {
+            if here_m > 0.0 {
                 if !runs {
                     (first, first_direction, first_index) = (look.points_ned_m.len(), direction, index);
                 }
                 // Cannot fail: as many places as sectors.
-                let _ = look.points_ned_m.push(direction.times(range_m));
-                runs = left > 0 && (turn.is_some() || next > 0) && continues(range_m, ranges_m[next]);
+                let _ = look.points_ned_m.push(direction.times(here_m));
+                runs = left > 0 && (turn.is_some() || next > 0) && continues(here_m, range_m(next));
                 if !runs {
                     // A silhouette ends there unless something nearer hides it or nothing is known.
                     let is_free = |index: Option<usize>, edge_m: f32| match index
@@ -367,8 +367,8 @@ impl Fitter {
                     let earlier = (turn.is_some() || first_index > 0).then(|| before(first_index));
                     let later = (turn.is_some() || next > 0).then_some(next);
                     let free = [
-                        is_free(earlier, ranges_m[first_index]).then(|| turned.back(first_direction)),
-                        is_free(later, range_m).then(|| turned.on(direction)),
+                        is_free(earlier, range_m(first_index)).then(|| turned.back(first_direction)),
+                        is_free(later, here_m).then(|| turned.on(direction)),
                     ];
                     let points = look.points_ned_m.get(first..).unwrap_or_default();
                     self.cover(&Run { points, first, step_rad, free }, &mut fits_left, &mut look.detections);
@@ -420,10 +420,15 @@ impl Fitter {
             }
             _ => 0,
         };
-        look.points_ned_m.rotate_left(seam);
+        let count = look.points_ned_m.len();
+        look.points_ned_m.rotate_left(seam.min(count));
         let mut first = 0;
         let mut fits_left = FITS_MAX;
-        for run in look.points_ned_m.chunk_by(|a, b| !apart(a, b)) {
+        let mut rest = look.points_ned_m.as_slice();
+        while !rest.is_empty() {
+            let end = rest.windows(2).take_while(|pair| !apart(&pair[0], &pair[1])).count() + 1;
+            let Some((run, others)) = rest.split_at_checked(end) else { break };
+            rest = others;
             let run_of = Run { points: run, first, step_rad: 0.0, free: [None; 2] };
             self.cover(&run_of, &mut fits_left, &mut look.detections);
             first += run.len();
@@ -440,7 +445,7 @@ impl Fitter {
         let _ = pieces.push((0, end));
         while let Some((from, to)) = pieces.pop() {
             let piece = Run {
-                points: &run.points[from..to],
+                points: run.points.get(from..to).unwrap_or_default(),
                 first: run.first + from,
                 free: [run.free[0].filter(|_| from == 0), run.free[1].filter(|_| to == end)],
                 ..*run
@@ -465,7 +470,7 @@ impl Fitter {
                 }
                 Verdict::Chain => {
                     // As far as the next piece, so that nothing is left open between them.
-                    let points = &run.points[from..if to < end { to + 1 } else { to }];
+                    let points = run.points.get(from..if to < end { to + 1 } else { to }).unwrap_or_default();
                     let edges = Edges { first: piece.free[0].is_some(), last: piece.free[1].is_some() };
                     self.chain(points, run.first + from, edges, run.step_rad, detections);
                 }

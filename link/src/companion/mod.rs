@@ -252,7 +252,7 @@ impl Companion {
         let mut rest = bytes;
         while !rest.is_empty() {
             let taken = self.framer.push(rest);
-            rest = &rest[taken..];
+            rest = rest.get(taken..).unwrap_or_default();
             while let Some(frame) = self.framer.next_frame() {
                 let header = frame.header;
                 // Nothing is done about the others, so their signatures are not looked at either.

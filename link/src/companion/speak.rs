@@ -140,7 +140,7 @@ impl Companion {
     #[inline(never)]
     pub(super) fn stream(&mut self, autopilot: &Autopilot, cause: Cause) {
         let now = self.now;
-        let slot = now.0 / (u64::from(self.config.setpoint_period_ms) * 1_000);
+        let slot = now.0 / (u64::from(self.config.setpoint_period_ms) * 1_000).max(1);
         let due = self.setpoint_slot.replace(slot).is_some_and(|last| last != slot);
         let setpoint = match cause.stream(autopilot.software, autopilot.obeys(), self.config.prestream) {
             Stream::Silent => None,

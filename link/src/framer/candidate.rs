@@ -62,32 +62,32 @@ fn judge_v1(waiting: &[u8]) -> Candidate {
 /// Judges the checksum behind `body` bytes, when all of the frame is there.
 fn check(waiting: &[u8], body: usize, signature: usize, extra: u8) -> Candidate {
     let length = body + CHECKSUM + signature;
-    if waiting.len() < length {
+    let (Some(content), Some([low, high, ..])) = (waiting.get(1..body), waiting.get(body..length)) else {
         return Candidate::Undecided { until: length };
-    }
-    let checksum = u16::from_le_bytes([waiting[body], waiting[body + 1]]);
-    if checksum == calculate_crc(&waiting[1..body], extra) { Candidate::Whole { length } } else { Candidate::Damaged }
+    };
+    let checksum = u16::from_le_bytes([*low, *high]);
+    if checksum == calculate_crc(content, extra) { Candidate::Whole { length } } else { Candidate::Damaged }
 }
 
 /// The parts of a [`Candidate::Whole`].
-pub(super) fn frame(bytes: &[u8]) -> Frame<'_> {
-    let payload = usize::from(bytes[1]);
-    if bytes[0] == STX_V1 {
-        return Frame {
-            header: Header { sequence: bytes[2], system_id: bytes[3], component_id: bytes[4] },
+pub(super) fn frame(bytes: &[u8]) -> Option<Frame<'_>> {
+    Some(match *bytes {
+        [STX_V1, payload, sequence, system_id, component_id, id, ..] => Frame {
+            header: Header { sequence, system_id, component_id },
             version: MavlinkVersion::V1,
-            message_id: u32::from(bytes[5]),
+            message_id: u32::from(id),
             signed: false,
-            payload: &bytes[HEADER_V1..HEADER_V1 + payload],
+            payload: bytes.get(HEADER_V1..HEADER_V1 + usize::from(payload))?,
             bytes,
-        };
-    }
-    Frame {
-        header: Header { sequence: bytes[4], system_id: bytes[5], component_id: bytes[6] },
-        version: MavlinkVersion::V2,
-        message_id: u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]),
-        signed: bytes[2] & SIGNED != 0,
-        payload: &bytes[HEADER..HEADER + payload],
-        bytes,
-    }
+        },
+        [_, payload, incompatible, _, sequence, system_id, component_id, id0, id1, id2, ..] => Frame {
+            header: Header { sequence, system_id, component_id },
+            version: MavlinkVersion::V2,
+            message_id: u32::from_le_bytes([id0, id1, id2, 0]),
+            signed: incompatible & SIGNED != 0,
+            payload: bytes.get(HEADER..HEADER + usize::from(payload))?,
+            bytes,
+        },
+        _ => return None,
+    })
 }

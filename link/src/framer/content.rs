@@ -24,7 +24,7 @@ impl Content {
             return None;
         }
         let mut payload = [0; PAYLOAD_MAX];
-        payload[..frame.payload.len()].copy_from_slice(frame.payload);
+        super::fill(&mut payload, frame.payload);
         Some(Self { message_id: frame.message_id, payload })
     }
 

@@ -187,13 +187,13 @@ impl Framer {
     /// [`Self::next_frame`] until there was none.
     #[inline(never)]
     pub fn push(&mut self, bytes: &[u8]) -> usize {
-        if bytes.len() > self.buffer.len() - self.end {
+        let is_crowded = bytes.len() > self.buffer.len() - self.end;
+        if is_crowded && self.start <= self.end && self.end <= self.buffer.len() {
             self.buffer.copy_within(self.start..self.end, 0);
             self.end -= self.start;
             self.start = 0;
         }
-        let taken = bytes.len().min(self.buffer.len() - self.end);
-        self.buffer[self.end..self.end + taken].copy_from_slice(&bytes[..taken]);
+        let taken = fill(self.buffer.get_mut(self.end..).unwrap_or_default(), bytes);
         self.end += taken;
         taken
     }
@@ -209,7 +209,7 @@ impl Framer {
             if self.waiting() == 0 {
                 return None;
             }
-            match candidate::judge(&self.buffer[self.start..self.end]) {
+            match candidate::judge(self.candidates()) {
                 Candidate::Undecided { until } => {
                     self.until = until;
                     return None;
@@ -219,7 +219,7 @@ impl Framer {
                     self.counters.bad_crc = self.counters.bad_crc.saturating_add(1);
                     self.skip(1);
                 }
-                Candidate::Whole { length } => return Some(self.take(length)),
+                Candidate::Whole { length } => return self.take(length),
             }
         }
     }
@@ -249,9 +249,13 @@ impl Framer {
         self.senders.all()
     }
 
+    fn candidates(&self) -> &[u8] {
+        self.buffer.get(self.start..self.end).unwrap_or_default()
+    }
+
     /// Skips what cannot start a frame.
     fn seek(&mut self) {
-        let waiting = &self.buffer[self.start..self.end];
+        let waiting = self.candidates();
         let noise = waiting.iter().position(|&byte| candidate::starts(byte, self.v1)).unwrap_or(waiting.len());
         self.skip(noise);
     }
@@ -265,15 +269,24 @@ impl Framer {
     }
 
     #[inline(never)]
-    fn take(&mut self, length: usize) -> Frame<'_> {
+    fn take(&mut self, length: usize) -> Option<Frame<'_>> {
         let start = self.start;
         self.start += length;
         self.until = 0;
-        let frame = candidate::frame(&self.buffer[start..start + length]);
+        let frame = candidate::frame(self.buffer.get(start..start + length)?)?;
         let counter =
             if content::is_ours(frame.message_id) { &mut self.counters.frames } else { &mut self.counters.unknown };
         *counter = counter.saturating_add(1);
         self.counters.lost = self.counters.lost.saturating_add(self.senders.hear(frame.header));
-        frame
+        Some(frame)
     }
+}
+
+/// Copies as much as there is and as there is room for, and says how much.
+pub(crate) fn fill(room: &mut [u8], bytes: &[u8]) -> usize {
+    let length = room.len().min(bytes.len());
+    if let (Some(room), Some(bytes)) = (room.get_mut(..length), bytes.get(..length)) {
+        room.copy_from_slice(bytes);
+    }
+    length
 }

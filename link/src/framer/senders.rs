@@ -31,19 +31,18 @@ impl Senders {
     pub(super) const NONE: Self = Self { senders: [Sender::NOBODY; SENDERS], count: 0 };
 
     pub(super) fn all(&self) -> &[Sender] {
-        &self.senders[..self.count]
+        self.senders.get(..self.count).unwrap_or_default()
     }
 
     /// Takes a frame into account and says how many are missing before it. A sender too many takes the place of the
     /// one that was silent longest.
     #[inline(never)]
     pub(super) fn hear(&mut self, latest: Header) -> u32 {
-        let is_it = |sender: &Sender| {
+        let is_it = |(_, sender): &(usize, Sender)| {
             sender.latest.system_id == latest.system_id && sender.latest.component_id == latest.component_id
         };
-        let at = self.all().iter().position(is_it);
-        let (at, mut sender, missing) = if let Some(at) = at {
-            let sender = self.senders[at];
+        let known = self.all().iter().copied().enumerate().find(is_it);
+        let (at, mut sender, missing) = if let Some((at, sender)) = known {
             // A frame that a router sent twice is no gap.
             let missing = latest.sequence.wrapping_sub(sender.latest.sequence).saturating_sub(1);
             (at, sender, u32::from(missing))
@@ -54,10 +53,9 @@ impl Senders {
         sender.latest = latest;
         sender.received = sender.received.saturating_add(1);
         sender.lost = sender.lost.saturating_add(missing);
-        if at > 0 {
-            self.senders.copy_within(..at, 1);
+        for place in self.senders.iter_mut().take(at + 1) {
+            sender = core::mem::replace(place, sender);
         }
-        self.senders[0] = sender;
         missing
     }
 }

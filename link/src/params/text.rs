@@ -6,6 +6,7 @@ use foxhound_core::param::{Id, NAME_MAX};
 
 use crate::CharArray;
 use crate::dialect::{MavSeverity, STATUSTEXT_DATA};
+use crate::framer::fill;
 
 /// Characters of one `STATUSTEXT`.
 const PIECE: usize = 50;
@@ -48,10 +49,11 @@ impl Worded {
         let text = self.trouble.text();
         let text = text.as_bytes();
         let start = usize::from(self.told) * PIECE;
-        let piece = &text[start.min(text.len())..text.len().min(start + PIECE)];
+        let rest = text.get(start..).unwrap_or_default();
+        let piece = rest.get(..PIECE).unwrap_or(rest);
         let is_single = text.len() <= PIECE;
         let mut characters = [0; PIECE];
-        characters[..piece.len()].copy_from_slice(piece);
+        fill(&mut characters, piece);
         let message = STATUSTEXT_DATA {
             severity: MavSeverity::MAV_SEVERITY_WARNING as u8,
             text: CharArray::new(characters),
@@ -118,7 +120,7 @@ impl Default for Text {
 
 impl Text {
     fn as_bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
+        self.bytes.get(..self.length).unwrap_or_default()
     }
 
     #[inline(never)]

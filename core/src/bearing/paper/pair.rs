@@ -56,7 +56,8 @@ impl<'a> Antennas<'a> {
 
     /// By how many metres `j` is nearer to the source than `i`; `None` with a dead one.
     pub(super) fn lead_m(&self, i: usize, j: usize) -> Option<f32> {
-        (self.living[i] && self.living[j]).then(|| self.z[j].times_conj(self.z[i]).arg() / self.wavenumber)
+        let heard = |k: usize| self.z.get(k).filter(|_| self.living.get(k).is_some_and(|lives| *lives));
+        Some(heard(j)?.times_conj(*heard(i)?).arg() / self.wavenumber)
     }
 
     /// Eq. 2 for the pair `i j`.
@@ -80,7 +81,8 @@ impl<'a> Antennas<'a> {
         let mut sum = None;
         for [i, j] in lags {
             let Some(lead_m) = self.lead_m(*i, *j) else { continue };
-            let baseline = subtract(self.position_m[*j], self.position_m[*i]);
+            let (Some(first), Some(second)) = (self.position_m.get(*i), self.position_m.get(*j)) else { continue };
+            let baseline = subtract(*second, *first);
             // What theta says is taken out; the rest is cos theta times the baseline's part across the pair.
             let rest = lead_m - angle.sine * dot(angle.axis, baseline);
             sum = Some(sum.unwrap_or(0.0) + dot(normal, baseline) * rest);
