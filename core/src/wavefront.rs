@@ -116,6 +116,12 @@ pub struct Window {
     arrival: [u16; CELLS],
     /// One bit a cell.
     rims: [[u32; WORDS]; 2],
+    queue: Queue,
+}
+
+/// The cells from which the wave is to go on, by arrival: a list in each bucket.
+#[derive(Clone, Debug)]
+struct Queue {
     first: [u16; BUCKETS],
     waiting: [Waiting; WAITING_MAX],
     free: u16,
@@ -154,10 +160,12 @@ impl Window {
             start_ned_m: Horizontal { north: 0.0, east: 0.0 },
             arrival: [0; CELLS],
             rims: [[0; WORDS]; 2],
-            first: [0; BUCKETS],
-            waiting: [Waiting { cell: 0, next: 0 }; WAITING_MAX],
-            free: 0,
-            dropped: 0,
+            queue: Queue {
+                first: [0; BUCKETS],
+                waiting: [Waiting { cell: 0, next: 0 }; WAITING_MAX],
+                free: 0,
+                dropped: 0,
+            },
         }
     }
 
@@ -244,7 +252,7 @@ impl Window {
         }
         while let Some(top) = height.checked_sub(1) {
             height = top;
-            let Some(cell) = self.waiting.get(top).map(|waiting| usize::from(waiting.cell)) else { break };
+            let Some(cell) = self.queue.waiting.get(top).map(|waiting| usize::from(waiting.cell)) else { break };
             let (row, column) = (cell / SIDE, cell % SIDE);
             // When the stack is full something is left out, and what is so wide counts as open.
             open |= row == 1 || row == SIDE - 2 || column == 1 || column == SIDE - 2 || height + 8 > WAITING_MAX;
@@ -257,7 +265,7 @@ impl Window {
 
     /// Puts a cell that has not been reached onto the stack, and closes it; the new height.
     fn stack(&mut self, cell: usize, height: usize) -> usize {
-        match (self.waiting.get_mut(height), self.arrival.get_mut(cell)) {
+        match (self.queue.waiting.get_mut(height), self.arrival.get_mut(cell)) {
             (Some(waiting), Some(arrival)) if *arrival == FAR => {
                 waiting.cell = cell as u16;
                 *arrival = CLOSED;
@@ -323,7 +331,7 @@ impl Window {
     /// Entries for which there was no room in the last march; not zero means that some ways may have been missed.
     #[must_use]
     pub fn dropped(&self) -> u32 {
-        self.dropped
+        self.queue.dropped
     }
 
     /// Closes cells `from..to` of a row, or marks them as part of a rim.
@@ -341,18 +349,25 @@ impl Window {
         }
     }
 
-    /// log2 of the slowness of a cell.
-    fn slowness(&self, cell: usize) -> u16 {
-        let [outer, inner] =
-            self.rims.each_ref().map(|rim| rim.get(cell / 32).map_or(0, |word| (word >> (cell % 32)) & 1));
-        SLOW_SHIFT[(outer | inner << 1) as usize]
-    }
-
     /// The wave reaches a cell, and is to go on from there.
     fn reach(&mut self, cell: usize, arrival: u16) {
         if let Some(its_arrival) = self.arrival.get_mut(cell) {
             *its_arrival = arrival;
+            self.queue.push(cell, arrival);
         }
+    }
+}
+
+impl Queue {
+    fn clear(&mut self) {
+        self.first = [NONE; BUCKETS];
+        for (index, waiting) in self.waiting.iter_mut().enumerate() {
+            waiting.next = if index + 1 < WAITING_MAX { index as u16 + 1 } else { NONE };
+        }
+        (self.free, self.dropped) = (0, 0);
+    }
+
+    fn push(&mut self, cell: usize, arrival: u16) {
         let entry = self.free;
         let Some(waiting) = self.waiting.get_mut(usize::from(entry)) else {
             self.dropped += 1;
@@ -362,6 +377,18 @@ impl Window {
         self.free = waiting.next;
         *waiting = Waiting { cell: cell as u16, next: *first };
         *first = entry;
+    }
+
+    /// A cell that waits in a bucket.
+    fn pop(&mut self, bucket: usize) -> Option<usize> {
+        let first = &mut self.first[bucket % BUCKETS];
+        let entry = *first;
+        // There is none with the number `NONE`.
+        let waiting = self.waiting.get_mut(usize::from(entry))?;
+        *first = waiting.next;
+        waiting.next = self.free;
+        self.free = entry;
+        Some(usize::from(waiting.cell))
     }
 }
 
@@ -467,12 +494,7 @@ fn bridge(window: &mut Window, from_ned_m: Horizontal, along: Horizontal) {
 // By itself: inlined into the planner its loop runs out of registers.
 #[inline(never)]
 fn spread(window: &mut Window) {
-    window.dropped = 0;
-    window.first = [NONE; BUCKETS];
-    for (index, waiting) in window.waiting.iter_mut().enumerate() {
-        waiting.next = if index + 1 < WAITING_MAX { index as u16 + 1 } else { NONE };
-    }
-    window.free = 0;
+    window.queue.clear();
     let Some(origin) = window.cell_at(window.start_ned_m) else { return };
     for (offset, _) in NEIGHBOURS.into_iter().chain([(0, 0)]) {
         let cell = origin.wrapping_add_signed(offset);
@@ -488,45 +510,58 @@ fn spread(window: &mut Window) {
     // Each cell waits a few times at most; the bound is for the reader.
     let mut left = 4 * CELLS;
     while empty < BUCKETS && left > 0 {
-        let first = &mut window.first[bucket];
-        let entry = *first;
-        // There is none with the number `NONE`.
-        let Some(waiting) = window.waiting.get_mut(usize::from(entry)) else {
+        let Some(cell) = window.queue.pop(bucket) else {
             empty += 1;
             bucket = (bucket + 1) % BUCKETS;
             continue;
         };
         empty = 0;
         left -= 1;
-        let Waiting { cell, next } = *waiting;
-        *first = next;
-        waiting.next = window.free;
-        window.free = entry;
-        let cell = usize::from(cell);
-        let here = u32::from(window.arrival(cell));
-        relax(window, here, cell - SIDE, [cell - SIDE - 1, cell - SIDE + 1]);
-        relax(window, here, cell + SIDE, [cell + SIDE - 1, cell + SIDE + 1]);
-        relax(window, here, cell - 1, [cell - 1 - SIDE, cell - 1 + SIDE]);
-        relax(window, here, cell + 1, [cell + 1 - SIDE, cell + 1 + SIDE]);
+        let corner = cell.wrapping_sub(SIDE + 1);
+        let around = window.arrival.get_mut(corner..).and_then(|cells| cells.first_chunk_mut());
+        let Some(around) = around else { continue };
+        let mut relax = |there, across| relax(around, corner, there, across, &window.rims, &mut window.queue);
+        relax(1, [0, 2]);
+        relax(2 * SIDE + 1, [2 * SIDE, 2 * SIDE + 2]);
+        relax(SIDE, [0, 2 * SIDE]);
+        relax(SIDE + 2, [2, 2 * SIDE + 2]);
     }
 }
 
-/// Carries the wave on to a cell from one neighbour and the earlier one of the two across.
+/// The cells from the one before and below another to the one behind and above it: one bounds check for all of them.
+type Around = [u16; 2 * SIDE + 3];
+
+/// Carries the wave on from the middle to a cell, with the earlier one of the two across. Cells are told from the corner.
 #[inline(always)]
-fn relax(window: &mut Window, here: u32, there: usize, across: [usize; 2]) {
-    let old = u32::from(window.arrival(there));
+fn relax(
+    around: &mut Around,
+    corner: usize,
+    there: usize,
+    across: [usize; 2],
+    rims: &[[u32; WORDS]; 2],
+    queue: &mut Queue,
+) {
+    let (here, old) = (u32::from(around[SIDE + 1]), u32::from(around[there]));
     if old <= here || old == u32::from(CLOSED) {
         return;
     }
-    let across = across.map(|cell| u32::from(window.arrival(cell)));
+    let across = across.map(|cell| u32::from(around[cell]));
     let across = if across[0] < across[1] { across[0] } else { across[1] };
     let (early, late) = if across < here { (across, here) } else { (here, across) };
-    let shift = window.slowness(there);
+    let shift = slowness(rims, corner + there);
     let apart = ((late - early) >> shift).min(u32::from(UNIT));
     let arrival = early + (u32::from(STEP[apart as usize]) << shift);
     if arrival < old && arrival < u32::from(FAR) {
-        window.reach(there, arrival as u16);
+        around[there] = arrival as u16;
+        queue.push(corner + there, arrival as u16);
     }
+}
+
+/// log2 of the slowness of a cell.
+#[inline(always)]
+fn slowness(rims: &[[u32; WORDS]; 2], cell: usize) -> u16 {
+    let [outer, inner] = rims.each_ref().map(|rim| rim.get(cell / 32).map_or(0, |word| (word >> (cell % 32)) & 1));
+    SLOW_SHIFT[(outer | inner << 1) as usize]
 }
 
 #[cfg(test)]
