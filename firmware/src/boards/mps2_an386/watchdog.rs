@@ -23,6 +23,11 @@ impl Watchdog {
         Self(())
     }
 
+    /// Ends it, for a program that measures and makes no steps.
+    pub fn stop(self) {
+        WATCHDOG.write(Register::WATCHDOG_CONTROL, 0);
+    }
+
     /// Begins anew.
     pub fn feed(&mut self) {
         WATCHDOG.write(Register::WATCHDOG_CLEAR, 1);
