@@ -49,6 +49,7 @@ impl core::error::Error for ConfigError {}
 ///
 /// # Errors
 /// [`Why::NotFinite`] or [`Why::OutOfRange`], naming `field`.
+#[inline(never)]
 pub fn check(field: &'static str, value: f32, min: f32, max: f32) -> Result<f32, ConfigError> {
     if !value.is_finite() {
         return Err(ConfigError { field, value, why: Why::NotFinite });

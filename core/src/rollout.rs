@@ -146,6 +146,12 @@ impl Scene {
         self.within.copy_from_slice(&places[..RINGS]);
     }
 
+    /// [`Self::gather`] from memory, compiled with this crate and not with the caller, perhaps for size.
+    #[inline(never)]
+    pub fn gather_all(&mut self, start: Horizontal, obstacles: &[Obstacle]) {
+        self.gather(start, obstacles.iter().copied());
+    }
+
     /// The obstacles in the order in which their forces are added up.
     pub fn obstacles(&self) -> impl Iterator<Item = Obstacle> {
         self.obstacles.iter().map(|known| Obstacle {

@@ -1,3 +1,220 @@
-pub(crate) fn run(_json: bool) -> Result<(), crate::Failure> {
+//! How much stack the image can take at most: `cargo xtask stack`.
+//!
+//! Every function's own part is read from the machine code ([`crate::thumb`]), then the longest way from each root is added up.
+//! Levels that interrupt each other lie on top of each other, each with what the processor stacks by itself; handlers of one
+//! priority do not interrupt each other, so the longest counts. What a register calls is looked up in a table; what is not
+//! there fails, and so does a function that calls itself. A panic ends in a reset and a fault has a stack of its own: neither
+//! counts.
+
+use std::collections::BTreeMap;
+
+use serde_json::json;
+
+use crate::build::Image;
+use crate::panics::is_panic;
+use crate::thumb::Program;
+use crate::{Board, Failure};
+
+/// Registers with those of the floating point unit, and the word that keeps them aligned (`PushStack`, Armv7-M B1.5.6).
+const EXCEPTION_BYTES: u32 = 26 * 4 + 4;
+/// What the design allows for variables and stack.
+const RAM_MAX_BYTES: u64 = 112 * 1024;
+/// How many of the longest frames on a way are printed.
+const PRINTED: usize = 6;
+
+/// The levels of the NUCLEO-G474RE, from the thread up; of several roots the one that takes most counts.
+const LEVELS: [(&str, &[&str]); 4] = [
+    ("thread: start-up, planner", &["Reset"]),
+    ("link", &["FMAC"]),
+    ("guidance", &["CORDIC"]),
+    ("DMA, time, serial line", &["DMA1_CHANNEL1", "DMA1_CHANNEL2", "DMA2_CHANNEL4", "TIM1_BRK_TIM15", "USART1"]),
+];
+
+/// A task's polling, whoever's; which task it is says what it reaches.
+const POLL: &str = "embassy_executor::raw::TaskStorage<F>::poll";
+/// What only the guidance task reaches.
+const GUIDANCE: &str = "foxhound_firmware::app::fly";
+
+/// What a function calls by what a register holds: by its name, names of which any may be meant.
+const INDIRECT: [(&str, &[&str]); 14] = [
+    // Tasks; an executor has only its own.
+    ("FMAC", &[POLL]),
+    ("CORDIC", &[POLL]),
+    // Wakers are all embassy's.
+    ("foxhound_firmware::app::plan", &["embassy_executor::raw::waker::*"]),
+    ("embassy_executor::raw::TaskStorage<F>::poll", &["embassy_executor::raw::waker::*"]),
+    ("embassy_stm32::dma::dma_bdma::on_irq", &["embassy_executor::raw::waker::*"]),
+    ("DMA2_CHANNEL4", &["embassy_executor::raw::waker::*"]),
+    ("TIM1_BRK_TIM15", &["embassy_executor::raw::waker::*"]),
+    ("USART1", &["embassy_executor::raw::waker::*"]),
+    ("_embassy_time_schedule_wake", &["embassy_executor::raw::waker::*"]),
+    // The log writes into a buffer, one way or the other.
+    ("_defmt_acquire", &["defmt_rtt::channel::Channel::*"]),
+    ("_defmt_write", &["defmt_rtt::channel::Channel::*"]),
+    ("_defmt_release", &["defmt_rtt::channel::Channel::*"]),
+    // Texts are written where they are kept, or into the log.
+    ("core::fmt::write", &["*Write>::write_str", "core::fmt::Write::write_char", "*Display>::fmt", "*Debug>::fmt"]),
+    ("core::fmt::Formatter::pad", &["*Write>::write_str", "core::fmt::Write::write_char"]),
+];
+
+/// Builds the image, prints what each level takes and what takes it, and fails where it is too much or not known.
+pub(crate) fn run(json: bool) -> Result<(), Failure> {
+    let image = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
+    let program = Program::read(&image)?;
+    let variables = image.size()?.ram_bytes;
+    let mut stack = 0;
+    let mut rows = Vec::new();
+    for (index, (level, roots)) in LEVELS.into_iter().enumerate() {
+        let mut longest = (0, String::new(), Vec::new());
+        for root in roots {
+            let start = program.named(root).next().ok_or_else(|| Failure(format!("the image has no {root}")))?;
+            let mut depths = Depths::new(&program, *root == "CORDIC");
+            let bytes = depths.of(start)?;
+            if bytes > longest.0 {
+                longest = (bytes, (*root).to_owned(), depths.way(start));
+            }
+        }
+        let (bytes, root, way) = longest;
+        let stacked = if index > 0 { EXCEPTION_BYTES } else { 0 };
+        stack += bytes + stacked;
+        if !json {
+            println!("{:>6}  {level} ({root}), {stacked} of them stacked by the processor", bytes + stacked);
+            let mut largest: Vec<_> = way.iter().collect();
+            largest.sort_by_key(|(_, frame)| std::cmp::Reverse(*frame));
+            for (name, frame) in largest.into_iter().take(PRINTED) {
+                println!("          {frame:>6}  {name}");
+            }
+        }
+        let way: Vec<_> = way.into_iter().map(|(name, frame)| json!({"name": name, "bytes": frame})).collect();
+        rows.push(json!({"level": level, "root": root, "bytes": bytes + stacked, "way": way}));
+    }
+    let sum = u64::from(stack) + variables;
+    if json {
+        let row =
+            json!({"levels": rows, "stack_bytes": stack, "variables_bytes": variables, "bytes_max": RAM_MAX_BYTES});
+        println!("{row}");
+    } else {
+        println!("{stack:>6}  of stack, and {variables} of variables: {sum} of {RAM_MAX_BYTES}");
+    }
+    if sum > RAM_MAX_BYTES {
+        return Err(Failure(format!("stack and variables take {sum} bytes, {} too many", sum - RAM_MAX_BYTES)));
+    }
     Ok(())
+}
+
+/// The longest ways from functions.
+struct Depths<'a> {
+    program: &'a Program,
+    /// Whose tasks: of guidance, or of the link.
+    is_guidance: bool,
+    /// What is known: the bytes, and who is called on the longest way. `None` while it is being found out.
+    known: BTreeMap<u32, Option<(u32, Option<u32>)>>,
+}
+
+impl<'a> Depths<'a> {
+    fn new(program: &'a Program, is_guidance: bool) -> Self {
+        Self { program, is_guidance, known: BTreeMap::new() }
+    }
+
+    /// What a function and everything that it calls take at most.
+    fn of(&mut self, start: u32) -> Result<u32, Failure> {
+        match self.known.get(&start) {
+            Some(Some((bytes, _))) => return Ok(*bytes),
+            Some(None) => return Err(Failure(format!("{} calls itself", self.program.name(start)))),
+            None => {}
+        }
+        let Some((_, function)) = self.program.at(start) else { return Ok(0) };
+        if let Some(at) = function.unknown.first() {
+            return Err(Failure(format!("{} takes an unknown amount at {at:#x}", function.name)));
+        }
+        self.known.insert(start, None);
+        let mut callees = self.program.callees(function);
+        if !function.indirect.is_empty() {
+            callees.extend(self.indirect(&function.name)?);
+        }
+        let (mut most, mut by) = (0, None);
+        for callee in callees {
+            // Nobody comes back from a panic; formatting calls itself through what is formatted, to no great depth.
+            if is_panic(self.program.name(callee))
+                || matches!(self.known.get(&callee), Some(None)) && is_text(self.program.name(callee))
+            {
+                continue;
+            }
+            let bytes = self.of(callee)?;
+            if bytes > most {
+                (most, by) = (bytes, Some(callee));
+            }
+        }
+        self.known.insert(start, Some((function.frame + most, by)));
+        Ok(function.frame + most)
+    }
+
+    /// What may be meant by a call of what a register holds.
+    fn indirect(&self, caller: &str) -> Result<Vec<u32>, Failure> {
+        let Some((_, names)) = INDIRECT.iter().find(|(name, _)| *name == caller) else {
+            return Err(Failure(format!("{caller} calls what a register holds, and nobody says what that may be")));
+        };
+        let is_meant = |name: &str| {
+            names.iter().any(|pattern| {
+                let (front, back) = pattern.split_once('*').unwrap_or((pattern, ""));
+                if pattern.contains('*') { name.starts_with(front) && name.ends_with(back) } else { name == *pattern }
+            })
+        };
+        let meant = self.program.functions().filter(|(_, function)| is_meant(&function.name));
+        let meant: Vec<u32> = meant.map(|(address, _)| address).collect();
+        let is_mine = |address: &u32| {
+            self.program.name(*address) != POLL || self.program.reaches(*address, GUIDANCE) == self.is_guidance
+        };
+        let mine: Vec<u32> = meant.into_iter().filter(is_mine).collect();
+        if mine.is_empty() { Err(Failure(format!("nothing is left that {caller} may call"))) } else { Ok(mine) }
+    }
+
+    /// The frames on the longest way.
+    fn way(&self, start: u32) -> Vec<(String, u32)> {
+        let mut way = Vec::new();
+        let mut next = Some(start);
+        while let Some(at) = next {
+            let Some((_, function)) = self.program.at(at) else { break };
+            way.push((function.name.clone(), function.frame));
+            next = self.known.get(&at).copied().flatten().and_then(|(_, by)| by);
+        }
+        way
+    }
+}
+
+fn is_text(name: &str) -> bool {
+    name.contains("core::fmt::")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_longest_way_is_found_and_a_panic_is_none() {
+        // Eight bytes each.
+        let program = Program::of(&[
+            ("root", 0, &[16, 32], &[]),
+            ("short", 16, &[], &[]),
+            ("long", 32, &[48, 64], &[]),
+            ("leaf", 48, &[], &[]),
+            ("core::panicking::panic", 64, &[16, 80], &[]),
+            ("after", 80, &[96], &[]),
+            ("more", 96, &[], &[]),
+        ]);
+        let mut depths = Depths::new(&program, false);
+        assert_eq!(depths.of(0).ok(), Some(24));
+        assert_eq!(depths.way(0).iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["root", "long", "leaf"]);
+    }
+
+    #[test]
+    fn who_calls_itself_and_unknown_calls_are_refused() {
+        let program = Program::of(&[("root", 0, &[16], &[]), ("again", 16, &[0], &[])]);
+        assert!(Depths::new(&program, false).of(0).is_err_and(|why| why.0.contains("calls itself")));
+        let program = Program::of(&[("root", 0, &[], &[2])]);
+        assert!(Depths::new(&program, false).of(0).is_err_and(|why| why.0.contains("nobody says")));
+        let waker = "embassy_executor::raw::waker::wake";
+        let program = Program::of(&[("USART1", 0, &[], &[2]), (waker, 16, &[], &[])]);
+        assert_eq!(Depths::new(&program, false).of(0).ok(), Some(16));
+    }
 }

@@ -117,6 +117,18 @@ impl Program {
         self.functions().filter(move |(_, function)| function.name == name).map(|(address, _)| address)
     }
 
+    /// Whether a function, or what it calls, is the one of a name.
+    pub(crate) fn reaches(&self, start: u32, name: &str) -> bool {
+        let (mut seen, mut next) = (BTreeSet::from([start]), vec![start]);
+        while let Some((_, function)) = next.pop().and_then(|address| self.at(address)) {
+            if function.name == name {
+                return true;
+            }
+            next.extend(self.callees(function).into_iter().filter(|callee| seen.insert(*callee)));
+        }
+        false
+    }
+
     /// The name of the function at an address.
     pub(crate) fn name(&self, address: u32) -> &str {
         self.at(address).map_or("", |(_, function)| function.name.as_str())

@@ -236,6 +236,20 @@ impl<const M: usize, const N: usize> Scratch<M, N> {
             bounds: [[0.0; 2]; N],
         }
     }
+
+    fn parts(&mut self) -> Parts<'_, M> {
+        let Self { paths: [path, trial], laws, near, duals, bounds } = self;
+        Parts { paths: [path, trial], laws, near, duals, bounds }
+    }
+}
+
+/// The same without its length.
+struct Parts<'s, const M: usize> {
+    paths: [&'s mut [Step<M>]; 2],
+    laws: &'s mut [Law<M>],
+    near: &'s mut [Near],
+    duals: &'s mut [[f32; NEAREST]],
+    bounds: &'s mut [[f32; 2]],
 }
 
 impl<const M: usize, const N: usize> Default for Scratch<M, N> {
@@ -266,7 +280,13 @@ impl Planner {
         scratch: &'s mut Scratch<3, N>,
         problem: &Problem<'_, 3>,
     ) -> Solution<'s, 3> {
-        self.search::<2, 3, N>(scratch, problem)
+        self.search_two(scratch.parts(), problem)
+    }
+
+    /// Apart, so that it is compiled with this crate and not with whoever plans, perhaps for size.
+    #[inline(never)]
+    fn search_two<'s>(&self, parts: Parts<'s, 3>, problem: &Problem<'_, 3>) -> Solution<'s, 3> {
+        self.search::<2, 3>(parts, problem)
     }
 
     /// Plans with a belief of four states.
@@ -275,7 +295,12 @@ impl Planner {
         scratch: &'s mut Scratch<10, N>,
         problem: &Problem<'_, 10>,
     ) -> Solution<'s, 10> {
-        self.search::<4, 10, N>(scratch, problem)
+        self.search_four(scratch.parts(), problem)
+    }
+
+    #[inline(never)]
+    fn search_four<'s>(&self, parts: Parts<'s, 10>, problem: &Problem<'_, 10>) -> Solution<'s, 10> {
+        self.search::<4, 10>(parts, problem)
     }
 
     /// How much room a control has to its bounds, as a share.
@@ -300,9 +325,9 @@ impl Planner {
         [control[0] * first, control[1] * second]
     }
 
-    fn search<'s, const L: usize, const M: usize, const N: usize>(
+    fn search<'s, const L: usize, const M: usize>(
         &self,
-        scratch: &'s mut Scratch<M, N>,
+        parts: Parts<'s, M>,
         problem: &Problem<'_, M>,
     ) -> Solution<'s, M> {
         let config = &self.config;
@@ -310,7 +335,7 @@ impl Planner {
             && problem.source_ned_m.is_finite()
             && problem.goal_ned_m.is_finite()
             && problem.covariance_m2.iter().all(|value| value.is_finite());
-        let Scratch { paths: [path, trial], laws, near, duals, bounds } = scratch;
+        let Parts { paths: [path, trial], laws, near, duals, bounds } = parts;
         let length = problem.steps;
         let (Some(mut path), Some(mut trial), Some(laws), Some(near), Some(duals), Some(bounds), true) = (
             path.get_mut(..length),

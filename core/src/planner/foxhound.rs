@@ -436,7 +436,7 @@ fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizont
 /// The paper's samples, marked as feasible where they keep the margin.
 fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizontal, target: Horizontal, margin_m: f32) {
     let distance_m = target.minus(start).norm();
-    scratch.scene.gather(start, scratch.obstacles.iter().copied());
+    scratch.scene.gather_all(start, &scratch.obstacles);
     let field = |gains| Field { law: config.law, gains };
     (scratch.initial, _) = scratch.scene.roll(&field(config.gains), Reading::Waypoint, target);
     for index in 0..SAMPLES {

@@ -267,6 +267,12 @@ impl Filter {
         self.update(state, sighting.direction_ned, sigma_rad)
     }
 
+    /// [`Self::step`] for a source that may move, compiled with this crate and not with the caller, perhaps for size.
+    #[inline(never)]
+    pub fn step_moving(&self, state: &mut Moving, sighting: &Sighting) -> Heard {
+        self.step(state, sighting)
+    }
+
     /// Begins with a bearing, and the prior of the range.
     fn start<const S: usize>(&self, state: &mut State<S>, sighting: &Sighting, sigma_rad: f32) {
         let config = &self.config;

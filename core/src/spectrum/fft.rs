@@ -43,6 +43,19 @@ const fn q15(value: i32) -> i16 {
 /// Replaces `out` by the powers of the windowed transforms of two channels: of `a` at `k`, of `b` at `N - k`, for
 /// `k = 1..N/2`. Returns their exponent.
 pub(super) fn pair_powers<const N: usize>(a: &[i16; N], b: &[i16; N], out: &mut [u32; N]) -> i32 {
+    if let (Ok(a), Ok(b), Ok(out)) = (a.as_slice().try_into(), b.as_slice().try_into(), out.as_mut_slice().try_into()) {
+        return pair_powers_256(a, b, out);
+    }
+    pair_powers_any(a, b, out)
+}
+
+/// The length of the flight computer, compiled with this crate and not with the caller, perhaps for size.
+#[inline(never)]
+fn pair_powers_256(a: &[i16; 256], b: &[i16; 256], out: &mut [u32; 256]) -> i32 {
+    pair_powers_any(a, b, out)
+}
+
+fn pair_powers_any<const N: usize>(a: &[i16; N], b: &[i16; N], out: &mut [u32; N]) -> i32 {
     let exponent = transform(a, b, out);
     window_and_unpack(out);
     2 * exponent

@@ -19,6 +19,7 @@ const ON_LINE_M: f32 = 1e-3;
 ///
 /// # Errors
 /// Where the ray meets no line.
+#[inline]
 pub fn fold(lines: &[Line], sighting: &Sighting) -> Result<Sighting, Degenerate> {
     let mut folded = *sighting;
     for line in lines.iter().rev() {

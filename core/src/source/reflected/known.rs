@@ -39,5 +39,16 @@ impl<const N: usize> Known<N> {
     }
 }
 
+impl Known<1> {
+    /// [`Self::step`] for a source that may move, compiled with this crate and not with the caller, perhaps for size.
+    ///
+    /// # Errors
+    /// Where the ray meets no line; the state is as it was.
+    #[inline(never)]
+    pub fn step_moving(&self, state: &mut polar::Moving, sighting: &Sighting) -> Result<Heard, Degenerate> {
+        self.step(state, sighting)
+    }
+}
+
 #[cfg(test)]
 mod tests;

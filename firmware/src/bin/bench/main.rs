@@ -672,7 +672,7 @@ fn rollouts(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let mut naive = samples;
             let mut scene = Scene::new();
             worst = worst.max(measure(&mut || {
-                scene.gather(Horizontal::default(), black_box(&obstacles).iter().copied());
+                scene.gather_all(Horizontal::default(), black_box(&obstacles));
                 for (sample, field) in samples.iter_mut().zip(black_box(&fields)) {
                     *sample = scene.roll(field, Reading::Waypoint, target);
                 }

@@ -78,9 +78,9 @@ fn filters(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let mut state = polar::Resting::new();
     row("ekf_2", worst(measure, SOURCE_NED_M, |heard| _ = black_box(filter.step(&mut state, heard))), 600);
     let mut state = polar::Moving::new();
-    row("ekf_4", worst(measure, SOURCE_NED_M, |heard| _ = black_box(filter.step(&mut state, heard))), 600);
+    row("ekf_4", worst(measure, SOURCE_NED_M, |heard| _ = black_box(filter.step_moving(&mut state, heard))), 600);
     let mut state = polar::Moving::new();
-    row("ekf_known_line", worst(measure, image, |heard| _ = black_box(known.step(&mut state, heard))), 700);
+    row("ekf_known_line", worst(measure, image, |heard| _ = black_box(known.step_moving(&mut state, heard))), 700);
     let guess = unknown::Guess {
         vehicle_ned_m: Horizontal::default(),
         source_ned_m: SOURCE_NED_M,
