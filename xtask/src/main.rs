@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | firmware | size | flash | qemu <boot | fly | bench | faults> | bench | parity | soak>`.
+//! Developer commands: `cargo xtask <test | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
@@ -56,7 +56,7 @@ enum Task {
     },
     /// Say how much stack the image can take at most
     Stack {
-        /// Print one JSON object
+        /// Print one JSON object: levels, `stack_bytes`, `variables_bytes`, `bytes_max`
         #[arg(long)]
         json: bool,
     },

@@ -35,15 +35,20 @@ const POLL: &str = "embassy_executor::raw::TaskStorage<F>::poll";
 /// What only the guidance task reaches.
 const GUIDANCE: &str = "foxhound_firmware::app::fly";
 
+/// How texts are written.
+const WRITTEN: [&str; 2] = ["*Write>::write_str", "core::fmt::Write::write_char"];
+/// What is written: strings and numbers, none of which contains another.
+const SHOWN: [&str; 4] = ["*Write>::write_str", "core::fmt::Write::write_char", "<&str as *", "<u32 as *"];
+
 /// What a function calls by what a register holds: by its name, names of which any may be meant.
-const INDIRECT: [(&str, &[&str]); 14] = [
+const INDIRECT: &[(&str, &[&str])] = &[
     // Tasks; an executor has only its own.
     ("FMAC", &[POLL]),
     ("CORDIC", &[POLL]),
     // Wakers are all embassy's.
-    ("foxhound_firmware::app::plan", &["embassy_executor::raw::waker::*"]),
-    ("embassy_executor::raw::TaskStorage<F>::poll", &["embassy_executor::raw::waker::*"]),
-    ("embassy_stm32::dma::dma_bdma::on_irq", &["embassy_executor::raw::waker::*"]),
+    ("foxhound_firmware::*", &["embassy_executor::raw::waker::*"]),
+    ("embassy_*", &["embassy_executor::raw::waker::*"]),
+    ("<embassy_*", &["embassy_executor::raw::waker::*"]),
     ("DMA2_CHANNEL4", &["embassy_executor::raw::waker::*"]),
     ("TIM1_BRK_TIM15", &["embassy_executor::raw::waker::*"]),
     ("USART1", &["embassy_executor::raw::waker::*"]),
@@ -52,9 +57,13 @@ const INDIRECT: [(&str, &[&str]); 14] = [
     ("_defmt_acquire", &["defmt_rtt::channel::Channel::*"]),
     ("_defmt_write", &["defmt_rtt::channel::Channel::*"]),
     ("_defmt_release", &["defmt_rtt::channel::Channel::*"]),
-    // Texts are written where they are kept, or into the log.
-    ("core::fmt::write", &["*Write>::write_str", "core::fmt::Write::write_char", "*Display>::fmt", "*Debug>::fmt"]),
-    ("core::fmt::Formatter::pad", &["*Write>::write_str", "core::fmt::Write::write_char"]),
+    // Texts are written where they are kept, or into the log; what is shown is text or a number.
+    ("core::fmt::write", &SHOWN),
+    ("core::fmt::Write::write_fmt", &SHOWN),
+    ("<core::fmt::Formatter>::pad", &WRITTEN),
+    ("<core::fmt::Formatter>::pad_integral", &WRITTEN),
+    ("<core::fmt::Formatter>::pad_integral::write_prefix", &WRITTEN),
+    ("<&T as core::fmt::Display>::fmt", &SHOWN),
 ];
 
 /// Builds the image, prints what each level takes and what takes it, and fails where it is too much or not known.
@@ -151,15 +160,10 @@ impl<'a> Depths<'a> {
 
     /// What may be meant by a call of what a register holds.
     fn indirect(&self, caller: &str) -> Result<Vec<u32>, Failure> {
-        let Some((_, names)) = INDIRECT.iter().find(|(name, _)| *name == caller) else {
+        let Some((_, names)) = INDIRECT.iter().find(|(name, _)| matches(name, caller)) else {
             return Err(Failure(format!("{caller} calls what a register holds, and nobody says what that may be")));
         };
-        let is_meant = |name: &str| {
-            names.iter().any(|pattern| {
-                let (front, back) = pattern.split_once('*').unwrap_or((pattern, ""));
-                if pattern.contains('*') { name.starts_with(front) && name.ends_with(back) } else { name == *pattern }
-            })
-        };
+        let is_meant = |name: &str| names.iter().any(|pattern| matches(pattern, name));
         let meant = self.program.functions().filter(|(_, function)| is_meant(&function.name));
         let meant: Vec<u32> = meant.map(|(address, _)| address).collect();
         let is_mine = |address: &u32| {
@@ -182,6 +186,15 @@ impl<'a> Depths<'a> {
     }
 }
 
+/// Whether a name is the pattern, in which one `*` may stand for anything.
+fn matches(pattern: &str, name: &str) -> bool {
+    match pattern.split_once('*') {
+        Some((front, back)) => name.starts_with(front) && name.ends_with(back),
+        None => name == pattern,
+    }
+}
+
+/// Whether a function is of those that write what is shown.
 fn is_text(name: &str) -> bool {
     name.contains("core::fmt::")
 }

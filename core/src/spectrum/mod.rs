@@ -80,7 +80,7 @@ impl<const N: usize> Spectrum<N> {
     pub fn powers(&self, channel: usize) -> impl Iterator<Item = u32> + '_ {
         let pair = &self.pairs[(channel / 2) % 2];
         let second = channel % 2 == 1;
-        (1..N / 2).map(move |k| pair[if second { N - k } else { k }])
+        (1..N / 2).map(move |k| pair[if second { N - k } else { k } % N])
     }
 
     /// The power of one channel at one bin, `1..N/2`; times two to [`Self::exponent`].
