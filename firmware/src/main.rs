@@ -3,7 +3,7 @@
 #![no_main]
 
 use embassy_executor::SpawnToken;
-use foxhound_firmware::app::{self, Incoming, Outgoing};
+use foxhound_firmware::app::{self, Desk, Incoming, Outgoing};
 use foxhound_firmware::boards::board;
 
 static INCOMING: Incoming = Incoming::new();
@@ -11,6 +11,12 @@ static OUTGOING: Outgoing = Outgoing::new();
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
+    app::plan(start())
+}
+
+/// Its own function, so that the stack does not hold it while the planner runs.
+#[inline(never)]
+fn start() -> Desk {
     let board = board::start();
     board.link.spawn(task(app::receive(board.receiver, &INCOMING)));
     board.link.spawn(task(app::transmit(board.transmitter, &OUTGOING)));
@@ -19,7 +25,7 @@ fn main() -> ! {
         Err(error) => app::refuse(error),
     };
     board.guidance.spawn(task(app::guide(board.pacer, board.watchdog, board.restart, &INCOMING, &OUTGOING, planning)));
-    app::plan(desk)
+    desk
 }
 
 /// A task that is spawned once cannot be refused.
