@@ -54,6 +54,8 @@ pub(crate) fn run() -> Result<(), Failure> {
 
     step("panics, looked for in the machine code");
     crate::panics::run(false)?;
+    step("stack, at most");
+    crate::stack::run(false)?;
 
     step("tests");
     let mut test = command(&["test", "--", "--include-ignored"]);
