@@ -26,6 +26,10 @@ pub trait Keeper {
     fn save(&mut self, values: &Values) -> bool;
     /// What is kept; `None` where nothing is, or nothing that can be read.
     fn load(&mut self) -> Option<Values>;
+    /// Forgets everything that was ever kept, parameters and whatever else; false where that is not possible.
+    fn reset(&mut self) -> bool {
+        self.save(&Values::DEFAULT)
+    }
 }
 
 /// Where there is no place to keep them, there is none.
@@ -36,6 +40,10 @@ impl<K: Keeper> Keeper for Option<K> {
 
     fn load(&mut self) -> Option<Values> {
         self.as_mut()?.load()
+    }
+
+    fn reset(&mut self) -> bool {
+        self.as_mut().is_some_and(Keeper::reset)
     }
 }
 
@@ -130,7 +138,7 @@ impl Flight<'_> {
             let is_done = match storage {
                 Storage::Save => keeper.save(self.companion.parameters()),
                 Storage::Load => keeper.load().is_some_and(|values| self.run_with(values).is_ok()),
-                Storage::Reset => self.run_with(Values::DEFAULT).is_ok() && keeper.save(&Values::DEFAULT),
+                Storage::Reset => self.run_with(Values::DEFAULT).is_ok() && keeper.reset(),
             };
             begins_anew |= is_done && storage != Storage::Save;
             self.companion.stored(is_done);

@@ -8,6 +8,7 @@
 //! | [`flight`] | one step: link, guidance, link; the same lines in the firmware and in the simulator |
 //! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
 //! | [`restart`] | why the computer has restarted: what is kept over a reset |
+//! | [`store`] | what is kept while the power is off |
 #![no_std]
 
 #[cfg(test)]
@@ -16,6 +17,7 @@ extern crate std;
 pub mod deadline;
 pub mod flight;
 pub mod restart;
+pub mod store;
 
 /// Samples of one channel in one snapshot.
 pub const SAMPLES_PER_CHANNEL: usize = 256;

@@ -427,6 +427,12 @@ impl Companion {
         self.telemetry.notice = Some(text);
     }
 
+    /// Whether a notice waits.
+    #[must_use]
+    pub const fn has_notice(&self) -> bool {
+        self.telemetry.notice.is_some()
+    }
+
     /// How long the steps of guidance take, for telemetry.
     pub const fn note_pace(&mut self, pace: Pace) {
         self.pace = Some(pace);

@@ -1,0 +1,167 @@
+//! A flash whose erases are finished, whenever the power went.
+//!
+//! A map in flash can tell a word that was half written, by its check sums. It cannot tell a page that was half erased: what
+//! is left in it may look like an old page, or like a free one. So the first page of the store is a journal. Before a page
+//! is erased its number is written there, and struck out (by zeros, which can be written over anything) when it is done; an
+//! erase that stands there at the start is done again.
+//!
+//! Everything is there at once, so the futures that the map wants end at their first poll.
+
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+
+use embedded_storage::nor_flash::NorFlash;
+use embedded_storage_async::nor_flash as later;
+
+/// Bytes that are written at a time.
+pub(super) const WORD: usize = 8;
+/// Pages of the store.
+pub const PAGES: u32 = 8;
+
+const BLANK: u64 = u64::MAX;
+const DONE: u64 = 0;
+/// An entry of the journal: the number of the page is its last byte, and its complement the byte before.
+const ENTRY: u64 = 0x46AC_9E35_D25B_0000;
+
+/// The flash, and what has happened to it.
+#[derive(Debug)]
+pub(super) struct Sure<F> {
+    flash: F,
+    /// It was written or erased since [`Self::take_written`].
+    is_written: bool,
+}
+
+impl<F: NorFlash> Sure<F> {
+    const WORDS_FIT: () = assert!(F::READ_SIZE <= WORD && F::WRITE_SIZE == WORD, "words of eight bytes");
+
+    pub(super) const fn new(flash: F) -> Self {
+        const { Self::WORDS_FIT };
+        Self { flash, is_written: false }
+    }
+
+    pub(super) const fn take_written(&mut self) -> bool {
+        core::mem::replace(&mut self.is_written, false)
+    }
+
+    fn journal() -> impl Iterator<Item = u32> {
+        (0..F::ERASE_SIZE as u32).step_by(WORD)
+    }
+
+    fn word(&mut self, at: u32) -> Result<u64, F::Error> {
+        let mut word = [0; WORD];
+        self.flash.read(at, &mut word)?;
+        Ok(u64::from_le_bytes(word))
+    }
+
+    fn write_word(&mut self, at: u32, word: u64) -> Result<(), F::Error> {
+        self.is_written = true;
+        self.flash.write(at, &word.to_le_bytes())
+    }
+
+    fn erase_page(&mut self, page: u32) -> Result<(), F::Error> {
+        self.is_written = true;
+        let size = F::ERASE_SIZE as u32;
+        self.flash.erase(page * size, (page + 1) * size)
+    }
+
+    /// Does again what the power may have ended. To be called before anything else.
+    pub(super) fn finish(&mut self) -> Result<(), F::Error> {
+        let mut is_sound = true;
+        for at in Self::journal() {
+            let word = self.word(at)?;
+            if let Some(page) = page_of(word) {
+                self.erase_page(page)?;
+                self.write_word(at, DONE)?;
+            } else {
+                is_sound &= word == BLANK || word == DONE;
+            }
+        }
+        if is_sound { Ok(()) } else { self.erase_page(0) }
+    }
+
+    /// Writes down that a page is about to be erased, and says where that stands.
+    fn note(&mut self, page: u32) -> Result<Option<u32>, F::Error> {
+        for at in Self::journal() {
+            // A word that looks free and is not takes nothing: the next one.
+            if self.word(at)? == BLANK && self.write_word(at, entry(page)).is_ok() {
+                return Ok(Some(at));
+            }
+        }
+        Ok(None)
+    }
+
+    fn erase_surely(&mut self, page: u32) -> Result<(), F::Error> {
+        let mut at = self.note(page)?;
+        if at.is_none() {
+            self.erase_page(0)?;
+            at = self.note(page)?;
+        }
+        self.erase_page(page)?;
+        at.map_or(Ok(()), |at| self.write_word(at, DONE))
+    }
+
+    /// Whether nothing was ever written in these pages.
+    pub(super) fn is_blank(&mut self, pages: core::ops::Range<u32>) -> bool {
+        let size = F::ERASE_SIZE as u32;
+        (pages.start * size..pages.end * size).step_by(WORD).all(|at| self.word(at).is_ok_and(|word| word == BLANK))
+    }
+
+    /// The first page of these that has been begun and is not full.
+    pub(super) fn open_page(&mut self, mut pages: core::ops::Range<u32>) -> Option<u32> {
+        let size = F::ERASE_SIZE as u32;
+        pages.find(|page| {
+            let mut is = |at, word| self.word(at).is_ok_and(|found| found == word);
+            !is(page * size, BLANK) && is((page + 1) * size - WORD as u32, BLANK)
+        })
+    }
+}
+
+fn entry(page: u32) -> u64 {
+    let page = u64::from(page & 0xff);
+    ENTRY | (page ^ 0xff) << 8 | page
+}
+
+/// The journal itself is never in it.
+fn page_of(word: u64) -> Option<u32> {
+    let page = (word & 0xff) as u32;
+    (word == entry(page) && (1..PAGES).contains(&page)).then_some(page)
+}
+
+/// What a future comes to that has nothing to wait for.
+pub(super) fn at_once<T>(future: impl Future<Output = T>) -> Option<T> {
+    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(value) => Some(value),
+        Poll::Pending => None,
+    }
+}
+
+impl<F: NorFlash> later::ErrorType for Sure<F> {
+    type Error = F::Error;
+}
+
+impl<F: NorFlash> later::ReadNorFlash for Sure<F> {
+    const READ_SIZE: usize = WORD;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+        self.flash.read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        PAGES as usize * F::ERASE_SIZE
+    }
+}
+
+impl<F: NorFlash> later::NorFlash for Sure<F> {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
+        let size = F::ERASE_SIZE as u32;
+        (from / size..to / size).try_for_each(|page| self.erase_surely(page))
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        self.is_written = true;
+        self.flash.write(offset, bytes)
+    }
+}

@@ -1,0 +1,298 @@
+//! What is kept while the power is off: parameters, calibration, the key of signing, and how often the computer was started.
+//!
+//! | pages | what lies there |
+//! |---|---|
+//! | 0 | which page is being erased ([`flash`]) |
+//! | 1, 2 | the count of starts, and which records were ever kept |
+//! | 3 to 7 | the records ([`record`]) |
+//!
+//! Records lie in the map of `sequential-storage`: each new one is written behind the others, and only the last whole one of
+//! its key counts. So whenever the power goes a record is all old or all new. A page is erased when the ring of pages comes
+//! round to it; by then what counts in it has been copied.
+//!
+//! What cannot be read is [`Kept::Lost`], and not the same as [`Kept::Nothing`]: what was ever kept is known in another place.
+//! [`start`] says what the vehicle does then.
+//!
+//! To write takes about 0.1 ms for eight bytes, and 25 ms for each page that is erased, and the processor may stand still:
+//! nothing is written while the vehicle is in control, and a step in which something was has an excuse
+//! ([`Store::take_written`]). A program that finds a flash full of anything does a bounded amount of work: every page is read
+//! a bounded number of times, and erased at most a few times.
+
+mod flash;
+mod record;
+mod start;
+
+use core::ops::Range;
+
+use embedded_storage::nor_flash::NorFlash;
+use foxhound_core::calibration::record::{Calibration, RECORD_BYTES};
+use foxhound_core::param::Values;
+use foxhound_link::signing::Key;
+use sequential_storage::cache::{Cache, Uncached};
+use sequential_storage::map::{MapConfig, MapStorage};
+
+use crate::flight::Keeper;
+use flash::{Sure, at_once};
+use record::{Content, RECORD_MAX, Starts};
+
+pub use flash::PAGES;
+pub use record::Restored;
+
+const STARTS: Range<u32> = 1..3;
+const RECORDS: Range<u32> = 3..PAGES;
+
+/// So often a record is tried to be written; a word that takes nothing is left behind each time.
+const TRIES: usize = 4;
+
+/// What can be kept, as the key of its record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+enum Name {
+    Parameters = 1,
+    Calibration = 2,
+    Key = 3,
+    Timestamp = 4,
+}
+
+impl Name {
+    const ALL: [Self; 4] = [Self::Parameters, Self::Calibration, Self::Key, Self::Timestamp];
+
+    const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+}
+
+/// The key of the one record among the starts.
+const COUNT_OF_STARTS: u8 = 1;
+
+/// What was kept of something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kept<T> {
+    /// Nothing was, or it was taken away.
+    Nothing,
+    /// This.
+    Found(T),
+    /// Something was, and it cannot be read.
+    Lost,
+}
+
+/// Why the flash did not do as it should.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Trouble {
+    /// The driver refuses.
+    Refused,
+    /// What is in it makes no sense.
+    Damaged,
+}
+
+/// The store: what was kept, and a place to keep it. The flash is all its own: [`PAGES`] pages, the first at 0, words of 8
+/// bytes, over which zeros can be written whatever is there.
+#[derive(Debug)]
+pub struct Store<F> {
+    flash: Sure<F>,
+    buffer: [u8; RECORD_MAX],
+    starts: Starts,
+    untold: start::Untold,
+}
+
+impl<F: NorFlash> Store<F> {
+    /// Nothing is read yet.
+    pub const fn new(flash: F) -> Self {
+        let starts = Starts { kept: 0, count: 0 };
+        Self { flash: Sure::new(flash), buffer: [0; RECORD_MAX], starts, untold: start::Untold::NOTHING }
+    }
+
+    /// Finishes what the power has ended, looks what was kept, and counts this start. To be called once, before anything else;
+    /// the number of this start, or 0 where it cannot be told.
+    #[inline(never)]
+    pub fn begin(&mut self) -> u32 {
+        // What cannot be finished shows below.
+        let _ = self.flash.finish();
+        let stood = self.get(STARTS, COUNT_OF_STARTS).ok().flatten().and_then(Starts::decode);
+        self.starts = stood.unwrap_or_else(|| {
+            // With a blank sheet nothing was kept; else nobody knows what was.
+            let is_new = self.flash.is_blank(STARTS) || self.flash.is_blank(RECORDS);
+            Starts { kept: if is_new { 0 } else { u8::MAX }, count: 0 }
+        });
+        for name in Name::ALL {
+            if matches!(self.get(RECORDS, name as u8), Ok(Some(record)) if !record::is_gone(record)) {
+                self.starts.kept |= name.bit();
+            }
+        }
+        self.starts.count = self.starts.count.saturating_add(1);
+        if self.put_starts() { self.starts.count } else { 0 }
+    }
+
+    /// The parameters.
+    #[inline(never)]
+    pub fn parameters(&mut self) -> Kept<Restored> {
+        self.read(Name::Parameters, record::parameters)
+    }
+
+    /// The calibration of the antennas.
+    #[inline(never)]
+    pub fn calibration(&mut self) -> Kept<Calibration> {
+        self.read(Name::Calibration, |record| {
+            let record: &[u8; RECORD_BYTES] = record.try_into().ok()?;
+            Calibration::decode(record)
+        })
+    }
+
+    /// Keeps a calibration; false where that is not possible.
+    #[inline(never)]
+    pub fn keep_calibration(&mut self, calibration: &Calibration) -> bool {
+        self.keep(Name::Calibration, Content::Calibration(&calibration.encode()))
+    }
+
+    /// The key of signing, and the timestamp behind everything that was signed with it.
+    #[inline(never)]
+    pub fn key(&mut self) -> Kept<(Key, u64)> {
+        let bytes = match self.read(Name::Key, record::key) {
+            Kept::Found(bytes) => bytes,
+            Kept::Lost => return Kept::Lost,
+            Kept::Nothing => return Kept::Nothing,
+        };
+        let timestamp = match self.read(Name::Timestamp, |record| record::timestamp(record, &bytes)) {
+            Kept::Found(timestamp) => timestamp,
+            // What was signed is not known: the first that is heard tells where we are.
+            Kept::Lost | Kept::Nothing => 0,
+        };
+        Key::new(bytes).map_or(Kept::Lost, |key| Kept::Found((key, timestamp)))
+    }
+
+    /// Keeps the key, or that there is none; false where that is not possible.
+    #[inline(never)]
+    pub fn keep_key(&mut self, key: Option<&Key>) -> bool {
+        match key {
+            Some(key) => self.keep(Name::Key, Content::Bytes(key.secret())),
+            None => self.take_away(Name::Key) && self.take_away(Name::Timestamp),
+        }
+    }
+
+    const fn has_key(&self) -> bool {
+        self.starts.kept & Name::Key.bit() != 0
+    }
+
+    /// Keeps a timestamp for the key; false where that is not possible.
+    #[inline(never)]
+    pub fn keep_timestamp(&mut self, key: &Key, timestamp: u64) -> bool {
+        self.keep(Name::Timestamp, Content::Bytes(&record::timestamp_record(key.secret(), timestamp)))
+    }
+
+    /// Forgets everything but the count of starts. The power may go in between: then some things are forgotten already.
+    #[inline(never)]
+    pub fn factory_reset(&mut self) -> bool {
+        self.starts.kept = 0;
+        let is_noted = self.put_starts();
+        let are_gone = Name::ALL.into_iter().fold(true, |all, name| self.put(RECORDS, name as u8, Content::Gone) && all);
+        // Not only marked as gone: the key is a secret.
+        is_noted && are_gone && self.wipe(RECORDS).is_ok()
+    }
+
+    /// Whether the flash was written since the last call: then this step may have taken long.
+    pub const fn take_written(&mut self) -> bool {
+        self.flash.take_written()
+    }
+
+    fn read<T>(&mut self, name: Name, decode: impl FnOnce(&[u8]) -> Option<T>) -> Kept<T> {
+        let is_missing = if self.starts.kept & name.bit() == 0 { Kept::Nothing } else { Kept::Lost };
+        match self.get(RECORDS, name as u8) {
+            Ok(Some(record)) if record::is_gone(record) => Kept::Nothing,
+            Ok(Some(record)) => decode(record).map_or(Kept::Lost, Kept::Found),
+            Ok(None) => is_missing,
+            Err(_) => Kept::Lost,
+        }
+    }
+
+    fn keep(&mut self, name: Name, content: Content<'_>) -> bool {
+        if !self.put(RECORDS, name as u8, content) {
+            return false;
+        }
+        let had = self.starts.kept;
+        self.starts.kept |= name.bit();
+        had == self.starts.kept || self.put_starts()
+    }
+
+    fn take_away(&mut self, name: Name) -> bool {
+        let had = self.starts.kept;
+        self.starts.kept &= !name.bit();
+        // In this order the power may go in between: what is still there then is found at the next start.
+        (had == self.starts.kept || self.put_starts()) && self.put(RECORDS, name as u8, Content::Gone)
+    }
+
+    fn put_starts(&mut self) -> bool {
+        let record = self.starts.encode();
+        self.put(STARTS, COUNT_OF_STARTS, Content::Bytes(&record))
+    }
+
+    /// Writes a record, and looks that it is there. Where the pages make no sense any more they are begun anew: what was in
+    /// them is lost then.
+    #[inline(never)]
+    fn put(&mut self, pages: Range<u32>, key: u8, content: Content<'_>) -> bool {
+        (0..TRIES).any(|_| self.put_once(pages.clone(), key, content).is_ok())
+            || (self.wipe(pages.clone()).is_ok() && self.put_once(pages, key, content).is_ok())
+    }
+
+    fn put_once(&mut self, pages: Range<u32>, key: u8, content: Content<'_>) -> Result<(), Trouble> {
+        let Self { flash, buffer, .. } = self;
+        let mut map = map(flash, pages.clone())?;
+        settle(at_once(map.store_item(buffer, &key, &content)))?;
+        match self.get(pages, key)? {
+            Some(read) if content.is(read) => Ok(()),
+            _ => Err(Trouble::Damaged),
+        }
+    }
+
+    #[inline(never)]
+    fn get(&mut self, pages: Range<u32>, key: u8) -> Result<Option<&[u8]>, Trouble> {
+        let Self { flash, buffer, .. } = self;
+        let mut map = map(flash, pages)?;
+        settle(at_once(map.fetch_item(buffer, &key)))
+    }
+
+    /// Erases the pages, the newest last: whatever is left in between is as it was, and nothing old comes to light.
+    fn wipe(&mut self, pages: Range<u32>) -> Result<(), Trouble> {
+        let newest = self.flash.open_page(pages.clone()).unwrap_or(pages.start);
+        let size = F::ERASE_SIZE as u32;
+        for page in (newest + 1..pages.end).chain(pages.start..newest + 1) {
+            let flash = &mut self.flash;
+            let erased = embedded_storage_async::nor_flash::NorFlash::erase(flash, page * size, (page + 1) * size);
+            at_once(erased).and_then(Result::ok).ok_or(Trouble::Refused)?;
+        }
+        Ok(())
+    }
+}
+
+type Map<'a, F> = MapStorage<u8, &'a mut Sure<F>, Cache<Uncached, Uncached, Uncached, u8>>;
+
+fn map<F: NorFlash>(flash: &mut Sure<F>, pages: Range<u32>) -> Result<Map<'_, F>, Trouble> {
+    let size = F::ERASE_SIZE as u32;
+    let config = MapConfig::try_new(pages.start * size..pages.end * size).map_err(|_| Trouble::Damaged)?;
+    Ok(MapStorage::new(flash, config, Cache::new_uncached()))
+}
+
+/// A future that waits, which none does, is damage like any other.
+fn settle<T, E>(result: Option<Result<T, sequential_storage::Error<E>>>) -> Result<T, Trouble> {
+    match result {
+        Some(Ok(value)) => Ok(value),
+        Some(Err(sequential_storage::Error::Storage { .. })) => Err(Trouble::Refused),
+        Some(Err(_)) | None => Err(Trouble::Damaged),
+    }
+}
+
+impl<F: NorFlash> Keeper for Store<F> {
+    fn save(&mut self, values: &Values) -> bool {
+        self.keep(Name::Parameters, Content::Parameters(values))
+    }
+
+    fn load(&mut self) -> Option<Values> {
+        match self.parameters() {
+            Kept::Found(restored) => Some(restored.values),
+            Kept::Nothing | Kept::Lost => None,
+        }
+    }
+
+    fn reset(&mut self) -> bool {
+        self.factory_reset()
+    }
+}

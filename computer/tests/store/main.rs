@@ -1,0 +1,7 @@
+//! The store on a flash in memory: whenever the power goes, all old or all new; whatever is in the flash, no panic and an end.
+
+mod cuts;
+mod flash;
+mod model;
+mod spoilt;
+mod start;

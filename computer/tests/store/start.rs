@@ -1,0 +1,1 @@
+//! The flight begins with what was kept.
