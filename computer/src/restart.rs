@@ -150,12 +150,17 @@ impl Restart {
         self.record.is_some() || !matches!(self.cause, Cause::Power | Cause::Pin)
     }
 
-    /// The word to the pilot: at most 50 bytes, those of a `STATUSTEXT`; cut off behind them.
+    /// The word to the pilot: at most 50 bytes, those of a `STATUSTEXT`; cut off behind them. The number of the start is
+    /// left out where it is not known, 0.
     #[must_use]
-    pub fn words(&self) -> String<WORDS_BYTES> {
+    pub fn words(&self, start: u32) -> String<WORDS_BYTES> {
         let mut words = Cut(String::new());
         // What does not fit is cut off.
-        let _ = write!(words, "Foxhound: restart: {self}");
+        let _ = words.write_str("Foxhound: restart");
+        if start > 0 {
+            let _ = words.write_char(' ').and_then(|()| write_decimal(&mut words, start));
+        }
+        let _ = write!(words, ": {self}");
         words.0
     }
 }
@@ -193,6 +198,15 @@ fn write_hex(f: &mut fmt::Formatter<'_>, value: u32) -> fmt::Result {
     (0..8).rev().try_for_each(|digit| {
         let nibble = (value >> (4 * digit)) & 0xf;
         f.write_char(char::from_digit(nibble, 16).unwrap_or('?'))
+    })
+}
+
+/// As short as it is, and as above.
+fn write_decimal(to: &mut impl fmt::Write, value: u32) -> fmt::Result {
+    let digits = core::iter::successors(Some(1_u32), |power| power.checked_mul(10)).take_while(|power| *power <= value);
+    (0..digits.count() as u32).rev().try_for_each(|place| {
+        let digit = value / 10_u32.pow(place) % 10;
+        to.write_char(char::from_digit(digit, 10).unwrap_or('?'))
     })
 }
 
@@ -238,8 +252,16 @@ mod tests {
         let record = Record::new(End::Panic, 0, 0, 0, text.as_bytes());
         assert!(record.text().ends_with("flight.rs:123") && record.text().len() == TEXT_BYTES);
         let restart = Restart { cause: Cause::Software, record: Some(record) };
-        assert!(restart.words().len() <= 50);
-        assert!(restart.words().starts_with("Foxhound: restart: panic "));
+        assert!(restart.words(u32::MAX).len() <= 50);
+        assert!(restart.words(0).starts_with("Foxhound: restart: panic "));
+    }
+
+    #[test]
+    fn the_words_say_which_start_it_is() {
+        let restart = Restart { cause: Cause::Watchdog, record: None };
+        for start in [1, 9, 10, 305, 1_000_000_000, u32::MAX] {
+            assert_eq!(restart.words(start), std::format!("Foxhound: restart {start}: watchdog").as_str());
+        }
     }
 
     #[test]
@@ -251,7 +273,7 @@ mod tests {
         let all = causes.map(|cause| Restart { cause, record: None });
         assert_eq!(all.map(|restart| restart.is_news()), [false, true, false, true, true, true]);
         for (index, restart) in all.iter().enumerate() {
-            assert!(all[..index].iter().all(|other| other.words() != restart.words()));
+            assert!(all[..index].iter().all(|other| other.words(7) != restart.words(7)));
         }
     }
 }

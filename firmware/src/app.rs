@@ -13,6 +13,9 @@
 //! A plan is handed to guidance at the step after it was finished; guidance itself takes it up at a fixed tick after its
 //! request, so that nothing depends on how long the replan took.
 //!
+//! What is kept while the power is off is [`foxhound_computer::store`]'s business. It is written in the steps of guidance, outside
+//! control only.
+//!
 //! Whether a step is in time, and what a late one means for the vehicle, is [`foxhound_computer::deadline`]'s business. The
 //! watchdog is fed here, by a step that was in time, and nowhere else.
 
@@ -21,18 +24,20 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::zerocopy_channel::{self, Channel, Sender};
 use foxhound_computer::deadline::{self, Monitor};
-use foxhound_computer::flight::{self, Flight, Keeper};
+use foxhound_computer::flight::{self, Flight};
 use foxhound_computer::restart::{Cause, Restart};
+use foxhound_computer::store::Store;
 use foxhound_core::ConfigError;
 use foxhound_core::frame::Horizontal;
 use foxhound_core::guidance::{self, Guidance};
 use foxhound_core::param::Values;
 use foxhound_core::planner::{Plan, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::rollout::WAYPOINTS;
+use foxhound_core::time::Instant;
 use foxhound_link::companion::{self, Companion, Pace};
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::boards::board::{self, Pacer, Receiver, Transmitter, Watchdog};
+use crate::boards::board::{self, Flash, Pacer, Receiver, Transmitter, Watchdog};
 use crate::boards::{Call, Done, LockStep, Step};
 
 pub use foxhound_computer::SAMPLES_PER_CHANNEL;
@@ -207,17 +212,20 @@ pub async fn guide(
     mut pacer: Pacer,
     mut watchdog: Watchdog,
     restart: Restart,
+    flash: Flash,
     incoming: &'static Incoming,
     outgoing: &'static Outgoing,
     mut planning: Planning,
 ) {
-    let mut flight = match begin(&guidance::Config::default()) {
+    let mut store = Store::new(flash);
+    let start = store.begin();
+    let mut flight = match begin_with(&mut store) {
         Ok(flight) => flight,
         Err(error) => refuse(error),
     };
     // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
     flight.companion.require_entry();
-    tell(&mut flight, &restart);
+    tell(&mut flight, &restart, start);
     let mut line = Line { incoming, outgoing, rx_total: 0, tx_total: 0 };
     let mut monitor = Monitor::new(deadline::Config::default());
     loop {
@@ -231,7 +239,8 @@ pub async fn guide(
                     if restart.cause != Cause::Power {
                         flight.companion.require_entry();
                     }
-                    tell(&mut flight, &restart);
+                    tell(&mut flight, &restart, start);
+                    store.overrule();
                 }
                 pacer.accept(begun, line.tx_total).await;
                 watchdog.feed();
@@ -244,9 +253,10 @@ pub async fn guide(
                     // The simulator's time is not ours.
                     begin = board::ticks();
                 }
-                if flight.serve(&mut Nowhere) {
+                if flight.serve(&mut store) {
                     planning.begin_anew();
                 }
+                store.keep_up(step.now, flight.companion);
                 let is_starved = step.lock_step.is_some_and(|lock_step| lock_step.holds_plan);
                 let (output, fast_ticks) = fly(&mut flight, &step, planning.answer().filter(|_| !is_starved));
                 if !is_starved {
@@ -258,7 +268,7 @@ pub async fn guide(
                     end = board::ticks();
                 }
                 let taken_us = end.wrapping_sub(begin) / board::TICKS_PER_US;
-                if monitor.step(taken_us, false).feeds() {
+                if monitor.step(taken_us, store.take_written()).feeds() {
                     watchdog.feed();
                 }
                 let deadline::Counts { late, longest_us, .. } = monitor.counts();
@@ -277,9 +287,9 @@ pub async fn guide(
 }
 
 /// Why we are here, where that is worth a word.
-fn tell(flight: &mut Flight<'_>, restart: &Restart) {
+fn tell(flight: &mut Flight<'_>, restart: &Restart, start: u32) {
     if restart.is_news() {
-        flight.companion.notify(restart.words());
+        flight.companion.notify(restart.words(start));
     }
 }
 
@@ -287,19 +297,6 @@ fn tell(flight: &mut Flight<'_>, restart: &Restart) {
 pub fn refuse(error: ConfigError) -> ! {
     // Not its value and range: to write numbers takes 17 KB of flash.
     board::halt(format_args!("the built-in configuration: {}", error.field))
-}
-
-/// There is no place for parameters yet.
-struct Nowhere;
-
-impl Keeper for Nowhere {
-    fn save(&mut self, _values: &Values) -> bool {
-        false
-    }
-
-    fn load(&mut self) -> Option<Values> {
-        None
-    }
 }
 
 /// One step, and how long guidance took.
@@ -312,6 +309,17 @@ fn fly(flight: &mut Flight<'_>, step: &Step<'_>, plan: Option<&Planned>) -> (gui
 
 // The stack holds one of the large parts at a time, while it is built: hence a function for each.
 
+/// With what was kept.
+#[inline(never)]
+fn begin_with(store: &mut Store<Flash>) -> Result<Flight<'static>, ConfigError> {
+    let mut config = guidance::Config::default();
+    store.calibrate(&mut config);
+    let mut flight = begin(&config)?;
+    store.resume(Instant(0), &mut flight);
+    Ok(flight)
+}
+
+#[inline(never)]
 fn begin(config: &guidance::Config) -> Result<Flight<'static>, ConfigError> {
     static CONFIG: StaticCell<guidance::Config> = StaticCell::new();
     static PLANNER: StaticCell<Planner> = StaticCell::new();

@@ -24,7 +24,8 @@ fn start() -> Desk {
         Ok(ends) => ends,
         Err(error) => app::refuse(error),
     };
-    board.guidance.spawn(task(app::guide(board.pacer, board.watchdog, board.restart, &INCOMING, &OUTGOING, planning)));
+    let guide = app::guide(board.pacer, board.watchdog, board.restart, board.flash, &INCOMING, &OUTGOING, planning);
+    board.guidance.spawn(task(guide));
     desk
 }
 

@@ -9,6 +9,7 @@
 //! | setup | `0x0000` | 4096 | simulator | head, [`Setup`] |
 //! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, codes from byte 2048 (`i16`, channel by channel) |
 //! | report | `0x2000` | 4096 | twin | head, then [`Ready`], [`Report`] or the text of a refusal |
+//! | store | `0x10_0000` | 16 384 | twin | what it keeps over a reset, every bit turned round: a new file is a blank flash |
 //!
 //! Every block starts with the same head: [`MAGIC`] (`u32`, its last letter is the version of the layout), then the
 //! length in bytes of what follows (`u32`). Everything is little-endian; records are in postcard's format, in which
@@ -48,6 +49,9 @@ pub const SETUP_AT: usize = 0;
 pub const STEP_AT: usize = BLOCK_BYTES;
 /// Where the report block begins.
 pub const REPORT_AT: usize = 2 * BLOCK_BYTES;
+
+/// Where the flash of the twin begins: each bit that is set there reads as clear.
+pub const STORE_AT: usize = 1 << 20;
 
 /// Doorbell to the twin: the setup block is filled.
 pub const SETUP: u8 = b'S';

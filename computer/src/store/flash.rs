@@ -2,11 +2,12 @@
 //!
 //! A map in flash can tell a word that was half written, by its check sums. It cannot tell a page that was half erased: what
 //! is left in it may look like an old page, or like a free one. So the first page of the store is a journal. Before a page
-//! is erased its number is written there, and struck out (by zeros, which can be written over anything) when it is done; an
-//! erase that stands there at the start is done again.
+//! is erased, or some in a row, their numbers are written there, and struck out (by zeros, which can be written over anything)
+//! when it is done; an erase that stands there at the start is done again.
 //!
 //! Everything is there at once, so the futures that the map wants end at their first poll.
 
+use core::ops::Range;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
@@ -18,10 +19,11 @@ pub(super) const WORD: usize = 8;
 /// Pages of the store.
 pub const PAGES: u32 = 8;
 
+const JOURNAL: Range<u32> = 0..1;
 const BLANK: u64 = u64::MAX;
 const DONE: u64 = 0;
-/// An entry of the journal: the number of the page is its last byte, and its complement the byte before.
-const ENTRY: u64 = 0x46AC_9E35_D25B_0000;
+/// An entry of the journal: its last bytes are the first page and the one behind the last, those before their complements.
+const ENTRY: u64 = 0x46AC_9E35_0000_0000;
 
 /// The flash, and what has happened to it.
 #[derive(Debug)]
@@ -58,10 +60,10 @@ impl<F: NorFlash> Sure<F> {
         self.flash.write(at, &word.to_le_bytes())
     }
 
-    fn erase_page(&mut self, page: u32) -> Result<(), F::Error> {
+    fn erase_pages(&mut self, pages: &Range<u32>) -> Result<(), F::Error> {
         self.is_written = true;
         let size = F::ERASE_SIZE as u32;
-        self.flash.erase(page * size, (page + 1) * size)
+        self.flash.erase(pages.start * size, pages.end * size)
     }
 
     /// Does again what the power may have ended. To be called before anything else.
@@ -69,62 +71,54 @@ impl<F: NorFlash> Sure<F> {
         let mut is_sound = true;
         for at in Self::journal() {
             let word = self.word(at)?;
-            if let Some(page) = page_of(word) {
-                self.erase_page(page)?;
+            if let Some(pages) = pages_of(word) {
+                self.erase_pages(&pages)?;
                 self.write_word(at, DONE)?;
             } else {
                 is_sound &= word == BLANK || word == DONE;
             }
         }
-        if is_sound { Ok(()) } else { self.erase_page(0) }
+        if is_sound { Ok(()) } else { self.erase_pages(&JOURNAL) }
     }
 
-    /// Writes down that a page is about to be erased, and says where that stands.
-    fn note(&mut self, page: u32) -> Result<Option<u32>, F::Error> {
+    /// Writes down that pages are about to be erased, and says where that stands.
+    fn note(&mut self, pages: &Range<u32>) -> Result<Option<u32>, F::Error> {
         for at in Self::journal() {
             // A word that looks free and is not takes nothing: the next one.
-            if self.word(at)? == BLANK && self.write_word(at, entry(page)).is_ok() {
+            if self.word(at)? == BLANK && self.write_word(at, entry(pages)).is_ok() {
                 return Ok(Some(at));
             }
         }
         Ok(None)
     }
 
-    fn erase_surely(&mut self, page: u32) -> Result<(), F::Error> {
-        let mut at = self.note(page)?;
+    /// Erases all of them, or, seen from the next start, none.
+    pub(super) fn erase_surely(&mut self, pages: &Range<u32>) -> Result<(), F::Error> {
+        let mut at = self.note(pages)?;
         if at.is_none() {
-            self.erase_page(0)?;
-            at = self.note(page)?;
+            self.erase_pages(&JOURNAL)?;
+            at = self.note(pages)?;
         }
-        self.erase_page(page)?;
+        self.erase_pages(pages)?;
         at.map_or(Ok(()), |at| self.write_word(at, DONE))
     }
 
     /// Whether nothing was ever written in these pages.
-    pub(super) fn is_blank(&mut self, pages: core::ops::Range<u32>) -> bool {
+    pub(super) fn is_blank(&mut self, pages: Range<u32>) -> bool {
         let size = F::ERASE_SIZE as u32;
         (pages.start * size..pages.end * size).step_by(WORD).all(|at| self.word(at).is_ok_and(|word| word == BLANK))
     }
-
-    /// The first page of these that has been begun and is not full.
-    pub(super) fn open_page(&mut self, mut pages: core::ops::Range<u32>) -> Option<u32> {
-        let size = F::ERASE_SIZE as u32;
-        pages.find(|page| {
-            let mut is = |at, word| self.word(at).is_ok_and(|found| found == word);
-            !is(page * size, BLANK) && is((page + 1) * size - WORD as u32, BLANK)
-        })
-    }
 }
 
-fn entry(page: u32) -> u64 {
-    let page = u64::from(page & 0xff);
-    ENTRY | (page ^ 0xff) << 8 | page
+fn entry(pages: &Range<u32>) -> u64 {
+    let [first, end] = [pages.start, pages.end].map(|page| u64::from(page & 0xff));
+    ENTRY | (first ^ 0xff) << 24 | (end ^ 0xff) << 16 | first << 8 | end
 }
 
 /// The journal itself is never in it.
-fn page_of(word: u64) -> Option<u32> {
-    let page = (word & 0xff) as u32;
-    (word == entry(page) && (1..PAGES).contains(&page)).then_some(page)
+fn pages_of(word: u64) -> Option<Range<u32>> {
+    let pages = (word >> 8 & 0xff) as u32..(word & 0xff) as u32;
+    (word == entry(&pages) && 0 < pages.start && pages.start < pages.end && pages.end <= PAGES).then_some(pages)
 }
 
 /// What a future comes to that has nothing to wait for.
@@ -157,7 +151,7 @@ impl<F: NorFlash> later::NorFlash for Sure<F> {
 
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
         let size = F::ERASE_SIZE as u32;
-        (from / size..to / size).try_for_each(|page| self.erase_surely(page))
+        self.erase_surely(&(from / size..to / size))
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {

@@ -179,14 +179,11 @@ impl<F: NorFlash> Store<F> {
         self.keep(Name::Timestamp, Content::Bytes(&record::timestamp_record(key.secret(), timestamp)))
     }
 
-    /// Forgets everything but the count of starts. The power may go in between: then some things are forgotten already.
+    /// Forgets everything but the count of starts. Nothing of it can be read out of the flash any more, either.
     #[inline(never)]
     pub fn factory_reset(&mut self) -> bool {
         self.starts.kept = 0;
-        let is_noted = self.put_starts();
-        let are_gone = Name::ALL.into_iter().fold(true, |all, name| self.put(RECORDS, name as u8, Content::Gone) && all);
-        // Not only marked as gone: the key is a secret.
-        is_noted && are_gone && self.wipe(RECORDS).is_ok()
+        self.put_starts() && self.flash.erase_surely(&RECORDS).is_ok()
     }
 
     /// Whether the flash was written since the last call: then this step may have taken long.
@@ -230,7 +227,7 @@ impl<F: NorFlash> Store<F> {
     #[inline(never)]
     fn put(&mut self, pages: Range<u32>, key: u8, content: Content<'_>) -> bool {
         (0..TRIES).any(|_| self.put_once(pages.clone(), key, content).is_ok())
-            || (self.wipe(pages.clone()).is_ok() && self.put_once(pages, key, content).is_ok())
+            || (self.flash.erase_surely(&pages).is_ok() && self.put_once(pages, key, content).is_ok())
     }
 
     fn put_once(&mut self, pages: Range<u32>, key: u8, content: Content<'_>) -> Result<(), Trouble> {
@@ -248,18 +245,6 @@ impl<F: NorFlash> Store<F> {
         let Self { flash, buffer, .. } = self;
         let mut map = map(flash, pages)?;
         settle(at_once(map.fetch_item(buffer, &key)))
-    }
-
-    /// Erases the pages, the newest last: whatever is left in between is as it was, and nothing old comes to light.
-    fn wipe(&mut self, pages: Range<u32>) -> Result<(), Trouble> {
-        let newest = self.flash.open_page(pages.clone()).unwrap_or(pages.start);
-        let size = F::ERASE_SIZE as u32;
-        for page in (newest + 1..pages.end).chain(pages.start..newest + 1) {
-            let flash = &mut self.flash;
-            let erased = embedded_storage_async::nor_flash::NorFlash::erase(flash, page * size, (page + 1) * size);
-            at_once(erased).and_then(Result::ok).ok_or(Trouble::Refused)?;
-        }
-        Ok(())
     }
 }
 

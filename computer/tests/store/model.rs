@@ -32,13 +32,8 @@ pub struct Model {
 }
 
 impl Model {
-    pub const EMPTY: Self = Self {
-        starts: 0,
-        parameters: Kept::Nothing,
-        calibration: Kept::Nothing,
-        key: Kept::Nothing,
-        timestamp: 0,
-    };
+    pub const EMPTY: Self =
+        Self { starts: 0, parameters: Kept::Nothing, calibration: Kept::Nothing, key: Kept::Nothing, timestamp: 0 };
 
     /// What a start finds.
     pub fn found(store: &mut Store<&mut Flash>) -> Self {

@@ -146,13 +146,7 @@ fn a_flash_that_refuses_everything_is_a_loss_and_no_panic() {
     let mut store = Store::new(&mut flash);
     assert_eq!(
         Model::found(&mut store),
-        Model {
-            starts: 0,
-            parameters: Kept::Lost,
-            calibration: Kept::Lost,
-            key: Kept::Lost,
-            timestamp: 0
-        }
+        Model { starts: 0, parameters: Kept::Lost, calibration: Kept::Lost, key: Kept::Lost, timestamp: 0 }
     );
     assert!(!store.save(&parameters(&mut Random(52))) && !store.reset() && store.load().is_none());
 }

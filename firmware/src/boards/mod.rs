@@ -3,12 +3,13 @@
 //! | name | what |
 //! |---|---|
 //! | `NAME` | the name in `--board` and in the image's `.foxhound_board` section |
-//! | `start()` | clocks, peripherals, executors -> `Board { guidance, link, receiver, transmitter, pacer, watchdog, restart }` |
+//! | `start()` | clocks, peripherals, executors -> `Board { guidance, link, receiver, transmitter, pacer, watchdog, restart, flash }` |
 //! | `Receiver::read(&mut self, &mut [u8]) -> usize` | waits for bytes from the autopilot |
 //! | `Transmitter::write(&mut self, &[u8])` | returns when the bytes are on their way |
 //! | `Pacer::next(&mut self) -> Call` | waits for what to do next |
 //! | `Pacer::accept(&mut self, Result)`, `Pacer::done(&mut self, Done)` | takes note of how it went |
 //! | `Watchdog::feed(&mut self)` | runs from the start; without food the board restarts |
+//! | `Flash`, a `NorFlash` | what is kept while the power is off: [`foxhound_computer::store`] says what it asks of it |
 //! | `ticks() -> u32`, `TICKS_PER_US` | a fast free-running counter, to measure with |
 //! | `uptime_s() -> u32` | since the start |
 //! | `halt(reason) -> !` | it cannot go on |

@@ -5,6 +5,7 @@
 //! | MAVLink | UART0 |
 //! | doorbell of the simulator | UART1 |
 //! | frames and reports | the mailbox at `0x2100_0000`, layout in `foxhound_link::mailbox` |
+//! | what is kept | the memory behind the mailbox: see `flash` |
 //! | time | timers 0 and 1 |
 //!
 //! It runs freely from its own time, 50 steps a second with no frames, until the simulator sends a setup. From then on
@@ -16,6 +17,7 @@
 
 mod clock;
 mod console;
+mod flash;
 mod interrupt;
 mod mischief;
 mod registers;
@@ -41,6 +43,7 @@ use uart::Doorbell;
 
 pub use clock::{TICKS_PER_US, ticks, uptime_s};
 pub use console::{halt, last_words, on_fault};
+pub use flash::Flash;
 pub use uart::{Receiver, Transmitter};
 pub use watchdog::Watchdog;
 
@@ -79,6 +82,8 @@ pub struct Board {
     pub watchdog: Watchdog,
     /// Why we are here.
     pub restart: Restart,
+    /// What is kept while the power is off.
+    pub flash: Flash,
 }
 
 /// Starts the board. To be called once.
@@ -109,6 +114,7 @@ pub fn start() -> Board {
         },
         watchdog: Watchdog::start(),
         restart,
+        flash: Flash::new(),
     }
 }
 

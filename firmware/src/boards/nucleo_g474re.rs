@@ -4,6 +4,7 @@
 //! |---|---|
 //! | MAVLink, 921 600 baud, 8N1 | USART1: TX PA9 (CN5-1, D8), RX PA10 (CN9-3, D2); DMA1 channels 1 and 2 |
 //! | antennas | PA0, PA1, PB0, PB12: see `acquisition` |
+//! | what is kept | the last 16 KB of the flash: see `flash` |
 //! | log | defmt over RTT, through the ST-LINK |
 //! | time | a timer of embassy-stm32's choice, 1 MHz ticks |
 //!
@@ -15,6 +16,7 @@
 #![expect(unsafe_code, reason = "registers, interrupt handlers and the memory that DMA writes")]
 
 mod acquisition;
+mod flash;
 
 use core::fmt;
 
@@ -38,6 +40,8 @@ use static_cell::ConstStaticCell;
 use super::{Call, Done, Step, Watermark, last_words, stack};
 use crate::app::SAMPLES_PER_CHANNEL as N;
 use acquisition::Acquisition;
+
+pub use flash::Flash;
 
 /// The name of this board.
 pub const NAME: &str = "nucleo_g474re";
@@ -81,6 +85,8 @@ pub struct Board {
     pub watchdog: Watchdog,
     /// Why we are here.
     pub restart: Restart,
+    /// What is kept while the power is off.
+    pub flash: Flash,
 }
 
 /// Starts the board. To be called once.
@@ -115,6 +121,7 @@ pub fn start() -> Board {
         pacer: Pacer { acquisition: Acquisition::start(), snapshot: SNAPSHOT.take(), stack: Watermark::new() },
         watchdog: Watchdog(watchdog),
         restart,
+        flash: Flash::new(board.FLASH),
     }
 }
 

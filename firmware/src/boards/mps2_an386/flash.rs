@@ -1,0 +1,105 @@
+//! A flash in the memory that we share with the simulator, behind the mailbox: it outlives our resets, and the simulator can
+//! look at it and spoil it.
+//!
+//! It behaves as the one of the STM32G4: words of 8 bytes, pages of 2 KB, and a word that is not blank takes zeros only, and
+//! is struck out by anything else. Every bit
+//! lies there turned round, so that a new file, which is full of zeros, is a blank flash.
+
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use foxhound_computer::store::PAGES;
+use foxhound_link::mailbox;
+
+const PAGE_BYTES: usize = 2048;
+const BYTES: u32 = PAGES * PAGE_BYTES as u32;
+const BLANK: u64 = u64::MAX;
+
+/// What is kept while the power is off.
+#[derive(Debug)]
+pub struct Flash(());
+
+/// It does not take this, or not there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refused;
+
+impl NorFlashError for Refused {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl Flash {
+    /// The only one.
+    pub(super) fn new() -> Self {
+        Self(())
+    }
+
+    /// A word of the shared memory, in two halves; `at` is inside and whole.
+    fn halves(at: u32) -> [*mut u32; 2] {
+        let low = (super::PSRAM + mailbox::STORE_AT + at as usize) as *mut u32;
+        [low, low.wrapping_add(1)]
+    }
+
+    fn read_word(at: u32) -> u64 {
+        // SAFETY: word-aligned and inside the 16 MB PSRAM, where no Rust object lies; volatile, because the simulator may
+        // write there.
+        let [low, high] = Self::halves(at).map(|half| u64::from(!unsafe { half.read_volatile() }));
+        high << 32 | low
+    }
+
+    fn write_word(at: u32, word: u64) {
+        for (half, value) in Self::halves(at).into_iter().zip([word as u32, (word >> 32) as u32]) {
+            // SAFETY: as above.
+            unsafe { half.write_volatile(!value) };
+        }
+    }
+}
+
+/// Whether it is inside, and in whole units.
+fn check(from: u32, bytes: usize, unit: u32) -> Result<(), Refused> {
+    let fits = u32::try_from(bytes).ok().and_then(|bytes| from.checked_add(bytes)).is_some_and(|to| to <= BYTES);
+    if fits && from.is_multiple_of(unit) && (bytes as u32).is_multiple_of(unit) { Ok(()) } else { Err(Refused) }
+}
+
+impl ErrorType for Flash {
+    type Error = Refused;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 8;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Refused> {
+        check(offset, bytes.len(), 8)?;
+        for (at, bytes) in (offset..).step_by(8).zip(bytes.as_chunks_mut().0) {
+            *bytes = Self::read_word(at).to_le_bytes();
+        }
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        BYTES as usize
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = 8;
+    const ERASE_SIZE: usize = PAGE_BYTES;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Refused> {
+        check(from, to.saturating_sub(from) as usize, PAGE_BYTES as u32)?;
+        (from..to).step_by(8).for_each(|at| Self::write_word(at, BLANK));
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Refused> {
+        check(offset, bytes.len(), 8)?;
+        for (at, bytes) in (offset..).step_by(8).zip(bytes.as_chunks().0) {
+            let word = u64::from_le_bytes(*bytes);
+            if word != 0 && Self::read_word(at) != BLANK {
+                Self::write_word(at, 0);
+                return Err(Refused);
+            }
+            Self::write_word(at, word);
+        }
+        Ok(())
+    }
+}

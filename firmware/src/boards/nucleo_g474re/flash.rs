@@ -1,0 +1,157 @@
+//! The last eight pages of the flash, for what is kept while the power is off.
+//!
+//! After RM0440, chapter "Embedded flash memory (FLASH) for category 3 devices":
+//!
+//! - **Banks.** Two of 256 KB, with pages of 2 KB and words of 64 bits, as they come from the factory: the option bytes' production
+//!   value is 0xFFEF F8AA, in which DBANK, bit 22, is set. With DBANK clear the pages are others; embassy-stm32 panics then, so
+//!   it is looked at before, and this flash refuses everything: the vehicle comes up as one whose store is lost.
+//! - **Time.** 8 bytes take about 0.1 ms, a page 25 ms (DS12288, flash memory characteristics), during which whatever is fetched
+//!   from bank 2 waits. `memory.x` says what lies there.
+//! - **Cut-off words.** A word whose programming or erasing the power has ended may have more wrong bits than its code corrects.
+//!   Reading it raises ECCD and the NMI. The handler clears the flag and takes note; the word counts as zeros, and is
+//!   programmed as zeros, which is allowed over anything, so that it reads alike ever after. An NMI of any other source, or
+//!   while nothing is read here, is damage to the program or to its memory: a restart.
+//! - **Cache.** The data cache is off while this is read: what it holds would hide a damaged word.
+//!
+//! Not one of these has happened to a real board yet.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use cortex_m::asm;
+use embassy_stm32::Peri;
+use embassy_stm32::flash::{self, Blocking};
+use embassy_stm32::pac::FLASH;
+use embassy_stm32::peripherals;
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use foxhound_computer::restart::End;
+use foxhound_computer::store::PAGES;
+
+use super::last_words;
+
+const PAGE_BYTES: usize = 2048;
+const BYTES: u32 = PAGES * PAGE_BYTES as u32;
+/// From the beginning of the flash; `memory.x` keeps the program out of it.
+const FROM: u32 = (512 << 10) - BYTES;
+const FLASH_AT: usize = 0x0800_0000;
+
+/// A word of the store is being read, and may be damaged.
+static IS_READING: AtomicBool = AtomicBool::new(false);
+/// It was.
+static IS_DAMAGED: AtomicBool = AtomicBool::new(false);
+
+/// What is kept while the power is off; nothing where the banks are not as they should be.
+pub struct Flash(Option<flash::Flash<'static, Blocking>>);
+
+/// The chip does not do it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Refused;
+
+impl NorFlashError for Refused {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl From<flash::Error> for Refused {
+    fn from(_: flash::Error) -> Self {
+        Self
+    }
+}
+
+impl Flash {
+    /// The flash of the chip.
+    pub(super) fn new(flash: Peri<'static, peripherals::FLASH>) -> Self {
+        Self(FLASH.optr().read().dbank().then(|| flash::Flash::new_blocking(flash)))
+    }
+
+    fn driver(&mut self) -> Result<&mut flash::Flash<'static, Blocking>, Refused> {
+        self.0.as_mut().ok_or(Refused)
+    }
+}
+
+/// A word; `None` if it is damaged. The data cache is off.
+fn read_word(at: u32) -> Option<[u8; 8]> {
+    let word = (FLASH_AT + (FROM + at) as usize) as *const u32;
+    IS_DAMAGED.store(false, Ordering::SeqCst);
+    IS_READING.store(true, Ordering::SeqCst);
+    // SAFETY: aligned, and inside the flash, behind the program; `check` has looked. A damaged word does not fault.
+    let [low, high] = [word, word.wrapping_add(1)].map(|half| unsafe { half.read_volatile() });
+    // The NMI has come through by then.
+    asm::dsb();
+    asm::isb();
+    IS_READING.store(false, Ordering::SeqCst);
+    let is_sound = !IS_DAMAGED.load(Ordering::SeqCst);
+    is_sound.then(|| (u64::from(high) << 32 | u64::from(low)).to_le_bytes())
+}
+
+/// The flash says that it cannot correct what is being read, or something worse has happened.
+// SAFETY: it touches its two flags and a register that nobody else touches.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() {
+    let state = FLASH.eccr().read();
+    if !(state.eccd() || state.eccd2()) || !IS_READING.load(Ordering::SeqCst) {
+        last_words::end(End::Halt, 0, 0, b"flash or RAM damaged");
+    }
+    // What is set is cleared by writing it.
+    FLASH.eccr().write_value(state);
+    IS_DAMAGED.store(true, Ordering::SeqCst);
+}
+
+/// Whether it is inside, and in whole units.
+fn check(from: u32, bytes: usize, unit: u32) -> Result<(), Refused> {
+    let fits = u32::try_from(bytes).ok().and_then(|bytes| from.checked_add(bytes)).is_some_and(|to| to <= BYTES);
+    if fits && from.is_multiple_of(unit) && (bytes as u32).is_multiple_of(unit) { Ok(()) } else { Err(Refused) }
+}
+
+impl ErrorType for Flash {
+    type Error = Refused;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 8;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Refused> {
+        check(offset, bytes.len(), 8)?;
+        let driver = self.driver()?;
+        FLASH.acr().modify(|w| w.set_dcen(false));
+        for (at, bytes) in (offset..).step_by(8).zip(bytes.as_chunks_mut().0) {
+            *bytes = read_word(at).unwrap_or_else(|| {
+                // Whether that succeeds or not, it counts as zeros now.
+                let _ = driver.blocking_write(FROM + at, &[0; 8]);
+                FLASH.acr().modify(|w| w.set_dcen(false));
+                [0; 8]
+            });
+        }
+        FLASH.acr().modify(|w| w.set_dcrst(true));
+        FLASH.acr().modify(|w| w.set_dcrst(false));
+        FLASH.acr().modify(|w| w.set_dcen(true));
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        BYTES as usize
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = 8;
+    const ERASE_SIZE: usize = PAGE_BYTES;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Refused> {
+        check(from, to.saturating_sub(from) as usize, PAGE_BYTES as u32)?;
+        Ok(self.driver()?.blocking_erase(FROM + from, FROM + to)?)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Refused> {
+        check(offset, bytes.len(), 8)?;
+        let driver = self.driver()?;
+        for (at, word) in (offset..).step_by(8).zip(bytes.as_chunks::<8>().0) {
+            if let Err(error) = driver.blocking_write(FROM + at, word) {
+                // A word that looks blank and is not: struck out, or it would be tried again and again.
+                let _ = driver.blocking_write(FROM + at, &[0; 8]);
+                return Err(error.into());
+            }
+        }
+        Ok(())
+    }
+}
