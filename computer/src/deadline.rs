@@ -115,8 +115,8 @@ mod tests {
 
     #[test]
     fn the_counters_stay_at_their_ends() {
-        let mut monitor = Monitor::default();
-        monitor.counts = Counts { steps: u32::MAX, late: u32::MAX, longest_us: 0 };
+        let counts = Counts { steps: u32::MAX, late: u32::MAX, longest_us: 0 };
+        let mut monitor = Monitor { counts, ..Monitor::default() };
         assert_eq!(monitor.step(u32::MAX, false), Verdict::Missed);
         assert_eq!(monitor.counts(), Counts { steps: u32::MAX, late: u32::MAX, longest_us: u32::MAX });
     }

@@ -4,16 +4,16 @@
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use foxhound_computer::store::PAGES;
 
-pub const PAGE_BYTES: usize = 2048;
+pub(crate) const PAGE_BYTES: usize = 2048;
 const WORDS: usize = PAGES as usize * PAGE_BYTES / 8;
 const BLANK: u64 = u64::MAX;
 
 /// Random numbers (Vigna's splitmix64).
 #[derive(Clone, Debug)]
-pub struct Random(pub u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    pub fn next(&mut self) -> u64 {
+    pub(crate) fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -21,28 +21,28 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    pub fn below(&mut self, limit: u64) -> u64 {
+    pub(crate) fn below(&mut self, limit: u64) -> u64 {
         self.next() % limit
     }
 }
 
 #[derive(Clone, Debug)]
-pub struct Flash {
-    pub words: Vec<u64>,
+pub(crate) struct Flash {
+    pub(crate) words: Vec<u64>,
     /// Reads as blank, and takes nothing any more.
     weak: Vec<bool>,
     /// Words and pages that are written and erased before the power goes.
-    pub until_cut: Option<u64>,
-    pub is_off: bool,
+    pub(crate) until_cut: Option<u64>,
+    pub(crate) is_off: bool,
     /// What was written and erased since the beginning.
-    pub operations: u64,
-    pub reads: u64,
-    pub erased: [u32; PAGES as usize],
-    pub random: Random,
+    pub(crate) operations: u64,
+    pub(crate) reads: u64,
+    pub(crate) erased: [u32; PAGES as usize],
+    pub(crate) random: Random,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refused;
+pub(crate) struct Refused;
 
 impl NorFlashError for Refused {
     fn kind(&self) -> NorFlashErrorKind {
@@ -51,7 +51,7 @@ impl NorFlashError for Refused {
 }
 
 impl Flash {
-    pub fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         Self {
             words: vec![BLANK; WORDS],
             weak: vec![false; WORDS],
@@ -65,7 +65,7 @@ impl Flash {
     }
 
     /// The power comes again.
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         (self.until_cut, self.is_off) = (None, false);
     }
 

@@ -12,7 +12,7 @@ use crate::flash::{Flash, Random};
 
 /// Something that is done with the store.
 #[derive(Clone, Copy, Debug)]
-pub enum Deed {
+pub(crate) enum Deed {
     Begin,
     Parameters(Values),
     Calibration(Calibration),
@@ -23,20 +23,20 @@ pub enum Deed {
 
 /// What the store holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Model {
-    pub starts: u32,
-    pub parameters: Kept<Values>,
-    pub calibration: Kept<Calibration>,
-    pub key: Kept<[u8; 32]>,
-    pub timestamp: u64,
+pub(crate) struct Model {
+    pub(crate) starts: u32,
+    pub(crate) parameters: Kept<Values>,
+    pub(crate) calibration: Kept<Calibration>,
+    pub(crate) key: Kept<[u8; 32]>,
+    pub(crate) timestamp: u64,
 }
 
 impl Model {
-    pub const EMPTY: Self =
+    pub(crate) const EMPTY: Self =
         Self { starts: 0, parameters: Kept::Nothing, calibration: Kept::Nothing, key: Kept::Nothing, timestamp: 0 };
 
     /// What a start finds.
-    pub fn found(store: &mut Store<&mut Flash>) -> Self {
+    pub(crate) fn found(store: &mut Store<&mut Flash>) -> Self {
         let starts = store.begin();
         let parameters = match store.parameters() {
             Kept::Found(restored) => {
@@ -56,7 +56,7 @@ impl Model {
 
     /// What should be there afterwards.
     #[must_use]
-    pub fn after(mut self, deed: &Deed) -> Self {
+    pub(crate) fn after(mut self, deed: &Deed) -> Self {
         match *deed {
             Deed::Begin => self.starts += 1,
             Deed::Parameters(values) => self.parameters = Kept::Found(values),
@@ -76,7 +76,7 @@ impl Model {
     }
 
     /// Whether every part is that of one or of the other.
-    pub fn is_of(&self, old: &Self, new: &Self) -> bool {
+    pub(crate) fn is_of(&self, old: &Self, new: &Self) -> bool {
         let starts = (old.starts..=new.starts + 1).contains(&self.starts);
         let has_key_of = |model: &Self| (self.key, self.timestamp) == (model.key, model.timestamp);
         // While a key is forgotten its timestamp may go first; a key without one is told the time by its peers.
@@ -90,7 +90,7 @@ impl Model {
 
 impl Deed {
     /// Any, as they come: parameters oftenest.
-    pub fn any(random: &mut Random) -> Self {
+    pub(crate) fn any(random: &mut Random) -> Self {
         match random.below(16) {
             0 => Self::Reset,
             1 | 2 => Self::Calibration(calibration(random)),
@@ -103,7 +103,7 @@ impl Deed {
     }
 
     /// Does it; false where the store says that it could not.
-    pub fn is_done(&self, store: &mut Store<&mut Flash>, model: &Model) -> bool {
+    pub(crate) fn is_done(&self, store: &mut Store<&mut Flash>, model: &Model) -> bool {
         match self {
             Self::Begin => store.begin() > 0,
             Self::Parameters(values) => store.save(values),
@@ -119,7 +119,7 @@ impl Deed {
 }
 
 /// Values all over their ranges.
-pub fn parameters(random: &mut Random) -> Values {
+pub(crate) fn parameters(random: &mut Random) -> Values {
     let mut values = Values::DEFAULT;
     for id in Id::all() {
         let (min, max) = id.range();
@@ -131,7 +131,7 @@ pub fn parameters(random: &mut Random) -> Values {
     values
 }
 
-pub fn calibration(random: &mut Random) -> Calibration {
+pub(crate) fn calibration(random: &mut Random) -> Calibration {
     let mut number = || random.below(1000) as f32 * 1e-3;
     let entry = Entry {
         frequency_hz: 20_000.0 + number(),
