@@ -358,7 +358,8 @@ impl<const N: usize> Step<'_, N> {
     /// Fills the step block.
     ///
     /// # Errors
-    /// [`Error::Length`] when there are more circles than [`DELIVERY_MAX`].
+    /// [`Error::Length`] when there are more circles than [`DELIVERY_MAX`], [`Error::Content`] for a frame that was heard
+    /// before.
     pub fn encode(&self, block: &mut Block) -> Result<(), Error> {
         const { Arrivals::<N>::CODES_FIT };
         let circles = match self.circles {
@@ -370,6 +371,8 @@ impl<const N: usize> Step<'_, N> {
             FrontEnd::Snapshot(snapshot) => FrontEndKind::Snapshot { time: snapshot.time },
             FrontEnd::Bearing(bearing) => FrontEndKind::Bearing(bearing),
             FrontEnd::Nothing => FrontEndKind::Nothing,
+            // A flight is flown again on the host only.
+            FrontEnd::Heard(_) => return Err(Error::Content),
         };
         let head = StepHead {
             sequence: self.sequence,

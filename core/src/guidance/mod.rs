@@ -51,10 +51,22 @@ const FAR: u8 = 64;
 pub enum FrontEnd<'a, const N: usize> {
     /// Four channels of codes: the real thing.
     Snapshot(&'a Snapshot<N>),
+    /// What was made of them before, here or in a flight that is flown again.
+    Heard(&'a Heard),
     /// A bearing made elsewhere.
     Bearing(Bearing),
     /// No frame in this step.
     Nothing,
+}
+
+/// All that guidance takes from a frame: with it instead of the codes a step comes to the same bits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Heard {
+    /// What the array made of the frame.
+    pub bearing: Bearing,
+    /// What it made that of, where the vehicle may seek by turning.
+    pub phasors: Option<Phasors>,
 }
 
 /// Everything that one step of the fast loop may know.
@@ -523,16 +535,24 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
-    /// Frame -> phasors -> bearing -> direction of the source.
-    fn hear(&self, state: &mut State<N>, input: &Input<'_, N>) -> Option<(Bearing, Option<f32>)> {
-        let (bearing, phasors) = match input.front_end {
+    /// Frame -> phasors -> bearing: the part of a step that has to do with codes. Whoever wants to keep what was heard calls
+    /// it before the step, which then takes [`FrontEnd::Heard`].
+    pub fn listen(&self, state: &mut State<N>, front_end: FrontEnd<'_, N>) -> Option<Heard> {
+        match front_end {
             FrontEnd::Snapshot(snapshot) => {
                 let phasors = self.phase.step(&mut state.phase, snapshot);
-                (self.bearing.find(&phasors), Some(phasors))
+                let bearing = self.bearing.find(&phasors);
+                Some(Heard { bearing, phasors: self.turning.is_some().then_some(phasors) })
             }
-            FrontEnd::Bearing(bearing) => (bearing, None),
-            FrontEnd::Nothing => return None,
-        };
+            FrontEnd::Heard(heard) => Some(*heard),
+            FrontEnd::Bearing(bearing) => Some(Heard { bearing, phasors: None }),
+            FrontEnd::Nothing => None,
+        }
+    }
+
+    /// Frame -> phasors -> bearing -> direction of the source.
+    fn hear(&self, state: &mut State<N>, input: &Input<'_, N>) -> Option<(Bearing, Option<f32>)> {
+        let Heard { bearing, phasors } = self.listen(state, input.front_end)?;
         if let Some(turning) = &self.turning
             && turning.notice(&mut state.turning, &bearing)
         {

@@ -57,6 +57,7 @@ use follow::Frequency;
 /// Whether a frame holds the tone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Tone {
     /// The tone stands above the noise floor.
     Present,
@@ -67,6 +68,7 @@ pub enum Tone {
 /// One phasor per channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Phasors {
     /// The middle of the block.
     pub time: Instant,
