@@ -10,7 +10,7 @@
 //! next step.
 
 use foxhound_core::ConfigError;
-use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
+use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Input, Output};
 use foxhound_core::map::Circle;
 use foxhound_core::param::{Id, Values};
 use foxhound_core::planner::{Plan, Planner};
@@ -58,6 +58,19 @@ pub struct Step<'a> {
     pub circles: Option<&'a [Circle]>,
     /// The planner's answer, once, as soon as there is one.
     pub plan: Option<&'a Plan>,
+}
+
+/// What one step came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stepped {
+    /// What guidance said.
+    pub output: Output,
+    /// What it took from the antennas.
+    pub heard: Option<Heard>,
+    /// The plan that was handed in, by its number.
+    pub plan: Option<u32>,
+    /// How long it took.
+    pub ticks: u32,
 }
 
 /// Everything that a flight consists of, each where it stays.
@@ -159,11 +172,13 @@ impl Flight<'_> {
     }
 
     /// Guidance steps; the link publishes what it came to, and does what is due. `ticks` is read before and after guidance.
-    pub fn step(&mut self, step: &Step<'_>, mut ticks: impl FnMut() -> u32) -> (Output, u32) {
+    pub fn step(&mut self, step: &Step<'_>, mut ticks: impl FnMut() -> u32) -> Stepped {
+        let begin = ticks();
+        let heard = self.guidance.listen(self.state, step.front_end);
         let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let input = Input {
             now: step.now,
-            front_end: step.front_end,
+            front_end: heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard),
             ownship: self.companion.ownship(),
             scan: scan.as_ref(),
             points: points.as_ref(),
@@ -171,7 +186,6 @@ impl Flight<'_> {
             control: self.companion.control(step.now),
             plan: step.plan,
         };
-        let begin = ticks();
         let output = self.guidance.step(self.state, &input);
         let taken = ticks().wrapping_sub(begin);
         self.companion.publish(step.now, &output);
@@ -179,6 +193,6 @@ impl Flight<'_> {
             self.companion.publish_surroundings(step.now, self.state.map().circles());
         }
         self.companion.poll(step.now);
-        (output, taken)
+        Stepped { output, heard, plan: step.plan.map(|plan| plan.id), ticks: taken }
     }
 }

@@ -7,6 +7,8 @@
 //! |---|---|
 //! | [`flight`] | one step: link, guidance, link; the same lines in the firmware and in the simulator |
 //! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
+//! | [`log`] | what goes into a flight, written down so that the host can fly it again |
+//! | [`port`] | the maintenance port: lines in, words out |
 //! | [`restart`] | why the computer has restarted: what is kept over a reset |
 //! | [`store`] | what is kept while the power is off |
 #![no_std]
@@ -16,6 +18,8 @@ extern crate std;
 
 pub mod deadline;
 pub mod flight;
+pub mod log;
+pub mod port;
 pub mod restart;
 pub mod store;
 

@@ -5,6 +5,7 @@
 //! | frames, bytes, time | interrupts of the board | each other, by their priorities |
 //! | [`guide`]: link and guidance, a step for every frame | the guidance executor, an interrupt | the above |
 //! | [`receive`], [`transmit`]: bytes between the serial line and the link | the link executor, an interrupt | the above |
+//! | [`listen`](crate::port::listen), [`speak`](crate::port::speak): the maintenance port | the link executor, too | the above |
 //! | [`plan`] | the thread | everything |
 //!
 //! The thread runs no executor: it has one thing to do, sleeps by `wfi` when there is nothing, and so wakes the same way on
@@ -24,7 +25,9 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::zerocopy_channel::{self, Channel, Sender};
 use foxhound_computer::deadline::{self, Monitor};
-use foxhound_computer::flight::{self, Flight};
+use foxhound_computer::flight::{self, Flight, Stepped};
+use foxhound_computer::log::Log;
+use foxhound_computer::port::{Command, HELP, Status};
 use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::store::Store;
 use foxhound_core::ConfigError;
@@ -39,6 +42,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::boards::board::{self, Flash, Pacer, Receiver, Transmitter, Watchdog};
 use crate::boards::{Call, Done, LockStep, Step};
+use crate::port::Port;
 
 pub use foxhound_computer::SAMPLES_PER_CHANNEL;
 
@@ -159,13 +163,15 @@ impl Planning {
         self.is_stale = self.is_ordered;
     }
 
+    /// Orders a plan; false where the planner takes no order.
     #[inline(never)]
-    fn order(&mut self, flight: &Flight<'_>) {
-        let Some(order) = self.orders.try_send() else { return };
+    fn order(&mut self, flight: &Flight<'_>) -> bool {
+        let Some(order) = self.orders.try_send() else { return false };
         order.planner.clone_from(flight.planner);
         order.request.clone_from(flight.state.request());
         self.orders.send_done();
         self.is_ordered = true;
+        true
     }
 
     /// Waits until the planner is idle; its answer stays where it is.
@@ -213,8 +219,8 @@ pub async fn guide(
     mut watchdog: Watchdog,
     restart: Restart,
     flash: Flash,
-    incoming: &'static Incoming,
-    outgoing: &'static Outgoing,
+    mut line: Line,
+    mut port: Port,
     mut planning: Planning,
 ) {
     let mut store = Store::new(flash);
@@ -226,7 +232,7 @@ pub async fn guide(
     // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
     flight.companion.require_entry();
     tell(&mut flight, &restart, start);
-    let mut line = Line { incoming, outgoing, rx_total: 0, tx_total: 0 };
+    port.log.begin(&restart.words(start), true, &flight);
     let mut monitor = Monitor::new(deadline::Config::default());
     loop {
         match pacer.next().await {
@@ -236,11 +242,15 @@ pub async fn guide(
                 if begun.is_ok() {
                     planning.begin_anew();
                     // A simulator that sets up a board for the first time may begin in the mode.
-                    if restart.cause != Cause::Power {
+                    let needs_entry = restart.cause != Cause::Power;
+                    if needs_entry {
                         flight.companion.require_entry();
                     }
                     tell(&mut flight, &restart, start);
                     store.overrule();
+                    port.drain().await;
+                    port.log.begin("set up", needs_entry, &flight);
+                    port.drain().await;
                 }
                 pacer.accept(begun, line.tx_total).await;
                 watchdog.feed();
@@ -248,17 +258,17 @@ pub async fn guide(
             Call::Step(step) => {
                 let lock_step = step.lock_step.is_some();
                 let mut begin = board::ticks();
-                line.read(flight.companion, &step).await;
+                line.read(flight.companion, &mut port.log, &step).await;
                 if lock_step {
                     // The simulator's time is not ours.
                     begin = board::ticks();
                 }
-                if flight.serve(&mut store) {
+                if flight.serve(&mut port.log.keeper(&mut store)) {
                     planning.begin_anew();
                 }
                 store.keep_up(step.now, flight.companion);
                 let is_starved = step.lock_step.is_some_and(|lock_step| lock_step.holds_plan);
-                let (output, fast_ticks) = fly(&mut flight, &step, planning.answer().filter(|_| !is_starved));
+                let stepped = fly(&mut flight, &step, planning.answer().filter(|_| !is_starved));
                 if !is_starved {
                     planning.take();
                 }
@@ -273,14 +283,33 @@ pub async fn guide(
                 }
                 let deadline::Counts { late, longest_us, .. } = monitor.counts();
                 flight.companion.note_pace(Pace { longest_us, late });
-                if output.plan_requested {
-                    planning.order(&flight);
-                }
+                let ordered = stepped.output.plan_requested && planning.order(&flight);
+                port.log.step(step.front_end, step.circles, &stepped, ordered);
+                port.log.deadlines(monitor.counts());
+                let Stepped { output, ticks: fast_ticks, .. } = stepped;
                 if lock_step {
                     planning.settle().await;
+                    port.drain().await;
                 }
                 let plan = planning.answer();
                 pacer.done(Done { output, fast_ticks, late, tx_total: line.tx_total, plan }).await;
+                if let Some(command) = port.command(flight.companion.control(output.time)) {
+                    let status = Status {
+                        board: board::NAME,
+                        uptime_s: board::uptime_s(),
+                        restart: &restart,
+                        deadlines: monitor.counts(),
+                        stack_bytes: pacer.stack_bytes(),
+                        outcome: Some(output.outcome),
+                        link: flight.companion.counters(),
+                        log_lost: port.log.lost(),
+                    };
+                    if carry_out(command, &status, &mut store, &mut port.log) {
+                        port.drain().await;
+                        board::restart();
+                    }
+                }
+                port.flush();
             }
         }
     }
@@ -299,9 +328,26 @@ pub fn refuse(error: ConfigError) -> ! {
     board::halt(format_args!("the built-in configuration: {}", error.field))
 }
 
-/// One step, and how long guidance took.
+/// Does what somebody at the maintenance port wants; true where that is a restart.
 #[inline(never)]
-fn fly(flight: &mut Flight<'_>, step: &Step<'_>, plan: Option<&Planned>) -> (guidance::Output, u32) {
+fn carry_out(command: Command, status: &Status<'_>, store: &mut Store<Flash>, log: &mut Log<'_>) -> bool {
+    match command {
+        Command::Help => HELP.iter().for_each(|line| log.text(line)),
+        Command::Status => status.tell(|line| log.text(line)),
+        Command::FactoryReset { is_sure: false } => log.text("forgets everything that is stored: `factory-reset yes`"),
+        Command::FactoryReset { is_sure: true } if store.factory_reset() => {
+            log.text("forgotten; `restart` begins anew");
+        }
+        Command::FactoryReset { is_sure: true } => log.text("error: the flash cannot be erased"),
+        Command::SelfTest | Command::Calibrate => log.text("error: this firmware cannot do that"),
+        Command::Restart => log.text("restarts"),
+    }
+    command == Command::Restart
+}
+
+/// One step.
+#[inline(never)]
+fn fly(flight: &mut Flight<'_>, step: &Step<'_>, plan: Option<&Planned>) -> Stepped {
     let plan = plan.map(|planned| &planned.plan);
     let step = flight::Step { now: step.now, front_end: step.front_end, circles: step.circles, plan };
     flight.step(&step, board::ticks)
@@ -353,7 +399,7 @@ fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, 
 }
 
 /// The serial line as guidance sees it.
-struct Line {
+pub struct Line {
     incoming: &'static Incoming,
     outgoing: &'static Outgoing,
     rx_total: u32,
@@ -361,8 +407,14 @@ struct Line {
 }
 
 impl Line {
+    /// Nothing has been heard or said.
+    #[must_use]
+    pub const fn new(incoming: &'static Incoming, outgoing: &'static Outgoing) -> Self {
+        Self { incoming, outgoing, rx_total: 0, tx_total: 0 }
+    }
+
     /// Hands over what has come: in lock-step exactly what belongs before this step, else what there is.
-    async fn read(&mut self, companion: &mut Companion, step: &Step<'_>) {
+    async fn read(&mut self, companion: &mut Companion, log: &mut Log<'_>, step: &Step<'_>) {
         let mut bytes = [0; 256];
         loop {
             let count = match step.lock_step {
@@ -379,7 +431,9 @@ impl Line {
                 },
             };
             self.rx_total = self.rx_total.wrapping_add(count as u32);
-            companion.receive(step.now, bytes.get(..count).unwrap_or_default());
+            let bytes = bytes.get(..count).unwrap_or_default();
+            log.hear(bytes);
+            companion.receive(step.now, bytes);
         }
     }
 

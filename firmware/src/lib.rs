@@ -20,3 +20,5 @@ compile_error!("choose one board only: board-nucleo_g474re or board-mps2_an386")
 pub mod app;
 #[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod boards;
+#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
+pub mod port;

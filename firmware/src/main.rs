@@ -3,8 +3,9 @@
 #![no_main]
 
 use embassy_executor::SpawnToken;
-use foxhound_firmware::app::{self, Desk, Incoming, Outgoing};
+use foxhound_firmware::app::{self, Desk, Incoming, Line, Outgoing};
 use foxhound_firmware::boards::board;
+use foxhound_firmware::port;
 
 static INCOMING: Incoming = Incoming::new();
 static OUTGOING: Outgoing = Outgoing::new();
@@ -20,11 +21,15 @@ fn start() -> Desk {
     let board = board::start();
     board.link.spawn(task(app::receive(board.receiver, &INCOMING)));
     board.link.spawn(task(app::transmit(board.transmitter, &OUTGOING)));
+    let (port, log) = port::ends();
+    board.link.spawn(task(port::listen(board.port_receiver)));
+    board.link.spawn(task(port::speak(board.port_transmitter, log)));
     let (planning, desk) = match app::planning() {
         Ok(ends) => ends,
         Err(error) => app::refuse(error),
     };
-    let guide = app::guide(board.pacer, board.watchdog, board.restart, board.flash, &INCOMING, &OUTGOING, planning);
+    let line = Line::new(&INCOMING, &OUTGOING);
+    let guide = app::guide(board.pacer, board.watchdog, board.restart, board.flash, line, port, planning);
     board.guidance.spawn(task(guide));
     desk
 }

@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use foxhound_computer::flight::{Flight, Step};
+use foxhound_computer::flight::{Flight, Step, Stepped};
 use foxhound_core::ConfigError;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
 use foxhound_core::map::Circle;
@@ -17,8 +17,10 @@ use foxhound_link::signing::Signing;
 
 use crate::qemu::QemuComputer;
 
+mod record;
 mod store;
 
+use record::Recording;
 use store::Store;
 
 /// Samples per channel of one frame.
@@ -64,6 +66,14 @@ pub trait Computer {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError>;
 
+    /// Keeps its flight log from now on, where it has one.
+    fn log_flight(&mut self) {}
+
+    /// The flight log since the last call.
+    fn take_flight_log(&mut self) -> Vec<u8> {
+        Vec::new()
+    }
+
     /// The obstacles that it remembers, where one can look into it.
     fn remembered(&self) -> Vec<Circle> {
         Vec::new()
@@ -81,6 +91,7 @@ pub struct HostComputer {
     scratch: Scratch,
     finished: Option<Plan>,
     store: Option<Store>,
+    recording: Option<Recording>,
 }
 
 impl HostComputer {
@@ -99,6 +110,7 @@ impl HostComputer {
             scratch: Scratch::default(),
             finished: None,
             store: None,
+            recording: None,
         })
     }
 
@@ -129,11 +141,24 @@ impl Computer for HostComputer {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
         let plan = self.finished.take();
+        let mut recording = self.recording.take();
         let (mut flight, store) = self.parts();
         flight.hear(now, rx);
-        let begins_anew = flight.serve(store);
+        let begins_anew = match &mut recording {
+            Some(recording) => recording.write(|log| {
+                log.hear(rx);
+                flight.serve(&mut log.keeper(store))
+            }),
+            None => flight.serve(store),
+        };
         let plan = plan.as_ref().filter(|_| !begins_anew);
-        let (output, _) = flight.step(&Step { now, front_end, circles, plan }, || 0);
+        let step = Step { now, front_end, circles, plan };
+        let stepped = flight.step(&step, || 0);
+        let Stepped { output, .. } = stepped;
+        if let Some(recording) = &mut recording {
+            recording.write(|log| log.step(front_end, circles, &stepped, output.plan_requested));
+        }
+        self.recording = recording;
         let mut tx = vec![0; TRANSMIT_BYTES];
         let length = self.companion.transmit(&mut tx);
         tx.truncate(length);
@@ -151,6 +176,16 @@ impl Computer for HostComputer {
         Ok(StepReport { output, plan: planned, tx })
     }
 
+    fn log_flight(&mut self) {
+        let mut recording = Recording::default();
+        recording.write(|log| log.begin("simulated", false, &self.parts().0));
+        self.recording = Some(recording);
+    }
+
+    fn take_flight_log(&mut self) -> Vec<u8> {
+        self.recording.as_mut().map(Recording::take).unwrap_or_default()
+    }
+
     fn remembered(&self) -> Vec<Circle> {
         self.state.map().circles().copied().collect()
     }
@@ -166,6 +201,14 @@ impl Computer for QemuComputer {
     ) -> Result<StepReport, ComputerError> {
         let report = Self::step(self, now, front_end, circles, rx).map_err(|error| ComputerError(error.to_string()))?;
         Ok(StepReport { output: report.output, plan: report.plan, tx: report.tx })
+    }
+
+    fn log_flight(&mut self) {
+        self.keep_port();
+    }
+
+    fn take_flight_log(&mut self) -> Vec<u8> {
+        self.take_port()
     }
 }
 

@@ -25,6 +25,7 @@ pub mod plot;
 pub mod qemu;
 pub mod random;
 pub mod rays;
+pub mod replay;
 pub mod reproduce;
 pub mod scenario;
 pub mod sensor;

@@ -5,6 +5,9 @@
 //! serial line carries the very bytes of MAVLink that the firmware would send and take. The result does not depend on
 //! how fast either side runs.
 //!
+//! The third serial line, the maintenance port, is a pair of pipes: QEMU writes byte by byte, and of those a pipe holds 64 KB,
+//! a socket fewer than 300. They are emptied at every step, so that the firmware never waits for us.
+//!
 //! `-icount shift=8` lets the twin's clock move 256 ns an instruction, which makes instruction counts exact. Its idle
 //! time passes as fast as ours (`sleep=on`, the default): with `sleep=off` it would pass at once, and while we compute
 //! the twin would believe that we were gone.
@@ -26,6 +29,10 @@ use foxhound_core::time::Instant;
 use foxhound_link::mailbox::{self, BLOCK_BYTES, Fault, Planned, Ready, Report, Setup, Step};
 use object::{Object as _, ObjectSection as _, ObjectSegment as _};
 use serde::Serialize;
+
+mod port;
+
+use port::Port;
 
 /// Samples of one channel in one snapshot, as the firmware has it.
 pub const SAMPLES_PER_CHANNEL: usize = 256;
@@ -57,6 +64,7 @@ pub struct QemuComputer {
     /// What is to go wrong in the next step.
     fault: Option<Fault>,
     worst: Worst,
+    port: Port,
 }
 
 /// The worst that a firmware has shown.
@@ -158,6 +166,7 @@ impl QemuComputer {
         memory.set_len(16 << 20)?;
         let listen = |name| UnixListener::bind(folder.file(name));
         let (mavlink, bell) = (listen("mavlink")?, listen("bell")?);
+        let port = Port::create(&folder)?;
 
         let socket = |id: &str| format!("socket,id={id},path={}", folder.file(id).display());
         let mut qemu = Command::new("qemu-system-arm")
@@ -167,6 +176,8 @@ impl QemuComputer {
             .arg(format!("memory-backend-file,id=ram,size=16M,share=on,mem-path={}", memory_path.display()))
             .args(["-chardev", &socket("mavlink"), "-serial", "chardev:mavlink"])
             .args(["-chardev", &socket("bell"), "-serial", "chardev:bell"])
+            .args(["-chardev", &format!("pipe,id=port,path={}", folder.file("port").display())])
+            .args(["-serial", "chardev:port"])
             .arg("-kernel")
             .arg(elf)
             .stdin(Stdio::null())
@@ -203,6 +214,7 @@ impl QemuComputer {
             drained: Vec::new(),
             fault: None,
             worst: Worst::default(),
+            port,
         };
         computer.await_boot()?;
         computer.set_up(setup)?;
@@ -279,6 +291,7 @@ impl QemuComputer {
         circles: Option<&[Circle]>,
         rx: &[u8],
     ) -> Result<StepReport, QemuError> {
+        self.port.settle();
         self.mavlink.write_all(rx)?;
         self.rx_total = self.rx_total.wrapping_add(rx.len() as u32);
         self.sequence = self.sequence.wrapping_add(1);
@@ -299,6 +312,7 @@ impl QemuComputer {
             return Err(self.lost(format!("step {} was answered with step {}", self.sequence, report.sequence)));
         }
         let tx = self.take_sent(report.tx_total)?;
+        self.port.drain()?;
         self.worst.add(Worst {
             fast_instructions: mailbox::instructions(report.fast_ticks),
             plan_instructions: report.plan.as_ref().map_or(0, |plan| mailbox::instructions(plan.ticks)),
@@ -336,6 +350,7 @@ impl QemuComputer {
             }
             // QEMU sends byte by byte, and a socket holds fewer than 300 of such: make room, or it waits for us.
             self.drain()?;
+            self.port.drain()?;
         }
         Ok(answer[0])
     }

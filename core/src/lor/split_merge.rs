@@ -104,7 +104,6 @@ fn merge(limits: &Limits, points: &[Horizontal], pieces: &mut Vec<Piece, PIECES_
     for index in 1..pieces.len() {
         let Some([last, .., piece]) = pieces.get(kept..=index) else { break };
         let (last, piece) = (*last, *piece);
-        let merged;
         let between = points.get(usize::from(last.to)..usize::from(piece.from)).unwrap_or_default();
         let both = last.moments.joined(&moments_of(between)).joined(&piece.moments);
         let is_near = points
@@ -113,12 +112,12 @@ fn merge(limits: &Limits, points: &[Horizontal], pieces: &mut Vec<Piece, PIECES_
             .windows(2)
             .all(|pair| pair[1].minus(pair[0]).norm_squared() <= limits.gap_m * limits.gap_m);
         let is_thin = both.spread().is_some_and(|spread| spread.across_m2 <= limits.joined_m * limits.joined_m);
-        if is_near && is_thin {
-            merged = Piece { from: last.from, to: piece.to, moments: both };
+        let merged = if is_near && is_thin {
+            Piece { from: last.from, to: piece.to, moments: both }
         } else {
             kept += 1;
-            merged = piece;
-        }
+            piece
+        };
         if let Some(slot) = pieces.get_mut(kept) {
             *slot = merged;
         }

@@ -56,6 +56,11 @@ pub(super) fn end(end: End, address: u32, status: u32, text: &[u8]) -> ! {
     SCB::sys_reset()
 }
 
+/// Somebody wants a restart.
+pub fn restart() -> ! {
+    end(End::Wanted, 0, 0, b"")
+}
+
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();

@@ -3,16 +3,19 @@
 //! | name | what |
 //! |---|---|
 //! | `NAME` | the name in `--board` and in the image's `.foxhound_board` section |
-//! | `start()` | clocks, peripherals, executors -> `Board { guidance, link, receiver, transmitter, pacer, watchdog, restart, flash }` |
+//! | `start()` | clocks, peripherals, executors -> `Board { guidance, link, receiver, transmitter, port_receiver, port_transmitter, pacer, watchdog, restart, flash }` |
 //! | `Receiver::read(&mut self, &mut [u8]) -> usize` | waits for bytes from the autopilot |
 //! | `Transmitter::write(&mut self, &[u8])` | returns when the bytes are on their way |
+//! | `PortReceiver`, `PortTransmitter` | the same for the maintenance port |
 //! | `Pacer::next(&mut self) -> Call` | waits for what to do next |
 //! | `Pacer::accept(&mut self, Result)`, `Pacer::done(&mut self, Done)` | takes note of how it went |
+//! | `Pacer::stack_bytes(&self) -> u32` | how much of the stack was ever used, as far as is known |
 //! | `Watchdog::feed(&mut self)` | runs from the start; without food the board restarts |
 //! | `Flash`, a `NorFlash` | what is kept while the power is off: [`foxhound_computer::store`] says what it asks of it |
 //! | `ticks() -> u32`, `TICKS_PER_US` | a fast free-running counter, to measure with |
 //! | `uptime_s() -> u32` | since the start |
 //! | `halt(reason) -> !` | it cannot go on |
+//! | `restart() -> !` | somebody wants it |
 //! | `last_words(words)`, `on_fault`, `is_memory` | for [`last_words`] |
 //!
 //! Everything `unsafe` of the firmware is in the boards, and in the two modules that they share.

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | MAVLink | UART0 |
 //! | doorbell of the simulator | UART1 |
+//! | maintenance port | UART2 |
 //! | frames and reports | the mailbox at `0x2100_0000`, layout in `foxhound_link::mailbox` |
 //! | what is kept | the memory behind the mailbox: see `flash` |
 //! | time | timers 0 and 1 |
@@ -41,10 +42,11 @@ use crate::app::SAMPLES_PER_CHANNEL as N;
 use interrupt::Interrupt;
 use uart::Doorbell;
 
+pub use super::last_words::restart;
 pub use clock::{TICKS_PER_US, ticks, uptime_s};
 pub use console::{halt, last_words, on_fault};
 pub use flash::Flash;
-pub use uart::{Receiver, Transmitter};
+pub use uart::{PortReceiver, PortTransmitter, Receiver, Transmitter};
 pub use watchdog::Watchdog;
 
 /// The name of this board.
@@ -76,6 +78,10 @@ pub struct Board {
     pub receiver: Receiver,
     /// To the autopilot.
     pub transmitter: Transmitter,
+    /// From the maintenance port.
+    pub port_receiver: PortReceiver,
+    /// To the maintenance port.
+    pub port_transmitter: PortTransmitter,
     /// What to do next.
     pub pacer: Pacer,
     /// Runs from now on.
@@ -97,11 +103,14 @@ pub fn start() -> Board {
     uart::start();
     let (receiver, transmitter, mut doorbell) = uart::ends();
     doorbell.ring(mailbox::BOOTED);
+    let (port_receiver, port_transmitter) = uart::port();
     Board {
         guidance: GUIDANCE.start(Interrupt::GuidanceExecutor),
         link: LINK.start(Interrupt::LinkExecutor),
         receiver,
         transmitter,
+        port_receiver,
+        port_transmitter,
         pacer: Pacer {
             doorbell,
             block: BLOCK.take(),
@@ -156,6 +165,12 @@ enum Pace {
 }
 
 impl Pacer {
+    /// How much of the stack was ever used, as far as is known.
+    #[must_use]
+    pub fn stack_bytes(&self) -> u32 {
+        self.stack.bytes()
+    }
+
     /// Waits for the bell or, running freely, for the next period.
     pub async fn next(&mut self) -> Call<'_> {
         loop {

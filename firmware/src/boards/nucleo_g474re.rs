@@ -3,6 +3,7 @@
 //! | what | where |
 //! |---|---|
 //! | MAVLink, 921 600 baud, 8N1 | USART1: TX PA9 (CN5-1, D8), RX PA10 (CN9-3, D2); DMA1 channels 1 and 2 |
+//! | maintenance port, 921 600 baud, 8N1 | LPUART1, to the ST-LINK's virtual COM port: TX PA2, RX PA3; DMA1 channels 3 and 4 |
 //! | antennas | PA0, PA1, PB0, PB12: see `acquisition` |
 //! | what is kept | the last 16 KB of the flash: see `flash` |
 //! | log | defmt over RTT, through the ST-LINK |
@@ -41,6 +42,7 @@ use super::{Call, Done, Step, Watermark, last_words, stack};
 use crate::app::SAMPLES_PER_CHANNEL as N;
 use acquisition::Acquisition;
 
+pub use super::last_words::restart;
 pub use flash::Flash;
 
 /// The name of this board.
@@ -57,8 +59,11 @@ const FRAME_TIMEOUT: Duration = Duration::from_millis(45);
 
 bind_interrupts!(struct Irqs {
     USART1 => usart::InterruptHandler<peripherals::USART1>;
+    LPUART1 => usart::InterruptHandler<peripherals::LPUART1>;
     DMA1_CHANNEL1 => dma::InterruptHandler<peripherals::DMA1_CH1>;
     DMA1_CHANNEL2 => dma::InterruptHandler<peripherals::DMA1_CH2>;
+    DMA1_CHANNEL3 => dma::InterruptHandler<peripherals::DMA1_CH3>;
+    DMA1_CHANNEL4 => dma::InterruptHandler<peripherals::DMA1_CH4>;
 });
 
 /// The watchdog restarts the board when no step was in time for so long: 25 steps.
@@ -67,6 +72,7 @@ const WATCHDOG_US: u32 = 500_000;
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
 static LINK: InterruptExecutor = InterruptExecutor::new();
 static RING: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
+static PORT_RING: ConstStaticCell<[u8; 32]> = ConstStaticCell::new([0; 32]);
 static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
 
 /// The board, started.
@@ -79,6 +85,10 @@ pub struct Board {
     pub receiver: Receiver,
     /// To the autopilot.
     pub transmitter: Transmitter,
+    /// From the maintenance port.
+    pub port_receiver: PortReceiver,
+    /// To the maintenance port.
+    pub port_transmitter: PortTransmitter,
     /// What to do next.
     pub pacer: Pacer,
     /// Runs from now on.
@@ -109,6 +119,11 @@ pub fn start() -> Board {
         Ok(uart) => uart.split(),
         Err(_) => halt(format_args!("USART1 does not take {BAUD} baud")),
     };
+    let port = Uart::new(board.LPUART1, board.PA3, board.PA2, board.DMA1_CH3, board.DMA1_CH4, Irqs, config);
+    let (port_tx, port_rx) = match port {
+        Ok(port) => port.split(),
+        Err(_) => halt(format_args!("LPUART1 does not take {BAUD} baud")),
+    };
 
     // Two vectors whose peripherals are off.
     interrupt::CORDIC.set_priority(Priority::P6);
@@ -118,6 +133,8 @@ pub fn start() -> Board {
         link: LINK.start(interrupt::FMAC),
         receiver: Receiver(rx.into_ring_buffered(RING.take())),
         transmitter: Transmitter(tx),
+        port_receiver: PortReceiver(port_rx.into_ring_buffered(PORT_RING.take())),
+        port_transmitter: PortTransmitter(port_tx),
         pacer: Pacer { acquisition: Acquisition::start(), snapshot: SNAPSHOT.take(), stack: Watermark::new() },
         watchdog: Watchdog(watchdog),
         restart,
@@ -200,6 +217,31 @@ impl Transmitter {
     }
 }
 
+/// From the maintenance port.
+pub struct PortReceiver(RingBufferedUartRx<'static>);
+
+impl PortReceiver {
+    /// Waits for bytes. After noise or an overrun the line that was being typed is a bad one.
+    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        loop {
+            if let Ok(count) = self.0.read(bytes).await {
+                return count;
+            }
+        }
+    }
+}
+
+/// To the maintenance port.
+pub struct PortTransmitter(UartTx<'static, Async>);
+
+impl PortTransmitter {
+    /// Sends bytes; returns when DMA has handed over the last one.
+    pub async fn write(&mut self, bytes: &[u8]) {
+        // What does not arrive is a gap in the log.
+        let _ = self.0.write(bytes).await;
+    }
+}
+
 /// Says what to do next: a step for every frame.
 pub struct Pacer {
     acquisition: Acquisition,
@@ -208,6 +250,12 @@ pub struct Pacer {
 }
 
 impl Pacer {
+    /// How much of the stack was ever used, as far as is known.
+    #[must_use]
+    pub fn stack_bytes(&self) -> u32 {
+        self.stack.bytes()
+    }
+
     /// Waits for the next frame.
     pub async fn next(&mut self) -> Call<'_> {
         let fresh = match with_timeout(FRAME_TIMEOUT, self.acquisition.ready()).await {

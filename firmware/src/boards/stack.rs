@@ -89,6 +89,11 @@ impl Watermark {
             }
             self.at += 4;
         }
+        self.bytes()
+    }
+
+    /// How many bytes of the stack have been used, as far as is known.
+    pub fn bytes(&self) -> u32 {
         top() - self.deepest
     }
 }

@@ -61,6 +61,9 @@ pub(super) struct Fly {
     /// Telemetry log of every MAVLink frame in both directions, with simulated time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
+    /// Flight log, which `foxhound replay` flies again: with `qemu:ELF` what the firmware's maintenance port sent.
+    #[arg(long, value_name = "FILE")]
+    flight_log: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
@@ -167,12 +170,19 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         None => None,
     };
 
+    if args.flight_log.is_some() {
+        computer.log_flight();
+    }
     let progress = bar(cli, mission.scenario.max_time_s as u64, "flying {bar:40} {pos} of at most {len} s");
     let flown = flight::fly(&mission, computer.as_mut(), log.as_mut(), |time_s| progress.set_position(time_s as u64));
     progress.finish_and_clear();
     let record = flown.map_err(|error| InputError::new(error.to_string()))?;
     if let Some(log) = log {
         log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
+    }
+    if let Some(path) = &args.flight_log {
+        std::fs::write(path, computer.take_flight_log())
+            .map_err(|error| InputError::new(format!("--flight-log {}: {error}", path.display())))?;
     }
     if let Some(path) = &plot_path {
         plot::draw(&record, path)?;

@@ -8,6 +8,8 @@ mod fly;
 mod link_state;
 mod maps;
 mod params;
+mod port;
+mod replay;
 mod reproduce;
 mod suite;
 
@@ -29,6 +31,8 @@ use fly::Fly;
 use link_state::LinkState;
 use maps::MapsCommand;
 use params::ParamsCommand;
+use port::PortCommand;
+use replay::ReplayCommand;
 use reproduce::Reproduce;
 use suite::SuiteCommand;
 
@@ -58,6 +62,8 @@ const EXAMPLES: &str = "Examples:
   foxhound bearing --adc frames.npy --array array.toml --json
   foxhound calibrate --adc known.npy --array array.toml --azimuth-deg 30
   foxhound tlog f.tlog --json
+  foxhound fly --flight-log f.log && foxhound replay f.log
+  foxhound port --serial /dev/ttyACM0 --log f.log status
   foxhound maps --out forests && foxhound suite forests/suite.json
 
 Exit status: 0 done as asked; 1 flown, but a goal was not reached; 2 bad usage or input.";
@@ -76,6 +82,10 @@ enum Command {
     Calibrate(CalibrateCommand),
     /// Counts the MAVLink frames of a telemetry log.
     Tlog(TlogCommand),
+    /// Flies a flight log again, and says whether every step came to the same bits.
+    Replay(ReplayCommand),
+    /// Speaks with a flight computer by its maintenance port, and keeps its flight log.
+    Port(PortCommand),
     /// Draws maps of given obstacle density and start/goal pairs on them, or describes those of a suite file.
     Maps(MapsCommand),
     /// Flies all pairs of a suite file, many at a time.
@@ -108,6 +118,8 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Bearing(args)) => bearing::bearing(&cli, args),
         Some(Command::Calibrate(args)) => bearing::calibration(&cli, args),
         Some(Command::Tlog(args)) => read_log(&cli, args),
+        Some(Command::Replay(args)) => replay::replay(&cli, args),
+        Some(Command::Port(args)) => port::port(&cli, args),
         Some(Command::Maps(args)) => maps::draw_maps(&cli, args),
         Some(Command::Suite(args)) => suite::fly_suite(&cli, args),
         Some(Command::Params(args)) => params::params(&cli, args),

@@ -13,6 +13,10 @@ pub enum Interrupt {
     Uart0Tx = 1,
     /// UART1 has a byte.
     Uart1Rx = 2,
+    /// UART2 has a byte.
+    Uart2Rx = 4,
+    /// UART2 takes a byte.
+    Uart2Tx = 5,
     /// The time has wrapped.
     Timer0 = 8,
     /// The alarm.
@@ -32,8 +36,8 @@ unsafe impl InterruptNumber for Interrupt {
     }
 }
 
-/// Sets priorities (lower is more urgent): time and serial lines before guidance before the link; the
-/// planner has none of this, it is the thread.
+/// Sets priorities (lower is more urgent): time and serial lines before guidance before the link before the
+/// maintenance port; the planner has none of this, it is the thread.
 pub fn prioritise(nvic: &mut NVIC) {
     use Interrupt as I;
     let levels = [
@@ -43,6 +47,8 @@ pub fn prioritise(nvic: &mut NVIC) {
         (I::Uart0Rx, 0x40),
         (I::Uart0Tx, 0x40),
         (I::Uart1Rx, 0x40),
+        (I::Uart2Rx, 0xc0),
+        (I::Uart2Tx, 0xc0),
         (I::GuidanceExecutor, 0x80),
         (I::LinkExecutor, 0xa0),
     ];
@@ -70,6 +76,8 @@ static __INTERRUPTS: [extern "C" fn(); 32] = {
     table[Interrupt::Uart0Rx as usize] = super::uart::on_byte;
     table[Interrupt::Uart0Tx as usize] = super::uart::on_room;
     table[Interrupt::Uart1Rx as usize] = super::uart::on_bell;
+    table[Interrupt::Uart2Rx as usize] = super::uart::on_port_byte;
+    table[Interrupt::Uart2Tx as usize] = super::uart::on_port_room;
     table[Interrupt::Timer0 as usize] = super::clock::on_wrap;
     table[Interrupt::Timer1 as usize] = super::clock::on_alarm;
     table[Interrupt::DualTimer as usize] = super::mischief::on_due;

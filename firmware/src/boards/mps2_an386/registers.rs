@@ -10,6 +10,8 @@ pub struct Peripheral {
 pub const UART0: Peripheral = Peripheral { base: 0x4000_4000 };
 /// The doorbell.
 pub const UART1: Peripheral = Peripheral { base: 0x4000_5000 };
+/// The maintenance port.
+pub const UART2: Peripheral = Peripheral { base: 0x4000_6000 };
 /// Runs freely: the time.
 pub const TIMER0: Peripheral = Peripheral { base: 0x4000_0000 };
 /// Runs out: the alarm.

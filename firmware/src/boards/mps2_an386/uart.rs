@@ -1,4 +1,4 @@
-//! The two serial lines: UART0 to the autopilot, UART1 to the simulator.
+//! The serial lines: UART0 to the autopilot, UART1 to the simulator, UART2 to whoever maintains it.
 //!
 //! Bytes come in by interrupt into a ring. When the ring is full the interrupt is masked until somebody reads: the
 //! byte stays in the receiver, where QEMU lets the sender wait.
@@ -13,7 +13,7 @@ use embassy_sync::pipe::Pipe;
 use embassy_sync::waitqueue::AtomicWaker;
 
 use super::interrupt::{Interrupt, unmask};
-use super::registers::{Peripheral, Register, UART0, UART1};
+use super::registers::{Peripheral, Register, UART0, UART1, UART2};
 
 const TX_FULL: u32 = 1;
 const RX_FULL: u32 = 1 << 1;
@@ -29,21 +29,26 @@ const RX_INTERRUPT: u32 = 1 << 1;
 /// 25 MHz over 921 600 baud.
 const DIVIDER: u32 = 27;
 
-static RING: Pipe<CriticalSectionRawMutex, 4096> = Pipe::new();
+static RING: Pipe<CriticalSectionRawMutex, 2048> = Pipe::new();
 static BELL: Pipe<CriticalSectionRawMutex, 16> = Pipe::new();
+static TYPED: Pipe<CriticalSectionRawMutex, 16> = Pipe::new();
 static ROOM: AtomicWaker = AtomicWaker::new();
+static PORT_ROOM: AtomicWaker = AtomicWaker::new();
 static DRAINED: AtomicWaker = AtomicWaker::new();
 static SENT: AtomicU32 = AtomicU32::new(0);
 
-/// Opens both lines.
+/// Opens the lines.
 pub fn start() {
-    for uart in [UART0, UART1] {
+    for uart in [UART0, UART1, UART2] {
         uart.write(Register::Divider, DIVIDER);
     }
-    UART0.write(Register::Control, TX_ENABLE | RX_ENABLE | TX_INTERRUPT_ENABLE | RX_INTERRUPT_ENABLE);
+    for uart in [UART0, UART2] {
+        uart.write(Register::Control, TX_ENABLE | RX_ENABLE | TX_INTERRUPT_ENABLE | RX_INTERRUPT_ENABLE);
+    }
     UART1.write(Register::Control, TX_ENABLE | RX_ENABLE | RX_INTERRUPT_ENABLE);
     unmask(Interrupt::Uart0Rx);
     unmask(Interrupt::Uart1Rx);
+    unmask(Interrupt::Uart2Rx);
 }
 
 /// From the autopilot.
@@ -63,6 +68,19 @@ pub(super) fn ends() -> (Receiver, Transmitter, Doorbell) {
     (Receiver(()), Transmitter(()), Doorbell(()))
 }
 
+/// From the maintenance port.
+#[derive(Debug)]
+pub struct PortReceiver(());
+
+/// To the maintenance port.
+#[derive(Debug)]
+pub struct PortTransmitter(());
+
+/// The ends of the maintenance port, once.
+pub(super) fn port() -> (PortReceiver, PortTransmitter) {
+    (PortReceiver(()), PortTransmitter(()))
+}
+
 impl Receiver {
     /// Waits for bytes.
     pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
@@ -76,20 +94,43 @@ impl Transmitter {
     /// Sends bytes; returns when the last one has been taken.
     pub async fn write(&mut self, bytes: &[u8]) {
         for byte in bytes {
-            poll_fn(|context| {
-                if UART0.read(Register::State) & TX_FULL == 0 {
-                    return Poll::Ready(());
-                }
-                ROOM.register(context.waker());
-                unmask(Interrupt::Uart0Tx);
-                // It may have drained before the interrupt was let through.
-                if UART0.read(Register::State) & TX_FULL == 0 { Poll::Ready(()) } else { Poll::Pending }
-            })
-            .await;
-            UART0.write(Register::Data, u32::from(*byte));
+            send(UART0, Interrupt::Uart0Tx, &ROOM, *byte).await;
             SENT.fetch_add(1, Ordering::Relaxed);
         }
         DRAINED.wake();
+    }
+}
+
+/// Sends a byte as soon as the line takes one.
+async fn send(uart: Peripheral, interrupt: Interrupt, room: &AtomicWaker, byte: u8) {
+    poll_fn(|context| {
+        if uart.read(Register::State) & TX_FULL == 0 {
+            return Poll::Ready(());
+        }
+        room.register(context.waker());
+        unmask(interrupt);
+        // It may have drained before the interrupt was let through.
+        if uart.read(Register::State) & TX_FULL == 0 { Poll::Ready(()) } else { Poll::Pending }
+    })
+    .await;
+    uart.write(Register::Data, u32::from(byte));
+}
+
+impl PortReceiver {
+    /// Waits for bytes.
+    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        let count = TYPED.read(bytes).await;
+        unmask(Interrupt::Uart2Rx);
+        count
+    }
+}
+
+impl PortTransmitter {
+    /// Sends bytes; returns when the last one has been taken.
+    pub async fn write(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            send(UART2, Interrupt::Uart2Tx, &PORT_ROOM, *byte).await;
+        }
     }
 }
 
@@ -140,6 +181,16 @@ pub(super) extern "C" fn on_room() {
     UART0.write(Register::Interrupt, TX_INTERRUPT);
     NVIC::mask(Interrupt::Uart0Tx);
     ROOM.wake();
+}
+
+pub(super) extern "C" fn on_port_byte() {
+    receive(UART2, Interrupt::Uart2Rx, &TYPED);
+}
+
+pub(super) extern "C" fn on_port_room() {
+    UART2.write(Register::Interrupt, TX_INTERRUPT);
+    NVIC::mask(Interrupt::Uart2Tx);
+    PORT_ROOM.wake();
 }
 
 pub(super) extern "C" fn on_bell() {

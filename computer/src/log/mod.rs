@@ -1,0 +1,386 @@
+//! The flight log: all that goes into the flight computer, written down step by step, so that the host flies the same
+//! flight again to the last bit, and what is different names the step (`foxhound replay`).
+//!
+//! | kind | record | when |
+//! |---|---|---|
+//! | 1 | [`Begin`]: version, cause, configuration, parameters | at the start, and when a simulator begins anew |
+//! | 2 | bytes heard from the autopilot; of keys only zeros | before the step that they belong to |
+//! | 3 | circles of a simulated obstacle sensor | before the step, when there are some |
+//! | 4 | [`Codes`] of the converters | every fiftieth frame, behind its step, where there is room |
+//! | 5, 6 | what the store of parameters answered: saved or not; loaded values or none | when it was asked |
+//! | 7 | [`Step`]: time, bearing, plan, trace hash | at the end of every step |
+//! | 8 | [`Late`]: steps that missed their deadline | when there is a new one |
+//! | 9 | text for people | when somebody asked on the maintenance port |
+//!
+//! The codes of all frames are more than the line carries: 4 x 256 x 12 bit, 50 times a second, are 77 KB/s of its 92. So a
+//! step holds what guidance takes from a frame ([`Heard`]): the bearing, and the phasors where the vehicle may seek by
+//! turning. Of every fiftieth frame the codes are there, too, so that the front end can be checked by itself.
+//!
+//! [`frame`] says how records lie in the stream, [`ring`] how they get to the port. Nothing here waits: a frame that does
+//! not fit is left out, and its number is missing.
+//!
+//! Keys are not logged. A flight whose link was signed is replayed without: every frame is then believed.
+
+use foxhound_core::adc::{CHANNELS, Snapshot};
+use foxhound_core::guidance::{self, FrontEnd, Heard};
+use foxhound_core::map::{Circle, DELIVERY_MAX};
+use foxhound_core::param::{self, COUNT, Values};
+use foxhound_core::time::Instant;
+use heapless::Vec;
+use serde::{Deserialize, Serialize, Serializer};
+
+use crate::SAMPLES_PER_CHANNEL as N;
+use crate::deadline::Counts;
+use crate::flight::{Flight, Keeper, Stepped};
+
+pub mod frame;
+pub mod ring;
+mod secret;
+
+use frame::{Frame, Open};
+use ring::{Full, Producer};
+use secret::Mask;
+
+/// Version of the records.
+pub const LAYOUT: u8 = 1;
+/// From the codes of one frame to those of the next.
+const CODES_EVERY: u8 = 50;
+/// Bytes of the codes of one frame: 12 bits each.
+const CODES_BYTES: usize = CHANNELS * N * 3 / 2;
+/// Codes are logged where there is room for them, their frame, and the stuffing.
+const CODES_ROOM: usize = CODES_BYTES + 32;
+/// Heard bytes in one frame, at most.
+const PIECE_BYTES: u16 = 1024;
+
+/// Kinds of records, see the [module](self).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+enum Kind {
+    Begin = 1,
+    Bytes = 2,
+    Circles = 3,
+    Codes = 4,
+    Saved = 5,
+    Loaded = 6,
+    Step = 7,
+    Late = 8,
+    Text = 9,
+}
+
+/// A flight begins.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Begin<'a, C, V> {
+    /// [`LAYOUT`] of whoever wrote it.
+    pub layout: u8,
+    /// [`param::LAYOUT`] of whoever wrote it.
+    pub param_layout: u32,
+    /// Version of the product.
+    pub version: &'a str,
+    /// Why the computer has started, or what else begins the flight.
+    pub why: &'a str,
+    /// Whether the mode has to be entered afresh before it gives control.
+    pub needs_entry: bool,
+    /// The configuration that holds; those of parameters are in it.
+    pub config: C,
+    /// The parameters that hold.
+    pub values: V,
+}
+
+/// The beginning of a flight as it is read.
+pub type Beginning<'a> = Begin<'a, guidance::Config, Vec<f32, COUNT>>;
+
+/// One step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Step<H> {
+    /// The time of the step.
+    pub now: Instant,
+    /// What the antennas brought.
+    pub heard: Option<H>,
+    /// The plan that was handed in, by its number.
+    pub plan: Option<u32>,
+    /// Whether the planner took an order.
+    pub ordered: bool,
+    /// `Output::trace_hash`, little-endian.
+    pub trace_hash: [u8; 8],
+}
+
+/// Steps that missed their deadline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Late {
+    /// How many since the start.
+    pub late: u32,
+    /// The longest step since the start.
+    pub longest_us: u32,
+}
+
+/// The codes of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Codes<C> {
+    /// The middle of the block.
+    pub time: Instant,
+    /// Two codes in three bytes, the lower bits first, channel by channel.
+    pub packed: C,
+}
+
+impl Codes<&[u8]> {
+    /// The snapshot that they are; none where they are too few.
+    #[must_use]
+    pub fn snapshot(&self) -> Option<Snapshot<N>> {
+        let mut snapshot = Snapshot::zeroed();
+        snapshot.time = self.time;
+        let (pairs, []) = self.packed.as_chunks::<3>() else { return None };
+        let (codes, _) = snapshot.codes.as_flattened_mut().as_chunks_mut::<2>();
+        if pairs.len() != codes.len() {
+            return None;
+        }
+        for ([first, second], [low, middle, high]) in codes.iter_mut().zip(pairs) {
+            // The sign comes back by shifting it out of the upper end and in again.
+            *first = (i16::from_le_bytes([*low, *middle]) << 4) >> 4;
+            *second = i16::from_le_bytes([*middle, *high]) >> 4;
+        }
+        Some(snapshot)
+    }
+}
+
+/// Codes as they are written.
+struct Packed<'a>(&'a Snapshot<N>);
+
+impl Serialize for Packed<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        use serde::ser::SerializeSeq as _;
+        let mut bytes = serializer.serialize_seq(Some(CODES_BYTES))?;
+        for [first, second] in self.0.codes.as_flattened().as_chunks::<2>().0 {
+            let ([low, middle], [rest, high]) = (first.to_le_bytes(), (*second << 4).to_le_bytes());
+            for byte in [low, (middle & 0x0f) | (rest & 0xf0), high] {
+                bytes.serialize_element(&byte)?;
+            }
+        }
+        bytes.end()
+    }
+}
+
+/// A record as it is read.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(target_pointer_width = "64", expect(clippy::large_enum_variant, reason = "read on the host, one at a time"))]
+pub enum Record<'a> {
+    /// A flight begins.
+    Begin(Beginning<'a>),
+    /// Bytes heard from the autopilot.
+    Bytes(&'a [u8]),
+    /// Circles of an obstacle sensor.
+    Circles(Vec<Circle, DELIVERY_MAX>),
+    /// Codes of a frame.
+    Codes(Codes<&'a [u8]>),
+    /// Whether the parameters were saved.
+    Saved(bool),
+    /// The parameters that were loaded.
+    Loaded(Option<Vec<f32, COUNT>>),
+    /// One step.
+    Step(Step<Heard>),
+    /// Steps that were late.
+    Late(Late),
+    /// Text for people.
+    Text(&'a str),
+}
+
+impl<'a> Record<'a> {
+    /// The record of a frame; none where it cannot be read, or is of a kind that a later version has.
+    #[must_use]
+    pub fn of(frame: &Frame<'a>) -> Option<Self> {
+        fn read<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Option<T> {
+            postcard::take_from_bytes(bytes).ok().filter(|(_, rest)| rest.is_empty()).map(|(record, _)| record)
+        }
+        const KINDS: [Kind; 9] = [
+            Kind::Begin,
+            Kind::Bytes,
+            Kind::Circles,
+            Kind::Codes,
+            Kind::Saved,
+            Kind::Loaded,
+            Kind::Step,
+            Kind::Late,
+            Kind::Text,
+        ];
+        let kind = KINDS.into_iter().find(|kind| *kind as u8 == frame.kind)?;
+        Some(match kind {
+            Kind::Begin => Self::Begin(read(frame.record)?),
+            Kind::Bytes => Self::Bytes(frame.record),
+            Kind::Circles => Self::Circles(read(frame.record)?),
+            Kind::Codes => Self::Codes(read(frame.record)?),
+            Kind::Saved => Self::Saved(read(frame.record)?),
+            Kind::Loaded => Self::Loaded(read(frame.record)?),
+            Kind::Step => Self::Step(read(frame.record)?),
+            Kind::Late => Self::Late(read(frame.record)?),
+            Kind::Text => Self::Text(read(frame.record)?),
+        })
+    }
+}
+
+/// What a log carries from frame to frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct State {
+    /// Number of the next frame.
+    next: u32,
+    lost: u32,
+    mask: Mask,
+    codes_due_in: u8,
+    late: u32,
+}
+
+/// Writes the log.
+pub struct Log<'a> {
+    producer: Producer<'a>,
+    state: State,
+    /// Heard bytes that are being written, and how many there are.
+    heard: Option<(Open, u16)>,
+}
+
+impl<'a> Log<'a> {
+    /// Goes on with a log, or begins one.
+    #[must_use]
+    pub const fn resume(producer: Producer<'a>, state: State) -> Self {
+        Self { producer, state, heard: None }
+    }
+
+    /// What another one needs to go on.
+    #[must_use]
+    pub fn pause(mut self) -> State {
+        self.end_heard();
+        self.state
+    }
+
+    /// Frames that there was no room for.
+    #[must_use]
+    pub const fn lost(&self) -> u32 {
+        self.state.lost
+    }
+
+    /// Whether everything has been read.
+    #[must_use]
+    pub fn is_drained(&self) -> bool {
+        self.producer.is_empty()
+    }
+
+    /// A flight begins, with what holds in it. To be called before its first step.
+    #[inline(never)]
+    pub fn begin(&mut self, why: &str, needs_entry: bool, flight: &Flight<'_>) {
+        let values: &[f32] = flight.companion.parameters().as_array();
+        let version = env!("CARGO_PKG_VERSION");
+        let config: &guidance::Config = flight.config;
+        let (layout, param_layout) = (LAYOUT, param::LAYOUT);
+        self.write(Kind::Begin, &Begin { layout, param_layout, version, why, needs_entry, config, values });
+        self.state.codes_due_in = 0;
+    }
+
+    /// Bytes of the autopilot, as they are handed to the link, in pieces of any size.
+    #[inline(never)]
+    pub fn hear(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            let shown = self.state.mask.pass(*byte);
+            if self.heard.as_ref().is_some_and(|(_, count)| *count >= PIECE_BYTES) {
+                self.end_heard();
+            }
+            let begun = self.heard.take().map_or_else(|| self.open(Kind::Bytes).map(|open| (open, 0)), Ok);
+            let written = begun.and_then(|(mut open, count)| {
+                open.extend(&mut self.producer, &[shown]).map(|()| self.heard = Some((open, count + 1)))
+            });
+            self.count(written);
+        }
+    }
+
+    /// Ends the frame of heard bytes that is being written.
+    fn end_heard(&mut self) {
+        if let Some((open, _)) = self.heard.take() {
+            let written = open.end(&mut self.producer);
+            self.count(written);
+        }
+    }
+
+    /// A store whose answers are logged.
+    pub fn keeper<'k, K: Keeper>(&'k mut self, keeper: &'k mut K) -> Logged<'k, 'a, K> {
+        Logged { log: self, keeper }
+    }
+
+    /// A step that was made; `ordered` where the planner took an order.
+    #[inline(never)]
+    pub fn step(&mut self, front_end: FrontEnd<'_, N>, circles: Option<&[Circle]>, came: &Stepped, ordered: bool) {
+        if let Some(circles) = circles {
+            // No more are ever taken.
+            self.write(Kind::Circles, &circles.get(..DELIVERY_MAX).unwrap_or(circles));
+        }
+        let (now, heard, plan) = (came.output.time, came.heard.as_ref(), came.plan);
+        let trace_hash = came.output.trace_hash.to_le_bytes();
+        self.write(Kind::Step, &Step { now, heard, plan, ordered, trace_hash });
+        if let FrontEnd::Snapshot(snapshot) = front_end {
+            self.codes(snapshot);
+        }
+    }
+
+    fn codes(&mut self, snapshot: &Snapshot<N>) {
+        self.state.codes_due_in = self.state.codes_due_in.saturating_sub(1);
+        if self.state.codes_due_in == 0 && self.producer.room() >= CODES_ROOM {
+            self.write(Kind::Codes, &Codes { time: snapshot.time, packed: Packed(snapshot) });
+            self.state.codes_due_in = CODES_EVERY;
+        }
+    }
+
+    /// What is known of the deadlines; logged where there is a new miss.
+    pub fn deadlines(&mut self, counts: Counts) {
+        if counts.late != self.state.late {
+            self.state.late = counts.late;
+            self.write(Kind::Late, &Late { late: counts.late, longest_us: counts.longest_us });
+        }
+    }
+
+    /// Text for people.
+    #[inline(never)]
+    pub fn text(&mut self, text: &str) {
+        self.write(Kind::Text, &text);
+    }
+
+    fn write(&mut self, kind: Kind, record: &impl Serialize) {
+        self.end_heard();
+        let written = self.open(kind).and_then(|mut open| {
+            open.append(&mut self.producer, record)?;
+            open.end(&mut self.producer)
+        });
+        self.count(written);
+    }
+
+    /// Begins the next frame, which has its number even if it does not fit.
+    #[inline(never)]
+    fn open(&mut self, kind: Kind) -> Result<Open, Full> {
+        let number = self.state.next;
+        self.state.next = number.wrapping_add(1);
+        Open::begin(&mut self.producer, kind as u8, number)
+    }
+
+    fn count(&mut self, written: Result<(), Full>) {
+        if written.is_err() {
+            self.state.lost = self.state.lost.saturating_add(1);
+        }
+    }
+}
+
+/// A store whose answers are logged.
+pub struct Logged<'k, 'a, K> {
+    log: &'k mut Log<'a>,
+    keeper: &'k mut K,
+}
+
+impl<K: Keeper> Keeper for Logged<'_, '_, K> {
+    fn save(&mut self, values: &Values) -> bool {
+        let is_saved = self.keeper.save(values);
+        self.log.write(Kind::Saved, &is_saved);
+        is_saved
+    }
+
+    fn load(&mut self) -> Option<Values> {
+        let values = self.keeper.load();
+        self.log.write(Kind::Loaded, &values.as_ref().map(|values| values.as_array().as_slice()));
+        values
+    }
+}
+
+#[cfg(test)]
+mod tests;

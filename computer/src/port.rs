@@ -1,0 +1,366 @@
+//! The maintenance port: somebody with a cable types a line, the flight computer answers in words. It is no way to fly the
+//! vehicle, and it gives nothing away: what it says goes between the frames of the flight log ([`crate::log`]).
+//!
+//! | line | what happens | while in control |
+//! |---|---|---|
+//! | `help` | the commands are listed | answered |
+//! | `status` | version, restart, deadlines, stack, outcome and link are told | answered |
+//! | `selftest`, `calibrate` | the board examines itself, measures its channels | refused |
+//! | `factory-reset` | is explained; `factory-reset yes` forgets everything stored | refused |
+//! | `restart` | the computer restarts, and comes up in standby | refused |
+//!
+//! A line ends with a carriage return, a line feed or both. One that is longer than [`LINE_MAX`], is not ASCII or is no
+//! command is answered by what is wrong with it, and nothing happens. A backspace takes a letter back.
+
+use core::fmt;
+
+use foxhound_core::mission::{Control, Outcome};
+use foxhound_link::companion;
+use heapless::{String, Vec};
+
+use crate::deadline::Counts;
+use crate::restart::Restart;
+
+/// Longest line.
+pub const LINE_MAX: usize = 40;
+/// Longest answer in one piece.
+pub const ANSWER_MAX: usize = 96;
+
+/// What somebody wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// The list of commands.
+    Help,
+    /// How it is.
+    Status,
+    /// An examination.
+    SelfTest,
+    /// A measurement of the channels.
+    Calibrate,
+    /// Everything that is stored forgotten.
+    FactoryReset {
+        /// Whether it was said twice.
+        is_sure: bool,
+    },
+    /// A restart.
+    Restart,
+}
+
+/// Why a line is no command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// It is longer than [`LINE_MAX`].
+    TooLong,
+    /// It holds something else than ASCII.
+    NotText,
+    /// There is no such command.
+    Unknown,
+    /// The command takes no such word.
+    Surplus,
+}
+
+impl Refusal {
+    /// What to answer.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::TooLong => "error: the line is too long",
+            Self::NotText => "error: the line is not ASCII",
+            Self::Unknown => "error: no such command; `help` lists them",
+            Self::Surplus => "error: the command takes no such word; `help` lists them",
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.words())
+    }
+}
+
+impl Command {
+    /// Whether it has to wait until the pilot has control.
+    #[must_use]
+    pub const fn disturbs(self) -> bool {
+        !matches!(self, Self::Help | Self::Status)
+    }
+
+    /// Whether it is carried out; else the words that say why not.
+    ///
+    /// # Errors
+    /// It disturbs, and we are in control.
+    pub fn admit(self, control: Control) -> Result<Self, &'static str> {
+        if self.disturbs() && control == Control::Granted {
+            return Err("refused: in control; take the mode away first");
+        }
+        Ok(self)
+    }
+
+    fn parse(line: &[u8]) -> Option<Result<Self, Refusal>> {
+        let mut words = line.split(|byte| byte.is_ascii_whitespace()).filter(|word| !word.is_empty());
+        let (name, argument, rest) = (words.next()?, words.next(), words.next());
+        let command = match name {
+            b"help" | b"?" => Self::Help,
+            b"status" => Self::Status,
+            b"selftest" => Self::SelfTest,
+            b"calibrate" => Self::Calibrate,
+            b"factory-reset" => Self::FactoryReset { is_sure: argument == Some(b"yes") },
+            b"restart" => Self::Restart,
+            _ => return Some(Err(Refusal::Unknown)),
+        };
+        let is_surplus = argument.is_some() && command != Self::FactoryReset { is_sure: true };
+        Some(if is_surplus || rest.is_some() { Err(Refusal::Surplus) } else { Ok(command) })
+    }
+}
+
+/// Puts lines together.
+#[derive(Debug)]
+pub struct Lines {
+    line: Vec<u8, LINE_MAX>,
+    refusal: Option<Refusal>,
+}
+
+impl Lines {
+    /// Nothing has been typed.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { line: Vec::new(), refusal: None }
+    }
+
+    /// Takes in a byte; what the line that it ends is, unless that is empty.
+    pub fn push(&mut self, byte: u8) -> Option<Result<Command, Refusal>> {
+        match byte {
+            b'\r' | b'\n' => {
+                let refused = self.refusal.take().map(Err);
+                let ended = refused.or_else(|| Command::parse(&self.line));
+                self.line.clear();
+                return ended;
+            }
+            0x08 | 0x7f => {
+                self.line.pop();
+            }
+            b'\t' | b' '..=b'~' => {
+                if self.line.push(byte).is_err() {
+                    self.refusal.get_or_insert(Refusal::TooLong);
+                }
+            }
+            _ => {
+                self.refusal.get_or_insert(Refusal::NotText);
+            }
+        }
+        None
+    }
+}
+
+impl Default for Lines {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What `help` says.
+pub const HELP: [&str; 6] = [
+    "help                this list",
+    "status              version, restart, deadlines, stack, outcome, link, log",
+    "selftest            examine the board; not in control",
+    "calibrate           measure the channels; not in control",
+    "factory-reset yes   forget everything that is stored; not in control",
+    "restart             begin anew, in standby; not in control",
+];
+
+/// What `status` tells.
+#[derive(Clone, Copy, Debug)]
+pub struct Status<'a> {
+    /// Name of the board.
+    pub board: &'a str,
+    /// Since the start.
+    pub uptime_s: u32,
+    /// Why it has started.
+    pub restart: &'a Restart,
+    /// How the steps are in time.
+    pub deadlines: Counts,
+    /// Most of the stack that was ever used, as far as it was looked for.
+    pub stack_bytes: u32,
+    /// What the last step came to; none before the first.
+    pub outcome: Option<Outcome>,
+    /// The link.
+    pub link: companion::Counters,
+    /// Frames of the log that there was no room for.
+    pub log_lost: u32,
+}
+
+impl Status<'_> {
+    /// Tells it, a line at a time.
+    pub fn tell(&self, mut line: impl FnMut(&str)) {
+        let mut words = Words::new();
+        words.text("foxhound ").text(env!("CARGO_PKG_VERSION")).text(" on ").text(self.board);
+        words.text(", up ").number(self.uptime_s).text(" s");
+        line(words.end());
+        words.text("restart: ").display(self.restart);
+        line(words.end());
+        let Counts { steps, late, longest_us } = self.deadlines;
+        words.text("steps ").number(steps).text(", late ").number(late);
+        words.text(", longest ").number(longest_us).text(" us, stack ").number(self.stack_bytes).text(" bytes");
+        line(words.end());
+        words.text("outcome ").text(self.outcome.map_or("none yet", Outcome::name));
+        line(words.end());
+        let companion::Counters { framer, rejected, setpoints_late, reboots, .. } = self.link;
+        words.text("link: frames ").number(framer.frames).text(", damaged ").number(framer.bad_crc);
+        words.text(", missing ").number(framer.lost).text(", rejected ").number(rejected);
+        words.text(", setpoints late ").number(setpoints_late).text(", reboots ").number(reboots);
+        line(words.end());
+        words.text("log: frames left out ").number(self.log_lost);
+        line(words.end());
+    }
+}
+
+/// Puts an answer together, without the formatting of numbers, which takes 2 KB of flash. What does not fit is cut off.
+#[derive(Debug)]
+struct Words {
+    text: String<ANSWER_MAX>,
+    is_ended: bool,
+}
+
+impl Words {
+    fn new() -> Self {
+        Self { text: String::new(), is_ended: false }
+    }
+
+    #[inline(never)]
+    fn text(&mut self, text: &str) -> &mut Self {
+        if core::mem::take(&mut self.is_ended) {
+            self.text.clear();
+        }
+        // What is too much is cut off.
+        let _ = text.chars().try_for_each(|letter| self.text.push(letter));
+        self
+    }
+
+    #[inline(never)]
+    fn number(&mut self, number: u32) -> &mut Self {
+        let (mut rest, mut digits) = (number, [0; 10]);
+        let mut from = digits.len();
+        for (at, digit) in digits.iter_mut().enumerate().rev() {
+            *digit = b'0' + (rest % 10) as u8;
+            (rest, from) = (rest / 10, at);
+            if rest == 0 {
+                break;
+            }
+        }
+        let digits = digits.get(from..).and_then(|digits| str::from_utf8(digits).ok()).unwrap_or_default();
+        self.text(digits)
+    }
+
+    fn display(&mut self, what: &impl fmt::Display) -> &mut Self {
+        // It cannot fail, see below.
+        let _ = fmt::Write::write_fmt(self, format_args!("{what}"));
+        self
+    }
+
+    fn end(&mut self) -> &str {
+        self.is_ended = true;
+        &self.text
+    }
+}
+
+impl fmt::Write for Words {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.text(text);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::restart::{Cause, End, Record};
+    use rand_core::{Rng as _, SeedableRng as _};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use std::string::{String as Text, ToString as _};
+    use std::vec::Vec as List;
+
+    fn typed(text: &[u8]) -> List<Result<Command, Refusal>> {
+        let mut lines = Lines::new();
+        text.iter().filter_map(|byte| lines.push(*byte)).collect()
+    }
+
+    #[test]
+    fn commands_are_understood_however_their_lines_end() {
+        let all = typed(
+            b"help\r\nstatus\n\n\r  restart \rselftest\tfactory-reset\ncalibrate\nfactory-reset\nfactory-reset  yes\n",
+        );
+        let sure = |is_sure| Ok(Command::FactoryReset { is_sure });
+        let [help, status, restart] = [Command::Help, Command::Status, Command::Restart].map(Ok);
+        assert_eq!(all[..3], [help, status, restart]);
+        assert_eq!(all[3..], [Err(Refusal::Surplus), Ok(Command::Calibrate), sure(false), sure(true)]);
+        assert_eq!(typed(b"stauts\x08\x08\x08\x7fatus\n"), [status]);
+    }
+
+    #[test]
+    fn a_bad_line_is_refused_whole_and_the_next_one_counts() {
+        let long = [&b"restart "[..], &[b' '; LINE_MAX], b"\nhelp\n"].concat();
+        assert_eq!(typed(&long), [Err(Refusal::TooLong), Ok(Command::Help)]);
+        assert_eq!(typed(b"restart\xc3\xa4\nhelp\n"), [Err(Refusal::NotText), Ok(Command::Help)]);
+        assert_eq!(typed(b"factory-reset no\n"), [Err(Refusal::Surplus)]);
+        assert_eq!(typed(b"factory-reset yes yes\n"), [Err(Refusal::Surplus)]);
+        assert_eq!(typed(b"RESTART\nrestart now\n"), [Err(Refusal::Unknown), Err(Refusal::Surplus)]);
+        assert_eq!(typed(b"restart"), [], "a line that is not ended is none");
+    }
+
+    #[test]
+    fn in_control_nothing_is_done_that_disturbs() {
+        let all = typed(b"help\nstatus\nselftest\ncalibrate\nfactory-reset yes\nrestart\n");
+        let admitted = |control| all.iter().map(|line| line.unwrap().admit(control).is_ok()).collect::<List<_>>();
+        assert_eq!(admitted(Control::Granted), [true, true, false, false, false, false]);
+        assert_eq!(admitted(Control::NotInControl), [true; 6]);
+        assert_eq!(admitted(Control::LinkLost), [true; 6]);
+    }
+
+    #[test]
+    fn any_bytes_are_lines_or_nothing_and_noise_never_resets_anything() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(4);
+        let mut lines = Lines::new();
+        let mut refused = 0;
+        for _ in 0..1_000_000 {
+            match lines.push(random.next_u32() as u8) {
+                None | Some(Ok(Command::Help)) => {}
+                Some(Err(_)) => refused += 1,
+                Some(Ok(command)) => panic!("{command:?} out of noise"),
+            }
+        }
+        assert!(refused > 1000);
+    }
+
+    #[test]
+    fn the_status_says_all_of_it_and_the_longest_numbers_fit() {
+        let record = Record::new(End::Panic, 0, 0, 0, b"computer/src/flight.rs:4294967295");
+        let restart = Restart { cause: Cause::Software, record: Some(record) };
+        let most = u32::MAX;
+        let mut link =
+            companion::Counters { rejected: most, setpoints_late: most, reboots: most, ..Default::default() };
+        (link.framer.frames, link.framer.bad_crc, link.framer.lost) = (most, most, 10);
+        let status = Status {
+            board: "nucleo_g474re",
+            uptime_s: most,
+            restart: &restart,
+            deadlines: Counts { steps: most, late: 0, longest_us: 10_203 },
+            stack_bytes: 45_056,
+            outcome: Some(Outcome::StaleObstacles),
+            link,
+            log_lost: 7,
+        };
+        let mut told = List::new();
+        status.tell(|line| told.push(line.to_string()));
+        let expected = [
+            concat!("foxhound ", env!("CARGO_PKG_VERSION"), " on nucleo_g474re, up 4294967295 s"),
+            "restart: panic computer/src/flight.rs:4294967295",
+            "steps 4294967295, late 0, longest 10203 us, stack 45056 bytes",
+            "outcome stale_obstacles",
+            "link: frames 4294967295, damaged 4294967295, missing 10, rejected 4294967295, setpoints late 4294967295, reboots 4294967295",
+            "log: frames left out 7",
+        ];
+        let cut: List<Text> = expected.iter().map(|line| line.chars().take(ANSWER_MAX).collect()).collect();
+        assert_eq!(told, cut);
+        assert!(HELP.iter().all(|line| line.len() <= ANSWER_MAX));
+    }
+}

@@ -1,0 +1,48 @@
+//! `foxhound replay`: a flight log flown again.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use foxhound_sim::input::InputError;
+use foxhound_sim::replay::{self, Summary};
+
+use super::{Cli, json_line, say};
+
+const REPLAY_HELP: &str =
+    "The log is a file of `fly --flight-log` or of `port --log`, or any capture of the maintenance port.
+
+Exit status: 0 every step came to the same bits; 1 one did not, or frames are missing; 2 there is no flight log.";
+
+#[derive(Args, Debug)]
+#[command(after_help = REPLAY_HELP)]
+pub(super) struct ReplayCommand {
+    /// The log.
+    file: PathBuf,
+}
+
+pub(super) fn replay(cli: &Cli, args: &ReplayCommand) -> Result<ExitCode, InputError> {
+    let bytes = std::fs::read(&args.file).map_err(|error| InputError::new(error.to_string()).in_file(&args.file))?;
+    let summary = replay::replay(&bytes).map_err(|error| error.in_file(&args.file))?;
+    say(&if cli.json { json_line(&summary)? } else { words(&summary) });
+    Ok(if summary.is_identical() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// A summary for people.
+fn words(summary: &Summary) -> String {
+    let Summary { frames, rubbish, gaps, frames_missing, flights, steps, late_steps, codes_checked, codes_off, .. } =
+        summary;
+    let verdict = match (summary.first_difference, summary.first_difference_flight, summary.first_difference_s) {
+        (Some(step), Some(flight), Some(time_s)) => {
+            format!("differs from step {step} of flight {flight} on, at {time_s:.2} s")
+        }
+        _ if *gaps > 0 => "identical, as far as it is there".to_owned(),
+        _ => "identical".to_owned(),
+    };
+    format!(
+        "{verdict}\n  flights          {flights}, {steps} steps, {late_steps} late\n  frames           {frames}, {frames_missing} \
+         missing in {gaps} gaps, {rubbish} pieces of something else\n  front end        {codes_checked} frames checked, \
+         {codes_off} off\n  trace            {}\n",
+        summary.trace_hash
+    )
+}

@@ -1,0 +1,76 @@
+//! The maintenance port of the firmware in QEMU: a pair of pipes.
+
+use std::fs::File;
+use std::io::{self, Read as _, Write as _};
+
+use rustix::fs::{CWD, FileType, Mode, OFlags};
+
+use super::{Folder, QemuComputer};
+
+/// Its two ends.
+#[derive(Debug)]
+pub(super) struct Port {
+    from: File,
+    to: File,
+    /// What it has sent, while somebody wants it or may say so yet.
+    kept: Option<Vec<u8>>,
+    is_wanted: bool,
+}
+
+impl Port {
+    /// The pipes, to be opened before QEMU does.
+    pub(super) fn create(folder: &Folder) -> io::Result<Self> {
+        let pipe = |name| {
+            let path = folder.file(name);
+            rustix::fs::mknodat(CWD, &path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)?;
+            // Whoever has both ends open waits for nobody.
+            let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
+            Ok::<_, io::Error>(File::from(rustix::fs::open(&path, flags, Mode::empty())?))
+        };
+        Ok(Self { from: pipe("port.out")?, to: pipe("port.in")?, kept: Some(Vec::new()), is_wanted: false })
+    }
+
+    /// Takes out what is there.
+    pub(super) fn drain(&mut self) -> io::Result<()> {
+        let mut bytes = [0; 4096];
+        loop {
+            match self.from.read(&mut bytes) {
+                Ok(0) => return Ok(()),
+                Ok(count) => {
+                    if let Some(kept) = &mut self.kept {
+                        kept.extend_from_slice(&bytes[..count]);
+                    }
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(()),
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// A step begins: whoever wants what the port sends has said so.
+    pub(super) fn settle(&mut self) {
+        if !self.is_wanted {
+            self.kept = None;
+        }
+    }
+}
+
+impl QemuComputer {
+    /// Keeps what the maintenance port sends, from the start; to be said before the first step.
+    pub fn keep_port(&mut self) {
+        self.port.is_wanted = true;
+    }
+
+    /// What the maintenance port has sent since the last call.
+    pub fn take_port(&mut self) -> Vec<u8> {
+        self.port.kept.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// Types on the maintenance port.
+    ///
+    /// # Errors
+    /// QEMU is gone, or does not read.
+    pub fn type_on_port(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.port.to.write_all(bytes)
+    }
+}

@@ -1,0 +1,282 @@
+//! Flies a flight log again: everything that went into the flight computer goes into one in this process, step by step, and
+//! the trace hashes are compared. Where they part, the flight was not what the log says, or the program is another one.
+//!
+//! | what | checked |
+//! |---|---|
+//! | link, parameters, guidance, planner | to the last bit, every step |
+//! | front end, the first frame of a flight | to the last bit, from its codes |
+//! | front end, later frames whose codes are there | afresh, without what it had learned of tone and noise before: where both are valid, azimuths within three standard deviations |
+//! | front end, the other frames | not: their bearings are taken as they are |
+//!
+//! A gap in the log ends what can be said of a flight; the next one that begins is flown again.
+
+use std::collections::VecDeque;
+
+use foxhound_computer::flight::{Flight, Keeper, Step};
+use foxhound_computer::log::frame::Deframer;
+use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
+use foxhound_core::adc::Snapshot;
+use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard};
+use foxhound_core::map::Circle;
+use foxhound_core::param::{self, Values};
+use foxhound_core::planner::{Plan, Planner, Scratch};
+use foxhound_core::units::wrap_pi;
+use foxhound_link::companion::{self, Companion};
+use serde::Serialize;
+
+use crate::computer::BLOCK;
+use crate::input::InputError;
+
+/// Plans that may wait: one that nobody wants any more, and the next.
+const PLANS: usize = 2;
+const SIGMAS: f32 = 3.0;
+
+/// What came of it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Summary {
+    /// Frames of the log.
+    pub frames: u64,
+    /// Pieces of the file that are no frames.
+    pub rubbish: u64,
+    /// Places where frames are missing.
+    pub gaps: u64,
+    /// How many are.
+    pub frames_missing: u64,
+    /// Flights that begin in the log.
+    pub flights: u64,
+    /// Steps that were flown again.
+    pub steps: u64,
+    /// Steps that missed their deadline in flight.
+    pub late_steps: u32,
+    /// Frames whose codes went through the front end again.
+    pub codes_checked: u64,
+    /// Those that came to something else.
+    pub codes_off: u64,
+    /// The hash at the end, of what was flown again.
+    pub trace_hash: String,
+    /// The first step that came to something else, counted from 0 at the beginning of its flight.
+    pub first_difference: Option<u64>,
+    /// The flight that it is in, counted from 1.
+    pub first_difference_flight: Option<u64>,
+    /// Time of that step.
+    pub first_difference_s: Option<f64>,
+}
+
+impl Summary {
+    /// Whether all of it was there and came to the same.
+    #[must_use]
+    pub fn is_identical(&self) -> bool {
+        self.gaps == 0 && self.first_difference.is_none() && self.codes_off == 0
+    }
+}
+
+/// Flies all of a log again: a file, or what was captured from the port, with anything before it and in it.
+///
+/// # Errors
+/// No flight begins in it, or it was written by another version.
+pub fn replay(bytes: &[u8]) -> Result<Summary, InputError> {
+    let mut replay = Replay::default();
+    let mut deframer = Deframer::new();
+    for byte in bytes {
+        let Some(frame) = deframer.push(*byte) else { continue };
+        replay.summary.frames += 1;
+        let record = Record::of(&frame);
+        replay.follow(frame.number, matches!(record, Some(Record::Begin(_))));
+        if let Some(record) = record {
+            replay.take(record)?;
+        }
+    }
+    let mut summary = replay.summary;
+    summary.rubbish = deframer.rubbish();
+    match (summary.flights, summary.frames) {
+        (0, 0) => Err(InputError::new("there is no flight log in it")),
+        (0, _) => {
+            Err(InputError::new("the flight log has no beginning: it was cut in later than the computer started"))
+        }
+        _ => Ok(summary),
+    }
+}
+
+#[derive(Default)]
+struct Replay {
+    summary: Summary,
+    next: Option<u32>,
+    flown: Option<Box<Flown>>,
+    /// The planner's memory outlives a flight, as in the firmware.
+    scratch: Box<Scratch>,
+}
+
+impl Replay {
+    /// Follows the numbers of the frames; a gap ends the flight, which nobody knows any more.
+    fn follow(&mut self, number: u32, is_beginning: bool) {
+        let expected = self.next.replace(number.wrapping_add(1));
+        if number == 0 && is_beginning {
+            // The computer was switched on.
+            *self.scratch = Scratch::default();
+            return;
+        }
+        if let Some(missing) = expected.map(|expected| number.wrapping_sub(expected)).filter(|missing| *missing != 0) {
+            self.summary.gaps += 1;
+            // Numbers that run backwards are those of another log.
+            self.summary.frames_missing += u64::from(if missing < 1 << 31 { missing } else { 0 });
+            self.flown = None;
+        }
+    }
+
+    fn take(&mut self, record: Record<'_>) -> Result<(), InputError> {
+        match record {
+            Record::Begin(begin) => {
+                self.flown = Some(Flown::begin(&begin)?);
+                self.summary.flights += 1;
+            }
+            Record::Late(late) => self.summary.late_steps = late.late,
+            Record::Text(_) => {}
+            other => {
+                if let Some(flown) = &mut self.flown {
+                    flown.take(other, &mut self.scratch, &mut self.summary);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A flight that is flown again.
+struct Flown {
+    config: guidance::Config,
+    guidance: Guidance<BLOCK>,
+    state: guidance::State<BLOCK>,
+    planner: Planner,
+    companion: Companion,
+    plans: VecDeque<Plan>,
+    steps: u64,
+    has_differed: bool,
+    /// What was heard last, and of how many frames.
+    heard: Option<Heard>,
+    frames: u64,
+    /// What belongs to the next step.
+    bytes: Vec<Vec<u8>>,
+    circles: Option<Vec<Circle>>,
+    answers: Answers,
+}
+
+impl Flown {
+    fn begin(begin: &Beginning<'_>) -> Result<Box<Self>, InputError> {
+        let Begin { layout, param_layout, version, .. } = *begin;
+        if (layout, param_layout) != (LAYOUT, param::LAYOUT) {
+            return Err(InputError::new(format!(
+                "the flight log was written by version {version}, whose records differ"
+            )));
+        }
+        let values = begin.values.as_slice().try_into().map(|values| Values::restore(values).0);
+        let Ok(values) = values else { return Err(InputError::new("the flight log's parameters are not all there")) };
+        let guidance = begin.config.build()?;
+        let mut companion = companion::Config::default().build_with(values)?;
+        if begin.needs_entry {
+            companion.require_entry();
+        }
+        Ok(Box::new(Self {
+            config: begin.config,
+            state: guidance.start(),
+            guidance,
+            planner: begin.config.planner.build()?,
+            companion,
+            plans: VecDeque::new(),
+            steps: 0,
+            has_differed: false,
+            heard: None,
+            frames: 0,
+            bytes: Vec::new(),
+            circles: None,
+            answers: Answers::default(),
+        }))
+    }
+
+    fn take(&mut self, record: Record<'_>, scratch: &mut Scratch, summary: &mut Summary) {
+        match record {
+            Record::Bytes(bytes) => self.bytes.push(bytes.to_vec()),
+            Record::Circles(circles) => self.circles = Some(circles.to_vec()),
+            Record::Codes(codes) => {
+                if let (Some(snapshot), Some(heard)) = (codes.snapshot(), &self.heard) {
+                    summary.codes_checked += 1;
+                    summary.codes_off += u64::from(!self.is_heard_in(heard, &snapshot));
+                }
+            }
+            Record::Saved(is_saved) => self.answers.saved.push_back(is_saved),
+            Record::Loaded(values) => self.answers.loaded.push_back(
+                values.and_then(|values| values.as_slice().try_into().ok().map(|values| Values::restore(values).0)),
+            ),
+            Record::Step(step) => self.step(&step, scratch, summary),
+            Record::Begin(_) | Record::Late(_) | Record::Text(_) => {}
+        }
+    }
+
+    fn step(&mut self, step: &log::Step<Heard>, scratch: &mut Scratch, summary: &mut Summary) {
+        self.heard = step.heard;
+        self.frames += u64::from(step.heard.is_some());
+        let plan = step.plan.and_then(|id| self.plans.iter().rev().find(|plan| plan.id == id).cloned());
+        let circles = self.circles.take();
+        let (bytes, mut answers) = (std::mem::take(&mut self.bytes), std::mem::take(&mut self.answers));
+        let mut flight = self.flight();
+        for piece in &bytes {
+            flight.hear(step.now, piece);
+        }
+        flight.serve(&mut answers);
+        let front_end = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard);
+        let now = Step { now: step.now, front_end, circles: circles.as_deref(), plan: plan.as_ref() };
+        let output = flight.step(&now, || 0).output;
+        // What it says goes nowhere.
+        while self.companion.transmit(&mut [0; 512]) > 0 {}
+        if step.ordered {
+            self.plans.push_back(self.planner.plan(scratch, self.state.request()));
+            if self.plans.len() > PLANS {
+                self.plans.pop_front();
+            }
+        }
+        if !self.has_differed && output.trace_hash != u64::from_le_bytes(step.trace_hash) {
+            self.has_differed = true;
+            if summary.first_difference.is_none() {
+                summary.first_difference = Some(self.steps);
+                summary.first_difference_flight = Some(summary.flights);
+                summary.first_difference_s = Some(step.now.0 as f64 * 1e-6);
+            }
+        }
+        summary.trace_hash = format!("{:016x}", output.trace_hash);
+        self.steps += 1;
+        summary.steps += 1;
+    }
+
+    fn flight(&mut self) -> Flight<'_> {
+        let Self { config, guidance, state, planner, companion, .. } = self;
+        Flight { config, guidance, state, planner, companion }
+    }
+
+    /// Whether the codes come to what was heard, as far as that can be said.
+    fn is_heard_in(&self, heard: &Heard, snapshot: &Snapshot<BLOCK>) -> bool {
+        let mut fresh = self.guidance.start();
+        let Some(again) = self.guidance.listen(&mut fresh, FrontEnd::Snapshot(snapshot)) else { return false };
+        if self.frames == 1 {
+            return again == *heard;
+        }
+        let (then, now) = (&heard.bearing, &again.bearing);
+        let apart_rad = wrap_pi(then.azimuth_rad - now.azimuth_rad);
+        !(then.valid && now.valid) || apart_rad.abs() <= SIGMAS * then.sigma_rad.max(now.sigma_rad)
+    }
+}
+
+/// What the store answered in flight.
+#[derive(Default)]
+struct Answers {
+    saved: VecDeque<bool>,
+    loaded: VecDeque<Option<Values>>,
+}
+
+impl Keeper for Answers {
+    fn save(&mut self, _values: &Values) -> bool {
+        self.saved.pop_front().unwrap_or(false)
+    }
+
+    fn load(&mut self) -> Option<Values> {
+        self.loaded.pop_front().flatten()
+    }
+}
