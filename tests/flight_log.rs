@@ -1,0 +1,358 @@
+//! Flight logs: flown, and flown again to the last bit; lost, damaged and cut in anywhere.
+
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use foxhound_computer::log::frame::Deframer;
+use foxhound_computer::log::{Codes, Record};
+use foxhound_core::bearing::Estimator;
+use foxhound_core::calibration::record::crc32;
+use foxhound_core::guidance::FrontEnd;
+use foxhound_core::map::Circle;
+use foxhound_core::time::Instant;
+use foxhound_core::{param, planner};
+use foxhound_link::CharArray;
+use foxhound_link::dialect::PARAM_SET_DATA;
+use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
+use foxhound_link::mailbox::{Fault, Setup};
+use foxhound_sim::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
+use foxhound_sim::flight::{self, Mission};
+use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::replay::{Summary, replay};
+use foxhound_sim::scenario::Scenario;
+use foxhound_tests::{qemu_image, root, run, run_json};
+
+/// A computer in whose link somebody sets a parameter.
+struct Station {
+    inner: Box<dyn Computer>,
+    at: Instant,
+    is_done: bool,
+}
+
+impl Computer for Station {
+    fn step(
+        &mut self,
+        now: Instant,
+        front_end: FrontEnd<'_, BLOCK>,
+        circles: Option<&[Circle]>,
+        rx: &[u8],
+    ) -> Result<StepReport, ComputerError> {
+        let mut rx = rx.to_vec();
+        if now >= self.at && !std::mem::replace(&mut self.is_done, now >= self.at) {
+            let mut frame = [0; FRAME_MAX];
+            let set = PARAM_SET_DATA {
+                target_system: 1,
+                target_component: 191,
+                param_id: CharArray::new(*param::FH_SPD_MAX.padded_name()),
+                param_type: 9,
+                param_value: 0.7,
+            };
+            let length = encode_data(Header { system_id: 255, component_id: 190, sequence: 0 }, &set, &mut frame);
+            rx.extend_from_slice(&frame[..length]);
+        }
+        self.inner.step(now, front_end, circles, &rx)
+    }
+
+    fn log_flight(&mut self) {
+        self.inner.log_flight();
+    }
+
+    fn take_flight_log(&mut self) -> Vec<u8> {
+        self.inner.take_flight_log()
+    }
+}
+
+fn mission(scenario: Scenario) -> Mission {
+    Mission { scenario, seed: 3, planner: planner::Config::default(), estimator: Estimator::default() }
+}
+
+fn scenario(name: &str) -> Scenario {
+    let text = std::fs::read_to_string(root().join("tests/scenarios").join(name)).unwrap();
+    Scenario::parse(&text).unwrap()
+}
+
+fn host(mission: &Mission) -> Box<dyn Computer> {
+    Box::new(HostComputer::new(&mission.guidance()).unwrap())
+}
+
+fn twin(mission: &Mission) -> Box<dyn Computer> {
+    let setup = Setup { guidance: mission.guidance() };
+    Box::new(QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap())
+}
+
+/// Flies, and flies the log again; the log, the flight's hash and what came of it.
+fn flown(mission: &Mission, mut computer: Box<dyn Computer>) -> (Vec<u8>, String, Summary) {
+    computer.log_flight();
+    let record = flight::fly(mission, computer.as_mut(), None, |_| ()).unwrap();
+    let log = computer.take_flight_log();
+    let summary = replay(&log).unwrap();
+    (log, record.report.trace_hash, summary)
+}
+
+/// A flight out of each of these computers is flown again without a difference.
+fn every_flight_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>) {
+    for scenario in [Scenario::built_in(), scenario("turning_antenna.json"), scenario("two_channels_die.json")] {
+        let mission = mission(scenario);
+        let (log, trace_hash, summary) = flown(&mission, computer(&mission));
+        assert!(summary.is_identical(), "{summary:?}");
+        assert_eq!(summary.trace_hash, trace_hash);
+        assert!(summary.codes_checked >= summary.steps / 60, "{summary:?}");
+        // What the maintenance port carries is 92 KB/s.
+        let bytes_per_s = log.len() as u64 * 50 / summary.steps;
+        assert!(bytes_per_s < 20_000, "{bytes_per_s}");
+    }
+    // PX4 gives control a while after the start, so that a parameter can be set before.
+    let mut scenario = scenario("open_field.json");
+    scenario.vehicle.autopilot = foxhound_sim::autopilot::Software::Px4;
+    let mission = mission(scenario);
+    let untouched = flown(&mission, computer(&mission)).1;
+    let station = Station { inner: computer(&mission), at: Instant(400_000), is_done: false };
+    let (_, trace_hash, summary) = flown(&mission, Box::new(station));
+    assert!(summary.is_identical(), "{summary:?}");
+    assert_eq!(summary.trace_hash, trace_hash);
+    assert_ne!(untouched, trace_hash, "the parameter was set and meant something");
+}
+
+#[test]
+fn a_flight_in_process_is_flown_again_to_the_last_bit() {
+    every_flight_is_flown_again(host);
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn a_flight_of_the_firmware_is_flown_again_to_the_last_bit() {
+    every_flight_is_flown_again(twin);
+}
+
+/// The firmware, whose planner is starved now and then.
+struct Starved(QemuComputer);
+
+impl Computer for Starved {
+    fn step(
+        &mut self,
+        now: Instant,
+        front_end: FrontEnd<'_, BLOCK>,
+        circles: Option<&[Circle]>,
+        rx: &[u8],
+    ) -> Result<StepReport, ComputerError> {
+        // For longer than a handover takes, and for shorter.
+        if matches!(now.0 / 20_000 % 150, 20..32 | 70..73) {
+            self.0.inject(Fault::StarvePlanner);
+        }
+        if now == Instant(4_000_000) {
+            self.0.inject(Fault::Steal { for_us: 40_000 });
+        }
+        Computer::step(&mut self.0, now, front_end, circles, rx)
+    }
+
+    fn log_flight(&mut self) {
+        self.0.log_flight();
+    }
+
+    fn take_flight_log(&mut self) -> Vec<u8> {
+        self.0.take_flight_log()
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn plans_that_come_late_are_handed_in_at_their_steps_again() {
+    let mission = mission(Scenario::built_in());
+    let undisturbed = flown(&mission, host(&mission)).1;
+    let setup = Setup { guidance: mission.guidance() };
+    let starved = Starved(QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap());
+    let (_, trace_hash, summary) = flown(&mission, Box::new(starved));
+    assert!(summary.is_identical(), "{summary:?}");
+    assert_eq!(summary.trace_hash, trace_hash);
+    assert_ne!(trace_hash, undisturbed, "late plans mean something");
+    assert_eq!(summary.late_steps, 1, "a step from which 40 ms were taken");
+}
+
+/// A frame, taken apart.
+struct Piece {
+    bytes: Vec<u8>,
+    kind: u8,
+    number: u32,
+}
+
+/// The log frame by frame.
+fn pieces(log: &[u8]) -> Vec<Piece> {
+    let (mut deframer, mut pieces, mut from) = (Deframer::new(), Vec::new(), 0);
+    for (at, byte) in log.iter().enumerate() {
+        if let Some(frame) = deframer.push(*byte) {
+            pieces.push(Piece { bytes: log[from..=at].to_vec(), kind: frame.kind, number: frame.number });
+            from = at + 1;
+        }
+    }
+    pieces
+}
+
+fn joined(pieces: &[Piece]) -> Vec<u8> {
+    pieces.iter().flat_map(|piece| piece.bytes.clone()).collect()
+}
+
+/// A frame as another implementation of the stuffing writes it.
+fn encoded(content: &[u8]) -> Vec<u8> {
+    let plain = [content, &crc32(content).to_le_bytes()].concat();
+    let mut stuffed = vec![0; cobs::max_encoding_length(plain.len())];
+    let length = cobs::encode(&plain, &mut stuffed);
+    [&[0], &stuffed[..length], &[0]].concat()
+}
+
+const STEP: u8 = 7;
+
+/// A log of the built-in mission.
+fn log() -> Vec<u8> {
+    let mission = mission(Scenario::built_in());
+    flown(&mission, host(&mission)).0
+}
+
+#[test]
+fn a_changed_input_is_named_by_its_step_and_lost_bytes_are_named_as_a_gap() {
+    let log = log();
+    let whole = replay(&log).unwrap();
+
+    // One bit of one bearing, with a right checksum.
+    let mut changed = pieces(&log);
+    let steps: Vec<usize> = (0..changed.len()).filter(|at| changed[*at].kind == STEP).collect();
+    let piece = &mut changed[steps[300]];
+    let mut deframer = Deframer::new();
+    let mut content = [0; 400];
+    let mut length = 0;
+    for byte in &piece.bytes {
+        if let Some(frame) = deframer.push(*byte) {
+            let Some(Record::Step(mut step)) = Record::of(&frame) else { panic!("no step") };
+            let heard = step.heard.as_mut().unwrap();
+            heard.bearing.azimuth_rad = f32::from_bits(heard.bearing.azimuth_rad.to_bits() ^ 1);
+            length = postcard::to_slice(&(STEP, piece.number, &step), &mut content).unwrap().len();
+        }
+    }
+    piece.bytes = encoded(&content[..length]);
+    let summary = replay(&joined(&changed)).unwrap();
+    assert_eq!((summary.gaps, summary.first_difference), (0, Some(300)));
+    assert_eq!((summary.first_difference_flight, summary.first_difference_s), (Some(1), Some(6.0)));
+    assert!(!summary.is_identical());
+
+    // Bytes that are lost on the line.
+    for (from, count) in [(log.len() / 2, 1), (log.len() / 3, 40), (log.len() / 2, 5000)] {
+        let summary = replay(&[&log[..from], &log[from + count..]].concat()).unwrap();
+        assert_eq!((summary.gaps, summary.first_difference), (1, None), "{count} bytes at {from}");
+        assert!(summary.frames_missing >= 1 && summary.frames + summary.frames_missing == whole.frames);
+        assert!(!summary.is_identical() && summary.steps > 100 && summary.steps < whole.steps);
+    }
+}
+
+#[test]
+fn rubbish_around_frames_changes_nothing_and_a_log_can_end_anywhere() {
+    let log = log();
+    let whole = replay(&log).unwrap();
+    let mut noisy = b"\xfd\x00\x13 what stood on the line before\r\n".to_vec();
+    for (index, piece) in pieces(&log).iter().enumerate() {
+        noisy.extend_from_slice(&piece.bytes);
+        if index % 7 == 0 {
+            noisy.extend_from_slice(b"boot\xff\x00\x01\x00noise");
+        }
+    }
+    let summary = replay(&noisy).unwrap();
+    assert!(summary.is_identical() && summary.rubbish > 100);
+    assert_eq!((summary.steps, &summary.trace_hash), (whole.steps, &whole.trace_hash));
+    for cut in [1, 30, 700, 40_000] {
+        let summary = replay(&log[..log.len() - cut]).unwrap();
+        assert!(summary.is_identical() && summary.steps <= whole.steps, "{cut} bytes off the end");
+    }
+    // A flight that began before cannot be flown again, one that begins later can.
+    let tail = &log[log.len() / 2..];
+    assert!(replay(tail).unwrap_err().to_string().contains("no beginning"));
+    let summary = replay(&[tail, &log].concat()).unwrap();
+    assert_eq!((summary.trace_hash, summary.first_difference), (whole.trace_hash, None));
+}
+
+#[test]
+fn codes_that_are_others_are_told() {
+    let mut log = pieces(&log());
+    let mut deframer = Deframer::new();
+    let codes = log.iter_mut().filter(|piece| piece.kind == 4).nth(1).unwrap();
+    for byte in &codes.bytes.clone() {
+        if let Some(frame) = deframer.push(*byte) {
+            let Some(Record::Codes(Codes { time, packed })) = Record::of(&frame) else { panic!("no codes") };
+            // Two channels change places: another direction.
+            let (first, rest) = packed.split_at(384);
+            let (second, rest) = rest.split_at(384);
+            let packed = &[second, first, rest].concat()[..];
+            let mut content = [0; 2000];
+            let record = Codes { time, packed };
+            let length = postcard::to_slice(&(4_u8, codes.number, &record), &mut content).unwrap().len();
+            codes.bytes = encoded(&content[..length]);
+        }
+    }
+    let summary = replay(&joined(&log)).unwrap();
+    assert_eq!((summary.codes_off, summary.first_difference), (1, None));
+    assert!(!summary.is_identical());
+}
+
+#[test]
+fn the_command_says_identical_different_and_nothing_there_by_its_exit_code() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("flight.log");
+    let file = path.to_string_lossy();
+    let (code, report) = run_json(&["fly", "--json", "--flight-log", &file]);
+    assert_eq!(code, 0, "{report}");
+    let (code, summary) = run_json(&["replay", "--json", &file]);
+    assert_eq!((code, &summary["trace_hash"]), (0, &report["trace_hash"]), "{summary}");
+    assert!(summary["first_difference"].is_null() && summary["steps"].as_u64().unwrap() > 100);
+    let log = std::fs::read(&path).unwrap();
+    std::fs::write(&path, [&log[..50_000], &log[50_100..]].concat()).unwrap();
+    let (code, summary) = run_json(&["replay", "--json", &file]);
+    assert_eq!((code, &summary["gaps"]), (1, &1.into()), "{summary}");
+    for (bytes, word) in [(&b"no log"[..], "no flight log"), (&[], "no flight log"), (&log[90_000..], "no beginning")] {
+        std::fs::write(&path, bytes).unwrap();
+        let output = run(&["replay", &file]);
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && words.contains(word), "{words}");
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn the_firmware_answers_at_its_maintenance_port() {
+    let dir = tempfile::tempdir().unwrap();
+    let words = dir.path().join("stdout");
+    // QEMU says on its output which terminal it has opened.
+    let mut qemu = Command::new("qemu-system-arm")
+        .args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-icount", "shift=8"])
+        .args(["-semihosting-config", "enable=on,target=native", "-serial", "null", "-serial", "null"])
+        .args(["-serial", "pty", "-kernel", &qemu_image()])
+        .stdout(std::fs::File::create(&words).unwrap())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let terminal = (0..200).find_map(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        let said = std::fs::read_to_string(&words).unwrap();
+        said.split_whitespace().find(|word| word.starts_with("/dev/pts/")).map(str::to_owned)
+    });
+    let terminal = terminal.unwrap();
+    let capture = dir.path().join("capture.log");
+    let ask = |command: &str| {
+        let log = capture.to_string_lossy();
+        let output = run(&["port", "--serial", &terminal, "--log", &log, command]);
+        (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    let (code, status) = ask("status");
+    assert_eq!(code, Some(0), "{status}");
+    for word in ["on mps2_an386", "restart: power", "late 0", "outcome not_in_control", "link: frames 0", "log: frames"]
+    {
+        assert!(status.contains(word) || word.contains("not_in_control") && status.contains("link_lost"), "{status}");
+    }
+    assert!(ask("help").1.contains("factory-reset yes"));
+    assert!(ask("fly away").1.contains("error: no such command"));
+    assert!(ask("factory-reset").1.contains("`factory-reset yes`"));
+    assert!(ask(&"status ".repeat(20)).1.contains("error: the line is too long"));
+    assert!(ask("restart").1.contains("restarts"));
+    let (code, status) = ask("status");
+    assert!(code == Some(0) && status.contains("restart: as asked"), "{status}");
+    qemu.kill().unwrap();
+    qemu.wait().unwrap();
+}
