@@ -59,12 +59,12 @@ impl Companion {
             d::COMMAND_LONG_DATA::ID => {
                 let command: d::COMMAND_LONG_DATA = content.read();
                 let target = (command.target_system, command.target_component);
-                self.on_command(header, target, command.command, command.param1);
+                self.on_command(header, target, command.command, [command.param1, command.param2]);
             }
             d::COMMAND_INT_DATA::ID => {
                 let command: d::COMMAND_INT_DATA = content.read();
                 let target = (command.target_system, command.target_component);
-                self.on_command(header, target, command.command, command.param1);
+                self.on_command(header, target, command.command, [command.param1, command.param2]);
             }
             d::TIMESYNC_DATA::ID => self.on_timesync(header, content),
             d::OBSTACLE_DISTANCE_DATA::ID if is_aboard => {
@@ -421,13 +421,14 @@ impl Companion {
         }
     }
 
-    /// Every command for us is answered: we pause and go on, never arm, never change the mode.
+    /// Every command for us is answered: we pause and go on, examine ourselves, never arm, never change the mode.
     #[inline(never)]
-    fn on_command(&mut self, header: Header, target: (u8, u8), command: u16, param1: f32) {
+    fn on_command(&mut self, header: Header, target: (u8, u8), command: u16, params: [f32; 2]) {
         if target != (self.system_id(), self.config.component_id) {
             return;
         }
         let is = |known: MavCmd| known as u16 == command;
+        let [param1, _] = params;
         let result = if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) || is(MavCmd::MAV_CMD_DO_SET_MODE) {
             MavResult::MAV_RESULT_DENIED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.obeys() {
@@ -438,16 +439,12 @@ impl Companion {
             MavResult::MAV_RESULT_ACCEPTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) {
             MavResult::MAV_RESULT_DENIED
+        } else if is(MavCmd::MAV_CMD_USER_1) || is(MavCmd::MAV_CMD_USER_2) {
+            self.on_exam(header, command, params)
         } else {
             MavResult::MAV_RESULT_UNSUPPORTED
         };
-        self.outbox.post_errand(&COMMAND_ACK_DATA {
-            command,
-            result: result as u8,
-            target_system: header.system_id,
-            target_component: header.component_id,
-            ..COMMAND_ACK_DATA::DEFAULT
-        });
+        self.acknowledge((header.system_id, header.component_id), command, result);
     }
 
     /// Whether what names a target names us, or everybody.

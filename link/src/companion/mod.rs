@@ -11,9 +11,10 @@
 //! Commands in Guided Mode*, PX4's *Offboard Mode*, the MAVLink guide on heartbeats, message intervals and time
 //! synchronisation.
 //!
-//! `hear` and `speak` are the two halves of it.
+//! `hear` and `speak` are the two halves of it; `exam` is about examining the receiver.
 
 mod config;
+mod exam;
 mod hear;
 mod speak;
 
@@ -43,6 +44,7 @@ use crate::signing::{Signing, Unsigned, Verdict};
 use crate::sources::Sources;
 
 pub use self::config::{Config, ObstacleFrame, Yaw};
+pub use self::exam::{Exam, Examined, Tone};
 pub use self::speak::NOTICE_BYTES;
 pub use crate::autopilot::{Autopilot, Software};
 pub use crate::params::Storage;
@@ -183,6 +185,7 @@ pub struct Companion {
     setpoint_slot: Option<u64>,
     telemetry: speak::Telemetry,
     pace: Option<Pace>,
+    exam: Option<exam::Wanted>,
     // The large ones last: what is near is cheaper to reach.
     framer: Framer,
     outbox: Outbox,
@@ -242,6 +245,7 @@ impl Companion {
             setpoint_slot: None,
             telemetry: speak::Telemetry::new(),
             pace: None,
+            exam: None,
         }
     }
 

@@ -5,6 +5,7 @@ mod bench;
 mod carriers;
 mod core_reader;
 mod dialect;
+mod exam;
 mod failsafes;
 mod keys;
 mod latching;
