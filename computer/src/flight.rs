@@ -2,23 +2,33 @@
 //! bit for bit:
 //!
 //! 1. the link takes in the bytes of the autopilot ([`Flight::hear`]);
-//! 2. what stations want of the parameters is done ([`Flight::serve`]);
+//! 2. what stations want of the parameters and of the receiver is done ([`Flight::serve`]);
 //! 3. guidance steps, with what the link heard, the frame, and the plan that was finished in the step before; the link
 //!    publishes the outcome and does what is due ([`Flight::step`]).
+//!
+//! A frame in which a channel [stands still](crate::frozen) is one that did not come. While the receiver is
+//! [examined](crate::selftest), disarmed and outside control, frames go there, and guidance steps on without.
 //!
 //! Then the bytes of the link leave, and where guidance asks for a plan the planner makes one, which is handed over at the
 //! next step.
 
 use foxhound_core::ConfigError;
+use foxhound_core::adc::Snapshot;
+use foxhound_core::array::{Entry, Table};
+use foxhound_core::calibration::deviation::Deviation;
+use foxhound_core::calibration::record::Calibration;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Input, Output};
 use foxhound_core::map::Circle;
 use foxhound_core::param::{Id, Values};
 use foxhound_core::planner::{Plan, Planner};
 use foxhound_core::time::Instant;
-use foxhound_link::companion::{self, Companion};
+use foxhound_link::companion::{self, Companion, Exam, Examined};
 use foxhound_link::params::Storage;
 
 use crate::SAMPLES_PER_CHANNEL as N;
+use crate::frozen::Watch;
+use crate::sampling::Timer;
+use crate::selftest::{self, Channels, Check, Refused, SelfTest, Verdict};
 
 /// Where parameters are kept while the power is off.
 pub trait Keeper {
@@ -73,6 +83,51 @@ pub struct Stepped {
     pub ticks: u32,
 }
 
+/// What is known of the receiver beside its frames.
+#[derive(Clone, Copy, Debug)]
+pub struct Receiver {
+    /// What paces its samples, where that cannot be at any rate.
+    timer: Option<Timer>,
+    watch: Watch,
+    test: SelfTest,
+    /// The table is a new one, and has to be kept.
+    is_calibrated: bool,
+}
+
+impl Receiver {
+    /// Nothing was heard of it yet.
+    ///
+    /// # Errors
+    /// The field of the self-test's limits that is refused.
+    pub fn new(timer: Option<Timer>, limits: &selftest::Config) -> Result<Self, ConfigError> {
+        Ok(Self { timer, watch: Watch::new(), test: limits.build()?, is_calibrated: false })
+    }
+
+    /// The examination that is under way or was the last.
+    #[must_use]
+    pub const fn test(&self) -> &SelfTest {
+        &self.test
+    }
+
+    /// Frames in which a channel stood still, since the start.
+    #[must_use]
+    pub const fn frozen(&self) -> u32 {
+        self.watch.frames()
+    }
+
+    /// A configuration with the sample rate that there will be in place of the one that was asked for.
+    ///
+    /// # Errors
+    /// The field that is refused.
+    pub fn fit(&self, config: &guidance::Config) -> Result<guidance::Config, ConfigError> {
+        let mut config = *config;
+        if let Some(timer) = &self.timer {
+            config.phase.sample_rate_hz = timer.sampling(&config)?.rate_hz;
+        }
+        Ok(config)
+    }
+}
+
 /// Everything that a flight consists of, each where it stays.
 #[derive(Debug)]
 pub struct Flight<'a> {
@@ -86,6 +141,8 @@ pub struct Flight<'a> {
     pub planner: &'a mut Planner,
     /// The link.
     pub companion: &'a mut Companion,
+    /// The receiver.
+    pub receiver: &'a mut Receiver,
 }
 
 // The stack holds one of the large parts at a time, while it is built: hence a function for each.
@@ -106,10 +163,11 @@ impl Flight<'_> {
     #[inline(never)]
     pub fn set_up(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
         let planner = config.planner.build()?;
+        let config = self.receiver.fit(config)?;
         *self.guidance = config.build()?;
         *self.planner = planner;
         self.guidance.restart(self.state);
-        *self.config = *config;
+        *self.config = config;
         Ok(())
     }
 
@@ -156,6 +214,12 @@ impl Flight<'_> {
             begins_anew |= is_done && storage != Storage::Save;
             self.companion.stored(is_done);
         }
+        if let Some(exam) = self.companion.take_exam()
+            && self.examine(exam).is_err()
+        {
+            self.companion.examined(Examined::Refused);
+        }
+        begins_anew |= self.conclude_exam();
         if self.companion.take_world_lost() {
             self.guidance.restart(self.state);
             begins_anew = true;
@@ -171,10 +235,82 @@ impl Flight<'_> {
         self.set_up(&config)
     }
 
+    /// Begins to examine the receiver, or to calibrate it.
+    ///
+    /// # Errors
+    /// It is examined already, or the vehicle is in use.
+    #[inline(never)]
+    pub fn examine(&mut self, exam: Exam) -> Result<(), Refused> {
+        if !self.companion.may_examine() {
+            return Err(Refused::InUse);
+        }
+        self.receiver.test.begin(exam)
+    }
+
+    /// Says what an examination came to, once, and takes a calibration over; true if guidance has started afresh with it.
+    #[inline(never)]
+    fn conclude_exam(&mut self) -> bool {
+        let Some((report, entry)) = self.receiver.test.take_ended() else { return false };
+        let mut verdict = report.verdict;
+        let is_calibrated = entry.is_some_and(|entry| self.calibrate(&entry).is_ok());
+        if entry.is_some() && !is_calibrated {
+            verdict = Verdict::Fail { check: Check::Phase, channels: Channels::NONE };
+        }
+        self.receiver.is_calibrated |= is_calibrated;
+        self.companion.examined(if verdict == Verdict::Pass { Examined::Passed } else { Examined::Failed });
+        self.companion.notify(selftest::words(report.exam, verdict));
+        is_calibrated
+    }
+
+    #[inline(never)]
+    fn calibrate(&mut self, entry: &Entry) -> Result<(), ConfigError> {
+        let mut config = *self.config;
+        config.array.calibration = Some(Table::new(config.array.wavelength_m, core::slice::from_ref(entry))?);
+        self.set_up(&config)
+    }
+
+    /// The calibration that was found on board since the last call, to be kept; it says nothing of the airframe's deviation.
+    pub fn take_calibration(&mut self) -> Option<Calibration> {
+        let table = self.config.array.calibration.filter(|_| core::mem::take(&mut self.receiver.is_calibrated))?;
+        Some(Calibration { table, deviation: Deviation::default() })
+    }
+
+    /// What guidance gets of what the antennas brought: no frame that cannot be one, and none while they are examined.
+    #[inline(never)]
+    fn admit<'a>(&mut self, front_end: FrontEnd<'a, N>) -> FrontEnd<'a, N> {
+        let FrontEnd::Snapshot(snapshot) = front_end else {
+            self.receiver.test.miss(None);
+            return front_end;
+        };
+        let frozen = self.receiver.watch.look(snapshot);
+        if self.receiver.test.is_running() {
+            self.listen(snapshot, frozen);
+            return FrontEnd::Nothing;
+        }
+        if frozen.is_some() { FrontEnd::Nothing } else { front_end }
+    }
+
+    #[inline(never)]
+    fn listen(&mut self, snapshot: &Snapshot<N>, frozen: Option<usize>) {
+        let test = &mut self.receiver.test;
+        if !self.companion.may_examine() {
+            return test.interrupt();
+        }
+        if frozen.is_some() {
+            return test.miss(frozen);
+        }
+        let phasors = self.guidance.examine(self.state, snapshot, test.is_beginning());
+        // It was built before.
+        if let Ok(array) = self.config.array.build() {
+            test.step(&array, self.config.phase.sample_rate_hz, snapshot, &phasors);
+        }
+    }
+
     /// Guidance steps; the link publishes what it came to, and does what is due. `ticks` is read before and after guidance.
     pub fn step(&mut self, step: &Step<'_>, mut ticks: impl FnMut() -> u32) -> Stepped {
+        let front_end = self.admit(step.front_end);
         let begin = ticks();
-        let heard = self.guidance.listen(self.state, step.front_end);
+        let heard = self.guidance.listen(self.state, front_end);
         let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let input = Input {
             now: step.now,

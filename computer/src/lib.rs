@@ -9,6 +9,10 @@
 //! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
 //! | [`log`] | what goes into a flight, written down so that the host can fly it again |
 //! | [`port`] | the maintenance port: lines in, words out |
+//! | [`frozen`] | whether the converters still convert |
+//! | [`sampling`] | sample rates that a timer can have |
+//! | [`selftest`] | the receiver examined and calibrated on board |
+//! | [`tone`] | the test tone of a board that can make one |
 //! | [`restart`] | why the computer has restarted: what is kept over a reset |
 //! | [`store`] | what is kept while the power is off |
 #![no_std]
@@ -18,10 +22,14 @@ extern crate std;
 
 pub mod deadline;
 pub mod flight;
+pub mod frozen;
 pub mod log;
 pub mod port;
 pub mod restart;
+pub mod sampling;
+pub mod selftest;
 pub mod store;
+pub mod tone;
 
 /// Samples of one channel in one snapshot.
 pub const SAMPLES_PER_CHANNEL: usize = 256;

@@ -4,8 +4,10 @@
 
 use std::fmt;
 
-use foxhound_computer::flight::{Flight, Step, Stepped};
+use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
+use foxhound_computer::selftest::{self, Report};
 use foxhound_core::ConfigError;
+use foxhound_core::calibration::record::Calibration;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
 use foxhound_core::map::Circle;
 use foxhound_core::param::Values;
@@ -92,6 +94,7 @@ pub struct HostComputer {
     finished: Option<Plan>,
     store: Option<Store>,
     recording: Option<Recording>,
+    receiver: Receiver,
 }
 
 impl HostComputer {
@@ -111,6 +114,7 @@ impl HostComputer {
             finished: None,
             store: None,
             recording: None,
+            receiver: Receiver::new(None, &selftest::Config::default())?,
         })
     }
 
@@ -125,10 +129,21 @@ impl HostComputer {
         &self.config
     }
 
+    /// What the last examination of the receiver came to.
+    #[must_use]
+    pub const fn examined(&self) -> Option<&Report> {
+        self.receiver.test().report()
+    }
+
+    /// The calibration that was found since the last call.
+    pub fn take_calibration(&mut self) -> Option<Calibration> {
+        self.parts().0.take_calibration()
+    }
+
     /// What is flown, and where its parameters are kept.
     fn parts(&mut self) -> (Flight<'_>, &mut Option<Store>) {
-        let Self { config, guidance, state, planner, companion, store, .. } = self;
-        (Flight { config, guidance, state, planner, companion }, store)
+        let Self { config, guidance, state, planner, companion, store, receiver, .. } = self;
+        (Flight { config, guidance, state, planner, companion, receiver }, store)
     }
 }
 

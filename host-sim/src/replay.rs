@@ -12,9 +12,10 @@
 
 use std::collections::VecDeque;
 
-use foxhound_computer::flight::{Flight, Keeper, Step};
+use foxhound_computer::flight::{Flight, Keeper, Receiver, Step};
 use foxhound_computer::log::frame::Deframer;
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
+use foxhound_computer::selftest;
 use foxhound_core::adc::Snapshot;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard};
 use foxhound_core::map::Circle;
@@ -148,6 +149,7 @@ struct Flown {
     state: guidance::State<BLOCK>,
     planner: Planner,
     companion: Companion,
+    receiver: Receiver,
     plans: VecDeque<Plan>,
     steps: u64,
     has_differed: bool,
@@ -181,6 +183,7 @@ impl Flown {
             guidance,
             planner: begin.config.planner.build()?,
             companion,
+            receiver: Receiver::new(None, &selftest::Config::default())?,
             plans: VecDeque::new(),
             steps: 0,
             has_differed: false,
@@ -247,8 +250,8 @@ impl Flown {
     }
 
     fn flight(&mut self) -> Flight<'_> {
-        let Self { config, guidance, state, planner, companion, .. } = self;
-        Flight { config, guidance, state, planner, companion }
+        let Self { config, guidance, state, planner, companion, receiver, .. } = self;
+        Flight { config, guidance, state, planner, companion, receiver }
     }
 
     /// Whether the codes come to what was heard, as far as that can be said.

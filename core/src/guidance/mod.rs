@@ -535,6 +535,15 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
+    /// The phasors of a frame that the chain is not to go by, as when the receiver is examined; `begins` forgets the tone
+    /// that was followed. To be called outside control, with [`FrontEnd::Nothing`] in the same step.
+    pub fn examine(&self, state: &mut State<N>, snapshot: &Snapshot<N>, begins: bool) -> Phasors {
+        if begins {
+            state.phase.reset();
+        }
+        self.phase.step(&mut state.phase, snapshot)
+    }
+
     /// Frame -> phasors -> bearing: the part of a step that has to do with codes. Whoever wants to keep what was heard calls
     /// it before the step, which then takes [`FrontEnd::Heard`].
     pub fn listen(&self, state: &mut State<N>, front_end: FrontEnd<'_, N>) -> Option<Heard> {

@@ -1,0 +1,111 @@
+//! Sample rates that a timer can have.
+//!
+//! A timer counts whole cycles of its clock from sample to sample, so that not every rate can be had. The rate that is used
+//! is the one that the timer has, not the one that was asked for: it goes back into the configuration, and every frequency
+//! after it is right.
+
+use foxhound_core::error::{ConfigError, Why, check};
+use foxhound_core::guidance;
+
+use crate::SAMPLES_PER_CHANNEL as N;
+
+const RATE: &str = "phase.sample_rate_hz";
+/// The nearest rate may be off by this part of it.
+const OFF_MAX: f32 = 100e-6;
+/// From frame to frame it may be off the period of the steps by this part of it.
+const PERIOD_OFF_MAX: f32 = 0.05;
+
+/// The timer that starts every sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timer {
+    /// It counts these.
+    pub clock_hz: u32,
+    /// One sample takes so long: sampling, conversion, and what comes before them.
+    pub cycles_min: u32,
+    /// It counts no further.
+    pub cycles_max: u32,
+}
+
+/// How a timer samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sampling {
+    /// From sample to sample.
+    pub cycles: u32,
+    /// What that comes to.
+    pub rate_hz: f32,
+    /// Of so many blocks one after the other, one is a frame: one a step.
+    pub blocks: u32,
+}
+
+impl Timer {
+    /// How it samples for this configuration.
+    ///
+    /// # Errors
+    /// `phase.sample_rate_hz` where a sample takes longer than that, the timer does not count so far, or no count of it comes
+    /// within 100 ppm; `tick_s` where whole blocks do not come in step with it.
+    pub fn sampling(&self, config: &guidance::Config) -> Result<Sampling, ConfigError> {
+        let clock_hz = self.clock_hz as f32;
+        let (slowest, fastest) = (clock_hz / self.cycles_max as f32, clock_hz / self.cycles_min as f32);
+        let wanted_hz = check(RATE, config.phase.sample_rate_hz, slowest, fastest)?;
+        let cycles = libm::roundf(clock_hz / wanted_hz);
+        let rate_hz = clock_hz / cycles;
+        if libm::fabsf(rate_hz - wanted_hz) > OFF_MAX * wanted_hz {
+            let why = Why::Inconsistent("the sample timer has no rate within 100 ppm of it");
+            return Err(ConfigError { field: RATE, value: wanted_hz, why });
+        }
+        let tick_blocks = check("tick_s", config.tick_s, 0.005, 0.1)? * rate_hz / N as f32;
+        let blocks = libm::roundf(tick_blocks);
+        if blocks < 1.0 || libm::fabsf(blocks - tick_blocks) > PERIOD_OFF_MAX * tick_blocks {
+            let why = Why::Inconsistent("no whole number of blocks of 256 samples is as long");
+            return Err(ConfigError { field: "tick_s", value: config.tick_s, why });
+        }
+        Ok(Sampling { cycles: cycles as u32, rate_hz, blocks: blocks as u32 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As that of the NUCLEO-G474RE.
+    const TIMER: Timer = Timer { clock_hz: 170_000_000, cycles_min: 432, cycles_max: 1 << 16 };
+
+    fn config(rate_hz: f32, tick_s: f32) -> guidance::Config {
+        let mut config = guidance::Config { tick_s, ..guidance::Config::default() };
+        config.phase.sample_rate_hz = rate_hz;
+        config
+    }
+
+    #[test]
+    fn the_default_rate_is_had_within_94_ppm_and_a_frame_comes_with_every_step() {
+        let sampling = TIMER.sampling(&guidance::Config::default()).unwrap();
+        assert_eq!((sampling.cycles, sampling.blocks), (1660, 8));
+        // 170 MHz / 1660, in double precision.
+        assert!((f64::from(sampling.rate_hz) - 170e6 / 1660.0).abs() < 0.005);
+    }
+
+    #[test]
+    fn a_rate_that_a_timer_has_is_had_again() {
+        for cycles in [432, 500, 1659, 1660, 1661, 7_001, 13_000] {
+            let rate_hz = 170e6 / cycles as f32;
+            let blocks = (0.02 * rate_hz / 256.0).round().max(1.0);
+            let tick_s = (blocks * 256.0 / rate_hz).min(0.1);
+            let sampling = TIMER.sampling(&config(rate_hz, tick_s)).unwrap();
+            assert_eq!((sampling.cycles, sampling.rate_hz.to_bits()), (cycles, rate_hz.to_bits()));
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_had_is_refused_by_name() {
+        let refused = |rate_hz, tick_s| TIMER.sampling(&config(rate_hz, tick_s)).unwrap_err().field;
+        // A sample takes 432 cycles; the timer counts to 65 536.
+        assert_eq!(refused(394_000.0, 0.02), RATE);
+        assert_eq!(refused(2_500.0, 0.1), RATE);
+        assert_eq!(refused(f32::NAN, 0.02), RATE);
+        // Between 850 and 851 cycles: 588 ppm from either.
+        assert_eq!(refused(170e6 / 850.5, 0.02), RATE);
+        // 1.17 blocks a step.
+        assert_eq!(refused(15_000.0, 0.02), "tick_s");
+        assert_eq!(refused(5_000.0, 0.02), "tick_s");
+    }
+}

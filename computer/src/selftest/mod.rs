@@ -1,0 +1,356 @@
+//! The receiver examined on board, and calibrated: what `foxhound calibrate` does with a file, the flight computer does with
+//! the frames that it gets.
+//!
+//! One tone goes to all four inputs, through a splitter, or comes from a source whose direction is known. For
+//! [`Config::frames`] frames, and eight before them, 1.5 s, outside control and disarmed, the frames go here and not to guidance, which gets none. What
+//! they must show, in this order; the first thing that is wrong is the verdict:
+//!
+//! | check | what it means | usual cause |
+//! |---|---|---|
+//! | [`Check::Frames`] | frames come | converters, timer or DMA do not run |
+//! | [`Check::Frozen`] | no frame repeats the one before | a converter or its DMA has stopped |
+//! | [`Check::Dead`] | codes change; and, once there is a tone, it is there with 1 % of the strongest one's power | wire, amplifier, mixer |
+//! | [`Check::Clipped`] | at most 1 % of the codes at a rail | too loud, bias |
+//! | [`Check::Same`] | no two channels have the very same codes in all frames | two inputs on one converter |
+//! | [`Check::Rate`] | frames come at whole multiples of their length, by the clock of the time stamps | sample timer |
+//! | [`Check::Offset`] | the mean is near half scale | bias |
+//! | [`Check::Noise`] | the floor is low, and no channel's stands out | supply, oscillation, a loose shield |
+//! | [`Check::Tone`] | there is a tone, well above the noise | no tone; elsewhere than its band |
+//! | [`Check::Gain`] | the channels are about as loud as each other | amplifier, cable, splitter |
+//! | [`Check::Phase`] | the channels' phases stay where they are | oscillator, a loose connector |
+//! | [`Check::Order`] | the antennas are on the channels where they should be | exchanged cables |
+//!
+//! Which channel is exchanged for which a splitter cannot tell: all are alike there. A source in a known direction can once the
+//! channels are calibrated, unless two antennas are symmetric about that direction: dead ahead, left and right may be
+//! exchanged and nobody sees it; 30 degrees beside the nose is symmetric about nothing. Two inputs that are one by a bridge
+//! of solder, before two converters, have noises of their own, and are not found by [`Check::Same`].
+//!
+//! A constant is no fault of the phases: [`foxhound_core::phase`] projects it out. It only costs room.
+//!
+//! Source of the numbers: the codes, and the phasors of [`foxhound_core::phase`] with its noise floor; phases and gains relative
+//! to each other are those of [`foxhound_core::calibration::Calibrator`]. Only sums are kept, no frames.
+
+mod report;
+mod run;
+#[cfg(test)]
+mod tests;
+
+use core::f32::consts::PI;
+
+use foxhound_core::ConfigError;
+use foxhound_core::adc::{CHANNELS, Snapshot};
+use foxhound_core::array::{Array, Entry};
+use foxhound_core::error::check;
+use foxhound_core::phase::Phasors;
+use foxhound_core::units::DEG_PER_RAD;
+use foxhound_link::companion::{Exam, Tone};
+use heapless::String;
+
+use crate::SAMPLES_PER_CHANNEL as N;
+
+pub use report::{Reading, Report};
+use run::{Run, SETTLING};
+
+/// Bytes of a `STATUSTEXT`.
+const WORDS_BYTES: usize = 50;
+
+/// What is too much.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Frames that are listened to.
+    pub frames: u16,
+    /// A mean that is farther from half scale is wrong.
+    pub offset_max_codes: f32,
+    /// Part of the codes that may be at a rail.
+    pub clipped_max: f32,
+    /// Noise, rms.
+    pub noise_max_codes: f32,
+    /// Noise above that of the other channels, their median.
+    pub noise_spread_max_db: f32,
+    /// The tone over the noise, per sample.
+    pub snr_min_db: f32,
+    /// From the weakest channel to the strongest.
+    pub gain_spread_max_db: f32,
+    /// Standard deviation of a channel's phase from frame to frame, against the others'.
+    pub phase_sigma_max_rad: f32,
+    /// The sample rate against the clock of the time stamps, as a part of it.
+    pub rate_off_max: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            frames: 64,
+            offset_max_codes: 100.0,
+            clipped_max: 0.01,
+            noise_max_codes: 20.0,
+            noise_spread_max_db: 6.0,
+            snr_min_db: 10.0,
+            gain_spread_max_db: 3.0,
+            phase_sigma_max_rad: 1.5 / DEG_PER_RAD,
+            rate_off_max: 500e-6,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the limits.
+    ///
+    /// # Errors
+    /// The field that is refused.
+    pub fn build(&self) -> Result<SelfTest, ConfigError> {
+        check("selftest.frames", f32::from(self.frames), 8.0, 200.0)?;
+        check("selftest.offset_max_codes", self.offset_max_codes, 1.0, 2048.0)?;
+        check("selftest.clipped_max", self.clipped_max, 0.0, 1.0)?;
+        check("selftest.noise_max_codes", self.noise_max_codes, 0.3, 2048.0)?;
+        check("selftest.noise_spread_max_db", self.noise_spread_max_db, 1.0, 60.0)?;
+        check("selftest.snr_min_db", self.snr_min_db, -10.0, 60.0)?;
+        check("selftest.gain_spread_max_db", self.gain_spread_max_db, 0.1, 40.0)?;
+        check("selftest.phase_sigma_max_rad", self.phase_sigma_max_rad, 1e-4, PI)?;
+        check("selftest.rate_off_max", self.rate_off_max, 1e-6, 0.1)?;
+        Ok(SelfTest { config: *self, stage: Stage::Idle })
+    }
+}
+
+/// What is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Check {
+    /// Frames come.
+    Frames,
+    /// No frame repeats the one before.
+    Frozen,
+    /// A channel hears something.
+    Dead,
+    /// Codes stay off the rails.
+    Clipped,
+    /// No two channels are the same one.
+    Same,
+    /// Frames come when they should.
+    Rate,
+    /// The mean is near half scale.
+    Offset,
+    /// The noise is low.
+    Noise,
+    /// There is a tone.
+    Tone,
+    /// Channels are about as loud as each other.
+    Gain,
+    /// Phases stay.
+    Phase,
+    /// Antennas are where they should be.
+    Order,
+}
+
+impl Check {
+    /// What is wrong where it is not so.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Frames => "no frames",
+            Self::Frozen => "frozen",
+            Self::Dead => "dead",
+            Self::Clipped => "clipped",
+            Self::Same => "identical",
+            Self::Rate => "rate off",
+            Self::Offset => "offset",
+            Self::Noise => "noisy",
+            Self::Tone => "no tone",
+            Self::Gain => "gain off",
+            Self::Phase => "unsteady",
+            Self::Order => "exchanged",
+        }
+    }
+}
+
+/// Some of the channels, 0..4; none where something concerns all of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Channels(u8);
+
+impl Channels {
+    /// None.
+    pub const NONE: Self = Self(0);
+
+    /// One of them.
+    #[must_use]
+    pub const fn one(channel: usize) -> Self {
+        Self(1 << (channel % CHANNELS))
+    }
+
+    /// These and another.
+    #[must_use]
+    pub const fn and(self, channel: usize) -> Self {
+        Self(self.0 | Self::one(channel).0)
+    }
+
+    /// Those for which something holds.
+    pub fn which(holds: impl Fn(usize) -> bool) -> Self {
+        (0..CHANNELS).filter(|channel| holds(*channel)).fold(Self::NONE, Self::and)
+    }
+
+    /// Whether it is among them.
+    #[must_use]
+    pub const fn contains(self, channel: usize) -> bool {
+        self.0 & Self::one(channel).0 != 0
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub const fn is_none(self) -> bool {
+        self.0 == 0
+    }
+}
+
+/// What an examination came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// All is well.
+    Pass,
+    /// This is not.
+    Fail {
+        /// The first that is not.
+        check: Check,
+        /// Where.
+        channels: Channels,
+    },
+    /// The vehicle was armed or taken into control.
+    Interrupted,
+}
+
+/// Why none was begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// One is under way.
+    Busy,
+    /// The vehicle is armed, or we are in control of it.
+    InUse,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Stage {
+    Idle,
+    Running(Run),
+    /// Has its verdict, which nobody has been told yet; what was measured, where it is to be taken over.
+    Ended(Report, Option<Entry>),
+    /// All is said.
+    Told(Report),
+}
+
+/// The examination that is under way or was the last.
+#[derive(Clone, Copy, Debug)]
+pub struct SelfTest {
+    config: Config,
+    stage: Stage,
+}
+
+impl SelfTest {
+    /// Begins one.
+    ///
+    /// # Errors
+    /// There is one already.
+    pub fn begin(&mut self, exam: Exam) -> Result<(), Refused> {
+        if matches!(self.stage, Stage::Running(_) | Stage::Ended(..)) {
+            return Err(Refused::Busy);
+        }
+        self.stage = Stage::Running(Run::new(exam));
+        Ok(())
+    }
+
+    /// Whether frames are to be listened to.
+    #[must_use]
+    pub const fn is_running(&self) -> bool {
+        matches!(self.stage, Stage::Running(_))
+    }
+
+    /// Whether the board is to make a tone of its own.
+    #[must_use]
+    pub const fn wants_tone(&self) -> bool {
+        matches!(self.stage, Stage::Running(Run { exam: Exam::SelfTest(Tone::Board), .. }))
+    }
+
+    /// Whether no frame has been listened to yet: what is known of a tone is of another one.
+    #[must_use]
+    pub const fn is_beginning(&self) -> bool {
+        matches!(self.stage, Stage::Running(Run { settling: SETTLING, .. }))
+    }
+
+    /// A step without a frame that can be used.
+    #[inline(never)]
+    pub fn miss(&mut self, frozen: Option<usize>) {
+        if let Stage::Running(run) = &mut self.stage {
+            run.miss(frozen);
+        }
+        self.conclude(None);
+    }
+
+    /// A frame, and what phasors it has; `array` with the table that holds.
+    #[inline(never)]
+    pub fn step(&mut self, array: &Array, sample_rate_hz: f32, snapshot: &Snapshot<N>, phasors: &Phasors) {
+        if let Stage::Running(run) = &mut self.stage {
+            run.take(array, sample_rate_hz / N as f32, snapshot, phasors);
+        }
+        self.conclude(Some((array, phasors)));
+    }
+
+    /// The vehicle is needed.
+    #[inline(never)]
+    pub fn interrupt(&mut self) {
+        if let Stage::Running(run) = &self.stage {
+            self.stage = Stage::Ended(run.report(Verdict::Interrupted), None);
+        }
+    }
+
+    #[inline(never)]
+    fn conclude(&mut self, last: Option<(&Array, &Phasors)>) {
+        if let Stage::Running(run) = &self.stage
+            && run.is_over(&self.config)
+        {
+            let verdict = run.judge(&self.config, last);
+            let takes_over = verdict == Verdict::Pass && matches!(run.exam, Exam::Calibrate { .. });
+            let entry = run.entry().filter(|_| takes_over);
+            self.stage = Stage::Ended(run.report(verdict), entry);
+        }
+    }
+
+    /// What has just ended, told once; and how the channels are, where that is to be taken over.
+    pub(crate) fn take_ended(&mut self) -> Option<(Report, Option<Entry>)> {
+        let Stage::Ended(report, entry) = self.stage else { return None };
+        self.stage = Stage::Told(report);
+        Some((report, entry))
+    }
+
+    /// What the last one came to, until the next begins.
+    #[must_use]
+    pub const fn report(&self) -> Option<&Report> {
+        match &self.stage {
+            Stage::Ended(report, _) | Stage::Told(report) => Some(report),
+            Stage::Idle | Stage::Running(_) => None,
+        }
+    }
+}
+
+/// The verdict in the words of a `STATUSTEXT`.
+#[must_use]
+pub fn words(exam: Exam, verdict: Verdict) -> String<WORDS_BYTES> {
+    let (passed, failed) = match exam {
+        Exam::SelfTest(_) => ("Foxhound: self-test passed", "Foxhound: self-test: "),
+        Exam::Calibrate { .. } => ("Foxhound: calibrated", "Foxhound: not calibrated: "),
+    };
+    let mut words = String::new();
+    // All of it fits, which a test says.
+    let mut say = |text: &str| words.push_str(text).unwrap_or_default();
+    match verdict {
+        Verdict::Pass => say(passed),
+        Verdict::Interrupted => [failed, "interrupted"].into_iter().for_each(say),
+        Verdict::Fail { check, channels } => {
+            say(failed);
+            let digits = || ["1", "2", "3", "4"].into_iter().enumerate().filter(|(m, _)| channels.contains(*m));
+            if let Some((first, _)) = digits().next() {
+                say(if channels == Channels::one(first) { "channel " } else { "channels " });
+                digits().for_each(|(_, digit)| say(digit));
+                say(" ");
+            }
+            say(check.words());
+        }
+    }
+    words
+}

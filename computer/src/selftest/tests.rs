@@ -1,0 +1,111 @@
+use super::*;
+use foxhound_core::array;
+use foxhound_core::phase;
+use foxhound_core::time::Instant;
+use std::string::ToString as _;
+
+#[test]
+fn limits_out_of_range_are_refused_by_name() {
+    assert!(Config::default().build().is_ok());
+    let refused = |config: Config| config.build().unwrap_err().field;
+    let good = Config::default();
+    assert_eq!(refused(Config { frames: 7, ..good }), "selftest.frames");
+    assert_eq!(refused(Config { frames: 201, ..good }), "selftest.frames");
+    assert_eq!(refused(Config { offset_max_codes: f32::NAN, ..good }), "selftest.offset_max_codes");
+    assert_eq!(refused(Config { clipped_max: 1.5, ..good }), "selftest.clipped_max");
+    assert_eq!(refused(Config { noise_max_codes: 0.0, ..good }), "selftest.noise_max_codes");
+    assert_eq!(refused(Config { noise_spread_max_db: 0.0, ..good }), "selftest.noise_spread_max_db");
+    assert_eq!(refused(Config { snr_min_db: 90.0, ..good }), "selftest.snr_min_db");
+    assert_eq!(refused(Config { gain_spread_max_db: 0.0, ..good }), "selftest.gain_spread_max_db");
+    assert_eq!(refused(Config { phase_sigma_max_rad: 0.0, ..good }), "selftest.phase_sigma_max_rad");
+    assert_eq!(refused(Config { rate_off_max: 1.0, ..good }), "selftest.rate_off_max");
+}
+
+#[test]
+fn every_verdict_has_words_of_its_own_that_fit_a_message() {
+    let checks = [
+        Check::Frames,
+        Check::Frozen,
+        Check::Dead,
+        Check::Clipped,
+        Check::Same,
+        Check::Rate,
+        Check::Offset,
+        Check::Noise,
+        Check::Tone,
+        Check::Gain,
+        Check::Phase,
+        Check::Order,
+    ];
+    let mut said = std::vec::Vec::new();
+    for exam in [Exam::SelfTest(Tone::Splitter), Exam::Calibrate { azimuth_rad: None }] {
+        let mut say = |verdict| {
+            let words = words(exam, verdict).to_string();
+            assert!(words.len() <= 50 && !said.contains(&words), "{words}");
+            said.push(words);
+        };
+        say(Verdict::Pass);
+        say(Verdict::Interrupted);
+        for check in checks {
+            say(Verdict::Fail { check, channels: Channels::NONE });
+            say(Verdict::Fail { check, channels: Channels::one(2) });
+            say(Verdict::Fail { check, channels: Channels::which(|_| true) });
+        }
+    }
+    // Nothing was cut off: all end as they should.
+    assert!(said.iter().filter(|words| words.contains("channels 1234 ")).count() == 2 * checks.len());
+    assert!(checks.iter().all(|check| said.iter().filter(|words| words.ends_with(check.words())).count() == 6));
+    let dead = Verdict::Fail { check: Check::Dead, channels: Channels::one(2) };
+    assert_eq!(words(Exam::SelfTest(Tone::Splitter), dead), "Foxhound: self-test: channel 3 dead");
+}
+
+#[test]
+fn frames_that_do_not_come_end_it_and_one_that_runs_is_not_begun_again() {
+    let mut test = Config::default().build().unwrap();
+    assert!(test.report().is_none() && !test.is_running());
+    test.begin(Exam::SelfTest(Tone::Board)).unwrap();
+    assert!(test.wants_tone() && test.is_beginning());
+    assert_eq!(test.begin(Exam::SelfTest(Tone::Splitter)), Err(Refused::Busy));
+    for _ in 0..Config::default().frames {
+        assert!(test.is_running() && test.take_ended().is_none());
+        test.miss(None);
+    }
+    assert!(!test.is_running() && !test.wants_tone());
+    let (report, entry) = test.take_ended().unwrap();
+    assert_eq!(report.verdict, Verdict::Fail { check: Check::Frames, channels: Channels::NONE });
+    assert!(entry.is_none() && test.take_ended().is_none());
+    assert_eq!(test.report(), Some(&report));
+    test.begin(Exam::SelfTest(Tone::Splitter)).unwrap();
+    assert!(test.report().is_none());
+}
+
+#[test]
+fn whatever_codes_come_it_ends_after_its_frames() {
+    let array = array::Config::default().build().unwrap();
+    let extractor = phase::Config::default().build::<N>().unwrap();
+    let mut rng = foxhound_core::rng::Rng::new(3, 1);
+    for kind in 0..6 {
+        let mut test = Config::default().build().unwrap();
+        test.begin(Exam::Calibrate { azimuth_rad: Some(1.0) }).unwrap();
+        let mut state = phase::State::default();
+        for frame in 0..Config::default().frames + SETTLING {
+            let mut snapshot = Snapshot { time: Instant(u64::from(frame) * 20_000), codes: [[0; N]; CHANNELS] };
+            for (n, code) in snapshot.codes.iter_mut().flatten().enumerate() {
+                *code = match kind {
+                    0 => 0,
+                    1 => i16::MAX,
+                    2 => i16::MIN,
+                    3 => (rng.uniform() * 65_536.0 - 32_768.0) as i16,
+                    4 if n % 2 == 0 => 2047,
+                    4 => -2048,
+                    _ => (rng.gaussian() * 3.0) as i16,
+                };
+            }
+            assert!(test.is_running());
+            let phasors = extractor.step(&mut state, &snapshot);
+            test.step(&array, 102_400.0, &snapshot, &phasors);
+        }
+        let (report, entry) = test.take_ended().unwrap();
+        assert!(matches!(report.verdict, Verdict::Fail { .. }) && entry.is_none(), "{kind}: {report:?}");
+    }
+}
