@@ -92,6 +92,8 @@ pub struct Receiver {
     test: SelfTest,
     /// The table is a new one, and has to be kept.
     is_calibrated: bool,
+    /// What an examination came to has not been fetched.
+    is_examined: bool,
 }
 
 impl Receiver {
@@ -100,7 +102,7 @@ impl Receiver {
     /// # Errors
     /// The field of the self-test's limits that is refused.
     pub fn new(timer: Option<Timer>, limits: &selftest::Config) -> Result<Self, ConfigError> {
-        Ok(Self { timer, watch: Watch::new(), test: limits.build()?, is_calibrated: false })
+        Ok(Self { timer, watch: Watch::new(), test: limits.build()?, is_calibrated: false, is_examined: false })
     }
 
     /// The examination that is under way or was the last.
@@ -257,6 +259,7 @@ impl Flight<'_> {
             verdict = Verdict::Fail { check: Check::Phase, channels: Channels::NONE };
         }
         self.receiver.is_calibrated |= is_calibrated;
+        self.receiver.is_examined = true;
         self.companion.examined(if verdict == Verdict::Pass { Examined::Passed } else { Examined::Failed });
         self.companion.notify(selftest::words(report.exam, verdict));
         is_calibrated
@@ -267,6 +270,12 @@ impl Flight<'_> {
         let mut config = *self.config;
         config.array.calibration = Some(Table::new(config.array.wavelength_m, core::slice::from_ref(entry))?);
         self.set_up(&config)
+    }
+
+    /// What an examination has come to since the last call.
+    pub fn take_report(&mut self) -> Option<selftest::Report> {
+        let is_examined = core::mem::take(&mut self.receiver.is_examined);
+        self.receiver.test.report().filter(|_| is_examined).copied()
     }
 
     /// The calibration that was found on board since the last call, to be kept; it says nothing of the airframe's deviation.

@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | `help` | the commands are listed | answered |
 //! | `status` | version, restart, deadlines, stack, outcome and link are told | answered |
-//! | `selftest`, `calibrate` | the board examines itself, measures its channels | refused |
+//! | `selftest`, `selftest tone`, `calibrate` | the receiver is examined, its channels are measured ([`crate::selftest`]) | refused |
 //! | `factory-reset` | is explained; `factory-reset yes` forgets everything stored | refused |
 //! | `restart` | the computer restarts, and comes up in standby | refused |
 //!
@@ -20,6 +20,7 @@ use heapless::{String, Vec};
 
 use crate::deadline::Counts;
 use crate::restart::Restart;
+use crate::selftest::{self, Report};
 
 /// Longest line.
 pub const LINE_MAX: usize = 40;
@@ -34,7 +35,10 @@ pub enum Command {
     /// How it is.
     Status,
     /// An examination.
-    SelfTest,
+    SelfTest {
+        /// With the board's own tone; with one through a splitter otherwise.
+        own_tone: bool,
+    },
     /// A measurement of the channels.
     Calibrate,
     /// Everything that is stored forgotten.
@@ -102,13 +106,14 @@ impl Command {
         let command = match name {
             b"help" | b"?" => Self::Help,
             b"status" => Self::Status,
-            b"selftest" => Self::SelfTest,
+            b"selftest" => Self::SelfTest { own_tone: argument == Some(b"tone") },
             b"calibrate" => Self::Calibrate,
             b"factory-reset" => Self::FactoryReset { is_sure: argument == Some(b"yes") },
             b"restart" => Self::Restart,
             _ => return Some(Err(Refusal::Unknown)),
         };
-        let is_surplus = argument.is_some() && command != Self::FactoryReset { is_sure: true };
+        let takes = [Self::FactoryReset { is_sure: true }, Self::SelfTest { own_tone: true }];
+        let is_surplus = argument.is_some() && !takes.contains(&command);
         Some(if is_surplus || rest.is_some() { Err(Refusal::Surplus) } else { Ok(command) })
     }
 }
@@ -159,11 +164,12 @@ impl Default for Lines {
 }
 
 /// What `help` says.
-pub const HELP: [&str; 6] = [
+pub const HELP: [&str; 7] = [
     "help                this list",
     "status              version, restart, deadlines, stack, outcome, link, log",
-    "selftest            examine the board; not in control",
-    "calibrate           measure the channels; not in control",
+    "selftest            examine the receiver, a tone through a splitter; disarmed",
+    "selftest tone       the same with the board's own tone",
+    "calibrate           measure the channels, a tone through a splitter; disarmed",
     "factory-reset yes   forget everything that is stored; not in control",
     "restart             begin anew, in standby; not in control",
 ];
@@ -214,6 +220,33 @@ impl Status<'_> {
     }
 }
 
+/// What an examination of the receiver has measured, and what it came to, in lines.
+pub fn tell_report(report: &Report, mut line: impl FnMut(&str)) {
+    let mut words = Words::new();
+    words.text(&selftest::words(report.exam, report.verdict));
+    line(words.end());
+    words.text("frames ").number(report.frames.into()).text(", tone ").signed(report.frequency_hz);
+    words.text(" Hz, ").signed(report.snr_centi_db).text(" centi-dB over the noise, rate off ");
+    words.signed(report.rate_off_ppm).text(" ppm");
+    line(words.end());
+    line("channel: offset, noise, amplitude (centi-codes), noise (centi-dB full scale), clipped (ppm)");
+    for (number, channel) in (1..).zip(&report.channels) {
+        words.number(number).text(": ").signed(channel.offset_centi_codes);
+        for value in
+            [channel.noise_centi_codes, channel.amplitude_centi_codes, channel.noise_centi_dbfs, channel.clipped_ppm]
+        {
+            words.text(", ").signed(value);
+        }
+        line(words.end());
+    }
+    line("channel: gain (centi-dB), phase, its deviation (milli-degrees)");
+    for (number, channel) in (1..).zip(&report.channels) {
+        words.number(number).text(": ").signed(channel.gain_centi_db);
+        words.text(", ").signed(channel.phase_mdeg).text(", ").signed(channel.phase_sigma_mdeg);
+        line(words.end());
+    }
+}
+
 /// Puts an answer together, without the formatting of numbers, which takes 2 KB of flash. What does not fit is cut off.
 #[derive(Debug)]
 struct Words {
@@ -249,6 +282,13 @@ impl Words {
         }
         let digits = digits.get(from..).and_then(|digits| str::from_utf8(digits).ok()).unwrap_or_default();
         self.text(digits)
+    }
+
+    fn signed(&mut self, number: i32) -> &mut Self {
+        if number < 0 {
+            self.text("-");
+        }
+        self.number(number.unsigned_abs())
     }
 
     fn display(&mut self, what: &impl fmt::Display) -> &mut Self {

@@ -27,8 +27,9 @@ use embassy_sync::zerocopy_channel::{self, Channel, Sender};
 use foxhound_computer::deadline::{self, Monitor};
 use foxhound_computer::flight::{self, Flight, Stepped};
 use foxhound_computer::log::Log;
-use foxhound_computer::port::{Command, HELP, Status};
+use foxhound_computer::port::{self, Command, HELP, Status};
 use foxhound_computer::restart::{Cause, Restart};
+use foxhound_computer::selftest::{self, Refused};
 use foxhound_computer::store::Store;
 use foxhound_core::ConfigError;
 use foxhound_core::frame::Horizontal;
@@ -37,7 +38,7 @@ use foxhound_core::param::Values;
 use foxhound_core::planner::{Plan, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::rollout::WAYPOINTS;
 use foxhound_core::time::Instant;
-use foxhound_link::companion::{self, Companion, Pace};
+use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::boards::board::{self, Flash, Pacer, Receiver, Transmitter, Watchdog};
@@ -235,6 +236,11 @@ pub async fn guide(
     port.log.begin(&restart.words(start), true, &flight);
     let mut monitor = Monitor::new(deadline::Config::default());
     loop {
+        pacer.follow(flight.config);
+        pacer.sound(flight.receiver.test().wants_tone());
+        if let Some(trouble) = pacer.trouble() {
+            flight.companion.notify(trouble.chars().collect());
+        }
         match pacer.next().await {
             Call::Setup(config) => {
                 planning.settle().await;
@@ -304,11 +310,12 @@ pub async fn guide(
                         link: flight.companion.counters(),
                         log_lost: port.log.lost(),
                     };
-                    if carry_out(command, &status, &mut store, &mut port.log) {
+                    if carry_out(command, &status, &mut flight, &mut store, &mut port.log) {
                         port.drain().await;
                         board::restart();
                     }
                 }
+                report(&mut flight, &mut store, &mut port.log);
                 port.flush();
             }
         }
@@ -330,7 +337,18 @@ pub fn refuse(error: ConfigError) -> ! {
 
 /// Does what somebody at the maintenance port wants; true where that is a restart.
 #[inline(never)]
-fn carry_out(command: Command, status: &Status<'_>, store: &mut Store<Flash>, log: &mut Log<'_>) -> bool {
+fn carry_out(
+    command: Command,
+    status: &Status<'_>,
+    flight: &mut Flight<'_>,
+    store: &mut Store<Flash>,
+    log: &mut Log<'_>,
+) -> bool {
+    let mut examine = |exam| match flight.examine(exam) {
+        Ok(()) => log.text("listens"),
+        Err(Refused::Busy) => log.text("error: an examination is under way"),
+        Err(Refused::InUse) => log.text("error: armed or in control"),
+    };
     match command {
         Command::Help => HELP.iter().for_each(|line| log.text(line)),
         Command::Status => status.tell(|line| log.text(line)),
@@ -339,10 +357,27 @@ fn carry_out(command: Command, status: &Status<'_>, store: &mut Store<Flash>, lo
             log.text("forgotten; `restart` begins anew");
         }
         Command::FactoryReset { is_sure: true } => log.text("error: the flash cannot be erased"),
-        Command::SelfTest | Command::Calibrate => log.text("error: this firmware cannot do that"),
+        Command::SelfTest { own_tone: false } => examine(Exam::SelfTest(Tone::Splitter)),
+        Command::SelfTest { own_tone: true } => examine(Exam::SelfTest(Tone::Board)),
+        Command::Calibrate => examine(Exam::Calibrate { azimuth_rad: None }),
         Command::Restart => log.text("restarts"),
     }
     command == Command::Restart
+}
+
+/// What an examination of the receiver came to: told at the port, and kept where it is a calibration. Guidance has begun
+/// anew with that, and so does the log.
+#[inline(never)]
+fn report(flight: &mut Flight<'_>, store: &mut Store<Flash>, log: &mut Log<'_>) {
+    if let Some(report) = flight.take_report() {
+        port::tell_report(&report, |line| log.text(line));
+    }
+    if let Some(calibration) = flight.take_calibration() {
+        if !store.keep_calibration(&calibration) {
+            log.text("error: the calibration cannot be stored");
+        }
+        log.begin("calibrated", true, flight);
+    }
 }
 
 /// One step.
@@ -369,15 +404,14 @@ fn begin_with(store: &mut Store<Flash>) -> Result<Flight<'static>, ConfigError> 
 fn begin(config: &guidance::Config) -> Result<Flight<'static>, ConfigError> {
     static CONFIG: StaticCell<guidance::Config> = StaticCell::new();
     static PLANNER: StaticCell<Planner> = StaticCell::new();
+    static RECEIVER: StaticCell<flight::Receiver> = StaticCell::new();
+    let receiver = RECEIVER.init(flight::Receiver::new(board::SAMPLE_TIMER, &selftest::Config::default())?);
+    let config = CONFIG.init(receiver.fit(config)?);
     let guidance = first_guidance(config)?;
     let state = first_state(guidance);
-    Ok(Flight {
-        config: CONFIG.init(*config),
-        state,
-        guidance,
-        planner: PLANNER.init(config.planner.build()?),
-        companion: first_companion(config)?,
-    })
+    let planner = PLANNER.init(config.planner.build()?);
+    let companion = first_companion(config)?;
+    Ok(Flight { config, guidance, state, planner, companion, receiver })
 }
 
 #[inline(never)]

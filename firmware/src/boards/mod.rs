@@ -10,6 +10,10 @@
 //! | `Pacer::next(&mut self) -> Call` | waits for what to do next |
 //! | `Pacer::accept(&mut self, Result)`, `Pacer::done(&mut self, Done)` | takes note of how it went |
 //! | `Pacer::stack_bytes(&self) -> u32` | how much of the stack was ever used, as far as is known |
+//! | `Pacer::follow(&mut self, &Config)` | samples at this rate, which was fitted to `SAMPLE_TIMER` |
+//! | `SAMPLE_TIMER` | what paces the samples, where that cannot be at any rate |
+//! | `Pacer::sound(&mut self, bool)` | the test tone, where there is one |
+//! | `Pacer::trouble(&mut self) -> Option<&str>` | what is wrong with it for good, once |
 //! | `Watchdog::feed(&mut self)` | runs from the start; without food the board restarts |
 //! | `Flash`, a `NorFlash` | what is kept while the power is off: [`foxhound_computer::store`] says what it asks of it |
 //! | `ticks() -> u32`, `TICKS_PER_US` | a fast free-running counter, to measure with |

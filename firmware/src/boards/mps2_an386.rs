@@ -52,6 +52,9 @@ pub use watchdog::Watchdog;
 /// The name of this board.
 pub const NAME: &str = "mps2_an386";
 
+/// What paces the samples: the simulator, at any rate.
+pub const SAMPLE_TIMER: Option<foxhound_computer::sampling::Timer> = None;
+
 // SAFETY: the memory map keeps this section and puts it into flash; it is only read, from outside.
 #[unsafe(link_section = ".foxhound_board")]
 #[used]
@@ -169,6 +172,17 @@ impl Pacer {
     #[must_use]
     pub fn stack_bytes(&self) -> u32 {
         self.stack.bytes()
+    }
+
+    /// The simulator samples as it says.
+    pub fn follow(&mut self, _config: &guidance::Config) {}
+
+    /// There is nothing that sounds.
+    pub fn sound(&mut self, _sounds: bool) {}
+
+    /// There is nothing that could be wrong for good.
+    pub fn trouble(&mut self) -> Option<&'static str> {
+        None
     }
 
     /// Waits for the bell or, running freely, for the next period.

@@ -6,6 +6,7 @@
 //! | maintenance port, 921 600 baud, 8N1 | LPUART1, to the ST-LINK's virtual COM port: TX PA2, RX PA3; DMA1 channels 3 and 4 |
 //! | antennas | PA0, PA1, PB0, PB12: see `acquisition` |
 //! | what is kept | the last 16 KB of the flash: see `flash` |
+//! | test tone | PA4: see `tone` |
 //! | log | defmt over RTT, through the ST-LINK |
 //! | time | a timer of embassy-stm32's choice, 1 MHz ticks |
 //!
@@ -18,6 +19,7 @@
 
 mod acquisition;
 mod flash;
+mod tone;
 
 use core::fmt;
 
@@ -30,17 +32,19 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, interrupt, peripherals, rcc};
-use embassy_time::{Duration, with_timeout};
+use embassy_time::with_timeout;
 use foxhound_computer::restart::{Cause, End, Restart};
+use foxhound_computer::sampling::Timer;
 use foxhound_core::ConfigError;
 use foxhound_core::adc::Snapshot;
-use foxhound_core::guidance::FrontEnd;
+use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::time::Instant;
 use static_cell::ConstStaticCell;
 
 use super::{Call, Done, Step, Watermark, last_words, stack};
 use crate::app::SAMPLES_PER_CHANNEL as N;
 use acquisition::Acquisition;
+use tone::Tone;
 
 pub use super::last_words::restart;
 pub use flash::Flash;
@@ -54,8 +58,8 @@ pub const NAME: &str = "nucleo_g474re";
 static MARK: [u8; NAME.len()] = *b"nucleo_g474re";
 
 const BAUD: u32 = 921_600;
-/// Frames come every 20 ms; after two that did not, the link goes on without.
-const FRAME_TIMEOUT: Duration = Duration::from_millis(45);
+/// What paces the samples.
+pub const SAMPLE_TIMER: Option<Timer> = Some(acquisition::TIMER);
 
 bind_interrupts!(struct Irqs {
     USART1 => usart::InterruptHandler<peripherals::USART1>;
@@ -135,7 +139,13 @@ pub fn start() -> Board {
         transmitter: Transmitter(tx),
         port_receiver: PortReceiver(port_rx.into_ring_buffered(PORT_RING.take())),
         port_transmitter: PortTransmitter(port_tx),
-        pacer: Pacer { acquisition: Acquisition::start(), snapshot: SNAPSHOT.take(), stack: Watermark::new() },
+        pacer: Pacer {
+            acquisition: Acquisition::new(),
+            tone: Tone::new(),
+            snapshot: SNAPSHOT.take(),
+            stack: Watermark::new(),
+            told: false,
+        },
         watchdog: Watchdog(watchdog),
         restart,
         flash: Flash::new(board.FLASH),
@@ -245,8 +255,11 @@ impl PortTransmitter {
 /// Says what to do next: a step for every frame.
 pub struct Pacer {
     acquisition: Acquisition,
+    tone: Tone,
     snapshot: &'static mut Snapshot<N>,
     stack: Watermark,
+    /// What is wrong has been told.
+    told: bool,
 }
 
 impl Pacer {
@@ -256,9 +269,29 @@ impl Pacer {
         self.stack.bytes()
     }
 
-    /// Waits for the next frame.
+    /// Samples as the configuration that holds says, which was fitted to [`SAMPLE_TIMER`].
+    pub fn follow(&mut self, config: &guidance::Config) {
+        if let Ok(sampling) = acquisition::TIMER.sampling(config) {
+            self.acquisition.sample(sampling);
+        }
+    }
+
+    /// The test tone sounds or does not.
+    pub fn sound(&mut self, sounds: bool) {
+        self.tone.sound(sounds);
+    }
+
+    /// What is wrong for good, once.
+    pub fn trouble(&mut self) -> Option<&'static str> {
+        let trouble = self.acquisition.trouble().filter(|_| !self.told)?;
+        self.told = true;
+        Some(trouble.words())
+    }
+
+    /// Waits for the next frame; after two that did not come, the link goes on without.
     pub async fn next(&mut self) -> Call<'_> {
-        let fresh = match with_timeout(FRAME_TIMEOUT, self.acquisition.ready()).await {
+        let patience = self.acquisition.patience();
+        let fresh = match with_timeout(patience, self.acquisition.ready()).await {
             Ok(block) => self.acquisition.take(block, self.snapshot),
             Err(_) => {
                 self.acquisition.restart();

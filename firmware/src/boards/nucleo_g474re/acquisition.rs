@@ -1,9 +1,11 @@
 //! Four coherent antenna channels: ADC1 to ADC4, triggered together, written to memory by DMA.
 //!
-//! TIM6 runs at 170 MHz / 1660 = 102.41 kHz and its update event (TRGO) starts all four converters at the same instant.
+//! TIM6 counts cycles of 170 MHz, 1660 for the default 102.4 kHz, and its update event (TRGO) starts all four converters at the
+//! same instant. How many follows from the configuration ([`foxhound_computer::sampling`]), in which the rate that they
+//! make, 102 409.6 Hz, stands from then on; a rate that cannot be had is refused there, by name.
 //! Each converter's results go by its own DMA channel into its own ring of two blocks. DMA interrupts when a half of
 //! the last ring is full; the other half fills in the 2.5 ms that follow, and until then the full one may be read.
-//! Every eighth block is handed to guidance: one in 20 ms.
+//! Every eighth block is handed to guidance, one a step, or as many as the step's period has.
 //!
 //! | channel | converter, input | pin | connector | DMA | request |
 //! |---|---|---|---|---|---|
@@ -19,14 +21,22 @@
 //! - **Clock.** Synchronous, HCLK / 4 = 42.5 MHz: below the 52 MHz that are allowed with several converters at work, and
 //!   a trigger from a timer of the same clock then has no jitter. The dividers of the pairs ADC1/2 and ADC3/4 may stand
 //!   up to three HCLK cycles (18 ns) apart; `calibrate` measures what is left, `skew_s` of the array takes it off.
-//! - **Time.** 92.5 cycles of sampling and 12.5 of conversion, 2.5 us of the 9.8 us between two triggers.
+//! - **Time.** 92.5 cycles of sampling and 12.5 of conversion, 2.5 us of the 9.8 us between two triggers, and a few to
+//!   begin: 432 cycles of 170 MHz are the shortest that is taken.
+//! - **Offset.** The codes are made signed by half scale and nothing else. A constant, whatever it is, is projected out where the
+//!   tone is fitted (`foxhound_core::phase`).
 //! - **Overrun.** When DMA does not fetch a result in time the converter sets OVR and sends no more requests; the rings
 //!   would then be out of step with each other. It is looked for at every block that is handed over, and everything is
-//!   started anew.
+//!   started anew. A transfer error stops DMA; no block comes then, and that is a start anew, too.
+//! - **Waits.** The hardware gets 1 ms for each thing that is waited for, fifty times what the longest takes. What does not
+//!   come in that time never does: from then on there are no frames, and the pilot is told ([`Trouble`]).
+//! - **A converter that stops without a word** leaves old codes in its ring; they are known by being the same
+//!   ([`foxhound_computer::frozen`]).
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
+use cortex_m::peripheral::DWT;
 use embassy_stm32::interrupt;
 use embassy_stm32::pac::adc::Adc;
 use embassy_stm32::pac::adc::vals::{Adcaldif, Adstp, Dmacfg, Dmaen, Exten, Ovrmod, SampleTime};
@@ -37,23 +47,24 @@ use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, DM
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, block_for};
+use foxhound_computer::sampling::{Sampling, Timer};
 use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::time;
 
 use crate::app::SAMPLES_PER_CHANNEL as N;
 
-/// TIM6 counts this many cycles of 170 MHz from sample to sample.
-const CYCLES_PER_SAMPLE: u32 = 1660;
 const CLOCK_MHZ: u32 = 170;
-/// Of this many blocks, one is handed over.
-const DECIMATION: u32 = 8;
+/// TIM6, by which samples are taken.
+pub const TIMER: Timer =
+    Timer { clock_hz: CLOCK_MHZ * 1_000_000, cycles_min: CYCLES_PER_CONVERSION, cycles_max: 1 << 16 };
+/// 92.5 and 12.5 cycles of the converters' clock, and three more from the trigger on.
+const CYCLES_PER_CONVERSION: u32 = 4 * (105 + 3);
 /// `TIM6_TRGO`, for the regular groups of all converters.
 const TRIGGER: u8 = 13;
 /// The first DMA multiplexer channel of DMA2.
 const DMAMUX_OF_DMA2: usize = 8;
-/// From the middle of a block to its last sample.
-const HALF_BLOCK: Duration =
-    Duration::from_micros(((N as u64 - 1) * CYCLES_PER_SAMPLE as u64 / 2).div_ceil(CLOCK_MHZ as u64));
+/// So long is waited for the hardware at most.
+const WAIT_CYCLES: u32 = 1_000 * CLOCK_MHZ;
 
 struct Channel {
     converter: Adc,
@@ -77,6 +88,8 @@ unsafe impl Sync for Rings {}
 static RINGS: Rings = Rings(UnsafeCell::new([[[0; N]; 2]; CHANNELS]));
 /// Halves that have been filled since the start.
 static FILLED: AtomicU32 = AtomicU32::new(0);
+/// Of this many blocks, one is handed over.
+static BLOCKS: AtomicU32 = AtomicU32::new(0);
 static READY: Signal<CriticalSectionRawMutex, Block> = Signal::new();
 
 /// A block that is waiting to be read.
@@ -88,15 +101,56 @@ pub struct Block {
     end: Instant,
 }
 
-/// The four channels, running.
+/// Why there will be no frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// This converter, 0..4, does not calibrate itself.
+    Calibration(usize),
+    /// It does not get ready.
+    Start(usize),
+    /// It does not stop.
+    Stop(usize),
+}
+
+impl Trouble {
+    /// For the pilot.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Calibration(0) => "Foxhound: ADC1 does not calibrate",
+            Self::Calibration(1) => "Foxhound: ADC2 does not calibrate",
+            Self::Calibration(2) => "Foxhound: ADC3 does not calibrate",
+            Self::Calibration(_) => "Foxhound: ADC4 does not calibrate",
+            Self::Start(0) => "Foxhound: ADC1 does not start",
+            Self::Start(1) => "Foxhound: ADC2 does not start",
+            Self::Start(2) => "Foxhound: ADC3 does not start",
+            Self::Start(_) => "Foxhound: ADC4 does not start",
+            Self::Stop(_) => "Foxhound: an ADC does not stop",
+        }
+    }
+}
+
+/// Waits for the hardware; false where that is in vain.
+fn wait(until: impl Fn() -> bool) -> bool {
+    let begin = DWT::cycle_count();
+    while DWT::cycle_count().wrapping_sub(begin) < WAIT_CYCLES {
+        if until() {
+            return true;
+        }
+    }
+    until()
+}
+
+/// The four channels; running from the first [`sample`](Self::sample) on.
 #[derive(Debug)]
 pub struct Acquisition {
+    sampling: Option<Sampling>,
+    trouble: Option<Trouble>,
     restarts: u32,
 }
 
 impl Acquisition {
-    /// Calibrates and starts. To be called once, when the clocks run; takes some hundred microseconds.
-    pub fn start() -> Self {
+    /// Calibrates. To be called once, when the clocks and the cycle counter run; takes some hundred microseconds.
+    pub fn new() -> Self {
         RCC.ahb1enr().modify(|w| {
             w.set_dma2en(true);
             w.set_dmamux1en(true);
@@ -127,17 +181,22 @@ impl Acquisition {
         }
         // The regulators' start-up time, t_ADCVREG_STUP, is 20 us at most.
         block_for(Duration::from_micros(25));
-        for Channel { converter, .. } in &CHANNEL {
+        let mut trouble = None;
+        for (channel, Channel { converter, .. }) in CHANNEL.iter().enumerate() {
             converter.cr().modify(|w| w.set_adcaldif(Adcaldif::SINGLE_ENDED));
             converter.cr().modify(|w| w.set_adcal(true));
-            while converter.cr().read().adcal() {}
+            if !wait(|| !converter.cr().read().adcal()) {
+                trouble.get_or_insert(Trouble::Calibration(channel));
+            }
         }
         // ADEN may be set four converter clocks after the calibration at the earliest.
         block_for(Duration::from_micros(2));
-        for Channel { converter, input, .. } in &CHANNEL {
+        for (channel, Channel { converter, input, .. }) in CHANNEL.iter().enumerate() {
             converter.isr().write(|w| w.set_adrdy(true));
             converter.cr().modify(|w| w.set_aden(true));
-            while !converter.isr().read().adrdy() {}
+            if !wait(|| converter.isr().read().adrdy()) {
+                trouble.get_or_insert(Trouble::Start(channel));
+            }
             converter.sqr1().write(|w| {
                 w.set_l(0);
                 w.set_sq(0, *input);
@@ -158,35 +217,52 @@ impl Acquisition {
         }
 
         TIM6.psc().write_value(0);
-        TIM6.arr().write(|w| w.set_arr((CYCLES_PER_SAMPLE - 1) as u16));
         TIM6.cr2().modify(|w| w.set_mms(Mms::UPDATE));
-
-        let this = Self { restarts: 0 };
-        this.arm();
         // SAFETY: the handler below is ready, and no mask-based critical section is in use.
         unsafe { cortex_m::peripheral::NVIC::unmask(interrupt::DMA2_CHANNEL4) };
-        this
+        Self { sampling: None, trouble, restarts: 0 }
+    }
+
+    /// Samples like this from now on.
+    pub fn sample(&mut self, sampling: Sampling) {
+        if self.sampling == Some(sampling) {
+            return;
+        }
+        self.halt();
+        TIM6.arr().write(|w| w.set_arr((sampling.cycles - 1) as u16));
+        BLOCKS.store(sampling.blocks, Ordering::Relaxed);
+        self.sampling = Some(sampling);
+        self.arm();
     }
 
     /// Starts everything anew, after an overrun or when no block comes.
     pub fn restart(&mut self) {
+        self.restarts = self.restarts.wrapping_add(1);
+        self.halt();
+        self.arm();
+    }
+
+    fn halt(&mut self) {
         TIM6.cr1().modify(|w| w.set_cen(false));
-        for Channel { converter, .. } in &CHANNEL {
+        for (channel, Channel { converter, .. }) in CHANNEL.iter().enumerate() {
             if converter.cr().read().adstart() {
                 converter.cr().modify(|w| w.set_adstp(Adstp::STOP));
-                while converter.cr().read().adstart() {}
+                if !wait(|| !converter.cr().read().adstart()) {
+                    self.trouble.get_or_insert(Trouble::Stop(channel));
+                }
             }
         }
         for channel in 0..CHANNELS {
             DMA2.ch(channel).cr().modify(|w| w.set_en(false));
         }
-        self.restarts = self.restarts.wrapping_add(1);
-        self.arm();
     }
 
     /// Points the DMA channels at the rings' beginnings, starts the converters, then the timer: the first trigger finds
     /// all four waiting.
     fn arm(&self) {
+        if self.trouble.is_some() || self.sampling.is_none() {
+            return;
+        }
         DMA2.ifcr().write(|w| (0..CHANNELS).for_each(|channel| w.set_gif(channel, true)));
         FILLED.store(0, Ordering::Relaxed);
         READY.reset();
@@ -242,10 +318,23 @@ impl Acquisition {
             // if we are later than that, the check below says so and what was read is thrown away.
             unsafe { &*rings.add(channel).cast::<[u16; N]>().add(half) }
         });
-        let middle = time::Instant((block.end - HALF_BLOCK).as_micros());
+        let half_block_cycles = (N as u64 - 1) * u64::from(self.sampling.map_or(0, |sampling| sampling.cycles)) / 2;
+        let half_block = Duration::from_micros(half_block_cycles.div_ceil(u64::from(CLOCK_MHZ)));
+        let middle = time::Instant(block.end.saturating_sub(half_block).as_micros());
         snapshot.fill_from_unsigned(middle, raw);
         compiler_fence(Ordering::Acquire);
         FILLED.load(Ordering::Relaxed) == block.count
+    }
+
+    /// So long is waited for a frame: for two that do not come, and a quarter.
+    pub fn patience(&self) -> Duration {
+        let cycles = self.sampling.map_or(0, |sampling| u64::from(sampling.cycles * sampling.blocks) * N as u64);
+        Duration::from_micros((cycles * 9 / 4 / u64::from(CLOCK_MHZ)).max(1_000))
+    }
+
+    /// Why there are no frames and will be none.
+    pub fn trouble(&self) -> Option<Trouble> {
+        self.trouble
     }
 
     /// How often everything had to be started anew.
@@ -272,7 +361,7 @@ fn DMA2_CHANNEL4() {
     // Both at once: one interrupt was late by a whole block.
     let count = FILLED.load(Ordering::Relaxed).wrapping_add(u32::from(half) + u32::from(full));
     FILLED.store(count, Ordering::Relaxed);
-    if count.is_multiple_of(DECIMATION) {
+    if count.is_multiple_of(BLOCKS.load(Ordering::Relaxed).max(1)) {
         READY.signal(Block { count, end });
     }
 }
