@@ -308,10 +308,16 @@ impl Flight<'_> {
         if frozen.is_some() {
             return test.miss(frozen);
         }
-        let phasors = self.guidance.examine(self.state, snapshot, test.is_beginning());
+        if test.is_beginning() {
+            self.guidance.forget_tone(self.state);
+        }
+        let phasors = self.guidance.phasors(self.state, snapshot);
         // It was built before.
         if let Ok(array) = self.config.array.build() {
             test.step(&array, self.config.phase.sample_rate_hz, snapshot, &phasors);
+        }
+        if !test.is_running() {
+            self.guidance.forget_tone(self.state);
         }
     }
 

@@ -288,7 +288,8 @@ pub async fn guide(
                     watchdog.feed();
                 }
                 let deadline::Counts { late, longest_us, .. } = monitor.counts();
-                flight.companion.note_pace(Pace { longest_us, late });
+                let lost = pacer.lost().saturating_add(flight.receiver.frozen());
+                flight.companion.note_pace(Pace { longest_us, late, lost });
                 let ordered = stepped.output.plan_requested && planning.order(&flight);
                 port.log.step(step.front_end, step.circles, &stepped, ordered);
                 port.log.deadlines(monitor.counts());

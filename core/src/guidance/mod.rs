@@ -535,13 +535,15 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
-    /// The phasors of a frame that the chain is not to go by, as when the receiver is examined; `begins` forgets the tone
-    /// that was followed. To be called outside control, with [`FrontEnd::Nothing`] in the same step.
-    pub fn examine(&self, state: &mut State<N>, snapshot: &Snapshot<N>, begins: bool) -> Phasors {
-        if begins {
-            state.phase.reset();
-        }
+    /// The phasors of a frame that the chain is not to go by, as when the receiver is examined; a step that comes with it gets
+    /// [`FrontEnd::Nothing`]. What is known of the tone is forgotten before and after ([`Self::forget_tone`]).
+    pub fn phasors(&self, state: &mut State<N>, snapshot: &Snapshot<N>) -> Phasors {
         self.phase.step(&mut state.phase, snapshot)
+    }
+
+    /// The next frame has nothing to do with the ones before.
+    pub fn forget_tone(&self, state: &mut State<N>) {
+        state.phase.reset();
     }
 
     /// Frame -> phasors -> bearing: the part of a step that has to do with codes. Whoever wants to keep what was heard calls

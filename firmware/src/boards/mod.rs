@@ -14,6 +14,7 @@
 //! | `SAMPLE_TIMER` | what paces the samples, where that cannot be at any rate |
 //! | `Pacer::sound(&mut self, bool)` | the test tone, where there is one |
 //! | `Pacer::trouble(&mut self) -> Option<&str>` | what is wrong with it for good, once |
+//! | `Pacer::lost(&self) -> u32` | frames that did not come or were no use, since the start |
 //! | `Watchdog::feed(&mut self)` | runs from the start; without food the board restarts |
 //! | `Flash`, a `NorFlash` | what is kept while the power is off: [`foxhound_computer::store`] says what it asks of it |
 //! | `ticks() -> u32`, `TICKS_PER_US` | a fast free-running counter, to measure with |

@@ -177,6 +177,11 @@ impl Pacer {
     /// The simulator samples as it says.
     pub fn follow(&mut self, _config: &guidance::Config) {}
 
+    /// The simulator loses none.
+    pub fn lost(&self) -> u32 {
+        0
+    }
+
     /// There is nothing that sounds.
     pub fn sound(&mut self, _sounds: bool) {}
 

@@ -144,6 +144,7 @@ pub fn start() -> Board {
             tone: Tone::new(),
             snapshot: SNAPSHOT.take(),
             stack: Watermark::new(),
+            lost: 0,
             told: false,
         },
         watchdog: Watchdog(watchdog),
@@ -258,6 +259,8 @@ pub struct Pacer {
     tone: Tone,
     snapshot: &'static mut Snapshot<N>,
     stack: Watermark,
+    /// Frames that did not come or could not be used.
+    lost: u32,
     /// What is wrong has been told.
     told: bool,
 }
@@ -274,6 +277,11 @@ impl Pacer {
         if let Ok(sampling) = acquisition::TIMER.sampling(config) {
             self.acquisition.sample(sampling);
         }
+    }
+
+    /// Frames that did not come or were no use, since the start.
+    pub fn lost(&self) -> u32 {
+        self.lost
     }
 
     /// The test tone sounds or does not.
@@ -299,6 +307,7 @@ impl Pacer {
             }
         };
         if !fresh {
+            self.lost = self.lost.saturating_add(1);
             defmt::warn!("no frame; {} restarts so far", self.acquisition.restarts());
         }
         Call::Step(Step {

@@ -81,6 +81,8 @@ pub struct Pace {
     pub longest_us: u32,
     /// Steps that were late since the start.
     pub late: u32,
+    /// Frames of the antennas that did not come when they should or were no use, since the start.
+    pub lost: u32,
 }
 
 /// What went wrong, and what went through, since the start.

@@ -13,10 +13,10 @@ use foxhound_link::dialect::*;
 use crate::bench::*;
 
 #[test]
-fn named_values_are_told_every_0_56_s_each_and_a_direction_with_them() {
+fn named_values_are_told_every_0_6_s_each_and_a_direction_with_them() {
     let mut bench = Bench::flying();
     bench.answers = true;
-    bench.companion.note_pace(Pace { longest_us: 1_500, late: 3 });
+    bench.companion.note_pace(Pace { longest_us: 1_500, late: 3, lost: 4 });
     bench.run(0.1);
     bench.take_sent();
     let told = bench.output.as_mut().unwrap();
@@ -64,10 +64,11 @@ fn named_values_are_told_every_0_56_s_each_and_a_direction_with_them() {
         ("FH_CRC", 0.0),
         ("FH_STP", 1.5),
         ("FH_LATE", 3.0),
+        ("FH_LOST", 4.0),
     ];
     for (name, expected) in expected {
         let of_it: Vec<f32> = values.iter().filter(|(other, _)| other == name).map(|(_, value)| *value).collect();
-        assert!((16..=18).contains(&of_it.len()), "{name}: {}", of_it.len());
+        assert!((16..=17).contains(&of_it.len()), "{name}: {}", of_it.len());
         assert!(of_it.iter().all(|value| (value - expected).abs() < 1e-3), "{name}: {of_it:?}");
     }
     // North by west, and down by the elevation.
