@@ -80,7 +80,7 @@ impl Bench {
         bench
     }
 
-    fn from_deg(mut self, azimuth_deg: f64) -> Self {
+    fn heard_from(mut self, azimuth_deg: f64) -> Self {
         let (sine, cosine) = azimuth_deg.to_radians().sin_cos();
         self.source_ned_m = [FAR_M * cosine, FAR_M * sine, 0.0];
         self
@@ -361,7 +361,7 @@ fn calibrated_on_board_it_is_as_the_command_calibrates_it_and_the_bearing_is_rig
             positions_m: if azimuth_deg.is_some() { square(0.138) } else { [[0.0; 2]; 4] },
             ..good()
         };
-        let mut bench = Bench::new(antennas, seed).from_deg(azimuth_deg.unwrap_or(0.0));
+        let mut bench = Bench::new(antennas, seed).heard_from(azimuth_deg.unwrap_or(0.0));
         bench.kept = Some(Vec::new());
         let report =
             bench.order(CALIBRATE, azimuth_deg.unwrap_or(0.0) as f32, f32::from(azimuth_deg.is_some())).unwrap();
@@ -394,7 +394,7 @@ fn calibrated_on_board_it_is_as_the_command_calibrates_it_and_the_bearing_is_rig
         assert!(bench.computer.take_calibration().is_none());
 
         bench.antennas.positions_m = square(0.138);
-        let mut bench = bench.from_deg(75.0);
+        let mut bench = bench.heard_from(75.0);
         let bearing = bench.bearing().unwrap();
         assert!(bearing.valid && (f64::from(bearing.azimuth_rad) - 75_f64.to_radians()).abs() < 0.01, "{bearing:?}");
     }
@@ -406,7 +406,7 @@ fn exchanged_cables_are_named_once_the_channels_are_calibrated_by_a_source_besid
         let mut bench = Bench::new(Antennas { channel_phase_rad: [0.0, 0.8, -0.6, 1.2], ..good() }, seed);
         assert_eq!(bench.order(CALIBRATE, 0.0, 0.0).unwrap().verdict, Verdict::Pass);
         bench.antennas.positions_m = square(0.138);
-        let mut bench = bench.from_deg(30.0);
+        let mut bench = bench.heard_from(30.0);
         assert_eq!(bench.order(SELF_TEST, 30.0, 1.0).unwrap().verdict, Verdict::Pass);
         // The cables of two antennas.
         bench.antennas.positions_m.swap(1, 2);

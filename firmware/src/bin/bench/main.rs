@@ -20,6 +20,7 @@ use core::hint::black_box;
 use core::num::Wrapping;
 
 use dsp_process::SplitProcess as _;
+use foxhound_computer::frozen::Watch;
 use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::field::{Field, Gains, Law, Obstacle};
 use foxhound_core::frame::{Horizontal, Ned};
@@ -413,6 +414,8 @@ fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>)
         worst = worst.max(instructions);
     }
     row("bearing", worst, 4_000);
+    let mut watch = Watch::new();
+    row("frozen_watch", measure(&mut || _ = black_box(watch.look(black_box(snapshot)))), 1_000);
 }
 
 fn noisy(z: [Complex; CHANNELS], amplitude: f32, sigma: f32, rng: &mut Rng) -> [Complex; CHANNELS] {
