@@ -288,11 +288,11 @@ pub async fn guide(
                     watchdog.feed();
                 }
                 let deadline::Counts { late, longest_us, .. } = monitor.counts();
-                let lost = pacer.lost().saturating_add(flight.receiver.frozen());
-                flight.companion.note_pace(Pace { longest_us, late, lost });
                 let ordered = stepped.output.plan_requested && planning.order(&flight);
                 port.log.step(step.front_end, step.circles, &stepped, ordered);
                 port.log.deadlines(monitor.counts());
+                let lost = pacer.lost().saturating_add(flight.receiver.frozen());
+                flight.companion.note_pace(Pace { longest_us, late, lost });
                 let Stepped { output, ticks: fast_ticks, .. } = stepped;
                 if lock_step {
                     planning.settle().await;
