@@ -138,11 +138,8 @@ impl Computer for Starved {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
         // For longer than a handover takes, and for shorter.
-        if matches!(now.0 / 20_000 % 150, 20..32 | 70..73) {
+        if matches!(now.0 / 20_000 % 150, 20..70 | 90..93) {
             self.0.inject(Fault::StarvePlanner);
-        }
-        if now == Instant(4_000_000) {
-            self.0.inject(Fault::Steal { for_us: 40_000 });
         }
         Computer::step(&mut self.0, now, front_end, circles, rx)
     }
@@ -167,7 +164,6 @@ fn plans_that_come_late_are_handed_in_at_their_steps_again() {
     assert!(summary.is_identical(), "{summary:?}");
     assert_eq!(summary.trace_hash, trace_hash);
     assert_ne!(trace_hash, undisturbed, "late plans mean something");
-    assert_eq!(summary.late_steps, 1, "a step from which 40 ms were taken");
 }
 
 /// A frame, taken apart.

@@ -72,13 +72,13 @@ impl Port {
     }
 }
 
-/// Bytes that somebody types. What nobody reads in time is dropped.
+/// Bytes that somebody types. Where they come faster than guidance reads them, the line waits.
 #[embassy_executor::task]
 pub async fn listen(mut line: PortReceiver) {
     let mut bytes = [0; 16];
     loop {
         let count = line.read(&mut bytes).await;
-        let _ = TYPED.try_write(bytes.get(..count).unwrap_or_default());
+        TYPED.write_all(bytes.get(..count).unwrap_or_default()).await;
     }
 }
 
