@@ -5,13 +5,13 @@
 //! those of the frame before, and which is not silent altogether (that one is dead, and the chain goes on without it),
 //! makes the frame one that did not come.
 //!
-//! Every eighth code of a channel is looked at: 32 of 256, as a polynomial in 32 bits. Two frames of a working receiver
+//! Every twelfth code of a channel is looked at: 22 of 256, as a polynomial in 32 bits. Two frames of a working receiver
 //! agree in it once in 4 10^9, and by their codes only where the noise is far below one code.
 
 use foxhound_core::adc::{CHANNELS, Snapshot};
 
 /// Of so many codes, one is looked at.
-const STRIDE: usize = 8;
+const STRIDE: usize = 12;
 /// Odd, so that no code is multiplied away.
 const FACTOR: u32 = 0x9e37_79b1;
 
