@@ -1,7 +1,8 @@
 use super::frame::Deframer;
 use super::ring::Ring;
 use super::*;
-use crate::flight;
+use crate::flight::{self, Receiver};
+use crate::selftest;
 use foxhound_core::bearing::{Bearing, Flags, Quality};
 use foxhound_core::frame::Horizontal;
 use foxhound_core::planner::Planner;
@@ -18,6 +19,7 @@ struct Parts {
     state: guidance::State<N>,
     planner: Planner,
     companion: Companion,
+    receiver: Receiver,
 }
 
 impl Parts {
@@ -30,12 +32,13 @@ impl Parts {
             guidance,
             planner: config.planner.build().unwrap(),
             companion: companion::Config::default().build_with(Values::of(&config)).unwrap(),
+            receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
         })
     }
 
     fn flight(&mut self) -> Flight<'_> {
-        let Self { config, guidance, state, planner, companion } = self;
-        Flight { config, guidance, state, planner, companion }
+        let Self { config, guidance, state, planner, companion, receiver } = self;
+        Flight { config, guidance, state, planner, companion, receiver }
     }
 }
 
