@@ -219,17 +219,12 @@ pub async fn guide(
     mut pacer: Pacer,
     mut watchdog: Watchdog,
     restart: Restart,
-    flash: Flash,
+    begun: Begun,
     mut line: Line,
     mut port: Port,
     mut planning: Planning,
 ) {
-    let mut store = Store::new(flash);
-    let start = store.begin();
-    let mut flight = match begin_with(&mut store) {
-        Ok(flight) => flight,
-        Err(error) => refuse(error),
-    };
+    let Begun { mut flight, mut store, start } = begun;
     // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
     flight.companion.require_entry();
     tell(&mut flight, &restart, start);
@@ -391,14 +386,28 @@ fn fly(flight: &mut Flight<'_>, step: &Step<'_>, plan: Option<&Planned>) -> Step
 
 // The stack holds one of the large parts at a time, while it is built: hence a function for each.
 
-/// With what was kept.
+/// What guidance begins with.
+pub struct Begun {
+    flight: Flight<'static>,
+    store: Store<Flash>,
+    /// How often the computer was started.
+    start: u32,
+}
+
+/// The flight as it begins, with what was kept. To be called once, before anything else runs: it takes more of the stack than
+/// any step after it.
+///
+/// # Errors
+/// The field of the built-in configuration that is refused.
 #[inline(never)]
-fn begin_with(store: &mut Store<Flash>) -> Result<Flight<'static>, ConfigError> {
+pub fn begin_with(flash: Flash) -> Result<Begun, ConfigError> {
+    let mut store = Store::new(flash);
+    let start = store.begin();
     let mut config = guidance::Config::default();
     store.calibrate(&mut config);
     let mut flight = begin(&config)?;
     store.resume(Instant(0), &mut flight);
-    Ok(flight)
+    Ok(Begun { flight, store, start })
 }
 
 #[inline(never)]

@@ -19,17 +19,17 @@ fn main() -> ! {
 #[inline(never)]
 fn start() -> Desk {
     let board = board::start();
+    let (begun, (planning, desk)) = match app::begin_with(board.flash).and_then(|begun| Ok((begun, app::planning()?))) {
+        Ok(all) => all,
+        Err(error) => app::refuse(error),
+    };
     board.link.spawn(task(app::receive(board.receiver, &INCOMING)));
     board.link.spawn(task(app::transmit(board.transmitter, &OUTGOING)));
     let (port, log) = port::ends();
     board.link.spawn(task(port::listen(board.port_receiver)));
     board.link.spawn(task(port::speak(board.port_transmitter, log)));
-    let (planning, desk) = match app::planning() {
-        Ok(ends) => ends,
-        Err(error) => app::refuse(error),
-    };
     let line = Line::new(&INCOMING, &OUTGOING);
-    let guide = app::guide(board.pacer, board.watchdog, board.restart, board.flash, line, port, planning);
+    let guide = app::guide(board.pacer, board.watchdog, board.restart, begun, line, port, planning);
     board.guidance.spawn(task(guide));
     desk
 }

@@ -22,8 +22,19 @@ const ROOTS: [&str; 5] = [
     "foxhound_link::companion::Companion::transmit",
 ];
 
-/// Functions in which a panic could begin, each with the proof that it never does.
-const EXCUSED: [(&str, &str); 0] = [];
+/// Functions in which a panic could begin, by a name that may end in `*`, each with the proof that it never does in flight.
+const EXCUSED: [(&str, &str); 3] = [
+    ("sequential_storage::*", STORE),
+    ("foxhound_computer::store::Store<F>::*", STORE),
+    ("embassy_stm32::flash::*", STORE),
+];
+/// `Companion::take_storage` gives nobody anything to do while we are in control (`link/tests/link/params.rs`,
+/// `computer/tests/store/start.rs`).
+const STORE: &str = "not in control: the store is asked outside it only, where a restart ends in standby";
+
+fn is_meant(excused: &str, name: &str) -> bool {
+    excused.strip_suffix('*').map_or(excused == name, |begin| name.starts_with(begin))
+}
 
 /// Builds the image, prints where a panic can begin, and fails where no proof says that it does not.
 pub(crate) fn run(json: bool) -> Result<(), Failure> {
@@ -41,7 +52,7 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
         }
         for (address, how) in &reach.panics {
             let name = program.name(*address);
-            let proof = EXCUSED.iter().find(|(excused, _)| *excused == name).map(|(_, proof)| *proof);
+            let proof = EXCUSED.iter().find(|(excused, _)| is_meant(excused, name)).map(|(_, proof)| *proof);
             if proof.is_none() {
                 unproven.insert(name.to_owned());
             }

@@ -24,11 +24,16 @@ const PRINTED: usize = 6;
 
 /// The levels of the NUCLEO-G474RE, from the thread up; of several roots the one that takes most counts.
 const LEVELS: [(&str, &[&str]); 4] = [
-    ("thread: start-up, planner", &["Reset"]),
+    ("thread: planner", &["Reset"]),
     ("link", &["FMAC"]),
     ("guidance", &["CORDIC"]),
     ("DMA, time, serial line", &["DMA1_CHANNEL1", "DMA1_CHANNEL2", "DMA2_CHANNEL4", "TIM1_BRK_TIM15", "USART1"]),
 ];
+
+/// What the thread does before guidance and the planner run.
+const START_UP: &str = "foxhound_firmware::start";
+/// The levels that pre-empt it.
+const AROUND_START_UP: [&str; 2] = ["link", "DMA, time, serial line"];
 
 /// A task's polling, whoever's; which task it is says what it reaches.
 const POLL: &str = "embassy_executor::raw::TaskStorage<F>::poll";
@@ -53,6 +58,8 @@ const INDIRECT: &[(&str, &[&str])] = &[
     ("TIM1_BRK_TIM15", &["embassy_executor::raw::waker::*"]),
     ("USART1", &["embassy_executor::raw::waker::*"]),
     ("_embassy_time_schedule_wake", &["embassy_executor::raw::waker::*"]),
+    // What the store keeps is its own.
+    ("sequential_storage::*", &["<foxhound_computer::store::record::Content as *"]),
     // The log writes into a buffer, one way or the other.
     ("_defmt_acquire", &["defmt_rtt::channel::Channel::*"]),
     ("_defmt_write", &["defmt_rtt::channel::Channel::*"]),
@@ -71,13 +78,13 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
     let image = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
     let program = Program::read(&image)?;
     let variables = image.size()?.ram_bytes;
-    let mut stack = 0;
+    let (mut stack, mut around) = (0, 0);
     let mut rows = Vec::new();
     for (index, (level, roots)) in LEVELS.into_iter().enumerate() {
         let mut longest = (0, String::new(), Vec::new());
         for root in roots {
             let start = program.named(root).next().ok_or_else(|| Failure(format!("the image has no {root}")))?;
-            let mut depths = Depths::new(&program, *root == "CORDIC");
+            let mut depths = Depths::new(&program, *root == "CORDIC", Some(START_UP));
             let bytes = depths.of(start)?;
             if bytes > longest.0 {
                 longest = (bytes, (*root).to_owned(), depths.way(start));
@@ -86,6 +93,7 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
         let (bytes, root, way) = longest;
         let stacked = if index > 0 { EXCEPTION_BYTES } else { 0 };
         stack += bytes + stacked;
+        around += if AROUND_START_UP.contains(&level) { bytes + stacked } else { 0 };
         if !json {
             println!("{:>6}  {level} ({root}), {stacked} of them stacked by the processor", bytes + stacked);
             let mut largest: Vec<_> = way.iter().collect();
@@ -97,10 +105,15 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
         let way: Vec<_> = way.into_iter().map(|(name, frame)| json!({"name": name, "bytes": frame})).collect();
         rows.push(json!({"level": level, "root": root, "bytes": bytes + stacked, "way": way}));
     }
+    let start = program.named(START_UP).next().ok_or_else(|| Failure(format!("the image has no {START_UP}")))?;
+    let start_up = Depths::new(&program, false, None).of(start)? + around;
+    if !json {
+        println!("{start_up:>6}  before them: start-up, with what pre-empts it");
+    }
+    let stack = stack.max(start_up);
     let sum = u64::from(stack) + variables;
     if json {
-        let row =
-            json!({"levels": rows, "stack_bytes": stack, "variables_bytes": variables, "bytes_max": RAM_MAX_BYTES});
+        let row = json!({"levels": rows, "start_up_bytes": start_up, "stack_bytes": stack, "variables_bytes": variables, "bytes_max": RAM_MAX_BYTES});
         println!("{row}");
     } else {
         println!("{stack:>6}  of stack, and {variables} of variables: {sum} of {RAM_MAX_BYTES}");
@@ -116,13 +129,15 @@ struct Depths<'a> {
     program: &'a Program,
     /// Whose tasks: of guidance, or of the link.
     is_guidance: bool,
+    /// What is left out.
+    without: Option<&'static str>,
     /// What is known: the bytes, and who is called on the longest way. `None` while it is being found out.
     known: BTreeMap<u32, Option<(u32, Option<u32>)>>,
 }
 
 impl<'a> Depths<'a> {
-    fn new(program: &'a Program, is_guidance: bool) -> Self {
-        Self { program, is_guidance, known: BTreeMap::new() }
+    fn new(program: &'a Program, is_guidance: bool, without: Option<&'static str>) -> Self {
+        Self { program, is_guidance, without, known: BTreeMap::new() }
     }
 
     /// What a function and everything that it calls take at most.
@@ -145,6 +160,7 @@ impl<'a> Depths<'a> {
         for callee in callees {
             // Nobody comes back from a panic; formatting calls itself through what is formatted, to no great depth.
             if is_panic(self.program.name(callee))
+                || self.without == Some(self.program.name(callee))
                 || matches!(self.known.get(&callee), Some(None)) && is_text(self.program.name(callee))
             {
                 continue;

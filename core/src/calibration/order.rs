@@ -54,9 +54,13 @@ impl fmt::Display for Order {
 fn order(k: usize) -> [usize; CHANNELS] {
     let mut order = [0, 1, 2, 3];
     let mut rest = k;
-    for m in 0..CHANNELS - 1 {
-        let choices = [6, 2, 1][m];
-        order[m..=m + rest / choices].rotate_right(1);
+    for (m, choices) in [6, 2, 1].into_iter().enumerate() {
+        // The one that is picked moves before those that are left.
+        for picked in (m..m + rest / choices).rev() {
+            if let Some([before, after]) = order.get_mut(picked..picked + 2) {
+                core::mem::swap(before, after);
+            }
+        }
         rest %= choices;
     }
     order
@@ -93,7 +97,7 @@ impl Check {
         let expected = source.phasors(array);
         for (k, fit) in self.fits.iter_mut().enumerate() {
             let order = order(k);
-            let y: [Complex; CHANNELS] = core::array::from_fn(|m| z[order[m]].times_conj(expected[m]));
+            let y: [Complex; CHANNELS] = core::array::from_fn(|m| z[order[m] % CHANNELS].times_conj(expected[m]));
             if self.learns {
                 fit.learn(&y, noise);
             } else {
@@ -132,7 +136,7 @@ impl Check {
             return Order::Undecided;
         }
         let order = order(best);
-        let mut moved = (0..CHANNELS).filter(|m| order[*m] != *m);
+        let mut moved = (0..CHANNELS).filter(|m| order.get(*m) != Some(m));
         match (moved.next(), moved.next(), moved.next()) {
             (Some(a), Some(b), None) => Order::Swapped(a, b),
             _ => Order::Permuted(order),
