@@ -194,8 +194,8 @@ fn firmware(board: Board, json: bool) -> Result<(), Failure> {
         println!("{line}");
     } else {
         println!("{}", image.elf.display());
-        println!("flash {:>7} bytes of 524288", size.flash_bytes);
-        println!("RAM   {:>7} bytes of 86016, beside 45056 of stack", size.ram_bytes);
+        println!("flash {:>7} bytes of 507904", size.flash_bytes);
+        println!("RAM   {:>7} bytes of 90112, beside 40960 of stack", size.ram_bytes);
     }
     Ok(())
 }
