@@ -284,14 +284,15 @@ impl Flight {
         self.row = Row { faults: 1, ..Row::default() };
         let restarts = self.trial.computer.restarts;
         self.trial.give_control();
-        let calm_s = 1.0 + 3.0 * self.random.uniform();
+        let calm_s = 0.5 + 1.5 * self.random.uniform();
         self.run(calm_s);
         self.happen(kind);
         self.heal();
-        self.run(1.0);
+        self.run(0.5);
         let (now_us, manual) = (self.trial.autopilot_us(), manual_mode(self.software));
         self.trial.autopilot.select_mode(now_us, manual);
-        self.run(1.5);
+        // Long enough for a heartbeat to say so.
+        self.run(1.1);
         let now_us = self.trial.autopilot_us();
         self.trial.autopilot.arm(now_us);
         self.trial.give_control();

@@ -107,7 +107,7 @@ enum Twin {
         #[arg(long, default_value_t = 100)]
         missions: u32,
         /// How many faults in each
-        #[arg(long, default_value_t = 11)]
+        #[arg(long, default_value_t = 10)]
         faults: u32,
     },
 }
