@@ -1,6 +1,6 @@
 //! Flight logs: flown, and flown again to the last bit; lost, damaged and cut in anywhere.
 
-#![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::path::Path;
 use std::process::{Command, Stdio};

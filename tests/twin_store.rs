@@ -1,6 +1,6 @@
 //! The store of the firmware image in QEMU: what it keeps when the power is cut inside it. `cargo xtask test` builds the image
 //! and runs these.
-#![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::os::unix::fs::FileExt as _;
 use std::path::Path;
@@ -175,9 +175,9 @@ fn a_power_cut_while_the_image_stores_leaves_the_old_or_the_new_parameters() {
         assert_eq!(start, starts, "cut {cut}");
         assert!(kept == old || kept == new, "cut {cut}: {kept:?}");
         if kept == old {
-            olds += 1
+            olds += 1;
         } else {
-            news += 1
+            news += 1;
         }
         old = kept;
         // The setup of the simulator overrules what is kept.

@@ -4,6 +4,7 @@
 //! in which a panic can begin is printed with the way there. One that is not in `EXCUSED` fails, and so does a call of what a
 //! register holds, of which nothing is known.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use serde_json::json;
@@ -100,8 +101,8 @@ impl Reach {
             for callee in program.callees(function) {
                 if is_panic(program.name(callee)) {
                     begins.insert(program.name(callee).to_owned());
-                } else if !reach.came_from.contains_key(&callee) {
-                    reach.came_from.insert(callee, address);
+                } else if let Entry::Vacant(place) = reach.came_from.entry(callee) {
+                    place.insert(address);
                     next.push_back(callee);
                 }
             }

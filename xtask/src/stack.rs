@@ -231,7 +231,7 @@ mod tests {
             ("after", 80, &[96], &[]),
             ("more", 96, &[], &[]),
         ]);
-        let mut depths = Depths::new(&program, false);
+        let mut depths = Depths::new(&program, false, None);
         assert_eq!(depths.of(0).ok(), Some(24));
         assert_eq!(depths.way(0).iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["root", "long", "leaf"]);
     }
@@ -239,11 +239,11 @@ mod tests {
     #[test]
     fn who_calls_itself_and_unknown_calls_are_refused() {
         let program = Program::of(&[("root", 0, &[16], &[]), ("again", 16, &[0], &[])]);
-        assert!(Depths::new(&program, false).of(0).is_err_and(|why| why.0.contains("calls itself")));
+        assert!(Depths::new(&program, false, None).of(0).is_err_and(|why| why.0.contains("calls itself")));
         let program = Program::of(&[("root", 0, &[], &[2])]);
-        assert!(Depths::new(&program, false).of(0).is_err_and(|why| why.0.contains("nobody says")));
+        assert!(Depths::new(&program, false, None).of(0).is_err_and(|why| why.0.contains("nobody says")));
         let waker = "embassy_executor::raw::waker::wake";
         let program = Program::of(&[("USART1", 0, &[], &[2]), (waker, 16, &[], &[])]);
-        assert_eq!(Depths::new(&program, false).of(0).ok(), Some(16));
+        assert_eq!(Depths::new(&program, false, None).of(0).ok(), Some(16));
     }
 }

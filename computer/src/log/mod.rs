@@ -161,7 +161,6 @@ impl Serialize for Packed<'_> {
 
 /// A record as it is read.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(target_pointer_width = "64", expect(clippy::large_enum_variant, reason = "read on the host, one at a time"))]
 pub enum Record<'a> {
     /// A flight begins.
     Begin(Beginning<'a>),

@@ -2,16 +2,16 @@
 //!
 //! | pages | what lies there |
 //! |---|---|
-//! | 0 | which page is being erased ([`flash`]) |
+//! | 0 | which page is being erased (`flash`) |
 //! | 1, 2 | the count of starts, and which records were ever kept |
-//! | 3 to 7 | the records ([`record`]) |
+//! | 3 to 7 | the records (`record`) |
 //!
 //! Records lie in the map of `sequential-storage`: each new one is written behind the others, and only the last whole one of
 //! its key counts. So whenever the power goes a record is all old or all new. A page is erased when the ring of pages comes
 //! round to it; by then what counts in it has been copied.
 //!
 //! What cannot be read is [`Kept::Lost`], and not the same as [`Kept::Nothing`]: what was ever kept is known in another place.
-//! [`start`] says what the vehicle does then.
+//! `start` says what the vehicle does then.
 //!
 //! To write takes about 0.1 ms for eight bytes, and 25 ms for each page that is erased, and the processor may stand still:
 //! nothing is written while the vehicle is in control, and a step in which something was has an excuse

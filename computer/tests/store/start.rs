@@ -1,7 +1,8 @@
 //! The flight begins with what was kept, and keeps what the link is told.
 
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
-use foxhound_computer::flight::{Flight, Keeper as _, Step};
+use foxhound_computer::flight::{Flight, Keeper as _, Receiver, Step};
+use foxhound_computer::selftest;
 use foxhound_computer::store::{Kept, Store};
 use foxhound_core::guidance::{self, FrontEnd, Guidance};
 use foxhound_core::mission::Control;
@@ -31,6 +32,7 @@ struct Computer<'a> {
     state: guidance::State<N>,
     planner: Planner,
     companion: Companion,
+    receiver: Receiver,
     now: Instant,
     framer: Framer,
     words: Vec<String>,
@@ -54,6 +56,7 @@ impl<'a> Computer<'a> {
             guidance,
             planner: config.planner.build().unwrap(),
             companion: link.build_with(Values::of(&config)).unwrap(),
+            receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
             store,
             now: Instant(1_000_000),
             framer: Framer::new(),
@@ -67,8 +70,8 @@ impl<'a> Computer<'a> {
     }
 
     fn parts(&mut self) -> (Flight<'_>, &mut Store<&'a mut Flash>) {
-        let Self { config, guidance, state, planner, companion, store, .. } = self;
-        (Flight { config, guidance, state, planner, companion }, store)
+        let Self { config, guidance, state, planner, companion, receiver, store, .. } = self;
+        (Flight { config, guidance, state, planner, companion, receiver }, store)
     }
 
     /// A step of the firmware.

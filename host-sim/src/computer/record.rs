@@ -7,17 +7,11 @@ use foxhound_computer::log::{Log, State};
 const RING_BYTES: usize = 1 << 16;
 
 /// A log that is being written.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Recording {
     ring: Box<Ring<RING_BYTES>>,
     state: State,
     bytes: Vec<u8>,
-}
-
-impl Default for Recording {
-    fn default() -> Self {
-        Self { ring: Box::default(), state: State::default(), bytes: Vec::new() }
-    }
 }
 
 impl Recording {
