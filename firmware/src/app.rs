@@ -59,12 +59,11 @@ pub type Incoming = Pipe<CriticalSectionRawMutex, 2048>;
 /// Bytes from guidance to the serial line; what does not fit waits in the link, where a newer setpoint replaces it.
 pub type Outgoing = Pipe<CriticalSectionRawMutex, 1024>;
 
-/// An end of the way to the planner, and one of the way back: one order and one answer at a time, each written and read
-/// where it lies. Guidance gives no second order before the handover tick of the first; one that finds the place taken even
-/// then is dropped, and its plan counts as late.
 type Mutex = CriticalSectionRawMutex;
 
-/// Guidance's end of the planner.
+/// Guidance's end of the planner: one order and one answer at a time, each written and read where it lies. Guidance gives no
+/// second order before the handover tick of the first; one that finds the place taken even then is dropped, and its plan
+/// counts as late.
 pub struct Planning {
     orders: Sender<'static, Mutex, Order>,
     plans: zerocopy_channel::Receiver<'static, Mutex, Planned>,
