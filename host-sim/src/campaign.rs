@@ -207,7 +207,7 @@ pub fn fly(elf: &Path, seed: u64, faults: u32, first: usize) -> Result<Report, Q
     let software = if seed.is_multiple_of(2) { Software::ArduCopter } else { Software::Px4 };
     let scenario = forest(seed);
     let setup = Setup { guidance: Trial::guidance(&scenario, seed) };
-    let twin = Twin { qemu: QemuComputer::start(elf, &setup)?, setup, away: 0, restarts: 0, broken: None };
+    let twin = Twin { qemu: QemuComputer::start_without_port(elf, &setup)?, setup, away: 0, restarts: 0, broken: None };
     let mut trial = Trial::with(twin, &scenario, software, Start::Hovering, Clocks::default(), seed);
     for (name, value) in [("GUID_TIMEOUT", 1.0), ("COM_OF_LOSS_T", 0.5)] {
         trial.autopilot.set_parameter(name, value);

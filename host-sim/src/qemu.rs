@@ -159,6 +159,18 @@ impl QemuComputer {
     /// [`QemuError::Image`] for a file that is no image of this board; [`QemuError::Refused`] for a configuration that
     /// does not build.
     pub fn start(elf: &Path, setup: &Setup) -> Result<Self, QemuError> {
+        Self::boot(elf, setup, "pipe")
+    }
+
+    /// The same with a maintenance port that leads nowhere: for flights whose log nobody reads, and faster.
+    ///
+    /// # Errors
+    /// As of [`start`](Self::start).
+    pub fn start_without_port(elf: &Path, setup: &Setup) -> Result<Self, QemuError> {
+        Self::boot(elf, setup, "null")
+    }
+
+    fn boot(elf: &Path, setup: &Setup, port_kind: &str) -> Result<Self, QemuError> {
         check_image(elf)?;
         let folder = Folder::create()?;
         let memory_path = folder.file("memory");
@@ -169,6 +181,10 @@ impl QemuComputer {
         let port = Port::create(&folder)?;
 
         let socket = |id: &str| format!("socket,id={id},path={}", folder.file(id).display());
+        let port_line = match port_kind {
+            "pipe" => format!("pipe,id=port,path={}", folder.file("port").display()),
+            kind => format!("{kind},id=port"),
+        };
         let mut qemu = Command::new("qemu-system-arm")
             .args(["-M", "mps2-an386,memory-backend=ram", "-display", "none", "-monitor", "none"])
             .args(["-icount", "shift=8", "-semihosting-config", "enable=on,target=native"])
@@ -176,7 +192,7 @@ impl QemuComputer {
             .arg(format!("memory-backend-file,id=ram,size=16M,share=on,mem-path={}", memory_path.display()))
             .args(["-chardev", &socket("mavlink"), "-serial", "chardev:mavlink"])
             .args(["-chardev", &socket("bell"), "-serial", "chardev:bell"])
-            .args(["-chardev", &format!("pipe,id=port,path={}", folder.file("port").display())])
+            .args(["-chardev", &port_line])
             .args(["-serial", "chardev:port"])
             .arg("-kernel")
             .arg(elf)
