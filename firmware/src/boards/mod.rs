@@ -23,12 +23,15 @@
 //! | `restart() -> !` | somebody wants it |
 //! | `last_words(words)`, `on_fault`, `is_memory` | for [`last_words`] |
 //!
-//! Everything `unsafe` of the firmware is in the boards, and in the two modules that they share.
+//! Everything `unsafe` of the firmware is in the boards, and in the modules that they share.
 
 #[expect(unsafe_code, reason = "memory that a reset leaves alone, the fault vector")]
 mod last_words;
 #[expect(unsafe_code, reason = "the stack as memory")]
 mod stack;
+#[cfg(feature = "board-nucleo_g474re")]
+#[expect(unsafe_code, reason = "where a fault goes on")]
+mod stm32;
 
 pub use stack::Watermark;
 

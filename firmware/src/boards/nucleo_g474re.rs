@@ -21,19 +21,15 @@ mod acquisition;
 mod flash;
 mod tone;
 
-use core::fmt;
-
-use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{InterruptExt as _, Priority};
-use embassy_stm32::mode::Async;
 use embassy_stm32::pac::{DBGMCU, RCC};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
+use embassy_stm32::usart::{self, Uart};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, interrupt, peripherals, rcc};
 use embassy_time::with_timeout;
-use foxhound_computer::restart::{Cause, End, Restart};
+use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::sampling::Timer;
 use foxhound_core::ConfigError;
 use foxhound_core::adc::Snapshot;
@@ -47,6 +43,8 @@ use acquisition::Acquisition;
 use tone::Tone;
 
 pub use super::last_words::restart;
+pub use super::stm32::{PortReceiver, PortTransmitter, Receiver, Transmitter, halt, ticks, uptime_s};
+pub(super) use super::stm32::{last_words, on_fault};
 pub use flash::Flash;
 
 /// The name of this board.
@@ -201,58 +199,6 @@ fn clocks() -> embassy_stm32::Config {
     config
 }
 
-/// From the autopilot.
-pub struct Receiver(RingBufferedUartRx<'static>);
-
-impl Receiver {
-    /// Waits for bytes. After noise or an overrun the receiver goes on; MAVLink finds its next frame by itself.
-    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        loop {
-            match self.0.read(bytes).await {
-                Ok(count) => return count,
-                Err(error) => defmt::warn!("USART1: {}", defmt::Debug2Format(&error)),
-            }
-        }
-    }
-}
-
-/// To the autopilot.
-pub struct Transmitter(UartTx<'static, Async>);
-
-impl Transmitter {
-    /// Sends bytes; returns when DMA has handed over the last one.
-    pub async fn write(&mut self, bytes: &[u8]) {
-        if let Err(error) = self.0.write(bytes).await {
-            defmt::warn!("USART1: {}", defmt::Debug2Format(&error));
-        }
-    }
-}
-
-/// From the maintenance port.
-pub struct PortReceiver(RingBufferedUartRx<'static>);
-
-impl PortReceiver {
-    /// Waits for bytes. After noise or an overrun the line that was being typed is a bad one.
-    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        loop {
-            if let Ok(count) = self.0.read(bytes).await {
-                return count;
-            }
-        }
-    }
-}
-
-/// To the maintenance port.
-pub struct PortTransmitter(UartTx<'static, Async>);
-
-impl PortTransmitter {
-    /// Sends bytes; returns when DMA has handed over the last one.
-    pub async fn write(&mut self, bytes: &[u8]) {
-        // What does not arrive is a gap in the log.
-        let _ = self.0.write(bytes).await;
-    }
-}
-
 /// Says what to do next: a step for every frame.
 pub struct Pacer {
     acquisition: Acquisition,
@@ -334,47 +280,8 @@ impl Pacer {
     }
 }
 
-/// Cycles of the core; wraps after 25 s.
-#[must_use]
-pub fn ticks() -> u32 {
-    cortex_m::peripheral::DWT::cycle_count()
-}
-
 /// Of [`ticks`].
 pub const TICKS_PER_US: u32 = 170;
-
-/// Seconds since the start.
-#[must_use]
-pub fn uptime_s() -> u32 {
-    embassy_time::Instant::now().as_secs() as u32
-}
-
-/// It cannot go on: says why, and begins anew.
-pub fn halt(reason: fmt::Arguments<'_>) -> ! {
-    last_words(reason);
-    last_words::end(End::Halt, 0, 0, reason.as_str().unwrap_or("halt").as_bytes())
-}
-
-/// Says why it ends, to a debugger.
-pub(super) fn last_words(words: fmt::Arguments<'_>) {
-    defmt::error!("{}", defmt::Display2Format(&words));
-}
-
-/// A fault: goes on with a stack begun anew, in which there is room.
-///
-/// # Safety
-/// To be reached from the vector only.
-// SAFETY: comes from the vector with the main stack, the only one in use, in r0. Nothing returns from here.
-#[unsafe(naked)]
-pub(super) unsafe extern "C" fn on_fault() {
-    core::arch::naked_asm!(
-        "movw r1, #:lower16:_stack_start",
-        "movt r1, #:upper16:_stack_start",
-        "msr  msp, r1",
-        "b    {fault}",
-        fault = sym last_words::fault,
-    )
-}
 
 #[interrupt]
 fn CORDIC() {
