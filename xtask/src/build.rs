@@ -71,7 +71,7 @@ impl Image {
             if !sh_flags.contains(object::elf::SHF_ALLOC) {
                 continue;
             }
-            // On both boards, everything from here on is RAM.
+            // On every board, everything from here on is RAM.
             if section.address() >= 0x2000_0000 {
                 size.ram_bytes += section.size();
             }
