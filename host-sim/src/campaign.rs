@@ -44,6 +44,8 @@ const COAST_US: u64 = 2_000_000;
 const SECOND_US: u64 = 1_000_000;
 /// So long the vehicle may take to fly on after the pilot's fresh entry.
 const RECOVERY_US: u64 = 25 * SECOND_US;
+/// So long it may take until the pilot is told of a restart.
+const TOLD_US: u64 = 5 * SECOND_US;
 /// Bytes that the line carries in a step at 921 600 baud.
 const LINE_BYTES: usize = 1843;
 /// We hear of a change of the mode with the next heartbeat, a second later at most, and half a step later here.
@@ -313,6 +315,15 @@ impl Flight {
                 self.row.safe.insert(outcome.name(), 1);
             }
             _ => self.row.lost = 1,
+        }
+        // A power cut may come late, and the word of it after that.
+        let until_us = self.trial.time_us() + TOLD_US;
+        while self.row.restarts_told < self.trial.computer.restarts - restarts
+            && self.trial.time_us() < until_us
+            && !self.trial.collided
+            && !self.is_broken()
+        {
+            self.step();
         }
         self.row.restarts = self.trial.computer.restarts - restarts;
         self.row.clone()
