@@ -474,7 +474,7 @@ impl Flight {
         }
         for (_, message) in &step.sent {
             if let MavMessage::STATUSTEXT(text) = message
-                && text.text.to_str().is_ok_and(|text| text.starts_with("Foxhound: restart: "))
+                && text.text.to_str().is_ok_and(|text| text.starts_with("Foxhound: restart "))
             {
                 self.row.restarts_told += 1;
             }
