@@ -19,8 +19,8 @@ const ENABLE: u32 = 1 << 7;
 const INTERRUPT_ENABLE: u32 = 1 << 5;
 const SIZE_32: u32 = 1 << 1;
 const ONE_SHOT: u32 = 1;
-/// How far into the step an interrupt storm begins.
-const STORM_AFTER_US: u32 = 500;
+/// How far into the step an interrupt storm begins: when the bytes have been read, and guidance steps.
+const STORM_AFTER_US: u32 = 4_000;
 
 /// Ticks that the interrupt takes away; none: it cuts the power.
 static STOLEN_TICKS: AtomicU32 = AtomicU32::new(0);
