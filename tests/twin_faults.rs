@@ -26,6 +26,4 @@ fn after_every_fault_the_vehicle_flies_on_or_stands_and_says_why_and_every_resta
         let expected = u32::from(restarts.contains(kind));
         assert_eq!((row.restarts, row.restarts_told), (expected, expected), "{kind:?}: {row:?}");
     }
-    // A stolen processor is noticed.
-    assert!(report.worst.late_steps > 0, "{:?}", report.worst);
 }
