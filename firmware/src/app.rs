@@ -259,9 +259,9 @@ pub async fn guide(
                 let lock_step = step.lock_step.is_some();
                 let mut begin = board::ticks();
                 line.read(flight.companion, &mut port.log, &step).await;
-                if lock_step {
+                if let Some(lock_step) = &step.lock_step {
                     // The simulator's time is not ours.
-                    begin = board::ticks();
+                    begin = (lock_step.begin)();
                 }
                 if flight.serve(&mut port.log.keeper(&mut store)) {
                     planning.begin_anew();

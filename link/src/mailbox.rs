@@ -9,6 +9,7 @@
 //! | setup | `0x0000` | 4096 | simulator | head, [`Setup`] |
 //! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, codes from byte 2048 (`i16`, channel by channel) |
 //! | report | `0x2000` | 4096 | twin | head, then [`Ready`], [`Report`] or the text of a refusal |
+//! | line | `0x3000` | 4, then 16 384 from `0x4000` | simulator | bytes of the autopilot that need no serial line: their number since the setup of a new start (`u32`), and a ring of them |
 //! | store | `0x10_0000` | 16 384 | twin | what it keeps over a reset, every bit turned round: a new file is a blank flash |
 //!
 //! Every block starts with the same head: [`MAGIC`] (`u32`, its last letter is the version of the layout), then the
@@ -24,7 +25,7 @@
 //! | [`BOOTED`] `B` | to the simulator | the twin has started, for the first time or again: it wants a setup |
 //!
 //! The two serial lines and the memory are not ordered with each other. So a step says how many bytes of UART0 the twin
-//! must have taken in before it ([`Step::rx_expected`]), and a report says how many it has sent ([`Report::tx_total`]):
+//! must have taken in before it ([`Step::rx_expected`]), by UART0 or by the ring, and a report says how many it has sent ([`Report::tx_total`]):
 //! that makes every step, and with it the whole flight, repeatable.
 
 use foxhound_core::adc::{CHANNELS, Snapshot};
@@ -49,6 +50,13 @@ pub const SETUP_AT: usize = 0;
 pub const STEP_AT: usize = BLOCK_BYTES;
 /// Where the report block begins.
 pub const REPORT_AT: usize = 2 * BLOCK_BYTES;
+
+/// Where it is written how many bytes the ring has had.
+pub const LINE_TOTAL_AT: usize = 3 * BLOCK_BYTES;
+/// Where the ring begins.
+pub const LINE_AT: usize = 4 * BLOCK_BYTES;
+/// Bytes of the ring.
+pub const LINE_BYTES: usize = 16 << 10;
 
 /// Where the flash of the twin begins: each bit that is set there reads as clear.
 pub const STORE_AT: usize = 1 << 20;
@@ -110,7 +118,7 @@ pub struct Step<'a, const N: usize> {
     pub sequence: u32,
     /// The time of the step: the only clock of guidance and link.
     pub now: Instant,
-    /// Bytes of UART0 since the twin's start that it must have taken in before this step.
+    /// Bytes of the autopilot since the twin's start that it must have taken in before this step.
     pub rx_expected: u32,
     /// What the antennas brought.
     pub front_end: FrontEnd<'a, N>,

@@ -85,6 +85,8 @@ pub struct LockStep {
     pub rx_expected: u32,
     /// The planner is starved: what it has found waits for a later step.
     pub holds_plan: bool,
+    /// Says that the measured part of the step begins, and when that is, in `ticks`.
+    pub begin: fn() -> u32,
 }
 
 /// What one step came to.

@@ -2,7 +2,7 @@
 //!
 //! | what | where |
 //! |---|---|
-//! | MAVLink | UART0 |
+//! | MAVLink | UART0, or from the autopilot by the memory: see `line` |
 //! | doorbell of the simulator | UART1 |
 //! | maintenance port | UART2 |
 //! | frames and reports | the mailbox at `0x2100_0000`, layout in `foxhound_link::mailbox` |
@@ -20,6 +20,7 @@ mod clock;
 mod console;
 mod flash;
 mod interrupt;
+mod line;
 mod mischief;
 mod registers;
 mod uart;
@@ -197,6 +198,7 @@ impl Pacer {
             match select(self.doorbell.wait(), Timer::at(alarm)).await {
                 Either::First(mailbox::SETUP) => {
                     read(mailbox::SETUP_AT, self.block);
+                    line::open();
                     match mailbox::Setup::decode(self.block) {
                         Ok(setup) => {
                             self.setup = setup.guidance;
@@ -217,6 +219,7 @@ impl Pacer {
             }
         }
         let step = self.arrivals.step();
+        mischief::go_on();
         if let Some(fault) = step.fault {
             mischief::begin(fault);
         }
@@ -226,6 +229,7 @@ impl Pacer {
             lock_step: Some(LockStep {
                 rx_expected: step.rx_expected,
                 holds_plan: step.fault == Some(mailbox::Fault::StarvePlanner),
+                begin: mischief::measured,
             }),
             front_end: step.front_end,
             circles: step.circles,
@@ -292,6 +296,7 @@ impl Pacer {
     }
 
     fn answer(&mut self, written: Result<(), mailbox::Error>) {
+        mischief::pause();
         self.pace = Pace::LockStep { alarm: embassy_time::Instant::now() + BELL_TIMEOUT };
         match written {
             Ok(()) => {

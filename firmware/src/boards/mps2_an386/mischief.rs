@@ -19,17 +19,25 @@ const ENABLE: u32 = 1 << 7;
 const INTERRUPT_ENABLE: u32 = 1 << 5;
 const SIZE_32: u32 = 1 << 1;
 const ONE_SHOT: u32 = 1;
-/// How far into the step an interrupt storm begins: when the bytes have been read, and guidance steps.
-const STORM_AFTER_US: u32 = 4_000;
+/// How far into the measured part of the step an interrupt storm begins: 3 900 instructions, when guidance steps.
+const STORM_AFTER_US: u32 = 1_000;
+/// Instructions from one look at the clock to the next in the storm: QEMU takes as long for a look as for hundreds of them.
+const STORM_STRIDE: u32 = 500;
 
 /// Ticks that the interrupt takes away; none: it cuts the power.
 static STOLEN_TICKS: AtomicU32 = AtomicU32::new(0);
+/// Ticks that are to be taken away in this step.
+static WANTED_TICKS: AtomicU32 = AtomicU32::new(0);
+/// What the timer had left when the last step was done; none: it does not run.
+static LEFT: AtomicU32 = AtomicU32::new(0);
 
 /// Does it, or sees to it that it comes.
 pub(super) fn begin(fault: Fault) {
     match fault {
         Fault::PowerCut { after_us } => arm(after_us, 0),
-        Fault::Steal { for_us } => arm(STORM_AFTER_US, for_us.max(1).saturating_mul(TICKS_PER_US)),
+        Fault::Steal { for_us } => {
+            WANTED_TICKS.store(for_us.max(1).saturating_mul(TICKS_PER_US), Ordering::Relaxed);
+        }
         // It is the application that waits.
         Fault::StarvePlanner => {}
         Fault::Panic => break_down(),
@@ -55,20 +63,53 @@ fn overflow(depth: u64) -> u64 {
     overflow(depth.wrapping_add(frame[3])).wrapping_add(frame[5])
 }
 
+/// The bytes have been read, and the measured part of the step begins. A storm before it would be nobody's: the time for which
+/// bytes are awaited is the simulator's.
+pub(super) fn measured() -> u32 {
+    let wanted_ticks = WANTED_TICKS.swap(0, Ordering::Relaxed);
+    if wanted_ticks > 0 {
+        arm(STORM_AFTER_US, wanted_ticks);
+    }
+    ticks()
+}
+
 fn arm(after_us: u32, stolen_ticks: u32) {
     STOLEN_TICKS.store(stolen_ticks, Ordering::Relaxed);
     DUAL_TIMER.write(Register::DUAL_CONTROL, 0);
-    DUAL_TIMER.write(Register::DUAL_LOAD, after_us.max(1).saturating_mul(TICKS_PER_US));
-    DUAL_TIMER.write(Register::DUAL_CONTROL, ENABLE | INTERRUPT_ENABLE | SIZE_32 | ONE_SHOT);
+    run(after_us.max(1).saturating_mul(TICKS_PER_US));
     unmask(Interrupt::DualTimer);
+}
+
+fn run(for_ticks: u32) {
+    DUAL_TIMER.write(Register::DUAL_LOAD, for_ticks);
+    DUAL_TIMER.write(Register::DUAL_CONTROL, ENABLE | INTERRUPT_ENABLE | SIZE_32 | ONE_SHOT);
+}
+
+/// The step is done: until the next one only the simulator's time passes, which is not to decide where the power is cut.
+pub(super) fn pause() {
+    if DUAL_TIMER.read(Register::DUAL_CONTROL) & ENABLE != 0 {
+        DUAL_TIMER.write(Register::DUAL_CONTROL, 0);
+        LEFT.store(DUAL_TIMER.read(Register::DUAL_VALUE), Ordering::Relaxed);
+    }
+}
+
+/// The next step begins.
+pub(super) fn go_on() {
+    let left = LEFT.swap(0, Ordering::Relaxed);
+    if left > 0 {
+        run(left);
+    }
 }
 
 pub(super) extern "C" fn on_due() {
     DUAL_TIMER.write(Register::DUAL_CLEAR, 1);
+    DUAL_TIMER.write(Register::DUAL_CONTROL, 0);
     let stolen_ticks = STOLEN_TICKS.load(Ordering::Relaxed);
     if stolen_ticks == 0 {
         SCB::sys_reset();
     }
     let begin = ticks();
-    while ticks().wrapping_sub(begin) < stolen_ticks {}
+    while ticks().wrapping_sub(begin) < stolen_ticks {
+        cortex_m::asm::delay(STORM_STRIDE);
+    }
 }

@@ -53,6 +53,8 @@ impl Register {
     pub const WATCHDOG_CONTROL: Self = Self::Control;
     /// What the dual timer starts from.
     pub const DUAL_LOAD: Self = Self::Data;
+    /// What the dual timer has left.
+    pub const DUAL_VALUE: Self = Self::State;
     /// Control of the dual timer.
     pub const DUAL_CONTROL: Self = Self::Control;
     /// Clears the dual timer's interrupt.

@@ -3,7 +3,8 @@
 //! Bytes come in by interrupt into a ring. When the ring is full the interrupt is masked until somebody reads: the
 //! byte stays in the receiver, where QEMU lets the sender wait.
 
-use core::future::poll_fn;
+use core::future::{Future as _, poll_fn};
+use core::pin::Pin;
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Poll;
 
@@ -13,6 +14,7 @@ use embassy_sync::pipe::Pipe;
 use embassy_sync::waitqueue::AtomicWaker;
 
 use super::interrupt::{Interrupt, unmask};
+use super::line;
 use super::registers::{Peripheral, Register, UART0, UART1, UART2};
 
 const TX_FULL: u32 = 1;
@@ -84,7 +86,11 @@ pub(super) fn port() -> (PortReceiver, PortTransmitter) {
 impl Receiver {
     /// Waits for bytes.
     pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        let count = RING.read(bytes).await;
+        let count = poll_fn(|context| match line::take(bytes, context.waker()) {
+            0 => Pin::new(&mut RING.read(bytes)).poll(context),
+            count => Poll::Ready(count),
+        })
+        .await;
         unmask(Interrupt::Uart0Rx);
         count
     }
@@ -195,4 +201,5 @@ pub(super) extern "C" fn on_port_room() {
 
 pub(super) extern "C" fn on_bell() {
     receive(UART1, Interrupt::Uart1Rx, &BELL);
+    line::wake();
 }
