@@ -15,6 +15,7 @@ mod thumb;
 mod twin;
 
 use std::fmt;
+use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -109,6 +110,12 @@ enum Twin {
         /// How many faults in each
         #[arg(long, default_value_t = 10)]
         faults: u32,
+        /// What was flown, mission by mission; where it exists it is continued
+        #[arg(long, default_value = "out/faults.jsonl")]
+        record: PathBuf,
+        /// Fly this mission alone, and write nothing
+        #[arg(long)]
+        seed: Option<u64>,
     },
 }
 
@@ -197,7 +204,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         }
         Task::Qemu(Twin::Fly { seeds }) => twin::fly(*seeds),
         Task::Qemu(Twin::Bench) => twin::bench(),
-        Task::Qemu(Twin::Faults { missions, faults }) => twin::faults(*missions, *faults),
+        Task::Qemu(Twin::Faults { missions, faults, record, seed }) => twin::faults(*missions, *faults, record, *seed),
         Task::Bench { json } => bench::run(*json),
         Task::Parity { flights } => parity::run(*flights),
         Task::Soak { hours } => soak::run(*hours),

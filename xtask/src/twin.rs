@@ -1,6 +1,6 @@
 //! What the firmware's twin flies: `cargo xtask qemu <fly | bench | faults>`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use serde_json::Value;
@@ -48,10 +48,14 @@ pub(crate) fn bench() -> Result<(), Failure> {
     rooms
 }
 
-/// Many missions with everything going wrong.
-pub(crate) fn faults(missions: u32, faults: u32) -> Result<(), Failure> {
+/// Many missions with everything going wrong, or one of them.
+pub(crate) fn faults(missions: u32, faults: u32, record: &Path, seed: Option<u64>) -> Result<(), Failure> {
     let mut campaign = simulator();
-    campaign.args(["--example", "faults", "--"]).arg(image()?.elf).args([missions.to_string(), faults.to_string()]);
+    campaign.args(["--example", "faults", "--"]).arg(image()?.elf);
+    campaign.args(["--missions", &missions.to_string(), "--faults", &faults.to_string()]).arg("--record").arg(record);
+    if let Some(seed) = seed {
+        campaign.args(["--seed", &seed.to_string()]);
+    }
     attend(&mut campaign)
 }
 

@@ -1,0 +1,180 @@
+//! What came of the faults, and what was asked of them and was not so.
+
+use std::collections::BTreeMap;
+use std::fmt::{self, Display};
+
+use serde::{Deserialize, Serialize};
+
+use super::Kind;
+use crate::qemu::Worst;
+
+/// What became of the faults of one kind.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Row {
+    /// How many there were.
+    pub faults: u32,
+    /// After so many the vehicle flew on.
+    pub recovered: u32,
+    /// After so many it stood still, by the outcome that was published.
+    pub safe: BTreeMap<String, u32>,
+    /// After so many it did neither.
+    pub lost: u32,
+    /// Pillars touched under our control.
+    pub collisions: u32,
+    /// Pillars touched while the computer was away.
+    pub collisions_away: u32,
+    /// Restarts of the computer.
+    pub restarts: u32,
+    /// Those that the pilot was told of, in the words that belong to the fault.
+    pub restarts_told: u32,
+    /// Steps that were late.
+    pub late_steps: u32,
+    /// Setpoints that were too fast or not finite.
+    pub outside_limits: u32,
+    /// Setpoints that would have moved the vehicle where the autopilot would not obey us.
+    pub uninvited: u32,
+}
+
+impl Row {
+    fn add(&mut self, other: &Self) {
+        self.faults += other.faults;
+        self.recovered += other.recovered;
+        for (name, count) in &other.safe {
+            *self.safe.entry(name.clone()).or_default() += count;
+        }
+        self.lost += other.lost;
+        self.collisions += other.collisions;
+        self.collisions_away += other.collisions_away;
+        self.restarts += other.restarts;
+        self.restarts_told += other.restarts_told;
+        self.late_steps += other.late_steps;
+        self.outside_limits += other.outside_limits;
+        self.uninvited += other.uninvited;
+    }
+
+    /// What is asked of one fault of this kind and is not so.
+    #[must_use]
+    pub fn complaints(&self, kind: Kind) -> Vec<String> {
+        let mut complaints = Vec::new();
+        let mut ask = |is_so: bool, complaint: &dyn Display| {
+            if !is_so {
+                complaints.push(complaint.to_string());
+            }
+        };
+        ask(self.lost == 0, &"it neither flew on nor stood and said why");
+        ask(self.collisions == 0, &"a pillar was touched");
+        ask(self.collisions_away == 0, &"a pillar was touched with the computer away");
+        ask(self.outside_limits == 0, &format_args!("{} setpoints outside the limits", self.outside_limits));
+        ask(self.uninvited == 0, &format_args!("{} setpoints that nobody had invited", self.uninvited));
+        // A mission that ended with a pillar has no more to say.
+        if self.collisions + self.collisions_away == 0 {
+            let expected = kind.restarts().map_or(self.restarts, u32::from);
+            ask(self.restarts == expected, &format_args!("{} restarts instead of {expected}", self.restarts));
+            let untold = self.restarts.saturating_sub(self.restarts_told);
+            ask(untold == 0, &format_args!("{untold} restarts were not told, or in other words"));
+        }
+        ask(kind != Kind::StolenProcessor || self.late_steps > 0, &"no step was late");
+        complaints
+    }
+}
+
+/// Something that was asked and was not so.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Complaint {
+    /// Which fault of the mission it was, from 1 on.
+    pub fault: u32,
+    /// What it was.
+    pub kind: Kind,
+    /// What was not as it should be.
+    pub what: String,
+}
+
+impl Display for Complaint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "fault {}, {}: {}", self.fault, self.kind.name(), self.what)
+    }
+}
+
+/// What came of some missions.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Report {
+    /// How many.
+    pub missions: u32,
+    /// Simulated seconds.
+    pub seconds: u64,
+    /// By kind.
+    pub rows: BTreeMap<Kind, Row>,
+    /// The worst that was seen.
+    pub worst: Worst,
+    /// Missions in which the firmware did not answer any more.
+    pub broken: u32,
+    /// All that was not as it should be.
+    pub complaints: Vec<Complaint>,
+}
+
+impl Report {
+    /// Takes in one fault.
+    pub(super) fn note(&mut self, fault: u32, kind: Kind, row: &Row) {
+        self.rows.entry(kind).or_default().add(row);
+        self.complaints.extend(row.complaints(kind).into_iter().map(|what| Complaint { fault, kind, what }));
+    }
+
+    /// Takes in another one.
+    pub fn add(&mut self, other: &Self) {
+        self.missions += other.missions;
+        self.seconds += other.seconds;
+        for (kind, row) in &other.rows {
+            self.rows.entry(*kind).or_default().add(row);
+        }
+        self.worst.add(other.worst);
+        self.broken += other.broken;
+        self.complaints.extend_from_slice(&other.complaints);
+    }
+
+    /// All kinds together.
+    #[must_use]
+    pub fn all(&self) -> Row {
+        self.rows.values().fold(Row::default(), |mut all, row| {
+            all.add(row);
+            all
+        })
+    }
+}
+
+impl Display for Report {
+    /// The table of `docs/faults.md`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let all = self.all();
+        writeln!(f, "{} missions, {} faults, {} simulated seconds.\n", self.missions, all.faults, self.seconds)?;
+        writeln!(
+            f,
+            "| fault | times | flew on | stood still, saying | neither | pillars touched | with the computer away | restarts \
+             | told | late steps | setpoints outside limits | uninvited |"
+        )?;
+        writeln!(f, "|---|---|---|---|---|---|---|---|---|---|---|---|")?;
+        for (kind, row) in &self.rows {
+            line(f, &kind.name(), row)?;
+        }
+        line(f, "all", &all)?;
+        let Worst { fast_instructions, plan_instructions, stack_bytes, .. } = self.worst;
+        writeln!(
+            f,
+            "\nThe worst of all steps: {fast_instructions} instructions of guidance, {plan_instructions} of a replan with \
+             what pre-empted it, {stack_bytes} bytes of stack."
+        )?;
+        let Self { broken, complaints, .. } = self;
+        write!(f, "\n{broken} missions in which the firmware did not answer any more; {} complaints.", complaints.len())
+    }
+}
+
+fn line(f: &mut fmt::Formatter<'_>, name: &str, row: &Row) -> fmt::Result {
+    let safe: Vec<String> = row.safe.iter().map(|(outcome, count)| format!("{count} `{outcome}`")).collect();
+    let Row { faults, recovered, lost, collisions, collisions_away, .. } = row;
+    let Row { restarts, restarts_told, late_steps, outside_limits, uninvited, .. } = row;
+    writeln!(
+        f,
+        "| {name} | {faults} | {recovered} | {} | {lost} | {collisions} | {collisions_away} | {restarts} | {restarts_told} \
+         | {late_steps} | {outside_limits} | {uninvited} |",
+        safe.join(", "),
+    )
+}
