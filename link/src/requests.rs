@@ -102,7 +102,9 @@ impl Requests {
     /// A message came.
     #[inline(never)]
     pub(crate) fn heard(&mut self, message_id: u32) {
-        for progress in self.progress.iter_mut().filter(|progress| u32::from(progress.wish.message_id) == message_id) {
+        // Nothing is wished for twice.
+        let mut all = self.progress.iter_mut();
+        if let Some(progress) = all.find(|progress| u32::from(progress.wish.message_id) == message_id) {
             progress.heard = progress.heard.saturating_add(1);
         }
     }

@@ -16,6 +16,7 @@ use crate::dialect::{
 };
 use crate::framer::{Content, Header};
 use crate::obstacles::{self, Heard, Reading};
+use crate::params::Params;
 use crate::requests::{WISHES, Wish};
 use crate::signing::{Setup, set_up};
 use crate::sources::Source;
@@ -46,9 +47,12 @@ impl Companion {
         if is_autopilot {
             self.requests.heard(content.message_id());
         }
-        let is_seeking = self.control(self.now) == Control::Granted;
-        if self.params.hear(us, header, content, is_seeking) {
-            return;
+        // Most are not, and whether we seek takes some looking.
+        if Params::may_hear(content.message_id()) {
+            let is_seeking = self.control(self.now) == Control::Granted;
+            if self.params.hear(us, header, content, is_seeking) {
+                return;
+            }
         }
         // Any component of our system may see obstacles.
         // An autopilot that is told of obstacles by us tells us of them.

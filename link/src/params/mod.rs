@@ -157,6 +157,14 @@ impl Params {
         self.is_unsaved
     }
 
+    /// Whether a message may be about parameters.
+    pub(crate) const fn may_hear(message_id: u32) -> bool {
+        matches!(
+            message_id,
+            PARAM_REQUEST_LIST_DATA::ID | PARAM_REQUEST_READ_DATA::ID | PARAM_SET_DATA::ID | COMMAND_LONG_DATA::ID
+        )
+    }
+
     /// Takes in a message for us, the system and component `us`; false if it is none about parameters, or for another.
     #[inline(never)]
     pub fn hear(&mut self, us: (u8, u8), from: Header, content: &Content, is_seeking: bool) -> bool {
