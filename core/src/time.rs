@@ -9,6 +9,7 @@ pub struct Instant(pub u64);
 impl Instant {
     /// Time since `earlier`, in seconds; zero when `earlier` is in the future.
     #[must_use]
+    #[inline(never)]
     pub fn seconds_since(self, earlier: Self) -> f32 {
         self.micros_since(earlier) as f32 * 1e-6
     }

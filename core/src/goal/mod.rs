@@ -16,6 +16,7 @@ use crate::kernel::sqrt;
 use crate::ownship::Ownship;
 use crate::source::Sighting;
 use crate::time::Instant;
+use crate::units::asin;
 
 pub mod posterior;
 
@@ -92,7 +93,7 @@ impl State {
     #[must_use]
     pub fn depression_rad(&self) -> f32 {
         let squared = if self.sunk_weight > 0.0 { self.sunk / self.sunk_weight } else { 0.0 };
-        libm::asinf(sqrt(squared.clamp(0.0, 1.0)))
+        asin(sqrt(squared.clamp(0.0, 1.0)))
     }
 
     /// The unit vector towards the source, averaged; `None` before the first valid bearing.
