@@ -11,7 +11,7 @@ use foxhound_core::calibration::record::Calibration;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
 use foxhound_core::map::Circle;
 use foxhound_core::param::Values;
-use foxhound_core::planner::{Plan, Planner, Scratch};
+use foxhound_core::planner::{Plan, PlanRequest, Planner, Scratch};
 use foxhound_core::time::Instant;
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::mailbox::Planned;
@@ -40,6 +40,17 @@ pub struct StepReport {
     pub plan: Option<Planned>,
     /// Bytes for the autopilot.
     pub tx: Vec<u8>,
+}
+
+/// What the planner went by and considered for a plan.
+#[derive(Clone, Copy, Debug)]
+pub struct Considered<'a> {
+    /// What it was asked.
+    pub request: &'a PlanRequest,
+    /// What it answered.
+    pub plan: &'a Plan,
+    /// What it drew, where this plan needed it; what it drew before, where not.
+    pub scratch: &'a Scratch,
 }
 
 /// Why a computer stopped working.
@@ -79,6 +90,11 @@ pub trait Computer {
     /// The obstacles that it remembers, where one can look into it.
     fn remembered(&self) -> Vec<Circle> {
         Vec::new()
+    }
+
+    /// What the plan of the last step was made from, where there is one and one can look into it.
+    fn considered(&self) -> Option<Considered<'_>> {
+        None
     }
 }
 
@@ -203,6 +219,11 @@ impl Computer for HostComputer {
 
     fn remembered(&self) -> Vec<Circle> {
         self.state.map().circles().copied().collect()
+    }
+
+    fn considered(&self) -> Option<Considered<'_>> {
+        let plan = self.finished.as_ref()?;
+        Some(Considered { request: self.state.request(), plan, scratch: &self.scratch })
     }
 }
 

@@ -25,7 +25,7 @@ use crate::rays;
 use crate::scenario::{BearingModel, FLIGHT_DOWN_M, Scenario, SensorModel, VehicleModel, inside};
 use crate::sensor::View;
 use crate::tlog;
-use crate::vehicle::Vehicle;
+use crate::vehicle::{Motion, Vehicle};
 use crate::world::{Horizontal, Hull, World, wrap_pi};
 
 /// Length of one step.
@@ -188,6 +188,21 @@ pub struct Replan {
     pub plan: Planned,
 }
 
+/// One step as it happens.
+#[derive(Clone, Copy)]
+pub struct Moment<'a> {
+    /// The world as it is.
+    pub world: &'a World,
+    /// How the vehicle really moves.
+    pub motion: &'a Motion,
+    /// The step as the record has it.
+    pub sample: &'a Sample,
+    /// What guidance published.
+    pub output: &'a guidance::Output,
+    /// The computer that flies, to look into.
+    pub computer: &'a dyn Computer,
+}
+
 /// Everything that a picture of the flight needs.
 #[derive(Clone, Debug)]
 pub struct Record {
@@ -242,8 +257,21 @@ impl From<io::Error> for FlightError {
 pub fn fly(
     mission: &Mission,
     computer: &mut dyn Computer,
-    mut log: Option<&mut tlog::Writer>,
+    log: Option<&mut tlog::Writer>,
     mut watch: impl FnMut(f64),
+) -> Result<Record, FlightError> {
+    fly_watched(mission, computer, log, |moment| watch(moment.sample.time_s))
+}
+
+/// The same; `watch` is shown every step.
+///
+/// # Errors
+/// The computer fails, or the log cannot be written.
+pub fn fly_watched(
+    mission: &Mission,
+    computer: &mut dyn Computer,
+    mut log: Option<&mut tlog::Writer>,
+    mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Record, FlightError> {
     let scenario = &mission.scenario;
     let world = scenario.world();
@@ -265,7 +293,6 @@ pub fn fly(
     while tick < ticks && ending.is_none() {
         let now_us = tick * TICK_US;
         let time_s = now_us as f64 * 1e-6;
-        watch(time_s);
 
         // The pilot gives control as soon as the autopilot lets him, once.
         if control_is_due && tick % PILOT_TICKS == 0 {
@@ -309,7 +336,10 @@ pub fn fly(
         let [north_mps, east_mps, _] = motion.velocity_ned_mps;
         let speed_mps = libm::hypot(north_mps, east_mps);
         let [_, _, down_m] = motion.pose.position_ned_m;
-        path.push(Sample { time_s, position, yaw_rad: motion.pose.yaw_rad, down_m, speed_mps, outcome });
+        let sample = Sample { time_s, position, yaw_rad: motion.pose.yaw_rad, down_m, speed_mps, outcome };
+        path.push(sample);
+        let (output, computer) = (&report.output, &*computer);
+        watch(&Moment { world: &world, motion: &motion, sample: &sample, output, computer });
 
         // What the vehicle does.
         autopilot.receive(now_us, &motion, &report.tx);

@@ -135,6 +135,11 @@ impl Memory {
     pub(super) const fn new() -> Self {
         Self { posterior: Posterior::new(), window: Window::new(), way: Vec::new(), progress: Progress::NONE }
     }
+
+    /// The posterior of the source, once there is one.
+    pub(super) fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
+        self.posterior.particles().filter(|_| self.posterior.is_started())
+    }
 }
 
 /// Where to go.

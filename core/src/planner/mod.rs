@@ -342,6 +342,12 @@ impl Scratch {
         }
     }
 
+    /// Where the source may be, and how likely, as [`Kind::Foxhound`] has learned it; none before the first sighting. For
+    /// pictures and tests.
+    pub fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
+        self.memory.particles()
+    }
+
     /// Puts a sample into the plan.
     fn choose(&self, chosen: usize, plan: &mut Plan) {
         if let (Some(sample), Some(gains), Some(cost)) =
