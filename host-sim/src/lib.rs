@@ -26,6 +26,7 @@ pub mod qemu;
 pub mod random;
 pub mod rays;
 pub mod replay;
+pub mod report;
 pub mod reproduce;
 pub mod scenario;
 pub mod sensor;

@@ -14,6 +14,7 @@ use foxhound_sim::flight::{self, Ending, Mission, Record};
 use foxhound_sim::input::{InputError, read_text};
 use foxhound_sim::params::Given;
 use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::report::{self, Beside, Recorder};
 use foxhound_sim::scenario::{BearingModel, Scenario};
 use foxhound_sim::{plot, tlog};
 
@@ -23,6 +24,7 @@ const FLY_HELP: &str = "Examples:
   foxhound fly --seed 7 --plot flight.png
   foxhound fly --snr-db 0 --planner paper --json
   foxhound fly --scenario gate.json --tlog flight.tlog
+  foxhound fly --report flight.html
 
 A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
   name, bounds [x0,y0,x1,y1], drone_radius (0.15), start [x,y], goal [x,y], goal_velocity [vx,vy],
@@ -58,6 +60,9 @@ pub(super) struct Fly {
     /// Picture of the flight, .svg or .png [default: flight.svg in the output folder].
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+    /// Report of the flight to look around in: one HTML file that needs no network.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Telemetry log of every MAVLink frame in both directions, with simulated time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
@@ -159,9 +164,11 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         Via::Host => Box::new(host),
         Via::Qemu(elf) => {
             let qemu = QemuComputer::start(elf, &Setup { guidance: config });
-            Box::new(qemu.map_err(|error| InputError::new(format!("--via: {error}")))?)
+            let qemu = qemu.map_err(|error| InputError::new(format!("--via: {error}")))?;
+            if args.report.is_some() { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
         }
     };
+    let mut recorder = args.report.as_ref().map(|_| Recorder::new(&mission, &config, command()));
     let mut log = match &args.tlog {
         Some(path) => Some(
             tlog::Writer::create(path)
@@ -174,7 +181,12 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         computer.log_flight();
     }
     let progress = bar(cli, mission.scenario.max_time_s as u64, "flying {bar:40} {pos} of at most {len} s");
-    let flown = flight::fly(&mission, computer.as_mut(), log.as_mut(), |time_s| progress.set_position(time_s as u64));
+    let flown = flight::fly_watched(&mission, computer.as_mut(), log.as_mut(), |moment| {
+        progress.set_position(moment.sample.time_s as u64);
+        if let Some(recorder) = &mut recorder {
+            recorder.watch(moment);
+        }
+    });
     progress.finish_and_clear();
     let record = flown.map_err(|error| InputError::new(error.to_string()))?;
     if let Some(log) = log {
@@ -190,16 +202,37 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             note(&format!("picture: {}", path.display()));
         }
     }
+    if let (Some(mut recorder), Some(path)) = (recorder, &args.report) {
+        recorder.end(&record.report);
+        report::write(path, recorder.lines())?;
+        if cli.json {
+            note(&format!("report: {}", path.display()));
+        }
+    }
     if cli.json {
         say(&json_line(&record.report)?);
     } else {
-        say(&summary(&record, plot_path.as_deref()));
+        say(&summary(&record, plot_path.as_deref(), args.report.as_deref()));
     }
     Ok(if record.report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
+/// The command line as it was given.
+fn command() -> String {
+    let mut text = "foxhound".to_owned();
+    for argument in std::env::args().skip(1) {
+        let is_plain = argument.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:=,+@".contains(c));
+        let _ = if is_plain && !argument.is_empty() {
+            write!(text, " {argument}")
+        } else {
+            write!(text, " '{}'", argument.replace('\'', r"'\''"))
+        };
+    }
+    text
+}
+
 /// A flight for people.
-fn summary(record: &Record, plot: Option<&Path>) -> String {
+fn summary(record: &Record, plot: Option<&Path>, page: Option<&Path>) -> String {
     let report = &record.report;
     let word = match report.result {
         Ending::Reached => "reached the beacon",
@@ -223,8 +256,10 @@ fn summary(record: &Record, plot: Option<&Path>) -> String {
     }
     let _ = writeln!(text, "  plans            {}", report.replans);
     let _ = writeln!(text, "  trace            {} (seed {})", report.trace_hash, report.seed);
-    if let Some(path) = plot {
-        let _ = writeln!(text, "  picture          {}", path.display());
+    for (name, path) in [("picture", plot), ("report ", page)] {
+        if let Some(path) = path {
+            let _ = writeln!(text, "  {name}          {}", path.display());
+        }
     }
     text
 }

@@ -1,0 +1,56 @@
+//! A computer that one cannot look into, and beside it one that one can: it is given the same and comes to the same.
+
+use foxhound_core::guidance::FrontEnd;
+use foxhound_core::map::Circle;
+use foxhound_core::time::Instant;
+
+use crate::computer::{BLOCK, Computer, ComputerError, Considered, HostComputer, StepReport};
+
+/// A firmware image in QEMU flies; the computer in this process takes every step with it, for the report alone.
+#[derive(Debug)]
+pub struct Beside<C> {
+    flies: C,
+    looked_into: HostComputer,
+}
+
+impl<C: Computer> Beside<C> {
+    /// Both have just been switched on, with the same configuration.
+    pub const fn new(flies: C, looked_into: HostComputer) -> Self {
+        Self { flies, looked_into }
+    }
+}
+
+impl<C: Computer> Computer for Beside<C> {
+    fn step(
+        &mut self,
+        now: Instant,
+        front_end: FrontEnd<'_, BLOCK>,
+        circles: Option<&[Circle]>,
+        rx: &[u8],
+    ) -> Result<StepReport, ComputerError> {
+        let report = self.flies.step(now, front_end, circles, rx)?;
+        let beside = self.looked_into.step(now, front_end, circles, rx)?;
+        if beside.output.trace_hash != report.output.trace_hash {
+            return Err(ComputerError(
+                "it does not do what the same program does here: no report can be made".to_owned(),
+            ));
+        }
+        Ok(report)
+    }
+
+    fn log_flight(&mut self) {
+        self.flies.log_flight();
+    }
+
+    fn take_flight_log(&mut self) -> Vec<u8> {
+        self.flies.take_flight_log()
+    }
+
+    fn remembered(&self) -> Vec<Circle> {
+        self.looked_into.remembered()
+    }
+
+    fn considered(&self) -> Option<Considered<'_>> {
+        self.looked_into.considered()
+    }
+}

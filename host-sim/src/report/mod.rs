@@ -1,0 +1,98 @@
+//! The report of a flight: one HTML file that opens from disk, with everything in it and nothing fetched.
+//!
+//! A [`Recorder`] watches the flight and writes records, one line of JSON each ([`record`] says what is in them); [`page`]
+//! puts them into the page, whose script takes them one by one with its function `add`. It does not ask how they come: those
+//! of a file stand in the page, those of a flight under way may arrive as they are made.
+//!
+//! | file | what |
+//! |---|---|
+//! | `page/page.html`, `page.css` | what stands where, and how it looks: light, dark, narrow |
+//! | `page/data.js` | `add(record)`, and what is known at a time |
+//! | `page/draw.js`, `map.js`, `field.js`, `charts.js` | the pictures, on plain canvases |
+//! | `page/tables.js`, `main.js` | words and numbers; playing, keys, themes |
+//!
+//! Most of a page is the potential of its plans. That of the built-in mission has less than 1.5 MB (`tests/report.rs`).
+
+use std::fs;
+use std::path::Path;
+
+use crate::input::InputError;
+
+mod beside;
+pub mod record;
+mod recorder;
+
+pub use beside::Beside;
+pub use recorder::Recorder;
+
+const HTML: &str = include_str!("page/page.html");
+const STYLE: &str = include_str!("page/page.css");
+/// In the order in which they need one another.
+const SCRIPTS: [&str; 7] = [
+    include_str!("page/data.js"),
+    include_str!("page/draw.js"),
+    include_str!("page/map.js"),
+    include_str!("page/field.js"),
+    include_str!("page/charts.js"),
+    include_str!("page/tables.js"),
+    include_str!("page/main.js"),
+];
+
+/// The page with these records, lines of JSON, in it.
+#[must_use]
+pub fn page(lines: &[String]) -> String {
+    // Inside a script element only this could end it; in JSON it stands in strings alone.
+    let records = lines.join(",\n").replace('<', "\\u003c");
+    // One pass over the template: what is put in is not looked through again.
+    let mut page = String::with_capacity(HTML.len() + STYLE.len() + records.len() + (1 << 16));
+    let mut rest = HTML;
+    while let Some((before, behind)) = rest.split_once("<!--") {
+        let (name, after) = behind.split_once("-->").unwrap_or((behind, ""));
+        page.push_str(before);
+        match name {
+            "style" => page.push_str(STYLE),
+            "records" => page.push_str(&records),
+            "scripts" => page.push_str(&SCRIPTS.concat()),
+            _ => {}
+        }
+        rest = after;
+    }
+    page.push_str(rest);
+    page
+}
+
+/// Writes the page to a file.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(path: &Path, lines: &[String]) -> Result<(), InputError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let written = folder.map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(path, page(lines)));
+    written.map_err(|error| InputError::new(error.to_string()).in_file(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_scenario_is_called_cannot_end_the_script_that_it_stands_in() {
+        let line = r#"{"kind":"begin","name":"</script><script>alert(1)</script><!--style-->"}"#;
+        let page = page(&[line.to_owned()]);
+        assert_eq!(page.matches("</script>").count(), HTML.matches("</script>").count());
+        assert_eq!(page.matches("alert(1)").count(), 1);
+        assert_eq!(page.matches(STYLE).count(), 1);
+        let at = page.find(r#"{"kind":"begin""#).unwrap();
+        let record: serde_json::Value = serde_json::from_str(page[at..].lines().next().unwrap()).unwrap();
+        assert_eq!(record["name"], "</script><script>alert(1)</script><!--style-->");
+    }
+
+    #[test]
+    fn the_page_asks_nobody_for_anything() {
+        let page = page(&[]);
+        for address in ["http:", "https:", "//cdn", "src=", "@import", "url("] {
+            let allowed = if address == "http:" { page.matches("http://www.w3.org/2000/svg").count() } else { 0 };
+            assert_eq!(page.matches(address).count(), allowed, "{address}");
+        }
+    }
+}

@@ -1,0 +1,333 @@
+// What goes on over time. A chart's lines are drawn once; the cursor is drawn over them at every step.
+
+const stepSeries = (of) => () => flight.steps.map((step) => [step.time_s, of(step)]);
+const planSeries = (of) => () => flight.plans.flatMap((plan) => of(plan).map((value) => [plan.time_s, value]));
+const last = (list) => list[list.length - 1];
+
+/** Bearings without jumps of a turn: each within half a turn of the truth, and that of the one before. */
+function unrolled(of) {
+  return () => {
+    let truth = 0;
+    return flight.steps.map((step, index) => {
+      truth = index ? truth + wrap_deg(step.truth_deg - flight.steps[index - 1].truth_deg) : step.truth_deg;
+      const value = of(step);
+      return [step.time_s, value === undefined ? undefined : truth + wrap_deg(value - step.truth_deg)];
+    });
+  };
+}
+
+const twoSigma_deg = (step) => (step.heard && step.heard.valid ? 2 * step.heard.sigma_deg : undefined);
+const heard_deg = (step) => (step.heard && step.heard.valid ? step.heard.bearing_deg : undefined);
+
+const costs = (plan, feasible) => plan.samples.filter((sample) => sample.feasible === feasible).map((sample) => sample.cost);
+const followedCost = (plan) => (plan && plan.cost !== undefined ? [plan.cost] : []);
+
+/**
+ * The charts. A series is a line, dots or a level; a `band` is drawn to either side of zero, or of its `around`. `value`
+ * prints what holds at a step.
+ */
+const CHARTS = [
+  {
+    title: "Error of the bearing", unit: "deg", symmetric: true, robust: true,
+    series: [
+      { name: "2 sigma", kind: "band", color: "green", points: stepSeries(twoSigma_deg), value: (s) => number(twoSigma_deg(s), 2) },
+      { name: "heard", kind: "dots", color: "blue", points: stepSeries(bearingError_deg), value: (s) => number(bearingError_deg(s), 2) },
+    ],
+  },
+  {
+    title: "Bearing from north", unit: "deg",
+    series: [
+      { name: "heard", kind: "dots", color: "blue", points: unrolled(heard_deg), value: (s) => number(heard_deg(s), 1) },
+      { name: "followed", kind: "line", color: "orange", points: unrolled((s) => s.followed_deg), value: (s) => number(s.followed_deg, 1) },
+      { name: "truth", kind: "line", color: "ink", dash: [5, 3], points: unrolled((s) => s.truth_deg), value: (s) => number(s.truth_deg, 1) },
+    ],
+  },
+  {
+    title: "Estimate of the source", unit: "m", zero: true, robust: true,
+    series: [
+      { name: "sigma", kind: "line", color: "purple", dash: [5, 3], points: stepSeries((s) => s.source_sigma_m), value: (s) => number(s.source_sigma_m, 2) },
+      { name: "error", kind: "line", color: "blue", points: stepSeries(sourceError_m), value: (s) => number(sourceError_m(s), 2) },
+      { name: "distance", kind: "line", color: "quiet", points: stepSeries((s) => s.truth_m), value: (s) => number(s.truth_m, 2) },
+    ],
+  },
+  {
+    title: "Speed", unit: "m/s", zero: true,
+    series: [
+      { name: "limit", kind: "level", color: "faint", at: () => flight.begin.speed_max_mps, value: () => number(flight.begin.speed_max_mps, 2) },
+      { name: "setpoint", kind: "line", color: "orange", points: stepSeries(wantedSpeed_mps), value: (s) => number(wantedSpeed_mps(s), 2) },
+      { name: "true", kind: "line", color: "blue", points: stepSeries(speed_mps), value: (s) => number(speed_mps(s), 2) },
+    ],
+  },
+  {
+    title: "Clearance to the nearest pillar", unit: "m", zero: true, most: 1.5,
+    series: [
+      { name: "margin", kind: "level", color: "faint", at: () => flight.begin.margins_m[0], value: () => number(flight.begin.margins_m[0], 2) },
+      { name: "contact", kind: "level", color: "red", at: () => 0, value: () => "0" },
+      { name: "hull", kind: "line", color: "blue", points: stepSeries((s) => s.clearance_m), value: (s) => number(s.clearance_m, 3) },
+    ],
+  },
+  {
+    title: "Signal to noise", unit: "dB", robust: true, least: 2,
+    series: [
+      { name: "per sample", kind: "dots", color: "blue", points: stepSeries((s) => s.heard && s.heard.snr_db), value: (s) => number(s.heard && s.heard.snr_db, 1) },
+    ],
+  },
+  {
+    title: "Cost of the trajectories", unit: "", zero: true,
+    series: [
+      { name: "may not be chosen", kind: "dots", color: "quiet", points: planSeries((p) => costs(p, false)), value: () => "" },
+      { name: "may be", kind: "dots", color: "blue", points: planSeries((p) => costs(p, true)), value: () => "" },
+      { name: "followed", kind: "steps", color: "orange", points: planSeries(followedCost), value: (s) => number(followedCost(latest(flight.plans, s.time_s))[0], 2) },
+    ],
+  },
+  {
+    title: "Outcome, guard, plans", unit: "", lanes: [
+      { name: "outcome", color: (s) => outcomeColor(s.outcome), value: (s) => words(s.outcome) },
+      { name: "guard", color: (s) => guardColor(s.guard), value: (s) => s.guard },
+    ],
+    series: [],
+  },
+];
+
+const number = (value, places) => (value === undefined || value === null || Number.isNaN(value) ? "none" : value.toFixed(places));
+
+/** The margins of a chart around what is drawn. */
+const EDGE = { left: 46, right: 8, top: 8, bottom: 18 };
+
+/** Makes the figures; a press or a drag on one leads to that time. */
+function setUpCharts(seek) {
+  const room = document.getElementById("charts");
+  for (const chart of CHARTS) {
+    const figure = document.createElement("figure");
+    figure.className = "panel chart";
+    const caption = document.createElement("figcaption");
+    const title = document.createElement("strong");
+    title.textContent = chart.unit ? `${chart.title}, ${chart.unit}` : chart.title;
+    caption.append(title);
+    chart.values = (chart.lanes ?? chart.series).map((entry) => legendEntry(caption, entry, chart.lanes));
+    chart.canvas = document.createElement("canvas");
+    chart.canvas.setAttribute("role", "img");
+    figure.append(caption, chart.canvas);
+    room.append(figure);
+    scrub(chart.canvas, EDGE, seek);
+  }
+}
+
+function legendEntry(caption, entry, isLane) {
+  const item = document.createElement("span");
+  item.className = "entry";
+  const key = document.createElement("i");
+  key.className = "key";
+  if (!isLane) key.style.background = `var(--${entry.color})`;
+  const value = document.createElement("b");
+  item.append(key, entry.name, value);
+  caption.append(item);
+  return { key, value };
+}
+
+/** Lets a canvas with a time axis be pressed and dragged. */
+function scrub(canvas, edge, seek) {
+  const to = (event) => {
+    const share = (event.offsetX - edge.left) / (canvas.clientWidth - edge.left - edge.right);
+    seek(Math.min(Math.max(share, 0), 1) * duration_s());
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    to(event);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (event.buttons & 1) to(event);
+  });
+}
+
+/** Least and greatest of a chart's values, with room around them. */
+function rangeOf(chart, data) {
+  const values = chart.series.flatMap((series, index) => {
+    if (series.kind === "level") return [series.at()];
+    const list = data[index].map((point) => point[1]).filter((value) => Number.isFinite(value));
+    return series.kind === "band" ? list.flatMap((value) => [value, -value]) : list;
+  }).sort((a, b) => a - b);
+  if (!values.length) return [0, 1];
+  // A few outliers would press everything else flat: what is beyond is drawn at the edge.
+  const cut = chart.robust ? 0.01 : 0;
+  let low = values[Math.floor(cut * (values.length - 1))];
+  let high = values[Math.ceil((1 - cut) * (values.length - 1))];
+  if (chart.most !== undefined) high = Math.min(high, chart.most);
+  if (chart.zero) low = Math.min(low, 0);
+  if (chart.symmetric) [low, high] = [-Math.max(-low, high), Math.max(-low, high)];
+  const more = Math.max((chart.least ?? 0) - (high - low), 0) / 2;
+  [low, high] = [low - more, high + more];
+  const room = (high - low || 1) * 0.06;
+  return [chart.zero && low >= 0 ? -room / 2 : low - room, high + room];
+}
+
+/** Draws a chart without its cursor, and keeps the picture. */
+function drawChart(chart) {
+  const { context, width, height } = prepare(chart.canvas);
+  if (!width) return;
+  const span_s = duration_s() || 1;
+  const x = (time_s) => EDGE.left + ((width - EDGE.left - EDGE.right) * time_s) / span_s;
+  chart.x = x;
+  const step_s = roundStep(span_s, width / 80);
+  for (const time_s of marks(0, span_s, step_s)) {
+    line(context, [[x(time_s), EDGE.top], [x(time_s), height - EDGE.bottom]], { color: colors.grid });
+    const align = !time_s ? "left" : x(time_s) > width - 24 ? "right" : "center";
+    write(context, `${label(time_s, step_s)} s`, x(time_s), height - 4, { color: colors.faint, align, size: 10 });
+  }
+  if (chart.lanes) drawLanes(chart, context, height);
+  else drawSeries(chart, context, width, height);
+  keep(chart);
+}
+
+function drawSeries(chart, context, width, height) {
+  const data = chart.series.map((series) => (series.points ? series.points() : []));
+  const [low, high] = rangeOf(chart, data);
+  const y = (value) => height - EDGE.bottom - ((height - EDGE.top - EDGE.bottom) * (value - low)) / (high - low);
+  const inside = (value) => y(Math.min(Math.max(value, low), high));
+  const step = roundStep(high - low, height / 24);
+  for (const value of marks(low, high, step)) {
+    const color = Math.abs(value) < step / 1e3 ? colors.line : colors.grid;
+    line(context, [[EDGE.left, y(value)], [width - EDGE.right, y(value)]], { color });
+    write(context, label(value, step), EDGE.left - 6, y(value), { color: colors.faint, align: "right", base: "middle", size: 10 });
+  }
+  chart.series.forEach((series, index) => drawOne(series, data[index], { context, x: chart.x, y: inside, width }));
+}
+
+function drawOne(series, points, { context, x, y, width }) {
+  const style = { color: colors[series.color], width: 1.6, dash: series.dash ?? [] };
+  if (series.kind === "level") {
+    line(context, [[EDGE.left, y(series.at())], [width - EDGE.right, y(series.at())]], { ...style, width: 1.1, dash: [2, 3] });
+  } else if (series.kind === "dots") {
+    const there = points.filter((point) => Number.isFinite(point[1]));
+    const size = there.length > 300 ? 2.4 : 3.6;
+    context.fillStyle = style.color;
+    context.globalAlpha = there.length > 300 ? 0.55 : 0.9;
+    for (const [time_s, value] of there) context.fillRect(x(time_s) - size / 2, y(value) - size / 2, size, size);
+    context.globalAlpha = 1;
+  } else {
+    for (const piece of pieces(points)) drawPiece(series, piece, style, { context, x, y });
+  }
+}
+
+function drawPiece(series, piece, style, { context, x, y }) {
+  if (series.kind === "band") {
+    context.save();
+    context.globalAlpha = 0.22;
+    context.fillStyle = style.color;
+    context.beginPath();
+    piece.forEach(([t, v]) => context.lineTo(x(t), y(v)));
+    piece.toReversed().forEach(([t, v]) => context.lineTo(x(t), y(-v)));
+    context.fill();
+    context.restore();
+  } else if (series.kind === "steps") {
+    const stairs = piece.flatMap(([t, v], k) => (k ? [[x(t), y(piece[k - 1][1])], [x(t), y(v)]] : [[x(t), y(v)]]));
+    line(context, stairs, style);
+    piece.forEach(([t, v]) => disc(context, [x(t), y(v)], 2.4, { fill: style.color }));
+  } else {
+    line(context, piece.map(([t, v]) => [x(t), y(v)]), style);
+  }
+}
+
+/** The runs of a series that have values. */
+function pieces(points) {
+  const list = [[]];
+  for (const point of points) {
+    if (Number.isFinite(point[1])) last(list).push(point);
+    else if (last(list).length) list.push([]);
+  }
+  return list;
+}
+
+function drawLanes(chart, context, height) {
+  const { x, lanes } = chart;
+  const tall = (height - EDGE.top - EDGE.bottom) / (lanes.length + 1);
+  lanes.forEach((lane, index) => {
+    const top = EDGE.top + index * tall;
+    for (const [from, to, step] of runs(lane.color)) {
+      context.fillStyle = colors[lane.color(step)];
+      context.fillRect(x(from), top + 3, Math.max(x(to) - x(from), 1), tall - 8);
+    }
+    write(context, lane.name, 2, top + tall / 2, { color: colors.faint, base: "middle", size: 9.5 });
+  });
+  const top = EDGE.top + lanes.length * tall;
+  write(context, "plans", 2, top + tall / 2, { color: colors.faint, base: "middle", size: 9.5 });
+  for (const plan of flight.plans) {
+    const color = plan.origin === "brake" ? colors.red : colors.orange;
+    context.fillStyle = color;
+    if (plan.origin === "sampled") context.fillRect(x(plan.time_s) - 1, top + 3, 2, tall - 8);
+    else disc(context, [x(plan.time_s), top + tall / 2 - 1], 4, { fill: color });
+  }
+}
+
+/** Runs of steps of the same colour: from, to, the first step. */
+function runs(color) {
+  const list = [];
+  for (const step of flight.steps) {
+    const run = last(list);
+    if (run && color(run[2]) === color(step)) run[1] = step.time_s;
+    else {
+      if (run) run[1] = step.time_s;
+      list.push([step.time_s, step.time_s, step]);
+    }
+  }
+  return list;
+}
+
+function keep(chart) {
+  chart.kept ??= document.createElement("canvas");
+  [chart.kept.width, chart.kept.height] = [chart.canvas.width, chart.canvas.height];
+  chart.kept.getContext("2d").drawImage(chart.canvas, 0, 0);
+}
+
+/** The cursor at a step, and what holds there. */
+function markCharts(step) {
+  for (const chart of CHARTS) {
+    if (!chart.kept || !chart.x || !step) continue;
+    const { context, height } = prepare(chart.canvas);
+    context.save();
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(chart.kept, 0, 0);
+    context.restore();
+    const x = chart.x(step.time_s);
+    line(context, [[x, EDGE.top - 4], [x, height - EDGE.bottom]], { color: colors.ink, width: 1.2 });
+    (chart.lanes ?? chart.series).forEach((entry, index) => {
+      const legend = chart.values[index];
+      legend.value.textContent = entry.value(step);
+      if (chart.lanes) legend.key.style.background = `var(--${entry.color(step)})`;
+    });
+  }
+}
+
+/** Says in words what a chart shows, for those who do not see it. */
+function describeCharts() {
+  for (const chart of CHARTS) {
+    const parts = chart.series.filter((series) => series.points).map((series) => {
+      const [low, high] = extent(series.points().map((point) => point[1]));
+      return low <= high ? `${series.name} from ${low.toFixed(2)} to ${high.toFixed(2)}` : `${series.name}: none`;
+    });
+    chart.canvas.setAttribute("aria-label", `${chart.title} over ${duration_s().toFixed(1)} seconds. ${parts.join("; ")}`);
+  }
+}
+
+/** The strip above the slider: the outcomes, and a tick for every plan. */
+function drawStrip(canvas, index) {
+  const { context, width, height } = prepare(canvas);
+  const span_s = duration_s() || 1;
+  const x = (time_s) => THUMB + ((width - 2 * THUMB) * time_s) / span_s;
+  for (const [from, to, step] of runs((s) => outcomeColor(s.outcome))) {
+    context.fillStyle = colors[outcomeColor(step.outcome)];
+    context.fillRect(x(from), height - 5, Math.max(x(to) - x(from), 1), 5);
+  }
+  for (const [from, to, step] of runs((s) => guardColor(s.guard))) {
+    if (step.guard === "passed") continue;
+    context.fillStyle = colors[guardColor(step.guard)];
+    context.fillRect(x(from), height - 10, Math.max(x(to) - x(from), 1), 4);
+  }
+  context.fillStyle = colors.orange;
+  for (const plan of flight.plans) context.fillRect(x(plan.time_s) - 0.75, 0, 1.5, 6);
+  const step = flight.steps[index];
+  if (step) line(context, [[x(step.time_s), 0], [x(step.time_s), height]], { color: colors.ink, width: 1.5 });
+}
+
+/** Half the width of a slider's thumb, by which its track is shorter than it. */
+const THUMB = 8;

@@ -1,0 +1,160 @@
+// What is known of the flight, and of any time in it. Records come one by one through `add`, from the page or from anywhere.
+
+const flight = { begin: null, steps: [], remembered: [], plans: [], end: null };
+/** Told, at most once a picture, that there are new records. */
+let refresh = () => {};
+let refreshing = false;
+
+/** Takes in one record. */
+function add(record) {
+  switch (record.kind) {
+    case "begin":
+      Object.assign(flight, { begin: record, steps: [], remembered: [], plans: [], end: null });
+      break;
+    case "step":
+      flight.steps.push(record);
+      break;
+    case "remembered":
+      flight.remembered.push(record);
+      break;
+    case "plan":
+      flight.plans.push(record);
+      break;
+    case "end":
+      flight.end = record;
+      break;
+    default:
+      return;
+  }
+  if (!refreshing) {
+    refreshing = true;
+    requestAnimationFrame(() => {
+      refreshing = false;
+      refresh();
+    });
+  }
+}
+
+/** Index of the last record that is not later, or -1. The lists are in the order of time. */
+function indexAt(list, time_s) {
+  let low = 0;
+  let high = list.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (list[middle].time_s <= time_s + 1e-9) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
+const latest = (list, time_s) => list[indexAt(list, time_s)];
+
+const duration_s = () => (flight.steps.length ? flight.steps[flight.steps.length - 1].time_s : 0);
+
+/** Least and greatest of a list, without what is no number. */
+function extent(list) {
+  const widen = ([low, high], value) => (Number.isFinite(value) ? [Math.min(low, value), Math.max(high, value)] : [low, high]);
+  return list.reduce(widen, [Infinity, -Infinity]);
+}
+
+/** An angle to -180..180 degrees. */
+function wrap_deg(angle_deg) {
+  const turned = ((angle_deg % 360) + 360) % 360;
+  return turned > 180 ? turned - 360 : turned;
+}
+
+/** Error of the bearing that was heard in a step, degrees; none without a valid one. */
+function bearingError_deg(step) {
+  const heard = step.heard;
+  if (!heard || !heard.valid || heard.bearing_deg === undefined) return undefined;
+  return wrap_deg(heard.bearing_deg - step.truth_deg);
+}
+
+/** The beacon at a time: it moves straight on. */
+function beaconAt(time_s) {
+  const { goal, goal_velocity } = flight.begin.scenario;
+  return [goal[0] + goal_velocity[0] * time_s, goal[1] + goal_velocity[1] * time_s];
+}
+
+/** The pillars at a time: x, y, radius. */
+function pillarsAt(time_s) {
+  const moved = flight.begin.scenario.obstacles.map((o) => [o.x + o.vx * time_s, o.y + o.vy * time_s, o.r]);
+  return moved.concat(flight.begin.walls);
+}
+
+/** How far off the source is believed to be, metres. */
+function sourceError_m(step) {
+  if (!step.source_m) return undefined;
+  const beacon = beaconAt(step.time_s);
+  return Math.hypot(step.source_m[0] - beacon[0], step.source_m[1] - beacon[1]);
+}
+
+const speed_mps = (step) => Math.hypot(step.velocity_mps[0], step.velocity_mps[1]);
+const wantedSpeed_mps = (step) => Math.hypot(step.setpoint_mps[0], step.setpoint_mps[1]);
+
+/** Half axes and direction of the ellipse of one standard deviation. */
+function ellipse([xx, xy, yy]) {
+  const middle = (xx + yy) / 2;
+  const off = Math.hypot((xx - yy) / 2, xy);
+  return {
+    major_m: Math.sqrt(Math.max(middle + off, 0)),
+    minor_m: Math.sqrt(Math.max(middle - off, 0)),
+    angle_rad: 0.5 * Math.atan2(2 * xy, xx - yy),
+  };
+}
+
+/** What is said of a plan. */
+const ORIGINS = {
+  sampled: "a sampled trajectory",
+  straight: "no sample is clear: straight to the target",
+  bent: "bent to learn the range",
+  initial: "the trajectory of the mean gains",
+  brake: "nothing is clear: stay",
+};
+
+/** Changes worth a line in the list of what happened: time, colour, text. */
+function events() {
+  const list = [];
+  const acted_s = {};
+  let outcome;
+  const happens = (time_s, color, text) => list.push({ time_s, color, text });
+  for (const step of flight.steps) {
+    if (step.outcome !== outcome) happens(step.time_s, outcomeColor(step.outcome), words(step.outcome));
+    if (step.guard === "braked" || step.guard === "looking") {
+      // It comes and goes from step to step: a pause of less than a second is none.
+      if (!(step.time_s - acted_s[step.guard] < 1)) happens(step.time_s, guardColor(step.guard), `guard: ${step.guard}`);
+      acted_s[step.guard] = step.time_s;
+    }
+    ({ outcome } = step);
+  }
+  for (const plan of flight.plans) happens(plan.time_s, "orange", planned(plan));
+  if (flight.end) happens(duration_s(), flight.end.report.result === "reached" ? "green" : "red", verdict());
+  return list.sort((a, b) => a.time_s - b.time_s);
+}
+
+/** How the flight ended, in words. */
+function verdict() {
+  const { result, reason } = flight.end.report;
+  return result === "reached" ? result : `${result}: ${words(reason)}`;
+}
+
+function planned(plan) {
+  const what = plan.chosen === undefined ? ORIGINS[plan.origin] : `sample ${plan.chosen + 1} of ${plan.samples.length}`;
+  return `plan ${plan.id}: ${plan.searches ? "search, " : ""}${what}`;
+}
+
+const words = (name) => name.replaceAll("_", " ");
+
+/** Names of the colours in the style sheet. */
+function outcomeColor(outcome) {
+  const colors = {
+    nominal: "green", no_signal: "purple", ambiguous: "purple", uncalibrated: "purple", stale_ownship: "yellow",
+    stale_obstacles: "yellow", no_path: "red", goal_unreachable: "red", plan_late: "orange", guard_brake: "orange",
+    link_lost: "faint", not_in_control: "quiet", fault: "red",
+  };
+  return colors[outcome] ?? "faint";
+}
+
+function guardColor(guard) {
+  return { passed: "quiet", limited: "sky", looking: "yellow", braked: "red" }[guard] ?? "faint";
+}

@@ -1,0 +1,200 @@
+// Playing, keys, themes: what moves the time, and what is drawn when it has moved.
+
+const replay = { begin: null, index: 0, playing: false, atEnd: true, since_ms: 0, from_s: 0 };
+let wanted = { all: true };
+let pending = false;
+
+/** Asks for a picture: of everything, or of what changes with the time. */
+function redraw(all = false) {
+  wanted.all ||= all;
+  if (pending) return;
+  pending = true;
+  requestAnimationFrame(() => {
+    pending = false;
+    draw();
+  });
+}
+
+function draw() {
+  if (!flight.begin) return;
+  const { all } = wanted;
+  wanted = { all: false };
+  const step = flight.steps[replay.index];
+  const plan = step && latest(flight.plans, step.time_s);
+  if (all) {
+    readColors();
+    CHARTS.forEach(drawChart);
+  }
+  drawScale();
+  drawMap(byId("map"), replay.index);
+  drawField(byId("field"), plan ?? flight.plans[0], step);
+  drawStrip(byId("strip"), replay.index);
+  markCharts(step);
+  showNow(step);
+  showPlan(plan);
+  byId("field-words").textContent = plan ? fieldWords(plan) : "";
+  markEvents(step ? step.time_s : 0);
+  tell(step, plan);
+}
+
+/** What the pictures show, in words, and as data for whoever tests or scripts the page. */
+function tell(step, plan) {
+  if (!step) return;
+  const map = byId("map");
+  const [x, y] = step.place_m;
+  map.dataset.x = String(x);
+  map.dataset.y = String(y);
+  map.dataset.step = String(replay.index);
+  const near = step.clearance_m === undefined ? "" : `, ${step.clearance_m.toFixed(2)} metres clear of the nearest pillar`;
+  const where = ([east, north]) => `${east.toFixed(2)} metres east and ${north.toFixed(2)} north`;
+  map.setAttribute("aria-label", `Map. The vehicle is ${where([x, y])}, ${step.truth_m.toFixed(1)} metres from the beacon${near}.`);
+  const lowest = plan ? `Potential of plan ${plan.id}, lowest at the target, ${where(plan.target_m)}.` : "No plan yet.";
+  byId("field").setAttribute("aria-label", lowest);
+  const slider = byId("time");
+  slider.value = String(replay.index);
+  slider.setAttribute("aria-valuetext", `${seconds(step.time_s)}, ${words(step.outcome)}`);
+  byId("clock").textContent = `${step.time_s.toFixed(2)} / ${duration_s().toFixed(2)} s`;
+}
+
+/** Goes to a step. */
+function goTo(index) {
+  const end = Math.max(flight.steps.length - 1, 0);
+  replay.index = Math.min(Math.max(Math.round(index), 0), end);
+  replay.atEnd = replay.index === end;
+  if (replay.playing) fromHere();
+  redraw();
+}
+
+const seek = (time_s) => goTo(indexAt(flight.steps, time_s));
+
+function play(on) {
+  if (!flight.steps.length) return;
+  if (on && replay.index >= flight.steps.length - 1) goTo(0);
+  replay.playing = on;
+  byId("play").textContent = on ? "\u275a\u275a" : "\u25b6";
+  byId("play").setAttribute("aria-label", on ? "Pause" : "Play");
+  if (!on) return;
+  fromHere();
+  requestAnimationFrame(tick);
+}
+
+/** The replay goes on from the step that is shown. */
+function fromHere() {
+  [replay.since_ms, replay.from_s] = [performance.now(), flight.steps[replay.index].time_s];
+}
+
+function tick(now_ms) {
+  if (!replay.playing) return;
+  const passed_s = (Math.max(now_ms - replay.since_ms, 0) / 1000) * Number(byId("rate").value);
+  const index = indexAt(flight.steps, replay.from_s + passed_s);
+  if (index !== replay.index) {
+    replay.index = Math.max(index, 0);
+    redraw();
+  }
+  replay.atEnd = replay.index >= flight.steps.length - 1;
+  if (replay.atEnd) play(false);
+  else requestAnimationFrame(tick);
+}
+
+/** To the replan before or after the one in force. */
+function toPlan(off) {
+  const step = flight.steps[replay.index];
+  const plan = flight.plans[indexAt(flight.plans, step ? step.time_s : 0) + off];
+  if (plan) seek(plan.time_s);
+}
+
+/** Keys of the whole page; what has keys of its own keeps them. */
+function onKey(event) {
+  if (!flight.begin || event.ctrlKey || event.metaKey || event.altKey) return;
+  const { target } = event;
+  if (target.matches('input[type="search"], select')) return;
+  const isSlider = target.id === "time";
+  const takesSpace = target.matches("button, summary, input[type=checkbox]");
+  const far = event.shiftKey ? Math.round(1 / flight.begin.tick_s) : 1;
+  const keys = {
+    " ": () => play(!replay.playing), ",": () => toPlan(-1), ".": () => toPlan(1), ArrowLeft: () => goTo(replay.index - far),
+    ArrowRight: () => goTo(replay.index + far), Home: () => goTo(0), End: () => goTo(flight.steps.length - 1),
+  };
+  if (!keys[event.key] || (event.key === " " && takesSpace)) return;
+  // The slider's own keys do the same, but for Shift.
+  if (isSlider && /^(Home|End)$/.test(event.key)) return;
+  keys[event.key]();
+  event.preventDefault();
+}
+
+/** Light or dark: as the system has it, until somebody chooses. */
+function setUpTheme() {
+  const button = byId("theme");
+  const system = window.matchMedia("(prefers-color-scheme: dark)");
+  let chosen = null;
+  const show = () => {
+    const dark = chosen ?? system.matches;
+    document.documentElement.dataset.theme = dark ? "dark" : "light";
+    button.textContent = dark ? "Light" : "Dark";
+    button.setAttribute("aria-label", dark ? "Show light" : "Show dark");
+    redraw(true);
+  };
+  button.addEventListener("click", () => {
+    chosen = document.documentElement.dataset.theme !== "dark";
+    show();
+  });
+  system.addEventListener("change", show);
+  show();
+}
+
+/** New records have come. */
+refresh = () => {
+  const { begin, steps } = flight;
+  if (!begin) return;
+  const end = Math.max(steps.length - 1, 0);
+  byId("time").max = String(end);
+  if (begin !== replay.begin) {
+    Object.assign(replay, { begin, atEnd: true });
+    Object.assign(camera, { fitted: !camera.follows });
+    showParameters();
+    fromAddress();
+  }
+  // Whoever looks at the end goes on looking at the end.
+  replay.index = replay.atEnd ? end : Math.min(replay.index, end);
+  showResult();
+  showRun();
+  showEvents(seek);
+  describeCharts();
+  redraw(true);
+};
+
+/** `#t=6.2` behind the address is a time to begin at. */
+function fromAddress() {
+  const match = /^#t=([0-9.]+)$/.exec(window.location.hash);
+  if (match) seek(Number(match[1]));
+}
+
+/** Where the browser lets no page write to the clipboard, the command is selected instead. */
+function copyCommand() {
+  const select = () => getSelection().selectAllChildren(byId("command"));
+  if (navigator.clipboard) navigator.clipboard.writeText(flight.begin.command).catch(select);
+  else select();
+}
+
+function setUp() {
+  setUpTheme();
+  setUpMap(byId("map"), redraw.bind(null, false));
+  setUpField(byId("field"), redraw.bind(null, false));
+  setUpCharts(seek);
+  scrub(byId("strip"), { left: THUMB, right: THUMB }, seek);
+  byId("time").addEventListener("input", (event) => goTo(Number(event.target.value)));
+  byId("play").addEventListener("click", () => play(!replay.playing));
+  byId("rate").addEventListener("change", () => replay.playing && goTo(replay.index));
+  byId("plan-before").addEventListener("click", () => toPlan(-1));
+  byId("plan-after").addEventListener("click", () => toPlan(1));
+  byId("events").addEventListener("keydown", onEventKey);
+  byId("find").addEventListener("input", showParameters);
+  byId("copy").addEventListener("click", copyCommand);
+  window.addEventListener("keydown", onKey);
+  window.addEventListener("hashchange", fromAddress);
+  new ResizeObserver(() => redraw(true)).observe(document.body);
+  new ResizeObserver(() => redraw()).observe(byId("map"));
+}
+
+setUp();
+JSON.parse(byId("records").textContent).forEach(add);

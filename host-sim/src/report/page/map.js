@@ -1,0 +1,376 @@
+// The map: the world as it is, what is remembered of it, what was considered, what was flown.
+
+const LAYERS = [
+  ["pillars", "pillars as they are", "pillar-edge"],
+  ["remembered", "as remembered", "red"],
+  ["view", "field of view", "sky"],
+  ["samples", "sampled trajectories", "blue"],
+  ["plans", "plans before", "orange"],
+  ["belief", "where the source may be", "purple"],
+  ["heard", "bearing heard", "green"],
+  ["potential", "potential", "yellow"],
+];
+const shown = new Set(["pillars", "remembered", "view", "samples", "plans", "belief", "heard"]);
+
+/** How the path is coloured: what of a step, its range, its unit. */
+const PATH_BY = {
+  speed: { value: speed_mps, range: () => [0, flight.begin.speed_max_mps], unit: "m/s" },
+  clearance: { value: (step) => step.clearance_m, range: () => [0, 1], unit: "m" },
+  error: { value: missed_deg, range: () => [0, most(missed_deg)], unit: "deg" },
+  source: { value: sourceError_m, range: () => [0, Math.min(most(sourceError_m), 5)], unit: "m" },
+};
+
+function missed_deg(step) {
+  return Math.abs(bearingError_deg(step));
+}
+
+function most(of) {
+  return flight.steps.reduce((most, step) => Math.max(most, of(step) || 0), 1e-3);
+}
+
+/** The part of the plane that is seen: its middle, and pixels to a metre; `fitted` until somebody moves it. */
+const camera = { x_m: 0, y_m: 0, scale: 50, fitted: true, follows: false };
+
+/** Bounds that hold the map and everything flown. */
+function bounds() {
+  const box = [...flight.begin.scenario.bounds];
+  const stretch = ([x, y]) => {
+    box[0] = Math.min(box[0], x - 0.3);
+    box[1] = Math.min(box[1], y - 0.3);
+    box[2] = Math.max(box[2], x + 0.3);
+    box[3] = Math.max(box[3], y + 0.3);
+  };
+  flight.steps.forEach((step) => stretch(step.place_m));
+  stretch(beaconAt(0));
+  stretch(beaconAt(duration_s()));
+  return box;
+}
+
+function fitCamera(width, height) {
+  const [west, south, east, north] = bounds();
+  camera.x_m = (west + east) / 2;
+  camera.y_m = (south + north) / 2;
+  camera.scale = Math.min((width - 56) / (east - west), (height - 44) / (north - south));
+}
+
+/** Map metres to pixels. */
+function projection(width, height) {
+  return ([x, y]) => [width / 2 + (x - camera.x_m) * camera.scale, height / 2 - (y - camera.y_m) * camera.scale];
+}
+
+/** Draws the map at a step. */
+function drawMap(canvas, index) {
+  const { context, width, height } = prepare(canvas);
+  if (!width) return;
+  const step = flight.steps[index];
+  if (camera.fitted) fitCamera(width, height);
+  if (camera.follows && step) [camera.x_m, camera.y_m] = step.place_m;
+  const at = projection(width, height);
+  const time_s = step ? step.time_s : 0;
+  const plan = latest(flight.plans, time_s);
+  const picture = { context, width, height, at, time_s, step, plan };
+
+  if (shown.has("potential") && plan) drawPotential(picture);
+  drawGrid(picture);
+  if (shown.has("view") && step) drawView(picture);
+  if (shown.has("pillars")) drawPillars(picture);
+  if (shown.has("remembered")) drawRemembered(picture);
+  if (shown.has("plans")) drawPlans(picture);
+  if (shown.has("belief") && plan) drawBelief(picture);
+  drawEnds(picture);
+  if (shown.has("heard") && step) drawHeard(picture);
+  drawPath(picture, index);
+  if (shown.has("samples") && plan) drawSamples(picture);
+  if (step) drawVehicle(picture);
+  drawAxes(picture);
+}
+
+/** Metres that are in the picture: west, south, east, north. */
+function seen({ width, height }) {
+  const [x, y] = [width / 2 / camera.scale, height / 2 / camera.scale];
+  return [camera.x_m - x, camera.y_m - y, camera.x_m + x, camera.y_m + y];
+}
+
+function drawGrid({ context, at, width, height }) {
+  const [west, south, east, north] = seen({ width, height });
+  const step = roundStep(width / camera.scale, width / 70);
+  for (const x of marks(west, east, step)) line(context, [at([x, south]), at([x, north])], { color: colors.grid });
+  for (const y of marks(south, north, step)) line(context, [at([west, y]), at([east, y])], { color: colors.grid });
+}
+
+/** Numbers along the left and lower edge, over everything. */
+function drawAxes({ context, at, width, height }) {
+  const [west, south, east, north] = seen({ width, height });
+  const step = roundStep(width / camera.scale, width / 70);
+  context.save();
+  context.globalAlpha = 0.8;
+  context.fillStyle = colors.ground;
+  context.fillRect(0, height - 18, width, 18);
+  context.fillRect(0, 0, 30, height);
+  context.restore();
+  for (const x of marks(west, east, step)) {
+    const [left] = at([x, 0]);
+    if (left < 38 || left > width - 66) continue;
+    write(context, label(x, step), left, height - 5, { color: colors.faint, align: "center" });
+  }
+  for (const y of marks(south, north, step)) {
+    const [, top] = at([0, y]);
+    if (top < 22 || top > height - 24) continue;
+    write(context, label(y, step), 26, top, { color: colors.faint, align: "right", base: "middle" });
+  }
+  write(context, "x east, m", width - 6, height - 5, { color: colors.faint, align: "right" });
+  write(context, "y north, m", 6, 13, { color: colors.faint });
+}
+
+/** What the obstacle sensor overlooks. */
+function drawView({ context, at, step }) {
+  const { fov_deg, range_m } = flight.begin.scenario.sensor;
+  const rim = Array.from({ length: 33 }, (_, k) => ((step.yaw_deg + fov_deg * (k / 32 - 0.5)) * Math.PI) / 180);
+  const [x, y] = step.place_m;
+  context.save();
+  context.globalAlpha = 0.13;
+  context.fillStyle = colors.sky;
+  context.beginPath();
+  context.moveTo(...at([x, y]));
+  rim.forEach((angle) => context.lineTo(...at([x + range_m * Math.sin(angle), y + range_m * Math.cos(angle)])));
+  context.fill();
+  context.restore();
+}
+
+function drawPillars({ context, at, time_s }) {
+  for (const [x, y, r] of pillarsAt(time_s)) {
+    disc(context, at([x, y]), r * camera.scale, { fill: colors.pillar, stroke: colors["pillar-edge"], width: 1.2 });
+  }
+}
+
+function drawRemembered({ context, at, time_s }) {
+  const memory = latest(flight.remembered, time_s);
+  for (const [x, y, r] of memory ? memory.circles_m : []) {
+    disc(context, at([x, y]), Math.max(r * camera.scale, 2), { stroke: colors.red, width: 1.6, dash: [4, 3] });
+  }
+}
+
+/** Every plan so far, and its target. */
+function drawPlans({ context, at, time_s }) {
+  for (const plan of flight.plans.slice(0, indexAt(flight.plans, time_s))) {
+    line(context, [plan.start_m, ...plan.waypoints_m].map(at), { color: colors.orange, alpha: 0.35, width: 1.2 });
+    disc(context, at(plan.target_m), 2.6, { fill: colors.ground, stroke: colors.orange, alpha: 0.6 });
+  }
+}
+
+/** The samples of the plan in force, bluer where they cost less; those that may not be chosen are dashed. */
+function drawSamples({ context, at, plan }) {
+  const costs = plan.samples.map((sample) => sample.cost);
+  const [least, greatest] = [Math.min(...costs), Math.max(...costs)];
+  plan.samples.forEach((sample, index) => {
+    if (index === plan.chosen) return;
+    const share = (sample.cost - least) / (greatest - least || 1);
+    const path = [plan.start_m, ...sample.waypoints_m].map(at);
+    line(context, path, sample.feasible
+      ? { color: colors.blue, width: 1.5, alpha: 0.95 - 0.55 * share }
+      : { color: colors.faint, width: 1, alpha: 0.6, dash: [2, 3] });
+  });
+  if (plan.origin !== "brake") {
+    const path = [plan.start_m, ...plan.waypoints_m].map(at);
+    line(context, path, { color: colors.ground, width: 5, alpha: 0.8 });
+    line(context, path, { color: colors.orange, width: 3 });
+    plan.waypoints_m.forEach((waypoint) => disc(context, at(waypoint), 1.9, { fill: colors.orange }));
+  }
+  disc(context, at(plan.target_m), 5, { fill: colors.ground, stroke: colors.orange, width: 2 });
+}
+
+/** The particles, and the ellipse of two standard deviations. */
+function drawBelief({ context, at, plan }) {
+  for (const [x, y, weight] of plan.particles) {
+    disc(context, at([x, y]), 1.6, { fill: colors.purple, alpha: 0.15 + 0.5 * weight });
+  }
+  if (!plan.belief) return;
+  const { major_m, minor_m, angle_rad } = ellipse(plan.belief.covariance_m2);
+  const [x, y] = at(plan.belief.mean_m);
+  context.save();
+  context.strokeStyle = colors.purple;
+  context.lineWidth = 1.6;
+  context.beginPath();
+  context.ellipse(x, y, 2 * major_m * camera.scale, 2 * minor_m * camera.scale, -angle_rad, 0, 2 * Math.PI);
+  context.stroke();
+  context.restore();
+  cross(context, [x, y], colors.purple);
+}
+
+function cross(context, [x, y], color) {
+  line(context, [[x - 5, y], [x + 5, y]], { color, width: 1.6 });
+  line(context, [[x, y - 5], [x, y + 5]], { color, width: 1.6 });
+}
+
+/** Start, beacon, and what counts as there. */
+function drawEnds({ context, at, time_s }) {
+  const { start, goal_tolerance } = flight.begin.scenario;
+  const beacon = at(beaconAt(time_s));
+  disc(context, beacon, goal_tolerance * camera.scale, { stroke: colors.green, width: 1.4, dash: [3, 3] });
+  [9, 14].forEach((radius) => disc(context, beacon, radius, { stroke: colors.green, alpha: 0.6 }));
+  disc(context, beacon, 5, { fill: colors.green });
+  disc(context, at(start), 5, { fill: colors.ground, stroke: colors.ink, width: 2 });
+}
+
+/** The last bearing, with two standard deviations to either side. */
+function drawHeard({ context, at, step }) {
+  const heard = step.heard;
+  if (!heard || !heard.valid || heard.bearing_deg === undefined) return;
+  const [x, y] = step.place_m;
+  const far_m = step.truth_m;
+  const end = (angle_deg) => {
+    const angle = (angle_deg * Math.PI) / 180;
+    return at([x + far_m * Math.sin(angle), y + far_m * Math.cos(angle)]);
+  };
+  const off = Math.min(2 * heard.sigma_deg, 90);
+  context.save();
+  context.globalAlpha = 0.2;
+  context.fillStyle = colors.green;
+  context.beginPath();
+  context.moveTo(...at([x, y]));
+  for (let k = 0; k <= 16; k += 1) context.lineTo(...end(heard.bearing_deg + off * (k / 8 - 1)));
+  context.fill();
+  context.restore();
+  line(context, [at([x, y]), end(heard.bearing_deg)], { color: colors.green, alpha: 0.8, dash: [6, 4] });
+}
+
+/** What was flown, coloured; what is still to come, faint. */
+function drawPath({ context, at }, index) {
+  const by = PATH_BY[document.getElementById("path-by").value];
+  const [low, high] = by.range();
+  const places = flight.steps.map((step) => at(step.place_m));
+  line(context, places.slice(Math.max(index, 0)), { color: colors.faint, alpha: 0.7, width: 1.2, dash: [1, 4] });
+  const flown = places.slice(0, index + 1);
+  line(context, flown, { color: colors.ground, width: 6.5, alpha: 0.9 });
+  context.save();
+  context.lineCap = "round";
+  context.lineWidth = 3.6;
+  // A long flight in pieces of some steps.
+  const piece = Math.ceil(flown.length / 1500);
+  for (let from = 0; from + 1 < flown.length; from += piece) {
+    const to = Math.min(from + piece, flown.length - 1);
+    context.strokeStyle = ramp((by.value(flight.steps[to]) - low) / (high - low));
+    context.beginPath();
+    context.moveTo(...flown[from]);
+    for (let k = from + 1; k <= to; k += 1) context.lineTo(...flown[k]);
+    context.stroke();
+  }
+  context.restore();
+}
+
+/** The hull, its nose, how it moves and how it is told to. */
+function drawVehicle({ context, at, step }) {
+  const place = at(step.place_m);
+  const radius = Math.max(flight.begin.scenario.drone_radius * camera.scale, 5);
+  const yaw = (step.yaw_deg * Math.PI) / 180;
+  const along = ([x, y]) => [x * camera.scale * 0.8, -y * camera.scale * 0.8];
+  disc(context, place, radius, { fill: colors.panel, alpha: 0.85 });
+  disc(context, place, radius, { stroke: colors.ink, width: 2 });
+  const nose = [place[0] + radius * Math.sin(yaw), place[1] - radius * Math.cos(yaw)];
+  line(context, [place, nose], { color: colors.ink, width: 2 });
+  arrow(context, place, along(step.setpoint_mps), { color: colors.faint, width: 1.6 });
+  arrow(context, place, along(step.velocity_mps), { color: colors.ink, width: 2.2 });
+}
+
+/** The scale of the path's colours. */
+function drawScale() {
+  const { context, width, height } = prepare(document.getElementById("scale"));
+  for (let x = 0; x < width; x += 1) {
+    context.fillStyle = ramp(x / width);
+    context.fillRect(x, 0, 1.5, height);
+  }
+  const by = PATH_BY[document.getElementById("path-by").value];
+  const [low, high] = by.range();
+  document.getElementById("scale-low").textContent = `${low} ${by.unit}`;
+  document.getElementById("scale-high").textContent = `${high.toFixed(2)} ${by.unit}`;
+}
+
+/** Makes a drag of the mouse, or of two fingers, call back; one finger scrolls the page. */
+function onDrag(canvas, move) {
+  let last = null;
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.pointerType === "mouse" && event.button !== 0) return;
+    last = [event.clientX, event.clientY];
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!last) return;
+    move(event.clientX - last[0], event.clientY - last[1]);
+    last = [event.clientX, event.clientY];
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (last = null));
+}
+
+/** Zooms, keeping what is at a pixel where it is. */
+function zoomMap(canvas, factor, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {
+  const scale = Math.min(Math.max(camera.scale * factor, 2), 2000);
+  const [dx, dy] = [x - canvas.clientWidth / 2, canvas.clientHeight / 2 - y];
+  if (!camera.follows) {
+    camera.x_m += dx / camera.scale - dx / scale;
+    camera.y_m += dy / camera.scale - dy / scale;
+  }
+  camera.scale = scale;
+  camera.fitted = false;
+}
+
+/** Lets the map be moved; `redraw` is called after every change. */
+function setUpMap(canvas, redraw) {
+  const press = (id, act) => document.getElementById(id).addEventListener("click", () => {
+    act();
+    redraw();
+  });
+  const follow = () => {
+    camera.follows = !camera.follows;
+    camera.fitted = !camera.follows && camera.fitted;
+    if (camera.follows) camera.scale = Math.max(camera.scale, 90);
+    document.getElementById("zoom-follow").setAttribute("aria-pressed", String(camera.follows));
+  };
+  const fit = () => {
+    if (camera.follows) follow();
+    camera.fitted = true;
+  };
+  press("zoom-in", () => zoomMap(canvas, 1.4));
+  press("zoom-out", () => zoomMap(canvas, 1 / 1.4));
+  press("zoom-fit", fit);
+  press("zoom-follow", follow);
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    zoomMap(canvas, Math.exp(-event.deltaY / 500), event.offsetX, event.offsetY);
+    redraw();
+  }, { passive: false });
+  canvas.addEventListener("keydown", (event) => {
+    const [nearer, farther] = [() => zoomMap(canvas, 1.4), () => zoomMap(canvas, 1 / 1.4)];
+    const act = { "+": nearer, "=": nearer, "-": farther, 0: fit, f: follow }[event.key];
+    if (!act || event.ctrlKey || event.metaKey) return;
+    act();
+    redraw();
+  });
+  onDrag(canvas, (dx, dy) => {
+    camera.x_m -= dx / camera.scale;
+    camera.y_m += dy / camera.scale;
+    camera.fitted = false;
+    redraw();
+  });
+  document.getElementById("path-by").addEventListener("change", redraw);
+  setUpLayers(redraw);
+}
+
+function setUpLayers(redraw) {
+  const fieldset = document.getElementById("layers");
+  for (const [name, text, color] of LAYERS) {
+    const entry = document.createElement("label");
+    const box = document.createElement("input");
+    const key = document.createElement("i");
+    box.type = "checkbox";
+    box.checked = shown.has(name);
+    box.name = name;
+    key.style.borderColor = `var(--${color})`;
+    box.addEventListener("change", () => {
+      if (box.checked) shown.add(name);
+      else shown.delete(name);
+      redraw();
+    });
+    entry.append(box, key, text);
+    fieldset.append(entry);
+  }
+}

@@ -1,0 +1,332 @@
+//! What is recorded: a header, then steps, what is remembered, plans, and the end. One line of JSON each, told apart by
+//! `kind`.
+//!
+//! In the frame of a scenario file: x east and y north, metres, seconds, degrees from north clockwise. Numbers are rounded
+//! to what a picture can show, a millimetre and a hundredth of a degree; a number that there is not is left out, so that a
+//! record never holds NaN.
+
+use foxhound_core::bearing::Flags;
+use foxhound_core::frame;
+use foxhound_core::guard::Action;
+use foxhound_core::map::Circle;
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::flight::Report;
+use crate::scenario::Scenario;
+use crate::world::Horizontal;
+
+/// Version of the format; a page and its records come from the same program.
+pub const VERSION: u32 = 1;
+
+/// A line.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Record {
+    /// The first.
+    Begin(Box<Begin>),
+    /// A step of the fast loop.
+    Step(Step),
+    /// What the computer remembers of the obstacles has changed.
+    Remembered(Remembered),
+    /// A replan.
+    Plan(Box<Plan>),
+    /// The last.
+    End(End),
+}
+
+/// A place or a vector: east, north.
+pub type Xy = [f64; 2];
+
+/// What is flown.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Begin {
+    /// [`VERSION`].
+    pub version: u32,
+    /// Version of the program.
+    pub program: &'static str,
+    /// The command that flies it again.
+    pub command: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Which planner, by its name.
+    pub planner: &'static str,
+    /// Length of a step.
+    pub tick_s: f64,
+    /// Mean of the gains that are drawn.
+    pub gains: Gains,
+    /// Farthest temporary target.
+    pub horizon_m: f64,
+    /// Clearance that the planner keeps, and the least that it puts up with.
+    pub margins_m: [f64; 2],
+    /// Fastest setpoint.
+    pub speed_max_mps: f64,
+    /// World and vehicle.
+    pub scenario: Scenario,
+    /// The pillars that walls are made of, as they stand: x, y, radius.
+    pub walls: Vec<[f64; 3]>,
+    /// All parameters.
+    pub parameters: Vec<Parameter>,
+}
+
+/// A parameter as a ground station has it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Parameter {
+    /// Its name.
+    pub name: &'static str,
+    /// Its value in this flight.
+    pub value: Value,
+    /// Without anybody's doing.
+    pub default: Value,
+    /// Its unit.
+    pub unit: &'static str,
+    /// What it does.
+    pub what: &'static str,
+}
+
+/// A step of the fast loop: the truth, and what guidance made of what it heard.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Step {
+    /// When.
+    pub time_s: f64,
+    /// Where the vehicle really is.
+    pub place_m: Xy,
+    /// Where its nose points.
+    pub yaw_deg: f64,
+    /// How it really moves.
+    pub velocity_mps: Xy,
+    /// How it is told to.
+    pub setpoint_mps: Xy,
+    /// How it is told to turn, clockwise.
+    pub yaw_rate_degps: f64,
+    /// What the step came to.
+    pub outcome: &'static str,
+    /// What the guard did.
+    pub guard: &'static str,
+    /// From the hull to the nearest pillar.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clearance_m: Option<f64>,
+    /// Where the beacon really is, seen from the vehicle, and how far off.
+    pub truth_deg: f64,
+    /// See `truth_deg`.
+    pub truth_m: f64,
+    /// The bearing that was heard, if one was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub heard: Option<Heard>,
+    /// The bearing that guidance follows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub followed_deg: Option<f64>,
+    /// Where the source is believed to be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub source_m: Option<Xy>,
+    /// How well that is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub source_sigma_m: Option<f64>,
+    /// The temporary target.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target_m: Option<Xy>,
+}
+
+/// A bearing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Heard {
+    /// Whether it may be used.
+    pub valid: bool,
+    /// Where it points; none without a sane attitude.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bearing_deg: Option<f64>,
+    /// Its standard deviation.
+    pub sigma_deg: f64,
+    /// Signal to noise.
+    pub snr_db: f64,
+    /// What is wrong with it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub flags: Vec<&'static str>,
+}
+
+/// The remembered obstacles.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Remembered {
+    /// When.
+    pub time_s: f64,
+    /// x, y, radius of each.
+    pub circles_m: Vec<[f64; 3]>,
+}
+
+/// How a plan came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Origin {
+    /// One of the sampled trajectories.
+    Sampled,
+    /// None of them was clear: straight to the target.
+    Straight,
+    /// Bent to learn the range.
+    Bent,
+    /// The field's own trajectory, with the mean gains.
+    Initial,
+    /// Nothing is clear: stay.
+    Brake,
+}
+
+/// A replan.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Plan {
+    /// When it was asked for and answered; it takes effect some steps later.
+    pub time_s: f64,
+    /// Counts the requests.
+    pub id: u32,
+    /// How it came about.
+    pub origin: Origin,
+    /// It is to look for the signal.
+    pub searches: bool,
+    /// Where it begins.
+    pub start_m: Xy,
+    /// Where it leads.
+    pub target_m: Xy,
+    /// The trajectory to follow.
+    pub waypoints_m: Vec<Xy>,
+    /// Its cost (eq. 41).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cost: Option<f64>,
+    /// The gains behind it.
+    pub gains: Gains,
+    /// What was drawn.
+    pub samples: Vec<Sample>,
+    /// Which of them is followed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<usize>,
+    /// The obstacles that the planner was told: x, y, radius.
+    pub circles_m: Vec<[f64; 3]>,
+    /// Where the source may be, the likelier ones: x, y, weight.
+    pub particles: Vec<[f64; 3]>,
+    /// Their mean and covariance: xx, xy, yy.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub belief: Option<Belief>,
+    /// The potential around the start.
+    pub field: Field,
+    /// Hash over everything so far.
+    pub trace: String,
+}
+
+/// Parameters of the field.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Gains {
+    /// Attraction.
+    pub k_att: f64,
+    /// Repulsion.
+    pub k_rep: f64,
+    /// Influence range.
+    pub influence_m: f64,
+    /// Share of the repulsion that acts sideways.
+    pub swirl: f64,
+}
+
+/// A sampled trajectory.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Sample {
+    /// Its waypoints.
+    pub waypoints_m: Vec<Xy>,
+    /// The gains behind it.
+    pub gains: Gains,
+    /// Its cost (eq. 41).
+    pub cost: f64,
+    /// Whether it may be chosen.
+    pub feasible: bool,
+}
+
+/// Mean and covariance of where the source may be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Belief {
+    /// Mean.
+    pub mean_m: Xy,
+    /// xx, xy, yy.
+    pub covariance_m2: [f64; 3],
+}
+
+/// The potential on a raster, row by row from the south, each from the west; without the swirl, which has none.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Field {
+    /// The first value's place.
+    pub south_west_m: Xy,
+    /// From value to value.
+    pub step_m: f64,
+    /// Values in a row.
+    pub columns: usize,
+    /// The potential with the gains of the plan.
+    pub followed: Vec<f64>,
+    /// With the mean gains.
+    pub mean: Vec<f64>,
+}
+
+/// How it ended.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct End {
+    /// The object that `fly --json` prints.
+    pub report: Report,
+    /// Steps flown.
+    pub steps: u64,
+}
+
+/// Rounds to a power of ten; zero has no sign.
+pub(super) fn rounded(value: f64, places: i32) -> f64 {
+    let scale = libm::pow(10.0, f64::from(places));
+    libm::rint(value * scale) / scale + 0.0
+}
+
+/// To a millimetre, or a millimetre a second.
+pub(super) fn milli(value: f64) -> f64 {
+    rounded(value, 3)
+}
+
+/// Radians to hundredths of a degree.
+pub(super) fn degrees(angle_rad: f64) -> f64 {
+    rounded(angle_rad.to_degrees(), 2)
+}
+
+/// A number as it is, but without the noise of its single precision; none if it is none.
+pub(super) fn finite(value: f32) -> Option<f64> {
+    value.is_finite().then(|| rounded(f64::from(value), 4))
+}
+
+pub(super) fn xy(vector: Horizontal) -> Xy {
+    [milli(vector.east), milli(vector.north)]
+}
+
+pub(super) fn core_xy(vector: frame::Horizontal) -> Xy {
+    [milli(f64::from(vector.east)), milli(f64::from(vector.north))]
+}
+
+pub(super) fn circles<'a>(circles: impl IntoIterator<Item = &'a Circle>) -> Vec<[f64; 3]> {
+    let one = |circle: &Circle| {
+        let [x, y] = core_xy(circle.center_ned_m);
+        [x, y, milli(f64::from(circle.radius_m))]
+    };
+    circles.into_iter().map(one).collect()
+}
+
+pub(super) const fn guard(action: Action) -> &'static str {
+    match action {
+        Action::Passed => "passed",
+        Action::Limited => "limited",
+        Action::Looking => "looking",
+        Action::Braked => "braked",
+    }
+}
+
+/// The names of flags, as `foxhound bearing` prints them.
+pub(super) fn flags(flags: Flags) -> Vec<&'static str> {
+    let names = [
+        (Flags::CLIP, "clip"),
+        (Flags::dead(0), "dead_1"),
+        (Flags::dead(1), "dead_2"),
+        (Flags::dead(2), "dead_3"),
+        (Flags::dead(3), "dead_4"),
+        (Flags::INTERFERER, "interferer"),
+        (Flags::MULTIPATH, "multipath"),
+        (Flags::AMBIGUOUS, "ambiguous"),
+        (Flags::UNCALIBRATED, "uncalibrated"),
+        (Flags::NO_SIGNAL, "no_signal"),
+    ];
+    names.into_iter().filter(|(flag, _)| flags.contains(*flag)).map(|(_, name)| name).collect()
+}

@@ -1,0 +1,264 @@
+//! Watches a flight and writes it down, line by line.
+
+use foxhound_core::field::{self, Obstacle};
+use foxhound_core::frame;
+use foxhound_core::guidance;
+use foxhound_core::param::{Id, TABLE, Values};
+use foxhound_core::planner::{self, NAMES, SAMPLES, Scratch, Verdict};
+use foxhound_core::rollout::Trajectory;
+use serde_json::Value;
+
+use super::record::{
+    Begin, Belief, End, Field, Gains, Heard, Origin, Parameter, Plan, Record, Remembered, Sample, Step, VERSION,
+    circles, core_xy, degrees, finite, flags, guard, milli, rounded, xy,
+};
+use crate::computer::Considered;
+use crate::flight::{Mission, Moment, Report, TICK_S};
+use crate::world::{Horizontal, Pillar};
+
+/// What is remembered is looked at every so many steps: 5 Hz.
+const REMEMBERED_STEPS: u64 = 10;
+/// Half the side of the raster of the potential, in steps, and the step: what is within the horizon, and a bit more.
+const FIELD_HALF: i32 = 22;
+const FIELD_STEP_M: f32 = 0.1;
+/// Particles with less than this share of the largest weight are left out.
+const PARTICLE_MIN: f32 = 1e-2;
+
+/// Writes a flight down.
+#[derive(Debug)]
+pub struct Recorder {
+    config: planner::Config,
+    steps: u64,
+    drawn: Drawn,
+    remembered: Vec<[f64; 3]>,
+    lines: Vec<String>,
+}
+
+/// What the planner drew last: a plan that needs no samples leaves those of an earlier one where they are.
+type Drawn = Option<([field::Gains; SAMPLES], [Trajectory; SAMPLES])>;
+
+impl Recorder {
+    /// Begins with the header; `command` is what flies it again.
+    #[must_use]
+    pub fn new(mission: &Mission, config: &guidance::Config, command: String) -> Self {
+        let planner = config.planner;
+        let empty = Scratch::new();
+        let mut recorder = Self {
+            config: planner,
+            steps: 0,
+            drawn: Some((empty.gains, empty.samples)),
+            remembered: Vec::new(),
+            lines: Vec::new(),
+        };
+        recorder.push(&Record::Begin(Box::new(begin(mission, config, command))));
+        recorder
+    }
+
+    /// Takes in a step.
+    pub fn watch(&mut self, moment: &Moment<'_>) {
+        let time_s = milli(moment.sample.time_s);
+        self.push(&Record::Step(step(moment, self.config.vehicle_radius_m)));
+        if self.steps.is_multiple_of(REMEMBERED_STEPS) {
+            let circles_m = circles(&moment.computer.remembered());
+            if circles_m != self.remembered {
+                self.remembered.clone_from(&circles_m);
+                self.push(&Record::Remembered(Remembered { time_s, circles_m }));
+            }
+        }
+        if let Some(considered) = moment.computer.considered() {
+            let drawn = Some((considered.scratch.gains, considered.scratch.samples));
+            let draws = drawn != self.drawn;
+            self.drawn = drawn;
+            let trace = format!("{:016x}", moment.output.trace_hash);
+            let plan = Plan { time_s, trace, ..plan(&self.config, &considered, draws) };
+            self.push(&Record::Plan(Box::new(plan)));
+        }
+        self.steps += 1;
+    }
+
+    /// Ends with what the flight came to.
+    pub fn end(&mut self, report: &Report) {
+        let steps = self.steps;
+        self.push(&Record::End(End { report: report.clone(), steps }));
+    }
+
+    /// The lines so far.
+    #[must_use]
+    pub fn lines(&self) -> &[String] {
+        &self.lines
+    }
+
+    fn push(&mut self, record: &Record) {
+        // Numbers, text and lists of them always have a JSON form.
+        self.lines.extend(serde_json::to_string(record));
+    }
+}
+
+fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin {
+    let is_it = |name: &&str| planner::Config::named(name) == Some(mission.planner);
+    let values = Values::of(config);
+    let number = |value: f32| finite(value).map_or(Value::Null, Value::from);
+    let parameters = TABLE.iter().zip(Id::all()).map(|(row, id)| Parameter {
+        name: row.name,
+        value: number(values.get(id)),
+        default: number(row.default),
+        unit: row.unit,
+        what: row.doc,
+    });
+    let scenario = &mission.scenario;
+    let walls = scenario.world().pillars.into_iter().skip(scenario.obstacles.len()).map(|pillar| {
+        let [x, y] = xy(pillar.center);
+        [x, y, milli(pillar.radius_m)]
+    });
+    Begin {
+        version: VERSION,
+        program: env!("CARGO_PKG_VERSION"),
+        command,
+        seed: mission.seed,
+        planner: NAMES.into_iter().find(is_it).unwrap_or("of its own"),
+        tick_s: TICK_S,
+        gains: gains(&config.planner.gains),
+        horizon_m: rounded(f64::from(config.planner.horizon_m), 3),
+        margins_m: [config.planner.margin_m, config.planner.tight_margin_m].map(|m| milli(f64::from(m))),
+        speed_max_mps: milli(f64::from(config.guard.v_max_mps)),
+        walls: walls.collect(),
+        scenario: scenario.clone(),
+        parameters: parameters.collect(),
+    }
+}
+
+fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
+    let Moment { world, motion, sample, output, .. } = moment;
+    let to_source = world.source_at(sample.time_s).minus(sample.position);
+    let clearance =
+        |pillar: Pillar| pillar.center.minus(sample.position).norm() - pillar.radius_m - f64::from(radius_m);
+    let [north, east, _] = motion.velocity_ned_mps;
+    let heard = output.bearing.map(|bearing| Heard {
+        valid: bearing.valid && bearing.azimuth_rad.is_finite(),
+        bearing_deg: output.bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
+        sigma_deg: degrees(f64::from(bearing.sigma_rad)),
+        snr_db: rounded(f64::from(bearing.quality.snr_db), 1),
+        flags: flags(bearing.flags),
+    });
+    Step {
+        time_s: milli(sample.time_s),
+        place_m: xy(sample.position),
+        yaw_deg: degrees(sample.yaw_rad),
+        velocity_mps: xy(Horizontal { north, east }),
+        setpoint_mps: core_xy(output.setpoint.velocity_ned_mps.horizontal()),
+        yaw_rate_degps: degrees(f64::from(output.setpoint.yaw_rate_radps)),
+        outcome: output.outcome.name(),
+        guard: guard(output.guard),
+        clearance_m: world.pillars_at(sample.time_s).map(clearance).min_by(f64::total_cmp).map(milli),
+        truth_deg: degrees(to_source.bearing_rad()),
+        truth_m: milli(to_source.norm()),
+        heard,
+        followed_deg: output.source_bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
+        source_m: output.source.map(|source| core_xy(source.place_ned_m)),
+        source_sigma_m: output.source.and_then(|source| finite(source.sigma_m)),
+        target_m: output.target_ned_m.map(core_xy),
+    }
+}
+
+/// A plan, but for its time and trace.
+fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> Plan {
+    let Considered { request, plan, scratch } = considered;
+    let chosen = (0..SAMPLES)
+        .find(|index| draws && scratch.samples[*index] == plan.waypoints_ned_m && scratch.gains[*index] == plan.gains);
+    let chosen = chosen.filter(|_| plan.verdict == Verdict::Follow);
+    let origin = match (plan.verdict, chosen) {
+        (Verdict::Brake, _) => Origin::Brake,
+        (_, Some(_)) => Origin::Sampled,
+        _ if config.kind != planner::Kind::Foxhound => Origin::Initial,
+        _ if draws => Origin::Straight,
+        _ => Origin::Bent,
+    };
+    let obstacles: Vec<Obstacle> =
+        request.circles.iter().map(|circle| Obstacle::of(circle, config.vehicle_radius_m)).collect();
+    let particles: Vec<(frame::Horizontal, f32)> = scratch.particles().collect();
+    let heaviest = particles.iter().map(|(_, weight)| *weight).fold(0.0, f32::max);
+    let kept = particles.iter().filter(|(_, weight)| *weight > PARTICLE_MIN * heaviest);
+    Plan {
+        time_s: 0.0,
+        trace: String::new(),
+        id: plan.id,
+        origin,
+        searches: plan.search.is_some(),
+        start_m: core_xy(plan.start_ned_m),
+        target_m: core_xy(plan.target_ned_m),
+        waypoints_m: line(&plan.waypoints_ned_m),
+        cost: finite(plan.cost),
+        gains: gains(&plan.gains),
+        samples: if draws { samples(scratch) } else { Vec::new() },
+        chosen,
+        circles_m: circles(&request.circles),
+        particles: kept.map(|(place, weight)| particle(*place, weight / heaviest)).collect(),
+        belief: belief(&particles),
+        field: potential(config, plan, &obstacles),
+    }
+}
+
+fn samples(scratch: &Scratch) -> Vec<Sample> {
+    let sample = |index: usize| Sample {
+        waypoints_m: line(&scratch.samples[index]),
+        gains: gains(&scratch.gains[index]),
+        cost: rounded(f64::from(scratch.costs[index]), 4),
+        feasible: scratch.feasible[index],
+    };
+    (0..SAMPLES).map(sample).collect()
+}
+
+fn line(trajectory: &Trajectory) -> Vec<[f64; 2]> {
+    trajectory.iter().map(|waypoint| core_xy(*waypoint)).collect()
+}
+
+fn gains(gains: &field::Gains) -> Gains {
+    let [k_att, k_rep, influence_m, swirl] =
+        [gains.k_att, gains.k_rep, gains.influence_m, gains.swirl].map(|gain| rounded(f64::from(gain), 4));
+    Gains { k_att, k_rep, influence_m, swirl }
+}
+
+fn particle(place: frame::Horizontal, weight: f32) -> [f64; 3] {
+    [rounded(f64::from(place.east), 2), rounded(f64::from(place.north), 2), rounded(f64::from(weight), 2)]
+}
+
+/// The moments of the particles; none without particles.
+fn belief(particles: &[(frame::Horizontal, f32)]) -> Option<Belief> {
+    let sum = |of: &dyn Fn(f64, f64) -> f64| {
+        let one = |(place, weight): &(frame::Horizontal, f32)| {
+            f64::from(*weight) * of(f64::from(place.east), f64::from(place.north))
+        };
+        particles.iter().map(one).sum::<f64>()
+    };
+    let (x, y) = (sum(&|x, _| x), sum(&|_, y| y));
+    let covariance_m2 = [
+        sum(&|at_x, _| (at_x - x) * (at_x - x)),
+        sum(&|at_x, at_y| (at_x - x) * (at_y - y)),
+        sum(&|_, at_y| (at_y - y) * (at_y - y)),
+    ];
+    let belief = Belief { mean_m: [milli(x), milli(y)], covariance_m2: covariance_m2.map(|value| rounded(value, 5)) };
+    (!particles.is_empty()).then_some(belief)
+}
+
+/// The potential that the followed trajectory descends, and that of the mean gains, from the core's own field.
+fn potential(config: &planner::Config, plan: &planner::Plan, obstacles: &[Obstacle]) -> Field {
+    let start = plan.start_ned_m;
+    let offset = |step: i32| step as f32 * FIELD_STEP_M;
+    let raster = |gains: field::Gains| {
+        let field = field::Field { law: config.law, gains };
+        let value = |(row, column)| {
+            let place = frame::Horizontal { north: start.north + offset(row), east: start.east + offset(column) };
+            rounded(f64::from(field.potential(place, plan.target_ned_m, obstacles)), 3)
+        };
+        let side = -FIELD_HALF..=FIELD_HALF;
+        side.clone().flat_map(|row| side.clone().map(move |column| (row, column))).map(value).collect()
+    };
+    let half = frame::Horizontal { north: offset(FIELD_HALF), east: offset(FIELD_HALF) };
+    Field {
+        south_west_m: core_xy(start.minus(half)),
+        step_m: rounded(f64::from(FIELD_STEP_M), 4),
+        columns: 2 * FIELD_HALF as usize + 1,
+        followed: raster(plan.gains),
+        mean: raster(config.gains),
+    }
+}
