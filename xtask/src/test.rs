@@ -7,14 +7,14 @@ use crate::build::{Image, TARGET, workspace};
 use crate::{Board, Failure, attend};
 
 /// The peers that read our bytes, at the versions that the tests were written against.
-const PEERS: [&str; 3] = ["pymavlink==2.4.50", "mavsdk==4.1.0", "pyserial==3.5"];
+const PEERS: [&str; 4] = ["pymavlink==2.4.50", "mavsdk==4.1.0", "pyserial==3.5", "playwright==1.65.2"];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
 /// Loads them, and exits with 1 where a version is another one.
 const CHECK: &str = "
 import sys
 from importlib.metadata import version
-import mavsdk, serial
+import mavsdk, playwright.sync_api, serial
 from MAVProxy import modules
 from pymavlink.dialects.v20 import ardupilotmega
 sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))
@@ -105,6 +105,10 @@ fn install() -> Result<PathBuf, Failure> {
     if !runs("qemu-system-arm", "--version") {
         println!("installing qemu-system-arm (apt)");
         apt("qemu-system-arm")?;
+    }
+    if !["chromium", "chromium-browser", "google-chrome"].iter().any(|browser| runs(browser, "--version")) {
+        println!("installing chromium (apt)");
+        apt("chromium")?;
     }
     let folder = workspace().join("target/venv");
     let python = folder.join("bin/python");

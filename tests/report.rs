@@ -1,0 +1,250 @@
+//! `fly --report`: what the page holds is what was flown, and a browser shows it. `cargo xtask test` installs the browser.
+#![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::path::Path;
+
+use foxhound_tests::{python, qemu_image, root, run_json};
+use serde_json::Value;
+
+/// Largest page of the built-in mission.
+const PAGE_BYTES: usize = 1_500_000;
+
+/// A flight's page, its records, and what was printed.
+struct Flown {
+    page: String,
+    records: Vec<Value>,
+    printed: Value,
+}
+
+impl Flown {
+    fn with(arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flight.html");
+        let all = [&["fly", "--json", "--report", path.to_str().unwrap()], arguments].concat();
+        let (_, printed) = run_json(&all);
+        let page = std::fs::read_to_string(&path).unwrap();
+        let (_, behind) = page.split_once("id=\"records\">").unwrap();
+        let (json, _) = behind.split_once("</script>").unwrap();
+        let records = serde_json::from_str(json).unwrap();
+        Self { page, records, printed }
+    }
+
+    fn of_kind(&self, kind: &str) -> impl Iterator<Item = &Value> {
+        self.records.iter().filter(move |record| record["kind"] == kind)
+    }
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(number).collect()
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+#[test]
+fn the_page_holds_the_flight_that_was_flown() {
+    let flown = Flown::with(&[]);
+    let (_, alone) = run_json(&["fly", "--json"]);
+    assert_eq!(flown.printed, alone, "watching changes nothing");
+    assert!(flown.page.len() < PAGE_BYTES, "{} bytes", flown.page.len());
+
+    let kinds: Vec<&str> = flown.records.iter().map(|record| record["kind"].as_str().unwrap()).collect();
+    assert_eq!((kinds[0], kinds[kinds.len() - 1]), ("begin", "end"));
+    assert_eq!(kinds.iter().filter(|kind| ["begin", "end"].contains(kind)).count(), 2);
+    let (begin, end) = (&flown.records[0], &flown.records[flown.records.len() - 1]);
+    assert_eq!(end["report"], flown.printed);
+    assert!(begin["command"].as_str().unwrap().starts_with("foxhound fly --json --report "));
+
+    // Every step is there, once.
+    let steps: Vec<&Value> = flown.of_kind("step").collect();
+    assert_eq!(end["steps"], steps.len());
+    assert!((number(&flown.printed["time_s"]) - 0.02 * steps.len() as f64).abs() < 1e-9);
+    for (index, step) in steps.iter().enumerate() {
+        assert!((number(&step["time_s"]) - 0.02 * index as f64).abs() < 1e-9, "step {index}");
+    }
+    assert_eq!(flown.of_kind("plan").count() as u64, flown.printed["replans"].as_u64().unwrap());
+
+    // What was printed can be had from the steps.
+    let places: Vec<Vec<f64>> = steps.iter().map(|step| numbers(&step["place_m"])).collect();
+    let length_m: f64 = places.windows(2).map(|pair| distance(&pair[0], &pair[1])).sum();
+    assert!((length_m - number(&flown.printed["path_length_m"])).abs() < 0.05, "{length_m} m");
+    let clearance_m = steps.iter().map(|step| number(&step["clearance_m"])).fold(f64::INFINITY, f64::min);
+    assert!((clearance_m - number(&flown.printed["min_clearance_m"])).abs() < 0.005, "{clearance_m} m");
+    let errors: Vec<f64> = steps
+        .iter()
+        .filter(|step| step["heard"]["valid"] == true && !step["heard"]["bearing_deg"].is_null())
+        .map(|step| number(&step["heard"]["bearing_deg"]) - number(&step["truth_deg"]))
+        .collect();
+    let rms_deg = (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
+    assert!((rms_deg - number(&flown.printed["bearing_rms_deg"])).abs() < 0.005, "{rms_deg} deg");
+}
+
+/// Eq. 41-45 of the main paper, with the planner's bound on the proximity.
+fn cost(plan: &Value, sample: &Value, radius_m: f64) -> f64 {
+    let target = numbers(&plan["target_m"]);
+    let mut places = vec![numbers(&plan["start_m"])];
+    places.extend(sample["waypoints_m"].as_array().unwrap().iter().map(numbers));
+    let steps: Vec<[f64; 2]> =
+        places.windows(2).map(|pair| [pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]]).collect();
+    let moves: Vec<&[f64; 2]> = steps.iter().filter(|step| step[0].hypot(step[1]) > 2e-3).collect();
+    let length_m: f64 = steps.iter().map(|step| step[0].hypot(step[1])).sum();
+    let turn = |a: &[f64; 2], b: &[f64; 2]| (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1]).abs();
+    let turns_rad: f64 = moves.windows(2).map(|pair| turn(pair[0], pair[1])).sum();
+    let near = |circle: &Value, place: &Vec<f64>| {
+        let circle = numbers(circle);
+        distance(&circle, place) - circle[2] - radius_m
+    };
+    let circles = plan["circles_m"].as_array().unwrap();
+    let nearest_m = circles
+        .iter()
+        .flat_map(|circle| places[1..].iter().map(move |place| near(circle, place)))
+        .fold(f64::INFINITY, f64::min);
+    length_m + distance(&places[places.len() - 1], &target) + turns_rad + (1.0 / nearest_m.max(0.01)).min(5.0)
+}
+
+#[test]
+fn the_costs_are_those_of_the_trajectories_that_are_drawn() {
+    let flown = Flown::with(&[]);
+    let radius_m = number(&flown.records[0]["scenario"]["drone_radius"]);
+    let (mut compared, mut chosen) = (0, 0);
+    for plan in flown.of_kind("plan") {
+        for sample in plan["samples"].as_array().unwrap() {
+            let (ours, recorded) = (cost(plan, sample, radius_m), number(&sample["cost"]));
+            // Places are rounded to a millimetre, steps may be as short as that.
+            assert!((ours - recorded).abs() < 0.05 + 0.02 * recorded, "plan {}: {ours} for {recorded}", plan["id"]);
+            compared += 1;
+        }
+        if let Some(index) = plan["chosen"].as_u64() {
+            let sample = &plan["samples"][index as usize];
+            assert_eq!((&sample["waypoints_m"], &sample["feasible"]), (&plan["waypoints_m"], &Value::Bool(true)));
+            assert_eq!((&sample["cost"], &sample["gains"]), (&plan["cost"], &plan["gains"]));
+            chosen += 1;
+        }
+    }
+    assert!(compared > 150 && chosen > 15, "{compared} {chosen}");
+}
+
+/// Eq. 33 and 36 of the main paper; none where the field goes on in its own way, close to an obstacle and inside.
+fn potential(plan: &Value, gains: &Value, place: [f64; 2], radius_m: f64) -> Option<(f64, f64)> {
+    let clear = |circle: &Value| distance(&numbers(circle), &place) - number(&circle[2]) - radius_m;
+    let clear_m: Vec<f64> = plan["circles_m"].as_array().unwrap().iter().map(clear).collect();
+    let gain = |name: &str| number(&gains[name]);
+    let push = |metres: &f64| gain("k_rep") * -(metres / gain("influence_m")).min(1.0).ln();
+    let attraction = 0.5 * gain("k_att") * distance(&place, &numbers(&plan["target_m"])).powi(2);
+    clear_m.iter().all(|metres| *metres > 0.02).then(|| (attraction, clear_m.iter().map(push).sum()))
+}
+
+#[test]
+fn the_potential_is_the_one_of_the_paper_around_the_obstacles_that_the_planner_knew() {
+    let flown = Flown::with(&[]);
+    let begin = &flown.records[0];
+    let radius_m = number(&begin["scenario"]["drone_radius"]);
+    let (mut repelled, mut compared) = (0, 0);
+    for plan in flown.of_kind("plan") {
+        let field = &plan["field"];
+        let (south_west, step_m) = (numbers(&field["south_west_m"]), number(&field["step_m"]));
+        let columns = field["columns"].as_u64().unwrap() as usize;
+        for (name, gains) in [("followed", &plan["gains"]), ("mean", &begin["gains"])] {
+            let values = numbers(&field[name]);
+            assert_eq!(values.len(), columns * columns);
+            for (index, value) in values.iter().enumerate() {
+                let (row, column) = ((index / columns) as f64, (index % columns) as f64);
+                let place = [south_west[0] + column * step_m, south_west[1] + row * step_m];
+                let Some((attraction, repulsion)) = potential(plan, gains, place, radius_m) else { continue };
+                let ours = attraction + repulsion;
+                assert!((ours - value).abs() < 0.02 + 0.01 * value, "plan {}: {ours} for {value}", plan["id"]);
+                repelled += usize::from(repulsion > 0.05);
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared > 10_000 && repelled > 200, "{compared} {repelled}");
+}
+
+#[test]
+fn the_belief_is_the_one_that_guidance_flies_by() {
+    let flown = Flown::with(&[]);
+    let steps: Vec<&Value> = flown.of_kind("step").collect();
+    let mut compared = 0;
+    for plan in flown.of_kind("plan") {
+        let Some(covariance) = plan["belief"].get("covariance_m2").map(numbers) else { continue };
+        // It is published with the plan, which takes effect five steps later.
+        let at = (number(&plan["time_s"]) / 0.02).round() as usize + 5;
+        let Some(step) = steps.get(at).filter(|step| step.get("source_sigma_m").is_some()) else { continue };
+        let (half_sum, half_difference) =
+            ((covariance[0] + covariance[2]) / 2.0, (covariance[0] - covariance[2]) / 2.0);
+        let sigma_m = (half_sum + half_difference.hypot(covariance[1])).sqrt();
+        let published_m = number(&step["source_sigma_m"]);
+        assert!((sigma_m - published_m).abs() < 0.01 + 0.01 * published_m, "{sigma_m} for {published_m} m");
+        compared += 1;
+    }
+    assert!(compared > 15, "{compared}");
+}
+
+#[test]
+fn every_planner_and_a_world_that_moves_have_a_report() {
+    let movers = root().join("tests/traps/movers.json");
+    for (planner, origins) in [
+        ("foxhound", &["sampled", "straight", "bent", "brake"][..]),
+        ("paper", &["sampled", "brake"]),
+        ("standard", &["initial"]),
+    ] {
+        let flown = Flown::with(&["--planner", planner, "--scenario", movers.to_str().unwrap()]);
+        assert_eq!(flown.records[0]["planner"], planner);
+        assert_eq!(flown.records[flown.records.len() - 1]["report"], flown.printed);
+        let plans: Vec<&Value> = flown.of_kind("plan").collect();
+        assert!(plans.len() > 3, "{planner}");
+        for plan in plans {
+            assert!(origins.contains(&plan["origin"].as_str().unwrap()), "{planner}: {}", plan["origin"]);
+            assert_eq!(
+                plan["samples"].as_array().unwrap().is_empty(),
+                planner == "standard" || plan["origin"] == "bent"
+            );
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn the_report_of_the_image_in_qemu_is_that_of_the_host() {
+    let via = format!("qemu:{}", qemu_image());
+    let (host, qemu) = (Flown::with(&[]), Flown::with(&["--via", &via]));
+    assert_eq!(host.records[1..], qemu.records[1..]);
+    assert_eq!(host.records[0]["parameters"], qemu.records[0]["parameters"]);
+}
+
+/// Has a browser look at a page.
+fn look_at(page: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.html");
+    std::fs::write(&path, page).unwrap();
+    let script = root().join("tests/peers/report_page.py");
+    let output = python().args([script.as_path(), path.as_path()] as [&Path; 2]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains("all checks passed"), "{said}");
+}
+
+#[test]
+#[ignore = "needs a browser: cargo xtask test"]
+fn a_browser_shows_the_page_moves_through_it_and_asks_nobody() {
+    look_at(&Flown::with(&[]).page);
+}
+
+#[test]
+#[ignore = "needs a browser: cargo xtask test"]
+fn a_flight_that_goes_wrong_under_a_name_that_is_markup_is_shown_as_well() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scenario.json");
+    let scenario = r#"{"name":"</script><img src=x onerror=alert(1)>","bearing":{"snr_db":20,"dropout":[2,99]},
+        "obstacles":[{"x":3,"y":3,"r":0.4,"vx":0.1,"vy":-0.1}],"max_time_s":9}"#;
+    std::fs::write(&path, scenario).unwrap();
+    let flown = Flown::with(&["--scenario", path.to_str().unwrap()]);
+    assert_eq!((&flown.printed["result"], &flown.printed["reason"]), (&"hold".into(), &"no_signal".into()));
+    look_at(&flown.page);
+}
