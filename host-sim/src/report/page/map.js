@@ -205,11 +205,12 @@ function cross(context, [x, y], color) {
 /** Start, beacon, and what counts as there. */
 function drawEnds({ context, at, time_s }) {
   const { start, goal_tolerance } = flight.begin.scenario;
+  const begun = flight.steps.length ? flight.steps[0].place_m : start;
   const beacon = at(beaconAt(time_s));
   disc(context, beacon, goal_tolerance * camera.scale, { stroke: colors.green, width: 1.4, dash: [3, 3] });
   [9, 14].forEach((radius) => disc(context, beacon, radius, { stroke: colors.green, alpha: 0.6 }));
   disc(context, beacon, 5, { fill: colors.green });
-  disc(context, at(start), 5, { fill: colors.ground, stroke: colors.ink, width: 2 });
+  disc(context, at(begun), 5, { fill: colors.ground, stroke: colors.ink, width: 2 });
 }
 
 /** The last bearing, with two standard deviations to either side. */
