@@ -1,9 +1,9 @@
-//! `fly --report`: what the page holds is what was flown, and a browser shows it. `cargo xtask test` installs the browser.
+//! `fly --report`, `companion --report`: what the page holds is what was flown, and a browser shows it. `cargo xtask test` installs the browser.
 #![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::path::Path;
 
-use foxhound_tests::{python, qemu_image, root, run_json};
+use foxhound_tests::{Program, foxhound, python, qemu_image, root, run_json};
 use serde_json::Value;
 
 /// Largest page of the built-in mission.
@@ -22,7 +22,11 @@ impl Flown {
         let path = folder.path().join("flight.html");
         let all = [&["fly", "--json", "--report", path.to_str().unwrap()], arguments].concat();
         let (_, printed) = run_json(&all);
-        let page = std::fs::read_to_string(&path).unwrap();
+        Self::read(&path, printed)
+    }
+
+    fn read(path: &Path, printed: Value) -> Self {
+        let page = std::fs::read_to_string(path).unwrap();
         let (_, behind) = page.split_once("id=\"records\">").unwrap();
         let (json, _) = behind.split_once("</script>").unwrap();
         let records = serde_json::from_str(json).unwrap();
@@ -216,6 +220,36 @@ fn the_report_of_the_image_in_qemu_is_that_of_the_host() {
     let (host, qemu) = (Flown::with(&[]), Flown::with(&["--via", &via]));
     assert_eq!(host.records[1..], qemu.records[1..]);
     assert_eq!(host.records[0]["parameters"], qemu.records[0]["parameters"]);
+}
+
+#[test]
+fn a_flight_beside_an_autopilot_has_a_report_of_where_that_says_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, obstacles) = (folder.path().join("flight.html"), folder.path().join("obstacles.json"));
+    std::fs::write(&obstacles, r#"{"obstacles":[{"x":1.5,"y":2.1,"r":0.3}]}"#).unwrap();
+    let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
+    let first: Value = serde_json::from_str(&autopilot.lines().next().unwrap().unwrap()).unwrap();
+    let (code, printed) = run_json(&[
+        "companion",
+        "--json",
+        "--source=4,3,-5",
+        "--max-time",
+        "60",
+        "--autopilot",
+        first["autopilot"].as_str().unwrap(),
+        "--obstacles",
+        obstacles.to_str().unwrap(),
+        "--report",
+        path.to_str().unwrap(),
+    ]);
+    assert_eq!((code, &printed["result"]), (0, &"reached".into()), "{printed}");
+    let flown = Flown::read(&path, printed);
+    let steps: Vec<&Value> = flown.of_kind("step").collect();
+    assert_eq!(flown.records[flown.records.len() - 1]["report"], flown.printed);
+    assert_eq!((&steps[0]["time_s"], flown.of_kind("plan").count() > 3), (&0.0.into(), true));
+    assert!(number(&steps[steps.len() - 1]["truth_m"]) < 1.2, "it ends at the beacon");
+    let farthest_m = steps.iter().map(|step| number(&step["truth_m"])).fold(0.0, f64::max);
+    assert!((farthest_m - number(&flown.printed["straight_line_m"])).abs() < 0.3, "{farthest_m} m");
 }
 
 /// Has a browser look at a page.

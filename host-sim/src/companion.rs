@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::computer::{Computer, StepReport};
-use crate::flight::{Ending, Mission, Report, TICK_S};
+use crate::flight::{Ending, Mission, Moment, Report, TICK_S};
 use crate::input::{InputError, check, parse_strictly};
 use crate::scenario::{self, Obstacle, Scenario, VehicleModel};
 use crate::tlog;
@@ -126,11 +126,23 @@ impl Config {
         }
     }
 
+    /// What is flown, with a map that holds it; where it starts is known when the autopilot says so.
+    #[must_use]
+    pub fn mission(&self) -> Mission {
+        let mut scenario = self.scenario();
+        let [x, y] = scenario.goal;
+        scenario.bounds = scenario.obstacles.iter().fold([x - 1.0, y - 1.0, x + 1.0, y + 1.0], |bounds, pillar| {
+            let Obstacle { x, y, r, .. } = *pillar;
+            let [west, south, east, north] = bounds;
+            [west.min(x - r), south.min(y - r), east.max(x + r), north.max(y + r)]
+        });
+        Mission { scenario, seed: self.seed, planner: self.planner, estimator: self.estimator }
+    }
+
     /// The configuration of the computer.
     #[must_use]
     pub fn guidance(&self) -> guidance::Config {
-        let (seed, planner, estimator) = (self.seed, self.planner, self.estimator);
-        let mut config = Mission { scenario: self.scenario(), seed, planner, estimator }.guidance();
+        let mut config = self.mission().guidance();
         config.guard.v_max_mps *= ROUNDING;
         config
     }
@@ -221,7 +233,8 @@ pub fn nobody_there(config: &Config) -> Report {
     Tally::new(Horizontal::default(), config.drone_radius_m).report(config.seed, Ending::Timeout, Outcome::LinkLost)
 }
 
-/// Flies with a computer until the flight has an end; `stop` ends it at any time.
+/// Flies with a computer until the flight has an end; `stop` ends it at any time. `watch` is told how things stand, and, while
+/// the autopilot says where it is, shown the step as if that were the truth.
 ///
 /// # Errors
 /// The field of the link's configuration that is refused.
@@ -231,7 +244,7 @@ pub fn fly(
     line: &mut Line,
     log: Option<&mut tlog::Writer>,
     stop: &AtomicBool,
-    watch: impl FnMut(&News),
+    watch: impl FnMut(&News, Option<&Moment<'_>>),
 ) -> Result<Flown, ConfigError> {
     let [north, east, _] = config.source_ned_m;
     let source = Horizontal { north, east };
@@ -282,7 +295,7 @@ impl Flight<'_> {
         computer: &mut dyn Computer,
         pace: &mut Pace,
         stop: &AtomicBool,
-        mut watch: impl FnMut(&News),
+        mut watch: impl FnMut(&News, Option<&Moment<'_>>),
     ) -> (Ending, Outcome) {
         let mut outcome = Outcome::LinkLost;
         let mut brake: Option<Brake> = None;
@@ -304,8 +317,8 @@ impl Flight<'_> {
                 rx.extend(pause);
             }
 
-            match self.step(computer, now, fix.as_ref(), &rx) {
-                Ok(report) => outcome = report.output.outcome,
+            let report = match self.step(computer, now, fix.as_ref(), &rx) {
+                Ok(report) => report,
                 Err(complaint) => {
                     self.stand(pace);
                     // Who is told to stop from a terminal may have been told together with what he needs.
@@ -315,16 +328,22 @@ impl Flight<'_> {
                     let Some(brake) = brake else { return (Ending::Hold, Outcome::Fault) };
                     return (brake.ending, brake.reason);
                 }
-            }
-            watch(&News {
-                time_s: now.0 as f64 * 1e-6,
+            };
+            outcome = report.output.outcome;
+            let time_s = now.0 as f64 * 1e-6;
+            let news = News {
+                time_s,
                 is_open: self.line.is_open(),
                 autopilot: self.senses.autopilot(),
                 is_disbelieved: self.senses.disbelieves(),
                 outcome,
                 distance_m: fix.map(|fix| self.source.minus(fix.place()).norm()),
                 ending: brake.map(|brake| brake.ending),
-            });
+            };
+            let moves = fix.map(|fix| fix.moves(time_s, outcome));
+            let (world, output, computer) = (self.senses.world(), &report.output, &*computer);
+            let moment = moves.as_ref().map(|(motion, sample)| Moment { world, motion, sample, output, computer });
+            watch(&news, moment.as_ref());
 
             if let Some(brake) = brake {
                 let braked_s = now.seconds_since(brake.since);

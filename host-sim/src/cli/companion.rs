@@ -17,12 +17,13 @@ use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{Ending, Report};
 use foxhound_sim::input::{InputError, read_text};
 use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::report::{self, Recorder};
 use foxhound_sim::tlog;
 use foxhound_sim::transport::{Address, Line};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::fly::{EstimatorName, Via, planner_parser};
-use super::{Cli, json_line, note, say};
+use super::{Cli, command_line, json_line, note, say};
 
 const COMPANION_HELP: &str = "Examples:
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5
@@ -78,6 +79,10 @@ pub(super) struct CompanionCommand {
     /// 64 hexadecimal digits.
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
+    /// Report of the flight to look around in: one HTML file that needs no network. Where the vehicle is, is what its
+    /// autopilot says; with `qemu:ELF` without the plans.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Telemetry log of every MAVLink frame in both directions, with wall time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
@@ -155,6 +160,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => None,
     };
 
+    let mut recorder = args.report.as_ref().map(|_| Recorder::new(&config.mission(), &guidance, command_line()));
     let stop = stop_flag()?;
     let mut progress = Progress::new(args.autopilot.clone());
     progress.text("waits for the autopilot");
@@ -175,7 +181,12 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
                 &mut host
             }
         };
-        let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news| progress.show(news))?;
+        let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news, moment| {
+            progress.show(news);
+            if let (Some(recorder), Some(moment)) = (&mut recorder, moment) {
+                recorder.watch(moment);
+            }
+        })?;
         progress.clear();
         for complaint in &flown.complaints {
             note(&format!("error: {complaint}"));
@@ -189,6 +200,11 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     };
     if let Some(log) = log {
         log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
+    }
+    if let (Some(mut recorder), Some(path)) = (recorder, &args.report) {
+        recorder.end(&report);
+        report::write(path, recorder.lines())?;
+        note(&format!("report: {}", path.display()));
     }
     say(&if cli.json { json_line(&report)? } else { summary(&report) });
     Ok(if report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })

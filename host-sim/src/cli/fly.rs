@@ -18,7 +18,7 @@ use foxhound_sim::report::{self, Beside, Recorder};
 use foxhound_sim::scenario::{BearingModel, Scenario};
 use foxhound_sim::{plot, tlog};
 
-use super::{Cli, bar, ending, json_line, note, say};
+use super::{Cli, bar, command_line, ending, json_line, note, say};
 
 const FLY_HELP: &str = "Examples:
   foxhound fly --seed 7 --plot flight.png
@@ -168,7 +168,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             if args.report.is_some() { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
         }
     };
-    let mut recorder = args.report.as_ref().map(|_| Recorder::new(&mission, &config, command()));
+    let mut recorder = args.report.as_ref().map(|_| Recorder::new(&mission, &config, command_line()));
     let mut log = match &args.tlog {
         Some(path) => Some(
             tlog::Writer::create(path)
@@ -215,20 +215,6 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         say(&summary(&record, plot_path.as_deref(), args.report.as_deref()));
     }
     Ok(if record.report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
-}
-
-/// The command line as it was given.
-fn command() -> String {
-    let mut text = "foxhound".to_owned();
-    for argument in std::env::args().skip(1) {
-        let is_plain = argument.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:=,+@".contains(c));
-        let _ = if is_plain && !argument.is_empty() {
-            write!(text, " {argument}")
-        } else {
-            write!(text, " '{}'", argument.replace('\'', r"'\''"))
-        };
-    }
-    text
 }
 
 /// A flight for people.

@@ -150,6 +150,20 @@ fn json_line(value: &impl Serialize) -> Result<String, InputError> {
     Ok(line)
 }
 
+/// The command line as it was given.
+fn command_line() -> String {
+    let mut text = "foxhound".to_owned();
+    for argument in std::env::args().skip(1) {
+        let is_plain = argument.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:=,+@".contains(c));
+        let _ = if is_plain && !argument.is_empty() {
+            write!(text, " {argument}")
+        } else {
+            write!(text, " '{}'", argument.replace('\'', r"'\''"))
+        };
+    }
+    text
+}
+
 fn ending(path: &Path) -> Option<&str> {
     path.extension().and_then(|ending| ending.to_str())
 }

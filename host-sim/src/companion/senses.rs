@@ -7,16 +7,18 @@
 use foxhound_core::ConfigError;
 use foxhound_core::adc::Snapshot;
 use foxhound_core::map::Circle;
-use foxhound_core::mission::Control;
+use foxhound_core::mission::{Control, Outcome};
 use foxhound_core::time::Instant;
 use foxhound_link::companion::{self, Autopilot, Companion};
 use foxhound_link::signing::Signing;
 
 use crate::antennas::{Antennas, Pose};
 use crate::computer::BLOCK;
+use crate::flight::Sample;
 use crate::random::Random;
 use crate::scenario;
 use crate::sensor::View;
+use crate::vehicle::Motion;
 use crate::world::{Horizontal, World};
 
 /// Telemetry older than this says nothing about now.
@@ -33,13 +35,23 @@ pub(super) struct Fix {
     pub(super) heard_at: Horizontal,
     /// The pose now.
     pub(super) pose: Pose,
-    /// Horizontal speed.
+    /// Velocity, and its horizontal part.
+    pub(super) velocity_ned_mps: [f64; 3],
+    /// See `velocity_ned_mps`.
     pub(super) speed_mps: f64,
 }
 
 impl Fix {
     pub(super) fn place(&self) -> Horizontal {
         Horizontal { north: self.pose.position_ned_m[0], east: self.pose.position_ned_m[1] }
+    }
+
+    /// The same for whoever watches the flight.
+    pub(super) fn moves(&self, time_s: f64, outcome: Outcome) -> (Motion, Sample) {
+        let Self { pose, velocity_ned_mps, speed_mps, .. } = *self;
+        let [_, _, down_m] = pose.position_ned_m;
+        let motion = Motion { pose, velocity_ned_mps, ..Motion::default() };
+        (motion, Sample { time_s, position: self.place(), yaw_rad: pose.yaw_rad, down_m, speed_mps, outcome })
     }
 }
 
@@ -120,7 +132,8 @@ impl Senses {
         };
         let heard_at = Horizontal { north: f64::from(heard[0]), east: f64::from(heard[1]) };
         let speed_mps = f64::from(libm::hypotf(velocity[0], velocity[1]));
-        Some(Fix { heard: ownship.position_time, heard_at, pose, speed_mps })
+        let velocity_ned_mps = velocity.map(f64::from);
+        Some(Fix { heard: ownship.position_time, heard_at, pose, velocity_ned_mps, speed_mps })
     }
 
     /// One frame of the antennas.

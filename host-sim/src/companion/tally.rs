@@ -129,7 +129,13 @@ mod tests {
 
     fn fix(time_us: u64, north: f64) -> Fix {
         let pose = Pose { position_ned_m: [north, 0.0, -2.0], ..Pose::default() };
-        Fix { heard: Instant(time_us), heard_at: Horizontal { north, east: 0.0 }, pose, speed_mps: 0.0 }
+        Fix {
+            heard: Instant(time_us),
+            heard_at: Horizontal { north, east: 0.0 },
+            pose,
+            velocity_ned_mps: [0.0; 3],
+            speed_mps: 0.0,
+        }
     }
 
     #[test]

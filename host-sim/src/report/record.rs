@@ -87,9 +87,9 @@ pub struct Parameter {
 /// A step of the fast loop: the truth, and what guidance made of what it heard.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Step {
-    /// When.
+    /// Since the first step.
     pub time_s: f64,
-    /// Where the vehicle really is.
+    /// Where the vehicle really is; beside an autopilot that is not modelled, where that says it is.
     pub place_m: Xy,
     /// Where its nose points.
     pub yaw_deg: f64,

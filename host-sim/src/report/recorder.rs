@@ -28,6 +28,8 @@ const PARTICLE_MIN: f32 = 1e-2;
 #[derive(Debug)]
 pub struct Recorder {
     config: planner::Config,
+    /// When the first step was: whoever flies an autopilot waits for it.
+    begun_s: Option<f64>,
     steps: u64,
     drawn: Drawn,
     remembered: Vec<[f64; 3]>,
@@ -45,6 +47,7 @@ impl Recorder {
         let empty = Scratch::new();
         let mut recorder = Self {
             config: planner,
+            begun_s: None,
             steps: 0,
             drawn: Some((empty.gains, empty.samples)),
             remembered: Vec::new(),
@@ -56,8 +59,9 @@ impl Recorder {
 
     /// Takes in a step.
     pub fn watch(&mut self, moment: &Moment<'_>) {
-        let time_s = milli(moment.sample.time_s);
-        self.push(&Record::Step(step(moment, self.config.vehicle_radius_m)));
+        let time_s = milli(moment.sample.time_s - *self.begun_s.get_or_insert(moment.sample.time_s));
+        let step = step(moment, self.config.vehicle_radius_m);
+        self.push(&Record::Step(Step { time_s, ..step }));
         if self.steps.is_multiple_of(REMEMBERED_STEPS) {
             let circles_m = circles(&moment.computer.remembered());
             if circles_m != self.remembered {
@@ -127,6 +131,7 @@ fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin
     }
 }
 
+/// A step, but for its time.
 fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
     let Moment { world, motion, sample, output, .. } = moment;
     let to_source = world.source_at(sample.time_s).minus(sample.position);
@@ -141,7 +146,7 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         flags: flags(bearing.flags),
     });
     Step {
-        time_s: milli(sample.time_s),
+        time_s: 0.0,
         place_m: xy(sample.position),
         yaw_deg: degrees(sample.yaw_rad),
         velocity_mps: xy(Horizontal { north, east }),
