@@ -35,9 +35,10 @@ mod setup;
 use core::fmt;
 
 use foxhound_core::time::Instant;
+use mavlink_core::calculate_crc;
 use sha2::{Digest as _, Sha256};
 
-use crate::framer::{checksum, fill};
+use crate::framer::fill;
 
 pub use policy::{Unsigned, is_secret};
 pub use setup::{Setup, set_up};
@@ -199,12 +200,12 @@ impl Signing {
         };
         self.last = timestamp;
         // The checksum is linear: what the flag changes in it does not depend on the message's CRC_EXTRA.
-        let sum = |frame: &[u8]| checksum(frame.get(1..body).unwrap_or_default(), 0);
-        let before = sum(frame);
+        let checksum = |frame: &[u8]| calculate_crc(frame.get(1..body).unwrap_or_default(), 0);
+        let before = checksum(frame);
         if let Some(flags) = frame.get_mut(INCOMPAT) {
             *flags |= SIGNED;
         }
-        let difference = (before ^ sum(frame)).to_le_bytes();
+        let difference = (before ^ checksum(frame)).to_le_bytes();
         for (byte, difference) in frame.iter_mut().skip(body).zip(difference) {
             *byte ^= difference;
         }

@@ -1,8 +1,8 @@
 //! What a byte 0xFD starts: a frame, or nothing.
 
-use mavlink_core::MavlinkVersion;
+use mavlink_core::{MavlinkVersion, calculate_crc};
 
-use super::{CHECKSUM, Frame, HEADER, Header, SIGNATURE, STX, checksum, known::known};
+use super::{CHECKSUM, Frame, HEADER, Header, SIGNATURE, STX, known::known};
 
 const STX_V1: u8 = 0xFE;
 const HEADER_V1: usize = 6;
@@ -65,11 +65,8 @@ fn check(waiting: &[u8], body: usize, signature: usize, extra: u8) -> Candidate 
     let (Some(content), Some([low, high, ..])) = (waiting.get(1..body), waiting.get(body..length)) else {
         return Candidate::Undecided { until: length };
     };
-    if u16::from_le_bytes([*low, *high]) == checksum(content, extra) {
-        Candidate::Whole { length }
-    } else {
-        Candidate::Damaged
-    }
+    let checksum = u16::from_le_bytes([*low, *high]);
+    if checksum == calculate_crc(content, extra) { Candidate::Whole { length } } else { Candidate::Damaged }
 }
 
 /// The parts of a [`Candidate::Whole`].

@@ -35,7 +35,6 @@
 //! * Load: bytes made to look like the start of a long frame every 5 bytes cost 56 bytes of checksum each.
 
 mod candidate;
-mod checksum;
 mod content;
 mod known;
 mod senders;
@@ -44,7 +43,6 @@ mod table;
 mod tests;
 mod write;
 
-pub(crate) use checksum::checksum;
 pub use content::Content;
 pub use known::{Known, known, known_ids};
 pub use mavlink_core::MavlinkVersion;

@@ -1,9 +1,9 @@
 //! Frames out.
 
 use mavlink_core::utils::remove_trailing_zeroes;
-use mavlink_core::{MavlinkVersion, Message as _, MessageData};
+use mavlink_core::{MavlinkVersion, Message as _, MessageData, calculate_crc};
 
-use super::{CHECKSUM, HEADER, Header, PAYLOAD_MAX, STX, checksum};
+use super::{CHECKSUM, HEADER, Header, PAYLOAD_MAX, STX};
 use crate::dialect::MavMessage;
 
 /// A message that waits to be sent: all of its frame but the header, which only the moment of sending knows.
@@ -63,7 +63,7 @@ fn write(header: Header, message_id: u32, extra: u8, payload: &[u8], sink: &mut 
     let start = [STX, payload.len() as u8, 0, 0, sequence, system_id, component_id, id_0, id_1, id_2];
     frame[..HEADER].copy_from_slice(&start);
     frame[HEADER..body].copy_from_slice(payload);
-    let sum = checksum(&frame[1..body], extra);
-    frame[body..].copy_from_slice(&sum.to_le_bytes());
+    let checksum = calculate_crc(&frame[1..body], extra);
+    frame[body..].copy_from_slice(&checksum.to_le_bytes());
     body + CHECKSUM
 }
