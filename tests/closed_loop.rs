@@ -65,6 +65,7 @@ fn every_scenario_ends_as_it_expects() {
         }
     }
     assert!(flights.len() >= 24);
+    let mut ways = std::collections::BTreeMap::<_, Vec<f64>>::new();
     for ((code, report), (file, seed, expect)) in fly_all(flights).iter().zip(&expected) {
         assert_eq!(report["result"], expect["result"], "{file} seed {seed}: {report}");
         if let Some(reason) = expect.get("reason") {
@@ -72,11 +73,17 @@ fn every_scenario_ends_as_it_expects() {
         }
         assert_eq!(report["collisions"], 0, "{file} seed {seed}: {report}");
         assert_eq!(*code == 0, report["result"] == "reached", "{file} seed {seed}: {report}");
-        let length = report["path_length_m"].as_f64().unwrap();
         if report["result"] == "reached" {
+            let length = report["path_length_m"].as_f64().unwrap();
             let straight = report["straight_line_m"].as_f64().unwrap();
-            assert!(length > straight - 1.0 && length < 2.0 * straight, "{file} seed {seed}: {report}");
+            assert!(length > straight - 1.0 && length < 4.0 * straight, "{file} seed {seed}: {report}");
+            ways.entry(file).or_default().push(length / straight);
         }
+    }
+    // One that has to search may look into the wrong end first, and go farther than the others.
+    for (file, ways) in ways {
+        let mean = ways.iter().sum::<f64>() / ways.len() as f64;
+        assert!(mean < 2.0, "{file}: {ways:?} times the straight line");
     }
 }
 

@@ -48,6 +48,7 @@ pub mod rng;
 pub mod time;
 pub mod trace;
 pub mod units;
+pub mod work;
 
 pub mod adc;
 pub mod phase;

@@ -3,21 +3,26 @@
 /// Sorts by a key, smallest first, keeping the order of equal ones (insertion; for lists of some dozens).
 pub(crate) fn sort_by_key<T: Copy>(items: &mut [T], key: impl Fn(&T) -> f32) {
     for sorted in 1..items.len() {
-        let Some(item) = items.get(sorted).copied() else { return };
-        let its_key = key(&item);
-        let mut at = sorted;
-        while let Some(before) = at.checked_sub(1)
-            && let Some(other) = items.get(before).copied()
-            && key(&other).total_cmp(&its_key).is_gt()
-        {
-            if let Some(slot) = items.get_mut(at) {
-                *slot = other;
-            }
-            at = before;
-        }
+        insert(items, sorted, &key);
+    }
+}
+
+/// Puts one item in its place among the sorted ones before it.
+pub(crate) fn insert<T: Copy>(items: &mut [T], sorted: usize, key: impl Fn(&T) -> f32) {
+    let Some(item) = items.get(sorted).copied() else { return };
+    let its_key = key(&item);
+    let mut at = sorted;
+    while let Some(before) = at.checked_sub(1)
+        && let Some(other) = items.get(before).copied()
+        && key(&other).total_cmp(&its_key).is_gt()
+    {
         if let Some(slot) = items.get_mut(at) {
-            *slot = item;
+            *slot = other;
         }
+        at = before;
+    }
+    if let Some(slot) = items.get_mut(at) {
+        *slot = item;
     }
 }
 

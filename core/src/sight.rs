@@ -3,7 +3,8 @@
 //! A nose with a narrow view does not see what stands beside it, and a disc that moves comes nearer to everything up to 90
 //! degrees off its way. So the places that the obstacle sensor has seen are remembered, in a grid of bits around the
 //! vehicle that scrolls along with it (64 x 64 cells of 5 cm; what scrolls in has not been seen), and the latest look is
-//! kept as it is for what lies farther.
+//! kept as it is for what lies farther, and until it is drawn: a look counts at once, and is drawn into the grid in the
+//! steps that follow, a few rays at a time.
 //!
 //! The question asked is not "is this cell empty" but "could an obstacle stand here unseen": one of at least
 //! [`Config::smallest_obstacle_m`] radius cannot, if somewhere in it a ray has passed. So a place counts as seen when one
@@ -21,8 +22,9 @@ use crate::error::{ConfigError, check};
 use crate::field::Obstacle;
 use crate::frame::Horizontal;
 use crate::kernel::sqrt;
-use crate::scan::{Pose, SECTORS_MAX, Scan, Sector};
+use crate::scan::{Pose, Ranges, SECTORS_MAX, Scan};
 use crate::units::{between, wrap_pi};
+use crate::work::Work;
 
 /// Cells on a side of the grid; a power of two.
 const SIDE: i32 = 64;
@@ -35,6 +37,10 @@ const DRAWN_M: f32 = 1.52;
 const STEP_M: f32 = 0.07;
 /// Rays over the field of view of a sensor that delivers circles are at most this far apart.
 const RAY_STEP_RAD: f32 = 0.045;
+/// Prices, in instructions: of scrolling the grid, of a ray, of a mark along it.
+const SCROLL: u32 = 2_000;
+const RAY: u32 = 120;
+const MARK: u32 = 27;
 /// Positions beyond this are no place for a grid.
 const PLACE_MAX_M: f32 = 1e5;
 
@@ -93,14 +99,28 @@ pub enum Cover {
 
 /// The latest look: how far each ray saw.
 #[derive(Clone, Debug, PartialEq)]
-struct Profile {
-    origin_ned_m: Horizontal,
-    first_ned_rad: f32,
-    step_rad: f32,
-    rays: usize,
-    closes: bool,
-    /// Negative where nothing is known.
-    seen_m: [f32; SECTORS_MAX],
+pub struct Profile {
+    /// Where it was taken from.
+    pub origin_ned_m: Horizontal,
+    /// From north to the middle of the first ray.
+    pub first_ned_rad: f32,
+    /// From a ray to the next.
+    pub step_rad: f32,
+    /// Rays that there are, and whether they are a full turn.
+    pub rays: u8,
+    /// See `rays`.
+    pub closes: bool,
+    /// How far a ray sees that meets nothing.
+    pub range_m: f32,
+    /// How far each ray sees.
+    pub ranges: Ranges,
+}
+
+impl Profile {
+    /// How far a ray sees; -1 where nothing is known.
+    fn seen_m(&self, index: usize) -> f32 {
+        self.ranges.sees_m(index, self.range_m)
+    }
 }
 
 /// Bits of the grid, two words for each row.
@@ -118,6 +138,8 @@ pub struct Sight {
     /// The cell that it stands in, if the ground under it is marked.
     stood: Option<(i32, i32)>,
     latest: Profile,
+    /// So many of its rays are still to be drawn, from the first on.
+    undrawn: u8,
 }
 
 impl Default for Sight {
@@ -134,8 +156,10 @@ impl Default for Sight {
                 step_rad: RAY_STEP_RAD,
                 rays: 0,
                 closes: false,
-                seen_m: [-1.0; SECTORS_MAX],
+                range_m: 0.0,
+                ranges: Ranges::new(),
             },
+            undrawn: 0,
         }
     }
 }
@@ -159,6 +183,12 @@ impl Sight {
     #[must_use]
     pub fn has_looked(&self) -> bool {
         self.latest.rays > 0
+    }
+
+    /// The latest look.
+    #[must_use]
+    pub fn latest(&self) -> &Profile {
+        &self.latest
     }
 
     /// The vehicle is moved by somebody else: where it is next asked to move is a new start.
@@ -226,35 +256,30 @@ impl Looker {
     }
 
     /// Takes in a scan.
-    pub fn look_scan(&self, sight: &mut Sight, scan: &Scan, pose: &Pose) {
+    pub fn note_scan(&self, sight: &mut Sight, scan: &Scan, pose: &Pose) {
         if !scan.is_plausible() {
             return;
         }
         let latest = &mut sight.latest;
         latest.step_rad = scan.step_rad;
         latest.first_ned_rad = wrap_pi(pose.yaw_rad + scan.first_azimuth_rad);
-        latest.rays = scan.turn().unwrap_or(SECTORS_MAX);
+        latest.rays = scan.turn().unwrap_or(SECTORS_MAX) as u8;
         latest.closes = scan.turn().is_some();
-        for (sector, seen_m) in scan.sectors.iter().zip(&mut latest.seen_m) {
-            *seen_m = match sector {
-                Sector::Clear => scan.range_max_m,
-                Sector::Hit(range_m) if *range_m > 0.0 && *range_m <= scan.range_max_m => *range_m,
-                _ => -1.0,
-            };
-        }
-        self.draw(sight, pose);
+        latest.range_m = scan.range_max_m;
+        latest.ranges.take(scan);
+        self.begin_drawing(sight, pose);
     }
 
     /// Takes in that a sensor has delivered circles: it saw its whole field of view, up to the obstacles that are known.
     /// `vehicle_radius_m` is what their reach is larger by.
-    pub fn look_circles(&self, sight: &mut Sight, obstacles: &[Obstacle], vehicle_radius_m: f32, pose: &Pose) {
+    pub fn note_circles(&self, sight: &mut Sight, obstacles: &[Obstacle], vehicle_radius_m: f32, pose: &Pose) {
         let latest = &mut sight.latest;
-        latest.rays = self.rays;
+        latest.rays = self.rays as u8;
         latest.closes = self.fov_rad > 6.2;
         latest.step_rad = self.fov_rad / self.rays as f32;
         let first_rad = 0.5 * (latest.step_rad - self.fov_rad);
         latest.first_ned_rad = wrap_pi(pose.yaw_rad + first_rad);
-        latest.seen_m = [self.config.range_m; SECTORS_MAX];
+        let mut seen_m = [self.config.range_m; SECTORS_MAX];
         for obstacle in obstacles {
             let away = obstacle.center_ned_m.minus(pose.position_ned_m);
             let radius_m = obstacle.reach_m - vehicle_radius_m;
@@ -277,40 +302,61 @@ impl Looker {
                 } else {
                     index
                 };
-                if let Some(seen_m) = usize::try_from(index).ok().and_then(|index| latest.seen_m.get_mut(index))
+                if let Some(seen_m) = usize::try_from(index).ok().and_then(|index| seen_m.get_mut(index))
                     && tangent_m < *seen_m
                 {
                     *seen_m = tangent_m;
                 }
             }
         }
-        self.draw(sight, pose);
+        latest.range_m = self.config.range_m;
+        for (index, seen_m) in seen_m.into_iter().enumerate() {
+            latest.ranges.set_m(index, seen_m);
+        }
+        self.begin_drawing(sight, pose);
     }
 
-    /// Draws the latest look into the grid.
-    fn draw(&self, sight: &mut Sight, pose: &Pose) {
+    /// Has the latest look drawn into the grid: it answers for itself until then.
+    fn begin_drawing(&self, sight: &mut Sight, pose: &Pose) {
         sight.latest.origin_ned_m = pose.position_ned_m;
-        let Some((north, east)) = cell(pose.position_ned_m) else { return };
+        sight.undrawn = if cell(pose.position_ned_m).is_some() { sight.latest.rays } else { 0 };
+    }
+
+    /// Draws the latest look into the grid, as far as there is time.
+    pub fn work_off(&self, sight: &mut Sight, work: &mut Work) {
+        if sight.undrawn == 0 {
+            return;
+        }
+        let Some((north, east)) = cell(sight.latest.origin_ned_m) else { return };
+        if !work.take(SCROLL) {
+            return;
+        }
         sight.center(north, east);
-        let Sight { seen, hidden, corner, latest, .. } = sight;
+        let Sight { seen, hidden, corner, latest, undrawn, .. } = sight;
 
         // A wide view is drawn less far, so that every look costs the same, and no farther than its rays are dense.
         let step_rad = libm::fabsf(latest.step_rad);
-        let angle_rad = step_rad * latest.rays as f32;
+        let angle_rad = step_rad * f32::from(latest.rays);
         let by_cost = if angle_rad > 1.65 { DRAWN_M * sqrt(1.65 / angle_rad) } else { DRAWN_M };
         let by_gaps = 0.14 / step_rad;
         let drawn_m = if by_cost < by_gaps { by_cost } else { by_gaps };
 
         // In cells from the corner, which is never negative.
-        let from_north = pose.position_ned_m.north * CELLS_PER_M - corner.0 as f32;
-        let from_east = pose.position_ned_m.east * CELLS_PER_M - corner.1 as f32;
-        for (index, &seen_m) in latest.seen_m.iter().enumerate().take(latest.rays) {
-            if !(seen_m >= 0.0) {
-                continue;
-            }
+        let from_north = latest.origin_ned_m.north * CELLS_PER_M - corner.0 as f32;
+        let from_east = latest.origin_ned_m.east * CELLS_PER_M - corner.1 as f32;
+        while let Some(index) = undrawn.checked_sub(1).map(usize::from) {
             // Near the sensor the rays are denser than needed: there only every second, fourth, eighth is drawn.
             let stride = if index == 0 { 8 } else { 1 << index.trailing_zeros().min(3) };
             let mut at_m = if stride == 8 { STEP_M } else { STEP_M / (step_rad * (2 * stride) as f32) };
+            let marks = if at_m < drawn_m { ((drawn_m - at_m) / STEP_M) as u32 + 1 } else { 0 };
+            if !work.take(RAY + MARK * marks) {
+                return;
+            }
+            *undrawn = index as u8;
+            let seen_m = latest.seen_m(index);
+            if !(seen_m >= 0.0) {
+                continue;
+            }
             let direction = Horizontal::from_bearing(latest.first_ned_rad + latest.step_rad * index as f32);
             while at_m < drawn_m {
                 let row = (from_north + at_m * CELLS_PER_M * direction.north) as i32 + corner.0;
@@ -384,20 +430,20 @@ impl Looker {
         }
         let distance_m = sqrt(squared);
         // From the middle ray, so that what lies left of the first one is not a turn off.
-        let middle = 0.5 * (latest.rays - 1) as f32;
+        let middle = 0.5 * f32::from(latest.rays - 1);
         let off_rad = wrap_pi(bearing_rad(away) - latest.first_ned_rad - middle * latest.step_rad);
         let index = off_rad / latest.step_rad + middle;
         // As far out of the view as the smallest obstacle still reaches into it.
         let slack = self.config.smallest_obstacle_m / (distance_m * libm::fabsf(latest.step_rad));
-        let last = (latest.rays - 1) as f32;
+        let last = f32::from(latest.rays - 1);
         if !latest.closes && (index < -slack || index > last + slack) {
             return Cover::Unseen;
         }
         let nearest = (between(index, 0.0, last) + 0.5) as usize;
-        match latest.seen_m.get(nearest) {
-            Some(seen_m) if *seen_m + size_m >= distance_m => Cover::Seen,
-            Some(seen_m) if *seen_m >= 0.0 => Cover::Hidden,
-            _ => Cover::Unseen,
+        match latest.seen_m(nearest) {
+            seen_m if !(seen_m >= 0.0) => Cover::Unseen,
+            seen_m if seen_m + size_m >= distance_m => Cover::Seen,
+            _ => Cover::Hidden,
         }
     }
 }
@@ -405,6 +451,7 @@ impl Looker {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan::Sector;
 
     fn at(north: f32, east: f32) -> Horizontal {
         Horizontal { north, east }
@@ -412,6 +459,16 @@ mod tests {
 
     fn looker() -> Looker {
         Config::default().build(core::f32::consts::FRAC_PI_2).unwrap()
+    }
+
+    fn look_scan(looker: &Looker, sight: &mut Sight, scan: &Scan, pose: &Pose) {
+        looker.note_scan(sight, scan, pose);
+        looker.work_off(sight, &mut Work::unlimited());
+    }
+
+    fn look_circles(looker: &Looker, sight: &mut Sight, obstacles: &[Obstacle], vehicle_radius_m: f32, pose: &Pose) {
+        looker.note_circles(sight, obstacles, vehicle_radius_m, pose);
+        looker.work_off(sight, &mut Work::unlimited());
     }
 
     fn pose(north: f32, east: f32, yaw_rad: f32) -> Pose {
@@ -435,7 +492,7 @@ mod tests {
         assert!(!sight.has_looked());
         // A wall on the right half, one metre off.
         let sectors = core::array::from_fn(|k| if k < 36 { Sector::Clear } else { Sector::Hit(1.0) });
-        looker.look_scan(&mut sight, &scan(sectors), &pose(20.0, -7.0, 0.3));
+        look_scan(&looker, &mut sight, &scan(sectors), &pose(20.0, -7.0, 0.3));
         assert!(sight.has_looked());
         let cover = |azimuth_deg: f32, distance_m: f32| {
             let place = Horizontal::from_bearing(0.3 + azimuth_deg.to_radians()).times(distance_m);
@@ -461,7 +518,7 @@ mod tests {
         for _ in 0..300 {
             let mut sight = Sight::default();
             let here = pose(10.0 * rng.uniform(), 10.0 * rng.uniform(), 6.0 * rng.uniform());
-            looker.look_scan(&mut sight, &scan([Sector::Clear; SECTORS_MAX]), &here);
+            look_scan(&looker, &mut sight, &scan([Sector::Clear; SECTORS_MAX]), &here);
             for _ in 0..100 {
                 let azimuth = core::f32::consts::TAU * rng.uniform() - core::f32::consts::PI;
                 let distance = 0.25 + 1.2 * rng.uniform();
@@ -497,8 +554,8 @@ mod tests {
     fn what_was_seen_is_remembered_while_it_is_near_and_forgotten_far_away() {
         let (looker, mut sight) = (looker(), Sight::default());
         let clear = scan([Sector::Clear; SECTORS_MAX]);
-        looker.look_scan(&mut sight, &clear, &pose(0.0, 0.0, 0.0));
-        looker.look_scan(&mut sight, &clear, &pose(0.0, 0.0, 3.0));
+        look_scan(&looker, &mut sight, &clear, &pose(0.0, 0.0, 0.0));
+        look_scan(&looker, &mut sight, &clear, &pose(0.0, 0.0, 3.0));
         assert_eq!(looker.cover(&sight, at(0.8, 0.1)), Cover::Seen);
         // Away to the south and west and back: what has scrolled out is unseen again, and nothing wraps round.
         for step in 0..=60 {
@@ -516,7 +573,7 @@ mod tests {
     fn circles_throw_shadows() {
         let (looker, mut sight) = (looker(), Sight::default());
         let post = Obstacle { center_ned_m: at(1.0, 0.0), reach_m: 0.35, ..Obstacle::default() };
-        looker.look_circles(&mut sight, &[post], 0.15, &pose(0.0, 0.0, 0.0));
+        look_circles(&looker, &mut sight, &[post], 0.15, &pose(0.0, 0.0, 0.0));
         assert_eq!(looker.cover(&sight, at(0.6, 0.0)), Cover::Seen);
         assert_eq!(looker.cover(&sight, at(1.4, 0.0)), Cover::Hidden);
         assert_eq!(looker.cover(&sight, at(2.5, 0.0)), Cover::Hidden);
@@ -527,7 +584,7 @@ mod tests {
     fn a_sensor_that_sees_all_round_leaves_nothing_unseen() {
         let looker = Config::default().build(core::f32::consts::TAU).unwrap();
         let mut sight = Sight::default();
-        looker.look_circles(&mut sight, &[], 0.15, &pose(3.0, 3.0, 1.0));
+        look_circles(&looker, &mut sight, &[], 0.15, &pose(3.0, 3.0, 1.0));
         for degree in 0..360 {
             for distance_m in [0.3, 1.0, 2.0, 2.9] {
                 let place = at(3.0, 3.0).plus(Horizontal::from_bearing((degree as f32).to_radians()).times(distance_m));
@@ -544,9 +601,9 @@ mod tests {
             for east in wild {
                 let mut absurd = scan([Sector::Hit(north); SECTORS_MAX]);
                 absurd.first_azimuth_rad = east;
-                looker.look_scan(&mut sight, &absurd, &pose(north, east, north));
+                look_scan(&looker, &mut sight, &absurd, &pose(north, east, north));
                 let circle = Obstacle { center_ned_m: at(north, east), reach_m: east, ..Obstacle::default() };
-                looker.look_circles(&mut sight, &[circle], 0.15, &pose(east, 0.0, 0.0));
+                look_circles(&looker, &mut sight, &[circle], 0.15, &pose(east, 0.0, 0.0));
                 looker.stand(&mut sight, at(north, east), 0.15);
                 let _ = looker.cover(&sight, at(north, east));
             }

@@ -4,8 +4,7 @@
 //! | what | checked |
 //! |---|---|
 //! | link, parameters, guidance, planner | to the last bit, every step |
-//! | front end, the first frame of a flight | to the last bit, from its codes |
-//! | front end, later frames whose codes are there | afresh, without what it had learned of tone and noise before: where both are valid, azimuths within three standard deviations |
+//! | front end, frames whose codes are there | afresh, without what it had learned of tone and noise before: where both are valid, azimuths within three standard deviations |
 //! | front end, the other frames | not: their bearings are taken as they are |
 //!
 //! A gap in the log ends what can be said of a flight; the next one that begins is flown again.
@@ -153,9 +152,8 @@ struct Flown {
     plans: VecDeque<Plan>,
     steps: u64,
     has_differed: bool,
-    /// What was heard last, and of how many frames.
+    /// What was heard last.
     heard: Option<Heard>,
-    frames: u64,
     /// What belongs to the next step.
     bytes: Vec<Vec<u8>>,
     circles: Option<Vec<Circle>>,
@@ -188,7 +186,6 @@ impl Flown {
             steps: 0,
             has_differed: false,
             heard: None,
-            frames: 0,
             bytes: Vec::new(),
             circles: None,
             answers: Answers::default(),
@@ -216,7 +213,6 @@ impl Flown {
 
     fn step(&mut self, step: &log::Step<Heard>, scratch: &mut Scratch, summary: &mut Summary) {
         self.heard = step.heard;
-        self.frames += u64::from(step.heard.is_some());
         let plan = step.plan.and_then(|id| self.plans.iter().rev().find(|plan| plan.id == id).cloned());
         let circles = self.circles.take();
         let (bytes, mut answers) = (std::mem::take(&mut self.bytes), std::mem::take(&mut self.answers));
@@ -257,11 +253,7 @@ impl Flown {
     /// Whether the codes come to what was heard, as far as that can be said.
     fn is_heard_in(&self, heard: &Heard, snapshot: &Snapshot<BLOCK>) -> bool {
         let mut fresh = self.guidance.start();
-        let Some(again) = self.guidance.listen(&mut fresh, FrontEnd::Snapshot(snapshot)) else { return false };
-        if self.frames == 1 {
-            return again == *heard;
-        }
-        let (then, now) = (&heard.bearing, &again.bearing);
+        let (then, now) = (&heard.bearing, &self.guidance.bearing(&mut fresh, snapshot));
         let apart_rad = wrap_pi(then.azimuth_rad - now.azimuth_rad);
         !(then.valid && now.valid) || apart_rad.abs() <= SIGMAS * then.sigma_rad.max(now.sigma_rad)
     }

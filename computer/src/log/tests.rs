@@ -113,7 +113,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     let now = Instant(123_456_789_012);
     let step = flight::Step { now, front_end: FrontEnd::Snapshot(&snapshot), circles: Some(&circles), plan: None };
     let mut came = parts.flight().step(&step, || 0);
-    let heard = Heard { bearing: bearing(), phasors: None };
+    let heard = Heard { bearing: bearing(), phasors: None, spent: 11_500, wants: 13_500 };
     came.heard = Some(heard);
     log.step(step.front_end, step.circles, &came, true);
     log.deadlines(Counts { steps: 9, late: 2, longest_us: 20_000 });

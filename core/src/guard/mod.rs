@@ -27,16 +27,23 @@ use crate::error::{ConfigError, Why, check};
 use crate::field::Obstacle;
 use crate::frame::{Horizontal, Ned};
 use crate::kernel::sqrt;
-use crate::map::{CIRCLES_MAX, Circle};
+use crate::map::Circle;
 use crate::sight::{self, Cover, Looker, Sight};
 use crate::track::Demand;
 use crate::units::{between, sin_cos};
+use crate::work::Work;
 
 mod fence;
 pub use fence::{CORNERS_MAX, Fence};
 
 /// A half-space counts as kept when it is missed by no more than this.
 const AGREED_MPS: f32 = 1e-4;
+/// So many half-spaces may decide.
+const DECISIVE_MAX: usize = 12;
+/// So many obstacles are looked at closely in one step. Among more the vehicle is slower, so that fewer can matter.
+pub const CLOSE_MAX: usize = 24;
+/// How often its speed is halved for that; where there are still more it brakes.
+const HALVED_MAX: u8 = 3;
 /// How far ahead the straight line from the vehicle to where the command leads must be clear.
 const CORNER_S: f32 = 0.2;
 /// Fastest that what is too close is moved away from, where it stands still.
@@ -193,6 +200,8 @@ pub struct Ruling {
     pub action: Action,
     /// Where to look before going on, from north, clockwise.
     pub look_ned_rad: Option<f32>,
+    /// So many obstacles were looked at closely.
+    pub close: u8,
 }
 
 /// Where the vehicle is and where it would come to rest.
@@ -297,9 +306,9 @@ enum Way {
 }
 
 /// The obstacles that can matter in a step.
-type Near = Vec<Obstacle, CIRCLES_MAX>;
+type Near = Vec<Obstacle, CLOSE_MAX>;
 /// Half-spaces of all obstacles and of the fence.
-type HalfSpaces = Vec<HalfSpace, { CIRCLES_MAX + CORNERS_MAX }>;
+type HalfSpaces = Vec<HalfSpace, { CLOSE_MAX + CORNERS_MAX }>;
 
 impl Guard {
     /// The obstacle that a known circle is to this vehicle.
@@ -308,14 +317,31 @@ impl Guard {
         Obstacle::of(circle, self.config.vehicle_radius_m)
     }
 
-    /// Takes in what a scan has looked at.
+    /// Takes in what a scan has looked at; [`Self::work_off`] remembers it.
+    pub fn note_scan(&self, state: &mut State, scan: &crate::scan::Scan, pose: &crate::scan::Pose) {
+        self.looker.note_scan(&mut state.sight, scan, pose);
+    }
+
+    /// Takes in that a sensor has delivered circles; [`Self::work_off`] remembers it.
+    pub fn note_circles(&self, state: &mut State, obstacles: &[Obstacle], pose: &crate::scan::Pose) {
+        self.looker.note_circles(&mut state.sight, obstacles, self.config.vehicle_radius_m, pose);
+    }
+
+    /// Takes in what a scan has looked at, and remembers it.
     pub fn look_scan(&self, state: &mut State, scan: &crate::scan::Scan, pose: &crate::scan::Pose) {
-        self.looker.look_scan(&mut state.sight, scan, pose);
+        self.note_scan(state, scan, pose);
+        self.work_off(state, &mut Work::unlimited());
     }
 
     /// Takes in that a sensor has delivered circles; `obstacles` are all that are known near the vehicle.
     pub fn look_circles(&self, state: &mut State, obstacles: &[Obstacle], pose: &crate::scan::Pose) {
-        self.looker.look_circles(&mut state.sight, obstacles, self.config.vehicle_radius_m, pose);
+        self.note_circles(state, obstacles, pose);
+        self.work_off(state, &mut Work::unlimited());
+    }
+
+    /// Remembers what was looked at, as far as there is time; the latest look counts at once all the same.
+    pub fn work_off(&self, state: &mut State, work: &mut Work) {
+        self.looker.work_off(&mut state.sight, work);
     }
 
     /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits whatever comes in.
@@ -338,8 +364,13 @@ impl Guard {
 
         let last = state.command_ned_mps;
         let braked = (limited(last, Horizontal::default(), c.a_max_mps2 * dt_s), Action::Braked, None);
-        let (velocity, action, look_ned_rad) =
-            if sane { self.horizontal(state, demand, situation, obstacles, dt_s).unwrap_or(braked) } else { braked };
+        // Filled where they lie: to return them would copy them.
+        let mut near = Near::new();
+        let (velocity, action, look_ned_rad) = if sane {
+            self.horizontal(state, demand, situation, obstacles, &mut near, dt_s).unwrap_or(braked)
+        } else {
+            braked
+        };
 
         let counts = &mut state.counts;
         counts.beats = counts.beats.wrapping_add(1);
@@ -353,7 +384,12 @@ impl Guard {
         state.change_ned_mps = velocity.minus(last);
         (state.command_ned_mps, state.down_mps) = (velocity, down);
         let velocity_ned_mps = Ned { north: velocity.north, east: velocity.east, down };
-        Ruling { setpoint: Setpoint { velocity_ned_mps, yaw_rate_radps }, action, look_ned_rad }
+        Ruling {
+            setpoint: Setpoint { velocity_ned_mps, yaw_rate_radps },
+            action,
+            look_ned_rad,
+            close: near.len() as u8,
+        }
     }
 
     /// The horizontal command; `None` is a brake.
@@ -363,16 +399,16 @@ impl Guard {
         demand: &Demand,
         situation: &Situation,
         obstacles: &[Obstacle],
+        near: &mut Near,
         dt_s: f32,
     ) -> Option<(Horizontal, Action, Option<f32>)> {
         let c = &self.config;
         self.looker.stand(&mut state.sight, situation.position_ned_m, c.vehicle_radius_m);
-        // Filled where they lie: to return them would copy them.
-        let (mut near, mut half_spaces) = (Near::new(), HalfSpaces::new());
-        self.gather_near(situation, obstacles, &mut near);
-        let is_threatened = self.bound(situation, &near, &mut half_spaces);
+        let mut half_spaces = HalfSpaces::new();
+        let v_max_mps = self.gather_near(state.command_ned_mps, situation, obstacles, near)?;
+        let is_threatened = self.bound(situation, near, v_max_mps, &mut half_spaces);
 
-        let wanted = demand.velocity_ned_mps.clamped(c.v_max_mps);
+        let wanted = demand.velocity_ned_mps.clamped(v_max_mps);
         let granted = if is_threatened { wanted } else { wanted.times(self.view_share(wanted, situation.yaw_rad)) };
         let agreed = nearest_allowed(granted, &half_spaces).or_else(|| {
             for half_space in &mut half_spaces {
@@ -386,18 +422,18 @@ impl Guard {
             state.counts.not_converged = state.counts.not_converged.saturating_add(1);
             return None;
         };
-        let safe = safe.clamped(c.v_max_mps);
+        let safe = safe.clamped(v_max_mps);
 
         // Where nothing has ever looked there is no such sensor: whether there must be one is for the mission to say.
         let looks = state.sight.has_looked() && !is_threatened;
         let mut unseen = None;
         for (trial, share) in [1.0, 0.5, 0.25].into_iter().enumerate() {
             let tried = self.approach(state, safe.times(share), is_threatened, dt_s);
-            let is_clear = self.is_clear(tried, situation, &near) && self.stays_inside(tried, situation);
+            let is_clear = self.is_clear(tried, situation, near) && self.stays_inside(tried, situation);
             if !is_clear {
                 continue;
             }
-            let way = if looks { self.way(&state.sight, tried, situation, &near) } else { Way::Seen };
+            let way = if looks { self.way(&state.sight, tried, situation, near) } else { Way::Seen };
             match way {
                 Way::Unseen(direction) => {
                     unseen = unseen.or(Some(direction.bearing_rad()));
@@ -409,7 +445,7 @@ impl Guard {
             if looks
                 && unseen.is_none()
                 && tried != safe
-                && let Way::Unseen(direction) = self.way(&state.sight, safe, situation, &near)
+                && let Way::Unseen(direction) = self.way(&state.sight, safe, situation, near)
             {
                 // The nose turns to where the full command leads before the vehicle is fast enough to need it.
                 unseen = Some(direction.bearing_rad());
@@ -466,19 +502,38 @@ impl Guard {
         last_mps + between(wanted_mps - last_mps, -most, most)
     }
 
-    /// The obstacles that can matter: those that the vehicle could come to in the time that it takes to stop.
-    fn gather_near(&self, situation: &Situation, obstacles: &[Obstacle], near: &mut Near) {
+    /// The obstacles that can matter, those that the vehicle could come to in the time that it takes to stop, and the speed up to
+    /// which these are all; `None` where there are too many for any speed.
+    fn gather_near(
+        &self,
+        command_ned_mps: Horizontal,
+        situation: &Situation,
+        obstacles: &[Obstacle],
+        near: &mut Near,
+    ) -> Option<f32> {
         let c = &self.config;
         let (rest, delay_s) = (situation.rest_ned_m, situation.delay_s);
         let underway_m = rest.minus(situation.position_ned_m).norm();
-        let range_m = self.range_m(SLACK * c.v_max_mps) + c.margin_m;
-        let range_m = if range_m > underway_m { range_m } else { underway_m };
-        let is_near = |obstacle: &&Obstacle| {
-            let drift_m = libm::fabsf(obstacle.velocity_ned_mps.north) + libm::fabsf(obstacle.velocity_ned_mps.east);
-            let limit_m = obstacle.reach_m + range_m + drift_m * (1.0 + delay_s);
-            rest.minus(obstacle.center_ned_m).norm_squared() < limit_m * limit_m
-        };
-        near.extend(obstacles.iter().filter(is_near).take(CIRCLES_MAX).copied());
+        let mut v_max_mps = c.v_max_mps;
+        for _ in 0..=HALVED_MAX {
+            // It is no slower than this before the next step.
+            let command_mps = command_ned_mps.norm();
+            let fastest_mps = if v_max_mps > command_mps { v_max_mps } else { command_mps };
+            let range_m = self.range_m(SLACK * fastest_mps) + c.margin_m;
+            let range_m = if range_m > underway_m { range_m } else { underway_m };
+            let is_near = |obstacle: &&Obstacle| {
+                let drift_m =
+                    libm::fabsf(obstacle.velocity_ned_mps.north) + libm::fabsf(obstacle.velocity_ned_mps.east);
+                let limit_m = obstacle.reach_m + range_m + drift_m * (1.0 + delay_s);
+                rest.minus(obstacle.center_ned_m).norm_squared() < limit_m * limit_m
+            };
+            near.clear();
+            if obstacles.iter().filter(is_near).all(|obstacle| near.push(*obstacle).is_ok()) {
+                return Some(v_max_mps);
+            }
+            v_max_mps *= 0.5;
+        }
+        None
     }
 
     /// The distance from which a speed of approach is allowed: the inverse of the bound of the module's text.
@@ -499,11 +554,11 @@ impl Guard {
     }
 
     /// What circles and fence say of the velocity, and whether something comes at the vehicle so that it cannot just stay.
-    fn bound(&self, situation: &Situation, near: &[Obstacle], half_spaces: &mut HalfSpaces) -> bool {
+    fn bound(&self, situation: &Situation, near: &[Obstacle], v_max_mps: f32, half_spaces: &mut HalfSpaces) -> bool {
         let c = &self.config;
         let (rest, delay_s) = (situation.rest_ned_m, situation.delay_s);
         let mut is_threatened = false;
-        let beyond = -SLACK * c.v_max_mps;
+        let beyond = -SLACK * v_max_mps;
         for obstacle in near {
             let drift = obstacle.velocity_ned_mps;
             let away = rest.minus(obstacle.center_ned_m.plus(drift.times(delay_s)));
@@ -627,19 +682,26 @@ impl Guard {
 
 /// The velocity nearest to the wanted one that all half-spaces allow; `None` if there is none.
 ///
-/// One half-space after the other is added: if the answer so far breaks it, the new one lies on its edge, within what those
-/// before it leave of that line (the incremental linear programme of de Berg et al., Computational Geometry, section 4.3,
-/// with a distance for its objective). Exact, and done after a single pass.
+/// The half-space that the answer so far breaks most is added: the new answer lies on its edge, within what those added
+/// before leave of that line (the incremental linear programme of de Berg et al., Computational Geometry, section 4.3, with a
+/// distance for its objective). Exact; two or three of them mostly decide, and where more than [`DECISIVE_MAX`] have to, there
+/// is none in time.
 fn nearest_allowed(wanted: Horizontal, half_spaces: &[HalfSpace]) -> Option<Horizontal> {
     let mut velocity = wanted;
-    for (index, edge) in half_spaces.iter().enumerate() {
-        if edge.outwards.dot(velocity) >= edge.least_mps - AGREED_MPS {
-            continue;
+    let mut decisive: Vec<HalfSpace, DECISIVE_MAX> = Vec::new();
+    loop {
+        let (mut most_broken, mut most_mps) = (None, AGREED_MPS);
+        for half_space in half_spaces {
+            let lacking_mps = half_space.least_mps - half_space.outwards.dot(velocity);
+            if lacking_mps > most_mps {
+                (most_broken, most_mps) = (Some(half_space), lacking_mps);
+            }
         }
+        let Some(edge) = most_broken else { return Some(velocity) };
         let foot = edge.outwards.times(edge.least_mps);
         let along = Horizontal { north: -edge.outwards.east, east: edge.outwards.north };
         let (mut from, mut to) = (f32::NEG_INFINITY, f32::INFINITY);
-        for earlier in half_spaces.iter().take(index) {
+        for earlier in &decisive {
             let (slope, lacking) = (earlier.outwards.dot(along), earlier.least_mps - earlier.outwards.dot(foot));
             if libm::fabsf(slope) < 1e-5 {
                 if lacking > AGREED_MPS {
@@ -660,8 +722,8 @@ fn nearest_allowed(wanted: Horizontal, half_spaces: &[HalfSpace]) -> Option<Hori
         let at = wanted.dot(along);
         let at = if at < from { from } else { at };
         velocity = foot.plus(along.times(if at > to { to } else { at }));
+        decisive.push(*edge).ok()?;
     }
-    Some(velocity)
 }
 
 /// `value`, or 0 if it is not finite.

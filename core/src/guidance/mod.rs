@@ -12,30 +12,60 @@ use heapless::Vec;
 use crate::adc::Snapshot;
 use crate::bearing::{Bearing, Flags};
 use crate::error::{ConfigError, Why, check};
-use crate::field::{Obstacle, inverse_root};
+use crate::field::Obstacle;
 use crate::frame::Horizontal;
 use crate::goal::posterior::Estimate;
 use crate::guard::{self, Setpoint, Situation};
 use crate::link_state::{self, Classifier, Look, Sightline};
-use crate::map::{CIRCLES_MAX, Circle, Map};
+use crate::map::{Absorption, Circle, Hits, Judging, Map, View};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::ownship::Ownship;
-use crate::phase::Phasors;
+use crate::phase::{Phasors, Tone};
 use crate::planner::{Learn, Plan, PlanRequest, Search, Searched, Verdict};
-use crate::rollout::{WAYPOINTS, swept_clearance_m};
-use crate::scan::{Points, Pose, Scan};
+use crate::rollout::WAYPOINTS;
+use crate::scan::{Intake, Points, Pose, Scan};
 use crate::source::Sighting;
 use crate::source::bank::{self, Mode, Way};
 use crate::source::gather::Gathering;
 use crate::time::Instant;
 use crate::trace::Trace;
 use crate::track::Demand;
+use crate::work::Work;
 use crate::{array, bearing, goal, map, mission, phase, planner, response, scan, track};
 
+mod near;
 pub mod turning;
 
-/// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
-const NEAR_M: f32 = 4.0;
+/// Instructions of a step (design, section 6), less what no room and no price below accounts for.
+const STEP_INSTRUCTIONS: u32 = 45_000 - 10_000;
+/// A bearing from phasors.
+const BEARING_PRICE: u32 = 2_300;
+/// What is made of a bearing in each step, and of none; of classifying its link; of a sighting, with each wall that is known; of a rotation.
+const HEARD_PRICE: u32 = 1_900;
+const UNHEARD_PRICE: u32 = 500;
+const CLASSIFY_PRICE: u32 = 4_800;
+const SIGHTING_PRICE: u32 = 6_800;
+const WALL_PRICE: u32 = 8_000;
+const ROTATION_PRICE: u32 = 27_000;
+/// A look for the guard, with each obstacle where circles were delivered; the beginning of a scan, and of single points.
+const LOOK_PRICE: u32 = 2_000;
+const LOOK_OBSTACLE_PRICE: u32 = 250;
+const SCAN_PRICE: u32 = 8_000;
+const POINTS_PRICE: u32 = 13_500;
+/// To list what is near, with each circle that is known.
+const GATHER_PRICE: u32 = 700;
+const KNOWN_PRICE: u32 = 75;
+/// The guard, with each obstacle on that list, and each that it looks at closely.
+const GUARD_PRICE: u32 = 5_000;
+const NEAR_PRICE: u32 = 60;
+const CLOSE_PRICE: u32 = 420;
+/// To take over a plan; to ask for one.
+const TAKE_OVER_PRICE: u32 = 2_000;
+const ASK_PRICE: u32 = 4_000;
+/// The list of what is near is no older than this.
+const NEAR_AGE_MAX: u8 = 4;
+/// So many steps in a row may be taken up by deliveries of hits; the next one asks for a plan if one is wanted.
+const UNASKED_MAX: u8 = 2;
 /// The fast loop heeds so many of the nearest ones; the planner is told all.
 pub const OBSTACLES_MAX: usize = 64;
 /// What tells a reflected link from a direct one, and how many of the links are reflected for each that is direct.
@@ -43,8 +73,6 @@ const CLASSIFIER: Classifier = Classifier::TRAINED;
 const REFLECTED_PRIOR: f32 = 0.25;
 /// Share of the weight that the leading filter must have for its reflection to be followed.
 const SURE: f32 = 0.7;
-/// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
-const FAR: u8 = 64;
 
 /// What the antennas brought.
 #[derive(Clone, Copy, Debug)]
@@ -67,6 +95,10 @@ pub struct Heard {
     pub bearing: Bearing,
     /// What it made that of, where the vehicle may seek by turning.
     pub phasors: Option<Phasors>,
+    /// What that took of the step's instructions, by the price ([`Work`]).
+    pub spent: u16,
+    /// What the next piece of the spectrum will take; 0 where none is due.
+    pub wants: u16,
 }
 
 /// Everything that one step of the fast loop may know.
@@ -299,6 +331,19 @@ pub struct State<const N: usize> {
     tick: u32,
     phase: phase::State<N>,
     map: Map,
+    /// The delivery of hits that is worked off, since when, and what of it is on its way into the map.
+    intake: Intake,
+    intake_was_scan: bool,
+    taken_in: Instant,
+    absorption: Absorption,
+    judging: Judging,
+    /// Steps in a row that were taken up by deliveries, and the obstacle that is the first to be held against the plan.
+    unasked: u8,
+    unchecked: u8,
+    /// Steps since what is near was listed.
+    near_age: u8,
+    /// What the last step has left of its instructions.
+    left: Work,
     gathering: Gathering,
     link: link_state::State,
     /// How likely the link is reflected, as of the last bearing.
@@ -372,6 +417,15 @@ impl<const N: usize> Guidance<N> {
             tick: 0,
             phase: phase::State::default(),
             map: Map::default(),
+            intake: Intake::default(),
+            intake_was_scan: false,
+            taken_in: Instant(0),
+            absorption: Absorption::default(),
+            judging: Judging::default(),
+            unasked: 0,
+            unchecked: 0,
+            near_age: u8::MAX,
+            left: Work::new(0),
             gathering: Gathering::default(),
             link: link_state::State::new(),
             reflected: 0.0,
@@ -407,6 +461,15 @@ impl<const N: usize> Guidance<N> {
             tick,
             phase,
             map,
+            intake,
+            intake_was_scan,
+            taken_in,
+            absorption,
+            judging,
+            unasked,
+            unchecked,
+            near_age,
+            left,
             gathering,
             link,
             reflected,
@@ -436,6 +499,12 @@ impl<const N: usize> Guidance<N> {
         (*tick, *activated, *plans_late) = (0, 0, 0);
         *phase = phase::State::default();
         *map = Map::default();
+        *intake = Intake::default();
+        (*intake_was_scan, *taken_in) = (false, Instant(0));
+        *absorption = Absorption::default();
+        *judging = Judging::default();
+        (*unasked, *unchecked) = (0, 0);
+        (*near_age, *left) = (u8::MAX, Work::new(0));
         *gathering = Gathering::default();
         *link = link_state::State::new();
         *reflected = 0.0;
@@ -461,14 +530,39 @@ impl<const N: usize> Guidance<N> {
 
     /// One step of the fast loop.
     pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
+        let heard = self.listen(state, input.front_end);
+        let mut work = Work::new(STEP_INSTRUCTIONS);
+        work.spend(heard.map_or(0, |heard| heard.spent.into()));
+        let output = self.react(state, input, heard.as_ref(), &mut work);
+        // By turns, so that neither waits for the other for ever: the spectrum where what is near was not listed.
+        let is_spectrums_turn = if state.map.is_still() { state.near_age > 0 } else { state.tick % 2 == 1 };
+        let wanted = heard.map_or(0, |heard| heard.wants.into());
+        let kept = if is_spectrums_turn && work.take(wanted) { wanted } else { 0 };
+        self.take_in(state, &mut work);
+        work.give_back(kept);
+        state.left = work;
+        if let FrontEnd::Snapshot(snapshot) = input.front_end {
+            self.work_off(state, snapshot);
+        }
+        output
+    }
+
+    /// What cannot wait: everything from the frame to the setpoint.
+    fn react(&self, state: &mut State<N>, input: &Input<'_, N>, heard: Option<&Heard>, work: &mut Work) -> Output {
         state.tick = state.tick.wrapping_add(1);
+        // A step with a delivery of hits does not do what can be done in the next one as well.
+        let is_quiet = (input.scan.is_none() && input.points.is_none()) || state.unasked >= UNASKED_MAX;
+        state.unasked = if is_quiet { 0 } else { state.unasked + 1 };
         if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
             state.ownship = Some(ownship);
         }
-        let (bearing, bearing_ned_rad) = self.hear(state, input).unzip();
+        let (bearing, bearing_ned_rad) = self.hear(state, heard, is_quiet, work).unzip();
         let bearing_ned_rad = bearing_ned_rad.flatten();
-        self.look(state, input);
+        self.look(state, input, is_quiet, work);
         let plan_activated = self.take_over(state, input.plan);
+        if plan_activated || input.plan.is_some() {
+            work.spend(TAKE_OVER_PRICE);
+        }
 
         let situation = self.situation(state);
         let facts = self.facts(state, input, &situation);
@@ -490,19 +584,19 @@ impl<const N: usize> Guidance<N> {
             Behaviour::Hold if !state.is_searching => {
                 let stay = Demand::default();
                 let demand = turning.map_or(stay, |turning| turning.turn(stay));
-                (setpoint, _) = self.command(state, &demand, &situation);
+                (setpoint, _) = self.command(state, &demand, &situation, work);
             }
             Behaviour::Hold | Behaviour::Follow => {
                 let demand = self.demand(state, &situation);
                 let demanded = demand.unwrap_or_default();
                 let demanded = turning.map_or(demanded, |turning| turning.turn(demanded));
-                (setpoint, guard_action) = self.command(state, &demanded, &situation);
+                (setpoint, guard_action) = self.command(state, &demanded, &situation, work);
                 let progress = progress(state, demand, guard_action);
                 let concluded = mission.conclude(&mut state.mission, input.now, progress);
                 if !state.is_searching {
                     outcome = concluded;
                 }
-                plan_requested = self.ask(state, input.now, &situation, progress);
+                plan_requested = is_quiet && self.ask(state, input.now, &situation, progress, work);
             }
         }
         self.response.command(&mut state.response, setpoint.velocity_ned_mps.horizontal());
@@ -535,10 +629,94 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
+    /// What can wait of the codes of a step, as far as the step has left room for it: called with them once the step is done,
+    /// where that took [`FrontEnd::Heard`]. It counts from the next frame on.
+    pub fn work_off(&self, state: &mut State<N>, snapshot: &Snapshot<N>) {
+        let mut work = core::mem::replace(&mut state.left, Work::new(0));
+        self.phase.work_off(&mut state.phase, snapshot, &mut work);
+    }
+
+    /// Works off the last delivery of hits: what the sensor sees through, then the circles, one by one, into the map.
+    fn take_in(&self, state: &mut State<N>, work: &mut Work) {
+        self.guard.work_off(&mut state.guard, work);
+        let State { intake, absorption, judging, map, taken_in, guard, .. } = state;
+        let latest = guard.sight().latest();
+        let view = View {
+            origin_ned_m: latest.origin_ned_m,
+            first_ned_rad: latest.first_ned_rad,
+            step_rad: latest.step_rad,
+            range_max_m: latest.range_m,
+            turn: Some(latest.rays).filter(|_| latest.closes),
+            ranges: &latest.ranges,
+        };
+        if !self.map.judge(map, judging, &view, work) {
+            return;
+        }
+        loop {
+            if let Some(seen) = absorption.seen() {
+                let hits =
+                    Hits { now: *taken_in, origin_ned_m: intake.origin_ned_m(), points_m: intake.points_of(seen) };
+                if !self.map.absorb(map, absorption, &hits, work) {
+                    return;
+                }
+            }
+            match self.scan.next(intake, work) {
+                scan::Progress::Found(seen) => *absorption = Absorption::of(seen),
+                scan::Progress::Paused | scan::Progress::Done => return,
+            }
+        }
+    }
+
+    /// Begins with a delivery of hits, unless one is being worked off: what the sensor sees it will see again.
+    fn begin_intake(&self, state: &mut State<N>, input: &Input<'_, N>, ownship: &Ownship, work: &mut Work) {
+        let is_done = state.intake.is_done() && state.absorption.is_done() && state.judging.is_done();
+        // What the guard mostly takes must be left: it takes all of its price among very many obstacles only.
+        let reserve = guard_price(state) / 2;
+        let may_begin = |work: &Work, price: u32| is_done && work.has(price + reserve);
+        // Where both come, by turns.
+        let points_first = state.intake_was_scan && input.points.is_some();
+        if let Some(scan) = input.scan {
+            let pose = looked_at(ownship, scan.time);
+            self.guard.note_scan(&mut state.guard, scan, &pose);
+            // What it was asked about is not there any more.
+            state.judging = Judging::default();
+            work.spend(LOOK_PRICE);
+            if may_begin(work, SCAN_PRICE) && !points_first {
+                work.spend(SCAN_PRICE);
+                self.scan.begin_scan(&mut state.intake, scan, &pose);
+                if self.map.hear(&mut state.map, input.now, state.intake.refused(), state.intake.is_usable()) {
+                    self.map.begin_look(&mut state.map, input.now);
+                    state.judging = Judging::begin();
+                }
+                (state.taken_in, state.intake_was_scan) = (input.now, true);
+                return;
+            }
+            self.map.hear(&mut state.map, input.now, 0, scan.is_plausible() && pose.is_plausible());
+        }
+        if let Some(points) = input.points {
+            let pose = looked_at(ownship, points.time);
+            if !may_begin(work, POINTS_PRICE) {
+                self.map.hear(&mut state.map, input.now, 0, pose.is_plausible());
+                return;
+            }
+            work.spend(POINTS_PRICE);
+            self.scan.begin_points(&mut state.intake, points, &pose);
+            if self.map.hear(&mut state.map, input.now, state.intake.refused(), state.intake.is_usable()) {
+                self.map.begin_look(&mut state.map, input.now);
+            }
+            (state.taken_in, state.intake_was_scan) = (input.now, false);
+        }
+    }
+
     /// The phasors of a frame that the chain is not to go by, as when the receiver is examined; a step that comes with it gets
     /// [`FrontEnd::Nothing`]. What is known of the tone is forgotten before and after ([`Self::forget_tone`]).
     pub fn phasors(&self, state: &mut State<N>, snapshot: &Snapshot<N>) -> Phasors {
         self.phase.step(&mut state.phase, snapshot)
+    }
+
+    /// What a frame says by itself, looked at as a whole: that is how one checks what was heard of it in a flight.
+    pub fn bearing(&self, state: &mut State<N>, snapshot: &Snapshot<N>) -> Bearing {
+        self.bearing.find(&self.phasors(state, snapshot))
     }
 
     /// The next frame has nothing to do with the ones before.
@@ -547,38 +725,57 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Frame -> phasors -> bearing: the part of a step that has to do with codes. Whoever wants to keep what was heard calls
-    /// it before the step, which then takes [`FrontEnd::Heard`].
+    /// it before the step, which then takes [`FrontEnd::Heard`], and [`Self::work_off`] after it.
     pub fn listen(&self, state: &mut State<N>, front_end: FrontEnd<'_, N>) -> Option<Heard> {
         match front_end {
             FrontEnd::Snapshot(snapshot) => {
-                let phasors = self.phase.step(&mut state.phase, snapshot);
-                let bearing = self.bearing.find(&phasors);
-                Some(Heard { bearing, phasors: self.turning.is_some().then_some(phasors) })
+                let mut work = Work::new(STEP_INSTRUCTIONS);
+                let phasors = self.phase.listen(&mut state.phase, snapshot, &mut work);
+                work.spend(if phasors.tone == Tone::Present { BEARING_PRICE } else { 0 });
+                Some(Heard {
+                    bearing: self.bearing.find(&phasors),
+                    phasors: self.turning.is_some().then_some(phasors),
+                    spent: work.spent(STEP_INSTRUCTIONS),
+                    wants: self.phase.wants(&state.phase),
+                })
             }
             FrontEnd::Heard(heard) => Some(*heard),
-            FrontEnd::Bearing(bearing) => Some(Heard { bearing, phasors: None }),
+            FrontEnd::Bearing(bearing) => Some(Heard { bearing, phasors: None, spent: 0, wants: 0 }),
             FrontEnd::Nothing => None,
         }
     }
 
     /// Frame -> phasors -> bearing -> direction of the source.
-    fn hear(&self, state: &mut State<N>, input: &Input<'_, N>) -> Option<(Bearing, Option<f32>)> {
-        let Heard { bearing, phasors } = self.listen(state, input.front_end)?;
+    fn hear(
+        &self,
+        state: &mut State<N>,
+        heard: Option<&Heard>,
+        is_quiet: bool,
+        work: &mut Work,
+    ) -> Option<(Bearing, Option<f32>)> {
+        let Heard { bearing, phasors, .. } = *heard?;
         if let Some(turning) = &self.turning
             && turning.notice(&mut state.turning, &bearing)
         {
-            return self.hear_by_turning(turning, state, &bearing, phasors.as_ref());
+            return self.hear_by_turning(turning, state, &bearing, phasors.as_ref(), work);
         }
         state.last_flags = bearing.flags;
         let sane =
             libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
         let usable = state.ownship.filter(|_| bearing.valid && sane);
         let bearing_ned_rad = usable.map(|ownship| self.goal.observe(&mut state.goal, &bearing, &ownship));
-        if let Some(ownship) = state.ownship.filter(|_| self.reflections) {
+        work.spend(if usable.is_some() { HEARD_PRICE } else { UNHEARD_PRICE });
+        // The steps between have more room.
+        let needed = if self.must_gather(state) { gather_price(state) } else { 0 } + guard_price(state);
+        if let Some(ownship) =
+            state.ownship.filter(|_| self.reflections && is_quiet && work.has(CLASSIFY_PRICE + needed))
+        {
+            let before = state.reflected;
             self.classify(state, &bearing, bearing_ned_rad, &ownship);
+            work.spend(if state.reflected.to_bits() == before.to_bits() { 0 } else { CLASSIFY_PRICE });
         }
         if let (Some(ownship), Some(bearing_ned_rad)) = (usable, bearing_ned_rad) {
-            self.believe(state, &bearing, bearing_ned_rad, &ownship);
+            self.believe(state, &bearing, bearing_ned_rad, &ownship, work);
         }
         Some((bearing, bearing_ned_rad))
     }
@@ -590,11 +787,13 @@ impl<const N: usize> Guidance<N> {
         state: &mut State<N>,
         bearing: &Bearing,
         phasors: Option<&Phasors>,
+        work: &mut Work,
     ) -> Option<(Bearing, Option<f32>)> {
         state.reflected = 0.0;
         let ownship = state.ownship?;
         let depression_rad = state.goal.depression_rad();
         let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad)?;
+        work.spend(ROTATION_PRICE);
         state.last_flags = turned.bearing.flags;
         let observed = Some(turned.bearing).filter(|bearing| bearing.valid);
         let bearing_ned_rad = observed.map(|bearing| self.goal.observe(&mut state.goal, &bearing, &ownship));
@@ -623,10 +822,19 @@ impl<const N: usize> Guidance<N> {
 
     /// Bearings -> sightings -> filters. A sighting that came by way of a wall is handed on as the vehicle's mirror image
     /// would have had it, directly.
-    fn believe(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: f32, ownship: &Ownship) {
+    fn believe(
+        &self,
+        state: &mut State<N>,
+        bearing: &Bearing,
+        bearing_ned_rad: f32,
+        ownship: &Ownship,
+        work: &mut Work,
+    ) {
         let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
         let direction = Horizontal::from_bearing(bearing_ned_rad);
         let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
+        let walls = state.active.as_ref().map_or(0, |plan| plan.lines.len() as u32);
+        work.spend(SIGHTING_PRICE + WALL_PRICE * walls);
         self.weigh(state, &sighting);
     }
 
@@ -646,58 +854,33 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Scan -> circles -> map -> what is near.
-    fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
+    fn look(&self, state: &mut State<N>, input: &Input<'_, N>, is_quiet: bool, work: &mut Work) {
         let Some(ownship) = state.ownship else { return };
         let place = ownship.position_ned_m.horizontal();
         let looked = Pose { position_ned_m: place, yaw_rad: ownship.yaw_rad };
-        if let Some(scan) = input.scan {
-            let pose = looked_at(&ownship, scan.time);
-            let detections = self.scan.fit(scan, &pose);
-            self.map.observe_scan(&mut state.map, input.now, scan, &pose, &detections);
-            self.guard.look_scan(&mut state.guard, scan, &pose);
-        }
-        if let Some(points) = input.points {
-            let seen = self.scan.fit_points(points, &looked_at(&ownship, points.time));
-            self.map.observe_look(&mut state.map, input.now, &seen);
+        if !is_quiet {
+            self.begin_intake(state, input, &ownship, work);
         }
         if let Some(circles) = input.circles {
             self.map.observe_circles(&mut state.map, input.now, place, circles);
         }
         self.map.advance(&mut state.map, input.now);
-        self.gather_near(state, place);
+        state.near_age = state.near_age.saturating_add(1);
+        if input.circles.is_some() || (self.must_gather(state) && (is_quiet || state.near_age >= NEAR_AGE_MAX)) {
+            work.spend(gather_price(state));
+            near::gather(&self.guard, &state.map, place, &mut state.near);
+            state.near_age = 0;
+        }
         if input.circles.is_some() {
-            self.guard.look_circles(&mut state.guard, &state.near, &looked);
+            work.spend(LOOK_PRICE + LOOK_OBSTACLE_PRICE * state.near.len() as u32);
+            self.guard.note_circles(&mut state.guard, &state.near, &looked);
+            state.judging = Judging::default();
         }
     }
 
-    /// Lists what is near the vehicle: the nearest, where there is no room for all of it.
-    fn gather_near(&self, state: &mut State<N>, place: Horizontal) {
-        let mut rings = [FAR; CIRCLES_MAX];
-        let mut counts = [0_u8; FAR as usize];
-        for (circle, ring) in state.map.circles().zip(&mut rings) {
-            let reach_m = self.guard.obstacle(circle).reach_m;
-            let limit = reach_m + NEAR_M;
-            let squared = circle.center_ned_m.minus(place).norm_squared();
-            if squared < limit * limit {
-                // Negative, and so the first, where it is too close.
-                let clearance_m = squared * inverse_root(squared) - reach_m;
-                *ring = ((clearance_m * (FAR as f32 / NEAR_M)) as u8).min(FAR - 1);
-                counts[usize::from(*ring)] += 1;
-            }
-        }
-        // The rings that there is room for, and what is left for the next one.
-        let (mut whole, mut left) = (0, OBSTACLES_MAX as u8);
-        while let Some(rest) = counts.get(usize::from(whole)).and_then(|count| left.checked_sub(*count)) {
-            (whole, left) = (whole + 1, rest);
-        }
-        state.near.clear();
-        for (circle, ring) in state.map.circles().zip(rings) {
-            if ring < whole || (ring == whole && ring < FAR && left > 0) {
-                left -= u8::from(ring == whole);
-                // Cannot fail: so many places were shared out.
-                let _ = state.near.push(self.guard.obstacle(circle));
-            }
-        }
+    /// Every second step, unless something moves: the steps between have room for other things.
+    fn must_gather(&self, state: &State<N>) -> bool {
+        state.near_age >= 2 || !state.map.is_still()
     }
 
     /// Takes in the planner's answer and lets it take effect at its step; true if one did.
@@ -777,7 +960,13 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// The demand, with the altitude held, through the guard.
-    fn command(&self, state: &mut State<N>, demand: &Demand, situation: &Situation) -> (Setpoint, guard::Action) {
+    fn command(
+        &self,
+        state: &mut State<N>,
+        demand: &Demand,
+        situation: &Situation,
+        work: &mut Work,
+    ) -> (Setpoint, guard::Action) {
         // The altitude of the first word heard in control; before it there is none to hold.
         let down_mps = state.ownship.map_or(0.0, |ownship| {
             let down_m = ownship.position_ned_m.down;
@@ -786,6 +975,7 @@ impl<const N: usize> Guidance<N> {
         let demand = Demand { down_mps, ..*demand };
         let ruling = self.guard.step(&mut state.guard, &demand, situation, &state.near, self.tick_s);
         state.look_ned_rad = ruling.look_ned_rad;
+        work.spend(GUARD_PRICE + NEAR_PRICE * state.near.len() as u32 + CLOSE_PRICE * u32::from(ruling.close));
         (ruling.setpoint, ruling.action)
     }
 
@@ -801,8 +991,23 @@ impl<const N: usize> Guidance<N> {
         state.active = None;
     }
 
+    /// Whether what is known by now stands in the way of the active plan's next waypoints.
+    fn is_invalid(&self, state: &mut State<N>, situation: &Situation, work: &mut Work) -> bool {
+        let State { active: Some(plan), near, unchecked, track, .. } = state else { return false };
+        let from = track.passed.min(WAYPOINTS);
+        let next = plan.waypoints_ned_m.get(from..(from + 6).min(WAYPOINTS)).unwrap_or_default();
+        near::stands_in_the_way(near, unchecked, situation.rest_ned_m, next, self.plan_margin_m, work)
+    }
+
     /// Asks for a plan where one is wanted; true if it did.
-    fn ask(&self, state: &mut State<N>, now: Instant, situation: &Situation, progress: Progress) -> bool {
+    fn ask(
+        &self,
+        state: &mut State<N>,
+        now: Instant,
+        situation: &Situation,
+        progress: Progress,
+        work: &mut Work,
+    ) -> bool {
         let since = state.tick.wrapping_sub(state.activated);
         let wanted = match progress {
             Progress::RanOut => true,
@@ -811,10 +1016,10 @@ impl<const N: usize> Guidance<N> {
             Progress::Following => {
                 state.track.passed >= self.replan_at_waypoint
                     || since >= self.replan_ticks
-                    || self.is_invalid(state, situation)
+                    || self.is_invalid(state, situation, work)
             }
         };
-        if !wanted || state.due.is_some() {
+        if !wanted || state.due.is_some() || !work.take(ASK_PRICE) {
             return false;
         }
         // The rest point obeys at once, so that is where it will be when the plan takes effect.
@@ -847,27 +1052,20 @@ impl<const N: usize> Guidance<N> {
         let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
         state.request.search = state.is_searching.then_some(Search { now, pose });
         state.request.sightings = state.goal.take_sightings();
-        state.request.circles.clear();
-        for circle in state.map.circles() {
-            let _ = state.request.circles.push(*circle);
-        }
+        near::copy(&state.map, &mut state.request.circles);
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));
         true
     }
+}
 
-    /// Whether what is known by now stands in the way of the active plan's next waypoints.
-    fn is_invalid(&self, state: &State<N>, situation: &Situation) -> bool {
-        let Some(plan) = &state.active else { return false };
-        let from = state.track.passed.min(WAYPOINTS);
-        let to = (from + 6).min(WAYPOINTS);
-        let next = plan.waypoints_ned_m.get(from..to).unwrap_or_default();
-        let rest = situation.rest_ned_m;
-        state.near.iter().any(|obstacle| {
-            let at_rest = obstacle.clearance_m(rest) - 0.01;
-            let least = if at_rest < self.plan_margin_m { at_rest } else { self.plan_margin_m };
-            swept_clearance_m(rest, next, core::slice::from_ref(obstacle)) < least
-        })
-    }
+/// What it costs to list what is near.
+fn gather_price<const N: usize>(state: &State<N>) -> u32 {
+    GATHER_PRICE + KNOWN_PRICE * state.map.circles().count() as u32
+}
+
+/// What the guard costs at most.
+fn guard_price<const N: usize>(state: &State<N>) -> u32 {
+    GUARD_PRICE + NEAR_PRICE * state.near.len() as u32 + CLOSE_PRICE * state.near.len().min(guard::CLOSE_MAX) as u32
 }
 
 /// Where the vehicle was when it looked, carried on from the last word about it.

@@ -266,15 +266,18 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
         for part in circles.chunks(64) {
             guidance.map.observe_circles(&mut state.map, Instant(1), Horizontal::default(), part);
         }
-        guidance.gather_near(&mut state, Horizontal::default());
+        near::gather(&guidance.guard, &state.map, Horizontal::default(), &mut state.near);
         let clearance = |o: &Obstacle| o.center_ned_m.norm() - o.reach_m;
         let mut all: StdVec<f32> =
-            state.map.circles().map(|c| clearance(&guidance.guard.obstacle(c))).filter(|c| *c < NEAR_M).collect();
+            state.map.circles().map(|c| clearance(&guidance.guard.obstacle(c))).filter(|c| *c < near::NEAR_M).collect();
         all.sort_by(f32::total_cmp);
         let farthest = state.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
         assert_eq!(state.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");
         // To a ring's width.
-        assert!(all.get(state.near.len()).is_none_or(|next| farthest < next + NEAR_M / f32::from(FAR)), "{crowd}");
+        assert!(
+            all.get(state.near.len()).is_none_or(|next| farthest < next + near::NEAR_M / f32::from(near::FAR)),
+            "{crowd}"
+        );
     }
 }
 
@@ -349,4 +352,63 @@ fn a_planner_that_thinks_the_vehicle_smaller_is_refused() {
     assert_eq!(config.build::<64>().unwrap_err().field, "planner.vehicle_radius_m");
     config.set_vehicle_radius_m(0.3);
     assert!(config.build::<64>().is_ok());
+}
+
+#[test]
+fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
+    let guidance = Config::default().build::<256>().unwrap();
+    let (planner, mut scratch) = (Config::default().planner.build().unwrap(), Scratch::default());
+    let (mut whole, mut parted, mut again) = (guidance.start(), guidance.start(), guidance.start());
+    let mut rng = crate::rng::Rng::new(31, 0);
+    let mut plan = None;
+    let mut heard_count = 0;
+    for step in 0..500_u64 {
+        let now = Instant(1_000_000 + step * 20_000);
+        let mut snapshot = Snapshot::<256>::zeroed();
+        snapshot.time = now;
+        // The beacon falls silent for a while, and sounds on another frequency.
+        let bins = if step < 300 { 20.3 } else { 33.8 };
+        let amplitude = if (200..260).contains(&step) { 0.0 } else { 900.0 };
+        for (channel, row) in snapshot.codes.iter_mut().enumerate() {
+            for (n, code) in row.iter_mut().enumerate() {
+                let turns = bins * n as f32 / 256.0 + 0.2 * channel as f32;
+                *code = (amplitude * libm::cosf(core::f32::consts::TAU * turns) + 40.0 * rng.gaussian()) as i16;
+            }
+        }
+        // Eight things, and nothing between them.
+        let far_m: [f32; 8] = core::array::from_fn(|k| 1.8 + 0.2 * (k % 4) as f32 + 0.01 * rng.gaussian());
+        let sectors = core::array::from_fn(|index| match far_m.get(index / 9) {
+            Some(far_m) if index % 9 < 5 => scan::Sector::Hit(*far_m),
+            _ => scan::Sector::Clear,
+        });
+        let step_rad = 0.02;
+        let look = Scan { time: now, first_azimuth_rad: -0.7, step_rad, range_max_m: 3.0, sectors };
+        let ownship = Ownship {
+            position_time: now,
+            position_ned_m: Ned { north: 0.003 * step as f32, east: 0.0, down: -5.0 },
+            attitude_time: now,
+            ..Ownship::default()
+        };
+        let input = Input {
+            now,
+            front_end: FrontEnd::Snapshot(&snapshot),
+            ownship: Some(ownship),
+            scan: step.is_multiple_of(5).then_some(&look),
+            points: None,
+            circles: None,
+            control: Control::Granted,
+            plan: plan.as_ref(),
+        };
+        let output = guidance.step(&mut whole, &input);
+        // As the flight computer does it: listen, step, work off.
+        let heard = guidance.listen(&mut parted, input.front_end).unwrap();
+        let input = Input { front_end: FrontEnd::Heard(&heard), ..input };
+        assert_eq!(guidance.step(&mut parted, &input), output, "{step}");
+        guidance.work_off(&mut parted, &snapshot);
+        // As a log is flown again: without the codes.
+        assert_eq!(guidance.step(&mut again, &input), output, "{step}");
+        heard_count += u32::from(heard.bearing.valid);
+        plan = output.plan_requested.then(|| planner.plan(&mut scratch, whole.request()));
+    }
+    assert!(heard_count > 350 && whole.map().circles().count() > 10, "{heard_count}");
 }

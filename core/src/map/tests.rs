@@ -1,6 +1,6 @@
 use super::*;
 use crate::rng::Rng;
-use crate::scan::{self, SECTORS_MAX};
+use crate::scan::{self, SECTORS_MAX, Sector};
 use std::vec::Vec as StdVec;
 
 fn circle(north: f32, east: f32, radius_m: f32) -> Circle {

@@ -15,7 +15,7 @@ const RETUNE_BINS: f32 = 1.0 / 256.0;
 /// A new tone's frequency is refined to this, in bins, or a quarter of a standard deviation.
 const REFINED_BINS: f32 = 1.0 / 2048.0;
 /// Rounds of refinement from an interpolated peak to the tone.
-const REFINEMENTS: u8 = 4;
+pub(super) const REFINEMENTS: u8 = 4;
 
 /// A frequency in the reference's units.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +28,7 @@ pub(super) struct Frequency {
 
 impl<const N: usize> Extractor<N> {
     /// Fits at the tracked frequency and follows it; nothing when the tone is not there.
-    pub(super) fn follow(&self, state: &mut State<N>, codes: &[[i16; N]; CHANNELS]) -> Option<Fit> {
+    pub(super) fn follow(&self, state: &mut State<N>, codes: &[[i16; N]; CHANNELS], rounds: u8) -> Option<Fit> {
         let mut tracked = state.tracked?;
         tracked.variance += DRIFT;
         if state.reference.step() != tracked.step {
@@ -46,7 +46,7 @@ impl<const N: usize> Extractor<N> {
         let variance = offset_variance(&fit);
         if innovation * innovation > GATE * (tracked.variance + variance) {
             // Believed only if the fit is the better for it, and then settled.
-            let refined = self.refine(state, codes, measured)?;
+            let refined = self.refine(state, codes, measured, rounds)?;
             if refined.statistic < fit.statistic {
                 return None;
             }
@@ -61,10 +61,16 @@ impl<const N: usize> Extractor<N> {
     }
 
     /// Moves the reference to the tone, from at most half a bin away, and tracks it there.
-    pub(super) fn refine(&self, state: &mut State<N>, codes: &[[i16; N]; CHANNELS], from: u32) -> Option<Fit> {
+    pub(super) fn refine(
+        &self,
+        state: &mut State<N>,
+        codes: &[[i16; N]; CHANNELS],
+        from: u32,
+        rounds: u8,
+    ) -> Option<Fit> {
         let mut step = from;
         let mut found = None;
-        for _ in 0..REFINEMENTS {
+        for _ in 0..rounds {
             if !self.in_band(step) {
                 return None;
             }

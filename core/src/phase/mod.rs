@@ -46,13 +46,15 @@ mod follow;
 mod lines;
 #[cfg(test)]
 mod scene;
+mod stream;
 #[cfg(test)]
 mod tests;
 
 pub use complex::Complex;
 
 use fit::{Fit, Level, Solver, left_over_changed, level};
-use follow::Frequency;
+use follow::{Frequency, REFINEMENTS};
+use stream::Progress;
 
 /// Whether a frame holds the tone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -176,6 +178,8 @@ pub struct State<const N: usize> {
     solver: Solver,
     /// The tracked frequency and its variance in squared bins.
     tracked: Option<Frequency>,
+    /// Floor of each channel in the spectrum, as far as it is measured.
+    floors: [f32; CHANNELS],
     /// Variance of a sample, per channel, in squared codes.
     variance: [f32; CHANNELS],
     /// Power the fit left over when the floor was measured, per channel.
@@ -185,7 +189,7 @@ pub struct State<const N: usize> {
     interferer: bool,
     /// Variance of a phasor that is the interferers', per channel, in squared codes.
     leakage: [f32; CHANNELS],
-    scratch: [f32; N],
+    progress: Progress,
 }
 
 impl<const N: usize> Default for State<N> {
@@ -195,12 +199,13 @@ impl<const N: usize> Default for State<N> {
             reference: Reference::default(),
             solver: Solver::default(),
             tracked: None,
+            floors: [QUANTISATION; CHANNELS],
             variance: [QUANTISATION; CHANNELS],
             left_over: [0.0; CHANNELS],
             floor_due_in: 0,
             interferer: false,
             leakage: [0.0; CHANNELS],
-            scratch: [0.0; N],
+            progress: Progress::default(),
         }
     }
 }
@@ -211,6 +216,7 @@ impl<const N: usize> State<N> {
         self.tracked = None;
         self.floor_due_in = 0;
         self.interferer = false;
+        self.progress = Progress::default();
     }
 }
 
@@ -229,7 +235,7 @@ impl<const N: usize> Extractor<N> {
         if state.floor_due_in > 0 && state.reference.window() == Window::Flat {
             state.floor_due_in -= 1;
             let before = state.tracked;
-            found = self.follow(state, codes).filter(|fit| !left_over_changed::<N>(state, &levels, fit));
+            found = self.follow(state, codes, REFINEMENTS).filter(|fit| !left_over_changed::<N>(state, &levels, fit));
             if found.is_none() {
                 state.tracked = before;
             }

@@ -5,10 +5,10 @@
 //! themselves are farther apart. Neighbouring links share an end, so that the chain has no gap. Towards an edge past
 //! which the sensor sees, links become short, so that the chain does not stick out beyond it by more than 2 cm or so.
 
-use crate::field::inverse_root;
 use crate::frame::Horizontal;
 
 use super::circle::{cross, root};
+use super::unit;
 
 /// Longest chord where hits are dense.
 const CHORD_MAX_M: f32 = 0.16;
@@ -36,36 +36,28 @@ pub(super) struct Edges {
     pub(super) last: bool,
 }
 
-/// Covers `points`, neighbours in order, with links of at least `radius_min_m`.
-pub(super) fn cover(points: &[Horizontal], edges: Edges, radius_min_m: f32, mut link: impl FnMut(Link)) {
-    let (Some(&begin), Some(&end)) = (points.first(), points.last()) else { return };
-    let mut from = 0;
-    while let Some(&start) = points.get(from) {
-        let to_edge = |is_edge: bool, edge: Horizontal| {
-            if is_edge { root(start.minus(edge).norm_squared()) } else { f32::INFINITY }
-        };
-        let (behind, ahead) = (to_edge(edges.first, begin), to_edge(edges.last, end) - CHORD_EDGE_M);
-        let nearer = if behind < ahead { behind } else { ahead };
-        let chord_max_m = (CHORD_EDGE_M + GROWTH * nearer).clamp(CHORD_EDGE_M, CHORD_MAX_M);
-        // At least one step, then as many as the chord allows.
-        let mut last = from;
-        while let Some(next) = points.get(last + 1) {
-            if last > from && next.minus(start).norm_squared() > chord_max_m * chord_max_m {
-                break;
-            }
-            last += 1;
+/// The link over `points`, neighbours in order, that begins with the one at `from`, of at least `radius_min_m`; none where
+/// that is the end of the link before. The next one begins with its last.
+pub(super) fn next(points: &[Horizontal], edges: Edges, radius_min_m: f32, from: usize) -> Option<Link> {
+    let (begin, end, start) = (*points.first()?, *points.last()?, *points.get(from)?);
+    let to_edge = |is_edge: bool, edge: Horizontal| {
+        if is_edge { root(start.minus(edge).norm_squared()) } else { f32::INFINITY }
+    };
+    let (behind, ahead) = (to_edge(edges.first, begin), to_edge(edges.last, end) - CHORD_EDGE_M);
+    let nearer = if behind < ahead { behind } else { ahead };
+    let chord_max_m = (CHORD_EDGE_M + GROWTH * nearer).clamp(CHORD_EDGE_M, CHORD_MAX_M);
+    // At least one step, then as many as the chord allows.
+    let mut last = from;
+    while let Some(next) = points.get(last + 1) {
+        if last > from && next.minus(start).norm_squared() > chord_max_m * chord_max_m {
+            break;
         }
-        if last == from && from > 0 {
-            return; // The last point is the end of the link before.
-        }
-        if let Some(spanned) = points.get(from..=last).and_then(|part| span(part, from, radius_min_m)) {
-            link(spanned);
-        }
-        if last == from {
-            return;
-        }
-        from = last;
+        last += 1;
     }
+    if last == from && from > 0 {
+        return None;
+    }
+    span(points.get(from..=last)?, from, radius_min_m)
 }
 
 /// The link over a part of the points that begins with number `from`.
@@ -92,11 +84,6 @@ fn span(part: &[Horizontal], from: usize, radius_min_m: f32) -> Option<Link> {
     Some(Link { center, radius_m, from, to: from + part.len(), face })
 }
 
-fn unit(v: Horizontal) -> Horizontal {
-    let squared = v.norm_squared();
-    if squared > 1e-12 { v.times(inverse_root(squared)) } else { Horizontal { north: 1.0, east: 0.0 } }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -105,7 +92,14 @@ mod tests {
 
     fn links(points: &[Horizontal], edges: Edges) -> Vec<Link> {
         let mut links = Vec::new();
-        cover(points, edges, 0.05, |link| links.push(link));
+        let mut from = 0;
+        while let Some(link) = next(points, edges, 0.05, from) {
+            links.push(link);
+            from = link.to - 1;
+            if link.to == points.len() {
+                break;
+            }
+        }
         links
     }
 

@@ -14,7 +14,6 @@
 //!
 //! The cost is bounded: circles are fitted to 160 points of a look at most, the rest becomes chains.
 
-use crate::order::sort_by_key;
 use heapless::Vec;
 
 use crate::error::{ConfigError, check};
@@ -25,8 +24,10 @@ use crate::units::{between, sin_cos};
 
 mod chain;
 mod circle;
+mod intake;
 
-use chain::Edges;
+pub use intake::{Intake, Progress};
+
 use circle::root;
 
 /// Most sectors one scan can hold.
@@ -107,6 +108,60 @@ impl Scan {
             _ => index,
         };
         usize::try_from(index).ok().and_then(|index| self.sectors.get(index)).copied().unwrap_or_default()
+    }
+}
+
+/// How far each sector of a scan sees, to the millimetre below and 65 m at most, in half the room.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ranges([u16; SECTORS_MAX]);
+
+impl Ranges {
+    const UNKNOWN: u16 = u16::MAX;
+    const CLEAR: u16 = u16::MAX - 1;
+    const MOST_M: f32 = 65.5;
+
+    /// Nothing is known.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self([Self::UNKNOWN; SECTORS_MAX])
+    }
+
+    /// Those of a scan.
+    pub fn take(&mut self, scan: &Scan) {
+        for (index, sector) in scan.sectors.iter().enumerate() {
+            match *sector {
+                Sector::Clear => self.put(index, Self::CLEAR),
+                Sector::Hit(range_m) if range_m > 0.0 && range_m <= scan.range_max_m => self.set_m(index, range_m),
+                _ => self.put(index, Self::UNKNOWN),
+            }
+        }
+    }
+
+    /// Sees to a hit.
+    pub fn set_m(&mut self, index: usize, range_m: f32) {
+        self.put(index, (1000.0 * between(range_m, 0.0, Self::MOST_M)) as u16);
+    }
+
+    /// How far a sector sees; `clear_m` where there is nothing, -1 where nothing is known.
+    #[must_use]
+    pub fn sees_m(&self, index: usize, clear_m: f32) -> f32 {
+        match self.0.get(index).copied().unwrap_or(Self::UNKNOWN) {
+            Self::UNKNOWN => -1.0,
+            Self::CLEAR => clear_m,
+            range_mm => f32::from(range_mm) * 1e-3,
+        }
+    }
+
+    fn put(&mut self, index: usize, value: u16) {
+        if let Some(slot) = self.0.get_mut(index) {
+            *slot = value;
+        }
+    }
+}
+
+impl Default for Ranges {
+    fn default() -> Self {
+        Self::new()
     }
 }
 
@@ -238,7 +293,9 @@ pub struct Pose {
 }
 
 impl Pose {
-    fn is_plausible(&self) -> bool {
+    /// Whether it is a place and a direction.
+    #[must_use]
+    pub fn is_plausible(&self) -> bool {
         self.position_ned_m.is_finite()
             && self.position_ned_m.norm_squared() < 1e12
             && libm::fabsf(self.yaw_rad) <= ANGLE_MAX_RAD
@@ -304,222 +361,20 @@ impl Turned {
 }
 
 impl Fitter {
-    /// The circles behind the hits of a scan taken at `pose`.
+    /// The circles behind the hits of a scan taken at `pose`, all at once.
     #[must_use]
     pub fn fit(&self, scan: &Scan, pose: &Pose) -> Look {
-        let mut look = Look { origin_ned_m: pose.position_ned_m, ..Look::default() };
-        if !scan.is_plausible() || !pose.is_plausible() {
-            look.refused = 1 + scan.sectors.iter().filter(|sector| matches!(sector, Sector::Hit(_))).count() as u16;
-            return look;
-        }
-        let step_rad = libm::fabsf(scan.step_rad);
-        let continues = |before: f32, range_m: f32| {
-            let nearer = if range_m < before { range_m } else { before };
-            let explained = self.config.gap_m + 3.0 * nearer * step_rad;
-            let allowed = if explained < JUMP_MAX_M { explained } else { JUMP_MAX_M };
-            before > 0.0 && range_m > 0.0 && libm::fabsf(range_m - before) < allowed
-        };
-        // Zero where there is no hit.
-        let mut ranges_m = [0.0_f32; SECTORS_MAX];
-        for (range_m, sector) in ranges_m.iter_mut().zip(&scan.sectors) {
-            match *sector {
-                Sector::Hit(hit_m) if hit_m > 0.0 && hit_m <= scan.range_max_m => *range_m = hit_m,
-                Sector::Hit(_) => look.refused += 1,
-                _ => {}
-            }
-        }
-        // A full turn is walked from a place where nothing continues, so that no run is cut at the seam.
-        let turn = scan.turn();
-        let count = turn.unwrap_or(SECTORS_MAX).min(SECTORS_MAX);
-        let range_m = |index: usize| ranges_m.get(index).copied().unwrap_or_default();
-        let before = |index: usize| if index == 0 { count - 1 } else { index - 1 };
-        let seam = |index: &usize| !continues(range_m(before(*index)), range_m(*index));
-        let begin = if turn.is_some() { (0..count).find(seam).unwrap_or(0) } else { 0 };
-
-        let turned = Turned::new(scan.step_rad);
-        let start = Horizontal::from_bearing(pose.yaw_rad + scan.first_azimuth_rad);
-        let mut direction =
-            Horizontal::from_bearing(pose.yaw_rad + scan.first_azimuth_rad + scan.step_rad * begin as f32);
-        let mut fits_left = FITS_MAX;
-        let (mut first, mut first_direction, mut first_index) = (0, direction, begin);
-        let (mut index, mut runs) = (begin, false);
-        for left in (0..count).rev() {
-            let here_m = range_m(index);
-            let next = if index + 1 == count { 0 } else { index + 1 };
-            if here_m > 0.0 {
-                if !runs {
-                    (first, first_direction, first_index) = (look.points_ned_m.len(), direction, index);
-                }
-                // Cannot fail: as many places as sectors.
-                let _ = look.points_ned_m.push(direction.times(here_m));
-                runs = left > 0 && (turn.is_some() || next > 0) && continues(here_m, range_m(next));
-                if !runs {
-                    // A silhouette ends there unless something nearer hides it or nothing is known.
-                    let is_free = |index: Option<usize>, edge_m: f32| match index
-                        .and_then(|index| scan.sectors.get(index))
-                        .copied()
-                        .unwrap_or_default()
-                    {
-                        Sector::Clear => true,
-                        Sector::Hit(hit_m) => hit_m > edge_m,
-                        Sector::Unknown => false,
-                    };
-                    let earlier = (turn.is_some() || first_index > 0).then(|| before(first_index));
-                    let later = (turn.is_some() || next > 0).then_some(next);
-                    let free = [
-                        is_free(earlier, range_m(first_index)).then(|| turned.back(first_direction)),
-                        is_free(later, here_m).then(|| turned.on(direction)),
-                    ];
-                    let points = look.points_ned_m.get(first..).unwrap_or_default();
-                    self.cover(&Run { points, first, step_rad, free }, &mut fits_left, &mut look.detections);
-                }
-            }
-            let is_seam = next == 0;
-            direction = if is_seam { start } else { turned.on(direction) };
-            index = next;
-        }
-        shift(&mut look);
-        look
+        let mut intake = Intake::default();
+        self.begin_scan(&mut intake, scan, pose);
+        self.finish(&mut intake)
     }
 
-    /// The circles behind single hits seen from `pose`.
+    /// The circles behind single hits seen from `pose`, all at once.
     #[must_use]
     pub fn fit_points(&self, points: &Points, pose: &Pose) -> Look {
-        let mut look = Look { origin_ned_m: pose.position_ned_m, ..Look::default() };
-        if !pose.is_plausible() {
-            look.refused = 1 + points.points_m.len() as u16;
-            return look;
-        }
-        let (sine, cosine) = sin_cos(pose.yaw_rad);
-        for point in &points.points_m {
-            let point = match points.frame {
-                Frame::Body => Horizontal {
-                    north: cosine * point.north - sine * point.east,
-                    east: sine * point.north + cosine * point.east,
-                },
-                Frame::VehicleNed => *point,
-                Frame::LocalNed => point.minus(pose.position_ned_m),
-            };
-            let squared = point.norm_squared();
-            if squared > 1e-6 && squared <= RANGE_MAX_M * RANGE_MAX_M {
-                // Cannot fail: as many places.
-                let _ = look.points_ned_m.push(point);
-            } else {
-                look.refused += 1;
-            }
-        }
-        // In the order of azimuth, and begun where two neighbours are far apart.
-        sort_by_key(&mut look.points_ned_m, |point| around(*point));
-        let apart = |a: &Horizontal, b: &Horizontal| {
-            let limit = 2.0 * self.config.gap_m;
-            a.minus(*b).norm_squared() >= limit * limit
-        };
-        let seam = match (look.points_ned_m.first(), look.points_ned_m.last()) {
-            (Some(first), Some(last)) if !apart(first, last) => {
-                look.points_ned_m.windows(2).position(|pair| apart(&pair[0], &pair[1])).map_or(0, |index| index + 1)
-            }
-            _ => 0,
-        };
-        let count = look.points_ned_m.len();
-        look.points_ned_m.rotate_left(seam.min(count));
-        let mut first = 0;
-        let mut fits_left = FITS_MAX;
-        let mut rest = look.points_ned_m.as_slice();
-        while !rest.is_empty() {
-            let end = rest.windows(2).take_while(|pair| !apart(&pair[0], &pair[1])).count() + 1;
-            let Some((run, others)) = rest.split_at_checked(end) else { break };
-            rest = others;
-            let run_of = Run { points: run, first, step_rad: 0.0, free: [None; 2] };
-            self.cover(&run_of, &mut fits_left, &mut look.detections);
-            first += run.len();
-        }
-        shift(&mut look);
-        look
-    }
-
-    /// Covers one run of hits with circles; `fits_left` counts down the points that may still be fitted to.
-    fn cover(&self, run: &Run<'_>, fits_left: &mut usize, detections: &mut Vec<Detection, DETECTIONS_MAX>) {
-        let end = run.points.len();
-        // Pieces still to cover, as ranges of the run; each cut shortens them, so this ends.
-        let mut pieces: Vec<(usize, usize), { POINTS_MAX / 2 + 1 }> = Vec::new();
-        let _ = pieces.push((0, end));
-        while let Some((from, to)) = pieces.pop() {
-            let piece = Run {
-                points: run.points.get(from..to).unwrap_or_default(),
-                first: run.first + from,
-                free: [run.free[0].filter(|_| from == 0), run.free[1].filter(|_| to == end)],
-                ..*run
-            };
-            // What is cut over and over is no pillar.
-            let verdict = match fits_left.checked_sub(to - from) {
-                Some(left) if to - from >= FIT_MIN => {
-                    *fits_left = left;
-                    self.pillar(&piece)
-                }
-                Some(_) if to - from == end => self.thin(&piece),
-                _ => Verdict::Chain,
-            };
-            match verdict {
-                Verdict::Pillar(pillar) => {
-                    // Cannot fail: no more circles than hits.
-                    let _ = detections.push(pillar);
-                }
-                Verdict::Cut(at) => {
-                    let _ = pieces.push((from + at, to));
-                    let _ = pieces.push((from, from + at));
-                }
-                Verdict::Chain => {
-                    // As far as the next piece, so that nothing is left open between them.
-                    let points = run.points.get(from..if to < end { to + 1 } else { to }).unwrap_or_default();
-                    let edges = Edges { first: piece.free[0].is_some(), last: piece.free[1].is_some() };
-                    self.chain(points, run.first + from, edges, run.step_rad, detections);
-                }
-            }
-        }
-    }
-
-    fn chain(
-        &self,
-        points: &[Horizontal],
-        first: usize,
-        edges: Edges,
-        step_rad: f32,
-        detections: &mut Vec<Detection, DETECTIONS_MAX>,
-    ) {
-        // A sector's hit lies anywhere in its width.
-        let half_m = points.first().map_or(0.0, |point| 0.5 * step_rad * root(point.norm_squared()));
-        let radius_min_m = between(half_m, self.config.radius_min_m, self.config.radius_max_m);
-        chain::cover(points, edges, radius_min_m, |link| {
-            let _ = detections.push(Detection {
-                kind: Kind::Patch,
-                center_ned_m: link.center,
-                radius_m: link.radius_m,
-                sigma_m: 0.01,
-                face_ned_m: link.face,
-                from: (first + link.from) as u8,
-                to: (first + link.to) as u8,
-            });
-        });
-    }
-
-    /// Whether a piece is a pillar, or where to cut it, or neither.
-    fn pillar(&self, piece: &Run<'_>) -> Verdict {
-        let c = &self.config;
-        let points = piece.points;
-        let Some(found) = circle::fit(points) else { return Verdict::Chain };
-        if found.residual_m > c.residual_max_m {
-            return Verdict::Cut(found.worst.clamp(2, points.len() - 2));
-        }
-        let middle = points[points.len() / 2];
-        let is_round = found.center.minus(middle).dot(middle) > 0.0
-            && found.radius_m <= c.radius_max_m
-            && found.sigma_m <= c.radius_doubt_max * found.radius_m
-            && is_inside(found.center, found.radius_m, piece.free);
-        if !is_round {
-            return Verdict::Chain;
-        }
-        let radius_m = if found.radius_m < c.radius_min_m { c.radius_min_m } else { found.radius_m };
-        piece.pillar(found.center, radius_m, found.sigma_m)
+        let mut intake = Intake::default();
+        self.begin_points(&mut intake, points, pose);
+        self.finish(&mut intake)
     }
 
     /// The circle that fills the angle of a few hits, if both its sides are free and it covers them:
@@ -560,16 +415,10 @@ fn is_inside(center: Horizontal, radius_m: f32, free: [Option<Horizontal>; 2]) -
     free.iter().flatten().all(|direction| libm::fabsf(circle::cross(*direction, center)) > radius_m - REACH_M)
 }
 
-/// From the sensor's place to the local frame.
-fn shift(look: &mut Look) {
-    let origin = look.origin_ned_m;
-    for point in &mut look.points_ned_m {
-        *point = point.plus(origin);
-    }
-    for detection in &mut look.detections {
-        detection.center_ned_m = detection.center_ned_m.plus(origin);
-        detection.face_ned_m = detection.face_ned_m.plus(origin);
-    }
+/// The direction of a place.
+fn unit(v: Horizontal) -> Horizontal {
+    let squared = v.norm_squared();
+    if squared > 1e-12 { v.times(inverse_root(squared)) } else { Horizontal { north: 1.0, east: 0.0 } }
 }
 
 /// Grows with the azimuth from north over east, from -2 to 2, without an arctangent.

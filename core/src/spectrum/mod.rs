@@ -32,6 +32,15 @@ pub enum Backend {
     Microfft,
 }
 
+/// Two channels that share a transform.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pair {
+    /// Channels 0 and 1.
+    First,
+    /// Channels 2 and 3.
+    Second,
+}
+
 /// The Hann periodogram of four channels, and the memory it is computed in.
 #[derive(Clone, Debug)]
 pub struct Spectrum<const N: usize> {
@@ -55,23 +64,26 @@ impl<const N: usize> Spectrum<N> {
 
     /// Measures all channels. The mean of each channel is taken off first. `scratch` is the twin's.
     pub fn measure(&mut self, backend: Backend, codes: &[[i16; N]; CHANNELS], scratch: &mut [f32; N]) {
+        self.measure_pair(backend, Pair::First, codes, scratch);
+        self.measure_pair(backend, Pair::Second, codes, scratch);
+    }
+
+    /// Measures two channels; the others stay as they were.
+    #[inline(never)]
+    pub fn measure_pair(&mut self, backend: Backend, pair: Pair, codes: &[[i16; N]; CHANNELS], scratch: &mut [f32; N]) {
         const { Self::LENGTH_IS_SUPPORTED };
-        let [[a, b], [c, d]] = [[&codes[0], &codes[1]], [&codes[2], &codes[3]]];
         let [first, second] = &mut self.pairs;
+        let (first_two, last_two) = self.exponents.split_at_mut(2);
+        let (a, b, powers, exponents) = match pair {
+            Pair::First => (&codes[0], &codes[1], first, first_two),
+            Pair::Second => (&codes[2], &codes[3], second, last_two),
+        };
         match backend {
-            Backend::Fixed => {
-                let exponent = fft::pair_powers(a, b, first);
-                self.exponents[..2].fill(exponent);
-                let exponent = fft::pair_powers(c, d, second);
-                self.exponents[2..].fill(exponent);
-            }
+            Backend::Fixed => exponents.fill(fft::pair_powers(a, b, powers)),
             Backend::Microfft => {
-                let (low, high) = first.split_at_mut(N / 2);
-                self.exponents[0] = twin::powers(a, scratch, low.iter_mut().skip(1));
-                self.exponents[1] = twin::powers(b, scratch, high.iter_mut().rev());
-                let (low, high) = second.split_at_mut(N / 2);
-                self.exponents[2] = twin::powers(c, scratch, low.iter_mut().skip(1));
-                self.exponents[3] = twin::powers(d, scratch, high.iter_mut().rev());
+                let (low, high) = powers.split_at_mut(N / 2);
+                exponents[0] = twin::powers(a, scratch, low.iter_mut().skip(1));
+                exponents[1] = twin::powers(b, scratch, high.iter_mut().rev());
             }
         }
     }

@@ -23,15 +23,13 @@ use dsp_process::SplitProcess as _;
 use foxhound_computer::frozen::Watch;
 use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::field::{Field, Gains, Law, Obstacle};
-use foxhound_core::frame::{Horizontal, Ned};
+use foxhound_core::frame::Horizontal;
 
 use foxhound_core::guard::{self, Situation};
-use foxhound_core::guidance::{self, FrontEnd, Guidance, Input};
+use foxhound_core::guidance;
 use foxhound_core::kernel::{armv7em, portable};
 use foxhound_core::map::{self, Circle, Map};
-use foxhound_core::mission::Control;
 use foxhound_core::multipath::{self, Look};
-use foxhound_core::ownship::Ownship;
 use foxhound_core::phase::{self, Complex, Phasors};
 use foxhound_core::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::rng::Rng;
@@ -43,25 +41,21 @@ use foxhound_core::spectrum::{Backend, Spectrum};
 use foxhound_core::time::Instant;
 use foxhound_core::track::Demand;
 use foxhound_core::units::{sin_cos, wrap_pi};
+use foxhound_core::work::Work;
 use foxhound_firmware::app::SAMPLES_PER_CHANNEL as N;
 use foxhound_firmware::boards::board;
 use foxhound_link::mailbox::instructions;
 use idsp::Lowpass;
 use microfft::real::rfft_256;
-use static_cell::{ConstStaticCell, StaticCell};
+use static_cell::ConstStaticCell;
 
 mod belief;
+mod fast_loop;
 mod link;
 mod source;
 
-/// Steps of the flight that the fast loop is measured in; the first ones acquire.
-const STEPS: usize = 112;
-const WARM_UP: usize = 32;
-/// The obstacle sensor looks at 10 Hz, the antennas are heard at 50 Hz.
-const STEPS_PER_LOOK: usize = 5;
 /// The tone, in bins, off the grid.
 const TONE_BINS: f32 = 20.3;
-const STEP_US: u64 = 20_000;
 /// Maps of the rollouts.
 const FORESTS: u64 = 16;
 /// Obstacles that the planner is measured with.
@@ -82,7 +76,7 @@ fn main() -> ! {
     semihosting::println!("equal {words}");
 
     let snapshot = SNAPSHOT.take();
-    receive(snapshot, 0);
+    receive(snapshot, 0, Some(FRAC_PI_2 / 3.0));
     lock_in(&measure, snapshot);
     spectrum(&measure, snapshot);
     front_end(&measure, snapshot);
@@ -93,7 +87,7 @@ fn main() -> ! {
         board::halt(format_args!("the built-in configuration does not build"))
     };
     let scratch = SCRATCH.take();
-    fast_loop(&measure, &guidance, &planner, scratch, snapshot);
+    fast_loop::rows(&measure, &guidance, &planner, scratch, snapshot);
     guard_among_obstacles(&measure);
     rollouts(&measure);
     replan(&measure, &planner, scratch);
@@ -400,8 +394,22 @@ fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>)
     };
     let mut state = phase::State::default();
     let mut phasors = None;
-    row("phase_acquiring", measure(&mut || phasors = Some(extractor.step(&mut state, black_box(snapshot)))), 0);
-    row("phase_tracking", measure(&mut || phasors = Some(extractor.step(&mut state, black_box(snapshot)))), 0);
+    // Nothing is known, a piece of the spectrum at a time is worked off, a tone is settled on, followed.
+    let (mut listening, mut settling, mut piece) = (0, 0, 0);
+    for _ in 0..24 {
+        let was_there = phasors.is_some_and(|phasors: Phasors| phasors.tone == phase::Tone::Present);
+        let mut work = Work::unlimited();
+        listening = measure(&mut || phasors = Some(extractor.listen(&mut state, black_box(snapshot), &mut work)));
+        if !was_there {
+            settling = settling.max(listening);
+        }
+        // Enough for any one of them, and not for two.
+        let mut work = Work::new(14_400);
+        piece = piece.max(measure(&mut || extractor.work_off(&mut state, black_box(snapshot), &mut work)));
+    }
+    row("phase_settling", settling, 13_500);
+    row("phase_tracking", listening, 7_600);
+    row("phase_piece", piece, 14_300);
     let Some(mut phasors) = phasors else { return };
     let mut rng = Rng::new(5, 5);
     let mut worst = 0;
@@ -447,7 +455,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
         board::halt(format_args!("the built-in estimator does not build"))
     };
     // Of a silent snapshot, for the parts that no look here changes.
-    let silence = extractor.step(&mut phase::State::default(), &Snapshot::zeroed());
+    let silence = extractor.listen(&mut phase::State::default(), &Snapshot::zeroed(), &mut Work::unlimited());
     let mut state = multipath::State::default();
     let paths = [(); 2].map(|()| TAU * rng.uniform());
     let mut turns = [(); 2].map(|()| TAU * rng.uniform());
@@ -527,8 +535,9 @@ fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         semihosting::println!("count fit_{name} {fit} 0");
         semihosting::println!("count look_{name} {all} 0");
     }
-    row("look_pillars", rows.iter().take(2).map(|(_, (_, all))| *all).max().unwrap_or(0), 50_000);
-    row("look_worst", rows.iter().map(|(_, (_, all))| *all).max().unwrap_or(0), 200_000);
+    // All at once; in flight a look is worked off over some steps.
+    row("look_pillars", rows.iter().take(2).map(|(_, (_, all))| *all).max().unwrap_or(0), 0);
+    row("look_worst", rows.iter().map(|(_, (_, all))| *all).max().unwrap_or(0), 0);
 }
 
 /// The length of the side of a square.
@@ -560,65 +569,6 @@ fn ranges(world: &[[f32; 3]], pose: &Pose, noise_m: f32, rng: &mut Rng) -> Scan 
         if centimetres > 300 { Sector::Clear } else { Sector::Hit(0.01 * centimetres.max(1) as f32) }
     });
     Scan { time: Instant(0), first_azimuth_rad, step_rad, range_max_m: 3.0, sectors }
-}
-
-/// A flight past obstacles towards the source: the middle and the worst of its steps.
-#[inline(never)]
-fn fast_loop(
-    measure: &impl Fn(&mut dyn FnMut()) -> u32,
-    guidance: &Guidance<N>,
-    planner: &Planner,
-    scratch: &mut Scratch,
-    snapshot: &mut Snapshot<N>,
-) {
-    static STATE: StaticCell<guidance::State<N>> = StaticCell::new();
-    let state = STATE.init_with(|| guidance.start());
-    let mut plan = None;
-    let mut counts = [0_u32; STEPS - WARM_UP];
-    let mut looks = [0_u32; (STEPS - WARM_UP) / STEPS_PER_LOOK];
-    let circles: [Circle; 8] = core::array::from_fn(|k| {
-        let side = if k % 2 == 0 { 2.0 } else { -2.0 };
-        Circle {
-            center_ned_m: Horizontal { north: 1.5 * k as f32, east: side },
-            radius_m: 0.4,
-            velocity_ned_mps: Horizontal::default(),
-        }
-    });
-    for step in 0..STEPS {
-        let now = Instant((step as u64 + 1) * STEP_US);
-        receive(snapshot, now.0 - STEP_US / 4);
-        let ownship = Ownship {
-            position_time: now,
-            position_ned_m: Ned { north: 0.02 * step as f32, east: 0.0, down: -2.0 },
-            velocity_ned_mps: Ned { north: 1.0, east: 0.0, down: 0.0 },
-            attitude_time: now,
-            ..Ownship::default()
-        };
-        let input = Input {
-            now,
-            front_end: FrontEnd::Snapshot(snapshot),
-            ownship: Some(ownship),
-            scan: None,
-            points: None,
-            circles: step.is_multiple_of(STEPS_PER_LOOK).then_some(&circles[..]),
-            control: Control::Granted,
-            plan: plan.as_ref(),
-        };
-        let (looking, mut requested) = (input.circles.is_some(), false);
-        let instructions = measure(&mut || requested = guidance.step(state, black_box(&input)).plan_requested);
-        plan = requested.then(|| planner.plan(scratch, state.request()));
-        if let Some(count) = step.checked_sub(WARM_UP).and_then(|step| counts.get_mut(step)) {
-            *count = instructions;
-        }
-        if looking && let Some(look) = step.checked_sub(WARM_UP).and_then(|step| looks.get_mut(step / STEPS_PER_LOOK)) {
-            *look = instructions;
-        }
-    }
-    counts.sort_unstable();
-    looks.sort_unstable();
-    row("fast_loop_tracking", counts.get(counts.len() / 2).copied().unwrap_or(0), 45_000);
-    row("fast_loop_looking", looks.get(looks.len() / 2).copied().unwrap_or(0), 0);
-    row("fast_loop_worst", counts.last().copied().unwrap_or(0), 0);
 }
 
 /// A command past the guard among 64 obstacles while the nose turns, and what the guard takes in of a delivery of them: the
@@ -827,15 +777,16 @@ fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch
     row("replan_64", worst, 1_700_000);
 }
 
-/// A tone from 30 degrees to the right, and noise, into a snapshot.
-fn receive(snapshot: &mut Snapshot<N>, time_us: u64) {
+/// A tone from an azimuth, or silence, and noise, into a snapshot.
+fn receive(snapshot: &mut Snapshot<N>, time_us: u64, azimuth_rad: Option<f32>) {
     snapshot.time = Instant(time_us);
     let mut rng = Rng::new(time_us, 2);
-    let phases = wave(FRAC_PI_2 / 3.0).map(Complex::arg);
+    let phases = wave(azimuth_rad.unwrap_or(0.0)).map(Complex::arg);
+    let amplitude = if azimuth_rad.is_some() { 1000.0 } else { 0.0 };
     for (row, phase) in snapshot.codes.iter_mut().zip(phases) {
         for (index, code) in row.iter_mut().enumerate() {
             let (_, cosine) = sin_cos(TAU * TONE_BINS / N as f32 * index as f32 + phase);
-            *code = (1000.0 * cosine + 50.0 * rng.gaussian()) as i16;
+            *code = (amplitude * cosine + 50.0 * rng.gaussian()) as i16;
         }
     }
 }

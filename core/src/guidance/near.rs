@@ -1,0 +1,103 @@
+//! What stands near the vehicle, and whether it stands in the way. In functions of their own, which do not depend on the length of a
+//! block and so are compiled with this crate: for speed, where the rest of an image is compiled for size.
+
+use heapless::Vec;
+
+use super::OBSTACLES_MAX;
+use crate::field::{Obstacle, inverse_root};
+use crate::frame::Horizontal;
+use crate::guard::Guard;
+use crate::map::{CIRCLES_MAX, Circle, Map};
+use crate::rollout::swept_clearance_m;
+use crate::work::Work;
+
+/// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
+pub(super) const NEAR_M: f32 = 4.0;
+/// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
+pub(super) const FAR: u8 = 64;
+/// So many obstacles are held against the plan in one step; more have their turn in the next.
+const CHECKED_MAX: usize = 16;
+/// Price of one of them.
+const CHECK: u32 = 400;
+
+/// Lists what is near the vehicle: the nearest, where there is no room for all of it.
+#[inline(never)]
+pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec<Obstacle, OBSTACLES_MAX>) {
+    let mut rings = [FAR; CIRCLES_MAX];
+    let mut counts = [0_u8; FAR as usize];
+    for (circle, ring) in map.circles().zip(&mut rings) {
+        let reach_m = guard.obstacle(circle).reach_m;
+        let limit = reach_m + NEAR_M;
+        let squared = circle.center_ned_m.minus(place).norm_squared();
+        if squared < limit * limit {
+            // Negative, and so the first, where it is too close.
+            let clearance_m = squared * inverse_root(squared) - reach_m;
+            *ring = ((clearance_m * (FAR as f32 / NEAR_M)) as u8).min(FAR - 1);
+            if let Some(count) = counts.get_mut(usize::from(*ring)) {
+                *count += 1;
+            }
+        }
+    }
+    // The rings that there is room for, and what is left for the next one.
+    let (mut whole, mut left) = (0, OBSTACLES_MAX as u8);
+    while let Some(rest) = counts.get(usize::from(whole)).and_then(|count| left.checked_sub(*count)) {
+        (whole, left) = (whole + 1, rest);
+    }
+    near.clear();
+    for (circle, ring) in map.circles().zip(rings) {
+        if ring < whole || (ring == whole && ring < FAR && left > 0) {
+            left -= u8::from(ring == whole);
+            // Cannot fail: so many places were shared out.
+            let _ = near.push(guard.obstacle(circle));
+        }
+    }
+}
+
+/// Whether an obstacle comes nearer to the way from where the vehicle would come to rest along the next waypoints than it is
+/// there, and than the margin. `unchecked` is the first that has not had its turn.
+#[inline(never)]
+pub(super) fn stands_in_the_way(
+    near: &[Obstacle],
+    unchecked: &mut u8,
+    rest_ned_m: Horizontal,
+    next_ned_m: &[Horizontal],
+    margin_m: f32,
+    work: &mut Work,
+) -> bool {
+    // No waypoint is farther away, and no point between two of them.
+    let squared_m2 = next_ned_m
+        .iter()
+        .map(|next| next.minus(rest_ned_m).norm_squared())
+        .fold(0.0, |a: f32, b| if b > a { b } else { a });
+    let far_m = squared_m2 * inverse_root(squared_m2 + 1e-6) + margin_m + 0.02;
+    let begin = usize::from(*unchecked).min(near.len());
+    let mut checked = 0;
+    *unchecked = 0;
+    for (index, obstacle) in near.iter().enumerate().skip(begin) {
+        let limit_m = obstacle.reach_m + far_m;
+        if obstacle.center_ned_m.minus(rest_ned_m).norm_squared() > limit_m * limit_m {
+            continue;
+        }
+        if checked == CHECKED_MAX || !work.take(CHECK) {
+            *unchecked = index as u8;
+            break;
+        }
+        checked += 1;
+        let at_rest = obstacle.clearance_m(rest_ned_m) - 0.01;
+        let least = if at_rest < margin_m { at_rest } else { margin_m };
+        if swept_clearance_m(rest_ned_m, next_ned_m, core::slice::from_ref(obstacle)) < least {
+            return true;
+        }
+    }
+    false
+}
+
+/// Copies what is known.
+#[inline(never)]
+pub(super) fn copy(map: &Map, circles: &mut Vec<Circle, CIRCLES_MAX>) {
+    circles.clear();
+    for circle in map.circles() {
+        // Cannot fail: as many places.
+        let _ = circles.push(*circle);
+    }
+}
