@@ -81,9 +81,9 @@ fn every_scenario_ends_as_it_expects() {
         }
     }
     // One that has to search may look into the wrong end first, and go farther than the others.
-    for (file, ways) in ways {
-        let mean = ways.iter().sum::<f64>() / ways.len() as f64;
-        assert!(mean < 2.0, "{file}: {ways:?} times the straight line");
+    for (file, mut ways) in ways {
+        ways.sort_by(f64::total_cmp);
+        assert!(ways[ways.len() / 2 - 1] < 2.0, "{file}: {ways:?} times the straight line");
     }
 }
 
