@@ -119,7 +119,12 @@ fn the_costs_are_those_of_the_trajectories_that_are_drawn() {
     for plan in flown.of_kind("plan") {
         for sample in plan["samples"].as_array().unwrap() {
             let (ours, recorded) = (cost(plan, sample, radius_m), number(&sample["cost"]));
-            // Places are rounded to a millimetre, steps may be as short as that.
+            // Places are rounded to a millimetre: which way a step of a few of them turns is lost.
+            let places: Vec<Vec<f64>> = sample["waypoints_m"].as_array().unwrap().iter().map(numbers).collect();
+            let is_short = |pair: &[Vec<f64>]| (1e-9..0.02).contains(&distance(&pair[0], &pair[1]));
+            if places.windows(2).any(is_short) {
+                continue;
+            }
             assert!((ours - recorded).abs() < 0.05 + 0.02 * recorded, "plan {}: {ours} for {recorded}", plan["id"]);
             compared += 1;
         }

@@ -395,8 +395,9 @@ fn calibrated_on_board_it_is_as_the_command_calibrates_it_and_the_bearing_is_rig
 
         bench.antennas.positions_m = square(0.138);
         let mut bench = bench.heard_from(75.0);
-        let bearing = bench.bearing().unwrap();
-        assert!(bearing.valid && (f64::from(bearing.azimuth_rad) - 75_f64.to_radians()).abs() < 0.01, "{bearing:?}");
+        // Found within half a second.
+        let bearing = (0..25).filter_map(|_| bench.bearing()).find(|bearing| bearing.valid).unwrap();
+        assert!((f64::from(bearing.azimuth_rad) - 75_f64.to_radians()).abs() < 0.01, "{bearing:?}");
     }
 }
 

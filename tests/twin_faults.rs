@@ -101,7 +101,8 @@ fn a_late_step_is_counted_and_told_and_changes_nothing_else() {
         assert_eq!(calm.step(0).output, stormy.step(budget_us / 2).output);
     }
     assert_eq!(stormy.trial.computer.late_steps(), 0);
-    for step in 0..100 {
+    // Fewer than would take so much of the planner's time that its plan is late.
+    for step in 0..60 {
         let stolen_us = if step % 2 == 0 { budget_us * 3 / 2 } else { 0 };
         let (one, other) = (calm.step(0), stormy.step(stolen_us));
         assert_eq!((one.output, one.motion), (other.output, other.motion), "step {step}");
@@ -111,7 +112,7 @@ fn a_late_step_is_counted_and_told_and_changes_nothing_else() {
     let (one, other) = (calm.fly(2.0), stormy.fly(2.0));
     assert_eq!((one.output, one.motion), (other.output, other.motion));
     assert!(other.speed_mps() > 0.5);
-    assert_eq!((calm.told(), stormy.told()), (Some(0.0), Some(50.0)));
+    assert_eq!((calm.told(), stormy.told()), (Some(0.0), Some(30.0)));
 }
 
 #[test]
