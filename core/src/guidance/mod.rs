@@ -340,8 +340,9 @@ pub struct State<const N: usize> {
     /// Steps in a row that were taken up by deliveries, and the obstacle that is the first to be held against the plan.
     unasked: u8,
     unchecked: u8,
-    /// Steps since what is near was listed.
+    /// Steps since what is near was listed, and since circles were delivered and looked at.
     near_age: u8,
+    looked_age: u8,
     /// What the last step has left of its instructions.
     left: Work,
     gathering: Gathering,
@@ -425,6 +426,7 @@ impl<const N: usize> Guidance<N> {
             unasked: 0,
             unchecked: 0,
             near_age: u8::MAX,
+            looked_age: u8::MAX,
             left: Work::new(0),
             gathering: Gathering::default(),
             link: link_state::State::new(),
@@ -469,6 +471,7 @@ impl<const N: usize> Guidance<N> {
             unasked,
             unchecked,
             near_age,
+            looked_age,
             left,
             gathering,
             link,
@@ -504,7 +507,7 @@ impl<const N: usize> Guidance<N> {
         *absorption = Absorption::default();
         *judging = Judging::default();
         (*unasked, *unchecked) = (0, 0);
-        (*near_age, *left) = (u8::MAX, Work::new(0));
+        (*near_age, *looked_age, *left) = (u8::MAX, u8::MAX, Work::new(0));
         *gathering = Gathering::default();
         *link = link_state::State::new();
         *reflected = 0.0;
@@ -535,7 +538,8 @@ impl<const N: usize> Guidance<N> {
         work.spend(heard.map_or(0, |heard| heard.spent.into()));
         let output = self.react(state, input, heard.as_ref(), &mut work);
         // By turns, so that neither waits for the other for ever: the spectrum where what is near was not listed.
-        let is_spectrums_turn = if state.map.is_still() { state.near_age > 0 } else { state.tick % 2 == 1 };
+        let is_spectrums_turn =
+            if state.map.is_still() { state.near_age > 0 } else { state.tick % 2 == 1 || state.looked_age == 1 };
         let wanted = heard.map_or(0, |heard| heard.wants.into());
         let kept = if is_spectrums_turn && work.take(wanted) { wanted } else { 0 };
         self.take_in(state, &mut work);
@@ -866,12 +870,16 @@ impl<const N: usize> Guidance<N> {
         }
         self.map.advance(&mut state.map, input.now);
         state.near_age = state.near_age.saturating_add(1);
-        if input.circles.is_some() || (self.must_gather(state) && (is_quiet || state.near_age >= NEAR_AGE_MAX)) {
+        state.looked_age = state.looked_age.saturating_add(1);
+        // Of deliveries with every step, every second: the steps between have room for other things, as below.
+        let is_looking = input.circles.is_some() && state.looked_age > 1;
+        if is_looking || (self.must_gather(state) && (is_quiet || state.near_age >= NEAR_AGE_MAX)) {
             work.spend(gather_price(state));
             near::gather(&self.guard, &state.map, place, &mut state.near);
             state.near_age = 0;
         }
-        if input.circles.is_some() {
+        if is_looking {
+            state.looked_age = 0;
             work.spend(LOOK_PRICE + LOOK_OBSTACLE_PRICE * state.near.len() as u32);
             self.guard.note_circles(&mut state.guard, &state.near, &looked);
             state.judging = Judging::default();

@@ -412,3 +412,48 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
     }
     assert!(heard_count > 350 && whole.map().circles().count() > 10, "{heard_count}");
 }
+
+#[test]
+fn however_much_is_delivered_with_every_step_a_tone_is_found_within_a_second() {
+    let guidance = Config::default().build::<256>().unwrap();
+    for (count, wander_m, scans) in
+        [(0, 0.0, false), (1, 0.3, false), (12, 0.0, false), (12, 0.3, true), (40, 0.0, true)]
+    {
+        let mut state = guidance.start();
+        let mut rng = crate::rng::Rng::new(32, 0);
+        let found = (0..50_u64).find(|step| {
+            let now = Instant(1_000_000 + step * 20_000);
+            let mut snapshot = Snapshot::<256>::zeroed();
+            snapshot.time = now;
+            for (n, code) in snapshot.codes.as_flattened_mut().iter_mut().enumerate() {
+                let turns = 20.3 * (n % 256) as f32 / 256.0;
+                *code = (900.0 * libm::cosf(core::f32::consts::TAU * turns) + 40.0 * rng.gaussian()) as i16;
+            }
+            let circles: StdVec<Circle> = (0..count)
+                .map(|index| {
+                    let far_m = 1.5 + 0.08 * index as f32;
+                    let away = Horizontal::from_bearing(1.2 * index as f32).times(far_m);
+                    let center_ned_m = away.plus(Horizontal { north: wander_m * rng.gaussian(), east: 0.0 });
+                    Circle { center_ned_m, radius_m: 0.1, ..Circle::default() }
+                })
+                .collect();
+            let sectors = core::array::from_fn(|index| match index % 9 {
+                0..5 => scan::Sector::Hit(1.8),
+                _ => scan::Sector::Clear,
+            });
+            let look = Scan { time: now, first_azimuth_rad: -0.7, step_rad: 0.02, range_max_m: 3.0, sectors };
+            let input = Input {
+                now,
+                front_end: FrontEnd::Snapshot(&snapshot),
+                ownship: Some(Ownship { position_time: now, attitude_time: now, ..Ownship::default() }),
+                scan: scans.then_some(&look),
+                points: None,
+                circles: Some(&circles),
+                control: Control::Granted,
+                plan: None,
+            };
+            guidance.step(&mut state, &input).bearing.is_some_and(|bearing| bearing.quality.snr_db > 10.0)
+        });
+        assert!(found.is_some(), "{count} {wander_m} {scans}");
+    }
+}
