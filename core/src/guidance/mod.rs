@@ -40,13 +40,14 @@ pub mod turning;
 const STEP_INSTRUCTIONS: u32 = 45_000 - 10_000;
 /// A bearing from phasors.
 const BEARING_PRICE: u32 = 2_300;
-/// What is made of a bearing in each step, and of none; of classifying its link; of a sighting, with each wall that is known; of a rotation.
+/// What is made of a bearing in each step, and of none; of classifying its link; of a sighting, with each wall that is known;
+/// of a rotation.
 const HEARD_PRICE: u32 = 1_900;
 const UNHEARD_PRICE: u32 = 500;
 const CLASSIFY_PRICE: u32 = 4_800;
-const SIGHTING_PRICE: u32 = 6_800;
-const WALL_PRICE: u32 = 8_000;
-const ROTATION_PRICE: u32 = 27_000;
+const SIGHTING_PRICE: u32 = 1_500;
+const WALL_PRICE: u32 = 300;
+const ROTATION_PRICE: u32 = 20_000;
 /// A look for the guard, with each obstacle where circles were delivered; the beginning of a scan, and of single points.
 const LOOK_PRICE: u32 = 2_000;
 const LOOK_OBSTACLE_PRICE: u32 = 250;
@@ -537,6 +538,7 @@ impl<const N: usize> Guidance<N> {
         let mut work = Work::new(STEP_INSTRUCTIONS);
         work.spend(heard.map_or(0, |heard| heard.spent.into()));
         let output = self.react(state, input, heard.as_ref(), &mut work);
+        self.weigh(state, &mut work);
         // By turns, so that neither waits for the other for ever: the spectrum where what is near was not listed.
         let is_spectrums_turn =
             if state.map.is_still() { state.near_age > 0 } else { state.tick % 2 == 1 || state.looked_age == 1 };
@@ -802,7 +804,7 @@ impl<const N: usize> Guidance<N> {
         let observed = Some(turned.bearing).filter(|bearing| bearing.valid);
         let bearing_ned_rad = observed.map(|bearing| self.goal.observe(&mut state.goal, &bearing, &ownship));
         if let Some(sighting) = &turned.sighting {
-            self.weigh(state, sighting);
+            self.see(state, sighting);
         }
         Some((turned.bearing, bearing_ned_rad))
     }
@@ -839,12 +841,18 @@ impl<const N: usize> Guidance<N> {
         let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
         let walls = state.active.as_ref().map_or(0, |plan| plan.lines.len() as u32);
         work.spend(SIGHTING_PRICE + WALL_PRICE * walls);
-        self.weigh(state, &sighting);
+        self.see(state, &sighting);
     }
 
-    fn weigh(&self, state: &mut State<N>, sighting: &Sighting) {
+    /// Begins to weigh a sighting, unless the last one is being weighed still: they are many times slower than steps.
+    fn see(&self, state: &mut State<N>, sighting: &Sighting) {
         let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
-        let answer = self.source.step(&mut state.source, sighting, state.reflected, lines);
+        self.source.begin(&mut state.source, sighting, state.reflected, lines);
+    }
+
+    /// Goes on with the sighting that is being weighed.
+    fn weigh(&self, state: &mut State<N>, work: &mut Work) {
+        let Some(bank::Weighed { sighting, answer }) = self.source.work_off(&mut state.source, work) else { return };
         // A reflection is worth following when it is known where it leads.
         let sure = |answer: &bank::Answer| answer.mode == Mode::Go && answer.share > SURE;
         let answer =
@@ -854,7 +862,7 @@ impl<const N: usize> Guidance<N> {
         // What has been taken for the source was its image.
         state.misled |= was_direct && way != Way::Direct;
         state.belief = answer;
-        state.goal.push_sighting(way.straightened(sighting));
+        state.goal.push_sighting(way.straightened(&sighting));
     }
 
     /// Scan -> circles -> map -> what is near.

@@ -14,13 +14,15 @@
 //! - The leading filter says whether it is time to learn or to go: [`Mode`], by the mean of its innovations' Mahalanobis
 //!   distance (the paper's switch) and by what it knows of the range.
 //!
-//! Cost: about 350 instructions for each filter and each way to read the sighting.
+//! A sighting is weighed belief by belief, by [`Bank::work_off`], so that a fast loop can spread it over steps; [`Bank::step`]
+//! does all of it at once, to the same bits.
 
 use super::polar::{self, Resting};
 use super::reflected::fold::is_line;
 use super::{Estimate, Heard, Sighting};
 use crate::error::{ConfigError, check};
 use crate::lor::Line;
+use crate::work::Work;
 
 /// Filters at most.
 pub const FILTERS: usize = 4;
@@ -38,6 +40,10 @@ const NOTHING: f32 = -5.0;
 const SWITCH_MAX: f32 = 0.1;
 /// Memory of the mean innovation, in sightings.
 const INNOVATION_MEMORY: f32 = 10.0;
+
+/// Prices: a sighting tried both ways on a belief; what is made of the weights.
+const WEIGH: u32 = 3_200;
+const CONCLUDE: u32 = 4_000;
 
 /// What the bank needs to know.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -176,6 +182,27 @@ struct Belief {
 pub struct State {
     beliefs: [Belief; FILTERS],
     unexplained: u8,
+    weighing: Option<Weighing>,
+}
+
+/// A sighting that is being weighed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Weighing {
+    sighting: Sighting,
+    reflected: f32,
+    wall: Option<(Line, f32)>,
+    /// The belief whose turn it is.
+    next: u8,
+    explained: bool,
+}
+
+/// A sighting that has been weighed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weighed {
+    /// The sighting.
+    pub sighting: Sighting,
+    /// What the bank says now; `None` when nothing is left to believe.
+    pub answer: Option<Answer>,
 }
 
 impl Default for State {
@@ -190,7 +217,7 @@ impl State {
     pub const fn new() -> Self {
         const NONE: Belief =
             Belief { filter: Resting::new(), way: Way::Direct, log_weight: 0.0, distance: 0.0, alive: false };
-        Self { beliefs: [NONE; FILTERS], unexplained: 0 }
+        Self { beliefs: [NONE; FILTERS], unexplained: 0, weighing: None }
     }
 
     /// Filters in use.
@@ -230,18 +257,50 @@ impl Bank {
     /// Takes in a sighting. `reflected` is the probability that the link is, `lines` are the walls that are known.
     /// `None` when the sighting is refused, or nothing is left to believe.
     pub fn step(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Line]) -> Option<Answer> {
-        if !sighting.is_plausible() {
+        if !self.begin(state, sighting, reflected, lines) {
             return None;
+        }
+        self.work_off(state, &mut Work::unlimited())?.answer
+    }
+
+    /// Begins to weigh a sighting. False when it is refused, or another one is being weighed still.
+    pub fn begin(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Line]) -> bool {
+        if state.weighing.is_some() || !sighting.is_plausible() {
+            return false;
         }
         let reflected = if reflected > 0.0 && reflected <= 1.0 { reflected } else { 0.0 };
         let wall = self.nearest(sighting, lines);
-        let mut explained = false;
-        for belief in state.beliefs.iter_mut().filter(|belief| belief.alive) {
-            explained |= self.weigh(belief, sighting, reflected, wall);
+        state.weighing = Some(Weighing { sighting: *sighting, reflected, wall, next: 0, explained: false });
+        true
+    }
+
+    /// Goes on with the sighting that is being weighed, as far as there is time; what came of it, once that is known.
+    pub fn work_off(&self, state: &mut State, work: &mut Work) -> Option<Weighed> {
+        let State { beliefs, weighing, .. } = state;
+        let Weighing { sighting, reflected, wall, next, explained } = weighing.as_mut()?;
+        while let Some(belief) = beliefs.get_mut(usize::from(*next)) {
+            if belief.alive {
+                if !work.take(WEIGH) {
+                    return None;
+                }
+                *explained |= self.weigh(belief, sighting, *reflected, *wall);
+            }
+            *next += 1;
         }
+        if !work.take(CONCLUDE) {
+            return None;
+        }
+        let weighing = state.weighing.take()?;
+        Some(Weighed { sighting: weighing.sighting, answer: self.conclude(state, &weighing) })
+    }
+
+    /// What is to be believed once all beliefs have been held against a sighting.
+    #[inline(never)]
+    fn conclude(&self, state: &mut State, weighing: &Weighing) -> Option<Answer> {
+        let Weighing { sighting, reflected, wall, explained, .. } = *weighing;
         state.unexplained = if explained { 0 } else { state.unexplained.saturating_add(1) };
         if state.count() == 0 || state.unexplained >= UNEXPLAINED_MAX {
-            self.begin(state, sighting);
+            self.begin_afresh(state, &sighting);
         }
         if let Some((line, _)) = wall
             && reflected >= self.config.reflected_min
@@ -274,6 +333,7 @@ impl Bank {
     }
 
     /// Tries a sighting both ways on a belief and keeps the likelier; whether that explains it.
+    #[inline(never)]
     fn weigh(&self, belief: &mut Belief, sighting: &Sighting, reflected: f32, wall: Option<(Line, f32)>) -> bool {
         let direct = self.read(belief, sighting, Way::Direct).map(|reading| {
             let behind = wall.is_some_and(|(_, range_m)| reading.filter.inverse_range_per_m() * range_m < 0.9);
@@ -318,7 +378,7 @@ impl Bank {
     }
 
     /// A belief that knows this sighting only.
-    fn begin(&self, state: &mut State, sighting: &Sighting) {
+    fn begin_afresh(&self, state: &mut State, sighting: &Sighting) {
         state.unexplained = 0;
         let log_weight = state.leading().map_or(0.0, |leading| leading.log_weight + NEWCOMER);
         let mut filter = Resting::new();
