@@ -302,6 +302,7 @@ impl Keeper {
         let (taken, left) = circles.split_at(circles.len().min(DELIVERY_MAX));
         map.overflow_count = map.overflow_count.saturating_add(left.len() as u32);
         let now_ms = millis(now);
+        let mut next = 0;
         for circle in taken {
             if !circle.is_plausible() {
                 map.refuse(1);
@@ -317,19 +318,12 @@ impl Keeper {
                 origin: Origin::Given,
                 clear_looks: 0,
             };
-            let near_m = 0.05 + 0.25 * circle.radius_m;
-            let same = |k: &&mut Known| {
-                if k.seen_ms == now_ms && k.origin == Origin::Given {
-                    // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
-                    return k.circle == *circle;
+            let found = seen_before(&map.known, circle, next).or_else(|| seen_nearby(&map.known, circle, now_ms));
+            match found.and_then(|index| Some((index, map.known.get_mut(index)?))) {
+                Some((index, old)) => {
+                    *old = known;
+                    next = index + 1;
                 }
-                let away = k.circle.center_ned_m.minus(circle.center_ned_m);
-                libm::fabsf(away.north) < near_m
-                    && away.norm_squared() < near_m * near_m
-                    && libm::fabsf(k.radius_m - circle.radius_m) < 0.05
-            };
-            match map.known.iter_mut().find(same) {
-                Some(old) => *old = known,
                 None => map.add(known, vehicle_ned_m),
             }
         }
@@ -420,6 +414,30 @@ impl Keeper {
             clear_looks: 0,
         })
     }
+}
+
+/// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
+/// order each time: the search begins behind the last one that was found.
+fn seen_before(known: &[Known], circle: &Circle, next: usize) -> Option<usize> {
+    let next = next.min(known.len());
+    let (before, behind) = known.split_at(next);
+    let is_it = |k: &Known| k.circle == *circle;
+    behind.iter().position(is_it).map(|index| next + index).or_else(|| before.iter().position(is_it))
+}
+
+/// The place of what a circle is another measurement of.
+fn seen_nearby(known: &[Known], circle: &Circle, now_ms: u32) -> Option<usize> {
+    let near_m = 0.05 + 0.25 * circle.radius_m;
+    known.iter().position(|k| {
+        // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
+        if k.seen_ms == now_ms && k.origin == Origin::Given {
+            return false;
+        }
+        let away = k.circle.center_ned_m.minus(circle.center_ned_m);
+        libm::fabsf(away.north) < near_m
+            && away.norm_squared() < near_m * near_m
+            && libm::fabsf(k.radius_m - circle.radius_m) < 0.05
+    })
 }
 
 /// Whether a circle is inside another, but for what a bad fit may stick out.
