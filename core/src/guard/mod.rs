@@ -41,7 +41,7 @@ const AGREED_MPS: f32 = 1e-4;
 /// So many half-spaces may decide.
 const DECISIVE_MAX: usize = 12;
 /// So many obstacles are looked at closely in one step. Among more the vehicle is slower, so that fewer can matter.
-pub const CLOSE_MAX: usize = 24;
+pub const CLOSE_MAX: usize = 18;
 /// How often its speed is halved for that; where there are still more it brakes.
 const HALVED_MAX: u8 = 3;
 /// How far ahead the straight line from the vehicle to where the command leads must be clear.

@@ -24,7 +24,6 @@ use crate::phase::{Phasors, Tone};
 use crate::planner::{Learn, Plan, PlanRequest, Search, Searched, Verdict};
 use crate::rollout::WAYPOINTS;
 use crate::scan::{Intake, Points, Pose, Scan};
-use crate::source::Sighting;
 use crate::source::bank::{self, Mode, Way};
 use crate::source::gather::Gathering;
 use crate::time::Instant;
@@ -40,14 +39,13 @@ pub mod turning;
 const STEP_INSTRUCTIONS: u32 = 45_000 - 10_000;
 /// A bearing from phasors.
 const BEARING_PRICE: u32 = 2_300;
-/// What is made of a bearing in each step, and of none; of classifying its link; of a sighting, with each wall that is known;
-/// of a rotation.
+/// What is made of a bearing in each step, and of none; of classifying its link.
 const HEARD_PRICE: u32 = 1_900;
 const UNHEARD_PRICE: u32 = 500;
 const CLASSIFY_PRICE: u32 = 4_800;
-const SIGHTING_PRICE: u32 = 1_500;
-const WALL_PRICE: u32 = 300;
-const ROTATION_PRICE: u32 = 20_000;
+/// To take in circles: each of them, with each that is known.
+const CIRCLE_PRICE: u32 = 60;
+const CIRCLE_KNOWN_PRICE: u32 = 12;
 /// A look for the guard, with each obstacle where circles were delivered; the beginning of a scan, and of single points.
 const LOOK_PRICE: u32 = 2_000;
 const LOOK_OBSTACLE_PRICE: u32 = 250;
@@ -67,6 +65,11 @@ const ASK_PRICE: u32 = 4_000;
 const NEAR_AGE_MAX: u8 = 4;
 /// So many steps in a row may be taken up by deliveries of hits; the next one asks for a plan if one is wanted.
 const UNASKED_MAX: u8 = 2;
+/// For so many steps the spectrum waits for room, and for as many again where something is delivered with each of them: that
+/// is then left out once.
+const WAITED_MAX: u8 = 5;
+/// A frame that took more than this was one of a new tone.
+const SETTLING: u16 = 12_500;
 /// The fast loop heeds so many of the nearest ones; the planner is told all.
 pub const OBSTACLES_MAX: usize = 64;
 /// What tells a reflected link from a direct one, and how many of the links are reflected for each that is direct.
@@ -344,6 +347,10 @@ pub struct State<const N: usize> {
     /// Steps since what is near was listed, and since circles were delivered and looked at.
     near_age: u8,
     looked_age: u8,
+    /// The guard has not looked at the circles that came with the last step.
+    is_look_due: bool,
+    /// Steps that the spectrum has waited for its turn.
+    waited: u8,
     /// What the last step has left of its instructions.
     left: Work,
     gathering: Gathering,
@@ -428,6 +435,8 @@ impl<const N: usize> Guidance<N> {
             unchecked: 0,
             near_age: u8::MAX,
             looked_age: u8::MAX,
+            is_look_due: false,
+            waited: 0,
             left: Work::new(0),
             gathering: Gathering::default(),
             link: link_state::State::new(),
@@ -473,6 +482,8 @@ impl<const N: usize> Guidance<N> {
             unchecked,
             near_age,
             looked_age,
+            is_look_due,
+            waited,
             left,
             gathering,
             link,
@@ -509,6 +520,7 @@ impl<const N: usize> Guidance<N> {
         *judging = Judging::default();
         (*unasked, *unchecked) = (0, 0);
         (*near_age, *looked_age, *left) = (u8::MAX, u8::MAX, Work::new(0));
+        (*is_look_due, *waited) = (false, 0);
         *gathering = Gathering::default();
         *link = link_state::State::new();
         *reflected = 0.0;
@@ -537,13 +549,24 @@ impl<const N: usize> Guidance<N> {
         let heard = self.listen(state, input.front_end);
         let mut work = Work::new(STEP_INSTRUCTIONS);
         work.spend(heard.map_or(0, |heard| heard.spent.into()));
+        let is_delivery = input.scan.is_some() || input.points.is_some() || input.circles.is_some();
+        let has_waited = state.waited >= if is_delivery { 2 * WAITED_MAX } else { WAITED_MAX };
+        let undisturbed;
+        let input = if has_waited {
+            // What is delivered will be delivered again.
+            undisturbed = Input { scan: None, points: None, circles: None, ..input.clone() };
+            &undisturbed
+        } else {
+            input
+        };
         let output = self.react(state, input, heard.as_ref(), &mut work);
         self.weigh(state, &mut work);
         // By turns, so that neither waits for the other for ever: the spectrum where what is near was not listed.
         let is_spectrums_turn =
-            if state.map.is_still() { state.near_age > 0 } else { state.tick % 2 == 1 || state.looked_age == 1 };
+            has_waited || if state.map.is_still() { state.near_age > 0 } else { state.tick % 2 == 1 };
         let wanted = heard.map_or(0, |heard| heard.wants.into());
         let kept = if is_spectrums_turn && work.take(wanted) { wanted } else { 0 };
+        state.waited = if kept == wanted || has_waited { 0 } else { state.waited.saturating_add(1) };
         self.take_in(state, &mut work);
         work.give_back(kept);
         state.left = work;
@@ -556,13 +579,19 @@ impl<const N: usize> Guidance<N> {
     /// What cannot wait: everything from the frame to the setpoint.
     fn react(&self, state: &mut State<N>, input: &Input<'_, N>, heard: Option<&Heard>, work: &mut Work) -> Output {
         state.tick = state.tick.wrapping_add(1);
-        // A step with a delivery of hits does not do what can be done in the next one as well.
-        let is_quiet = (input.scan.is_none() && input.points.is_none()) || state.unasked >= UNASKED_MAX;
+        state.looked_age = state.looked_age.saturating_add(1);
+        state.near_age = state.near_age.saturating_add(1);
+        // A step with a delivery of hits, or a new tone, or one in which the spectrum has its turn at last, does not do what can
+        // be done in the next one as well.
+        let is_busy = input.scan.is_some() || input.points.is_some() || state.waited >= WAITED_MAX;
+        let is_settling = heard.is_some_and(|heard| heard.spent > SETTLING);
+        let is_quiet = !is_settling && (!is_busy || state.unasked >= UNASKED_MAX);
         state.unasked = if is_quiet { 0 } else { state.unasked + 1 };
         if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
             state.ownship = Some(ownship);
         }
-        let (bearing, bearing_ned_rad) = self.hear(state, heard, is_quiet, work).unzip();
+        let circles = input.circles.unwrap_or_default();
+        let (bearing, bearing_ned_rad) = self.hear(state, heard, circles, is_quiet, work).unzip();
         let bearing_ned_rad = bearing_ned_rad.flatten();
         self.look(state, input, is_quiet, work);
         let plan_activated = self.take_over(state, input.plan);
@@ -756,6 +785,7 @@ impl<const N: usize> Guidance<N> {
         &self,
         state: &mut State<N>,
         heard: Option<&Heard>,
+        circles: &[Circle],
         is_quiet: bool,
         work: &mut Work,
     ) -> Option<(Bearing, Option<f32>)> {
@@ -772,7 +802,10 @@ impl<const N: usize> Guidance<N> {
         let bearing_ned_rad = usable.map(|ownship| self.goal.observe(&mut state.goal, &bearing, &ownship));
         work.spend(if usable.is_some() { HEARD_PRICE } else { UNHEARD_PRICE });
         // The steps between have more room.
-        let needed = if self.must_gather(state) { gather_price(state) } else { 0 } + guard_price(state);
+        let circles = if state.looked_age > 1 { circles } else { &[] };
+        let gathering = if self.must_gather(state) || state.is_look_due { gather_price(state) } else { 0 };
+        let looking = if state.is_look_due { look_price(state) } else { 0 };
+        let needed = gathering + looking + intake_price(state, circles) + guard_price(state);
         if let Some(ownship) =
             state.ownship.filter(|_| self.reflections && is_quiet && work.has(CLASSIFY_PRICE + needed))
         {
@@ -781,7 +814,7 @@ impl<const N: usize> Guidance<N> {
             work.spend(if state.reflected.to_bits() == before.to_bits() { 0 } else { CLASSIFY_PRICE });
         }
         if let (Some(ownship), Some(bearing_ned_rad)) = (usable, bearing_ned_rad) {
-            self.believe(state, &bearing, bearing_ned_rad, &ownship, work);
+            self.gather(state, &bearing, bearing_ned_rad, &ownship);
         }
         Some((bearing, bearing_ned_rad))
     }
@@ -798,13 +831,12 @@ impl<const N: usize> Guidance<N> {
         state.reflected = 0.0;
         let ownship = state.ownship?;
         let depression_rad = state.goal.depression_rad();
-        let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad)?;
-        work.spend(ROTATION_PRICE);
+        let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad, work)?;
         state.last_flags = turned.bearing.flags;
         let observed = Some(turned.bearing).filter(|bearing| bearing.valid);
         let bearing_ned_rad = observed.map(|bearing| self.goal.observe(&mut state.goal, &bearing, &ownship));
         if let Some(sighting) = &turned.sighting {
-            self.see(state, sighting);
+            self.source.begin(&mut state.source, sighting);
         }
         Some((turned.bearing, bearing_ned_rad))
     }
@@ -826,33 +858,21 @@ impl<const N: usize> Guidance<N> {
         state.reflected = CLASSIFIER.step(&mut state.link, &look).reflected(REFLECTED_PRIOR);
     }
 
-    /// Bearings -> sightings -> filters. A sighting that came by way of a wall is handed on as the vehicle's mirror image
-    /// would have had it, directly.
-    fn believe(
-        &self,
-        state: &mut State<N>,
-        bearing: &Bearing,
-        bearing_ned_rad: f32,
-        ownship: &Ownship,
-        work: &mut Work,
-    ) {
+    /// Bearings -> sightings.
+    fn gather(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: f32, ownship: &Ownship) {
         let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
         let direction = Horizontal::from_bearing(bearing_ned_rad);
         let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
-        let walls = state.active.as_ref().map_or(0, |plan| plan.lines.len() as u32);
-        work.spend(SIGHTING_PRICE + WALL_PRICE * walls);
-        self.see(state, &sighting);
+        // Not while the last one is being weighed: they are many times slower than steps.
+        self.source.begin(&mut state.source, &sighting);
     }
 
-    /// Begins to weigh a sighting, unless the last one is being weighed still: they are many times slower than steps.
-    fn see(&self, state: &mut State<N>, sighting: &Sighting) {
-        let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
-        self.source.begin(&mut state.source, sighting, state.reflected, lines);
-    }
-
-    /// Goes on with the sighting that is being weighed.
+    /// Sightings -> filters, as far as there is time. A sighting that came by way of a wall is handed on as the vehicle's mirror
+    /// image would have had it, directly.
     fn weigh(&self, state: &mut State<N>, work: &mut Work) {
-        let Some(bank::Weighed { sighting, answer }) = self.source.work_off(&mut state.source, work) else { return };
+        let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
+        let weighed = self.source.work_off(&mut state.source, state.reflected, lines, work);
+        let Some(bank::Weighed { sighting, answer }) = weighed else { return };
         // A reflection is worth following when it is known where it leads.
         let sure = |answer: &bank::Answer| answer.mode == Mode::Go && answer.share > SURE;
         let answer =
@@ -873,23 +893,29 @@ impl<const N: usize> Guidance<N> {
         if !is_quiet {
             self.begin_intake(state, input, &ownship, work);
         }
-        if let Some(circles) = input.circles {
+        let mut look_from = None;
+        if core::mem::take(&mut state.is_look_due) {
+            look_from = Some(Pose { yaw_rad: ownship.yaw_rad - ownship.yaw_rate_radps * self.tick_s, ..looked });
+        }
+        // Of deliveries with every step, every second: the steps between have room for other things, as below.
+        if let Some(circles) = input.circles.filter(|_| state.looked_age > 1) {
+            work.spend(intake_price(state, circles));
             self.map.observe_circles(&mut state.map, input.now, place, circles);
+            state.looked_age = 0;
+            // A large delivery leaves no room for a look at it: that is for the next step.
+            state.is_look_due = !work.has(gather_price(state) + look_price(state) + GUARD_PRICE);
+            look_from = Some(looked).filter(|_| !state.is_look_due);
         }
         self.map.advance(&mut state.map, input.now);
-        state.near_age = state.near_age.saturating_add(1);
-        state.looked_age = state.looked_age.saturating_add(1);
-        // Of deliveries with every step, every second: the steps between have room for other things, as below.
-        let is_looking = input.circles.is_some() && state.looked_age > 1;
-        if is_looking || (self.must_gather(state) && (is_quiet || state.near_age >= NEAR_AGE_MAX)) {
+        let may_gather = (is_quiet && !state.is_look_due) || state.near_age >= NEAR_AGE_MAX;
+        if look_from.is_some() || (self.must_gather(state) && may_gather) {
             work.spend(gather_price(state));
             near::gather(&self.guard, &state.map, place, &mut state.near);
             state.near_age = 0;
         }
-        if is_looking {
-            state.looked_age = 0;
-            work.spend(LOOK_PRICE + LOOK_OBSTACLE_PRICE * state.near.len() as u32);
-            self.guard.note_circles(&mut state.guard, &state.near, &looked);
+        if let Some(pose) = look_from {
+            work.spend(look_price(state));
+            self.guard.note_circles(&mut state.guard, &state.near, &pose);
             state.judging = Judging::default();
         }
     }
@@ -1072,6 +1098,17 @@ impl<const N: usize> Guidance<N> {
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));
         true
     }
+}
+
+/// What it costs to take in circles.
+fn intake_price<const N: usize>(state: &State<N>, circles: &[Circle]) -> u32 {
+    let known = state.map.circles().count() as u32;
+    (CIRCLE_PRICE + CIRCLE_KNOWN_PRICE * known) * circles.len().min(map::DELIVERY_MAX) as u32
+}
+
+/// What it costs to look at circles that were delivered.
+fn look_price<const N: usize>(state: &State<N>) -> u32 {
+    LOOK_PRICE + LOOK_OBSTACLE_PRICE * state.near.len() as u32
 }
 
 /// What it costs to list what is near.

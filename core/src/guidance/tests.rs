@@ -414,14 +414,14 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
 }
 
 #[test]
-fn however_much_is_delivered_with_every_step_a_tone_is_found_within_a_second() {
+fn however_much_is_delivered_with_every_step_a_tone_is_found_within_two_seconds() {
     let guidance = Config::default().build::<256>().unwrap();
     for (count, wander_m, scans) in
         [(0, 0.0, false), (1, 0.3, false), (12, 0.0, false), (12, 0.3, true), (40, 0.0, true)]
     {
         let mut state = guidance.start();
         let mut rng = crate::rng::Rng::new(32, 0);
-        let found = (0..50_u64).find(|step| {
+        let found = (0..100_u64).find(|step| {
             let now = Instant(1_000_000 + step * 20_000);
             let mut snapshot = Snapshot::<256>::zeroed();
             snapshot.time = now;

@@ -21,6 +21,7 @@ use super::polar::{self, Resting};
 use super::reflected::fold::is_line;
 use super::{Estimate, Heard, Sighting};
 use crate::error::{ConfigError, check};
+use crate::frame::Horizontal;
 use crate::lor::Line;
 use crate::work::Work;
 
@@ -41,7 +42,8 @@ const SWITCH_MAX: f32 = 0.1;
 /// Memory of the mean innovation, in sightings.
 const INNOVATION_MEMORY: f32 = 10.0;
 
-/// Prices: a sighting tried both ways on a belief; what is made of the weights.
+/// Prices: which line a ray meets, for each line; a sighting tried both ways on a belief; what is made of the weights.
+const NEAREST: u32 = 150;
 const WEIGH: u32 = 3_200;
 const CONCLUDE: u32 = 4_000;
 
@@ -182,19 +184,14 @@ struct Belief {
 pub struct State {
     beliefs: [Belief; FILTERS],
     unexplained: u8,
-    weighing: Option<Weighing>,
-}
-
-/// A sighting that is being weighed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Weighing {
+    /// The sighting that is being weighed, the belief whose turn it is, and whether one before it has explained it.
     sighting: Sighting,
-    reflected: f32,
-    wall: Option<(Line, f32)>,
-    /// The belief whose turn it is.
     next: u8,
     explained: bool,
 }
+
+/// In place of a belief whose turn it is: nothing is being weighed.
+const IDLE: u8 = u8::MAX;
 
 /// A sighting that has been weighed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -217,7 +214,13 @@ impl State {
     pub const fn new() -> Self {
         const NONE: Belief =
             Belief { filter: Resting::new(), way: Way::Direct, log_weight: 0.0, distance: 0.0, alive: false };
-        Self { beliefs: [NONE; FILTERS], unexplained: 0, weighing: None }
+        let sighting = Sighting {
+            place_ned_m: Horizontal { north: 0.0, east: 0.0 },
+            direction_ned: Horizontal { north: 0.0, east: 0.0 },
+            sigma_rad: 0.0,
+            since_s: 0.0,
+        };
+        Self { beliefs: [NONE; FILTERS], unexplained: 0, sighting, next: IDLE, explained: false }
     }
 
     /// Filters in use.
@@ -257,50 +260,59 @@ impl Bank {
     /// Takes in a sighting. `reflected` is the probability that the link is, `lines` are the walls that are known.
     /// `None` when the sighting is refused, or nothing is left to believe.
     pub fn step(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Line]) -> Option<Answer> {
-        if !self.begin(state, sighting, reflected, lines) {
+        if !self.begin(state, sighting) {
             return None;
         }
-        self.work_off(state, &mut Work::unlimited())?.answer
+        self.work_off(state, reflected, lines, &mut Work::unlimited())?.answer
     }
 
     /// Begins to weigh a sighting. False when it is refused, or another one is being weighed still.
-    pub fn begin(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Line]) -> bool {
-        if state.weighing.is_some() || !sighting.is_plausible() {
-            return false;
+    pub fn begin(&self, state: &mut State, sighting: &Sighting) -> bool {
+        let is_free = state.next == IDLE && sighting.is_plausible();
+        if is_free {
+            (state.sighting, state.next, state.explained) = (*sighting, 0, false);
         }
-        let reflected = if reflected > 0.0 && reflected <= 1.0 { reflected } else { 0.0 };
-        let wall = self.nearest(sighting, lines);
-        state.weighing = Some(Weighing { sighting: *sighting, reflected, wall, next: 0, explained: false });
-        true
+        is_free
     }
 
     /// Goes on with the sighting that is being weighed, as far as there is time; what came of it, once that is known.
-    pub fn work_off(&self, state: &mut State, work: &mut Work) -> Option<Weighed> {
-        let State { beliefs, weighing, .. } = state;
-        let Weighing { sighting, reflected, wall, next, explained } = weighing.as_mut()?;
+    pub fn work_off(&self, state: &mut State, reflected: f32, lines: &[Line], work: &mut Work) -> Option<Weighed> {
+        let State { beliefs, sighting, next, explained, .. } = state;
+        if *next == IDLE || !work.take(NEAREST * lines.len() as u32) {
+            return None;
+        }
+        let reflected = if reflected > 0.0 && reflected <= 1.0 { reflected } else { 0.0 };
+        let wall = self.nearest(sighting, lines);
         while let Some(belief) = beliefs.get_mut(usize::from(*next)) {
             if belief.alive {
                 if !work.take(WEIGH) {
                     return None;
                 }
-                *explained |= self.weigh(belief, sighting, *reflected, *wall);
+                *explained |= self.weigh(belief, sighting, reflected, wall);
             }
             *next += 1;
         }
         if !work.take(CONCLUDE) {
             return None;
         }
-        let weighing = state.weighing.take()?;
-        Some(Weighed { sighting: weighing.sighting, answer: self.conclude(state, &weighing) })
+        let (sighting, explained) = (*sighting, *explained);
+        *next = IDLE;
+        Some(Weighed { sighting, answer: self.conclude(state, &sighting, explained, reflected, wall) })
     }
 
     /// What is to be believed once all beliefs have been held against a sighting.
     #[inline(never)]
-    fn conclude(&self, state: &mut State, weighing: &Weighing) -> Option<Answer> {
-        let Weighing { sighting, reflected, wall, explained, .. } = *weighing;
+    fn conclude(
+        &self,
+        state: &mut State,
+        sighting: &Sighting,
+        explained: bool,
+        reflected: f32,
+        wall: Option<(Line, f32)>,
+    ) -> Option<Answer> {
         state.unexplained = if explained { 0 } else { state.unexplained.saturating_add(1) };
         if state.count() == 0 || state.unexplained >= UNEXPLAINED_MAX {
-            self.begin_afresh(state, &sighting);
+            self.begin_afresh(state, sighting);
         }
         if let Some((line, _)) = wall
             && reflected >= self.config.reflected_min
@@ -466,7 +478,6 @@ fn agree(a: &Resting, b: &Resting) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Horizontal;
     use crate::rng::Rng;
 
     const SIGMA_RAD: f32 = 0.03;

@@ -35,8 +35,8 @@ const SILENCE: core::ops::Range<usize> = 300..340;
 const SOURCE_NED_M: Horizontal = Horizontal { north: 12.0, east: 3.0 };
 /// Steps with the worst that may come in.
 const ABSURD_STEPS: usize = 400;
-/// In so many of them, the first, the store is filled.
-const FILLING: usize = 3;
+/// In so many of them, the first, the store is filled: by every second delivery, with a look in the step after it.
+const FILLING: usize = 4;
 
 /// The state stays in one place: a second one is more than there is room for.
 struct Loop<'a> {
@@ -182,8 +182,8 @@ fn mission(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>)
     row("fast_loop_worst", worst, CEILING);
 }
 
-/// Random ranges in every ray with a full store, at 10 Hz; and scans and points, all of them random, in every step. Two
-/// deliveries of circles fill the store before the counting begins: only the simulator delivers circles.
+/// Random ranges in every ray with a full store, at 10 Hz; and scans and points, all of them random, in every step.
+/// Deliveries of circles fill the store before the counting begins: only the simulator delivers circles.
 #[inline(never)]
 fn absurd(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) {
     let mut rng = Rng::new(14, 14);
