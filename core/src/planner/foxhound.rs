@@ -61,8 +61,8 @@ const BENDS_MAX: u8 = 6;
 const WAY_STEP_M: f32 = 1.0;
 /// A way shorter than this has ended.
 const WAY_MIN_M: f32 = 0.6;
-/// Replans that come to nothing, about a minute's, after which nothing is searched any more, and after twice as many nothing
-/// believed; and how many a step of progress makes good.
+/// Replans that come to nothing, about a minute's, after which nothing is searched any more but a way to the source followed
+/// that is seen from far, and after twice as many nothing believed; and how many a step of progress makes good.
 const SPENT_MAX: u16 = 80;
 const CREDIT: u16 = 20;
 
@@ -205,7 +205,12 @@ pub(super) fn plan(
     scratch.obstacles.retain(near);
 
     let mut plan = Plan { source, ..Plan::brake(config, request) };
-    let Some(aim) = aim else { return plan };
+    let Some(aim) = aim else {
+        if far {
+            way.clear();
+        }
+        return plan;
+    };
     let mut route = window.route(aim.place_ned_m);
     if far {
         way.clone_from(&route);
@@ -274,7 +279,7 @@ fn aim(
     if inside && let Some(place) = approach(window, source) {
         return hopeful(place);
     }
-    if progress.spent >= SPENT_MAX {
+    if progress.spent >= SPENT_MAX && (progress.until_far.is_none() || way.is_empty()) {
         return None;
     }
     if (!inside || window.is_open(source))
