@@ -586,7 +586,7 @@ impl<const N: usize> Guidance<N> {
         let is_busy = input.scan.is_some() || input.points.is_some() || state.waited >= WAITED_MAX;
         let is_settling = heard.is_some_and(|heard| heard.spent > SETTLING);
         let is_quiet = !is_settling && (!is_busy || state.unasked >= UNASKED_MAX);
-        state.unasked = if is_quiet { 0 } else { state.unasked + 1 };
+        state.unasked = if is_quiet { 0 } else { state.unasked.saturating_add(1) };
         if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
             state.ownship = Some(ownship);
         }
