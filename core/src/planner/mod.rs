@@ -560,7 +560,8 @@ mod tests {
         };
         assert_eq!(verdict(true), Verdict::Follow);
         let follows = (0..200).take_while(|_| verdict(false) == Verdict::Follow).count();
-        assert!((50..150).contains(&follows), "{follows}");
+        // A way is in sight from far all the time: it is followed for twice as long as one that is searched for.
+        assert!((100..=160).contains(&follows), "{follows}");
         assert_eq!(verdict(false), Verdict::Brake);
         assert_eq!(verdict(true), Verdict::Follow);
     }
