@@ -198,8 +198,9 @@ pub fn plan(desk: Desk) -> ! {
             continue;
         };
         replan(scratch, order, planned);
-        plans.send_done();
+        // In this order: the plan wakes guidance, which may go on for many steps before we do, and order the next one.
         orders.receive_done();
+        plans.send_done();
     }
 }
 
