@@ -14,7 +14,7 @@ use foxhound_core::mission::Outcome;
 use foxhound_core::time::Instant;
 use foxhound_core::{explore, planner, response};
 use foxhound_link::mailbox::Planned;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::antennas::{Antennas, Fault, Pattern, Pose, Reflection};
@@ -112,7 +112,7 @@ impl Mission {
 }
 
 /// How a flight ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
     /// Within the goal tolerance.

@@ -25,6 +25,10 @@ use crate::input::{InputError, check, parse_strictly, read_text};
 use crate::maps::{Pair, Pillar};
 use crate::scenario::{Bearing, FLIGHT_KEYS, Limits, Obstacle, Scenario, Sensor, Vehicle};
 
+pub mod shard;
+
+use shard::Shard;
+
 /// Stack of a worker: a computer is some hundred kilobytes.
 const STACK_BYTES: usize = 16 << 20;
 /// Two-sided 95 % of the normal distribution.
@@ -204,12 +208,15 @@ impl Suite {
     pub fn flights(&self, seed: u64, selection: &Selection) -> Vec<Flight> {
         let base = self.scenario_without_map();
         let mut flights = Vec::new();
+        let mut number = 0;
         for map in self.maps.iter().filter(|map| selection.takes_map(map)) {
             let obstacle = |[x, y, r]: &Pillar| Obstacle { x: *x, y: *y, r: *r, vx: 0.0, vy: 0.0 };
             let obstacles: Vec<Obstacle> = map.obstacles.iter().map(obstacle).collect();
             for (index, [x0, y0, x1, y1, reference_m]) in (0..).zip(&map.pairs) {
                 let place = Place { row: map.row, instance: map.instance, pair: index };
-                if selection.takes_pair(index) {
+                let is_selected = selection.takes_pair(index);
+                // Those of other shards are never built: a large suite is large in memory.
+                if is_selected && selection.shard.is_none_or(|shard| shard.takes(number)) {
                     let scenario = Scenario {
                         name: format!("row {}, map {}, pair {}", map.row, map.instance, index),
                         obstacles: obstacles.clone(),
@@ -221,9 +228,17 @@ impl Suite {
                     let seed = place.seed(seed);
                     flights.push(Flight { place, seed, scenario, reference_length_m: *reference_m });
                 }
+                number += usize::from(is_selected);
             }
         }
         flights
+    }
+
+    /// How many flights are selected, in all shards together.
+    #[must_use]
+    pub fn count(&self, selection: &Selection) -> usize {
+        let maps = self.maps.iter().filter(|map| selection.takes_map(map));
+        maps.map(|map| (0..).zip(&map.pairs).filter(|(index, _)| selection.takes_pair(*index)).count()).sum()
     }
 }
 
@@ -244,7 +259,7 @@ fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
 }
 
 /// Where in a suite a flight belongs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Place {
     /// The map's row.
     pub row: u32,
@@ -272,6 +287,8 @@ pub struct Selection {
     pub only: Vec<u32>,
     /// At most so many pairs of each map.
     pub pairs: Option<u32>,
+    /// Of all these only the flights of one shard.
+    pub shard: Option<Shard>,
 }
 
 impl Selection {
@@ -318,7 +335,7 @@ impl Flight {
 }
 
 /// What a flight came to.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Flown {
     /// Where it belongs.
     #[serde(flatten)]
@@ -328,7 +345,7 @@ pub struct Flown {
     /// How it ended.
     pub result: Ending,
     /// The outcome that explains it, by name.
-    pub reason: &'static str,
+    pub reason: String,
     /// Duration of the flight.
     pub time_s: f64,
     /// Length of the path flown.
@@ -357,7 +374,7 @@ impl Flown {
             place: flight.place,
             seed: flight.seed,
             result: report.result,
-            reason: report.reason,
+            reason: report.reason.to_owned(),
             time_s: report.time_s,
             path_length_m: report.path_length_m,
             reference_length_m: flight.reference_length_m,
@@ -555,7 +572,7 @@ mod tests {
             place: Place { row, instance: 0, pair: 0 },
             seed: 0,
             result,
-            reason: "nominal",
+            reason: "nominal".to_owned(),
             time_s: 10.0,
             path_length_m: 8.0,
             reference_length_m: 8.0 / length_ratio,
@@ -613,7 +630,7 @@ mod tests {
     fn a_selected_flight_keeps_its_seed() {
         let suite = Suite::parse(SMALL).unwrap();
         let all = suite.flights(7, &Selection::default());
-        let some = |only: &[u32], pairs| suite.flights(7, &Selection { only: only.to_vec(), pairs });
+        let some = |only: &[u32], pairs| suite.flights(7, &Selection { only: only.to_vec(), pairs, shard: None });
         assert_eq!(some(&[3, 1, 1], None), &all[1..2]);
         assert_eq!(some(&[3], None), &all[..2]);
         assert_eq!(some(&[], Some(1)), [all[0].clone(), all[2].clone()]);

@@ -7,6 +7,7 @@ mod companion;
 mod fly;
 mod link_state;
 mod maps;
+mod merge;
 mod params;
 mod port;
 mod replay;
@@ -30,6 +31,7 @@ use companion::CompanionCommand;
 use fly::Fly;
 use link_state::LinkState;
 use maps::MapsCommand;
+use merge::MergeCommand;
 use params::ParamsCommand;
 use port::PortCommand;
 use replay::ReplayCommand;
@@ -90,6 +92,8 @@ enum Command {
     Maps(MapsCommand),
     /// Flies all pairs of a suite file, many at a time.
     Suite(SuiteCommand),
+    /// Puts the shards of a suite together.
+    Merge(MergeCommand),
     /// Lists the parameters, or checks values for them.
     Params(ParamsCommand),
     /// Repeats an experiment of a paper and puts our number beside its number.
@@ -122,6 +126,7 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Port(args)) => port::port(&cli, args),
         Some(Command::Maps(args)) => maps::draw_maps(&cli, args),
         Some(Command::Suite(args)) => suite::fly_suite(&cli, args),
+        Some(Command::Merge(args)) => merge::merge(&cli, args),
         Some(Command::Params(args)) => params::params(&cli, args),
         Some(Command::Reproduce(args)) => reproduce::reproduce(&cli, args),
         Some(Command::LinkState(args)) => link_state::link_state(&cli, args),

@@ -1,6 +1,6 @@
 //! `foxhound suite`: all flights of a suite file.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
@@ -10,7 +10,8 @@ use foxhound_sim::flight::Ending;
 use foxhound_sim::input::InputError;
 use foxhound_sim::plot;
 use foxhound_sim::scenario::{BearingModel, VehicleModel};
-use foxhound_sim::suite::{self, Selection, Suite};
+use foxhound_sim::suite::shard::{self, Shard};
+use foxhound_sim::suite::{self, Flown, Selection, Suite};
 
 use super::fly::{EstimatorName, planner_parser};
 use super::{Cli, bar, json_line, note, say, write_text};
@@ -26,11 +27,15 @@ Each pair is one flight, as `foxhound fly` flies it, with a seed made of --seed,
 not depend on --jobs. With --out, flights.jsonl holds a line for each flight; --only ROW,INSTANCE,PAIR flies one of
 them again, and writes its scenario and its picture there.
 
+--shard K/N flies every Nth flight from the Kth on, on whatever machine, and writes DIR/shard-K-of-N.jsonl; `foxhound
+merge` puts all N together to what the whole suite prints.
+
 Examples:
   foxhound suite suite.json
   foxhound suite suite.json --planner paper --only 4 --pairs 10
   foxhound suite suite.json --only 4,2,17 --out failed
   foxhound suite suite.json --bearing-sigma-deg 20 --json
+  foxhound suite suite.json --shard 3/8 --out shards
 
 Exit status: 0 every flight reached the beacon; 1 not every one, or one collided; 2 bad usage or input.";
 
@@ -55,6 +60,9 @@ pub(super) struct SuiteCommand {
     /// Only the first so many pairs of each map.
     #[arg(long, value_name = "P")]
     pairs: Option<u32>,
+    /// Only the Kth of N parts, which `foxhound merge` puts together; it is written to the folder of --out.
+    #[arg(long, value_name = "K/N", conflicts_with = "dump_scenario")]
+    shard: Option<Shard>,
     /// Radius of the vehicle, metres; overrules the file.
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
     drone_radius: Option<f64>,
@@ -117,23 +125,23 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
     if args.only.len() > 3 {
         return Err(InputError::new("--only: expected ROW, ROW,INSTANCE or ROW,INSTANCE,PAIR"));
     }
-    let selection = Selection { only: args.only.clone(), pairs: args.pairs };
-    let flights = suite.flights(cli.seed, &selection);
-    let Some(first) = flights.first() else {
-        let what = if selection == Selection::default() {
-            "maps: there is no pair"
-        } else {
-            "--only or --pairs: no pair is left"
-        };
+    let selection = Selection { only: args.only.clone(), pairs: args.pairs, shard: args.shard };
+    let count = suite.count(&selection);
+    if count == 0 {
+        let is_whole = args.only.is_empty() && args.pairs.is_none();
+        let what = if is_whole { "maps: there is no pair" } else { "--only or --pairs: no pair is left" };
         return Err(InputError::new(what).in_file(&args.file));
-    };
+    }
+    let flights = suite.flights(cli.seed, &selection);
     let (planner, estimator) = (args.planner, args.estimator.into());
-    // Refused once, not by every worker.
-    HostComputer::new(&first.mission(planner, estimator).guidance())?;
+    // Refused once, not by every worker; a shard of a small suite may be empty.
+    if let Some(first) = flights.first() {
+        HostComputer::new(&first.mission(planner, estimator).guidance())?;
+    }
     if let Some(path) = &args.dump_scenario {
-        if flights.len() > 1 {
+        let [first] = flights.as_slice() else {
             return Err(InputError::new("--dump-scenario: --only must name one flight, as ROW,INSTANCE,PAIR"));
-        }
+        };
         write_text(path, &json_line(&first.scenario)?)?;
         note(&format!("scenario: {} (fly it with --seed {})", path.display(), first.seed));
     }
@@ -151,24 +159,17 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
     });
     progress.finish_and_clear();
     let flown = flown?;
-    let report = suite::Report::of(&flown);
-    say(&if cli.json { json_line(&report)? } else { report.table() });
-
-    let missed: Vec<&suite::Flown> = flown.iter().filter(|flown| flown.result != Ending::Reached).collect();
-    if !cli.json {
-        for miss in missed.iter().take(MISSES_SHOWN) {
-            let suite::Place { row, instance, pair } = miss.place;
-            note(&format!("--only {row},{instance},{pair}  {} after {:.1} s", miss.outcome(), miss.time_s));
-        }
-        if missed.len() > MISSES_SHOWN {
-            note(&format!("and {} more", missed.len() - MISSES_SHOWN));
-        }
+    let code = show(cli, &flown)?;
+    if let Some(shard) = args.shard {
+        let header = shard.header(count, shard::fingerprint(&suite, &selection, cli.seed, planner, estimator)?);
+        let folder = cli.out.as_deref().unwrap_or_else(|| Path::new("out"));
+        let path = folder.join(shard.file_name());
+        write_text(&path, &(json_line(&header)? + &lines(&flown)?))?;
+        note(&format!("shard: {}", path.display()));
+        return Ok(code);
     }
     if let Some(folder) = &cli.out {
-        let lines: Result<String, InputError> = flown.iter().map(json_line).collect();
-        let path = folder.join("flights.jsonl");
-        write_text(&path, &lines?)?;
-        note(&format!("flights: {}", path.display()));
+        write_flights(folder, &flown)?;
         if let [flight] = flights.as_slice() {
             let suite::Place { row, instance, pair } = flight.place;
             let path = |ending: &str| folder.join(format!("flight-{row}-{instance}-{pair}.{ending}"));
@@ -179,6 +180,36 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
             note(&format!("again: foxhound fly --scenario {} --seed {}", path("json").display(), flight.seed));
         }
     }
+    Ok(code)
+}
+
+/// Says what flights came to; whether all did as they should.
+pub(super) fn show(cli: &Cli, flown: &[Flown]) -> Result<ExitCode, InputError> {
+    let report = suite::Report::of(flown);
+    say(&if cli.json { json_line(&report)? } else { report.table() });
+    let missed: Vec<&Flown> = flown.iter().filter(|flown| flown.result != Ending::Reached).collect();
+    if !cli.json {
+        for miss in missed.iter().take(MISSES_SHOWN) {
+            let suite::Place { row, instance, pair } = miss.place;
+            note(&format!("--only {row},{instance},{pair}  {} after {:.1} s", miss.outcome(), miss.time_s));
+        }
+        if missed.len() > MISSES_SHOWN {
+            note(&format!("and {} more", missed.len() - MISSES_SHOWN));
+        }
+    }
     let all_reached = report.all.success == report.all.runs && report.all.collisions == 0;
     Ok(if all_reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// A line for each flight.
+fn lines(flown: &[Flown]) -> Result<String, InputError> {
+    flown.iter().map(json_line).collect()
+}
+
+/// Writes a line for each flight.
+pub(super) fn write_flights(folder: &Path, flown: &[Flown]) -> Result<(), InputError> {
+    let path = folder.join("flights.jsonl");
+    write_text(&path, &lines(flown)?)?;
+    note(&format!("flights: {}", path.display()));
+    Ok(())
 }

@@ -254,7 +254,7 @@ fn fly_kinematic(flight: &Flight, planner: &planner::Planner, rules: Rules) -> (
         place: flight.place,
         seed: flight.seed,
         result: flown.ending,
-        reason: if flown.ending == Ending::Timeout { "no_path" } else { "nominal" },
+        reason: if flown.ending == Ending::Timeout { "no_path" } else { "nominal" }.to_owned(),
         time_s: flown.length_m / POINT_SPEED_MPS,
         path_length_m: flown.length_m,
         reference_length_m: flight.reference_length_m,
