@@ -26,6 +26,17 @@ impl Random {
     pub fn gaussian(&mut self) -> f64 {
         StandardNormal.sample(&mut self.source)
     }
+
+    /// As many draws, each `sigma` times a standard normal one.
+    pub fn fill_gaussian(&mut self, sigma: f64, values: &mut [f64]) {
+        // A generator of its own for the while stays in registers.
+        let mut source = self.source.clone();
+        for value in values {
+            let draw: f64 = StandardNormal.sample(&mut source);
+            *value = sigma * draw;
+        }
+        self.source = source;
+    }
 }
 
 #[cfg(test)]
@@ -41,6 +52,10 @@ mod tests {
         assert!(mean.abs() < 5.0 / 1e5_f64.sqrt(), "{mean}");
         assert!((variance - 1.0).abs() < 5.0 * (2.0 / 1e5_f64).sqrt(), "{variance}");
         assert_eq!(Random::new(3, 1).gaussian(), draws[0]);
+        let (mut filled, mut again) = ([0.0; 8], Random::new(3, 1));
+        again.fill_gaussian(2.0, &mut filled);
+        assert_eq!(filled.map(|value| value / 2.0), draws[..8]);
+        assert_eq!(again.gaussian(), draws[8]);
         assert_ne!(Random::new(3, 2).gaussian(), draws[0]);
     }
 }

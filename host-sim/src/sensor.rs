@@ -38,30 +38,45 @@ pub struct View<'a> {
     pub sensor: scenario::Sensor,
 }
 
-/// Distance along a ray to a pillar's surface; 0 from inside, `None` when the ray misses it.
-fn distance_m(pillar: &Pillar, from: Horizontal, direction: Horizontal) -> Option<f64> {
-    let to_center = pillar.center.minus(from);
-    let along = to_center.dot(direction);
-    let outside = to_center.dot(to_center) - pillar.radius_m * pillar.radius_m;
-    if outside <= 0.0 {
-        return Some(0.0);
+/// A pillar within range, with what all rays need to know of it.
+#[derive(Clone, Copy, Debug)]
+struct Near {
+    index: usize,
+    pillar: Pillar,
+    to_center: Horizontal,
+    /// Squared distance to the axis less the squared radius: not above zero from inside.
+    outside_m2: f64,
+}
+
+impl Near {
+    /// Distance along a ray to the surface; 0 from inside, `None` when the ray misses it.
+    fn distance_m(&self, direction: Horizontal) -> Option<f64> {
+        if self.outside_m2 <= 0.0 {
+            return Some(0.0);
+        }
+        let along = self.to_center.dot(direction);
+        let reach = along * along - self.outside_m2;
+        (along > 0.0 && reach >= 0.0).then(|| along - libm::sqrt(reach))
     }
-    let reach = along * along - outside;
-    (along > 0.0 && reach >= 0.0).then(|| along - libm::sqrt(reach))
 }
 
 impl View<'_> {
-    /// Pillars that any part of could be seen, with their index.
-    fn in_range(&self) -> Vec<(usize, Pillar)> {
-        let near = |pillar: &Pillar| pillar.center.minus(self.position).norm() - pillar.radius_m <= self.sensor.range_m;
-        self.world.pillars_at(self.time_s).enumerate().filter(|(_, pillar)| near(pillar)).collect()
+    /// Pillars that any part of could be seen.
+    fn in_range(&self) -> Vec<Near> {
+        let near = |(index, pillar): (usize, Pillar)| {
+            let to_center = pillar.center.minus(self.position);
+            let outside_m2 = to_center.dot(to_center) - pillar.radius_m * pillar.radius_m;
+            let is_near = to_center.norm() - pillar.radius_m <= self.sensor.range_m;
+            is_near.then_some(Near { index, pillar, to_center, outside_m2 })
+        };
+        self.world.pillars_at(self.time_s).enumerate().filter_map(near).collect()
     }
 
-    fn hit(&self, pillars: &[(usize, Pillar)], azimuth_deg: f64) -> Option<(usize, f64)> {
+    fn hit(&self, pillars: &[Near], azimuth_deg: f64) -> Option<(usize, f64)> {
         let direction = Horizontal::from_bearing(self.yaw_rad + azimuth_deg.to_radians());
         pillars
             .iter()
-            .filter_map(|(index, pillar)| Some((*index, distance_m(pillar, self.position, direction)?)))
+            .filter_map(|near| Some((near.index, near.distance_m(direction)?)))
             .filter(|(_, distance)| *distance <= self.sensor.range_m)
             .min_by(|a, b| a.1.total_cmp(&b.1))
     }
@@ -80,14 +95,14 @@ impl View<'_> {
                 }
             } else {
                 let direction = Horizontal::from_bearing(self.yaw_rad + azimuth_deg.to_radians());
-                for (index, pillar) in &pillars {
-                    let distance = distance_m(pillar, self.position, direction);
-                    seen[*index] |= distance.is_some_and(|distance| distance <= self.sensor.range_m);
+                for near in &pillars {
+                    let distance = near.distance_m(direction);
+                    seen[near.index] |= distance.is_some_and(|distance| distance <= self.sensor.range_m);
                 }
             }
         }
         let mut visible: Vec<&Pillar> =
-            pillars.iter().filter(|(index, _)| seen[*index]).map(|(_, pillar)| pillar).collect();
+            pillars.iter().filter(|near| seen[near.index]).map(|near| &near.pillar).collect();
         let gap = |pillar: &Pillar| pillar.center.minus(self.position).norm() - pillar.radius_m;
         visible.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
         visible.truncate(DELIVERY_MAX);

@@ -134,6 +134,9 @@ pub struct Hull {
 /// By how much an overlap at the start may grow.
 const START_OVERLAP_GROWTH_M: f64 = 1e-3;
 
+/// Above any error of rounding in a distance.
+const ROOT_MARGIN: f64 = 1.0 + 1e-9;
+
 impl Hull {
     /// The hull at the start of a flight.
     #[must_use]
@@ -151,6 +154,13 @@ impl Hull {
     pub fn collides(&mut self, world: &World, position: Horizontal, time_s: f64) -> bool {
         let mut collided = false;
         for (pillar, allowed_m) in world.pillars_at(time_s).zip(&mut self.allowed_m) {
+            // Most pillars are further off than the nearest ever was: seen without a root.
+            let to_center = pillar.center.minus(position);
+            let counts_m = (self.min_clearance_m.max(0.0) + pillar.radius_m + self.radius_m) * ROOT_MARGIN;
+            if to_center.dot(to_center) > counts_m * counts_m {
+                *allowed_m = 0.0;
+                continue;
+            }
             let clearance = clearance_m(&pillar, self.radius_m, position);
             self.min_clearance_m = self.min_clearance_m.min(clearance);
             collided |= clearance < *allowed_m;
@@ -215,6 +225,35 @@ mod tests {
         let mut hull = Hull::new(&world, 0.15, at);
         assert!(!hull.collides(&world, at, 4.49));
         assert!(hull.collides(&world, at, 4.51));
+    }
+
+    #[test]
+    fn pillars_far_off_are_passed_over_and_change_neither_clearance_nor_collision() {
+        let mut random = crate::random::Random::new(5, 1);
+        for _ in 0..50 {
+            let mut pillar = || Pillar {
+                center: Horizontal { north: 9.0 * random.uniform(), east: 9.0 * random.uniform() },
+                radius_m: 0.2 + random.uniform(),
+                velocity_mps: Horizontal { north: random.uniform() - 0.5, east: 0.0 },
+            };
+            let world = World { pillars: (0..20).map(|_| pillar()).collect(), ..one_pillar(0.0) };
+            let clearances = |at: Horizontal, time_s: f64| -> Vec<f64> {
+                world.pillars_at(time_s).map(|pillar| clearance_m(&pillar, 0.15, at)).collect()
+            };
+            let mut hull = Hull::new(&world, 0.15, north(0.0));
+            let mut allowed_m: Vec<f64> =
+                clearances(north(0.0), 0.0).iter().map(|c| if *c < 0.0 { c - 1e-3 } else { 0.0 }).collect();
+            let mut least_m = hull.min_clearance_m;
+            for step in 1..=90 {
+                let (at, time_s) = (north(f64::from(step) * 0.1), f64::from(step) * 0.1);
+                let all = clearances(at, time_s);
+                let collides = all.iter().zip(&allowed_m).any(|(clearance, allowed)| clearance < allowed);
+                assert_eq!(hull.collides(&world, at, time_s), collides);
+                least_m = all.iter().copied().fold(least_m, f64::min);
+                assert_eq!(hull.min_clearance_m, least_m);
+                allowed_m.iter_mut().zip(&all).filter(|(_, c)| **c >= 0.0).for_each(|(allowed, _)| *allowed = 0.0);
+            }
+        }
     }
 
     #[test]
