@@ -7,14 +7,23 @@ use crate::build::{Image, TARGET, workspace};
 use crate::{Board, Failure, attend};
 
 /// The peers that read our bytes, at the versions that the tests were written against.
-const PEERS: [&str; 4] = ["pymavlink==2.4.50", "mavsdk==4.1.0", "pyserial==3.5", "playwright==1.65.2"];
+const PEERS: [&str; 7] = [
+    "pymavlink==2.4.50",
+    "mavsdk==4.1.0",
+    "pyserial==3.5",
+    "playwright==1.65.2",
+    // Of `examples`. Ray is the largest of all, some 240 MB on disk.
+    "numpy==2.4.6",
+    "matplotlib==3.11.2",
+    "ray==2.60.0",
+];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
 /// Loads them, and exits with 1 where a version is another one.
 const CHECK: &str = "
 import sys
 from importlib.metadata import version
-import mavsdk, playwright.sync_api, serial
+import matplotlib, mavsdk, numpy, playwright.sync_api, ray, serial
 from MAVProxy import modules
 from pymavlink.dialects.v20 import ardupilotmega
 sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))
