@@ -18,8 +18,8 @@ use foxhound_sim::flight::{Ending, Report};
 use foxhound_sim::input::{InputError, read_text};
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::report::{self, Recorder};
-use foxhound_sim::tlog;
 use foxhound_sim::transport::{Address, Line};
+use foxhound_sim::{mcap, tlog};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::fly::{EstimatorName, Via, planner_parser};
@@ -83,6 +83,9 @@ pub(super) struct CompanionCommand {
     /// autopilot says; with `qemu:ELF` without the plans.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// The flight for Foxglove and whatever else reads MCAP, with the same in it as in the report.
+    #[arg(long, value_name = "FILE")]
+    mcap: Option<PathBuf>,
     /// Telemetry log of every MAVLink frame in both directions, with wall time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
@@ -161,6 +164,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     };
 
     let mut recorder = args.report.as_ref().map(|_| Recorder::new(&config.mission(), &guidance, command_line()));
+    let watcher = |path: &PathBuf| mcap::Log::create(path, &config.mission(), &guidance, command_line());
+    let mut watched = args.mcap.as_ref().map(watcher).transpose()?;
     let stop = stop_flag()?;
     let mut progress = Progress::new(args.autopilot.clone());
     progress.text("waits for the autopilot");
@@ -186,6 +191,9 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             if let (Some(recorder), Some(moment)) = (&mut recorder, moment) {
                 recorder.watch(moment);
             }
+            if let (Some(watched), Some(moment)) = (&mut watched, moment) {
+                watched.watch(moment);
+            }
         })?;
         progress.clear();
         for complaint in &flown.complaints {
@@ -203,8 +211,12 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     }
     if let (Some(mut recorder), Some(path)) = (recorder, &args.report) {
         recorder.end(&report);
-        report::write(path, recorder.lines())?;
+        report::write(path, &recorder.lines())?;
         note(&format!("report: {}", path.display()));
+    }
+    if let (Some(watched), Some(path)) = (watched, &args.mcap) {
+        watched.end(&report)?;
+        note(&format!("MCAP: {}", path.display()));
     }
     say(&if cli.json { json_line(&report)? } else { summary(&report) });
     Ok(if report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })

@@ -16,7 +16,7 @@ use foxhound_sim::params::Given;
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::report::{self, Beside, Recorder};
 use foxhound_sim::scenario::{BearingModel, Scenario};
-use foxhound_sim::{plot, tlog};
+use foxhound_sim::{mcap, plot, tlog};
 
 use super::{Cli, bar, command_line, ending, json_line, note, say};
 
@@ -25,6 +25,7 @@ const FLY_HELP: &str = "Examples:
   foxhound fly --snr-db 0 --planner paper --json
   foxhound fly --scenario gate.json --tlog flight.tlog
   foxhound fly --report flight.html
+  foxhound fly --mcap flight.mcap
 
 A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
   name, bounds [x0,y0,x1,y1], drone_radius (0.15), start [x,y], goal [x,y], goal_velocity [vx,vy],
@@ -63,6 +64,9 @@ pub(super) struct Fly {
     /// Report of the flight to look around in: one HTML file that needs no network.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// The flight for Foxglove and whatever else reads MCAP: map, 3-D, plots; docs/logs.md says what is in it.
+    #[arg(long, value_name = "FILE")]
+    mcap: Option<PathBuf>,
     /// Telemetry log of every MAVLink frame in both directions, with simulated time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
@@ -165,10 +169,13 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         Via::Qemu(elf) => {
             let qemu = QemuComputer::start(elf, &Setup { guidance: config });
             let qemu = qemu.map_err(|error| InputError::new(format!("--via: {error}")))?;
-            if args.report.is_some() { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
+            let looks_inside = args.report.is_some() || args.mcap.is_some();
+            if looks_inside { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
         }
     };
     let mut recorder = args.report.as_ref().map(|_| Recorder::new(&mission, &config, command_line()));
+    let watcher = |path: &PathBuf| mcap::Log::create(path, &mission, &config, command_line());
+    let mut watched = args.mcap.as_ref().map(watcher).transpose()?;
     let mut log = match &args.tlog {
         Some(path) => Some(
             tlog::Writer::create(path)
@@ -185,6 +192,9 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         progress.set_position(moment.sample.time_s as u64);
         if let Some(recorder) = &mut recorder {
             recorder.watch(moment);
+        }
+        if let Some(watched) = &mut watched {
+            watched.watch(moment);
         }
     });
     progress.finish_and_clear();
@@ -204,10 +214,14 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     }
     if let (Some(mut recorder), Some(path)) = (recorder, &args.report) {
         recorder.end(&record.report);
-        report::write(path, recorder.lines())?;
+        report::write(path, &recorder.lines())?;
         if cli.json {
             note(&format!("report: {}", path.display()));
         }
+    }
+    if let (Some(watched), Some(path)) = (watched, &args.mcap) {
+        watched.end(&record.report)?;
+        note(&format!("MCAP: {}", path.display()));
     }
     if cli.json {
         say(&json_line(&record.report)?);

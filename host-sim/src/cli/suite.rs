@@ -12,6 +12,7 @@ use foxhound_sim::plot;
 use foxhound_sim::scenario::{BearingModel, VehicleModel};
 use foxhound_sim::suite::shard::{self, Shard};
 use foxhound_sim::suite::{self, Flown, Selection, Suite};
+use foxhound_sim::table;
 
 use super::fly::{EstimatorName, planner_parser};
 use super::{Cli, bar, json_line, note, say, write_text};
@@ -36,6 +37,7 @@ Examples:
   foxhound suite suite.json --only 4,2,17 --out failed
   foxhound suite suite.json --bearing-sigma-deg 20 --json
   foxhound suite suite.json --shard 3/8 --out shards
+  foxhound suite suite.json --parquet flights.parquet
 
 Exit status: 0 every flight reached the beacon; 1 not every one, or one collided; 2 bad usage or input.";
 
@@ -75,6 +77,12 @@ pub(super) struct SuiteCommand {
     /// Antenna waveforms at this signal-to-noise ratio per sample, in dB; overrules the file.
     #[arg(long, value_name = "DB", allow_negative_numbers = true)]
     snr_db: Option<f64>,
+    /// Writes a table of the flights, a row each: docs/logs.md has the columns.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// The same as Parquet, for pandas and polars.
+    #[arg(long, value_name = "FILE")]
+    parquet: Option<PathBuf>,
     /// Writes the scenario of the one flight that --only names, for `foxhound fly --scenario`.
     #[arg(long, value_name = "FILE", requires = "only")]
     dump_scenario: Option<PathBuf>,
@@ -118,6 +126,19 @@ fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
         suite.vehicle.model = vehicle.into();
     }
     Ok(suite)
+}
+
+/// Writes the flights as tables.
+fn write_tables(args: &SuiteCommand, flown: &[suite::Flown]) -> Result<(), InputError> {
+    if let Some(path) = &args.csv {
+        write_text(path, &table::csv(flown))?;
+        note(&format!("table: {}", path.display()));
+    }
+    if let Some(path) = &args.parquet {
+        table::write_parquet(path, flown).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
+        note(&format!("table: {}", path.display()));
+    }
+    Ok(())
 }
 
 pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, InputError> {
@@ -168,6 +189,7 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
         note(&format!("shard: {}", path.display()));
         return Ok(code);
     }
+    write_tables(args, &flown)?;
     if let Some(folder) = &cli.out {
         write_flights(folder, &flown)?;
         if let [flight] = flights.as_slice() {

@@ -1,4 +1,4 @@
-//! Watches a flight and writes it down, line by line.
+//! Watches a flight and writes it down, record by record.
 
 use foxhound_core::field::{self, Obstacle};
 use foxhound_core::frame;
@@ -33,7 +33,7 @@ pub struct Recorder {
     steps: u64,
     drawn: Drawn,
     remembered: Vec<[f64; 3]>,
-    lines: Vec<String>,
+    records: Vec<Record>,
 }
 
 /// What the planner drew last: a plan that needs no samples leaves those of an earlier one where they are.
@@ -51,9 +51,9 @@ impl Recorder {
             steps: 0,
             drawn: Some((empty.gains, empty.samples)),
             remembered: Vec::new(),
-            lines: Vec::new(),
+            records: Vec::new(),
         };
-        recorder.push(&Record::Begin(Box::new(begin(mission, config, command))));
+        recorder.records.push(Record::Begin(Box::new(begin(mission, config, command))));
         recorder
     }
 
@@ -61,12 +61,12 @@ impl Recorder {
     pub fn watch(&mut self, moment: &Moment<'_>) {
         let time_s = milli(moment.sample.time_s - *self.begun_s.get_or_insert(moment.sample.time_s));
         let step = step(moment, self.config.vehicle_radius_m);
-        self.push(&Record::Step(Step { time_s, ..step }));
+        self.records.push(Record::Step(Step { time_s, ..step }));
         if self.steps.is_multiple_of(REMEMBERED_STEPS) {
             let circles_m = circles(&moment.computer.remembered());
             if circles_m != self.remembered {
                 self.remembered.clone_from(&circles_m);
-                self.push(&Record::Remembered(Remembered { time_s, circles_m }));
+                self.records.push(Record::Remembered(Remembered { time_s, circles_m }));
             }
         }
         if let Some(considered) = moment.computer.considered() {
@@ -75,7 +75,7 @@ impl Recorder {
             self.drawn = drawn;
             let trace = format!("{:016x}", moment.output.trace_hash);
             let plan = Plan { time_s, trace, ..plan(&self.config, &considered, draws) };
-            self.push(&Record::Plan(Box::new(plan)));
+            self.records.push(Record::Plan(Box::new(plan)));
         }
         self.steps += 1;
     }
@@ -83,18 +83,19 @@ impl Recorder {
     /// Ends with what the flight came to.
     pub fn end(&mut self, report: &Report) {
         let steps = self.steps;
-        self.push(&Record::End(End { report: report.clone(), steps }));
+        self.records.push(Record::End(End { report: report.clone(), steps }));
     }
 
-    /// The lines so far.
+    /// The records so far, a line of JSON each.
     #[must_use]
-    pub fn lines(&self) -> &[String] {
-        &self.lines
+    pub fn lines(&self) -> Vec<String> {
+        // Numbers, text and lists of them always have a JSON form.
+        self.records.iter().flat_map(serde_json::to_string).collect()
     }
 
-    fn push(&mut self, record: &Record) {
-        // Numbers, text and lists of them always have a JSON form.
-        self.lines.extend(serde_json::to_string(record));
+    /// Takes out the records that have come since the last time, for whoever writes them as they are made.
+    pub fn take(&mut self) -> Vec<Record> {
+        std::mem::take(&mut self.records)
     }
 }
 

@@ -1,0 +1,103 @@
+//! Our own messages, from what the recorder has: x is east, y is north.
+
+use serde_json::{Value, json};
+
+use super::frame::{Enu, enu};
+use crate::report::record::{Gains, Heard, Plan, Step, Xy};
+use crate::vehicle::Motion;
+
+/// The fields that are there.
+fn with(mut message: Value, fields: &[(&str, Option<f64>)]) -> Value {
+    if let Value::Object(object) = &mut message {
+        for (name, value) in fields {
+            object.extend(value.map(|value| ((*name).to_owned(), Value::from(value))));
+        }
+    }
+    message
+}
+
+fn place([east_m, north_m]: Xy) -> Value {
+    json!({ "east_m": east_m, "north_m": north_m })
+}
+
+fn places(all: &[Xy]) -> Vec<Value> {
+    all.iter().copied().map(place).collect()
+}
+
+fn circles(all: &[[f64; 3]]) -> Vec<Value> {
+    let one =
+        |[east_m, north_m, radius_m]: &[f64; 3]| json!({ "east_m": east_m, "north_m": north_m, "radius_m": radius_m });
+    all.iter().map(one).collect()
+}
+
+fn gains(gains: &Gains) -> Value {
+    let Gains { k_att, k_rep, influence_m, swirl } = gains;
+    json!({ "k_att": k_att, "k_rep": k_rep, "influence_m": influence_m, "swirl": swirl })
+}
+
+pub(super) fn vehicle(motion: &Motion, step: &Step) -> Value {
+    let (place, velocity) = (enu(motion.pose.position_ned_m), enu(motion.velocity_ned_mps));
+    let Enu { x: east_mps, y: north_mps, z: up_mps } = velocity;
+    let message = json!({
+        "east_m": place.x, "north_m": place.y, "up_m": place.z,
+        "roll_deg": motion.pose.roll_rad.to_degrees(), "pitch_deg": motion.pose.pitch_rad.to_degrees(),
+        "yaw_deg": step.yaw_deg, "east_mps": east_mps, "north_mps": north_mps, "up_mps": up_mps,
+    });
+    with(message, &[("clearance_m", step.clearance_m)])
+}
+
+pub(super) fn beacon(step: &Step) -> Value {
+    json!({ "bearing_deg": step.truth_deg, "range_m": step.truth_m })
+}
+
+pub(super) fn bearing(heard: &Heard, truth_deg: f64) -> Value {
+    let Heard { valid, bearing_deg, sigma_deg, snr_db, flags } = heard;
+    let message = json!({ "valid": valid, "flags": flags, "sigma_deg": sigma_deg, "snr_db": snr_db });
+    let error_deg = bearing_deg.map(|deg| libm::remainder(deg - truth_deg, 360.0));
+    with(message, &[("bearing_deg", *bearing_deg), ("error_deg", error_deg)])
+}
+
+pub(super) fn setpoint(step: &Step) -> Value {
+    let [east_mps, north_mps] = step.setpoint_mps;
+    json!({
+        "east_mps": east_mps, "north_mps": north_mps, "speed_mps": libm::hypot(east_mps, north_mps),
+        "yaw_rate_degps": step.yaw_rate_degps,
+    })
+}
+
+/// What is believed of the source; `truth` is where it really is.
+pub(super) fn source(step: &Step, truth: Enu) -> Value {
+    let believed = step.source_m;
+    let error_m = believed.map(|[east_m, north_m]| libm::hypot(east_m - truth.x, north_m - truth.y));
+    let fields = [
+        ("followed_deg", step.followed_deg),
+        ("east_m", believed.map(|[east_m, _]| east_m)),
+        ("north_m", believed.map(|[_, north_m]| north_m)),
+        ("sigma_m", step.source_sigma_m),
+        ("error_m", error_m),
+    ];
+    with(json!({}), &fields)
+}
+
+pub(super) fn remembered(all: &[[f64; 3]]) -> Value {
+    json!({ "circles": circles(all) })
+}
+
+pub(super) fn plan(plan: &Plan) -> Value {
+    let sample = |sample: &crate::report::record::Sample| {
+        json!({
+            "cost": sample.cost, "feasible": sample.feasible, "gains": gains(&sample.gains),
+            "waypoints": places(&sample.waypoints_m),
+        })
+    };
+    let mut message = json!({
+        "id": plan.id, "origin": plan.origin, "searches": plan.searches, "start": place(plan.start_m),
+        "target": place(plan.target_m), "waypoints": places(&plan.waypoints_m), "gains": gains(&plan.gains),
+        "samples": plan.samples.iter().map(sample).collect::<Vec<_>>(), "obstacles": circles(&plan.circles_m),
+        "trace": plan.trace,
+    });
+    if let (Value::Object(object), Some(chosen)) = (&mut message, plan.chosen) {
+        object.insert("chosen".to_owned(), chosen.into());
+    }
+    with(message, &[("cost", plan.cost)])
+}

@@ -1,0 +1,314 @@
+//! What is in a message, as JSON Schema: Foxglove's own messages, as far as they are used, and ours.
+//!
+//! Foxglove knows its messages by their names. The fields are those of <https://docs.foxglove.dev/docs/sdk/schemas>;
+//! `tests/logs.rs` compares each with the definitions that Foxglove publishes. A schema is exact: all fields are there, but for
+//! those that may be missing, and no others.
+
+use serde_json::{Map, Value, json};
+
+/// A schema of an object; a name that ends in `?` is that of a field that may be missing.
+fn object(title: &str, fields: &[(&str, Value)]) -> Value {
+    let properties: Map<String, Value> =
+        fields.iter().map(|(name, of)| (name.trim_end_matches('?').to_owned(), of.clone())).collect();
+    let required: Vec<&str> = fields.iter().map(|(name, _)| *name).filter(|name| !name.ends_with('?')).collect();
+    json!({
+        "title": title,
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": false,
+    })
+}
+
+fn number(what: &str) -> Value {
+    json!({ "type": "number", "description": what })
+}
+
+fn whole(what: &str) -> Value {
+    json!({ "type": "integer", "description": what })
+}
+
+fn text(what: &str) -> Value {
+    json!({ "type": "string", "description": what })
+}
+
+fn flag(what: &str) -> Value {
+    json!({ "type": "boolean", "description": what })
+}
+
+fn list(of: &Value) -> Value {
+    json!({ "type": "array", "items": of })
+}
+
+/// Nothing of the kind is ever sent.
+fn none() -> Value {
+    json!({ "type": "array", "items": { "type": "object" }, "maxItems": 0 })
+}
+
+/// A time, or a span of it.
+fn time(title: &str) -> Value {
+    let nsec = json!({ "type": "integer", "minimum": 0, "maximum": 999_999_999 });
+    let sec = json!({ "type": "integer", "minimum": 0 });
+    json!({ "type": "object", "title": title, "properties": { "sec": sec, "nsec": nsec }, "required": ["sec", "nsec"] })
+}
+
+fn vector(title: &str, axes: &[&str]) -> Value {
+    let fields: Vec<(&str, Value)> = axes.iter().map(|axis| (*axis, number(""))).collect();
+    object(title, &fields)
+}
+
+fn vector3() -> Value {
+    vector("foxglove.Vector3", &["x", "y", "z"])
+}
+
+fn quaternion() -> Value {
+    vector("foxglove.Quaternion", &["x", "y", "z", "w"])
+}
+
+fn color() -> Value {
+    vector("foxglove.Color", &["r", "g", "b", "a"])
+}
+
+fn pose() -> Value {
+    object("foxglove.Pose", &[("position", vector3()), ("orientation", quaternion())])
+}
+
+pub(super) fn frame_transform() -> Value {
+    object(
+        "foxglove.FrameTransform",
+        &[
+            ("timestamp", time("time")),
+            ("parent_frame_id", text("The frame of the map.")),
+            ("child_frame_id", text("The frame of the vehicle.")),
+            ("translation", vector3()),
+            ("rotation", quaternion()),
+        ],
+    )
+}
+
+pub(super) fn pose_in_frame() -> Value {
+    object("foxglove.PoseInFrame", &[("timestamp", time("time")), ("frame_id", text("")), ("pose", pose())])
+}
+
+pub(super) fn log() -> Value {
+    object(
+        "foxglove.Log",
+        &[
+            ("timestamp", time("time")),
+            ("level", whole("2: as it should be; 3: a warning; 4: an error.")),
+            ("message", text("In words.")),
+            ("name", text("Who says so.")),
+            ("file", text("")),
+            ("line", whole("")),
+        ],
+    )
+}
+
+pub(super) fn grid() -> Value {
+    let field = object(
+        "foxglove.PackedElementField",
+        &[("name", text("")), ("offset", whole("")), ("type", whole("7: single precision."))],
+    );
+    let data = json!({ "type": "string", "contentEncoding": "base64" });
+    object(
+        "foxglove.Grid",
+        &[
+            ("timestamp", time("time")),
+            ("frame_id", text("")),
+            ("pose", pose()),
+            ("column_count", whole("")),
+            ("cell_size", vector("foxglove.Vector2", &["x", "y"])),
+            ("row_stride", whole("")),
+            ("cell_stride", whole("")),
+            ("fields", list(&field)),
+            ("data", data),
+        ],
+    )
+}
+
+pub(super) fn scene_update() -> Value {
+    let arrow = object(
+        "foxglove.ArrowPrimitive",
+        &[
+            ("pose", pose()),
+            ("shaft_length", number("")),
+            ("shaft_diameter", number("")),
+            ("head_length", number("")),
+            ("head_diameter", number("")),
+            ("color", color()),
+        ],
+    );
+    let sphere = object("foxglove.SpherePrimitive", &[("pose", pose()), ("size", vector3()), ("color", color())]);
+    let cylinder = object(
+        "foxglove.CylinderPrimitive",
+        &[
+            ("pose", pose()),
+            ("size", vector3()),
+            ("bottom_scale", number("")),
+            ("top_scale", number("")),
+            ("color", color()),
+        ],
+    );
+    let line = object(
+        "foxglove.LinePrimitive",
+        &[
+            ("type", whole("0: a strip; 2: pairs of points.")),
+            ("pose", pose()),
+            ("thickness", number("")),
+            ("scale_invariant", flag("")),
+            ("points", list(&vector("foxglove.Point3", &["x", "y", "z"]))),
+            ("color", color()),
+            ("colors", list(&color())),
+            ("indices", list(&whole(""))),
+        ],
+    );
+    let pair = object("foxglove.KeyValuePair", &[("key", text("")), ("value", text(""))]);
+    let entity = object(
+        "foxglove.SceneEntity",
+        &[
+            ("timestamp", time("time")),
+            ("frame_id", text("")),
+            ("id", text("A later one with the same name takes its place.")),
+            ("lifetime", time("duration")),
+            ("frame_locked", flag("")),
+            ("metadata", list(&pair)),
+            ("arrows", list(&arrow)),
+            ("cubes", none()),
+            ("spheres", list(&sphere)),
+            ("cylinders", list(&cylinder)),
+            ("lines", list(&line)),
+            ("triangles", none()),
+            ("texts", none()),
+            ("models", none()),
+        ],
+    );
+    object("foxglove.SceneUpdate", &[("deletions", none()), ("entities", list(&entity))])
+}
+
+pub(super) fn vehicle() -> Value {
+    object(
+        "foxhound.Vehicle",
+        &[
+            ("east_m", number("Where it really is; beside an autopilot, where that says it is.")),
+            ("north_m", number("")),
+            ("up_m", number("")),
+            ("roll_deg", number("Right side down positive.")),
+            ("pitch_deg", number("Nose up positive.")),
+            ("yaw_deg", number("From north, clockwise.")),
+            ("east_mps", number("How it really moves.")),
+            ("north_mps", number("")),
+            ("up_mps", number("")),
+            ("clearance_m?", number("From the hull to the nearest pillar; none in a world without.")),
+        ],
+    )
+}
+
+pub(super) fn beacon() -> Value {
+    object(
+        "foxhound.Beacon",
+        &[
+            ("bearing_deg", number("Where it really is, seen from the vehicle: from north, clockwise.")),
+            ("range_m", number("How far off.")),
+        ],
+    )
+}
+
+pub(super) fn bearing() -> Value {
+    object(
+        "foxhound.Bearing",
+        &[
+            ("valid", flag("Whether it may be used.")),
+            ("bearing_deg?", number("From north, clockwise; none without a sane attitude.")),
+            ("error_deg?", number("The bearing less the true one, within half a turn.")),
+            ("sigma_deg", number("Its standard deviation, as it says itself.")),
+            ("snr_db", number("Signal to noise.")),
+            ("flags", list(&text("What is wrong with it."))),
+        ],
+    )
+}
+
+pub(super) fn setpoint() -> Value {
+    object(
+        "foxhound.Setpoint",
+        &[
+            ("east_mps", number("How it is told to move.")),
+            ("north_mps", number("")),
+            ("speed_mps", number("")),
+            ("yaw_rate_degps", number("Clockwise.")),
+        ],
+    )
+}
+
+pub(super) fn outcome() -> Value {
+    object("foxhound.Outcome", &[("outcome", text("What the step came to; docs/failsafes.md says what is done then."))])
+}
+
+pub(super) fn guard() -> Value {
+    object("foxhound.Guard", &[("action", text("passed, limited, looking or braked."))])
+}
+
+pub(super) fn source() -> Value {
+    object(
+        "foxhound.Source",
+        &[
+            ("followed_deg?", number("The bearing that is followed: from north, clockwise.")),
+            ("east_m?", number("Where the source is believed to be.")),
+            ("north_m?", number("")),
+            ("sigma_m?", number("How well that is known.")),
+            ("error_m?", number("From there to where it really is.")),
+        ],
+    )
+}
+
+pub(super) fn remembered() -> Value {
+    object("foxhound.Remembered", &[("circles", list(&circle()))])
+}
+
+pub(super) fn plan() -> Value {
+    let sample = object(
+        "foxhound.Sample",
+        &[
+            ("cost", number("Its cost (eq. 41).")),
+            ("feasible", flag("Whether it may be chosen.")),
+            ("gains", gains()),
+            ("waypoints", list(&place())),
+        ],
+    );
+    object(
+        "foxhound.Plan",
+        &[
+            ("id", whole("Counts the requests.")),
+            ("origin", text("How it came about: sampled, straight, bent, initial or brake.")),
+            ("searches", flag("It is to look for the signal.")),
+            ("start", place()),
+            ("target", place()),
+            ("waypoints", list(&place())),
+            ("cost?", number("Its cost (eq. 41).")),
+            ("gains", gains()),
+            ("samples", list(&sample)),
+            ("chosen?", whole("Which of them is followed.")),
+            ("obstacles", list(&circle())),
+            ("trace", text("Hash over everything so far.")),
+        ],
+    )
+}
+
+fn place() -> Value {
+    object("foxhound.Place", &[("east_m", number("")), ("north_m", number(""))])
+}
+
+fn circle() -> Value {
+    object("foxhound.Circle", &[("east_m", number("")), ("north_m", number("")), ("radius_m", number(""))])
+}
+
+fn gains() -> Value {
+    object(
+        "foxhound.Gains",
+        &[
+            ("k_att", number("Attraction.")),
+            ("k_rep", number("Repulsion.")),
+            ("influence_m", number("Influence range.")),
+            ("swirl", number("Share of the repulsion that acts sideways.")),
+        ],
+    )
+}

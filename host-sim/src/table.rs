@@ -1,0 +1,147 @@
+//! The flights of a suite as a table, a row each: CSV, and Parquet for pandas, polars and their kin (`docs/logs.md`).
+//!
+//! Parquet is written by Apache's own crate without its Arrow half and without compression: a flight takes about a hundred
+//! bytes. A number that there is not is an empty field, and a null.
+
+use std::fs::{self, File};
+use std::path::Path;
+use std::sync::Arc;
+
+use parquet::basic::{LogicalType, Repetition, Type as Physical};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
+use parquet::schema::types::Type;
+
+use crate::flight::Ending;
+use crate::suite::Flown;
+
+/// A column.
+#[derive(Clone, Copy, Debug)]
+pub struct Column {
+    /// Its name.
+    pub name: &'static str,
+    /// What is in it.
+    pub what: &'static str,
+    of: Of,
+}
+
+/// How a flight's value is had.
+#[derive(Clone, Copy, Debug)]
+enum Of {
+    Whole(fn(&Flown) -> u64),
+    Number(fn(&Flown) -> Option<f64>),
+    Text(fn(&Flown) -> &str),
+}
+
+const fn column(name: &'static str, what: &'static str, of: Of) -> Column {
+    Column { name, what, of }
+}
+
+/// The columns, in their order.
+pub const COLUMNS: [Column; 14] = [
+    column("row", "the map's row", Of::Whole(|flown| flown.place.row.into())),
+    column("instance", "the map's number in its row", Of::Whole(|flown| flown.place.instance.into())),
+    column("pair", "the pair's number on its map, from 0", Of::Whole(|flown| flown.place.pair.into())),
+    column("seed", "the flight's own seed", Of::Whole(|flown| flown.seed)),
+    column("result", "`reached`, `hold`, `collision` or `timeout`", Of::Text(result)),
+    column("reason", "the outcome that explains it", Of::Text(|flown| &flown.reason)),
+    column("time_s", "duration of the flight", Of::Number(|flown| Some(flown.time_s))),
+    column("path_length_m", "length of the path flown", Of::Number(|flown| Some(flown.path_length_m))),
+    column("reference_length_m", "length of the reference way", Of::Number(|flown| Some(flown.reference_length_m))),
+    column("length_ratio", "path over reference way; none without a reference", Of::Number(|flown| flown.length_ratio)),
+    column(
+        "min_clearance_m",
+        "least distance between hull and pillars; none without pillars",
+        Of::Number(|flown| flown.min_clearance_m),
+    ),
+    column("replans", "plans made", Of::Whole(|flown| flown.replans.into())),
+    column(
+        "bearing_rms_deg",
+        "error of the valid bearings, rms; none without any",
+        Of::Number(|flown| flown.bearing_rms_deg),
+    ),
+    column("trace_hash", "hash over every bearing, plan and setpoint", Of::Text(|flown| &flown.trace_hash)),
+];
+
+const fn result(flown: &Flown) -> &str {
+    match flown.result {
+        Ending::Reached => "reached",
+        Ending::Hold => "hold",
+        Ending::Collision => "collision",
+        Ending::Timeout => "timeout",
+    }
+}
+
+/// The table as CSV, with a line of names.
+#[must_use]
+pub fn csv(flown: &[Flown]) -> String {
+    let mut text = COLUMNS.map(|column| column.name).join(",") + "\n";
+    for flight in flown {
+        // Names and hashes need no quotes.
+        let fields = COLUMNS.map(|column| match column.of {
+            Of::Whole(of) => of(flight).to_string(),
+            Of::Number(of) => of(flight).map_or_else(String::new, |number| number.to_string()),
+            Of::Text(of) => of(flight).to_owned(),
+        });
+        text += &fields.join(",");
+        text.push('\n');
+    }
+    text
+}
+
+/// Writes the table as a Parquet file.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_parquet(path: &Path, flown: &[Flown]) -> Result<(), ParquetError> {
+    let fields: Result<Vec<_>, ParquetError> = COLUMNS.iter().map(|column| field(column).map(Arc::new)).collect();
+    let schema = Type::group_type_builder("flights").with_fields(fields?).build()?;
+    let properties =
+        WriterProperties::builder().set_created_by(concat!("foxhound ", env!("CARGO_PKG_VERSION")).to_owned()).build();
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder)?;
+    }
+    let mut file = SerializedFileWriter::new(File::create(path)?, Arc::new(schema), Arc::new(properties))?;
+    let mut rows = file.next_row_group()?;
+    for column in COLUMNS {
+        if let Some(mut writer) = rows.next_column()? {
+            fill(&mut writer, column, flown)?;
+            writer.close()?;
+        }
+    }
+    rows.close()?;
+    file.close()?;
+    Ok(())
+}
+
+fn field(column: &Column) -> Result<Type, ParquetError> {
+    let (physical, repetition) = match column.of {
+        Of::Whole(_) => (Physical::INT64, Repetition::REQUIRED),
+        Of::Number(_) => (Physical::DOUBLE, Repetition::OPTIONAL),
+        Of::Text(_) => (Physical::BYTE_ARRAY, Repetition::REQUIRED),
+    };
+    let logical = matches!(column.of, Of::Text(_)).then_some(LogicalType::String);
+    Type::primitive_type_builder(column.name, physical).with_repetition(repetition).with_logical_type(logical).build()
+}
+
+fn fill(writer: &mut SerializedColumnWriter<'_>, column: Column, flown: &[Flown]) -> Result<(), ParquetError> {
+    match column.of {
+        Of::Whole(of) => {
+            let values: Vec<i64> = flown.iter().map(|flight| of(flight).cast_signed()).collect();
+            writer.typed::<Int64Type>().write_batch(&values, None, None)?;
+        }
+        Of::Number(of) => {
+            let all: Vec<Option<f64>> = flown.iter().map(of).collect();
+            let values: Vec<f64> = all.iter().flatten().copied().collect();
+            let is_there: Vec<i16> = all.iter().map(|value| value.is_some().into()).collect();
+            writer.typed::<DoubleType>().write_batch(&values, Some(&is_there), None)?;
+        }
+        Of::Text(of) => {
+            let values: Vec<ByteArray> = flown.iter().map(|flight| ByteArray::from(of(flight))).collect();
+            writer.typed::<ByteArrayType>().write_batch(&values, None, None)?;
+        }
+    }
+    Ok(())
+}
