@@ -230,6 +230,13 @@ fn a_changed_input_is_named_by_its_step_and_lost_bytes_are_named_as_a_gap() {
     assert_eq!((summary.gaps, summary.first_difference), (0, Some(300)));
     assert_eq!((summary.first_difference_flight, summary.first_difference_s), (Some(1), Some(6.0)));
     assert!(!summary.is_identical());
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("flight.log");
+    std::fs::write(&path, joined(&changed)).unwrap();
+    let output = run(&["replay", &path.to_string_lossy()]);
+    let words = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{words}");
+    assert!(words.starts_with("differs from step 300 of flight 1 on, at 6.00 s\n"), "{words}");
 
     // Bytes that are lost on the line.
     for (from, count) in [(log.len() / 2, 1), (log.len() / 3, 40), (log.len() / 2, 5000)] {

@@ -7,7 +7,7 @@ use crate::build::{Image, TARGET, workspace};
 use crate::{Board, Failure, attend};
 
 /// The peers that read our bytes, at the versions that the tests were written against.
-const PEERS: [&str; 7] = [
+const PEERS: [&str; 11] = [
     "pymavlink==2.4.50",
     "mavsdk==4.1.0",
     "pyserial==3.5",
@@ -16,6 +16,10 @@ const PEERS: [&str; 7] = [
     "numpy==2.4.6",
     "matplotlib==3.11.2",
     "ray==2.60.0",
+    "mcap==1.6.0",
+    "jsonschema==4.26.0",
+    "foxglove-schemas-protobuf==0.4.0",
+    "pyarrow==26.0.1",
 ];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
@@ -23,7 +27,7 @@ const ROUTER: &str = "MAVProxy==1.8.75";
 const CHECK: &str = "
 import sys
 from importlib.metadata import version
-import matplotlib, mavsdk, numpy, playwright.sync_api, ray, serial
+import foxglove_schemas_protobuf, jsonschema, matplotlib, mavsdk, mcap.reader, numpy, playwright.sync_api, pyarrow.parquet, ray, serial
 from MAVProxy import modules
 from pymavlink.dialects.v20 import ardupilotmega
 sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))

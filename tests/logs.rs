@@ -1,0 +1,170 @@
+//! Logs that other tools open: MCAP, CSV, Parquet, telemetry logs. Those tools read them: `cargo xtask test` installs them.
+#![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::path::Path;
+
+use foxhound_sim::table::COLUMNS;
+use foxhound_tests::{Program, foxhound, python, root, run, run_json};
+use serde_json::{Value, json};
+
+/// Largest MCAP file of the built-in mission.
+const MCAP_BYTES: u64 = 3_000_000;
+const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+
+/// What a script in `tests/peers` says about files.
+fn peer(script: &str, files: &[&Path]) -> String {
+    let output = python().arg(root().join("tests/peers").join(script)).args(files).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stderr));
+    said
+}
+
+/// What the makers' reader finds in an MCAP file.
+fn look_into(path: &Path) -> Value {
+    let said = peer("check_mcap.py", &[path, &root().join("docs/foxglove-layout.json")]);
+    assert!(said.contains("all checks passed"), "{said}");
+    serde_json::from_str(said.lines().last().unwrap()).unwrap()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+fn manual() -> String {
+    std::fs::read_to_string(root().join("docs/logs.md")).unwrap()
+}
+
+#[test]
+fn watching_a_flight_for_its_file_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("new/flight.mcap");
+    let (code, watched) = run_json(&["fly", "--json", "--mcap", path.to_str().unwrap()]);
+    assert_eq!((code, &watched), (0, &run_json(&["fly", "--json"]).1));
+    let bytes = std::fs::read(&path).unwrap();
+    assert!(bytes.starts_with(MAGIC) && bytes.ends_with(MAGIC));
+    assert!(bytes.len() as u64 <= MCAP_BYTES, "{} bytes", bytes.len());
+}
+
+#[test]
+fn a_file_that_cannot_be_written_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let suite = folder.path().join("suite.json");
+    std::fs::write(&suite, three_flights().to_string()).unwrap();
+    let suite = suite.to_str().unwrap();
+    // A folder cannot be made inside of what is a file.
+    let nowhere = format!("{suite}/inside/of.it");
+    for arguments in [
+        vec!["fly", "--json", "--mcap", &nowhere],
+        vec!["suite", suite, "--json", "--pairs", "1", "--csv", &nowhere],
+        vec!["suite", suite, "--json", "--pairs", "1", "--parquet", &nowhere],
+    ] {
+        let output = run(&arguments);
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && words.contains(&nowhere), "{arguments:?}: {words}");
+    }
+}
+
+#[test]
+#[ignore = "needs the Python package mcap: cargo xtask test"]
+fn the_makers_of_mcap_read_the_flight_that_was_flown() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let (_, printed) = run_json(&["fly", "--json", "--seed", "3", "--mcap", path.to_str().unwrap()]);
+    let found = look_into(&path);
+
+    for (name, value) in printed.as_object().unwrap() {
+        let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        assert_eq!(found["metadata"]["result"][name], text, "{name}");
+    }
+    let steps = (number(&printed["time_s"]) / 0.02).round() as u64;
+    for topic in ["/tf", "/pose", "/vehicle", "/beacon", "/setpoint", "/outcome", "/guard", "/source"] {
+        assert_eq!(found["counts"][topic], steps, "{topic}");
+    }
+    assert_eq!(found["counts"]["/plan"], printed["replans"]);
+    assert!((number(&found["last_s"]) + 0.02 - number(&printed["time_s"])).abs() < 1e-9);
+    for (name, within) in [("bearing_rms_deg", 0.005), ("path_length_m", 0.05), ("min_clearance_m", 0.005)] {
+        let (found, printed) = (number(&found[name]), number(&printed[name]));
+        assert!((found - printed).abs() < within, "{name}: {found}, {printed}");
+    }
+
+    // What was flown is in it, and can be flown again.
+    let scenario = folder.path().join("scenario.json");
+    std::fs::write(&scenario, found["scenario"].to_string()).unwrap();
+    let (_, again) = run_json(&["fly", "--json", "--seed", "3", "--scenario", scenario.to_str().unwrap()]);
+    assert_eq!(again["trace_hash"], printed["trace_hash"]);
+
+    let manual = manual();
+    for topic in found["counts"].as_object().unwrap().keys() {
+        assert!(manual.contains(&format!("| `{topic}` |")), "docs/logs.md has no {topic}");
+    }
+    assert_eq!(manual.matches("| `/").count(), found["counts"].as_object().unwrap().len());
+}
+
+#[test]
+#[ignore = "needs the Python package mcap: cargo xtask test"]
+fn a_flight_beside_an_autopilot_is_written_as_well() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, obstacles) = (folder.path().join("flight.mcap"), folder.path().join("obstacles.json"));
+    std::fs::write(&obstacles, r#"{"obstacles":[{"x":1.5,"y":2.1,"r":0.3}]}"#).unwrap();
+    let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
+    let first: Value = serde_json::from_str(&autopilot.lines().next().unwrap().unwrap()).unwrap();
+    let address = first["autopilot"].as_str().unwrap();
+    let (path_text, obstacles) = (path.to_str().unwrap(), obstacles.to_str().unwrap());
+    let flight = ["companion", "--json", "--source=4,3,-5", "--max-time", "60", "--autopilot", address];
+    let (code, printed) = run_json(&[&flight[..], &["--obstacles", obstacles, "--mcap", path_text]].concat());
+    assert_eq!((code, &printed["result"]), (0, &"reached".into()), "{printed}");
+    let found = look_into(&path);
+    assert_eq!(found["metadata"]["result"]["trace_hash"], printed["trace_hash"]);
+    assert!(found["counts"]["/vehicle"].as_u64().unwrap() > 200, "{found}");
+}
+
+/// One in the open, one without a reference way, one that cannot end well: in each something is missing.
+fn three_flights() -> Value {
+    json!({"max_time_s": 40, "maps": [
+        {"row": 1, "instance": 0, "obstacles": [],
+         "pairs": [[1.0, 5.0, 9.0, 5.0, 8.02], [1.0, 1.0, 9.0, 1.0, 0.0]]},
+        {"row": 2, "instance": 3, "obstacles": [[7.0, 5.0, 1.2]], "pairs": [[2.0, 5.0, 7.0, 5.0, 5.0]]}]})
+}
+
+#[test]
+#[ignore = "needs the Python package pyarrow: cargo xtask test"]
+fn pyarrow_reads_the_tables_of_a_suite() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    let text = |name: &str| file(name).to_string_lossy().into_owned();
+    std::fs::write(file("suite.json"), three_flights().to_string()).unwrap();
+    let out = folder.path().to_string_lossy().into_owned();
+    let tables = ["--csv", &text("flights.csv"), "--parquet", &text("flights.parquet")];
+    let (code, printed) = run_json(&[&["suite", &text("suite.json"), "--json", "--out", &out], &tables[..]].concat());
+    assert_eq!((code, &printed["all"]["runs"]), (1, &3.into()), "{printed}");
+
+    let said = peer("check_table.py", &[&file("flights.parquet"), &file("flights.csv"), &file("flights.jsonl")]);
+    let found: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!((&found["rows"], &found["columns"]), (&3.into(), &json!(COLUMNS.map(|column| column.name))));
+    assert_eq!(found["nulls"], 3, "two without a pillar, one without a reference");
+}
+
+#[test]
+fn every_column_is_in_the_manual() {
+    let manual = manual();
+    for column in COLUMNS {
+        assert!(manual.contains(&format!("| `{}` | {} |", column.name, column.what)), "{}", column.name);
+    }
+}
+
+#[test]
+#[ignore = "needs pymavlink: cargo xtask test"]
+fn pymavlink_reads_the_telemetry_log_of_a_flight() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.tlog");
+    let (code, printed) = run_json(&["fly", "--json", "--tlog", path.to_str().unwrap()]);
+    assert_eq!(code, 0, "{printed}");
+    let said = peer("check_tlog.py", &[&path]);
+    assert!(said.contains("all checks passed"), "{said}");
+    let (code, ours) = run_json(&["tlog", path.to_str().unwrap(), "--json"]);
+    let theirs: Value = serde_json::from_str(&peer("read_tlog.py", &[&path])).unwrap();
+    let total: u64 = theirs["counts"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
+    assert_eq!((code, &ours["frames"], &theirs["bad"]), (0, &total.into(), &0.into()), "{ours} {theirs}");
+    assert_eq!(theirs["directions"], 2);
+    assert!(number(&theirs["last_s"]) <= number(&printed["time_s"]));
+}
