@@ -52,7 +52,8 @@ impl Rotation {
 
 /// A vector.
 pub(super) const fn enu([north, east, down]: [f64; 3]) -> Enu {
-    Enu { x: east, y: north, z: -down }
+    // Zero has no sign.
+    Enu { x: east, y: north, z: 0.0 - down }
 }
 
 #[cfg(test)]

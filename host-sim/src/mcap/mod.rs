@@ -2,7 +2,7 @@
 //!
 //! A [`Log`] watches the flight as the report does, and writes what its [`Recorder`] makes of each step as messages in JSON,
 //! every topic with its schema. Where Foxglove has a message of its own, that is taken. Times are those of the flight, from
-//! its first step. Written as it is flown: a program that is stopped leaves a file that can be recovered (`mcap recover`).
+//! its first step. It is written in chunks as it is flown: those of a program that is stopped can be had back by `mcap recover`.
 //!
 //! | file | what |
 //! |---|---|
