@@ -18,7 +18,7 @@ use serde::Serialize;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Value};
 
 use crate::frames::{ArrayDescription, Recording};
-use crate::input::{InputError, check};
+use crate::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, check_within};
 use crate::world::wrap_pi;
 
 /// Two frequencies closer than this, as a part of them, are the same entry.
@@ -194,15 +194,15 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
 /// Where the source is at each frame.
 fn sources(options: &Options, frames: usize) -> Result<Vec<Source>, InputError> {
     if let Some(temperature_c) = options.temperature_c {
-        check("--temperature-c", temperature_c, -100.0, 200.0)?;
+        check_within("--temperature-c", temperature_c, &TEMPERATURE_C)?;
     }
     let Some(azimuth_deg) = options.azimuth_deg else {
         return Ok(vec![Source::Splitter; frames]);
     };
-    check("--azimuth-deg", azimuth_deg, -360.0, 360.0)?;
-    check("--elevation-deg", options.elevation_deg, -85.0, 85.0)?;
+    check_within("--azimuth-deg", azimuth_deg, &AZIMUTH_DEG)?;
+    check_within("--elevation-deg", options.elevation_deg, &ELEVATION_DEG)?;
     if let Some(range_m) = options.range_m {
-        check("--range-m", range_m, 0.1, 1e6)?;
+        check_within("--range-m", range_m, &RANGE_M)?;
     }
     let source = |frame: usize| {
         let yaw_rad = options.yaw_rad.get(frame).copied().unwrap_or(0.0);

@@ -30,7 +30,7 @@ use serde_json::Value;
 
 use crate::computer::{Computer, StepReport};
 use crate::flight::{Ending, Mission, Moment, Report, TICK_S};
-use crate::input::{InputError, check, parse_strictly};
+use crate::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, check, check_within, parse_strictly};
 use crate::scenario::{self, Obstacle, Scenario, VehicleModel};
 use crate::tlog;
 use crate::transport::Line;
@@ -101,11 +101,11 @@ impl Config {
         for (axis, value) in ["N", "E", "D"].into_iter().zip(self.source_ned_m) {
             check(&format!("--source: {axis}"), value, -far, far)?;
         }
-        check("--v-max", self.v_max_mps, 0.1, 20.0)?;
-        check("--drone-radius", self.drone_radius_m, 0.01, 5.0)?;
-        check("--snr-db", self.snr_db, -30.0, 80.0)?;
+        check_within("--v-max", self.v_max_mps, &V_MAX_MPS)?;
+        check_within("--drone-radius", self.drone_radius_m, &DRONE_RADIUS_M)?;
+        check_within("--snr-db", self.snr_db, &SNR_DB)?;
         if let Some(max_time_s) = self.max_time_s {
-            check("--max-time", max_time_s, 0.1, 1e6)?;
+            check_within("--max-time", max_time_s, &MAX_TIME_S)?;
         }
         self.scenario().checked()?;
         Ok(self)

@@ -1,9 +1,29 @@
 //! Reading what users wrote: a refused input names the file, the field, the value and what would have been accepted.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use serde::de::{DeserializeOwned, Deserializer};
+
+/// Radius of a vehicle, of an option.
+pub const DRONE_RADIUS_M: RangeInclusive<f64> = 0.01..=5.0;
+/// Signal-to-noise ratio per sample, of an option.
+pub const SNR_DB: RangeInclusive<f64> = -30.0..=80.0;
+/// Noise of a bearing, of an option.
+pub const SIGMA_DEG: RangeInclusive<f64> = 0.0..=180.0;
+/// Horizontal speed of the fastest setpoint, of an option.
+pub const V_MAX_MPS: RangeInclusive<f64> = 0.1..=20.0;
+/// After how long a program in real time ends, of an option.
+pub const MAX_TIME_S: RangeInclusive<f64> = 0.1..=1e6;
+/// Where a known source is, of an option.
+pub const AZIMUTH_DEG: RangeInclusive<f64> = -360.0..=360.0;
+/// And its elevation.
+pub const ELEVATION_DEG: RangeInclusive<f64> = -85.0..=85.0;
+/// And its distance.
+pub const RANGE_M: RangeInclusive<f64> = 0.1..=1e6;
+/// Temperature of a receiver, of an option.
+pub const TEMPERATURE_C: RangeInclusive<f64> = -100.0..=200.0;
 
 /// A refused input. Its text is meant for the user and names the field.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -104,6 +124,14 @@ fn unknown_key(path: &str, known: &[&str]) -> InputError {
         None => format!("known here: {}", siblings.join(", ")),
     };
     InputError::new(format!("{shown}: unknown key; {hint}"))
+}
+
+/// Accepts a finite number inside the range.
+///
+/// # Errors
+/// Names the field, the value and the range.
+pub fn check_within(field: &str, value: f64, range: &RangeInclusive<f64>) -> Result<(), InputError> {
+    check(field, value, *range.start(), *range.end())
 }
 
 /// Accepts a finite number inside `[min, max]`.

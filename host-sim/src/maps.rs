@@ -19,10 +19,11 @@ pub use picture::draw;
 pub use route::Forest;
 
 use std::f64::consts::{PI, TAU};
+use std::ops::RangeInclusive;
 
 use density::Cells;
 
-use crate::input::{InputError, check};
+use crate::input::{InputError, check, check_within};
 use crate::random::Random;
 
 /// A pillar: x, y, radius.
@@ -83,6 +84,13 @@ pub struct Recipe {
     pub step: bool,
 }
 
+/// Where an edge of a map may be.
+pub const EDGE_M: RangeInclusive<f64> = -1000.0..=1000.0;
+/// Mean densities that can be drawn.
+pub const MEAN: RangeInclusive<f64> = 0.005..=0.22;
+/// And their variances.
+pub const VARIANCE: RangeInclusive<f64> = 0.0..=0.05;
+
 impl Default for Recipe {
     /// The main paper's first map, on 10 x 10 m.
     fn default() -> Self {
@@ -99,14 +107,13 @@ impl Recipe {
     }
 
     fn check(&self) -> Result<(), InputError> {
-        let far = 1000.0;
         for (index, value) in self.bounds.iter().enumerate() {
-            check(&format!("bounds[{index}]"), *value, -far, far)?;
+            check_within(&format!("bounds[{index}]"), *value, &EDGE_M)?;
         }
         check("bounds[2]", self.bounds[2], self.bounds[0] + 2.0, self.bounds[0] + 50.0)?;
         check("bounds[3]", self.bounds[3], self.bounds[1] + 2.0, self.bounds[1] + 50.0)?;
-        check("mean", self.density.mean, 0.005, 0.22)?;
-        check("variance", self.density.variance, 0.0, 0.05)
+        check_within("mean", self.density.mean, &MEAN)?;
+        check_within("variance", self.density.variance, &VARIANCE)
     }
 }
 

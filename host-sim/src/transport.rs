@@ -64,7 +64,8 @@ pub enum Listen {
 }
 
 const SCHEMES: [&str; 5] = ["tcp", "udp", "udpin", "udpout", "serial"];
-const BAUDS: std::ops::RangeInclusive<u32> = 1_200..=12_000_000;
+/// Bits a second of a serial port.
+pub const BAUDS: std::ops::RangeInclusive<u32> = 1_200..=12_000_000;
 
 impl FromStr for Address {
     type Err = String;

@@ -10,14 +10,16 @@ use foxhound_link::framer::Framer;
 use foxhound_sim::antennas::Pose;
 use foxhound_sim::autopilot::{Autopilot, Software, Start, Wire};
 use foxhound_sim::companion::Pace;
-use foxhound_sim::input::{InputError, check};
+use foxhound_sim::input::{InputError, MAX_TIME_S, check, check_within};
 use foxhound_sim::scenario::{self, VehicleModel};
 use foxhound_sim::transport::{Line, Listen};
 use foxhound_sim::vehicle::Vehicle;
 use serde::Serialize;
 
 use super::companion::{stop_flag, triple};
-use super::{Cli, json_line, say};
+use super::terminal::say;
+use super::value::number;
+use super::{Cli, json_line};
 
 const AUTOPILOT_HELP: &str = "Examples:
   foxhound autopilot --listen tcp:127.0.0.1:5760
@@ -73,7 +75,7 @@ pub(super) struct AutopilotCommand {
     #[arg(long, value_name = "SEED:RATE", value_parser = noise)]
     noise: Option<(u64, f64)>,
     /// Ends after so many seconds [default: never].
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
     max_time: Option<f64>,
 }
 
@@ -125,7 +127,7 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
         check(&format!("--start: {axis}"), value, -10_000.0, 10_000.0)?;
     }
     if let Some(max_time_s) = args.max_time {
-        check("--max-time", max_time_s, 0.1, 1e6)?;
+        check_within("--max-time", max_time_s, &MAX_TIME_S)?;
     }
     let (mut line, address) =
         Line::listen(&args.listen).map_err(|error| InputError::new(format!("--listen: {error}")))?;

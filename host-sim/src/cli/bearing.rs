@@ -8,10 +8,12 @@ use clap::Args;
 use foxhound_sim::bearings::{self, Options};
 use foxhound_sim::calibrate::{self, calibrate};
 use foxhound_sim::frames::{ArrayDescription, Recording, read_yaw};
-use foxhound_sim::input::{InputError, read_text};
+use foxhound_sim::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
 
 use super::fly::EstimatorName;
-use super::{Cli, json_line, note, say};
+use super::terminal::{say, show, warn};
+use super::value::{number, whole};
+use super::{Cli, json_line};
 
 const BEARING_HELP: &str =
     "Frames: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024.
@@ -22,7 +24,8 @@ Looks: from 4 on, direct path and one reflection are told apart (MUSIC over the 
   vectors, weighted by 1/sigma^2. --yaw says how the array stood; the azimuth is that in the body frame of the last
   look. Frames left over at the end are not answered.
 
-Example:
+Examples:
+  foxhound bearing --adc frames.npy --array array.toml
   foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json";
 
 #[derive(Args, Debug)]
@@ -38,7 +41,13 @@ pub(super) struct BearingCommand {
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
     /// Consecutive frames an answer.
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(
+        long,
+        value_name = "K",
+        default_value_t = 1,
+        value_parser = whole::<u32>(1..=1_000_000),
+        allow_negative_numbers = true
+    )]
     looks: u32,
     /// Yaw at each frame: .npy, float64, rad, one per frame.
     #[arg(long, value_name = "FILE")]
@@ -68,16 +77,28 @@ pub(super) struct CalibrateCommand {
     #[arg(long, value_name = "FILE")]
     array: PathBuf,
     /// Where the source is, from the nose and clockwise; with --yaw, where it is at yaw zero.
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, required_unless_present = "splitter")]
+    #[arg(
+        long,
+        value_name = "DEG",
+        value_parser = number(AZIMUTH_DEG),
+        allow_negative_numbers = true,
+        required_unless_present = "splitter"
+    )]
     azimuth_deg: Option<f64>,
     /// All channels hear the same, through a splitter.
     #[arg(long, conflicts_with_all = ["azimuth_deg", "elevation_deg", "range_m", "yaw"])]
     splitter: bool,
     /// Elevation of the source.
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "DEG",
+        default_value_t = 0.0,
+        value_parser = number(ELEVATION_DEG),
+        allow_negative_numbers = true
+    )]
     elevation_deg: f64,
     /// Distance of the source [default: so far that its wave is plane].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = number(RANGE_M), allow_negative_numbers = true)]
     range_m: Option<f64>,
     /// Yaw at each frame: .npy, float64, rad, one per frame.
     #[arg(long, value_name = "FILE")]
@@ -89,17 +110,17 @@ pub(super) struct CalibrateCommand {
     #[arg(long)]
     skew: bool,
     /// Temperature of the receiver, for the record.
-    #[arg(long, value_name = "DEG_C", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG_C", value_parser = number(TEMPERATURE_C), allow_negative_numbers = true)]
     temperature_c: Option<f64>,
 }
 
 pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, InputError> {
     let description = ArrayDescription::read(&args.array)?;
     if description.array.build()?.is_nearly_ambiguous() {
-        note("warning: side_m is close to half a wavelength: noise will turn some bearings round");
+        warn("warning: side_m is close to half a wavelength: noise will turn some bearings round");
     }
     if description.array.calibration.is_some_and(|table| table.entries().is_empty()) {
-        note("warning: [calibration] is damaged, its crc does not match: all bearings are uncalibrated");
+        warn("warning: [calibration] is damaged, its crc does not match: all bearings are uncalibrated");
     }
     let recording = Recording::read(&args.adc)?;
     let frames = recording.frames().len();
@@ -111,7 +132,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
     let lines = bearings::find(&recording, &description, &options)?;
     if frames % looks != 0 {
-        note(&format!(
+        cli.note(&format!(
             "note: the last {} of {frames} frames make no group of {looks} and are not answered",
             frames % looks
         ));
@@ -123,7 +144,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         }
         say(&text);
     } else {
-        say(&bearings::table(&lines));
+        show(&bearings::table(&lines));
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -148,10 +169,10 @@ pub(super) fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode
     let (text, report) = calibrate(&recording, &text, &options)?;
     std::fs::write(&args.array, text).map_err(|error| InputError::new(error.to_string()).in_file(&args.array))?;
     if report.interferer_frames > 0 {
-        note(&format!("warning: in {} frames another line stands within 10 dB of the tone", report.interferer_frames));
+        warn(&format!("warning: in {} frames another line stands within 10 dB of the tone", report.interferer_frames));
     }
     if args.yaw.is_some() && report.deviation_max_deg.is_none() {
-        note("note: the frames do not go all around the circle: no deviation");
+        cli.note("note: the frames do not go all around the circle: no deviation");
     }
     if cli.json {
         say(&json_line(&report)?);
@@ -173,6 +194,6 @@ pub(super) fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode
         let _ = writeln!(text, "skew_s = {skew_s:?}");
     }
     let _ = writeln!(text, "written to {}", args.array.display());
-    say(&text);
+    show(&text);
     Ok(ExitCode::SUCCESS)
 }

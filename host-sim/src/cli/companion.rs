@@ -15,15 +15,17 @@ use foxhound_link::mailbox::Setup;
 use foxhound_sim::companion::{self, Config, News};
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{Ending, Report};
-use foxhound_sim::input::{InputError, read_text};
+use foxhound_sim::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::report::{self, Recorder};
 use foxhound_sim::transport::{Address, Line};
 use foxhound_sim::{mcap, tlog};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::fly::{EstimatorName, Via, planner_parser};
-use super::{Cli, command_line, json_line, note, say};
+use super::fly::{EstimatorName, Via, look, planner_parser};
+use super::terminal::{say, show_as, warn};
+use super::value::number;
+use super::{Cli, check_writable, command_line, json_line};
 
 const COMPANION_HELP: &str = "Examples:
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5
@@ -54,13 +56,31 @@ pub(super) struct CompanionCommand {
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
     /// Horizontal speed of the fastest setpoint, in m/s.
-    #[arg(long, value_name = "M/S", default_value_t = 2.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "M/S",
+        default_value_t = 2.0,
+        value_parser = number(V_MAX_MPS),
+        allow_negative_numbers = true
+    )]
     v_max: f64,
     /// Radius of the vehicle, in metres.
-    #[arg(long, value_name = "M", default_value_t = 0.15, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "M",
+        default_value_t = 0.15,
+        value_parser = number(DRONE_RADIUS_M),
+        allow_negative_numbers = true
+    )]
     drone_radius: f64,
     /// Signal-to-noise ratio per sample of the antenna waveforms, in dB.
-    #[arg(long, value_name = "DB", default_value_t = 20.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "DB",
+        default_value_t = 20.0,
+        value_parser = number(SNR_DB),
+        allow_negative_numbers = true
+    )]
     snr_db: f64,
     /// Which planner, as for `fly`.
     #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
@@ -69,7 +89,7 @@ pub(super) struct CompanionCommand {
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
     /// Gives up after so many seconds, from the start of the program [default: never].
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
     max_time: Option<f64>,
     /// Parameters, as `foxhound params` checks them; they overrule the options. Who has them stored by MAVLink has them all
     /// stored here.
@@ -93,12 +113,12 @@ pub(super) struct CompanionCommand {
 
 /// Three finite numbers with commas between.
 pub(super) fn triple(text: &str) -> Result<[f64; 3], String> {
+    let refused = || "expected three numbers in -10000..=10000, as in 8,-9,-5".to_owned();
     let numbers: Vec<f64> = text
         .split(',')
-        .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))
-        .map(|number| number.ok_or_else(|| "expected three numbers, as in 8,-9,-5".to_owned()))
+        .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(refused))
         .collect::<Result<_, _>>()?;
-    numbers.try_into().map_err(|_| "expected three numbers, as in 8,-9,-5".to_owned())
+    numbers.try_into().map_err(|_| refused())
 }
 
 /// A flag that Ctrl-C, or whoever ends the program, sets.
@@ -143,6 +163,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         key,
     };
     let config = config.checked()?;
+    check_writable("--report", args.report.as_ref())?;
     // Checked here for every computer, so that a refused field is named the same way.
     let mut host = match &args.params {
         Some(path) => HostComputer::with_store(&config.guidance(), path)?,
@@ -167,7 +188,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let watcher = |path: &PathBuf| mcap::Log::create(path, &config.mission(), &guidance, command_line());
     let mut watched = args.mcap.as_ref().map(watcher).transpose()?;
     let stop = stop_flag()?;
-    let mut progress = Progress::new(args.autopilot.clone());
+    let mut progress = Progress::new(cli, args.autopilot.clone());
     progress.text("waits for the autopilot");
     let waited = Instant::now();
     let report = if companion::wait_for_line(&mut line, &stop, config.max_time_s) {
@@ -197,10 +218,10 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         })?;
         progress.clear();
         for complaint in &flown.complaints {
-            note(&format!("error: {complaint}"));
+            warn(&format!("error: {complaint}"));
         }
         if flown.missed_steps > 0 {
-            note(&format!("{} steps were left out: the machine was busy", flown.missed_steps));
+            cli.note(&format!("{} steps were left out: the machine was busy", flown.missed_steps));
         }
         flown.report
     } else {
@@ -212,13 +233,17 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     if let (Some(mut recorder), Some(path)) = (recorder, &args.report) {
         recorder.end(&report);
         report::write(path, &recorder.lines())?;
-        note(&format!("report: {}", path.display()));
+        cli.note(&format!("report: {}", path.display()));
     }
     if let (Some(watched), Some(path)) = (watched, &args.mcap) {
         watched.end(&report)?;
-        note(&format!("MCAP: {}", path.display()));
+        cli.note(&format!("MCAP: {}", path.display()));
     }
-    say(&if cli.json { json_line(&report)? } else { summary(&report) });
+    if cli.json {
+        say(&json_line(&report)?);
+    } else {
+        show_as(look(report.result), &summary(&report));
+    }
     Ok(if report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
@@ -229,6 +254,7 @@ fn refused(error: foxhound_sim::qemu::QemuError) -> InputError {
 /// A line that is drawn over and over on a terminal; elsewhere a line when something changes.
 struct Progress {
     address: Address,
+    is_quiet: bool,
     bar: Option<ProgressBar>,
     state: String,
     shown_s: f64,
@@ -238,15 +264,16 @@ struct Progress {
 const PERIOD_S: f64 = 0.5;
 
 impl Progress {
-    fn new(address: Address) -> Self {
-        let bar = io::stderr().is_terminal().then(|| {
+    fn new(cli: &Cli, address: Address) -> Self {
+        let is_quiet = cli.quiet;
+        let bar = (!is_quiet && io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
             match ProgressStyle::with_template("{msg}") {
                 Ok(style) => bar.with_style(style),
                 Err(_) => bar,
             }
         });
-        Self { address, bar, state: String::new(), shown_s: 0.0 }
+        Self { address, is_quiet, bar, state: String::new(), shown_s: 0.0 }
     }
 
     fn text(&self, text: &str) {
@@ -255,7 +282,8 @@ impl Progress {
                 bar.set_message(format!("{}: {text}", self.address));
                 bar.tick();
             }
-            None => note(&format!("{}: {text}", self.address)),
+            None if self.is_quiet => {}
+            None => warn(&format!("{}: {text}", self.address)),
         }
     }
 

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anstyle::Style;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use foxhound_core::bearing::Estimator;
@@ -11,14 +12,16 @@ use foxhound_core::planner;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{self, Ending, Mission, Record};
-use foxhound_sim::input::{InputError, read_text};
+use foxhound_sim::input::{InputError, SNR_DB, check_within, read_text};
 use foxhound_sim::params::Given;
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::report::{self, Beside, Recorder};
 use foxhound_sim::scenario::{BearingModel, Scenario};
 use foxhound_sim::{mcap, plot, tlog};
 
-use super::{Cli, bar, command_line, ending, json_line, note, say};
+use super::terminal::{BAD, GOOD, HALF, say, show_as};
+use super::value::number;
+use super::{Cli, check_writable, command_line, ending, json_line};
 
 const FLY_HELP: &str = "Examples:
   foxhound fly --seed 7 --plot flight.png
@@ -53,7 +56,7 @@ pub(super) struct Fly {
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
     /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrules the scenario.
-    #[arg(long, value_name = "DB", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DB", value_parser = number(SNR_DB), allow_negative_numbers = true)]
     snr_db: Option<f64>,
     /// Parameters, as `foxhound params` checks them; they overrule the scenario.
     #[arg(long, value_name = "FILE")]
@@ -142,7 +145,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         None => Scenario::built_in(),
     };
     if let Some(snr_db) = args.snr_db {
-        foxhound_sim::input::check("--snr-db", snr_db, -30.0, 80.0)?;
+        check_within("--snr-db", snr_db, &SNR_DB)?;
         scenario.bearing.snr_db = Some(snr_db);
         scenario.bearing.model = Some(BearingModel::Rf);
     }
@@ -155,6 +158,9 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         return Err(InputError::new(format!("--plot {}: expected a file ending in .svg or .png", path.display())));
     }
 
+    for (option, path) in [("--plot", &args.plot), ("--report", &args.report), ("--flight-log", &args.flight_log)] {
+        check_writable(option, path.as_ref())?;
+    }
     let mut config = mission.guidance();
     if let Some(path) = &args.params {
         let mut given = Given::default();
@@ -187,7 +193,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if args.flight_log.is_some() {
         computer.log_flight();
     }
-    let progress = bar(cli, mission.scenario.max_time_s as u64, "flying {bar:40} {pos} of at most {len} s");
+    let progress = cli.bar("flying", mission.scenario.max_time_s as u64, "s at most");
     let flown = flight::fly_watched(&mission, computer.as_mut(), log.as_mut(), |moment| {
         progress.set_position(moment.sample.time_s as u64);
         if let Some(recorder) = &mut recorder {
@@ -209,26 +215,35 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if let Some(path) = &plot_path {
         plot::draw(&record, path)?;
         if cli.json {
-            note(&format!("picture: {}", path.display()));
+            cli.note(&format!("picture: {}", path.display()));
         }
     }
     if let (Some(mut recorder), Some(path)) = (recorder, &args.report) {
         recorder.end(&record.report);
         report::write(path, &recorder.lines())?;
         if cli.json {
-            note(&format!("report: {}", path.display()));
+            cli.note(&format!("report: {}", path.display()));
         }
     }
     if let (Some(watched), Some(path)) = (watched, &args.mcap) {
         watched.end(&record.report)?;
-        note(&format!("MCAP: {}", path.display()));
+        cli.note(&format!("MCAP: {}", path.display()));
     }
     if cli.json {
         say(&json_line(&record.report)?);
     } else {
-        say(&summary(&record, plot_path.as_deref(), args.report.as_deref()));
+        show_as(look(record.report.result), &summary(&record, plot_path.as_deref(), args.report.as_deref()));
     }
     Ok(if record.report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// How the end of a flight looks.
+pub(super) fn look(ending: Ending) -> Style {
+    match ending {
+        Ending::Reached => GOOD,
+        Ending::Hold | Ending::Timeout => HALF,
+        Ending::Collision => BAD,
+    }
 }
 
 /// A flight for people.

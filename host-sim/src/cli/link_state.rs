@@ -8,7 +8,9 @@ use foxhound_core::link_state::Classifier;
 use foxhound_sim::input::InputError;
 use foxhound_sim::link_state::{self, DOCUMENT_FILE, EXAMINATION_SCENES, SEED, WEIGHTS_FILE};
 
-use super::{Cli, json_line, note, say, write_text};
+use super::terminal::{say, show, warn};
+use super::value::whole;
+use super::{Cli, json_line, write_text};
 
 const LINK_STATE_HELP: &str = "Examples:
   foxhound link-state --seed 7         how often the classifier is right in fresh scenes
@@ -19,7 +21,13 @@ const LINK_STATE_HELP: &str = "Examples:
 #[command(after_help = LINK_STATE_HELP)]
 pub(super) struct LinkState {
     /// Scenes to examine it with [default: 500].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with_all = ["train", "check"])]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = whole::<u32>(1..=100_000),
+        allow_negative_numbers = true,
+        conflicts_with_all = ["train", "check"]
+    )]
     scenes: Option<u32>,
     /// Trains it and writes its weights and what they are worth.
     #[arg(long, conflicts_with = "check")]
@@ -37,11 +45,14 @@ pub(super) fn link_state(cli: &Cli, args: &LinkState) -> Result<ExitCode, InputE
         return train(cli, args);
     }
     let scenes = args.scenes.unwrap_or(EXAMINATION_SCENES);
-    let report = link_state::examine(&Classifier::TRAINED, cli.seed, scenes)?;
+    let progress = cli.spinner("examining");
+    let report = link_state::examine(&Classifier::TRAINED, cli.seed, scenes);
+    progress.finish_and_clear();
+    let report = report?;
     if cli.json {
         say(&json_line(&report)?);
     } else {
-        say(&report.table());
+        show(&report.table());
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -53,25 +64,28 @@ fn train(cli: &Cli, args: &LinkState) -> Result<ExitCode, InputError> {
     };
     let there = read(&weights)?;
     if cli.seed != SEED {
-        note(&format!("note: the weights of the repository are those of seed {SEED}"));
+        cli.note(&format!("note: the weights of the repository are those of seed {SEED}"));
     }
-    let (trained, ablations) = link_state::train(cli.seed, args.train)?;
+    let progress = cli.spinner("training");
+    let trained = link_state::train(cli.seed, args.train);
+    progress.finish_and_clear();
+    let (trained, ablations) = trained?;
     let source = link_state::source(&trained.weights, cli.seed);
     let is_same = source == there;
     if cli.json {
         say(&json_line(&trained.report)?);
     } else {
-        say(&trained.report.table());
+        show(&trained.report.table());
     }
     if args.check {
         let is_described = read(&document)?.contains(&link_state::measured(&trained.report));
         for (path, is_right) in [(&weights, is_same), (&document, is_described)] {
-            note(&format!("{}: {}", path.display(), if is_right { "as trained" } else { "differs" }));
+            warn(&format!("{}: {}", path.display(), if is_right { "as trained" } else { "differs" }));
         }
         return Ok(ExitCode::from(u8::from(!(is_same && is_described))));
     }
     write_text(&weights, &source)?;
     write_text(&document, &link_state::document(&trained.report, &ablations))?;
-    note(&format!("written: {}, {}", weights.display(), document.display()));
+    cli.note(&format!("written: {}, {}", weights.display(), document.display()));
     Ok(ExitCode::SUCCESS)
 }

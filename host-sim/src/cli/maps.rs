@@ -5,12 +5,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_sim::input::InputError;
+use foxhound_sim::input::{DRONE_RADIUS_M, InputError, check_within};
 use foxhound_sim::maps;
 use foxhound_sim::suite::{self, Suite};
 use serde::Serialize;
 
-use super::{Cli, bar, json_line, note, say, write_text};
+use super::terminal::{say, show};
+use super::value::{number, whole};
+use super::{Cli, json_line, write_text};
 
 const MAPS_HELP: &str =
     "Density is the area of all pillars in a unit square over that of the square; mean and variance are over all unit
@@ -28,28 +30,65 @@ Examples:
 #[command(after_help = MAPS_HELP)]
 pub(super) struct MapsCommand {
     /// Row of the main paper's Table I.
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=5))]
+    #[arg(long, value_name = "K", value_parser = whole::<u32>(1..=5), allow_negative_numbers = true)]
     row: Option<u32>,
     /// Mean density.
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, requires = "variance", conflicts_with = "row")]
+    #[arg(
+        long,
+        value_name = "SHARE",
+        value_parser = number(maps::MEAN),
+        allow_negative_numbers = true,
+        requires = "variance",
+        conflicts_with = "row"
+    )]
     mean: Option<f64>,
     /// Variance of the density.
-    #[arg(long, value_name = "V", allow_negative_numbers = true, requires = "mean")]
+    #[arg(
+        long,
+        value_name = "V",
+        value_parser = number(maps::VARIANCE),
+        allow_negative_numbers = true,
+        requires = "mean"
+    )]
     variance: Option<f64>,
     /// Dense on one side of a line, sparse on the other, as row 5 is.
     #[arg(long, requires = "mean")]
     step: bool,
     /// Edges of the map, metres.
-    #[arg(long, value_name = "X0,Y0,X1,Y1", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "X0,Y0,X1,Y1",
+        value_delimiter = ',',
+        value_parser = number(maps::EDGE_M),
+        allow_hyphen_values = true
+    )]
     bounds: Vec<f64>,
     /// Maps of each density.
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 4,
+        value_parser = whole::<u32>(1..=1000),
+        allow_negative_numbers = true
+    )]
     count: u32,
     /// Start/goal pairs of each map.
-    #[arg(long, value_name = "P", default_value_t = 40, value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    #[arg(
+        long,
+        value_name = "P",
+        default_value_t = 40,
+        value_parser = whole::<u32>(0..=10_000),
+        allow_negative_numbers = true
+    )]
     pairs: u32,
     /// Radius of the vehicle, metres.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value_t = 0.15)]
+    #[arg(
+        long,
+        value_name = "M",
+        value_parser = number(DRONE_RADIUS_M),
+        allow_negative_numbers = true,
+        default_value_t = 0.15
+    )]
     drone_radius: f64,
     /// Describes the maps of this suite file instead.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["row", "mean", "bounds"])]
@@ -103,24 +142,28 @@ pub(super) fn draw_maps(cli: &Cli, args: &MapsCommand) -> Result<ExitCode, Input
         Some(path) => describe(Suite::read(path)?),
         None => drawn(cli, args)?,
     };
-    say(&if cli.json { json_line(&report)? } else { report.table() });
+    if cli.json {
+        say(&json_line(&report)?);
+    } else {
+        show(&report.table());
+    }
     // What is described has its file already.
     let folder = cli.out.clone().or_else(|| (!cli.json && args.describe.is_none()).then(|| PathBuf::from("out")));
     if let Some(folder) = folder {
         let picture = folder.join("maps.svg");
         maps::draw(&suite, &picture)?;
-        note(&format!("picture: {}", picture.display()));
+        cli.note(&format!("picture: {}", picture.display()));
         if args.describe.is_none() {
             let file = folder.join("suite.json");
             write_text(&file, &json_line(&suite)?)?;
-            note(&format!("suite: {}", file.display()));
+            cli.note(&format!("suite: {}", file.display()));
         }
     }
     Ok(ExitCode::SUCCESS)
 }
 
 fn drawn(cli: &Cli, args: &MapsCommand) -> Result<(Suite, MapsReport), InputError> {
-    foxhound_sim::input::check("--drone-radius", args.drone_radius, 0.01, 5.0)?;
+    check_within("--drone-radius", args.drone_radius, &DRONE_RADIUS_M)?;
     let mut recipes: Vec<(u32, maps::Recipe)> = match (args.row, args.mean, args.variance) {
         (_, Some(mean), Some(variance)) => {
             let density = maps::Density { mean, variance };
@@ -140,7 +183,7 @@ fn drawn(cli: &Cli, args: &MapsCommand) -> Result<(Suite, MapsReport), InputErro
     for (_, recipe) in &mut recipes {
         recipe.bounds = suite.bounds;
     }
-    let progress = bar(cli, u64::from(args.count) * recipes.len() as u64, "drawing {bar:40} {pos} of {len} maps");
+    let progress = cli.bar("drawing", u64::from(args.count) * recipes.len() as u64, "maps");
     let mut lines = Vec::new();
     for (row, recipe) in recipes {
         for instance in 0..args.count {

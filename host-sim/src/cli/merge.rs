@@ -14,7 +14,7 @@ const MERGE_HELP: &str =
     "The files are those of `foxhound suite --shard`, all N of them, in any order, of one suite with one seed. Prints
 what the whole suite prints; with --out, flights.jsonl is what the whole suite writes.
 
-Example:
+Examples:
   for k in 1 2 3 4; do foxhound suite suite.json --shard $k/4 --out shards; done
   foxhound merge shards/*.jsonl --json
 
@@ -34,7 +34,7 @@ pub(super) fn merge(cli: &Cli, args: &MergeCommand) -> Result<ExitCode, InputErr
     let flown = put_together(parts?)?;
     let code = show(cli, &flown)?;
     if let Some(folder) = &cli.out {
-        write_flights(folder, &flown)?;
+        write_flights(cli, folder, &flown)?;
     }
     Ok(code)
 }

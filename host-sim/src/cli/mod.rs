@@ -8,21 +8,23 @@ mod fly;
 mod link_state;
 mod maps;
 mod merge;
+mod pages;
 mod params;
 mod port;
 mod replay;
 mod reproduce;
 mod suite;
+mod terminal;
+mod value;
 
 use std::fmt::Write as _;
-use std::io::{self, Write as _};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use foxhound_sim::input::InputError;
 use foxhound_sim::tlog;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
 use autopilot::AutopilotCommand;
@@ -32,11 +34,14 @@ use fly::Fly;
 use link_state::LinkState;
 use maps::MapsCommand;
 use merge::MergeCommand;
+use pages::{CompletionsCommand, ManCommand};
 use params::ParamsCommand;
 use port::PortCommand;
 use replay::ReplayCommand;
 use reproduce::Reproduce;
 use suite::SuiteCommand;
+use terminal::{say, show, warn};
+use value::whole;
 
 /// Lets a small drone find a radio beacon by itself: direction finding with four antennas, planning among unknown
 /// obstacles, velocity setpoints for the autopilot. Without a command, flies the built-in mission.
@@ -48,8 +53,17 @@ struct Cli {
     /// Prints JSON on stdout and nothing else there.
     #[arg(long, global = true)]
     json: bool,
+    /// Prints no progress and no notes: results, warnings and errors only.
+    #[arg(short, long, global = true)]
+    quiet: bool,
     /// Seed of everything random; the same seed gives the same flight.
-    #[arg(long, global = true, default_value_t = 1)]
+    #[arg(
+        long,
+        global = true,
+        default_value_t = 1,
+        value_parser = whole::<u64>(0..=u64::MAX),
+        allow_negative_numbers = true
+    )]
     seed: u64,
     /// Folder for the files that are written [default: out; with --json nothing is written unless asked for].
     #[arg(long, global = true, value_name = "DIR")]
@@ -67,6 +81,7 @@ const EXAMPLES: &str = "Examples:
   foxhound fly --flight-log f.log && foxhound replay f.log
   foxhound port --serial /dev/ttyACM0 --log f.log status
   foxhound maps --out forests && foxhound suite forests/suite.json
+  foxhound reproduce all --out papers               every experiment of the papers, in one page
 
 Exit status: 0 done as asked; 1 flown, but a goal was not reached; 2 bad usage or input.";
 
@@ -100,9 +115,19 @@ enum Command {
     Reproduce(Reproduce),
     /// Examines, or trains, what tells a reflection from the line of sight.
     LinkState(LinkState),
+    /// Prints what makes a shell complete the commands and options.
+    Completions(CompletionsCommand),
+    /// Prints the manual page, or writes those of all commands.
+    Man(ManCommand),
 }
 
+const TLOG_HELP: &str = "Examples:
+  foxhound tlog flight.tlog
+  foxhound tlog flight.tlog --json | jq .counts
+  foxhound tlog --raw capture.bin                   bytes of a serial line, without time stamps";
+
 #[derive(Args, Debug)]
+#[command(after_help = TLOG_HELP)]
 struct TlogCommand {
     /// The log.
     file: PathBuf,
@@ -130,23 +155,16 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Params(args)) => params::params(&cli, args),
         Some(Command::Reproduce(args)) => reproduce::reproduce(&cli, args),
         Some(Command::LinkState(args)) => link_state::link_state(&cli, args),
+        Some(Command::Completions(args)) => pages::completions(&cli, args),
+        Some(Command::Man(args)) => pages::manual(&cli, args),
     };
     match done {
         Ok(code) => code,
         Err(error) => {
-            note(&format!("error: {error}"));
+            warn(&format!("error: {error}"));
             ExitCode::from(2)
         }
     }
-}
-
-fn note(text: &str) {
-    let _ = writeln!(io::stderr(), "{text}");
-}
-
-/// Writes to stdout; a reader that has gone away is not our error.
-fn say(text: &str) {
-    let _ = io::stdout().lock().write_all(text.as_bytes());
 }
 
 fn json_line(value: &impl Serialize) -> Result<String, InputError> {
@@ -173,22 +191,22 @@ fn ending(path: &Path) -> Option<&str> {
     path.extension().and_then(|ending| ending.to_str())
 }
 
-fn bar(cli: &Cli, length: u64, template: &str) -> ProgressBar {
-    // Hidden by itself where stderr is no terminal.
-    let target = if cli.json { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-    let bar = ProgressBar::with_draw_target(Some(length), target);
-    match ProgressStyle::with_template(template) {
-        Ok(style) => bar.with_style(style),
-        Err(_) => bar,
-    }
-}
-
 fn write_text(path: &Path, text: &str) -> Result<(), InputError> {
     let failed = |error: io::Error| InputError::new(error.to_string()).in_file(path);
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(failed)?;
     }
     std::fs::write(path, text).map_err(failed)
+}
+
+/// Finds out before the work whether its result can be written: makes the file, unless it is there.
+fn check_writable(option: &str, path: Option<&PathBuf>) -> Result<(), InputError> {
+    let Some(path) = path else { return Ok(()) };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let made = folder.map_or(Ok(()), std::fs::create_dir_all);
+    made.and_then(|()| std::fs::OpenOptions::new().create(true).append(true).open(path))
+        .map(drop)
+        .map_err(|error| InputError::new(format!("{option} {}: {error}", path.display())))
 }
 
 fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
@@ -204,7 +222,7 @@ fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
         for (id, count) in &summary.counts {
             let _ = writeln!(text, "{count:>8}  message {id}");
         }
-        say(&text);
+        show(&text);
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -10,7 +10,8 @@ use foxhound_sim::input::InputError;
 use foxhound_sim::params::{Given, page, range};
 use serde::Serialize;
 
-use super::{Cli, json_line, say};
+use super::terminal::{say, show};
+use super::{Cli, json_line};
 
 const PARAMS_HELP: &str = "A file has one NAME = VALUE in a line, as in `FH_SPD_MAX = 2.0`. Values are checked one by one and all together, as a
 vehicle would check them; what is refused is named, with what would be accepted.
@@ -99,6 +100,10 @@ pub(super) fn params(cli: &Cli, args: &ParamsCommand) -> Result<ExitCode, InputE
         doc: row.doc,
     });
     let report = Report { params: lines.collect() };
-    say(&if cli.json { json_line(&report)? } else { report.table() });
+    if cli.json {
+        say(&json_line(&report)?);
+    } else {
+        show(&report.table());
+    }
     Ok(ExitCode::SUCCESS)
 }

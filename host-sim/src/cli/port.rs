@@ -10,11 +10,13 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use foxhound_computer::log::Record;
 use foxhound_computer::log::frame::Deframer;
-use foxhound_sim::input::InputError;
-use foxhound_sim::transport::{Address, Line};
+use foxhound_sim::input::{InputError, MAX_TIME_S, check_within};
+use foxhound_sim::transport::{Address, BAUDS, Line};
 use serde::Serialize;
 
-use super::{Cli, json_line, note, say};
+use super::terminal::{say, warn};
+use super::value::{number, whole};
+use super::{Cli, json_line};
 
 const PORT_HELP: &str = "Examples:
   foxhound port --serial /dev/ttyACM0 status
@@ -24,6 +26,8 @@ Exit status: 0 done as asked; 1 nobody answered; 2 bad usage, or no such port.";
 
 /// After the last word of an answer so much silence.
 const SILENCE: Duration = Duration::from_millis(300);
+const BAUD_MIN: u64 = *BAUDS.start() as u64;
+const BAUD_MAX: u64 = *BAUDS.end() as u64;
 const READ_EVERY: Duration = Duration::from_millis(2);
 
 #[derive(Args, Debug)]
@@ -33,13 +37,19 @@ pub(super) struct PortCommand {
     #[arg(long, value_name = "DEVICE")]
     serial: PathBuf,
     /// Bits a second.
-    #[arg(long, default_value_t = 921_600)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 921_600,
+        value_parser = whole::<u32>(BAUD_MIN..=BAUD_MAX),
+        allow_negative_numbers = true
+    )]
     baud: u32,
     /// Keeps everything that comes.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Ends after that many seconds at the latest [default: 3 with a command, else never].
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
     seconds: Option<f64>,
     /// What to say to it; `help` lists what it understands. Without, one only listens.
     command: Vec<String>,
@@ -51,6 +61,9 @@ struct Said<'a> {
 }
 
 pub(super) fn port(cli: &Cli, args: &PortCommand) -> Result<ExitCode, InputError> {
+    if let Some(seconds) = args.seconds {
+        check_within("--seconds", seconds, &MAX_TIME_S)?;
+    }
     let failed = |error: std::io::Error| InputError::new(error.to_string());
     let address = Address::Serial { device: args.serial.clone(), baud: args.baud };
     let mut line = Line::open(&address).map_err(|error| failed(error).in_file(&args.serial))?;
@@ -82,7 +95,7 @@ pub(super) fn port(cli: &Cli, args: &PortCommand) -> Result<ExitCode, InputError
         }
         if patience_s.is_some_and(|patience_s| begin.elapsed().as_secs_f64() > patience_s) {
             if asks && heard_at.is_none() {
-                note("nobody answered");
+                warn("nobody answered");
                 return Ok(ExitCode::from(1));
             }
             return Ok(ExitCode::SUCCESS);

@@ -7,10 +7,15 @@ use clap::Args;
 use foxhound_sim::input::InputError;
 use foxhound_sim::replay::{self, Summary};
 
-use super::{Cli, json_line, say};
+use super::terminal::{BAD, GOOD, say, show_as};
+use super::{Cli, json_line};
 
 const REPLAY_HELP: &str =
     "The log is a file of `fly --flight-log` or of `port --log`, or any capture of the maintenance port.
+
+Examples:
+  foxhound fly --flight-log flight.log && foxhound replay flight.log
+  foxhound replay flight.log --json | jq .first_difference_s
 
 Exit status: 0 every step came to the same bits; 1 one did not, or frames are missing; 2 there is no flight log.";
 
@@ -24,8 +29,13 @@ pub(super) struct ReplayCommand {
 pub(super) fn replay(cli: &Cli, args: &ReplayCommand) -> Result<ExitCode, InputError> {
     let bytes = std::fs::read(&args.file).map_err(|error| InputError::new(error.to_string()).in_file(&args.file))?;
     let summary = replay::replay(&bytes).map_err(|error| error.in_file(&args.file))?;
-    say(&if cli.json { json_line(&summary)? } else { words(&summary) });
-    Ok(if summary.is_identical() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    let is_identical = summary.is_identical();
+    if cli.json {
+        say(&json_line(&summary)?);
+    } else {
+        show_as(if is_identical { GOOD } else { BAD }, &words(&summary));
+    }
+    Ok(if is_identical { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
 /// A summary for people.

@@ -7,7 +7,9 @@ use clap::{Args, ValueEnum};
 use foxhound_sim::input::InputError;
 use foxhound_sim::reproduce::{circle, crb, density, localize, mmwave, multipath, stretch, variants};
 
-use super::{Cli, bar, json_line, note, say};
+use super::terminal::{say, show};
+use super::value::whole;
+use super::{Cli, json_line};
 
 const REPRODUCE_HELP: &str = "Examples:
   foxhound reproduce aoa-circle              table on stdout, picture in out/aoa-circle.svg
@@ -26,16 +28,16 @@ pub(super) struct Reproduce {
     #[arg(value_enum)]
     experiment: Experiment,
     /// apf-density: start/goal pairs of each row of Table I [default: 100].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000), allow_negative_numbers = true)]
     pairs: Option<u32>,
     /// multipath: scenes of each kind [default: 50].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000), allow_negative_numbers = true)]
     scenes: Option<u32>,
     /// stretch: trials of each condition [default: 1200].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(2..=100_000), allow_negative_numbers = true)]
     trials: Option<u32>,
     /// mmwave: scenarios [default: 200].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000), allow_negative_numbers = true)]
     scenarios: Option<u32>,
 }
 
@@ -97,7 +99,7 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
         }
         Experiment::ApfDensity => {
             let options = density::Options { seed: cli.seed, pairs: args.pairs.unwrap_or(DENSITY_PAIRS) };
-            let progress = bar(cli, density::flights(options.pairs), "flying {bar:40} {pos} of {len}");
+            let progress = cli.bar("flying", density::flights(options.pairs), "");
             let report = density::run(&options, |done| progress.set_position(done));
             progress.finish_and_clear();
             let report = report?;
@@ -111,7 +113,7 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
         }
         Experiment::Multipath => {
             let options = multipath::Options { seed: cli.seed, scenes: args.scenes.unwrap_or(MULTIPATH_SCENES) };
-            let progress = bar(cli, multipath::flights(options.scenes), "flying {bar:40} {pos} of {len}");
+            let progress = cli.bar("flying", multipath::flights(options.scenes), "");
             let report = multipath::run(&options, || progress.inc(1));
             progress.finish_and_clear();
             let report = report?;
@@ -119,7 +121,7 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
         }
         Experiment::Mmwave => {
             let options = mmwave::Options { seed: cli.seed, scenarios: args.scenarios.unwrap_or(MMWAVE_SCENARIOS) };
-            let progress = bar(cli, mmwave::searches(options.scenarios), "searching {bar:40} {pos} of {len}");
+            let progress = cli.bar("searching", mmwave::searches(options.scenarios), "");
             let report = mmwave::run(&options, |done| progress.set_position(done));
             progress.finish_and_clear();
             let report = report?;
@@ -133,7 +135,7 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
         }
         Experiment::Stretch => {
             let options = stretch::Options { seed: cli.seed, trials: args.trials.unwrap_or(stretch::TRIALS) };
-            let progress = bar(cli, stretch::trials(options.trials), "seeking {bar:40} {pos} of {len}");
+            let progress = cli.bar("seeking", stretch::trials(options.trials), "");
             let report = stretch::run(&options, |done| progress.set_position(done));
             progress.finish_and_clear();
             let report = report?;
@@ -141,9 +143,13 @@ pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputEr
             (json_line(&report)?, report.table(), pictures)
         }
     };
-    say(if cli.json { &line } else { &table });
+    if cli.json {
+        say(&line);
+    } else {
+        show(&table);
+    }
     for path in pictures {
-        note(&format!("picture: {}", path.display()));
+        cli.note(&format!("picture: {}", path.display()));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use foxhound_core::planner;
 use foxhound_sim::computer::HostComputer;
 use foxhound_sim::flight::Ending;
-use foxhound_sim::input::InputError;
+use foxhound_sim::input::{DRONE_RADIUS_M, InputError, SIGMA_DEG, SNR_DB, check_within};
 use foxhound_sim::plot;
 use foxhound_sim::scenario::{BearingModel, VehicleModel};
 use foxhound_sim::suite::shard::{self, Shard};
@@ -15,7 +15,9 @@ use foxhound_sim::suite::{self, Flown, Selection, Suite};
 use foxhound_sim::table;
 
 use super::fly::{EstimatorName, planner_parser};
-use super::{Cli, bar, json_line, note, say, write_text};
+use super::terminal::say;
+use super::value::{number, whole};
+use super::{Cli, check_writable, json_line, terminal, write_text};
 
 /// Flights that missed and are named on the terminal.
 const MISSES_SHOWN: usize = 20;
@@ -47,7 +49,7 @@ pub(super) struct SuiteCommand {
     /// Suite file; `foxhound maps` writes one.
     file: PathBuf,
     /// Flights at a time [default: as many as there are processors].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1024), allow_negative_numbers = true)]
     jobs: Option<u32>,
     /// Which planner: ours, the main paper's and its baseline, with their readings; the others are the baseline in the
     /// field of that name.
@@ -57,25 +59,37 @@ pub(super) struct SuiteCommand {
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
     /// Only these flights.
-    #[arg(long, value_name = "ROW[,INSTANCE[,PAIR]]", value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "ROW[,INSTANCE[,PAIR]]",
+        value_delimiter = ',',
+        value_parser = whole::<u32>(0..=u32::MAX.into()),
+        allow_negative_numbers = true
+    )]
     only: Vec<u32>,
     /// Only the first so many pairs of each map.
-    #[arg(long, value_name = "P")]
+    #[arg(long, value_name = "P", value_parser = whole::<u32>(0..=u32::MAX.into()), allow_negative_numbers = true)]
     pairs: Option<u32>,
     /// Only the Kth of N parts, which `foxhound merge` puts together; it is written to the folder of --out.
     #[arg(long, value_name = "K/N", conflicts_with = "dump_scenario")]
     shard: Option<Shard>,
     /// Radius of the vehicle, metres; overrules the file.
-    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    #[arg(long, value_name = "M", value_parser = number(DRONE_RADIUS_M), allow_negative_numbers = true)]
     drone_radius: Option<f64>,
     /// Vehicle model; overrules the file.
     #[arg(long, value_enum)]
     vehicle: Option<VehicleName>,
     /// Bearings with this much noise; overrules the file.
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, conflicts_with = "snr_db")]
+    #[arg(
+        long,
+        value_name = "DEG",
+        value_parser = number(SIGMA_DEG),
+        allow_negative_numbers = true,
+        conflicts_with = "snr_db"
+    )]
     bearing_sigma_deg: Option<f64>,
     /// Antenna waveforms at this signal-to-noise ratio per sample, in dB; overrules the file.
-    #[arg(long, value_name = "DB", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DB", value_parser = number(SNR_DB), allow_negative_numbers = true)]
     snr_db: Option<f64>,
     /// Writes a table of the flights, a row each: docs/logs.md has the columns.
     #[arg(long, value_name = "FILE")]
@@ -109,16 +123,16 @@ impl From<VehicleName> for VehicleModel {
 fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
     let mut suite = Suite::read(&args.file)?;
     if let Some(radius_m) = args.drone_radius {
-        foxhound_sim::input::check("--drone-radius", radius_m, 0.01, 5.0)?;
+        check_within("--drone-radius", radius_m, &DRONE_RADIUS_M)?;
         suite.drone_radius = radius_m;
     }
     if let Some(sigma_deg) = args.bearing_sigma_deg {
-        foxhound_sim::input::check("--bearing-sigma-deg", sigma_deg, 0.0, 180.0)?;
+        check_within("--bearing-sigma-deg", sigma_deg, &SIGMA_DEG)?;
         suite.bearing.sigma_deg = sigma_deg;
         suite.bearing.model = Some(BearingModel::Noise);
     }
     if let Some(snr_db) = args.snr_db {
-        foxhound_sim::input::check("--snr-db", snr_db, -30.0, 80.0)?;
+        check_within("--snr-db", snr_db, &SNR_DB)?;
         suite.bearing.snr_db = Some(snr_db);
         suite.bearing.model = Some(BearingModel::Rf);
     }
@@ -129,14 +143,14 @@ fn suite_of(args: &SuiteCommand) -> Result<Suite, InputError> {
 }
 
 /// Writes the flights as tables.
-fn write_tables(args: &SuiteCommand, flown: &[suite::Flown]) -> Result<(), InputError> {
+fn write_tables(cli: &Cli, args: &SuiteCommand, flown: &[suite::Flown]) -> Result<(), InputError> {
     if let Some(path) = &args.csv {
         write_text(path, &table::csv(flown))?;
-        note(&format!("table: {}", path.display()));
+        cli.note(&format!("table: {}", path.display()));
     }
     if let Some(path) = &args.parquet {
         table::write_parquet(path, flown).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
-        note(&format!("table: {}", path.display()));
+        cli.note(&format!("table: {}", path.display()));
     }
     Ok(())
 }
@@ -164,12 +178,14 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
             return Err(InputError::new("--dump-scenario: --only must name one flight, as ROW,INSTANCE,PAIR"));
         };
         write_text(path, &json_line(&first.scenario)?)?;
-        note(&format!("scenario: {} (fly it with --seed {})", path.display(), first.seed));
+        cli.note(&format!("scenario: {} (fly it with --seed {})", path.display(), first.seed));
     }
 
+    check_writable("--csv", args.csv.as_ref())?;
+    check_writable("--parquet", args.parquet.as_ref())?;
     let processors = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or_else(processors, |jobs| jobs as usize);
-    let progress = bar(cli, flights.len() as u64, "flying {bar:40} {pos} of {len}, {eta} left{msg}");
+    let progress = cli.bar("flying", flights.len() as u64, "");
     let failed = std::sync::atomic::AtomicUsize::new(0);
     let flown = suite::fly_all(&flights, planner, estimator, jobs, |flown| {
         if flown.result != Ending::Reached {
@@ -186,20 +202,20 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
         let folder = cli.out.as_deref().unwrap_or_else(|| Path::new("out"));
         let path = folder.join(shard.file_name());
         write_text(&path, &(json_line(&header)? + &lines(&flown)?))?;
-        note(&format!("shard: {}", path.display()));
+        cli.note(&format!("shard: {}", path.display()));
         return Ok(code);
     }
-    write_tables(args, &flown)?;
+    write_tables(cli, args, &flown)?;
     if let Some(folder) = &cli.out {
-        write_flights(folder, &flown)?;
+        write_flights(cli, folder, &flown)?;
         if let [flight] = flights.as_slice() {
             let suite::Place { row, instance, pair } = flight.place;
             let path = |ending: &str| folder.join(format!("flight-{row}-{instance}-{pair}.{ending}"));
             write_text(&path("json"), &json_line(&flight.scenario)?)?;
             let (_, record) = flight.fly(planner, estimator)?;
             plot::draw(&record, &path("svg"))?;
-            note(&format!("picture: {}", path("svg").display()));
-            note(&format!("again: foxhound fly --scenario {} --seed {}", path("json").display(), flight.seed));
+            cli.note(&format!("picture: {}", path("svg").display()));
+            cli.note(&format!("again: foxhound fly --scenario {} --seed {}", path("json").display(), flight.seed));
         }
     }
     Ok(code)
@@ -208,15 +224,19 @@ pub(super) fn fly_suite(cli: &Cli, args: &SuiteCommand) -> Result<ExitCode, Inpu
 /// Says what flights came to; whether all did as they should.
 pub(super) fn show(cli: &Cli, flown: &[Flown]) -> Result<ExitCode, InputError> {
     let report = suite::Report::of(flown);
-    say(&if cli.json { json_line(&report)? } else { report.table() });
+    if cli.json {
+        say(&json_line(&report)?);
+    } else {
+        terminal::show(&report.table());
+    }
     let missed: Vec<&Flown> = flown.iter().filter(|flown| flown.result != Ending::Reached).collect();
     if !cli.json {
         for miss in missed.iter().take(MISSES_SHOWN) {
             let suite::Place { row, instance, pair } = miss.place;
-            note(&format!("--only {row},{instance},{pair}  {} after {:.1} s", miss.outcome(), miss.time_s));
+            cli.note(&format!("--only {row},{instance},{pair}  {} after {:.1} s", miss.outcome(), miss.time_s));
         }
         if missed.len() > MISSES_SHOWN {
-            note(&format!("and {} more", missed.len() - MISSES_SHOWN));
+            cli.note(&format!("and {} more", missed.len() - MISSES_SHOWN));
         }
     }
     let all_reached = report.all.success == report.all.runs && report.all.collisions == 0;
@@ -229,9 +249,9 @@ fn lines(flown: &[Flown]) -> Result<String, InputError> {
 }
 
 /// Writes a line for each flight.
-pub(super) fn write_flights(folder: &Path, flown: &[Flown]) -> Result<(), InputError> {
+pub(super) fn write_flights(cli: &Cli, folder: &Path, flown: &[Flown]) -> Result<(), InputError> {
     let path = folder.join("flights.jsonl");
     write_text(&path, &lines(flown)?)?;
-    note(&format!("flights: {}", path.display()));
+    cli.note(&format!("flights: {}", path.display()));
     Ok(())
 }

@@ -1,0 +1,97 @@
+//! What goes to the terminal: results to stdout; notes, progress and errors to stderr.
+//!
+//! Colours and bars are for terminals: a text that goes into a pipe or a file is plain, and so is everything with
+//! `NO_COLOR` set. Nothing is said by a colour alone.
+
+use std::io::{self, Write as _};
+use std::time::Duration;
+
+use anstyle::{AnsiColor, Style};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::Cli;
+
+/// How a heading looks.
+pub(super) const HEADING: Style = Style::new().bold();
+/// How it looks that something came to a good end.
+pub(super) const GOOD: Style = AnsiColor::Green.on_default().bold();
+/// That something has stopped halfway.
+pub(super) const HALF: Style = AnsiColor::Yellow.on_default().bold();
+/// That something has gone wrong.
+pub(super) const BAD: Style = AnsiColor::Red.on_default().bold();
+
+/// From one picture of a line without an end to the next.
+const TICK: Duration = Duration::from_millis(120);
+
+/// Writes to stdout as it is; a reader that has gone away is not our error.
+pub(super) fn say(text: &str) {
+    let _ = io::stdout().lock().write_all(text.as_bytes());
+}
+
+/// Writes a text for people to stdout, the first line of each of its parts as a heading.
+pub(super) fn show(text: &str) {
+    show_as(HEADING, text);
+}
+
+/// The same, with another look of the very first line.
+pub(super) fn show_as(first: Style, text: &str) {
+    let mut styled = String::with_capacity(text.len() + 64);
+    let mut style = Some(first);
+    for line in text.split_inclusive('\n') {
+        let words = line.trim_end_matches('\n');
+        match style.filter(|_| !words.is_empty()) {
+            Some(style) => styled.push_str(&format!("{style}{words}{style:#}{}", &line[words.len()..])),
+            None => styled.push_str(line),
+        }
+        style = words.is_empty().then_some(HEADING);
+    }
+    let _ = anstream::stdout().lock().write_all(styled.as_bytes());
+}
+
+/// Writes a line to stderr, `--quiet` or not: a warning, or half of an answer.
+pub(super) fn warn(text: &str) {
+    let (label, rest) = match text.split_once(": ") {
+        Some(("warning", rest)) => (format!("{HALF}warning:{HALF:#} "), rest),
+        Some(("error", rest)) => (format!("{BAD}error:{BAD:#} "), rest),
+        _ => (String::new(), text),
+    };
+    let _ = writeln!(anstream::stderr(), "{label}{rest}");
+}
+
+impl Cli {
+    /// Writes a line to stderr, of which a script may do without.
+    pub(super) fn note(&self, text: &str) {
+        if !self.quiet {
+            warn(text);
+        }
+    }
+
+    /// How far something is that ends after `length` of `unit`, and how long the rest takes.
+    pub(super) fn bar(&self, doing: &str, length: u64, unit: &str) -> ProgressBar {
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        let template = format!("{doing} {{bar:40.green/dim}} {{pos}} of {{len}}{unit}, {{eta}} left{{msg}}");
+        styled(ProgressBar::with_draw_target(Some(length), self.target()), &template)
+    }
+
+    /// That something is under way, of which nobody knows how long it takes.
+    pub(super) fn spinner(&self, doing: &str) -> ProgressBar {
+        let template = format!("{{spinner:.green}} {doing}, {{elapsed}} so far");
+        let spinner = styled(ProgressBar::with_draw_target(None, self.target()), &template);
+        if !spinner.is_hidden() {
+            spinner.enable_steady_tick(TICK);
+        }
+        spinner
+    }
+
+    /// Hidden by itself where stderr is no terminal.
+    fn target(&self) -> ProgressDrawTarget {
+        if self.json || self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
+    }
+}
+
+fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
+    match ProgressStyle::with_template(template) {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
