@@ -394,3 +394,130 @@ fn maps_that_cannot_be_are_refused_by_name() {
         assert!(!text.contains("panicked"), "{arguments:?}: {text}");
     }
 }
+
+/// A message of a refused command line: exit code 2, nothing on stdout, one error, and no trace of the program's inside.
+fn message(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0), "{arguments:?}: {text}");
+    let errors = text.lines().filter(|line| line.starts_with("error: ")).count();
+    assert_eq!((errors, text.starts_with("error: ")), (1, true), "{arguments:?}: {text}");
+    for inside in ["panicked", "backtrace", ".rs:", "Err(", "\u{1b}["] {
+        assert!(!text.contains(inside), "{arguments:?}: {inside} in {text}");
+    }
+    // What to do next may follow, and no page of help.
+    assert!(text.lines().count() <= 12 && text.len() < 700, "{arguments:?}: {text}");
+    text
+}
+
+#[test]
+fn every_bad_option_is_refused_by_name_value_and_range_in_one_message() {
+    let dir = tempfile::tempdir().unwrap();
+    let place = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
+    for (name, content) in [
+        ("file", &b"words"[..]),
+        ("suite.json", suite_of("", "[1,1,9,9,11]").as_bytes()),
+        ("array.toml", ARRAY.as_bytes()),
+        ("frames.npy", &npy("<i2", "(2, 4, 256)", 2 * 4 * 256 * 2)),
+        ("params.toml", b"FH_SPD_MAX = \"fast\""),
+        ("key", b"0123"),
+    ] {
+        std::fs::write(place(name), content).unwrap();
+    }
+    let [folder, under_a_file] = ["", "file/x"].map(place);
+    let [suite, array, frames, params, key] =
+        ["suite.json", "array.toml", "frames.npy", "params.toml", "key"].map(place);
+    let by = ["companion", "--autopilot", "tcp:127.0.0.1:9", "--source=1,2,-3"];
+    let companion = |more: &[&'static str]| [&by[..], more].concat();
+    let listen = |more: &[&'static str]| [&["autopilot", "--listen", "pty"][..], more].concat();
+    let calibrate = |more: &[&'static str]| [&["calibrate", "--adc", &frames, "--array", &array][..], more].concat();
+    let suite_with = |more: &[&'static str]| [&["suite", suite.as_str()][..], more].concat();
+    let seeds = "0..=18446744073709551615";
+    let cases: Vec<(Vec<&str>, Vec<&str>)> = vec![
+        // Words that are none.
+        (vec!["fli"], vec!["'fli'", "'fly'"]),
+        (vec!["fly", "--sede", "7"], vec!["'--sede'", "'--seed'"]),
+        (vec!["fly", "over", "there"], vec!["'over'"]),
+        (vec!["--seed"], vec!["--seed", "value is required"]),
+        (vec!["--seed", "-1"], vec!["--seed", "'-1'", seeds]),
+        (vec!["--seed", "1.5"], vec!["--seed", "'1.5'", seeds]),
+        (vec!["--seed", "18446744073709551616"], vec!["--seed", "'18446744073709551616'", seeds]),
+        // A flight.
+        (vec!["fly", "--snr-db", "loud"], vec!["--snr-db", "'loud'", "-30..=80"]),
+        (vec!["fly", "--snr-db", "81"], vec!["--snr-db = 81", "-30..=80"]),
+        (vec!["fly", "--snr-db=-inf"], vec!["--snr-db = -inf", "-30..=80"]),
+        (vec!["fly", "--planner", "best"], vec!["--planner", "'best'", "foxhound", "virtual_force"]),
+        (vec!["fly", "--estimator", "ears"], vec!["--estimator", "'ears'", "cross", "n-array"]),
+        (vec!["fly", "--via", "pigeon"], vec!["--via", "'pigeon'", "`qemu:ELF`"]),
+        (vec!["fly", "--plot", "flight.jpg"], vec!["--plot flight.jpg", ".svg or .png"]),
+        (vec!["fly", "--params", &params], vec![&params, "FH_SPD_MAX", "number"]),
+        (vec!["fly", "--scenario", &folder], vec![&folder, "directory"]),
+        (vec!["fly", "--out", &under_a_file], vec![&under_a_file]),
+        (vec!["fly", "--json", "--tlog", &under_a_file], vec!["--tlog", &under_a_file]),
+        (vec!["fly", "--json", "--report", &under_a_file], vec!["--report", &under_a_file]),
+        (vec!["fly", "--json", "--flight-log", &under_a_file], vec!["--flight-log", &under_a_file]),
+        (vec!["fly", "--json", "--mcap", &under_a_file], vec![&under_a_file]),
+        // Beside an autopilot, and being one.
+        (vec!["companion"], vec!["--autopilot", "--source"]),
+        (vec!["companion", "--autopilot", "tpc:h:1", "--source=1,2,3"], vec!["--autopilot", "'tpc:h:1'", "`tcp`"]),
+        (vec!["companion", "--autopilot", "tcp:h:0", "--source=1,2,3"], vec!["--autopilot", "port 0", "1..=65535"]),
+        (vec!["companion", "--autopilot", "tcp:h:1", "--source=1,2"], vec!["--source", "'1,2'", "-10000..=10000"]),
+        (companion(&["--v-max", "fast"]), vec!["--v-max", "'fast'", "0.1..=20"]),
+        (companion(&["--v-max", "21"]), vec!["--v-max = 21", "0.1..=20"]),
+        (companion(&["--drone-radius", "0"]), vec!["--drone-radius = 0", "0.01..=5"]),
+        (companion(&["--max-time", "never"]), vec!["--max-time", "'never'", "0.1..=1000000"]),
+        (companion(&["--max-time=-1"]), vec!["--max-time = -1", "0.1..=1000000"]),
+        ([&by[..], &["--key", &key]].concat(), vec!["--key", &key, "64"]),
+        (listen(&["--noise", "7:2"]), vec!["--noise", "'7:2'", "0..=1"]),
+        (listen(&["--start", "0,0,1e9"]), vec!["--start: ALT = 1000000000", "-10000..=10000"]),
+        (listen(&["--software", "betaflight"]), vec!["--software", "'betaflight'", "arducopter", "px4"]),
+        (listen(&["--max-time", "0"]), vec!["--max-time = 0", "0.1..=1000000"]),
+        // Frames.
+        (vec!["bearing", "--adc", &frames], vec!["--array"]),
+        (vec!["bearing", "--adc", &frames, "--array", &array, "--looks", "0"], vec!["--looks", "'0'", "1..=1000000"]),
+        (vec!["bearing", "--adc", &frames, "--array", &array, "--yaw", &array], vec![&array, "npy"]),
+        (calibrate(&[]), vec!["--azimuth-deg"]),
+        (calibrate(&["--azimuth-deg", "north"]), vec!["--azimuth-deg", "'north'", "-360..=360"]),
+        (calibrate(&["--azimuth-deg", "361"]), vec!["--azimuth-deg = 361", "-360..=360"]),
+        (calibrate(&["--azimuth-deg", "0", "--elevation-deg", "90"]), vec!["--elevation-deg = 90", "-85..=85"]),
+        (calibrate(&["--azimuth-deg", "0", "--range-m", "-1"]), vec!["--range-m = -1", "0.1..=1000000"]),
+        (calibrate(&["--azimuth-deg", "0", "--splitter"]), vec!["--azimuth-deg", "--splitter"]),
+        // Suites and maps.
+        (suite_with(&["--jobs", "0"]), vec!["--jobs", "'0'", "1..=1024"]),
+        (suite_with(&["--jobs", "many"]), vec!["--jobs", "'many'", "1..=1024"]),
+        (suite_with(&["--only", "1,x"]), vec!["--only", "'x'", "0..=4294967295"]),
+        (suite_with(&["--only", "1,0,0,0"]), vec!["--only", "ROW,INSTANCE,PAIR"]),
+        (suite_with(&["--only", "7"]), vec!["--only", "no pair is left"]),
+        (suite_with(&["--pairs", "-3"]), vec!["--pairs", "'-3'", "0..=4294967295"]),
+        (suite_with(&["--shard", "5/4"]), vec!["--shard", "'5/4'", "1..=N"]),
+        (suite_with(&["--drone-radius", "wide"]), vec!["--drone-radius", "'wide'", "0.01..=5"]),
+        (suite_with(&["--bearing-sigma-deg", "181"]), vec!["--bearing-sigma-deg = 181", "0..=180"]),
+        (suite_with(&["--vehicle", "kite"]), vec!["--vehicle", "'kite'", "point", "arducopter"]),
+        (vec!["suite", &suite, "--csv", &under_a_file], vec!["--csv", &under_a_file]),
+        (vec!["suite", &suite, "--parquet", &under_a_file], vec!["--parquet", &under_a_file]),
+        (vec!["maps", "--bounds", "0,0,9"], vec!["--bounds", "X0,Y0,X1,Y1"]),
+        (vec!["maps", "--bounds", "0,0,9,high"], vec!["--bounds", "'high'", "-1000..=1000"]),
+        (vec!["maps", "--bounds", "0,0,1,9"], vec!["bounds[2] = 1", "2..=50"]),
+        (vec!["maps", "--pairs", "-1"], vec!["--pairs", "'-1'", "0..=10000"]),
+        (vec!["merge", &params], vec![&params, "line 1"]),
+        // The rest.
+        (vec!["tlog", &folder], vec![&folder, "directory"]),
+        (vec!["replay", &array], vec![&array, "no flight log"]),
+        (vec!["port", "--serial", &folder, "status"], vec![&folder, "directory"]),
+        (vec!["port", "--serial", &array, "--baud", "300"], vec!["--baud", "'300'", "1200..=12000000"]),
+        (vec!["port", "--serial", &array, "--seconds", "-1"], vec!["--seconds = -1", "0.1..=1000000"]),
+        (vec!["params", "--set", "FH_SPD_MX=1"], vec!["--set", "FH_SPD_MX", "`FH_SPD_MAX`"]),
+        (vec!["params", "--set", "FH_SPD_MAX=1e9"], vec!["--set FH_SPD_MAX = 1000000000", "0.05..=20"]),
+        (vec!["params", "--markdown", "--json"], vec!["--markdown", "--json"]),
+        (vec!["link-state", "--scenes", "0"], vec!["--scenes", "'0'", "1..=100000"]),
+        (vec!["reproduce", "stretch", "--trials", "1"], vec!["--trials", "'1'", "2..=100000"]),
+        (vec!["completions", "tcsh"], vec!["'tcsh'", "bash", "zsh", "fish"]),
+        (vec!["completions", "bash", "--json"], vec!["--json", "completion"]),
+        (vec!["man", "flie"], vec!["`flie`", "fly"]),
+    ];
+    assert!(cases.len() >= 70, "{}", cases.len());
+    for (arguments, words) in &cases {
+        let text = message(arguments);
+        assert!(words.iter().all(|word| text.contains(word)), "{arguments:?}: {words:?} in {text}");
+    }
+}
