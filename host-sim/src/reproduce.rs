@@ -12,21 +12,27 @@
 //! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among what it hears (fig. 3
 //!   and 4 of the rotating vehicle's paper), the discs of its lemmas, and a source that moves.
 //!
-//! Each experiment yields one serialisable report with a table for people and pictures.
+//! Each experiment yields one serialisable report with a table for people and pictures. [`Experiment`] runs any of them by
+//! its name; [`gallery`] keeps all of them in a folder with a page.
 
 pub mod circle;
 pub mod crb;
 pub mod density;
+pub mod gallery;
 pub mod localize;
 pub mod mmwave;
 pub mod multipath;
 pub mod stretch;
 pub mod variants;
 
+mod beside;
 mod chart;
+mod experiment;
 mod kinematic;
 mod potential;
 
+pub use beside::Beside;
+pub use experiment::{Experiment, Outcome, Settings};
 pub use kinematic::{Rules, Sight};
 
 use foxhound_core::ConfigError;

@@ -1,17 +1,21 @@
 //! `foxhound reproduce`: the experiments of the papers.
 
-use std::path::{Path, PathBuf};
+use std::fmt::Write as _;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use foxhound_sim::input::InputError;
-use foxhound_sim::reproduce::{circle, crb, density, localize, mmwave, multipath, stretch, variants};
+use foxhound_sim::reproduce::gallery::{Gallery, Summary};
+use foxhound_sim::reproduce::{Experiment, Settings};
+use indicatif::ProgressBar;
 
 use super::terminal::{say, show};
 use super::value::whole;
-use super::{Cli, json_line};
+use super::{Cli, command_line, json_line};
 
 const REPRODUCE_HELP: &str = "Examples:
+  foxhound reproduce all --out papers        every one, shown in papers/index.html; minutes, and goes on where it was ended
   foxhound reproduce aoa-circle              table on stdout, picture in out/aoa-circle.svg
   foxhound reproduce aoa-crb --json --seed 2
   foxhound reproduce apf-density             the main paper's planners and ours on its maps; minutes
@@ -26,7 +30,7 @@ const REPRODUCE_HELP: &str = "Examples:
 pub(super) struct Reproduce {
     /// Which one.
     #[arg(value_enum)]
-    experiment: Experiment,
+    experiment: Name,
     /// apf-density: start/goal pairs of each row of Table I [default: 100].
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000), allow_negative_numbers = true)]
     pairs: Option<u32>,
@@ -41,15 +45,10 @@ pub(super) struct Reproduce {
     scenarios: Option<u32>,
 }
 
-/// Start/goal pairs of each row of Table I.
-const DENSITY_PAIRS: u32 = 100;
-/// Scenes of each kind among walls.
-const MULTIPATH_SCENES: u32 = 50;
-/// Scenarios indoors, as many as the belief-space paper has.
-const MMWAVE_SCENARIOS: u32 = 200;
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Experiment {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Name {
+    /// Every one, into a folder with a page that shows what was published beside ours. What is there and whole is kept.
+    All,
     /// Bearings around a circle of 5 m without noise (main paper, fig. 8).
     AoaCircle,
     /// Rms error over the Cramer-Rao bound, over signal-to-noise ratio, frame length and azimuth.
@@ -68,88 +67,111 @@ enum Experiment {
     Stretch,
 }
 
+impl Name {
+    /// The experiment; none is all of them.
+    const fn one(self) -> Option<Experiment> {
+        match self {
+            Self::All => None,
+            Self::AoaCircle => Some(Experiment::AoaCircle),
+            Self::AoaCrb => Some(Experiment::AoaCrb),
+            Self::ApfDensity => Some(Experiment::ApfDensity),
+            Self::Multipath => Some(Experiment::Multipath),
+            Self::Localize => Some(Experiment::Localize),
+            Self::Mmwave => Some(Experiment::Mmwave),
+            Self::ApfVariants => Some(Experiment::ApfVariants),
+            Self::Stretch => Some(Experiment::Stretch),
+        }
+    }
+}
+
+impl Reproduce {
+    fn settings(&self, seed: u64) -> Result<Settings, InputError> {
+        for (option, value, owner, what) in [
+            ("--pairs", self.pairs, Name::ApfDensity, "only apf-density flies pairs"),
+            ("--scenes", self.scenes, Name::Multipath, "only multipath has scenes"),
+            ("--trials", self.trials, Name::Stretch, "only stretch has trials"),
+            ("--scenarios", self.scenarios, Name::Mmwave, "only mmwave has scenarios"),
+        ] {
+            if value.is_some() && self.experiment != owner && self.experiment != Name::All {
+                return Err(InputError::new(format!("{option}: {what}")));
+            }
+        }
+        let usual = Settings::default();
+        Ok(Settings {
+            seed,
+            pairs: self.pairs.unwrap_or(usual.pairs),
+            scenes: self.scenes.unwrap_or(usual.scenes),
+            trials: self.trials.unwrap_or(usual.trials),
+            scenarios: self.scenarios.unwrap_or(usual.scenarios),
+        })
+    }
+}
+
+fn progress(cli: &Cli, experiment: Experiment, settings: &Settings) -> ProgressBar {
+    match experiment.length(settings) {
+        Some(length) => cli.bar(experiment.name(), length, ""),
+        None => cli.spinner(experiment.name()),
+    }
+}
+
 pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
-    if args.pairs.is_some() && !matches!(args.experiment, Experiment::ApfDensity) {
-        return Err(InputError::new("--pairs: only apf-density flies pairs"));
-    }
-    if args.scenes.is_some() && !matches!(args.experiment, Experiment::Multipath) {
-        return Err(InputError::new("--scenes: only multipath has scenes"));
-    }
-    if args.trials.is_some() && !matches!(args.experiment, Experiment::Stretch) {
-        return Err(InputError::new("--trials: only stretch has trials"));
-    }
-    if args.scenarios.is_some() && !matches!(args.experiment, Experiment::Mmwave) {
-        return Err(InputError::new("--scenarios: only mmwave has scenarios"));
-    }
+    let settings = args.settings(cli.seed)?;
+    let Some(experiment) = args.experiment.one() else { return all(cli, settings) };
     let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
-    let picture = |name: &str, draw: &dyn Fn(&Path) -> Result<(), InputError>| {
-        let Some(folder) = &folder else { return Ok(Vec::new()) };
-        let path = folder.join(name);
-        draw(&path)?;
-        Ok::<Vec<PathBuf>, InputError>(vec![path])
-    };
-    let (line, table, pictures) = match args.experiment {
-        Experiment::AoaCircle => {
-            let report = circle::run(cli.seed)?;
-            (json_line(&report)?, report.table(), picture("aoa-circle.svg", &|path| report.draw(path))?)
-        }
-        Experiment::AoaCrb => {
-            let report = crb::run(cli.seed)?;
-            (json_line(&report)?, report.table(), picture("aoa-crb.svg", &|path| report.draw(path))?)
-        }
-        Experiment::ApfDensity => {
-            let options = density::Options { seed: cli.seed, pairs: args.pairs.unwrap_or(DENSITY_PAIRS) };
-            let progress = cli.bar("flying", density::flights(options.pairs), "");
-            let report = density::run(&options, |done| progress.set_position(done));
-            progress.finish_and_clear();
-            let report = report?;
-            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
-            (json_line(&report)?, report.table(), pictures)
-        }
-        Experiment::Localize => {
-            let report = localize::run(cli.seed)?;
-            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
-            (json_line(&report)?, report.table(), pictures)
-        }
-        Experiment::Multipath => {
-            let options = multipath::Options { seed: cli.seed, scenes: args.scenes.unwrap_or(MULTIPATH_SCENES) };
-            let progress = cli.bar("flying", multipath::flights(options.scenes), "");
-            let report = multipath::run(&options, || progress.inc(1));
-            progress.finish_and_clear();
-            let report = report?;
-            (json_line(&report)?, report.table(), picture("multipath.svg", &|path| report.draw(path))?)
-        }
-        Experiment::Mmwave => {
-            let options = mmwave::Options { seed: cli.seed, scenarios: args.scenarios.unwrap_or(MMWAVE_SCENARIOS) };
-            let progress = cli.bar("searching", mmwave::searches(options.scenarios), "");
-            let report = mmwave::run(&options, |done| progress.set_position(done));
-            progress.finish_and_clear();
-            let report = report?;
-            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
-            (json_line(&report)?, report.table(), pictures)
-        }
-        Experiment::ApfVariants => {
-            let report = variants::run();
-            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
-            (json_line(&report)?, report.table(), pictures)
-        }
-        Experiment::Stretch => {
-            let options = stretch::Options { seed: cli.seed, trials: args.trials.unwrap_or(stretch::TRIALS) };
-            let progress = cli.bar("seeking", stretch::trials(options.trials), "");
-            let report = stretch::run(&options, |done| progress.set_position(done));
-            progress.finish_and_clear();
-            let report = report?;
-            let pictures = folder.as_deref().map_or(Ok(Vec::new()), |folder| report.draw(folder))?;
-            (json_line(&report)?, report.table(), pictures)
-        }
-    };
+    let progress = progress(cli, experiment, &settings);
+    let outcome = experiment.run(&settings, folder.as_deref(), |done| progress.set_position(done));
+    progress.finish_and_clear();
+    let outcome = outcome?;
     if cli.json {
-        say(&line);
+        say(&outcome.json);
     } else {
-        show(&table);
+        show(&outcome.table);
     }
-    for path in pictures {
+    for path in outcome.pictures {
         cli.note(&format!("picture: {}", path.display()));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Every experiment, into one folder.
+fn all(cli: &Cli, settings: Settings) -> Result<ExitCode, InputError> {
+    let folder = match &cli.out {
+        Some(folder) => folder.clone(),
+        None if cli.json => return Err(InputError::new("--out: all experiments are written to a folder; name one")),
+        None => PathBuf::from("out/papers"),
+    };
+    let mut gallery = Gallery::open(&folder, settings)?;
+    for (index, experiment) in Experiment::ALL.into_iter().enumerate() {
+        if !gallery.keep(experiment) {
+            let progress = progress(cli, experiment, &settings);
+            let made = gallery.make(experiment, |done| progress.set_position(done));
+            progress.finish_and_clear();
+            made?;
+        }
+        // So that there is something to look at before the last is done.
+        gallery.write_page(&command_line())?;
+        if let Some(shown) = gallery.shown().last() {
+            let how = if shown.kept { "there already".to_owned() } else { format!("{:.1} s", shown.seconds) };
+            cli.note(&format!("{} of {}: {}, {how}", index + 1, Experiment::ALL.len(), shown.experiment));
+        }
+    }
+    let summary = gallery.summary();
+    if cli.json {
+        say(&json_line(&summary)?);
+    } else {
+        show(&words(&summary));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A summary for people.
+fn words(summary: &Summary) -> String {
+    let mut text = format!("{:<14} {:>8}  files\n", "experiment", "time");
+    for shown in &summary.experiments {
+        let kept = if shown.kept { ", there already" } else { "" };
+        let _ = writeln!(text, "{:<14} {:>6.1} s  {}{kept}", shown.experiment, shown.seconds, shown.files.len());
+    }
+    let _ = writeln!(text, "{:<14} {:>6.1} s", "all", summary.seconds);
+    let _ = writeln!(text, "\npage: {}", summary.index.display());
+    text
 }

@@ -35,7 +35,7 @@ pub const PROCESS_NOISE_M2: f32 = 0.01;
 /// Longest step along an axis with which there is room for a detour.
 pub const FREE_STEP_M: f32 = 2.5;
 /// The paper's.
-const PRINTED_STEP_M: f32 = 1.0;
+pub const PRINTED_STEP_M: f32 = 1.0;
 const STEPS: usize = 100;
 /// Centres (x, y) and radii.
 const OBSTACLES: [([f32; 2], f32); 3] = [([25.0, 4.0], 8.0), ([50.0, -6.0], 8.0), ([75.0, 3.0], 8.0)];

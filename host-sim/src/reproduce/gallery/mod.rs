@@ -1,0 +1,236 @@
+//! Every experiment into one folder, with a page that shows them: `foxhound reproduce all`.
+//!
+//! ```text
+//!  DIR/index.html            what was published beside ours, tables and figures; opens from disk, asks no network
+//!  DIR/NAME/report.json      what `foxhound reproduce NAME --json` prints
+//!  DIR/NAME/table.txt        the same for people
+//!  DIR/NAME/*.svg            its figures
+//!  DIR/NAME/made.json        what it was made with, written last: a list of the files with their sizes and hashes
+//! ```
+//!
+//! An experiment whose list is there and true, and was made by this very program with these settings, is not run again. So
+//! a run that was ended goes on where it was, and a file that was cut or changed is made anew.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::beside::Beside;
+use super::{Experiment, Settings};
+use crate::input::InputError;
+
+mod page;
+
+const REPORT: &str = "report.json";
+const TABLE: &str = "table.txt";
+const MADE: &str = "made.json";
+const INDEX: &str = "index.html";
+
+/// A file of an experiment.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Part {
+    name: String,
+    bytes: u64,
+    hash: String,
+}
+
+/// What an experiment was made with, and what it came to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Made {
+    program: String,
+    settings: serde_json::Value,
+    seconds: f64,
+    beside: Vec<Beside>,
+    files: Vec<Part>,
+}
+
+/// An experiment in the folder.
+#[derive(Clone, Debug, Serialize)]
+pub struct Shown {
+    /// Its name.
+    pub experiment: &'static str,
+    /// How long it took when it was made.
+    pub seconds: f64,
+    /// Whether it was there already.
+    pub kept: bool,
+    /// Its files.
+    pub files: Vec<PathBuf>,
+    #[serde(skip)]
+    made: Made,
+    #[serde(skip)]
+    table: String,
+}
+
+/// A folder of experiments.
+#[derive(Debug)]
+pub struct Gallery {
+    folder: PathBuf,
+    settings: Settings,
+    program: String,
+    shown: Vec<Shown>,
+}
+
+/// What the folder holds in the end.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// The page.
+    pub index: PathBuf,
+    /// How long all experiments took when they were made.
+    pub seconds: f64,
+    /// One by one.
+    pub experiments: Vec<Shown>,
+    /// What was published, beside ours.
+    pub beside: Vec<Beside>,
+}
+
+impl Gallery {
+    /// Opens a folder, which need not be there.
+    ///
+    /// # Errors
+    /// The program cannot read itself, by which it knows its own work.
+    pub fn open(folder: &Path, settings: Settings) -> Result<Self, InputError> {
+        let unreadable = |error: std::io::Error| InputError::new(format!("the program cannot read itself: {error}"));
+        let program = fs::read(std::env::current_exe().map_err(unreadable)?).map_err(unreadable)?;
+        let program = format!("{} {}", env!("CARGO_PKG_VERSION"), hash(&program));
+        Ok(Self { folder: folder.to_owned(), settings, program, shown: Vec::new() })
+    }
+
+    /// Whether an experiment is in the folder and whole; then it is shown as it is.
+    pub fn keep(&mut self, experiment: Experiment) -> bool {
+        let Some((made, table)) = self.whole(experiment) else { return false };
+        self.show(experiment, made, table, true);
+        true
+    }
+
+    /// Runs an experiment and writes its files; `watch` is told how far it is.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn make(&mut self, experiment: Experiment, watch: impl Fn(u64) + Sync) -> Result<(), InputError> {
+        let folder = self.folder.join(experiment.name());
+        // What is there is of another program or another setting, or is not whole.
+        if folder.is_dir() {
+            let list = folder.join(MADE);
+            fs::remove_file(&list).or_else(|error| match error.kind() {
+                std::io::ErrorKind::NotFound => Ok(()),
+                _ => Err(InputError::new(error.to_string()).in_file(&list)),
+            })?;
+        }
+        let begin = Instant::now();
+        let outcome = experiment.run(&self.settings, Some(&folder), watch)?;
+        let seconds = begin.elapsed().as_secs_f64();
+        write(&folder.join(REPORT), &outcome.json)?;
+        write(&folder.join(TABLE), &outcome.table)?;
+        let pictures = outcome.pictures.iter().filter_map(|path| path.file_name()?.to_str());
+        let names: Vec<&str> = [REPORT, TABLE].into_iter().chain(pictures).collect();
+        let part = |name: &str| {
+            part(&folder, name).ok_or_else(|| InputError::new("cannot be read").in_file(&folder.join(name)))
+        };
+        let made = Made {
+            program: self.program.clone(),
+            settings: self.settings_of(experiment),
+            seconds,
+            beside: outcome.beside,
+            files: names.into_iter().map(part).collect::<Result<_, _>>()?,
+        };
+        let list = serde_json::to_string(&made).map_err(|error| InputError::new(error.to_string()))?;
+        write(&folder.join(MADE), &(list + "\n"))?;
+        self.show(experiment, made, outcome.table, false);
+        Ok(())
+    }
+
+    /// What is in the folder so far.
+    #[must_use]
+    pub fn shown(&self) -> &[Shown] {
+        &self.shown
+    }
+
+    /// Writes the page of what is in the folder so far. `command` is what it says it was made by.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn write_page(&self, command: &str) -> Result<(), InputError> {
+        write(&self.folder.join(INDEX), &page::page(&self.shown, &self.settings, command))
+    }
+
+    /// What the folder holds in the end.
+    #[must_use]
+    pub fn summary(self) -> Summary {
+        let beside = self.shown.iter().flat_map(|shown| shown.made.beside.clone()).collect();
+        let seconds = self.shown.iter().map(|shown| shown.seconds).sum();
+        Summary { index: self.folder.join(INDEX), seconds, experiments: self.shown, beside }
+    }
+
+    fn show(&mut self, experiment: Experiment, made: Made, table: String, kept: bool) {
+        let folder = self.folder.join(experiment.name());
+        let files = made.files.iter().map(|part| folder.join(&part.name)).collect();
+        let seconds = made.seconds;
+        self.shown.push(Shown { experiment: experiment.name(), seconds, kept, files, made, table });
+    }
+
+    fn whole(&self, experiment: Experiment) -> Option<(Made, String)> {
+        let folder = self.folder.join(experiment.name());
+        let made: Made = serde_json::from_str(&fs::read_to_string(folder.join(MADE)).ok()?).ok()?;
+        let is_ours = made.program == self.program && made.settings == self.settings_of(experiment);
+        let is_whole = made.files.iter().all(|listed| part(&folder, &listed.name).as_ref() == Some(listed));
+        let table = fs::read_to_string(folder.join(TABLE)).ok()?;
+        (is_ours && is_whole).then_some((made, table))
+    }
+
+    /// Of the settings those by which this experiment changes.
+    fn settings_of(&self, experiment: Experiment) -> serde_json::Value {
+        let Settings { seed, pairs, scenes, trials, scenarios } = self.settings;
+        match experiment {
+            Experiment::ApfDensity => serde_json::json!({ "seed": seed, "pairs": pairs }),
+            Experiment::Multipath => serde_json::json!({ "seed": seed, "scenes": scenes }),
+            Experiment::Stretch => serde_json::json!({ "seed": seed, "trials": trials }),
+            Experiment::Mmwave => serde_json::json!({ "seed": seed, "scenarios": scenarios }),
+            Experiment::AoaCircle | Experiment::AoaCrb | Experiment::Localize => serde_json::json!({ "seed": seed }),
+            Experiment::ApfVariants => serde_json::json!({}),
+        }
+    }
+}
+
+/// A file as it is.
+fn part(folder: &Path, name: &str) -> Option<Part> {
+    // A list names files of its own folder only.
+    if Path::new(name).components().count() != 1 {
+        return None;
+    }
+    let content = fs::read(folder.join(name)).ok()?;
+    Some(Part { name: name.to_owned(), bytes: content.len() as u64, hash: hash(&content) })
+}
+
+/// FNV-1a over words of eight bytes and the length: tells a file that was cut or changed, not one that was forged.
+fn hash(bytes: &[u8]) -> String {
+    let word = |chunk: &[u8]| chunk.iter().rev().fold(0, |word: u64, byte| word << 8 | u64::from(*byte));
+    let mixed = |hash: u64, word: u64| (hash ^ word).wrapping_mul(0x0100_0000_01b3).rotate_left(23);
+    let hash = bytes.chunks(8).map(word).fold(0xcbf2_9ce4_8422_2325, mixed);
+    format!("{:016x}", mixed(hash, bytes.len() as u64))
+}
+
+fn write(path: &Path, text: &str) -> Result<(), InputError> {
+    let folder = path.parent().map_or(Ok(()), fs::create_dir_all);
+    folder.and_then(|()| fs::write(path, text)).map_err(|error| InputError::new(error.to_string()).in_file(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hash_tells_a_changed_byte_a_cut_end_and_zeros_behind_it() {
+        let bytes: Vec<u8> = (0..100).collect();
+        let whole = hash(&bytes);
+        for index in 0..bytes.len() {
+            let mut changed = bytes.clone();
+            changed[index] ^= 1;
+            assert_ne!(hash(&changed), whole, "{index}");
+        }
+        let mut longer = bytes.clone();
+        longer.push(0);
+        assert!(hash(&bytes[..99]) != whole && hash(&longer) != whole);
+    }
+}
