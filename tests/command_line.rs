@@ -33,6 +33,8 @@ fn every_command_has_a_help_with_examples_that_it_understands() {
         let examples: Vec<&str> = help.lines().skip_while(|line| *line != "Examples:").skip(1).collect();
         let own = examples.iter().filter(|line| line.contains(&format!("foxhound {verb}"))).count();
         assert!(own > 0, "{verb}: {help}");
+        let wide = examples.iter().find(|line| line.starts_with("  ") && line.chars().count() > 88);
+        assert_eq!(wide, None, "{verb}: an example stands in one line of a narrow terminal");
         assert!(help.contains("--json") && help.contains("--quiet") && help.contains("--seed"), "{verb}");
         // The options of the examples are among those of the help.
         let options = examples.iter().filter(|line| line.contains(&format!("foxhound {verb} "))).flat_map(|line| {
@@ -112,7 +114,7 @@ fn there_is_a_manual_page_for_every_command_with_its_options_and_examples() {
             assert!(page.contains(&word), "{verb}: {word} in {page}");
         }
         let (asked, set) = (page.matches("\n.nf\n").count(), page.matches("\n.fi\n").count());
-        assert_eq!((asked, set), (1, 1), "{verb}");
+        assert!(asked > 0 && asked == set, "{verb}: {asked} {set}");
     }
 }
 

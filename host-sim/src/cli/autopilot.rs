@@ -23,10 +23,11 @@ use super::{Cli, json_line};
 
 const AUTOPILOT_HELP: &str = "Examples:
   foxhound autopilot --listen tcp:127.0.0.1:5760
-  foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,0,-5      (in another terminal)
+  foxhound autopilot --listen pty --software px4 --begin hovering
+  foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,0,-5
 
-It begins armed, in the air, in GUIDED (PX4: enters OFFBOARD as soon as a companion's stream lets it); a ground station may
-change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line tells the address for
+It begins armed, in the air, in GUIDED (PX4: enters OFFBOARD as soon as a companion's stream lets it); a ground station may \
+change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line tells the address for \
 `companion --autopilot`, the last one where the vehicle came to be and what it was told.";
 
 /// Physics go on in steps of this length.

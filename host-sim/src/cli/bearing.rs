@@ -17,12 +17,14 @@ use super::{Cli, json_line};
 
 const BEARING_HELP: &str =
     "Frames: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024.
-Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, right), sample_rate_hz,
-  optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration]
-  (written by `foxhound calibrate`).
-Looks: from 4 on, direct path and one reflection are told apart (MUSIC over the looks); fewer are averaged as unit
-  vectors, weighted by 1/sigma^2. --yaw says how the array stood; the azimuth is that in the body frame of the last
-  look. Frames left over at the end are not answered.
+
+Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, right), sample_rate_hz, \
+optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration] \
+(written by `foxhound calibrate`).
+
+Looks: from 4 on, direct path and one reflection are told apart (MUSIC over the looks); fewer are averaged as unit \
+vectors, weighted by 1/sigma^2. --yaw says how the array stood; the azimuth is that in the body frame of the last \
+look. Frames left over at the end are not answered.
 
 Examples:
   foxhound bearing --adc frames.npy --array array.toml
@@ -57,9 +59,9 @@ pub(super) struct BearingCommand {
     independent: bool,
 }
 
-const CALIBRATE_HELP: &str = "The table goes into [calibration] of the array file; its other keys and comments stay. It holds for the tone's frequency
-in the samples (and a quarter beyond) and for the file's wavelength_m; elsewhere bearings are flagged `uncalibrated`.
-One frame at 40 dB is enough. Frames without a tone, with a clipped or a dead channel are refused.
+const CALIBRATE_HELP: &str = "The table goes into [calibration] of the array file; its other keys and comments stay. It holds for the tone's frequency \
+in the samples (and a quarter beyond) and for the file's wavelength_m; elsewhere bearings are flagged `uncalibrated`. \
+One frame at 40 dB is enough. Frames without a tone, with a clipped or a dead channel are refused. \
 With --yaw the frames are a turn on the spot: swapped channels are found, and a full turn gives the deviation as well.
 
 Examples:

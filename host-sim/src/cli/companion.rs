@@ -29,10 +29,12 @@ use super::{Cli, check_writable, command_line, json_line};
 
 const COMPANION_HELP: &str = "Examples:
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5
-  foxhound companion --autopilot udp:127.0.0.1:14550 --source=-8,-9,-5 --obstacles pillars.json --tlog flight.tlog
-  foxhound companion --autopilot serial:/dev/ttyACM0:115200 --source 30,0,-10 --via qemu:firmware.elf
+  foxhound companion --autopilot udp:127.0.0.1:14550 --source=-8,-9,-5 \\
+    --obstacles pillars.json --tlog flight.tlog
+  foxhound companion --autopilot serial:/dev/ttyACM0:115200 --source 30,0,-10 \\
+    --via qemu:firmware.elf
 
-It waits for GUIDED (ArduPilot) or OFFBOARD (PX4), armed; it never changes the mode, arms or takes off. Leave the mode to
+It waits for GUIDED (ArduPilot) or OFFBOARD (PX4), armed; it never changes the mode, arms or takes off. Leave the mode to \
 take control away; enter it again to give it back. It ends within 1 m of the beacon, or with Ctrl-C, at zero velocity.
 
 Obstacles are JSON, vertical cylinders, x east, y north, metres: {\"obstacles\": [{\"x\": 3, \"y\": 4, \"r\": 0.3}]}

@@ -31,13 +31,19 @@ const FLY_HELP: &str = "Examples:
   foxhound fly --mcap flight.mcap
 
 A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
-  name, bounds [x0,y0,x1,y1], drone_radius (0.15), start [x,y], goal [x,y], goal_velocity [vx,vy],
-  obstacles [{x,y,r,vx,vy}], sensor {fov_deg (90), range_m (3), occlusion (true), model circles|scan},
-  bearing {only (true; false: the planner is told where the beacon is), model rf|noise, sigma_deg, snr_db,
-    outlier {rate, offset_deg}, dropout [t0,t1]},
-  limits {v_max (1.0), a_max (2.0)}, vehicle {model point|arducopter, lag_s (0.15), autopilot arducopter|px4},
-  goal_tolerance (0.5: within that many metres of the beacon it counts as reached), max_time_s (90),
-  faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s, stale_ownship [t0,t1]}";
+  name, bounds [x0,y0,x1,y1], drone_radius (0.15),
+  start [x,y], goal [x,y], goal_velocity [vx,vy],
+  obstacles [{x,y,r,vx,vy}],
+  sensor {fov_deg (90), range_m (3), occlusion (true), model circles|scan},
+  bearing {only (true; false: the planner is told where the beacon is),
+    model rf|noise, sigma_deg, snr_db, outlier {rate, offset_deg},
+    dropout [t0,t1]},
+  limits {v_max (1.0), a_max (2.0)},
+  vehicle {model point|arducopter, lag_s (0.15), autopilot arducopter|px4},
+  goal_tolerance (0.5: within so many metres of the beacon it is reached),
+  max_time_s (90),
+  faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s,
+    stale_ownship [t0,t1]}";
 
 #[derive(Args, Debug, Default)]
 #[command(after_help = FLY_HELP)]

@@ -13,9 +13,9 @@ use super::value::whole;
 use super::{Cli, json_line, write_text};
 
 const LINK_STATE_HELP: &str = "Examples:
-  foxhound link-state --seed 7         how often the classifier is right in fresh scenes
-  foxhound link-state --train          makes core/src/link_state/weights.rs and docs/link-state.md; minutes
-  foxhound link-state --check          the same, but compares; exit status 1 when the weights differ";
+  foxhound link-state --seed 7    how often it is right in fresh scenes
+  foxhound link-state --train     makes its weights and their page; minutes
+  foxhound link-state --check     the same, but compares";
 
 #[derive(Args, Debug)]
 #[command(after_help = LINK_STATE_HELP)]

@@ -15,14 +15,14 @@ use super::value::{number, whole};
 use super::{Cli, json_line, write_text};
 
 const MAPS_HELP: &str =
-    "Density is the area of all pillars in a unit square over that of the square; mean and variance are over all unit
-squares and are reached within 0.0005. Starts and goals are at least 4 m apart and can be joined by a planner that
-knows the map and keeps 0.05 m from every pillar; the suite file holds the length of the shortest such way.
+    "Density is the area of all pillars in a unit square over that of the square; mean and variance are over all unit \
+squares and are reached within 0.0005. Starts and goals are at least 4 m apart and can be joined by a planner that \
+knows the map and keeps 0.05 m from every pillar; the suite file holds the length of the shortest such way. \
 Without --row or --mean: the five maps of the main paper's Table I, four of each.
 
 Examples:
-  foxhound maps                                    out/suite.json and out/maps.svg
-  foxhound maps --row 4 --count 20 --pairs 5 --drone-radius 0.2 --seed 3 --out dense
+  foxhound maps                     out/suite.json and out/maps.svg
+  foxhound maps --row 4 --count 20 --pairs 5 --seed 3 --out dense
   foxhound maps --mean 0.12 --variance 0.01 --step
   foxhound maps --describe out/suite.json --json";
 

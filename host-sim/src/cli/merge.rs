@@ -11,7 +11,7 @@ use super::Cli;
 use super::suite::{show, write_flights};
 
 const MERGE_HELP: &str =
-    "The files are those of `foxhound suite --shard`, all N of them, in any order, of one suite with one seed. Prints
+    "The files are those of `foxhound suite --shard`, all N of them, in any order, of one suite with one seed. Prints \
 what the whole suite prints; with --out, flights.jsonl is what the whole suite writes.
 
 Examples:

@@ -71,17 +71,18 @@ struct Cli {
 }
 
 const EXAMPLES: &str = "Examples:
-  foxhound                                          fly through a pillar forest; picture in out/flight.svg
-  foxhound fly --scenario gate.json --json          fly a scenario file, result as JSON
-  foxhound fly --via qemu:firmware.elf --tlog f.tlog   the same flight with the firmware in QEMU
-  foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5   the same beside a real autopilot
+  foxhound                               a pillar forest; picture in out/flight.svg
+  foxhound fly --scenario gate.json --json
+  foxhound fly --report flight.html      a page to look around in
+  foxhound fly --via qemu:firmware.elf   the same flight, the firmware in QEMU
+  foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5
   foxhound bearing --adc frames.npy --array array.toml --json
   foxhound calibrate --adc known.npy --array array.toml --azimuth-deg 30
   foxhound tlog f.tlog --json
   foxhound fly --flight-log f.log && foxhound replay f.log
   foxhound port --serial /dev/ttyACM0 --log f.log status
   foxhound maps --out forests && foxhound suite forests/suite.json
-  foxhound reproduce all --out papers               every experiment of the papers, in one page
+  foxhound reproduce all --out papers    every experiment, in one page
 
 Exit status: 0 done as asked; 1 flown, but a goal was not reached; 2 bad usage or input.";
 
@@ -124,7 +125,7 @@ enum Command {
 const TLOG_HELP: &str = "Examples:
   foxhound tlog flight.tlog
   foxhound tlog flight.tlog --json | jq .counts
-  foxhound tlog --raw capture.bin                   bytes of a serial line, without time stamps";
+  foxhound tlog --raw capture.bin     bytes of a line, without time stamps";
 
 #[derive(Args, Debug)]
 #[command(after_help = TLOG_HELP)]

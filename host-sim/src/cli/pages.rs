@@ -14,13 +14,13 @@ use super::{Cli, write_text};
 
 const COMPLETIONS_HELP: &str = "Examples:
   foxhound completions bash > ~/.local/share/bash-completion/completions/foxhound
-  foxhound completions zsh > ~/.zfunc/_foxhound          (with ~/.zfunc in fpath)
+  foxhound completions zsh > ~/.zfunc/_foxhound      with ~/.zfunc in fpath
   foxhound completions fish > ~/.config/fish/completions/foxhound.fish";
 
 const MAN_HELP: &str = "Examples:
   foxhound man | man -l -
   foxhound man fly | man -l -
-  foxhound man --out ~/.local/share/man/man1             every page: foxhound.1, foxhound-fly.1, ...";
+  foxhound man --out ~/.local/share/man/man1    every page";
 
 #[derive(Args, Debug)]
 #[command(after_help = COMPLETIONS_HELP)]
@@ -106,14 +106,23 @@ fn page(command: &Command) -> Result<String, InputError> {
     written.map_err(|error| InputError::new(error.to_string()))?;
     let mut page = String::from_utf8_lossy(&page).into_owned();
     if let Some(help) = command.get_after_help() {
-        page.push_str(".SH NOTES\n.nf\n");
+        page.push_str(".SH NOTES\n");
+        let mut is_set = true;
         for line in help.to_string().lines() {
-            // A dot or an apostrophe at the beginning would be a request.
-            page.push_str("\\&");
-            page.push_str(&line.replace('\\', "\\e").replace('-', "\\-"));
-            page.push('\n');
+            let sets = !line.starts_with(' ');
+            if sets != is_set {
+                page.push_str(if sets { ".fi\n" } else { ".nf\n" });
+                is_set = sets;
+            }
+            match line {
+                "" => page.push_str(".PP\n"),
+                // A dot or an apostrophe at the beginning would be a request.
+                _ => page.push_str(&format!("\\&{}\n", line.replace('\\', "\\e").replace('-', "\\-"))),
+            }
         }
-        page.push_str(".fi\n");
+        if !is_set {
+            page.push_str(".fi\n");
+        }
     }
     Ok(page)
 }

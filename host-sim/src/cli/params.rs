@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::terminal::{say, show};
 use super::{Cli, json_line};
 
-const PARAMS_HELP: &str = "A file has one NAME = VALUE in a line, as in `FH_SPD_MAX = 2.0`. Values are checked one by one and all together, as a
+const PARAMS_HELP: &str = "A file has one NAME = VALUE in a line, as in `FH_SPD_MAX = 2.0`. Values are checked one by one and all together, as a \
 vehicle would check them; what is refused is named, with what would be accepted.
 
 Examples:

@@ -20,7 +20,7 @@ use super::{Cli, json_line};
 
 const PORT_HELP: &str = "Examples:
   foxhound port --serial /dev/ttyACM0 status
-  foxhound port --serial /dev/ttyACM0 --log flight.log       until Ctrl-C; then `foxhound replay flight.log`
+  foxhound port --serial /dev/ttyACM0 --log flight.log    until Ctrl-C
 
 Exit status: 0 done as asked; 1 nobody answered; 2 bad usage, or no such port.";
 

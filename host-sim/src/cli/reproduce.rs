@@ -15,15 +15,13 @@ use super::value::whole;
 use super::{Cli, command_line, json_line};
 
 const REPRODUCE_HELP: &str = "Examples:
-  foxhound reproduce all --out papers        every one, shown in papers/index.html; minutes, and goes on where it was ended
-  foxhound reproduce aoa-circle              table on stdout, picture in out/aoa-circle.svg
+  foxhound reproduce all --out papers    all of them; papers/index.html; minutes
+  foxhound reproduce aoa-circle          a table, and out/aoa-circle.svg
   foxhound reproduce aoa-crb --json --seed 2
-  foxhound reproduce apf-density             the main paper's planners and ours on its maps; minutes
   foxhound reproduce apf-density --pairs 10 --json --out density
-  foxhound reproduce apf-variants            potential fields of the variants paper
-  foxhound reproduce multipath               the closed loop among walls
-  foxhound reproduce localize                filters in sight and behind walls, and paths on which bearings tell more
-  foxhound reproduce stretch                 seeking with a turning antenna, greedy and filtered; a minute";
+  foxhound reproduce stretch             the largest: a minute or two
+
+`all` goes on where it was ended: an experiment is kept whose files are whole and were made by this program with these options.";
 
 #[derive(Args, Debug)]
 #[command(after_help = REPRODUCE_HELP)]

@@ -23,14 +23,16 @@ use super::{Cli, check_writable, json_line, terminal, write_text};
 const MISSES_SHOWN: usize = 20;
 
 const SUITE_HELP: &str = "A suite is JSON: x east, y north, metres, degrees:
-  drone_radius, bounds, sensor, bearing, limits, vehicle, goal_tolerance, max_time_s (all as in a scenario),
-  maps [{row, instance, obstacles [[x,y,r],...], pairs [[x0,y0,x1,y1,reference_length],...]}]
+  drone_radius, bounds, sensor, bearing, limits, vehicle, goal_tolerance,
+  max_time_s (all as in a scenario),
+  maps [{row, instance, obstacles [[x,y,r],...],
+    pairs [[x0,y0,x1,y1,reference_length],...]}]
 
-Each pair is one flight, as `foxhound fly` flies it, with a seed made of --seed, row, instance and pair. The numbers do
-not depend on --jobs. With --out, flights.jsonl holds a line for each flight; --only ROW,INSTANCE,PAIR flies one of
+Each pair is one flight, as `foxhound fly` flies it, with a seed made of --seed, row, instance and pair. The numbers do \
+not depend on --jobs. With --out, flights.jsonl holds a line for each flight; --only ROW,INSTANCE,PAIR flies one of \
 them again, and writes its scenario and its picture there.
 
---shard K/N flies every Nth flight from the Kth on, on whatever machine, and writes DIR/shard-K-of-N.jsonl; `foxhound
+--shard K/N flies every Nth flight from the Kth on, on whatever machine, and writes DIR/shard-K-of-N.jsonl; `foxhound \
 merge` puts all N together to what the whole suite prints.
 
 Examples:
