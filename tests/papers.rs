@@ -115,7 +115,7 @@ fn the_page_has_the_published_numbers_beside_ours_and_asks_nobody_for_anything()
         ("aoa-circle", "1.48 deg"),
         ("apf-density", "57.1 % of 7"),
         ("apf-density", "+46 %"),
-        ("apf-variants", "12.82 s"),
+        ("apf-variants", "12.818 s"),
         ("localize", "10.95 m^2"),
         ("mmwave", "94.5 %"),
         ("stretch", "1.6"),

@@ -118,7 +118,7 @@ impl variants::Report {
     #[must_use]
     pub fn beside(&self) -> Vec<Beside> {
         let seconds = |time_s: Option<f64>, otherwise: &str| {
-            time_s.map_or_else(|| otherwise.to_owned(), |time_s| format!("{time_s:.2} s"))
+            time_s.map_or_else(|| otherwise.to_owned(), |time_s| format!("{time_s:.3} s"))
         };
         let cell = |cell: &variants::Cell| {
             let otherwise = if cell.result == Ending::Collision { "collides" } else { "stalls" };
