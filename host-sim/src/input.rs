@@ -16,6 +16,8 @@ pub const SIGMA_DEG: RangeInclusive<f64> = 0.0..=180.0;
 pub const V_MAX_MPS: RangeInclusive<f64> = 0.1..=20.0;
 /// After how long a program in real time ends, of an option.
 pub const MAX_TIME_S: RangeInclusive<f64> = 0.1..=1e6;
+/// How many times as fast as in reality a flight is shown, of an option.
+pub const SPEED: RangeInclusive<f64> = 0.05..=1000.0;
 /// Where a known source is, of an option.
 pub const AZIMUTH_DEG: RangeInclusive<f64> = -360.0..=360.0;
 /// And its elevation.

@@ -17,12 +17,13 @@ use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{Ending, Report};
 use foxhound_sim::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use foxhound_sim::qemu::QemuComputer;
-use foxhound_sim::report::{self, Recorder};
+use foxhound_sim::report::Recorder;
 use foxhound_sim::transport::{Address, Line};
 use foxhound_sim::{mcap, tlog};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::fly::{EstimatorName, Via, look, planner_parser};
+use super::live::{LiveArgs, Watched};
 use super::terminal::{say, show_as, warn};
 use super::value::number;
 use super::{Cli, check_writable, command_line, json_line};
@@ -108,6 +109,8 @@ pub(super) struct CompanionCommand {
     /// The flight for Foxglove and whatever else reads MCAP, with the same in it as in the report.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
+    #[command(flatten)]
+    live: LiveArgs,
     /// Telemetry log of every MAVLink frame in both directions, with wall time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
@@ -172,6 +175,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => HostComputer::new(&config.guidance())?,
     };
     let guidance = *host.config();
+    let recorder = || Recorder::new(&config.mission(), &guidance, command_line());
+    let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
     let mut qemu = match &args.via {
         Via::Host => None,
         Via::Qemu(elf) => Some(QemuComputer::start(elf, &Setup { guidance }).map_err(refused)?),
@@ -186,9 +191,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => None,
     };
 
-    let mut recorder = args.report.as_ref().map(|_| Recorder::new(&config.mission(), &guidance, command_line()));
     let watcher = |path: &PathBuf| mcap::Log::create(path, &config.mission(), &guidance, command_line());
-    let mut watched = args.mcap.as_ref().map(watcher).transpose()?;
+    let mut foxglove = args.mcap.as_ref().map(watcher).transpose()?;
     let stop = stop_flag()?;
     let mut progress = Progress::new(cli, args.autopilot.clone());
     progress.text("waits for the autopilot");
@@ -211,11 +215,11 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         };
         let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news, moment| {
             progress.show(news);
-            if let (Some(recorder), Some(moment)) = (&mut recorder, moment) {
-                recorder.watch(moment);
-            }
             if let (Some(watched), Some(moment)) = (&mut watched, moment) {
                 watched.watch(moment);
+            }
+            if let (Some(foxglove), Some(moment)) = (&mut foxglove, moment) {
+                foxglove.watch(moment);
             }
         })?;
         progress.clear();
@@ -232,19 +236,23 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     if let Some(log) = log {
         log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
     }
-    if let (Some(mut recorder), Some(path)) = (recorder, &args.report) {
-        recorder.end(&report);
-        report::write(path, &recorder.lines())?;
+    if let Some(watched) = &mut watched {
+        watched.end(&report)?;
+    }
+    if let Some(path) = &args.report {
         cli.note(&format!("report: {}", path.display()));
     }
-    if let (Some(watched), Some(path)) = (watched, &args.mcap) {
-        watched.end(&report)?;
+    if let (Some(foxglove), Some(path)) = (foxglove, &args.mcap) {
+        foxglove.end(&report)?;
         cli.note(&format!("MCAP: {}", path.display()));
     }
     if cli.json {
         say(&json_line(&report)?);
     } else {
         show_as(look(report.result), &summary(&report));
+    }
+    if let Some(watched) = watched.filter(|_| args.live.is_on()) {
+        watched.linger(cli, &stop);
     }
     Ok(if report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

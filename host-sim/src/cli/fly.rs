@@ -12,13 +12,15 @@ use foxhound_core::planner;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{self, Ending, Mission, Record};
-use foxhound_sim::input::{InputError, SNR_DB, check_within, read_text};
+use foxhound_sim::input::{InputError, SNR_DB, SPEED, check_within, read_text};
 use foxhound_sim::params::Given;
 use foxhound_sim::qemu::QemuComputer;
-use foxhound_sim::report::{self, Beside, Recorder};
+use foxhound_sim::report::{Beside, Recorder};
 use foxhound_sim::scenario::{BearingModel, Scenario};
 use foxhound_sim::{mcap, plot, tlog};
 
+use super::companion::stop_flag;
+use super::live::{LiveArgs, Pace, Watched};
 use super::terminal::{BAD, GOOD, HALF, say, show_as};
 use super::value::number;
 use super::{Cli, check_writable, command_line, ending, json_line};
@@ -29,6 +31,7 @@ const FLY_HELP: &str = "Examples:
   foxhound fly --scenario gate.json --tlog flight.tlog
   foxhound fly --report flight.html
   foxhound fly --mcap flight.mcap
+  foxhound fly --live --speed 2    watch it in a browser as it flies
 
 A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
   name, bounds [x0,y0,x1,y1], drone_radius (0.15),
@@ -76,6 +79,18 @@ pub(super) struct Fly {
     /// The flight for Foxglove and whatever else reads MCAP: map, 3-D, plots; docs/logs.md says what is in it.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
+    #[command(flatten)]
+    live: LiveArgs,
+    /// So many times as fast as in reality, with `--live`.
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 1.0,
+        value_parser = number(SPEED),
+        requires = "live",
+        allow_negative_numbers = true
+    )]
+    speed: f64,
     /// Telemetry log of every MAVLink frame in both directions, with simulated time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
@@ -155,6 +170,9 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         scenario.bearing.snr_db = Some(snr_db);
         scenario.bearing.model = Some(BearingModel::Rf);
     }
+    if args.live.is_on() {
+        check_within("--speed", args.speed, &SPEED)?;
+    }
     let mission = Mission { scenario, seed: cli.seed, planner: args.planner, estimator: args.estimator.into() };
     let plot_path = args.plot.clone().or_else(|| {
         let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")))?;
@@ -176,18 +194,19 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     }
     // Checked here for every computer, so that a refused field is named the same way.
     let host = HostComputer::new(&config)?;
+    let recorder = || Recorder::new(&mission, &config, command_line());
+    let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
     let mut computer: Box<dyn Computer> = match &args.via {
         Via::Host => Box::new(host),
         Via::Qemu(elf) => {
             let qemu = QemuComputer::start(elf, &Setup { guidance: config });
             let qemu = qemu.map_err(|error| InputError::new(format!("--via: {error}")))?;
-            let looks_inside = args.report.is_some() || args.mcap.is_some();
+            let looks_inside = watched.is_some() || args.mcap.is_some();
             if looks_inside { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
         }
     };
-    let mut recorder = args.report.as_ref().map(|_| Recorder::new(&mission, &config, command_line()));
     let watcher = |path: &PathBuf| mcap::Log::create(path, &mission, &config, command_line());
-    let mut watched = args.mcap.as_ref().map(watcher).transpose()?;
+    let mut foxglove = args.mcap.as_ref().map(watcher).transpose()?;
     let mut log = match &args.tlog {
         Some(path) => Some(
             tlog::Writer::create(path)
@@ -200,13 +219,17 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         computer.log_flight();
     }
     let progress = cli.bar("flying", mission.scenario.max_time_s as u64, "s at most");
+    let pace = args.live.is_on().then(|| Pace::new(args.speed));
     let flown = flight::fly_watched(&mission, computer.as_mut(), log.as_mut(), |moment| {
         progress.set_position(moment.sample.time_s as u64);
-        if let Some(recorder) = &mut recorder {
-            recorder.watch(moment);
-        }
         if let Some(watched) = &mut watched {
             watched.watch(moment);
+        }
+        if let Some(foxglove) = &mut foxglove {
+            foxglove.watch(moment);
+        }
+        if let Some(pace) = &pace {
+            pace.wait(moment.sample.time_s);
         }
     });
     progress.finish_and_clear();
@@ -224,21 +247,24 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             cli.note(&format!("picture: {}", path.display()));
         }
     }
-    if let (Some(mut recorder), Some(path)) = (recorder, &args.report) {
-        recorder.end(&record.report);
-        report::write(path, &recorder.lines())?;
-        if cli.json {
-            cli.note(&format!("report: {}", path.display()));
-        }
-    }
-    if let (Some(watched), Some(path)) = (watched, &args.mcap) {
+    if let Some(watched) = &mut watched {
         watched.end(&record.report)?;
+    }
+    if let Some(path) = args.report.as_ref().filter(|_| cli.json) {
+        cli.note(&format!("report: {}", path.display()));
+    }
+    if let (Some(foxglove), Some(path)) = (foxglove, &args.mcap) {
+        foxglove.end(&record.report)?;
         cli.note(&format!("MCAP: {}", path.display()));
     }
     if cli.json {
         say(&json_line(&record.report)?);
     } else {
         show_as(look(record.report.result), &summary(&record, plot_path.as_deref(), args.report.as_deref()));
+    }
+    if let Some(watched) = watched.filter(|_| args.live.is_on()) {
+        let stop = stop_flag()?;
+        watched.linger(cli, &stop);
     }
     Ok(if record.report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

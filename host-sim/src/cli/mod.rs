@@ -6,6 +6,7 @@ mod bearing;
 mod companion;
 mod fly;
 mod link_state;
+mod live;
 mod maps;
 mod merge;
 mod pages;

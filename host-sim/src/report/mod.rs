@@ -2,7 +2,7 @@
 //!
 //! A [`Recorder`] watches the flight and writes records, one line of JSON each ([`record`] says what is in them); [`page`]
 //! puts them into the page, whose script takes them one by one with its function `add`. It does not ask how they come: those
-//! of a file stand in the page, those of a flight under way may arrive as they are made.
+//! of a file stand in the page, those of a flight under way arrive as they are made ([`Live`]).
 //!
 //! | file | what |
 //! |---|---|
@@ -10,6 +10,7 @@
 //! | `page/data.js` | `add(record)`, and what is known at a time |
 //! | `page/draw.js`, `map.js`, `field.js`, `charts.js` | the pictures, on plain canvases |
 //! | `page/tables.js`, `main.js` | words and numbers; playing, keys, themes |
+//! | `page/live.js` | fetches the records of a flight under way; in no other page |
 //!
 //! Most of a page is the potential of its plans. That of the built-in mission has less than 1.5 MB (`tests/report.rs`).
 
@@ -19,10 +20,12 @@ use std::path::Path;
 use crate::input::InputError;
 
 mod beside;
+mod live;
 pub mod record;
 mod recorder;
 
 pub use beside::Beside;
+pub use live::Live;
 pub use recorder::Recorder;
 
 const HTML: &str = include_str!("page/page.html");
@@ -38,9 +41,26 @@ const SCRIPTS: [&str; 7] = [
     include_str!("page/main.js"),
 ];
 
+/// Only in the page of a flight under way.
+const LIVE_SCRIPT: &str = include_str!("page/live.js");
+const LIVE_POLICY: &str = "; connect-src 'self'";
+
+/// Whom a page may ask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Contact {
+    /// Nobody: everything is in it.
+    None,
+    /// Where it came from.
+    Live,
+}
+
 /// The page with these records, lines of JSON, in it.
 #[must_use]
 pub fn page(lines: &[String]) -> String {
+    page_of(lines, Contact::None)
+}
+
+fn page_of(lines: &[String], contact: Contact) -> String {
     // Inside a script element only this could end it; in JSON it stands in strings alone.
     let records = lines.join(",\n").replace('<', "\\u003c");
     // One pass over the template: what is put in is not looked through again.
@@ -52,7 +72,11 @@ pub fn page(lines: &[String]) -> String {
         match name {
             "style" => page.push_str(STYLE),
             "records" => page.push_str(&records),
-            "scripts" => page.push_str(&SCRIPTS.concat()),
+            "scripts" => {
+                page.push_str(&SCRIPTS.concat());
+                page.push_str(if contact == Contact::Live { LIVE_SCRIPT } else { "" });
+            }
+            "contact" => page.push_str(if contact == Contact::Live { LIVE_POLICY } else { "" }),
             _ => {}
         }
         rest = after;
@@ -94,5 +118,6 @@ mod tests {
             let allowed = if address == "http:" { page.matches("http://www.w3.org/2000/svg").count() } else { 0 };
             assert_eq!(page.matches(address).count(), allowed, "{address}");
         }
+        assert!(!page.contains("connect-src") && !page.contains("fetch("));
     }
 }

@@ -86,14 +86,13 @@ impl Recorder {
         self.records.push(Record::End(End { report: report.clone(), steps }));
     }
 
-    /// The records so far, a line of JSON each.
-    #[must_use]
-    pub fn lines(&self) -> Vec<String> {
+    /// Takes out the records that have come since the last time, a line of JSON each.
+    pub fn take_lines(&mut self) -> Vec<String> {
         // Numbers, text and lists of them always have a JSON form.
-        self.records.iter().flat_map(serde_json::to_string).collect()
+        self.take().iter().flat_map(serde_json::to_string).collect()
     }
 
-    /// Takes out the records that have come since the last time, for whoever writes them as they are made.
+    /// The same as they are, for whoever writes them in another way.
     pub fn take(&mut self) -> Vec<Record> {
         std::mem::take(&mut self.records)
     }

@@ -1,6 +1,7 @@
 // What is known of the flight, and of any time in it. Records come one by one through `add`, from the page or from anywhere.
 
-const flight = { begin: null, steps: [], remembered: [], plans: [], end: null };
+/** `cut`: it was under way when whoever flies it fell silent. */
+const flight = { begin: null, steps: [], remembered: [], plans: [], end: null, cut: false };
 /** Told, at most once a picture, that there are new records. */
 let refresh = () => {};
 let refreshing = false;

@@ -29,7 +29,7 @@ function showResult() {
   document.title = `${scenario.name}: Foxhound flight`;
   const badge = byId("verdict");
   badge.className = `badge ${!report ? "open" : report.result === "reached" ? "good" : "bad"}`;
-  badge.textContent = report ? `${verdict()} after ${report.time_s.toFixed(1)} s` : "under way";
+  badge.textContent = report ? `${verdict()} after ${report.time_s.toFixed(1)} s` : flight.cut ? "cut off" : "under way";
   fillRows(byId("facts"), report ? [
     ["path", metres(report.path_length_m)],
     ["straight line", metres(report.straight_line_m)],
@@ -154,13 +154,20 @@ const happened = { list: [], current: null };
 
 /** What happened; every line leads to its time. One of them takes the focus, and arrows lead to the others. */
 function showEvents(seek) {
-  happened.list = events().map((event) => ({ time_s: event.time_s, button: eventButton(event, seek) }));
-  happened.current = null;
-  byId("events").replaceChildren(...happened.list.map(({ button }) => {
+  const list = events();
+  const stays = (event, index) => event.time_s === list[index]?.time_s && event.text === list[index].text;
+  // In a flight under way lines are added below; those that are there may be under a finger.
+  if (!happened.list.every(stays)) {
+    byId("events").replaceChildren();
+    Object.assign(happened, { list: [], current: null });
+  }
+  for (const { time_s, color, text } of list.slice(happened.list.length)) {
+    const button = eventButton({ time_s, color, text }, seek);
     const item = document.createElement("li");
     item.append(button);
-    return item;
-  }));
+    byId("events").append(item);
+    happened.list.push({ time_s, text, button });
+  }
 }
 
 function eventButton(event, seek) {

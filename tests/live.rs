@@ -1,0 +1,190 @@
+//! `fly --live`, `companion --live`: browsers are served the report while the flight runs. `cargo xtask test` installs one.
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use foxhound_tests::{Program, foxhound, python, qemu_image, root, run};
+use serde_json::Value;
+
+/// A flight that is served; it ends with the test.
+struct Served {
+    child: Child,
+    address: String,
+}
+
+impl Served {
+    /// Starts `foxhound` with arguments and a port of the system's choice, and reads where the page is.
+    fn with(arguments: &[&str]) -> Self {
+        let mut command = foxhound();
+        command.args(arguments).args(["--json", "--live", "--port", "0"]);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut notes = BufReader::new(child.stderr.take().unwrap());
+        let mut line = String::new();
+        let address = loop {
+            line.clear();
+            assert!(notes.read_line(&mut line).unwrap() > 0, "it ended without a page");
+            if let Some(address) = line.trim().strip_prefix("live: ") {
+                break address.to_owned();
+            }
+        };
+        // What else it says has to go somewhere.
+        std::thread::spawn(move || std::io::copy(&mut notes, &mut std::io::sink()));
+        Self { child, address }
+    }
+
+    /// The body of what is there.
+    fn get(&self, path: &str) -> String {
+        let host = self.address.trim_start_matches("http://").trim_end_matches('/');
+        let mut stream = TcpStream::connect(host).unwrap();
+        write!(stream, "GET {path} HTTP/1.0\r\nHost: {host}\r\n\r\n").unwrap();
+        let mut text = String::new();
+        stream.read_to_string(&mut text).unwrap();
+        let (head, body) = text.split_once("\r\n\r\n").unwrap();
+        assert!(head.starts_with("HTTP/1.") && head.contains(" 200 "), "{head}");
+        body.to_owned()
+    }
+
+    fn records(&self, from: usize) -> Vec<Value> {
+        let text = self.get(&format!("/records?from={from}"));
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    }
+
+    /// Waits for the records up to the last one, as a page does.
+    fn follow(&self) -> Vec<Value> {
+        let (mut records, since) = (Vec::new(), Instant::now());
+        while records.last().is_none_or(|record: &Value| record["kind"] != "end") {
+            records.extend(self.records(records.len()));
+            assert!(since.elapsed() < Duration::from_secs(120), "it does not end");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        records
+    }
+
+    /// Tells it to stop; its exit code, and what it printed.
+    fn stop(mut self) -> (i32, Value) {
+        let pid = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+        let code = self.child.wait().unwrap().code();
+        let mut text = String::new();
+        self.child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
+        (code.unwrap_or(-1), serde_json::from_str(&text).unwrap())
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        // It may have ended before.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn last_time_s(records: &[Value]) -> f64 {
+    records.iter().rev().find_map(|record| record["time_s"].as_f64()).unwrap_or(0.0)
+}
+
+#[test]
+fn the_flight_is_told_as_it_runs_and_in_the_end_it_is_that_of_the_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.html");
+    let since = Instant::now();
+    let served = Served::with(&["fly", "--speed", "4", "--report", path.to_str().unwrap()]);
+    assert!(served.get("/").contains("connect-src 'self'"));
+    // It does not run ahead of the clock, but for the step that is due next.
+    let early = served.records(0);
+    let passed_s = since.elapsed().as_secs_f64();
+    assert!(last_time_s(&early) < 4.0 * passed_s + 0.025, "{} s after {passed_s} s", last_time_s(&early));
+    assert_eq!(early[0]["kind"], "begin");
+    let records = served.follow();
+    assert!(since.elapsed().as_secs_f64() > last_time_s(&records) / 4.0);
+    assert_eq!(records[..early.len()], early);
+
+    let (code, printed) = served.stop();
+    assert_eq!((code, &printed["result"]), (0, &"reached".into()));
+    assert_eq!(records[records.len() - 1]["report"], printed);
+    let page = std::fs::read_to_string(path).unwrap();
+    let (_, behind) = page.split_once("id=\"records\">").unwrap();
+    let (json, _) = behind.split_once("</script>").unwrap();
+    assert_eq!(serde_json::from_str::<Vec<Value>>(json).unwrap(), records);
+    assert!(!page.contains("connect-src"), "a file asks nobody");
+}
+
+#[test]
+fn being_watched_live_changes_nothing() {
+    let served = Served::with(&["fly", "--speed", "1000", "--seed", "3"]);
+    served.follow();
+    let alone = run(&["fly", "--json", "--seed", "3"]);
+    assert_eq!(served.stop().1, serde_json::from_slice::<Value>(&alone.stdout).unwrap());
+}
+
+#[test]
+fn a_flight_beside_an_autopilot_is_served_as_well() {
+    let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
+    let first: Value = serde_json::from_str(&autopilot.lines().next().unwrap().unwrap()).unwrap();
+    let address = first["autopilot"].as_str().unwrap();
+    let served = Served::with(&["companion", "--source=3,2,-5", "--max-time", "60", "--autopilot", address]);
+    let records = served.follow();
+    assert!(records.iter().filter(|record| record["kind"] == "step").count() > 50);
+    let (code, printed) = served.stop();
+    assert_eq!((code, &records[records.len() - 1]["report"]), (0, &printed));
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn the_image_in_qemu_is_served_as_well() {
+    let via = format!("qemu:{}", qemu_image());
+    let records = |via: &str| Served::with(&["fly", "--speed", "1000", "--via", via]).follow();
+    assert_eq!(records(&via)[1..], records("host")[1..]);
+}
+
+#[test]
+fn what_cannot_be_served_is_refused_by_the_option() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let by_port = format!("--port {port}: it is taken by another program");
+    for (arguments, text) in [
+        (&["fly", "--live", "--port", &port][..], by_port.as_str()),
+        (&["companion", "--autopilot", "tcp:127.0.0.1:1", "--source=1,2,-5", "--live", "--port", &port], &by_port),
+        (&["fly", "--live", "--port", "70000"], "70000"),
+        (&["fly", "--port", "0"], "--live"),
+        (&["fly", "--speed", "2"], "--live"),
+        (&["fly", "--live", "--speed", "0"], "--speed = 0 is outside 0.05..=1000"),
+        (&["fly", "--live", "--speed", "-1"], "--speed = -1 is outside"),
+        (&["fly", "--live", "--speed", "nan"], "--speed = NaN is outside"),
+    ] {
+        let output = run(arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(text) && !said.contains("panicked"), "{arguments:?}: {said}");
+    }
+}
+
+/// Has a browser look at it.
+fn look_at(arguments: &[&str]) {
+    let script = root().join("tests/peers/live_page.py");
+    let output = python().arg(script).args(arguments).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains("all checks passed"), "{said}");
+}
+
+#[test]
+#[ignore = "needs a browser: cargo xtask test"]
+fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_the_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.html");
+    let path = path.to_str().unwrap();
+    let served = Served::with(&["fly", "--speed", "0.5", "--report", path]);
+    look_at(&[&served.address, "--report", path]);
+    assert_eq!(served.stop().0, 0);
+}
+
+#[test]
+#[ignore = "needs a browser: cargo xtask test"]
+fn a_browser_says_so_when_the_flight_is_cut_off() {
+    let served = Served::with(&["fly", "--speed", "0.5"]);
+    look_at(&[&served.address, "--cut", &served.child.id().to_string()]);
+}

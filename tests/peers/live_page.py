@@ -1,0 +1,159 @@
+"""Watches a flight under way in Chromium: early, late, and after the end.
+
+Usage: live_page.py ADDRESS --report FLIGHT.html    (the file that the same flight leaves)
+       live_page.py ADDRESS --cut PID               (ends that process in flight)
+"""
+
+import json
+import os
+import pathlib
+import re
+import shutil
+import signal
+import sys
+
+from playwright.sync_api import sync_playwright
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+END_WITHIN_S = 120
+
+address, mode, argument = sys.argv[1:4]
+troubles, requests = [], []
+
+
+def check(condition, text):
+    if not condition:
+        print("FAILED:", text)
+        sys.exit(1)
+    print("ok:", text)
+
+
+def opened(browser):
+    """The page in a browser that tells of every complaint and every request."""
+    page = browser.new_context(viewport={"width": 1280, "height": 880}).new_page()
+    page.on("console", lambda message: troubles.append(message.text) if message.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: troubles.append(str(error)))
+    page.on("request", lambda request: requests.append(request.url))
+    page.goto(address)
+    page.wait_for_selector("#map[data-step]")
+    return page
+
+
+def settle(page):
+    page.wait_for_timeout(30)
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))")
+
+
+def until(page, condition, text, within_s=30):
+    """Waits for what becomes true in the page, whose policy forbids it to be asked from inside."""
+    for _ in range(within_s * 20):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(50)
+    check(False, text)
+
+
+def state(page):
+    """Which step is shown, where the drone is then, and how many steps there are."""
+    settle(page)
+    return page.evaluate("""() => ({
+        step: Number(byId('map').dataset.step), place: [byId('map').dataset.x, byId('map').dataset.y].map(Number),
+        last: Number(byId('time').max), first_s: flight.steps[0].time_s, verdict: byId('verdict').textContent,
+        picture: byId('map').toDataURL() })""")
+
+
+def moves_on(page):
+    before = state(page)
+    check(before["verdict"] == "under way", "the flight is under way")
+    until(page, f"Number(byId('map').dataset.step) > {before['step'] + 25}", "another step is shown")
+    after = state(page)
+    moved_m = sum((a - b) ** 2 for a, b in zip(after["place"], before["place"])) ** 0.5
+    check(moved_m > 0.05, f"the drone moves on by itself: {moved_m:.2f} m")
+    check(after["picture"] != before["picture"], "and so does the picture")
+    check(after["last"] - after["step"] <= 10, "at its end")
+
+
+def looks_back(page):
+    """Somebody looks at an earlier time while the flight goes on."""
+    event = page.locator("#events button").first
+    kept = event.element_handle()
+    event.click()
+    shown = state(page)
+    until(page, f"Number(byId('time').max) > {shown['last'] + 25}", "steps come")
+    later = state(page)
+    check(later["step"] == shown["step"], "whoever looks back stays there while the flight goes on")
+    check(kept.evaluate("(button) => button.isConnected"), "a line of what happened stays the same one")
+    page.locator("h1").click()
+    page.keyboard.press("End")
+    check(state(page)["step"] > later["step"], "End leads to where the drone is")
+
+
+def is_whole(page, records):
+    """The finished report: what the file holds."""
+    until(page, "flight.end !== null", "the flight ends", END_WITHIN_S)
+    settle(page)
+    of_kind = lambda kind: [record for record in records if record["kind"] == kind]
+    check(page.evaluate("flight.begin") == records[0], "the header is that of the file")
+    for name, kind in (("steps", "step"), ("plans", "plan"), ("remembered", "remembered")):
+        check(page.evaluate(f"flight.{name}") == of_kind(kind), f"the {name} are those of the file")
+    end = records[-1]
+    check(page.evaluate("flight.end") == end, "and the end is")
+    verdict = page.locator("#verdict").inner_text()
+    check(verdict == f"{end['report']['result']} after {end['report']['time_s']:.1f} s", f"it says `{verdict}`")
+    check(end["report"]["trace_hash"] in page.locator("#run").inner_text(), "and the trace hash")
+    page.locator("h1").click()
+    page.keyboard.press("Home")
+    check(state(page)["step"] == 0, "Home is the beginning")
+    page.keyboard.press("End")
+    check(state(page)["step"] == len(of_kind("step")) - 1, "End is the end")
+
+
+def watch(browser):
+    early = opened(browser)
+    moves_on(early)
+    looks_back(early)
+    late = opened(browser)
+    state_late = state(late)
+    check(state_late["first_s"] == 0 and state_late["last"] > 25, "who comes late has the flight from the beginning")
+    moves_on(late)
+    until(early, "flight.end !== null", "the flight ends", END_WITHIN_S)
+    file = pathlib.Path(argument)
+    # It is written when the last record has been told.
+    for _ in range(100):
+        if file.exists() and file.read_text().rstrip().endswith("</html>"):
+            break
+        early.wait_for_timeout(50)
+    records = json.loads(re.search(r'id="records">(.*?)</script>', file.read_text(), re.S).group(1))
+    for page in (early, late, opened(browser)):
+        is_whole(page, records)
+    asked = len(requests)
+    early.wait_for_timeout(500)
+    check(len(requests) == asked, "who has it all asks no more")
+    check(not troubles, f"no error on the console {troubles}")
+    others = [url for url in requests if not url.startswith((address, "data:"))]
+    check(not others, f"no request but to where the page came from {others}")
+
+
+def cut(browser):
+    page = opened(browser)
+    moves_on(page)
+    check(not troubles, f"no error on the console {troubles}")
+    os.kill(int(argument), signal.SIGKILL)
+    says = "a flight that is cut off says so"
+    until(page, "byId('verdict').textContent === 'cut off'", says)
+    check(True, says)
+    page.locator("h1").click()
+    page.keyboard.press("Home")
+    check(state(page)["step"] == 0, "and what was flown can be looked at")
+    foreign = [text for text in troubles if "ERR_" not in text]
+    check(not foreign, f"the browser misses the program and nothing else {foreign}")
+
+
+with sync_playwright() as play:
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    check(program, "there is a Chromium")
+    # Its sandbox does not work for root; nothing foreign is opened.
+    browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+    (watch if mode == "--report" else cut)(browser)
+    print("all checks passed")
+    browser.close()
