@@ -188,7 +188,9 @@ pub struct Pulses {
 }
 
 impl Pulses {
-    fn sounds(&self, time_s: f64) -> bool {
+    /// Whether it does at a time.
+    #[must_use]
+    pub fn sounds(&self, time_s: f64) -> bool {
         let since = (time_s - self.start_s) / self.period_s;
         (since - libm::floor(since)) * self.period_s < self.length_s
     }

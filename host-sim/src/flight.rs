@@ -17,12 +17,13 @@ use foxhound_link::mailbox::Planned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::antennas::{Antennas, Fault, Pattern, Pose, Reflection};
+use crate::air::{Air, Drift};
+use crate::antennas::{Antennas, Fault, Interferer, Pattern, Pose, Reflection};
 use crate::autopilot::{Autopilot, Software, Start};
 use crate::computer::{BLOCK, Computer, ComputerError};
 use crate::random::Random;
 use crate::rays;
-use crate::scenario::{BearingModel, FLIGHT_DOWN_M, Scenario, SensorModel, VehicleModel, inside};
+use crate::scenario::{BearingModel, FLIGHT_DOWN_M, OtherBeacon, Pulses, Scenario, SensorModel, VehicleModel, inside};
 use crate::sensor::View;
 use crate::tlog;
 use crate::vehicle::{Motion, Vehicle};
@@ -72,6 +73,9 @@ impl Mission {
         config.bearing.estimator = self.estimator;
         config.guard.v_max_mps = scenario.limits.v_max as f32;
         config.guard.a_max_mps2 = scenario.limits.a_max as f32;
+        if scenario.bearing.tone_known {
+            config.phase.tone_hz = Some(Antennas::default().tone_hz as f32);
+        }
         let moves = scenario.goal_velocity.iter().any(|speed| *speed != 0.0);
         if !scenario.bearing.only && !moves {
             let [east, north] = scenario.goal.map(|metres| metres as f32);
@@ -279,6 +283,8 @@ pub fn fly_watched(
     let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose_at_start(&world, start));
     let mut autopilot = autopilot_at_start(scenario.vehicle.autopilot);
     let mut control_is_due = autopilot.custom_mode != autopilot.companion_mode();
+    let mut air = scenario.wind.map(|wind| Air::new(wind, Random::new(mission.seed, 3)));
+    let mut drift = scenario.position.map(|position| Drift::new(position, Random::new(mission.seed, 4)));
     let mut ears = Ears::new(mission);
     let mut hull = Hull::new(&world, scenario.drone_radius, start);
     let mut path: Vec<Sample> = Vec::new();
@@ -301,11 +307,14 @@ pub fn fly_watched(
 
         // What the autopilot and the obstacle sensor say.
         let motion = vehicle.motion;
-        autopilot.telemetry(now_us, &motion, inside(scenario.faults.stale_ownship, time_s));
+        let error = drift.as_mut().map_or(Horizontal::default(), |drift| drift.step(TICK_S));
+        let believed = motion.displaced(error);
+        autopilot.telemetry(now_us, &believed, inside(scenario.faults.stale_ownship, time_s));
         let looks = tick % SENSOR_TICKS == 0 && !inside(scenario.faults.stale_obstacles, time_s);
         let position = horizontal(&motion.pose);
         let view = View { world: &world, time_s, position, yaw_rad: motion.pose.yaw_rad, sensor: scenario.sensor };
-        let circles = (looks && scenario.sensor.model == SensorModel::Circles).then(|| view.circles());
+        let circles =
+            (looks && scenario.sensor.model == SensorModel::Circles).then(|| on_the_map(view.circles(), error));
         if looks && scenario.sensor.model == SensorModel::Scan {
             autopilot.forward(&view.scan(now_us));
         }
@@ -342,7 +351,10 @@ pub fn fly_watched(
         watch(&Moment { world: &world, motion: &motion, sample: &sample, output, computer });
 
         // What the vehicle does.
-        autopilot.receive(now_us, &motion, &report.tx);
+        autopilot.receive(now_us, &believed, &report.tx);
+        if let Some(air) = &mut air {
+            vehicle.push = air.step(TICK_S);
+        }
         for part in 1..=CHECKS_PER_TICK {
             vehicle.step(autopilot.command(now_us), TICK_S / CHECKS_PER_TICK as f64);
             let at_s = time_s + TICK_S * part as f64 / CHECKS_PER_TICK as f64;
@@ -411,6 +423,16 @@ fn pose_at_start(world: &World, start: Horizontal) -> Pose {
     }
 }
 
+/// Circles where they are for who believes to be elsewhere.
+fn on_the_map(mut circles: Vec<Circle>, error: Horizontal) -> Vec<Circle> {
+    let error = error.to_core();
+    for circle in &mut circles {
+        circle.center_ned_m.north += error.north;
+        circle.center_ned_m.east += error.east;
+    }
+    circles
+}
+
 fn horizontal(pose: &Pose) -> Horizontal {
     Horizontal { north: pose.position_ned_m[0], east: pose.position_ned_m[1] }
 }
@@ -465,7 +487,8 @@ impl<'a> Ears<'a> {
             front_to_back_db: antenna.front_to_back_db,
             boresights_rad: antenna.boresight_deg.map(f64::to_radians),
         });
-        let antennas = Antennas { snr_db: Some(snr_db), pattern, ..Antennas::default() };
+        let mut antennas = Antennas { snr_db: Some(snr_db), pattern, ..Antennas::default() };
+        antennas.impairments.pulses = mission.scenario.bearing.pulses.map(Pulses::at_antennas);
         Self { mission, antennas, random: Random::new(mission.seed, 1) }
     }
 
@@ -480,7 +503,16 @@ impl<'a> Ears<'a> {
         if inside(scenario.faults.nan_bearing, time_s) {
             return Heard::Bearing(bearing_of(now, f64::NAN, SIGMA_FLOOR_RAD));
         }
-        let is_silent = inside(settings.dropout, time_s);
+        let is_between = settings.pulses.is_some_and(|pulses| !pulses.at_antennas().sounds(time_s));
+        let is_silent =
+            inside(settings.dropout, time_s) || is_between && scenario.bearing_model() == BearingModel::Noise;
+        let other = |beacon: &OtherBeacon| Interferer {
+            tone_hz: self.antennas.tone_hz + beacon.offset_hz,
+            azimuth_ned_rad: Horizontal::from_xy([beacon.x, beacon.y]).minus(from).bearing_rad(),
+            elevation_rad: 0.0,
+            level_db: beacon.level_db,
+        };
+        self.antennas.impairments.interferers = scenario.other_beacons.iter().map(other).collect();
         let is_single = scenario.antenna.is_some_and(|antenna| antenna.single);
         self.antennas.impairments.faults = std::array::from_fn(|channel| {
             let is_dead = inside(scenario.faults.dead_channels[channel], time_s) || is_single && channel > 0;

@@ -8,6 +8,7 @@
 //!                    `-> sensor --OBSTACLE_DISTANCE--^
 //! ```
 
+pub mod air;
 pub mod antennas;
 pub mod autopilot;
 pub mod bearings;

@@ -12,6 +12,12 @@ use crate::input::{InputError, check, parse_strictly};
 use crate::rays;
 use crate::world::{Horizontal, Pillar, World};
 
+mod disturbed;
+mod random;
+
+pub use disturbed::{OtherBeacon, Position, Pulses, Wind};
+pub use random::RandomPillars;
+
 /// A flight to be simulated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -30,6 +36,9 @@ pub struct Scenario {
     pub goal_velocity: [f64; 2],
     /// The pillars.
     pub obstacles: Vec<Obstacle>,
+    /// Pillars besides, which the flight's seed throws.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub random: Option<RandomPillars>,
     /// Walls, which reflect the beacon's waves and are in their way.
     pub walls: Vec<Wall>,
     /// The obstacle sensor.
@@ -39,10 +48,19 @@ pub struct Scenario {
     /// What kind of antennas there are; without it four that hear the same all round.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub antenna: Option<Antenna>,
+    /// Beacons that are not ours, on frequencies of their own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub other_beacons: Vec<OtherBeacon>,
     /// Limits of the vehicle.
     pub limits: Limits,
     /// The vehicle's dynamics.
     pub vehicle: Vehicle,
+    /// The wind; none by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wind: Option<Wind>,
+    /// How well the autopilot knows its position; exactly by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position: Option<Position>,
     /// Horizontal distance to the beacon that counts as reached.
     pub goal_tolerance: f64,
     /// When the flight is given up.
@@ -80,6 +98,13 @@ pub struct Obstacle {
     /// Velocity to the north.
     #[serde(default)]
     pub vy: f64,
+    /// It turns back after so many seconds, and again: somebody who walks to and fro. Zero: never.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub turns_s: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// A vertical wall. It is as thick as the pillars that it is made of.
@@ -125,6 +150,7 @@ impl Wall {
             center: from.along(to.minus(from), f64::from(k) / gaps),
             radius_m: self.r,
             velocity_mps: Horizontal::default(),
+            turns_s: 0.0,
         })
     }
 }
@@ -170,6 +196,10 @@ pub struct Bearing {
     pub outlier: Outlier,
     /// From when to when nothing is received.
     pub dropout: Option<[f64; 2]>,
+    /// The beacon's frequency is known: no other is listened to.
+    pub tone_known: bool,
+    /// The beacon sounds in pulses only.
+    pub pulses: Option<Pulses>,
 }
 
 /// Where bearings come from.
@@ -267,12 +297,16 @@ impl Default for Scenario {
             goal: [9.0, 9.0],
             goal_velocity: [0.0, 0.0],
             obstacles: Vec::new(),
+            random: None,
             walls: Vec::new(),
             sensor: Sensor::default(),
             bearing: Bearing::default(),
             antenna: None,
+            other_beacons: Vec::new(),
             limits: Limits::default(),
             vehicle: Vehicle::default(),
+            wind: None,
+            position: None,
             goal_tolerance: 0.5,
             max_time_s: 90.0,
             explore_s: 0.0,
@@ -293,7 +327,16 @@ impl Default for Sensor {
 
 impl Default for Bearing {
     fn default() -> Self {
-        Self { only: true, model: None, sigma_deg: 1.86, snr_db: None, outlier: Outlier::default(), dropout: None }
+        Self {
+            only: true,
+            model: None,
+            sigma_deg: 1.86,
+            snr_db: None,
+            outlier: Outlier::default(),
+            dropout: None,
+            tone_known: false,
+            pulses: None,
+        }
     }
 }
 
@@ -322,7 +365,7 @@ impl Default for Vehicle {
 }
 
 /// The keys that a scenario file and a suite file share, with their paths.
-pub(crate) const FLIGHT_KEYS: [&str; 29] = [
+pub(crate) const FLIGHT_KEYS: [&str; 33] = [
     "name",
     "why",
     "frame",
@@ -343,6 +386,10 @@ pub(crate) const FLIGHT_KEYS: [&str; 29] = [
     "bearing.outlier.rate",
     "bearing.outlier.offset_deg",
     "bearing.dropout",
+    "bearing.tone_known",
+    "bearing.pulses",
+    "bearing.pulses.period_s",
+    "bearing.pulses.length_s",
     "limits",
     "limits.v_max",
     "limits.a_max",
@@ -355,7 +402,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 29] = [
 ];
 
 /// The others of a scenario file.
-const KEYS: [&str; 31] = [
+const KEYS: [&str; 51] = [
     "start",
     "goal",
     "goal_velocity",
@@ -365,6 +412,12 @@ const KEYS: [&str; 31] = [
     "obstacles[].r",
     "obstacles[].vx",
     "obstacles[].vy",
+    "obstacles[].turns_s",
+    "random",
+    "random.count",
+    "random.radius",
+    "random.gap",
+    "random.clear",
     "walls",
     "walls[].x0",
     "walls[].y0",
@@ -379,6 +432,20 @@ const KEYS: [&str; 31] = [
     "antenna.front_to_back_db",
     "antenna.boresight_deg",
     "antenna.turn_deg_per_s",
+    "other_beacons",
+    "other_beacons[].x",
+    "other_beacons[].y",
+    "other_beacons[].offset_hz",
+    "other_beacons[].level_db",
+    "wind",
+    "wind.vx",
+    "wind.vy",
+    "wind.gust_mps",
+    "wind.gust_s",
+    "position",
+    "position.noise_m",
+    "position.drift_m",
+    "position.drift_s",
     "explore_s",
     "faults",
     "faults.nan_bearing",
@@ -413,7 +480,7 @@ impl Scenario {
     pub fn built_in() -> Self {
         Self {
             name: "pillar forest".to_owned(),
-            obstacles: FOREST.iter().map(|[x, y, r]| Obstacle { x: *x, y: *y, r: *r, vx: 0.0, vy: 0.0 }).collect(),
+            obstacles: FOREST.iter().map(|[x, y, r]| Obstacle { x: *x, y: *y, r: *r, ..Obstacle::default() }).collect(),
             sensor: Sensor { model: SensorModel::Scan, ..Sensor::default() },
             bearing: Bearing { snr_db: Some(20.0), ..Bearing::default() },
             vehicle: Vehicle { model: VehicleModel::Arducopter, ..Vehicle::default() },
@@ -462,6 +529,12 @@ impl Scenario {
             check(&path("r"), obstacle.r, 0.001, 1000.0)?;
             check(&path("vx"), obstacle.vx, -20.0, 20.0)?;
             check(&path("vy"), obstacle.vy, -20.0, 20.0)?;
+            if obstacle.turns_s != 0.0 {
+                check(&path("turns_s"), obstacle.turns_s, 0.5, 3600.0)?;
+            }
+        }
+        if let Some(random) = self.random {
+            random.check()?;
         }
         for (index, wall) in self.walls.iter().enumerate() {
             let path = |key: &str| format!("walls[{index}].{key}");
@@ -497,6 +570,19 @@ impl Scenario {
                 check(&format!("faults.dead_channels[{index}][1]"), to, from, 1e6)?;
                 self.needs_waveforms(&format!("faults.dead_channels[{index}]"))?;
             }
+        }
+        if let Some(pulses) = self.bearing.pulses {
+            pulses.check()?;
+        }
+        for (index, beacon) in self.other_beacons.iter().enumerate() {
+            beacon.check(index)?;
+            self.needs_waveforms(&format!("other_beacons[{index}]"))?;
+        }
+        if let Some(wind) = self.wind {
+            wind.check()?;
+        }
+        if let Some(position) = self.position {
+            position.check()?;
         }
         check("limits.v_max", self.limits.v_max, 0.05, 20.0)?;
         check("limits.a_max", self.limits.a_max, 0.1, 20.0)?;
@@ -547,6 +633,7 @@ impl Scenario {
             center: Horizontal::from_xy([obstacle.x, obstacle.y]),
             radius_m: obstacle.r,
             velocity_mps: Horizontal::from_xy([obstacle.vx, obstacle.vy]),
+            turns_s: obstacle.turns_s,
         });
         let walls = self.walls.iter().map(|wall| rays::Wall {
             from: Horizontal::from_xy([wall.x0, wall.y0]),
@@ -567,15 +654,19 @@ impl Scenario {
 /// A derived reader would take a list for an object, field after field.
 fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
     let mut places = vec![("scenario".to_owned(), Some(value))];
-    for name in ["sensor", "bearing", "antenna", "limits", "vehicle", "faults"] {
+    for name in ["sensor", "bearing", "limits", "vehicle", "faults"] {
         places.push((name.to_owned(), value.get(name)));
     }
     places.push(("bearing.outlier".to_owned(), value.pointer("/bearing/outlier")));
-    for (index, obstacle) in value.get("obstacles").and_then(Value::as_array).into_iter().flatten().enumerate() {
-        places.push((format!("obstacles[{index}]"), Some(obstacle)));
+    // These may be null.
+    for name in ["antenna", "random", "wind", "position", "bearing.pulses"] {
+        let place = value.pointer(&format!("/{}", name.replace('.', "/")));
+        places.push((name.to_owned(), place.filter(|value| !value.is_null())));
     }
-    for (index, wall) in value.get("walls").and_then(Value::as_array).into_iter().flatten().enumerate() {
-        places.push((format!("walls[{index}]"), Some(wall)));
+    for name in ["obstacles", "walls", "other_beacons"] {
+        for (index, entry) in value.get(name).and_then(Value::as_array).into_iter().flatten().enumerate() {
+            places.push((format!("{name}[{index}]"), Some(entry)));
+        }
     }
     match places.into_iter().find(|(_, place)| place.is_some_and(|value| !value.is_object())) {
         Some((path, _)) => Err(InputError::new(format!("{path}: expected an object {{...}}"))),
@@ -595,143 +686,4 @@ pub fn inside(window: Option<[f64; 2]>, time_s: f64) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn refused(text: &str) -> String {
-        Scenario::parse(text).unwrap_err().to_string()
-    }
-
-    #[test]
-    fn an_empty_scenario_is_the_defaults() {
-        let scenario = Scenario::parse("{}").unwrap();
-        assert_eq!(scenario, Scenario::default());
-        assert!(scenario.bearing.only);
-        assert_eq!(scenario.bearing_model(), BearingModel::Noise);
-        assert_eq!((scenario.limits.v_max, scenario.limits.a_max, scenario.max_time_s), (1.0, 2.0, 90.0));
-    }
-
-    #[test]
-    fn every_key_is_taken_and_written_back() {
-        let text = r#"{"name":"n","bounds":[-1,-2,12,13],"drone_radius":0.2,"start":[1,2],"goal":[3,4],
-            "goal_velocity":[0.1,-0.1],"obstacles":[{"x":5,"y":6,"r":0.5,"vx":0.1,"vy":0.2},{"x":1,"y":9,"r":0.1}],
-            "walls":[{"x0":-1,"y0":8,"x1":4,"y1":8,"r":0.1,"reflection_db":5,"passage_db":20}],
-            "sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
-            "bearing":{"only":false,"model":"rf","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
-            "dropout":[1,2]},"antenna":{"single":true,"exponent":3,"front_to_back_db":20,"boresight_deg":[0,90,180,-90],
-            "turn_deg_per_s":60},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1,"autopilot":"px4"},
-            "goal_tolerance":0.3,"max_time_s":30,"faults":{"nan_bearing":[1,2],"stale_obstacles":[3,4],"clock_back_s":5,
-            "stale_ownship":[6,7],"dead_channels":[null,[1,2],null,[3,4]]},"why":"w","frame":{"x":"east"},"expect":"reached","reference_length_m":9.5}"#;
-        let scenario = Scenario::parse(text).unwrap();
-        assert_eq!(scenario.obstacles[0].vy, 0.2);
-        let written = serde_json::to_string(&scenario).unwrap();
-        assert_eq!(Scenario::parse(&written).unwrap(), scenario);
-        // The list of known keys is the list of the keys that there are.
-        let value: Value = serde_json::from_str(&written).unwrap();
-        for key in FLIGHT_KEYS.into_iter().chain(KEYS) {
-            let pointer = format!("/{}", key.replace("[]", ".0").replace('.', "/"));
-            assert!(value.pointer(&pointer).is_some(), "{key} is no key of a scenario");
-        }
-    }
-
-    #[test]
-    fn an_snr_means_waveforms() {
-        let scenario = Scenario::parse(r#"{"bearing":{"snr_db":20}}"#).unwrap();
-        assert_eq!(scenario.bearing_model(), BearingModel::Rf);
-        let scenario = Scenario::parse(r#"{"bearing":{"snr_db":20,"model":"noise"}}"#).unwrap();
-        assert_eq!(scenario.bearing_model(), BearingModel::Noise, "said so, although there is an SNR");
-        assert_eq!(Scenario::built_in().bearing_model(), BearingModel::Rf);
-    }
-
-    #[test]
-    fn unknown_keys_are_named_with_their_path_and_the_nearest_known_one() {
-        assert_eq!(refused(r#"{"gaol":[1,1]}"#), "gaol: unknown key; did you mean `goal`?");
-        assert_eq!(refused(r#"{"sensor":{"fov":90}}"#), "sensor.fov: unknown key; did you mean `fov_deg`?");
-        assert_eq!(
-            refused(r#"{"bearing":{"outlier":{"rat":0.1}}}"#),
-            "bearing.outlier.rat: unknown key; did you mean `rate`?"
-        );
-        assert!(
-            refused(r#"{"obstacles":[{"x":1,"y":1,"r":1},{"x":1,"y":1,"r":1,"radius":2}]}"#)
-                .starts_with("obstacles[1].radius: unknown key")
-        );
-        assert!(refused(r#"{"limits":{"zzz":1}}"#).contains("known here: v_max, a_max"));
-        assert!(refused(r#"{"faults":{"nan_bearings":[1,2]}}"#).contains("`nan_bearing`"));
-    }
-
-    #[test]
-    fn values_out_of_range_are_named_with_value_and_range() {
-        assert_eq!(refused(r#"{"limits":{"v_max":-1}}"#), "limits.v_max = -1 is outside 0.05..=20");
-        for (text, field) in [
-            (r#"{"drone_radius":0}"#, "drone_radius"),
-            (r#"{"start":[1e9,0]}"#, "start[0]"),
-            (r#"{"goal":[0,-1e9]}"#, "goal[1]"),
-            (r#"{"bounds":[0,0,-1,10]}"#, "bounds[2]"),
-            (r#"{"obstacles":[{"x":1,"y":1,"r":1},{"x":1,"y":1,"r":-1}]}"#, "obstacles[1].r"),
-            (r#"{"sensor":{"fov_deg":361}}"#, "sensor.fov_deg"),
-            (r#"{"sensor":{"range_m":0}}"#, "sensor.range_m"),
-            (r#"{"bearing":{"sigma_deg":-1}}"#, "bearing.sigma_deg"),
-            (r#"{"bearing":{"outlier":{"rate":2}}}"#, "bearing.outlier.rate"),
-            (r#"{"bearing":{"dropout":[5,4]}}"#, "bearing.dropout[1]"),
-            (r#"{"vehicle":{"lag_s":-0.1}}"#, "vehicle.lag_s"),
-            (r#"{"antenna":{"exponent":0}}"#, "antenna.exponent"),
-            (r#"{"antenna":{"front_to_back_db":60}}"#, "antenna.front_to_back_db"),
-            (r#"{"antenna":{"boresight_deg":[0,0,0,999]}}"#, "antenna.boresight_deg[3]"),
-            (r#"{"antenna":{"turn_deg_per_s":0}}"#, "antenna.turn_deg_per_s"),
-            (
-                r#"{"bearing":{"snr_db":20},"faults":{"dead_channels":[null,null,[5,4],null]}}"#,
-                "faults.dead_channels[2][1]",
-            ),
-            (r#"{"goal_tolerance":0}"#, "goal_tolerance"),
-            (r#"{"max_time_s":-5}"#, "max_time_s"),
-            (r#"{"faults":{"clock_back_s":-5}}"#, "faults.clock_back_s"),
-        ] {
-            let message = refused(text);
-            assert!(message.starts_with(field) && message.contains("is outside"), "{text}: {message}");
-        }
-    }
-
-    #[test]
-    fn values_of_the_wrong_kind_are_named_with_their_path() {
-        for (text, field) in [
-            (r#"{"limits":{"v_max":"fast"}}"#, "limits.v_max"),
-            (r#"{"start":[1]}"#, "start"),
-            (r#"{"start":[1,2,3]}"#, "start"),
-            (r#"{"sensor":{"model":"lidar"}}"#, "sensor.model"),
-            (r#"{"vehicle":{"autopilot":"betaflight"}}"#, "vehicle.autopilot"),
-            (r#"{"obstacles":[{"x":1,"y":1}]}"#, "obstacles[0]"),
-            (r#"{"obstacles":[{"x":1,"y":null,"r":1}]}"#, "obstacles[0].y"),
-            (r#"{"bearing":{"only":1}}"#, "bearing.only"),
-            (r#"{"antenna":{"boresight_deg":[0,0]}}"#, "antenna.boresight_deg"),
-            (r#"{"antenna":[true]}"#, "antenna: expected an object"),
-            (r#"{"faults":{"dead_channels":[[1,2]]}}"#, "faults.dead_channels"),
-        ] {
-            let message = refused(text);
-            assert!(message.starts_with(field), "{text}: {message}");
-        }
-        assert_eq!(
-            refused(r#"{"antenna":{}}"#),
-            "antenna: there are channels only where bearing.model is `rf`",
-            "there is nothing to hear with"
-        );
-        let dead = refused(r#"{"faults":{"dead_channels":[null,[1,2],null,null]}}"#);
-        assert!(dead.starts_with("faults.dead_channels[1]: there are channels only"), "{dead}");
-        assert!(refused(r#"{"antenna":{"exponents":2}}"#).contains("`exponent`"));
-        assert!(refused("{").contains("EOF"));
-        assert!(refused("{} {}").contains("trailing"));
-        assert!(refused(r#"{"max_time_s":1,"max_time_s":2}"#).contains("duplicate"));
-        assert_eq!(refused("[]"), "scenario: expected an object {...}");
-        assert_eq!(refused(r#"{"limits":[1,2]}"#), "limits: expected an object {...}");
-        assert_eq!(refused(r#"{"obstacles":[[1,2,0.3]]}"#), "obstacles[0]: expected an object {...}");
-    }
-
-    #[test]
-    fn the_built_in_mission_passes_its_own_checks_and_starts_clear() {
-        let scenario = Scenario::built_in().checked().unwrap();
-        let world = scenario.world();
-        for place in [scenario.start, scenario.goal] {
-            let hull = crate::world::Hull::new(&world, scenario.drone_radius, Horizontal::from_xy(place));
-            assert!(hull.min_clearance_m > 0.5);
-        }
-    }
-}
+mod tests;

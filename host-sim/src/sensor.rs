@@ -156,7 +156,8 @@ mod tests {
     use crate::scenario::{Scenario, SensorModel};
 
     fn world(pillars: &[[f64; 3]]) -> World {
-        let obstacles = pillars.iter().map(|[x, y, r]| scenario::Obstacle { x: *x, y: *y, r: *r, vx: 0.0, vy: 0.0 });
+        let obstacles =
+            pillars.iter().map(|[x, y, r]| scenario::Obstacle { x: *x, y: *y, r: *r, ..Default::default() });
         Scenario { obstacles: obstacles.collect(), ..Scenario::default() }.world()
     }
 

@@ -210,7 +210,7 @@ impl Suite {
         let mut flights = Vec::new();
         let mut number = 0;
         for map in self.maps.iter().filter(|map| selection.takes_map(map)) {
-            let obstacle = |[x, y, r]: &Pillar| Obstacle { x: *x, y: *y, r: *r, vx: 0.0, vy: 0.0 };
+            let obstacle = |[x, y, r]: &Pillar| Obstacle { x: *x, y: *y, r: *r, ..Obstacle::default() };
             let obstacles: Vec<Obstacle> = map.obstacles.iter().map(obstacle).collect();
             for (index, [x0, y0, x1, y1, reference_m]) in (0..).zip(&map.pairs) {
                 let place = Place { row: map.row, instance: map.instance, pair: index };
@@ -249,6 +249,7 @@ fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
         places.push((name.to_owned(), value.get(name)));
     }
     places.push(("bearing.outlier".to_owned(), value.pointer("/bearing/outlier")));
+    places.push(("bearing.pulses".to_owned(), value.pointer("/bearing/pulses").filter(|value| !value.is_null())));
     for (index, map) in value.get("maps").and_then(Value::as_array).into_iter().flatten().enumerate() {
         places.push((format!("maps[{index}]"), Some(map)));
     }
@@ -562,7 +563,8 @@ mod tests {
     const SMALL: &str = r#"{"name":"n","why":"w","frame":"f","expect":"e","seed":1,"drone_radius":0.2,
         "bounds":[-1,-2,12,13],"sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
         "bearing":{"only":true,"model":"noise","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
-        "dropout":[1,2]},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1,"autopilot":"px4"},
+        "dropout":[1,2],"tone_known":true,"pulses":{"period_s":1,"length_s":0.5}},"limits":{"v_max":2,"a_max":4},
+        "vehicle":{"model":"arducopter","lag_s":0.1,"autopilot":"px4"},
         "goal_tolerance":0.3,"max_time_s":30,"maps":[{"row":3,"instance":1,"name":"m","seed":2,"mean":0.1,
         "variance":0.01,"obstacles":[[1.1,2.2,0.3],[4,5,0.3]],"pairs":[[0,0,5,5,7.5],[0,1,5,5,6.5]]},
         {"row":1,"instance":0,"obstacles":[],"pairs":[[0,0,5,5,7.1]]}]}"#;

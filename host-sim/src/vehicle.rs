@@ -9,8 +9,10 @@
 
 use std::collections::VecDeque;
 
+use crate::air::Push;
 use crate::antennas::Pose;
 use crate::scenario;
+use crate::world::Horizontal;
 
 /// What the vehicle is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -36,6 +38,16 @@ pub struct Motion {
     pub yaw_rate_radps: f64,
 }
 
+impl Motion {
+    /// The same motion elsewhere.
+    #[must_use]
+    pub fn displaced(mut self, by: Horizontal) -> Self {
+        self.pose.position_ned_m[0] += by.north;
+        self.pose.position_ned_m[1] += by.east;
+        self
+    }
+}
+
 /// A vehicle in flight.
 #[derive(Clone, Debug)]
 pub struct Vehicle {
@@ -43,6 +55,8 @@ pub struct Vehicle {
     a_max_mps2: f64,
     /// Where it is now.
     pub motion: Motion,
+    /// What the air does to it.
+    pub push: Push,
     time_s: f64,
     /// Setpoints on their way, with the time at which they take effect.
     underway: VecDeque<(f64, Command)>,
@@ -68,6 +82,7 @@ impl Vehicle {
             config,
             a_max_mps2,
             motion: Motion { pose, ..Motion::default() },
+            push: Push::default(),
             time_s: 0.0,
             underway: VecDeque::new(),
             command: Command::default(),
@@ -133,20 +148,22 @@ impl Vehicle {
 
     fn advance(&mut self, dt: f64, yaw_lag_s: f64) {
         let motion = &mut self.motion;
-        for axis in 0..3 {
-            motion.pose.position_ned_m[axis] +=
-                dt * (motion.velocity_ned_mps[axis] + 0.5 * dt * motion.acceleration_ned_mps2[axis]);
-            motion.velocity_ned_mps[axis] += dt * motion.acceleration_ned_mps2[axis];
+        let felt = [self.push.felt.north, self.push.felt.east, 0.0];
+        for (axis, felt_mps2) in felt.into_iter().enumerate() {
+            let acceleration_mps2 = motion.acceleration_ned_mps2[axis] + felt_mps2;
+            motion.pose.position_ned_m[axis] += dt * (motion.velocity_ned_mps[axis] + 0.5 * dt * acceleration_mps2);
+            motion.velocity_ned_mps[axis] += dt * acceleration_mps2;
         }
         let wanted_radps = self.command.yaw_rate_radps.clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS);
         motion.yaw_rate_radps += dt / yaw_lag_s * (wanted_radps - motion.yaw_rate_radps);
         motion.pose.yaw_rad = crate::world::wrap_pi(motion.pose.yaw_rad + dt * motion.yaw_rate_radps);
     }
 
-    /// Thrust leans into the acceleration.
+    /// Thrust leans into the acceleration, and against the wind.
     fn tilt(&mut self) {
         let motion = &mut self.motion;
         let [north, east, _] = motion.acceleration_ned_mps2;
+        let (north, east) = (north - self.push.whole.north, east - self.push.whole.east);
         let (sine, cosine) = (libm::sin(motion.pose.yaw_rad), libm::cos(motion.pose.yaw_rad));
         let (forward, right) = (north * cosine + east * sine, east * cosine - north * sine);
         motion.pose.pitch_rad = -libm::atan(forward / GRAVITY_MPS2);
@@ -244,6 +261,20 @@ mod tests {
         }
         assert!(vehicle.motion.pose.pitch_rad < -0.1, "nose down to accelerate forwards");
         assert!(vehicle.motion.pose.roll_rad.abs() < 1e-9);
+    }
+
+    #[test]
+    fn arducopter_leans_against_the_wind_and_what_is_countered_does_not_move_it() {
+        let mut vehicle = vehicle(VehicleModel::Arducopter);
+        let whole = Horizontal { north: -1.5, east: 0.0 };
+        vehicle.push = Push { whole, ..Push::default() };
+        vehicle.step(Command::default(), 1.0);
+        let expected_rad = -(1.5_f64 / GRAVITY_MPS2).atan();
+        assert!((vehicle.motion.pose.pitch_rad - expected_rad).abs() < 1e-9, "{}", vehicle.motion.pose.pitch_rad);
+        assert_eq!(vehicle.motion.pose.position_ned_m[0], 0.0);
+        vehicle.push.felt = whole;
+        vehicle.step(Command::default(), 0.1);
+        assert!(vehicle.motion.velocity_ned_mps[0] < -0.1);
     }
 
     #[test]

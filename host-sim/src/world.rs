@@ -86,9 +86,28 @@ pub struct Pillar {
     pub radius_m: f64,
     /// Its velocity.
     pub velocity_mps: Horizontal,
+    /// It turns back after so many seconds, and again; zero: never.
+    pub turns_s: f64,
 }
 
-/// The beacon and the pillars at time zero, all moving straight on.
+impl Pillar {
+    /// The same pillar later.
+    fn after(self, time_s: f64) -> Self {
+        if self.turns_s <= 0.0 {
+            return Self { center: self.center.along(self.velocity_mps, time_s), ..self };
+        }
+        let legs = libm::floor(time_s / self.turns_s);
+        let since_s = time_s - legs * self.turns_s;
+        if legs % 2.0 == 0.0 {
+            Self { center: self.center.along(self.velocity_mps, since_s), ..self }
+        } else {
+            let center = self.center.along(self.velocity_mps, self.turns_s - since_s);
+            Self { center, velocity_mps: Horizontal::default().minus(self.velocity_mps), ..self }
+        }
+    }
+}
+
+/// The beacon and the pillars at time zero. The beacon moves straight on; pillars do, or go to and fro.
 #[derive(Clone, Debug, PartialEq)]
 pub struct World {
     /// Pillars at time zero.
@@ -106,9 +125,7 @@ pub struct World {
 impl World {
     /// The pillars at a time.
     pub fn pillars_at(&self, time_s: f64) -> impl Iterator<Item = Pillar> + '_ {
-        self.pillars
-            .iter()
-            .map(move |pillar| Pillar { center: pillar.center.along(pillar.velocity_mps, time_s), ..*pillar })
+        self.pillars.iter().map(move |pillar| pillar.after(time_s))
     }
 
     /// The beacon at a time.
@@ -186,6 +203,7 @@ mod tests {
                 center: Horizontal { north: 0.0, east: 0.0 },
                 radius_m: 0.5,
                 velocity_mps: Horizontal { north: 0.0, east: velocity_east },
+                turns_s: 0.0,
             }],
             source: Horizontal::default(),
             source_velocity_mps: Horizontal::default(),
@@ -235,6 +253,7 @@ mod tests {
                 center: Horizontal { north: 9.0 * random.uniform(), east: 9.0 * random.uniform() },
                 radius_m: 0.2 + random.uniform(),
                 velocity_mps: Horizontal { north: random.uniform() - 0.5, east: 0.0 },
+                turns_s: if random.uniform() < 0.5 { 3.0 } else { 0.0 },
             };
             let world = World { pillars: (0..20).map(|_| pillar()).collect(), ..one_pillar(0.0) };
             let clearances = |at: Horizontal, time_s: f64| -> Vec<f64> {
@@ -253,6 +272,19 @@ mod tests {
                 assert_eq!(hull.min_clearance_m, least_m);
                 allowed_m.iter_mut().zip(&all).filter(|(_, c)| **c >= 0.0).for_each(|(allowed, _)| *allowed = 0.0);
             }
+        }
+    }
+
+    #[test]
+    fn who_walks_to_and_fro_is_back_after_two_legs_and_says_which_way_he_goes() {
+        let mut world = one_pillar(0.5);
+        world.pillars[0].turns_s = 4.0;
+        for (time_s, east, mps) in
+            [(0.0, 0.0, 0.5), (3.0, 1.5, 0.5), (4.5, 1.75, -0.5), (7.0, 0.5, -0.5), (8.0, 0.0, 0.5), (83.0, 1.5, 0.5)]
+        {
+            let pillar = world.pillars_at(time_s).next().unwrap();
+            assert!((pillar.center.east - east).abs() < 1e-12, "{time_s} s: {}", pillar.center.east);
+            assert_eq!(pillar.velocity_mps.east, mps, "{time_s} s");
         }
     }
 

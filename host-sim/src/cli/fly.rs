@@ -36,17 +36,25 @@ const FLY_HELP: &str = "Examples:
 A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
   name, bounds [x0,y0,x1,y1], drone_radius (0.15),
   start [x,y], goal [x,y], goal_velocity [vx,vy],
-  obstacles [{x,y,r,vx,vy}],
+  obstacles [{x,y,r,vx,vy,turns_s: there and back}],
+  random {count, radius [r0,r1], gap, clear}: pillars by the seed,
+  walls [{x0,y0,x1,y1,r,reflection_db,passage_db}],
+  explore_s: how long a signal is searched for,
   sensor {fov_deg (90), range_m (3), occlusion (true), model circles|scan},
   bearing {only (true; false: the planner is told where the beacon is),
     model rf|noise, sigma_deg, snr_db, outlier {rate, offset_deg},
-    dropout [t0,t1]},
+    dropout [t0,t1], pulses {period_s, length_s}, tone_known},
+  other_beacons [{x,y,offset_hz,level_db}],
+  antenna {single, exponent, front_to_back_db, boresight_deg,
+    turn_deg_per_s},
+  wind {vx, vy, gust_mps, gust_s (2)},
+  position {noise_m, drift_m, drift_s (20)}: how the autopilot's is off,
   limits {v_max (1.0), a_max (2.0)},
   vehicle {model point|arducopter, lag_s (0.15), autopilot arducopter|px4},
   goal_tolerance (0.5: within so many metres of the beacon it is reached),
   max_time_s (90),
   faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s,
-    stale_ownship [t0,t1]}";
+    stale_ownship [t0,t1], dead_channels [4 of [t0,t1] or null]}";
 
 #[derive(Args, Debug, Default)]
 #[command(after_help = FLY_HELP)]
@@ -162,7 +170,10 @@ impl std::str::FromStr for Via {
 
 pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     let mut scenario = match &args.scenario {
-        Some(path) => Scenario::parse(&read_text(path)?).map_err(|error| error.in_file(path))?,
+        Some(path) => {
+            let read = Scenario::parse(&read_text(path)?).and_then(|scenario| scenario.drawn(cli.seed));
+            read.map_err(|error| error.in_file(path))?
+        }
         None => Scenario::built_in(),
     };
     if let Some(snr_db) = args.snr_db {

@@ -77,9 +77,19 @@ function beaconAt(time_s) {
   return [goal[0] + goal_velocity[0] * time_s, goal[1] + goal_velocity[1] * time_s];
 }
 
+/** How long a pillar has moved on from where it began; one that goes to and fro turns every `turns_s`. */
+function away_s({ turns_s }, time_s) {
+  if (!turns_s) return time_s;
+  const since_s = time_s % (2 * turns_s);
+  return Math.min(since_s, 2 * turns_s - since_s);
+}
+
 /** The pillars at a time: x, y, radius. */
 function pillarsAt(time_s) {
-  const moved = flight.begin.scenario.obstacles.map((o) => [o.x + o.vx * time_s, o.y + o.vy * time_s, o.r]);
+  const moved = flight.begin.scenario.obstacles.map((o) => {
+    const on_s = away_s(o, time_s);
+    return [o.x + o.vx * on_s, o.y + o.vy * on_s, o.r];
+  });
   return moved.concat(flight.begin.walls);
 }
 

@@ -202,9 +202,13 @@ function cross(context, [x, y], color) {
   line(context, [[x, y - 5], [x, y + 5]], { color, width: 1.6 });
 }
 
-/** Start, beacon, and what counts as there. */
+/** Start, beacon, and what counts as there; beacons that are not ours, faint. */
 function drawEnds({ context, at, time_s }) {
-  const { start, goal_tolerance } = flight.begin.scenario;
+  const { start, goal_tolerance, other_beacons = [] } = flight.begin.scenario;
+  for (const { x, y } of other_beacons) {
+    disc(context, at([x, y]), 9, { stroke: colors.faint, alpha: 0.6 });
+    disc(context, at([x, y]), 4, { fill: colors.faint });
+  }
   const begun = flight.steps.length ? flight.steps[0].place_m : start;
   const beacon = at(beaconAt(time_s));
   disc(context, beacon, goal_tolerance * camera.scale, { stroke: colors.green, width: 1.4, dash: [3, 3] });

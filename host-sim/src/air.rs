@@ -1,0 +1,194 @@
+//! Wind: a mean, and gusts on top of it, which push the vehicle.
+//!
+//! Gusts are a first-order process in each of both directions, `dg = -g dt / T + sigma sqrt(2 dt / T) n`: the longitudinal
+//! one of Dryden's turbulence. Air that moves by `w` pushes with `d w`; `d` of 0.3 1/s, a small multicopter's drag, is an
+//! assumption. The autopilot counters what lasts, with the time constant of its velocity integrator, 2 s; it has countered
+//! the mean when the flight begins. What it has not countered yet moves the vehicle; all of it makes it lean.
+
+use crate::random::Random;
+use crate::scenario;
+use crate::world::Horizontal;
+
+/// Acceleration by a metre a second of wind.
+const DRAG_PER_S: f64 = 0.3;
+/// The proportional gain of ArduCopter's velocity controller over its integral one, as they come: 2.0 and 1.0.
+const COUNTERED_IN_S: f64 = 2.0;
+
+/// What the air does to the vehicle, NED, m/s^2.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Push {
+    /// All of it.
+    pub whole: Horizontal,
+    /// What the autopilot does not counter yet.
+    pub felt: Horizontal,
+}
+
+/// The air around the vehicle.
+#[derive(Clone, Debug)]
+pub struct Air {
+    wind: scenario::Wind,
+    random: Random,
+    gust_mps: Horizontal,
+    countered: Horizontal,
+}
+
+impl Air {
+    /// The air at the start of a flight: a gust as likely as any other.
+    #[must_use]
+    pub fn new(wind: scenario::Wind, mut random: Random) -> Self {
+        let (north, east) = (random.gaussian(), random.gaussian());
+        let gust_mps = Horizontal { north: wind.gust_mps * north, east: wind.gust_mps * east };
+        let countered = Horizontal::default().along(Horizontal::from_xy([wind.vx, wind.vy]), DRAG_PER_S);
+        Self { wind, random, gust_mps, countered }
+    }
+
+    /// What it does for the next while.
+    pub fn step(&mut self, step_s: f64) -> Push {
+        let stays = libm::exp(-step_s / self.wind.gust_s);
+        let fresh_mps = self.wind.gust_mps * libm::sqrt(1.0 - stays * stays);
+        let mut next = |gust_mps: f64| stays * gust_mps + fresh_mps * self.random.gaussian();
+        self.gust_mps = Horizontal { north: next(self.gust_mps.north), east: next(self.gust_mps.east) };
+        let wind_mps = self.gust_mps.along(Horizontal::from_xy([self.wind.vx, self.wind.vy]), 1.0);
+        let whole = Horizontal::default().along(wind_mps, DRAG_PER_S);
+        let felt = whole.minus(self.countered);
+        self.countered = self.countered.along(felt, 1.0 - libm::exp(-step_s / COUNTERED_IN_S));
+        Push { whole, felt }
+    }
+}
+
+/// How far the position that the autopilot reports is off: noise from report to report, and a drift that comes and goes.
+#[derive(Clone, Debug)]
+pub struct Drift {
+    position: scenario::Position,
+    random: Random,
+    drift_m: Horizontal,
+}
+
+impl Drift {
+    /// None at the start: that is where the map begins.
+    #[must_use]
+    pub fn new(position: scenario::Position, random: Random) -> Self {
+        Self { position, random, drift_m: Horizontal::default() }
+    }
+
+    /// The error after the next while.
+    pub fn step(&mut self, step_s: f64) -> Horizontal {
+        let Self { position, random, drift_m } = self;
+        let stays = libm::exp(-step_s / position.drift_s);
+        let fresh_m = position.drift_m * libm::sqrt(1.0 - stays * stays);
+        let mut next = |drift_m: f64| stays * drift_m + fresh_m * random.gaussian();
+        *drift_m = Horizontal { north: next(drift_m.north), east: next(drift_m.east) };
+        let noise = Horizontal { north: random.gaussian(), east: random.gaussian() };
+        drift_m.along(noise, position.noise_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use foxhound_core::mission::Outcome;
+
+    use super::*;
+    use crate::computer::HostComputer;
+    use crate::flight::{self, Ending, Mission, Record};
+
+    const STEP_S: f64 = 0.02;
+
+    /// Standard deviation, and correlation of a value with the one so many steps later.
+    fn moments(values: &[f64], later: usize) -> (f64, f64) {
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let product = |a: &[f64], b: &[f64]| {
+            a.iter().zip(b).map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>() / a.len().min(b.len()) as f64
+        };
+        let variance = product(values, values);
+        (variance.sqrt(), product(values, &values[later..]) / variance)
+    }
+
+    #[test]
+    fn gusts_have_the_strength_and_the_length_that_were_asked_for() {
+        let wind = scenario::Wind { vx: 3.0, vy: -1.0, gust_mps: 1.5, gust_s: 2.0 };
+        let mut air = Air::new(wind, Random::new(1, 3));
+        let pushes: Vec<Push> = (0..500_000).map(|_| air.step(STEP_S)).collect();
+        for (axis, mean_mps) in [(0, -1.0), (1, 3.0)] {
+            let wind_mps: Vec<f64> =
+                pushes.iter().map(|push| [push.whole.north, push.whole.east][axis] / DRAG_PER_S).collect();
+            let (sigma_mps, after_2_s) = moments(&wind_mps, 100);
+            // 10 000 s of gusts of 2 s: some thousand that know nothing of one another.
+            assert!((sigma_mps - 1.5).abs() < 0.06, "{sigma_mps}");
+            assert!((after_2_s - (-1.0_f64).exp()).abs() < 0.05, "{after_2_s}");
+            let mean = wind_mps.iter().sum::<f64>() / wind_mps.len() as f64;
+            assert!((mean - mean_mps).abs() < 0.12, "{mean}");
+        }
+        let felt = pushes.iter().map(|push| push.felt.east).sum::<f64>() / pushes.len() as f64;
+        assert!(felt.abs() < 1e-3, "what lasts is countered: {felt}");
+    }
+
+    #[test]
+    fn a_steady_wind_pushes_nobody_about_and_is_leant_into() {
+        let mut air = Air::new(scenario::Wind { vx: 5.0, ..scenario::Wind::default() }, Random::new(1, 3));
+        for _ in 0..100 {
+            let Push { whole, felt } = air.step(STEP_S);
+            assert!(felt.norm() < 1e-12 && (whole.east - 1.5).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_drift_comes_slowly_and_is_bounded_by_its_sigma() {
+        let position = scenario::Position { noise_m: 0.02, drift_m: 0.3, drift_s: 20.0 };
+        let mut drift = Drift::new(position, Random::new(2, 4));
+        assert!(drift.step(STEP_S).norm() < 0.15, "it begins where the map does");
+        let errors: Vec<f64> = (0..2_000_000).map(|_| drift.step(STEP_S).north).collect();
+        let (sigma_m, after_20_s) = moments(&errors, 1000);
+        assert!((sigma_m - 0.3).abs() < 0.02 && (after_20_s - 0.37).abs() < 0.06, "{sigma_m} {after_20_s}");
+        let steps: Vec<f64> = errors.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        // Two draws of the noise, and what the drift has moved: 0.3 sqrt(2 0.02 / 20).
+        let (jitter_m, _) = moments(&steps, 1);
+        let expected_m = (2.0 * 0.02_f64.powi(2) + 0.3_f64.powi(2) * 2.0 * 0.02 / 20.0).sqrt();
+        assert!((jitter_m / expected_m - 1.0).abs() < 0.02, "{jitter_m}");
+    }
+
+    fn flown(text: &str) -> Record {
+        let scenario = scenario::Scenario::parse(text).unwrap();
+        let estimator = foxhound_core::bearing::Estimator::CrossSpectrum;
+        let mission = Mission { scenario, seed: 1, planner: foxhound_core::planner::Config::default(), estimator };
+        let mut computer = HostComputer::new(&mission.guidance()).unwrap();
+        flight::fly(&mission, &mut computer, None, |_| ()).unwrap()
+    }
+
+    #[test]
+    fn gusts_move_a_vehicle_that_holds_and_a_steady_wind_does_not() {
+        let moved_m = |wind: &str| {
+            let silent = r#""bearing":{"snr_db":20,"dropout":[0,99]},"max_time_s":20,"vehicle":{"model":"arducopter"}"#;
+            flown(&format!(r#"{{{silent},"wind":{wind}}}"#)).report.path_length_m
+        };
+        assert!(moved_m(r#"{"vx":6}"#) < 0.05);
+        let (light_m, strong_m) = (moved_m(r#"{"gust_mps":0.4}"#), moved_m(r#"{"gust_mps":1.2}"#));
+        assert!(light_m > 0.2 && strong_m > 2.0 * light_m, "{light_m} {strong_m}");
+    }
+
+    #[test]
+    fn obstacles_are_remembered_where_the_autopilot_believes_them_to_be() {
+        let off_m = |drift: &str| {
+            let text = format!(
+                r#"{{"start":[0,0],"goal":[6,0],"obstacles":[{{"x":5,"y":1.5,"r":0.3}}],"sensor":{{"fov_deg":180}},
+                "goal_tolerance":1,"position":{{"drift_m":{drift}}}}}"#
+            );
+            let circle = flown(&text).remembered[0].center_ned_m;
+            libm::hypotf(circle.east - 5.0, circle.north - 1.5)
+        };
+        let (still_m, drifted_m) = (off_m("0"), off_m("1.5"));
+        assert!(still_m < 1e-3 && drifted_m > 0.15, "{still_m} {drifted_m}");
+    }
+
+    #[test]
+    fn between_rare_pulses_the_vehicle_holds_for_want_of_a_signal() {
+        for bearing in [r#""sigma_deg":2"#, r#""snr_db":20"#] {
+            let pulses = r#""pulses":{"period_s":4,"length_s":0.5}"#;
+            let record = flown(&format!(r#"{{"bearing":{{{bearing},{pulses}}}}}"#));
+            assert_eq!(record.report.result, Ending::Reached, "{bearing}");
+            let silent = record.path.iter().filter(|sample| sample.outcome == Outcome::NoSignal).count();
+            let share = silent as f64 / record.path.len() as f64;
+            assert!((0.4..0.8).contains(&share), "{bearing}: {share}");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! What the outside adds to a flight: wind, a position that is off, beacons that are not ours, one that sounds in pulses.
+
+use serde::{Deserialize, Serialize};
+
+use crate::antennas;
+use crate::input::{InputError, check};
+
+/// Offsets at which another beacon's tone is within what the receiver lets through.
+const OFFSET_MIN_HZ: f64 = -12_000.0;
+const OFFSET_MAX_HZ: f64 = 30_000.0;
+/// Farthest coordinate.
+const FAR_M: f64 = 10_000.0;
+
+/// A beacon that sounds now and then, from the start of the flight on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pulses {
+    /// From the start of one pulse to that of the next.
+    pub period_s: f64,
+    /// Length of a pulse.
+    pub length_s: f64,
+}
+
+impl Pulses {
+    pub(super) fn check(self) -> Result<(), InputError> {
+        check("bearing.pulses.period_s", self.period_s, 0.01, 3600.0)?;
+        check("bearing.pulses.length_s", self.length_s, 0.001, self.period_s)
+    }
+
+    /// As the antennas have them.
+    #[must_use]
+    pub const fn at_antennas(self) -> antennas::Pulses {
+        antennas::Pulses { period_s: self.period_s, length_s: self.length_s, start_s: 0.0 }
+    }
+}
+
+/// A beacon that is not ours.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OtherBeacon {
+    /// East.
+    pub x: f64,
+    /// North.
+    pub y: f64,
+    /// Its frequency over ours.
+    pub offset_hz: f64,
+    /// Its power over ours, wherever the vehicle is.
+    #[serde(default)]
+    pub level_db: f64,
+}
+
+/// The wind.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Wind {
+    /// Its mean, to the east.
+    pub vx: f64,
+    /// To the north.
+    pub vy: f64,
+    /// Standard deviation of the gusts, in each of both directions.
+    pub gust_mps: f64,
+    /// How long a gust lasts, about.
+    pub gust_s: f64,
+}
+
+/// How the position that the autopilot reports is off.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Position {
+    /// Standard deviation from report to report, in each of both directions.
+    pub noise_m: f64,
+    /// Standard deviation of what comes and goes slowly.
+    pub drift_m: f64,
+    /// How slowly.
+    pub drift_s: f64,
+}
+
+impl Default for Wind {
+    fn default() -> Self {
+        Self { vx: 0.0, vy: 0.0, gust_mps: 0.0, gust_s: 2.0 }
+    }
+}
+
+impl Default for Position {
+    fn default() -> Self {
+        Self { noise_m: 0.0, drift_m: 0.0, drift_s: 20.0 }
+    }
+}
+
+impl OtherBeacon {
+    pub(super) fn check(self, index: usize) -> Result<(), InputError> {
+        let path = |key: &str| format!("other_beacons[{index}].{key}");
+        check(&path("x"), self.x, -FAR_M, FAR_M)?;
+        check(&path("y"), self.y, -FAR_M, FAR_M)?;
+        check(&path("offset_hz"), self.offset_hz, OFFSET_MIN_HZ, OFFSET_MAX_HZ)?;
+        check(&path("level_db"), self.level_db, -60.0, 40.0)
+    }
+}
+
+impl Wind {
+    pub(super) fn check(self) -> Result<(), InputError> {
+        check("wind.vx", self.vx, -20.0, 20.0)?;
+        check("wind.vy", self.vy, -20.0, 20.0)?;
+        check("wind.gust_mps", self.gust_mps, 0.0, 10.0)?;
+        check("wind.gust_s", self.gust_s, 0.1, 100.0)
+    }
+}
+
+impl Position {
+    pub(super) fn check(self) -> Result<(), InputError> {
+        check("position.noise_m", self.noise_m, 0.0, 10.0)?;
+        check("position.drift_m", self.drift_m, 0.0, 100.0)?;
+        check("position.drift_s", self.drift_s, 1.0, 3600.0)
+    }
+}

@@ -1,0 +1,160 @@
+//! What is refused, and how it is named.
+
+use super::*;
+
+fn refused(text: &str) -> String {
+    Scenario::parse(text).unwrap_err().to_string()
+}
+
+#[test]
+fn an_empty_scenario_is_the_defaults() {
+    let scenario = Scenario::parse("{}").unwrap();
+    assert_eq!(scenario, Scenario::default());
+    assert_eq!(Scenario::parse(&serde_json::to_string(&scenario).unwrap()).unwrap(), scenario);
+    let nothing =
+        r#"{"antenna":null,"wind":null,"position":null,"random":null,"bearing":{"pulses":null,"snr_db":null}}"#;
+    assert_eq!(Scenario::parse(nothing).unwrap(), scenario);
+    assert!(scenario.bearing.only);
+    assert_eq!(scenario.bearing_model(), BearingModel::Noise);
+    assert_eq!((scenario.limits.v_max, scenario.limits.a_max, scenario.max_time_s), (1.0, 2.0, 90.0));
+}
+
+#[test]
+fn every_key_is_taken_and_written_back() {
+    let text = r#"{"name":"n","bounds":[-1,-2,12,13],"drone_radius":0.2,"start":[1,2],"goal":[3,4],
+        "goal_velocity":[0.1,-0.1],"obstacles":[{"x":5,"y":6,"r":0.5,"vx":0.1,"vy":0.2,"turns_s":3},{"x":1,"y":9,"r":0.1}],
+        "walls":[{"x0":-1,"y0":8,"x1":4,"y1":8,"r":0.1,"reflection_db":5,"passage_db":20}],
+        "random":{"count":3,"radius":[0.1,0.2],"gap":1,"clear":2},"wind":{"vx":1,"vy":2,"gust_mps":1,"gust_s":3},
+        "position":{"noise_m":0.1,"drift_m":0.2,"drift_s":30},
+        "other_beacons":[{"x":1,"y":2,"offset_hz":3000,"level_db":-3}],
+        "sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
+        "bearing":{"only":false,"model":"rf","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
+        "dropout":[1,2],"tone_known":true,"pulses":{"period_s":1,"length_s":0.3}},"antenna":{"single":true,"exponent":3,"front_to_back_db":20,"boresight_deg":[0,90,180,-90],
+        "turn_deg_per_s":60},"limits":{"v_max":2,"a_max":4},"vehicle":{"model":"arducopter","lag_s":0.1,"autopilot":"px4"},
+        "goal_tolerance":0.3,"max_time_s":30,"faults":{"nan_bearing":[1,2],"stale_obstacles":[3,4],"clock_back_s":5,
+        "stale_ownship":[6,7],"dead_channels":[null,[1,2],null,[3,4]]},"why":"w","frame":{"x":"east"},"expect":"reached","reference_length_m":9.5}"#;
+    let scenario = Scenario::parse(text).unwrap();
+    assert_eq!(scenario.obstacles[0].vy, 0.2);
+    let written = serde_json::to_string(&scenario).unwrap();
+    assert_eq!(Scenario::parse(&written).unwrap(), scenario);
+    // The list of known keys is the list of the keys that there are.
+    let value: Value = serde_json::from_str(&written).unwrap();
+    for key in FLIGHT_KEYS.into_iter().chain(KEYS) {
+        let pointer = format!("/{}", key.replace("[]", ".0").replace('.', "/"));
+        assert!(value.pointer(&pointer).is_some(), "{key} is no key of a scenario");
+    }
+}
+
+#[test]
+fn an_snr_means_waveforms() {
+    let scenario = Scenario::parse(r#"{"bearing":{"snr_db":20}}"#).unwrap();
+    assert_eq!(scenario.bearing_model(), BearingModel::Rf);
+    let scenario = Scenario::parse(r#"{"bearing":{"snr_db":20,"model":"noise"}}"#).unwrap();
+    assert_eq!(scenario.bearing_model(), BearingModel::Noise, "said so, although there is an SNR");
+    assert_eq!(Scenario::built_in().bearing_model(), BearingModel::Rf);
+}
+
+#[test]
+fn unknown_keys_are_named_with_their_path_and_the_nearest_known_one() {
+    assert_eq!(refused(r#"{"gaol":[1,1]}"#), "gaol: unknown key; did you mean `goal`?");
+    assert_eq!(refused(r#"{"sensor":{"fov":90}}"#), "sensor.fov: unknown key; did you mean `fov_deg`?");
+    assert_eq!(
+        refused(r#"{"bearing":{"outlier":{"rat":0.1}}}"#),
+        "bearing.outlier.rat: unknown key; did you mean `rate`?"
+    );
+    assert!(
+        refused(r#"{"obstacles":[{"x":1,"y":1,"r":1},{"x":1,"y":1,"r":1,"radius":2}]}"#)
+            .starts_with("obstacles[1].radius: unknown key")
+    );
+    assert!(refused(r#"{"limits":{"zzz":1}}"#).contains("known here: v_max, a_max"));
+    assert!(refused(r#"{"faults":{"nan_bearings":[1,2]}}"#).contains("`nan_bearing`"));
+}
+
+#[test]
+fn values_out_of_range_are_named_with_value_and_range() {
+    assert_eq!(refused(r#"{"limits":{"v_max":-1}}"#), "limits.v_max = -1 is outside 0.05..=20");
+    for (text, field) in [
+        (r#"{"drone_radius":0}"#, "drone_radius"),
+        (r#"{"start":[1e9,0]}"#, "start[0]"),
+        (r#"{"goal":[0,-1e9]}"#, "goal[1]"),
+        (r#"{"bounds":[0,0,-1,10]}"#, "bounds[2]"),
+        (r#"{"obstacles":[{"x":1,"y":1,"r":1},{"x":1,"y":1,"r":-1}]}"#, "obstacles[1].r"),
+        (r#"{"sensor":{"fov_deg":361}}"#, "sensor.fov_deg"),
+        (r#"{"sensor":{"range_m":0}}"#, "sensor.range_m"),
+        (r#"{"bearing":{"sigma_deg":-1}}"#, "bearing.sigma_deg"),
+        (r#"{"bearing":{"outlier":{"rate":2}}}"#, "bearing.outlier.rate"),
+        (r#"{"bearing":{"dropout":[5,4]}}"#, "bearing.dropout[1]"),
+        (r#"{"vehicle":{"lag_s":-0.1}}"#, "vehicle.lag_s"),
+        (r#"{"random":{"count":2000}}"#, "random.count"),
+        (r#"{"random":{"radius":[0.4,0.3]}}"#, "random.radius[1]"),
+        (r#"{"obstacles":[{"x":1,"y":1,"r":1,"turns_s":-1}]}"#, "obstacles[0].turns_s"),
+        (r#"{"wind":{"gust_s":0}}"#, "wind.gust_s"),
+        (r#"{"position":{"drift_s":0}}"#, "position.drift_s"),
+        (r#"{"bearing":{"pulses":{"period_s":1,"length_s":2}}}"#, "bearing.pulses.length_s"),
+        (r#"{"bearing":{"snr_db":20},"other_beacons":[{"x":1,"y":1,"offset_hz":1e6}]}"#, "other_beacons[0].offset_hz"),
+        (r#"{"antenna":{"exponent":0}}"#, "antenna.exponent"),
+        (r#"{"antenna":{"front_to_back_db":60}}"#, "antenna.front_to_back_db"),
+        (r#"{"antenna":{"boresight_deg":[0,0,0,999]}}"#, "antenna.boresight_deg[3]"),
+        (r#"{"antenna":{"turn_deg_per_s":0}}"#, "antenna.turn_deg_per_s"),
+        (
+            r#"{"bearing":{"snr_db":20},"faults":{"dead_channels":[null,null,[5,4],null]}}"#,
+            "faults.dead_channels[2][1]",
+        ),
+        (r#"{"goal_tolerance":0}"#, "goal_tolerance"),
+        (r#"{"max_time_s":-5}"#, "max_time_s"),
+        (r#"{"faults":{"clock_back_s":-5}}"#, "faults.clock_back_s"),
+    ] {
+        let message = refused(text);
+        assert!(message.starts_with(field) && message.contains("is outside"), "{text}: {message}");
+    }
+}
+
+#[test]
+fn values_of_the_wrong_kind_are_named_with_their_path() {
+    for (text, field) in [
+        (r#"{"limits":{"v_max":"fast"}}"#, "limits.v_max"),
+        (r#"{"start":[1]}"#, "start"),
+        (r#"{"start":[1,2,3]}"#, "start"),
+        (r#"{"sensor":{"model":"lidar"}}"#, "sensor.model"),
+        (r#"{"vehicle":{"autopilot":"betaflight"}}"#, "vehicle.autopilot"),
+        (r#"{"obstacles":[{"x":1,"y":1}]}"#, "obstacles[0]"),
+        (r#"{"obstacles":[{"x":1,"y":null,"r":1}]}"#, "obstacles[0].y"),
+        (r#"{"bearing":{"only":1}}"#, "bearing.only"),
+        (r#"{"antenna":{"boresight_deg":[0,0]}}"#, "antenna.boresight_deg"),
+        (r#"{"antenna":[true]}"#, "antenna: expected an object"),
+        (r#"{"faults":{"dead_channels":[[1,2]]}}"#, "faults.dead_channels"),
+    ] {
+        let message = refused(text);
+        assert!(message.starts_with(field), "{text}: {message}");
+    }
+    assert_eq!(
+        refused(r#"{"antenna":{}}"#),
+        "antenna: there are channels only where bearing.model is `rf`",
+        "there is nothing to hear with"
+    );
+    let dead = refused(r#"{"faults":{"dead_channels":[null,[1,2],null,null]}}"#);
+    assert!(dead.starts_with("faults.dead_channels[1]: there are channels only"), "{dead}");
+    let others = refused(r#"{"other_beacons":[{"x":1,"y":1,"offset_hz":3000}]}"#);
+    assert!(others.starts_with("other_beacons[0]: there are channels only"), "{others}");
+    assert!(refused(r#"{"wind":{"gusts_mps":2}}"#).contains("`gust_mps`"));
+    assert!(refused(r#"{"antenna":{"exponents":2}}"#).contains("`exponent`"));
+    assert_eq!(refused(r#"{"sensor":null}"#), "sensor: expected an object {...}");
+    assert_eq!(refused(r#"{"wind":[1,2,3]}"#), "wind: expected an object {...}");
+    assert_eq!(refused(r#"{"bearing":{"pulses":[1,2]}}"#), "bearing.pulses: expected an object {...}");
+    assert!(refused("{").contains("EOF"));
+    assert!(refused("{} {}").contains("trailing"));
+    assert!(refused(r#"{"max_time_s":1,"max_time_s":2}"#).contains("duplicate"));
+    assert_eq!(refused("[]"), "scenario: expected an object {...}");
+    assert_eq!(refused(r#"{"limits":[1,2]}"#), "limits: expected an object {...}");
+    assert_eq!(refused(r#"{"obstacles":[[1,2,0.3]]}"#), "obstacles[0]: expected an object {...}");
+}
+
+#[test]
+fn the_built_in_mission_passes_its_own_checks_and_starts_clear() {
+    let scenario = Scenario::built_in().checked().unwrap();
+    let world = scenario.world();
+    for place in [scenario.start, scenario.goal] {
+        let hull = crate::world::Hull::new(&world, scenario.drone_radius, Horizontal::from_xy(place));
+        assert!(hull.min_clearance_m > 0.5);
+    }
+}
