@@ -515,6 +515,7 @@ fn every_bad_option_is_refused_by_name_value_and_range_in_one_message() {
         (vec!["port", "--serial", &array, "--seconds", "-1"], vec!["--seconds = -1", "0.1..=1000000"]),
         (vec!["params", "--set", "FH_SPD_MX=1"], vec!["--set", "FH_SPD_MX", "`FH_SPD_MAX`"]),
         (vec!["params", "--set", "FH_SPD_MAX=1e9"], vec!["--set FH_SPD_MAX = 1000000000", "0.05..=20"]),
+        (vec!["schema", "suite"], vec!["'suite'"]),
         (vec!["params", "--markdown", "--json"], vec!["--markdown", "--json"]),
         (vec!["link-state", "--scenes", "0"], vec!["--scenes", "'0'", "1..=100000"]),
         (vec!["reproduce", "stretch", "--trials", "1"], vec!["--trials", "'1'", "2..=100000"]),

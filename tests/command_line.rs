@@ -130,7 +130,13 @@ fn quiet_leaves_results_and_errors_and_json_leaves_nothing_but_json() {
         assert!(output.status.success() && output.stderr.is_empty() && output.stdout == loud.stdout);
     }
     let suite = folder.path().join("suite.json").to_string_lossy().into_owned();
-    for verb in [&["suite", &suite][..], &["params"], &["maps", "--describe", &suite], &["reproduce", "aoa-circle"]] {
+    for verb in [
+        &["suite", &suite][..],
+        &["params"],
+        &["schema"],
+        &["maps", "--describe", &suite],
+        &["reproduce", "aoa-circle"],
+    ] {
         let output = run(&[verb, &["--quiet", "--json"]].concat());
         assert_eq!((output.status.code(), output.stderr.len()), (Some(0), 0), "{verb:?}");
         let _: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();

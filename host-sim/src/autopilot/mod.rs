@@ -56,7 +56,7 @@ const SENSOR: u8 = 158;
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 
 /// Which software the autopilot runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Software {
     /// ArduPilot Copter.

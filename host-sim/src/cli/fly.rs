@@ -54,7 +54,9 @@ A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a d
   goal_tolerance (0.5: within so many metres of the beacon it is reached),
   max_time_s (90),
   faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s,
-    stale_ownship [t0,t1], dead_channels [4 of [t0,t1] or null]}";
+    stale_ownship [t0,t1], dead_channels [4 of [t0,t1] or null]}
+
+`foxhound schema` prints all of it for an editor; scenarios/ has one of each kind.";
 
 #[derive(Args, Debug, Default)]
 #[command(after_help = FLY_HELP)]

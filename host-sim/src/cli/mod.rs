@@ -113,6 +113,9 @@ enum Command {
     Merge(MergeCommand),
     /// Lists the parameters, or checks values for them.
     Params(ParamsCommand),
+    /// Prints the JSON schema of scenario files, by which an editor completes and checks them.
+    #[command(after_help = SCHEMA_HELP)]
+    Schema,
     /// Repeats an experiment of a paper and puts our number beside its number.
     Reproduce(Reproduce),
     /// Examines, or trains, what tells a reflection from the line of sight.
@@ -127,6 +130,12 @@ const TLOG_HELP: &str = "Examples:
   foxhound tlog flight.tlog
   foxhound tlog flight.tlog --json | jq .counts
   foxhound tlog --raw capture.bin     bytes of a line, without time stamps";
+
+const SCHEMA_HELP: &str = "Examples:
+  foxhound schema > scenario.schema.json
+  foxhound schema --json | jq '.properties | keys'
+
+A scenario names the schema in its key $schema, as the files in scenarios/ do; with --json it is one line.";
 
 #[derive(Args, Debug)]
 #[command(after_help = TLOG_HELP)]
@@ -155,6 +164,7 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Suite(args)) => suite::fly_suite(&cli, args),
         Some(Command::Merge(args)) => merge::merge(&cli, args),
         Some(Command::Params(args)) => params::params(&cli, args),
+        Some(Command::Schema) => print_schema(&cli),
         Some(Command::Reproduce(args)) => reproduce::reproduce(&cli, args),
         Some(Command::LinkState(args)) => link_state::link_state(&cli, args),
         Some(Command::Completions(args)) => pages::completions(&cli, args),
@@ -209,6 +219,17 @@ fn check_writable(option: &str, path: Option<&PathBuf>) -> Result<(), InputError
     made.and_then(|()| std::fs::OpenOptions::new().create(true).append(true).open(path))
         .map(drop)
         .map_err(|error| InputError::new(format!("{option} {}: {error}", path.display())))
+}
+
+fn print_schema(cli: &Cli) -> Result<ExitCode, InputError> {
+    let schema = foxhound_sim::scenario::schema();
+    if cli.json {
+        say(&json_line(&schema)?);
+    } else {
+        let text = serde_json::to_string_pretty(&schema);
+        say(&(text.map_err(|error| InputError::new(error.to_string()))? + "\n"));
+    }
+    Ok(ExitCode::SUCCESS)
 }
 
 fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {

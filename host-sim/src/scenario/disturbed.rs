@@ -1,5 +1,6 @@
 //! What the outside adds to a flight: wind, a position that is off, beacons that are not ours, one that sounds in pulses.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::antennas;
@@ -12,11 +13,14 @@ const OFFSET_MAX_HZ: f64 = 30_000.0;
 const FAR_M: f64 = 10_000.0;
 
 /// A beacon that sounds now and then, from the start of the flight on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
 pub struct Pulses {
     /// From the start of one pulse to that of the next.
+    #[schemars(range(min = 0.01, max = 3600.0))]
     pub period_s: f64,
     /// Length of a pulse.
+    #[schemars(range(min = 0.001, max = 3600.0))]
     pub length_s: f64,
 }
 
@@ -34,42 +38,56 @@ impl Pulses {
 }
 
 /// A beacon that is not ours.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
 pub struct OtherBeacon {
     /// East.
+    #[schemars(range(min = -10000.0, max = 10000.0))]
     pub x: f64,
     /// North.
+    #[schemars(range(min = -10000.0, max = 10000.0))]
     pub y: f64,
     /// Its frequency over ours.
+    #[schemars(range(min = -12000.0, max = 30000.0))]
     pub offset_hz: f64,
     /// Its power over ours, wherever the vehicle is.
     #[serde(default)]
+    #[schemars(range(min = -60.0, max = 40.0))]
     pub level_db: f64,
 }
 
 /// The wind.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct Wind {
     /// Its mean, to the east.
+    #[schemars(range(min = -20.0, max = 20.0))]
     pub vx: f64,
     /// To the north.
+    #[schemars(range(min = -20.0, max = 20.0))]
     pub vy: f64,
     /// Standard deviation of the gusts, in each of both directions.
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub gust_mps: f64,
     /// How long a gust lasts, about.
+    #[schemars(range(min = 0.1, max = 100.0))]
     pub gust_s: f64,
 }
 
 /// How the position that the autopilot reports is off.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct Position {
     /// Standard deviation from report to report, in each of both directions.
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub noise_m: f64,
     /// Standard deviation of what comes and goes slowly.
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub drift_m: f64,
     /// How slowly.
+    #[schemars(range(min = 1.0, max = 3600.0))]
     pub drift_s: f64,
 }
 

@@ -1,5 +1,6 @@
 //! Random worlds: pillars thrown anywhere, where they leave room.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Obstacle, Scenario};
@@ -10,16 +11,21 @@ use crate::random::Random;
 const THROWS: usize = 1000;
 
 /// Pillars that are thrown into the map; another seed of the flight is another world.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct RandomPillars {
     /// How many.
+    #[schemars(range(min = 0, max = 1000))]
     pub count: u32,
     /// Least and greatest radius, m.
+    #[schemars(inner(range(min = 0.02, max = 10.0)))]
     pub radius: [f64; 2],
     /// What is free between any two at least, m.
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub gap: f64,
     /// What is free around start and goal at least, m.
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub clear: f64,
 }
 

@@ -21,7 +21,7 @@ fn an_empty_scenario_is_the_defaults() {
 
 #[test]
 fn every_key_is_taken_and_written_back() {
-    let text = r#"{"name":"n","bounds":[-1,-2,12,13],"drone_radius":0.2,"start":[1,2],"goal":[3,4],
+    let text = r#"{"$schema":"scenario.schema.json","name":"n","bounds":[-1,-2,12,13],"drone_radius":0.2,"start":[1,2],"goal":[3,4],
         "goal_velocity":[0.1,-0.1],"obstacles":[{"x":5,"y":6,"r":0.5,"vx":0.1,"vy":0.2,"turns_s":3},{"x":1,"y":9,"r":0.1}],
         "walls":[{"x0":-1,"y0":8,"x1":4,"y1":8,"r":0.1,"reflection_db":5,"passage_db":20}],
         "random":{"count":3,"radius":[0.1,0.2],"gap":1,"clear":2},"wind":{"vx":1,"vy":2,"gust_mps":1,"gust_s":3},
