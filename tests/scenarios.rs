@@ -1,0 +1,142 @@
+//! `scenarios/`: every file is what its schema says, and comes to what it says itself.
+#![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use foxhound_tests::{root, run, run_json};
+use jsonschema::Validator;
+use serde_json::{Value, json};
+
+/// Seeds of each scenario: 1 to this.
+const SEEDS: usize = 10;
+
+fn files(folder: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(root().join(folder)).unwrap().map(|entry| entry.unwrap().path());
+    let is_scenario = |path: &PathBuf| {
+        path.extension().is_some_and(|ending| ending == "json") && !path.ends_with("scenario.schema.json")
+    };
+    let mut files: Vec<PathBuf> = entries.filter(is_scenario).collect();
+    files.sort();
+    files
+}
+
+fn read(path: &PathBuf) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn validator() -> Validator {
+    jsonschema::validator_for(&read(&root().join("scenarios/scenario.schema.json"))).unwrap()
+}
+
+#[test]
+fn the_schema_is_the_one_that_the_program_prints() {
+    let printed = run(&["schema"]);
+    let file = std::fs::read_to_string(root().join("scenarios/scenario.schema.json")).unwrap();
+    assert_eq!(String::from_utf8_lossy(&printed.stdout), file, "foxhound schema > scenarios/scenario.schema.json");
+    jsonschema::meta::validate(&serde_json::from_str(&file).unwrap()).unwrap();
+}
+
+#[test]
+fn every_scenario_is_valid_against_the_schema() {
+    let validator = validator();
+    let all: Vec<PathBuf> = ["scenarios", "tests/scenarios", "tests/traps"].into_iter().flat_map(files).collect();
+    assert!(all.len() > 50, "{}", all.len());
+    for path in all {
+        let errors: Vec<String> = validator.iter_errors(&read(&path)).map(|error| error.to_string()).collect();
+        assert!(errors.is_empty(), "{}: {errors:?}", path.display());
+    }
+}
+
+#[test]
+fn what_the_reader_refuses_the_schema_refuses_as_well() {
+    let validator = validator();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scenario.json");
+    for scenario in [
+        json!({"gaol": [1, 1]}),
+        json!({"goal": [1]}),
+        json!({"start": [1, 2, 3]}),
+        json!({"start": "here"}),
+        json!({"obstacles": [{"x": 1, "y": 1}]}),
+        json!({"obstacles": [[1, 2, 3]]}),
+        json!({"walls": [{"x0": 1, "y0": 1, "x1": 2}]}),
+        json!({"sensor": {"model": "lidar"}}),
+        json!({"sensor": {"fov_deg": 361}}),
+        json!({"vehicle": {"autopilot": "betaflight"}}),
+        json!({"wind": {"gust": 1}}),
+        json!({"wind": {"gust_s": 0}}),
+        json!({"position": {"drift_m": -1}}),
+        json!({"bearing": {"snr_db": 20, "pulses": {"period_s": 1}}}),
+        json!({"bearing": {"snr_db": 20}, "other_beacons": [{"x": 1, "y": 1}]}),
+        json!({"random": {"count": 1.5}}),
+        json!({"limits": {"v_max": "fast"}}),
+        json!({"max_time_s": 0}),
+        json!([]),
+    ] {
+        assert!(!validator.is_valid(&scenario), "{scenario}");
+        std::fs::write(&path, scenario.to_string()).unwrap();
+        let output = run(&["fly", "--json", "--scenario", path.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(2), "{scenario}");
+    }
+}
+
+#[test]
+fn every_scenario_says_why_it_is_there_and_the_library_has_one_of_each_kind() {
+    let list = std::fs::read_to_string(root().join("scenarios/README.md")).unwrap();
+    let mut all = String::new();
+    for path in files("scenarios") {
+        let scenario = read(&path);
+        let (stem, why) = (path.file_stem().unwrap().to_str().unwrap(), scenario["why"].as_str().unwrap());
+        assert!(why.len() > 40 && why.ends_with('.'), "{stem}: {why}");
+        assert!(list.contains(&format!("- [{stem}]({stem}.json): {why}\n")), "README.md: {stem}");
+        assert_eq!(scenario["$schema"], "scenario.schema.json", "{stem}");
+        all += &scenario.to_string();
+    }
+    for kind in
+        ["random", "walls", "reflection_db", "wind", "gust_mps", "noise_m", "drift_m", "turns_s", "goal_velocity"]
+            .into_iter()
+            .chain(["other_beacons", "pulses", "dropout", "outlier", "antenna", "px4"])
+    {
+        assert!(all.contains(&format!("\"{kind}\"")), "{kind}");
+    }
+}
+
+/// What the flights of a scenario came to: the result and the reason of each.
+fn flown(path: &Path) -> Vec<(String, String)> {
+    let fly = |seed: usize| {
+        let (_, report) =
+            run_json(&["fly", "--json", "--scenario", path.to_str().unwrap(), "--seed", &seed.to_string()]);
+        let text = |key: &str| report[key].as_str().unwrap_or_else(|| panic!("{report}")).to_owned();
+        (text("result"), text("reason"))
+    };
+    (1..=SEEDS).map(fly).collect()
+}
+
+#[test]
+fn every_scenario_comes_to_what_it_says() {
+    let waiting = Mutex::new(files("scenarios"));
+    let results = Mutex::new(BTreeMap::new());
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(2, usize::from) {
+            scope.spawn(|| {
+                while let Some(path) = { waiting.lock().unwrap().pop() } {
+                    let came_to = flown(&path);
+                    results.lock().unwrap().insert(path, came_to);
+                }
+            });
+        }
+    });
+    let results = results.into_inner().unwrap();
+    assert_eq!(results.len(), files("scenarios").len());
+    for (path, came_to) in results {
+        let expect = &read(&path)["expect"];
+        let is_it = |(result, reason): &&(String, String)| {
+            expect["result"] == **result && expect.get("reason").is_none_or(|expected| expected == &**reason)
+        };
+        let share = came_to.iter().filter(is_it).count() as f64 / SEEDS as f64;
+        let least = expect.get("least").map_or(1.0, |least| least.as_f64().unwrap());
+        assert!(share >= least, "{}: {expect} in {share} of them: {came_to:?}", path.display());
+    }
+}
