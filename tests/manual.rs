@@ -1,0 +1,294 @@
+//! The manual holds together: every page is in its summary, every link leads somewhere, every file that it names is there,
+//! and every command that it shows is one that the program takes.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::collections::BTreeSet;
+use std::path::{Component, Path, PathBuf};
+
+use foxhound_tests::{foxhound, python, root, run, run_json};
+
+/// All pages below `docs`, by their path from the root.
+fn pages() -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders = vec![root().join("docs")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "md") {
+                found.push(path.strip_prefix(root()).unwrap().to_path_buf());
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+fn pages_and_readme() -> Vec<PathBuf> {
+    let others = ["README.md", "CONTRIBUTING.md"].map(PathBuf::from);
+    pages().into_iter().chain(others).collect()
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(root().join(path)).unwrap()
+}
+
+/// The lines of a page, each with whether it stands in a block of code.
+fn lines(text: &str) -> Vec<(bool, &str)> {
+    let mut is_fenced = false;
+    let mut found = Vec::new();
+    for line in text.lines() {
+        let is_fence = line.trim_start().starts_with("```");
+        found.push((is_fenced || is_fence || line.starts_with("    "), line));
+        is_fenced ^= is_fence;
+    }
+    found
+}
+
+/// Where the links and pictures of a page lead.
+fn links(text: &str) -> Vec<String> {
+    let prose: String = lines(text).iter().filter(|line| !line.0).map(|line| format!("{}\n", line.1)).collect();
+    prose.split("](").skip(1).filter_map(|rest| Some(rest.split_once(')')?.0.to_owned())).collect()
+}
+
+/// What stands between backticks in the prose of a page.
+fn spans(text: &str) -> Vec<String> {
+    let prose: String = lines(text).iter().filter(|line| !line.0).map(|line| format!("{}\n", line.1)).collect();
+    prose.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+/// The anchors of a page's headings.
+fn anchors(text: &str) -> BTreeSet<String> {
+    let headings = lines(text).into_iter().filter(|(is_code, line)| !is_code && line.starts_with('#'));
+    headings
+        .map(|(_, line)| {
+            let title = line.trim_start_matches('#').trim().to_lowercase();
+            let kept = title.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
+            kept.map(|c| if c == ' ' { '-' } else { c }).collect()
+        })
+        .collect()
+}
+
+/// A path without its `..`.
+fn plain(path: &Path) -> PathBuf {
+    let mut plain = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::ParentDir => assert!(plain.pop(), "{} leads out of the repository", path.display()),
+            Component::CurDir => {}
+            part => plain.push(part),
+        }
+    }
+    plain
+}
+
+/// The commands of a page that are ours, as words: those in blocks of code, without what a shell does around them.
+fn commands(text: &str) -> Vec<Vec<String>> {
+    let code: String = lines(text).iter().filter(|line| line.0).map(|line| format!("{}\n", line.1)).collect();
+    let mut found = Vec::new();
+    for line in code.replace("\\\n", " ").lines() {
+        let line = line.trim().trim_start_matches("$ ");
+        let line = line.split(" #").next().unwrap_or_default();
+        // What a shell puts in for `$(...)`, we cannot know.
+        let line = match (line.split_once("$("), line.rsplit_once(')')) {
+            (Some((before, _)), Some((_, after))) => format!("{before}x{after}"),
+            _ => line.to_owned(),
+        };
+        for command in line.split("&&").flat_map(|part| part.split(" | ")) {
+            let command = command.split(" > ").next().unwrap_or_default().trim();
+            let arguments = if let Some(rest) = command.strip_prefix("foxhound ") {
+                rest
+            } else if let Some((_, rest)) = command.split_once(" -- ").filter(|_| is_our_run(command)) {
+                rest
+            } else {
+                continue;
+            };
+            found.push(arguments.split_whitespace().map(str::to_owned).collect());
+        }
+    }
+    found
+}
+
+/// Whether it is `cargo run` for the program itself and not for an example.
+fn is_our_run(command: &str) -> bool {
+    command.starts_with("cargo run ") && !command.contains("--example") && !command.contains(" -p ")
+}
+
+#[test]
+fn every_page_is_in_the_summary_and_the_summary_names_no_other() {
+    let listed: Vec<PathBuf> =
+        links(&read(Path::new("docs/SUMMARY.md"))).iter().map(|link| Path::new("docs").join(link)).collect();
+    let unique: BTreeSet<&PathBuf> = listed.iter().collect();
+    assert_eq!(unique.len(), listed.len(), "a page stands in the summary twice");
+    let pages = pages();
+    let there: BTreeSet<&PathBuf> = pages.iter().filter(|page| !page.ends_with("SUMMARY.md")).collect();
+    assert!(there.len() > 20, "{there:?}");
+    assert_eq!(unique, there);
+}
+
+#[test]
+fn every_link_and_picture_leads_to_a_file_and_a_heading_that_are_there() {
+    let mut checked = 0;
+    for page in pages_and_readme() {
+        for link in links(&read(&page)) {
+            if link.starts_with("http://") || link.starts_with("https://") {
+                continue;
+            }
+            let (file, anchor) = link.split_once('#').unwrap_or((&link, ""));
+            let target =
+                if file.is_empty() { page.clone() } else { plain(&page.parent().unwrap_or(Path::new("")).join(file)) };
+            assert!(root().join(&target).exists(), "{}: {link} leads nowhere", page.display());
+            assert!(
+                anchor.is_empty() || anchors(&read(&target)).contains(anchor),
+                "{}: {link}: no such heading",
+                page.display()
+            );
+            // The book is built from docs alone: what lies elsewhere is named, not linked to.
+            assert!(
+                !page.starts_with("docs") || target.starts_with("docs"),
+                "{}: {link} leads out of the book",
+                page.display()
+            );
+            checked += 1;
+        }
+    }
+    assert!(checked > 60, "only {checked} links found");
+}
+
+#[test]
+fn every_picture_is_shown_on_a_page() {
+    let shown: BTreeSet<PathBuf> = pages_and_readme()
+        .iter()
+        .flat_map(|page| links(&read(page)).into_iter().map(|link| page.parent().unwrap().join(link)))
+        .map(|path| plain(&path))
+        .collect();
+    for folder in ["docs", "docs/hardware", "docs/concepts"] {
+        for entry in std::fs::read_dir(root().join(folder)).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().is_some_and(|ending| ending == "svg" || ending == "png") {
+                assert!(shown.contains(path.strip_prefix(root()).unwrap()), "{} is shown nowhere", path.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn every_file_of_ours_that_a_page_names_is_there() {
+    const FOLDERS: [&str; 11] = [
+        "core/",
+        "computer/",
+        "link/",
+        "firmware/",
+        "host-sim/",
+        "tests/",
+        "fuzz/",
+        "examples/",
+        "docs/",
+        "xtask/",
+        "scenarios/",
+    ];
+    let mut checked = 0;
+    for page in pages_and_readme() {
+        for span in spans(&read(&page)) {
+            let is_path = span.chars().all(|c| c.is_ascii_alphanumeric() || "/._-".contains(c));
+            if is_path && FOLDERS.iter().any(|folder| span.starts_with(folder)) {
+                // A test may be a file or a folder: `tests/failsafes`.
+                assert!(root().join(&span).exists(), "{} names {span}, which is not there", page.display());
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked > 60, "only {checked} names found");
+}
+
+#[test]
+fn every_row_that_a_room_names_is_counted() {
+    let (rooms, bench) = (read(Path::new("docs/rooms.md")), read(Path::new("docs/bench.md")));
+    let counted: BTreeSet<&str> = bench.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    let rows: String =
+        rooms.lines().filter(|line| line.starts_with("| rows |")).map(|line| format!("{line}\n")).collect();
+    let named = spans(&rows);
+    assert!(named.len() > 30, "{named:?}");
+    for row in named {
+        assert!(counted.contains(row.as_str()), "docs/bench.md has no row {row}");
+    }
+}
+
+#[test]
+fn every_command_that_the_manual_shows_is_one_that_the_program_takes() {
+    let mut checked = 0;
+    for page in pages_and_readme() {
+        for command in commands(&read(&page)) {
+            // What stands before --help is read, and refused where it must be, before help is printed.
+            let words: Vec<&str> = command.iter().map(String::as_str).chain(["--help"]).collect();
+            let output = run(&words);
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(0), "{}: foxhound {}\n{errors}", page.display(), command.join(" "));
+            assert!(String::from_utf8_lossy(&output.stdout).contains("Usage: foxhound"), "{command:?}");
+            checked += 1;
+        }
+    }
+    assert!(checked > 60, "only {checked} commands found");
+}
+
+#[test]
+fn a_command_that_the_program_does_not_take_would_be_found() {
+    let page =
+        "Text.\n\n    foxhound fly --speling 3 && foxhound fly --seed x\n    cargo run --release -- flly --json\n";
+    let commands = commands(page);
+    assert_eq!(commands.len(), 3);
+    for command in commands {
+        let words: Vec<&str> = command.iter().map(String::as_str).chain(["--help"]).collect();
+        assert_eq!(run(&words).status.code(), Some(2), "{command:?}");
+    }
+}
+
+#[test]
+fn the_first_command_prints_and_draws_what_the_readme_shows() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = foxhound().current_dir(dir.path()).output().unwrap();
+    let readme = read(Path::new("README.md"));
+    for line in String::from_utf8(output.stdout).unwrap().lines() {
+        assert!(readme.contains(&format!("    {line}\n")), "the README does not say: {line}");
+    }
+    let drawn = std::fs::read(dir.path().join("out/flight.svg")).unwrap();
+    assert!(drawn == std::fs::read(root().join("docs/flight.svg")).unwrap(), "cp out/flight.svg docs/flight.svg");
+}
+
+/// What stands in the fenced blocks of a language.
+fn blocks(text: &str, language: &str) -> Vec<String> {
+    text.split(&format!("```{language}\n"))
+        .skip(1)
+        .map(|rest| rest.split("```").next().unwrap_or_default().to_owned())
+        .collect()
+}
+
+#[test]
+fn the_scenario_of_the_manual_is_flown_to_its_beacon() {
+    let scenarios = blocks(&read(Path::new("docs/simulator.md")), "json");
+    assert_eq!(scenarios.len(), 1);
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("world.json");
+    std::fs::write(&file, &scenarios[0]).unwrap();
+    let (code, flight) = run_json(&["fly", "--json", "--scenario", &file.to_string_lossy()]);
+    assert_eq!((code, flight["result"].as_str()), (0, Some("reached")), "{flight}");
+}
+
+#[test]
+#[ignore = "needs Python: cargo xtask test"]
+fn the_python_of_the_manual_runs() {
+    let programs = blocks(&read(Path::new("docs/python.md")), "python");
+    assert_eq!(programs.len(), 1);
+    let program = PathBuf::from(foxhound().get_program());
+    let found = std::env::var_os("PATH").unwrap_or_default();
+    let folders = std::env::split_paths(&found).collect::<Vec<_>>();
+    let path = std::env::join_paths([program.parent().unwrap().to_path_buf()].iter().chain(&folders)).unwrap();
+    let output = python().env("PATH", path).args(["-c", &programs[0]]).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    // The signal-to-noise ratio, and how many of two flights reached the beacon.
+    let starts: Vec<&str> = text.lines().map(|line| line.split(" [").next().unwrap_or_default()).collect();
+    assert_eq!((starts.len(), starts.last()), (3, Some(&"20 2")), "{text}");
+}
