@@ -1,0 +1,790 @@
+//! The last metres: is this the beacon, where is the pad, and down onto it.
+//!
+//! The planner brings the vehicle near; [`arrival`] says when it is there, or cannot say; [`search`] looks for what is not found,
+//! within limits; [`centring`] goes above the pad and down. What is seen of the pad is [`pad`]'s. [`Lander::step`] is asked
+//! in every step of the fast loop; as long as it has no demand the planner is followed, and the guard has the last word
+//! on all of it. Without a camera the vehicle stays above the beacon and hands over; that the autopilot is to land it there
+//! is the user's to say ([`Config::request_land`]).
+//!
+//! After ArduPilot's `AC_PrecLand` and PX4's `precland`: a cone that the descent keeps to, retries that are counted, a little
+//! climb after a loss, a last part without sight. Unlike those it never goes down on what it has not found: every end but
+//! the ground is a hover with a reason.
+//!
+//! | stage | event | what the vehicle does |
+//! |---|---|---|
+//! | `Seeking` | nothing yet | no demand: the planner is followed |
+//! | | arrived, or known to be near for long | `Approaching` |
+//! | | near for long and not known well enough | `SearchingBeacon` |
+//! | | pad found near the beacon | `Centring` |
+//! | `Approaching` | above the beacon, no camera expected | hand over, `Arrived`; land if the user wants it |
+//! | | above the beacon, camera, pad not seen | `SearchingPad` |
+//! | | above the beacon, no frames, or bad ones only | hand over, `NoCamera` |
+//! | | what it heard was not there | `Seeking`, `retries_max` times; then hand over, `Ambiguous` |
+//! | | blocked by the guard for 5 s | hand over, `Blocked` |
+//! | | not above it in time | hand over, `TimeLimit` |
+//! | `SearchingBeacon` | arrived, or known | `Approaching` |
+//! | | all searched; time up; most of it blocked | hand over, `SearchLimit`; `TimeLimit`; `Blocked` |
+//! | `SearchingPad` | pad found | `Centring` |
+//! | | all searched; time up; most of it blocked | hand over, `NoPad` (`PadLost` if it had been found); `TimeLimit`; `Blocked` |
+//! | | pad seen, and nothing says how high the vehicle is | hand over at the end of the search, `NoHeight` |
+//! | | no frames, or bad ones only | hand over, `NoCamera` |
+//! | `Centring` | inside the cone, looks fresh | `Descending` |
+//! | | pad not seen for 1.5 s; not in the cone in time | `Recovering`, `retries_max` times; then hand over, `PadLost`, `TimeLimit` |
+//! | `Descending` | outside of the cone, or looks not fresh | `Centring`: the height is held |
+//! | | low, in the middle and slow | `Committed` |
+//! | `Recovering` | it holds, and climbs a little | |
+//! | | pad found | `Centring` |
+//! | | climbed | `SearchingPad` around where it was |
+//! | `Committed` | on the ground: the autopilot says so, or it sinks no more | `Landed` |
+//! | | pushed out of the middle | `Centring` |
+//! | | not down in time | `Recovering` |
+//! | `Landed` | | zero velocity; land (and disarm) if the user wants it |
+//! | `HandedOver` | | zero velocity until a fresh entry |
+//! | any but `Seeking` | own position or attitude unknown, absurd, or older than 0.5 s | zero velocity, `NoOwnship`; goes on afterwards |
+//! | | `total_s` over | hand over, `TimeLimit` |
+//!
+//! Numbers are defaults of [`Config`]. There is a test for each row. Every demand is finite, inside the speeds of the
+//! configuration, and changes no faster than its accelerations.
+//!
+//! Cost: about 1 800 instructions in a step with a bearing and a look.
+
+use crate::bearing::Bearing;
+use crate::error::{ConfigError, check};
+use crate::frame::{Horizontal, Ned};
+use crate::ownship::Ownship;
+use crate::source::Estimate;
+use crate::time::Instant;
+use crate::units::between;
+
+pub mod arrival;
+pub mod centring;
+pub mod pad;
+pub mod pose;
+pub mod search;
+
+use arrival::Verdict;
+use centring::Taken;
+use pad::{Look, Seen};
+use pose::{Pose, Poses};
+
+/// Own position and attitude older than this are none.
+const OWNSHIP_AGE_MAX_S: f32 = 0.5;
+/// Above the beacon: this near, this slow, for this long.
+const ABOVE_M: f32 = 0.4;
+const ABOVE_MPS: f32 = 0.25;
+const ABOVE_S: f32 = 1.5;
+/// A look this young shows that the pad is there.
+const FOUND_S: f32 = 0.4;
+/// A pad is that of the beacon when it is this near to it.
+const PAD_FROM_BEACON_M: f32 = 4.0;
+/// Without a good frame for so long there is no camera.
+const CAMERA_S: f32 = 2.0;
+/// Blocked for so long is blocked.
+const BLOCKED_S: f32 = 5.0;
+/// Least pitch of a search for a beacon.
+const BEACON_PITCH_M: f32 = 0.75;
+/// Share of the cone's radius inside which the descent begins.
+const INSIDE: f32 = 0.7;
+/// Sinking slower than this, told to, is standing: for so long.
+const STANDS_MPS: f32 = 0.06;
+const STANDS_S: f32 = 0.8;
+/// The last part is broken off this far off the middle, as long as it is this high.
+const PUSHED_GATES: f32 = 1.6;
+const PUSHED_M: f32 = 0.12;
+/// How much above the height of the commit it waits for its moment.
+const WAIT_ABOVE_M: f32 = 0.1;
+/// Rate by which a height is corrected.
+const HEIGHT_RATE_PER_S: f32 = 1.0;
+/// Height that is assumed when nothing is known of it.
+const HEIGHT_ASSUMED_M: f32 = 2.0;
+/// Range finders do not say more than this.
+const FINDER_MAX_M: f32 = 200.0;
+
+/// What landing needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// A camera looks down, and there is a pad to land on.
+    pub has_camera: bool,
+    /// Its focal length over the width of its image.
+    pub focal_widths: f32,
+    /// Radius of the pad.
+    pub pad_radius_m: f32,
+    /// The autopilot is asked to land above the beacon where no camera is expected, and to disarm on the pad.
+    pub request_land: bool,
+    /// How often what was found may be lost.
+    pub retries_max: u8,
+    /// How long the way to above the beacon may take.
+    pub approach_s: f32,
+    /// How long it may take to come into the cone, or down.
+    pub attempt_s: f32,
+    /// How long all of it may take.
+    pub total_s: f32,
+    /// Where the beacon is.
+    pub arrival: arrival::Config,
+    /// Search.
+    pub search: search::Config,
+    /// Centring and descent.
+    pub centring: centring::Config,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            has_camera: false,
+            focal_widths: 0.866,
+            pad_radius_m: 0.25,
+            request_land: false,
+            retries_max: 3,
+            approach_s: 20.0,
+            attempt_s: 45.0,
+            total_s: 240.0,
+            arrival: arrival::Config::default(),
+            search: search::Config::default(),
+            centring: centring::Config::default(),
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Lander, ConfigError> {
+        check("landing.focal_widths", self.focal_widths, 0.2, 5.0)?;
+        check("landing.pad_radius_m", self.pad_radius_m, 0.02, 5.0)?;
+        check("landing.retries_max", f32::from(self.retries_max), 0.0, 20.0)?;
+        check("landing.approach_s", self.approach_s, 1.0, 600.0)?;
+        check("landing.attempt_s", self.attempt_s, 1.0, 600.0)?;
+        check("landing.total_s", self.total_s, 1.0, 3600.0)?;
+        Ok(Lander {
+            config: *self,
+            arrival: self.arrival.build()?,
+            search: self.search.build()?,
+            pilot: self.centring.build()?,
+        })
+    }
+}
+
+/// Where in the last metres the vehicle is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+#[repr(u8)]
+pub enum Stage {
+    /// Not there yet: the planner is followed.
+    #[default]
+    Seeking = 0,
+    /// On the last metres to above the beacon.
+    Approaching,
+    /// Near the beacon, looking for where it is.
+    SearchingBeacon,
+    /// Above the beacon, looking for the pad.
+    SearchingPad,
+    /// On the way to above the pad, or waiting there.
+    Centring,
+    /// Going down.
+    Descending,
+    /// The pad is out of sight: holding, then climbing a little.
+    Recovering,
+    /// The last part, without sight.
+    Committed,
+    /// On the ground.
+    Landed,
+    /// Hovering, for somebody to take over.
+    HandedOver,
+}
+
+/// Why a stage ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+#[repr(u8)]
+pub enum Reason {
+    /// Above the beacon.
+    Arrived = 0,
+    /// On the pad.
+    Landed,
+    /// There is no pad where the beacon is.
+    NoPad,
+    /// The pad was found, and lost too often.
+    PadLost,
+    /// No frames come from the camera, or bad ones only.
+    NoCamera,
+    /// Nothing says how high the vehicle is.
+    NoHeight,
+    /// Where the beacon is cannot be told.
+    Ambiguous,
+    /// All inside the limits was searched.
+    SearchLimit,
+    /// The time is up.
+    TimeLimit,
+    /// The guard does not let it.
+    Blocked,
+    /// Own position or attitude is unknown.
+    NoOwnship,
+}
+
+impl Reason {
+    /// The reason's name as it stands in logs and reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Arrived => "arrived",
+            Self::Landed => "landed",
+            Self::NoPad => "no_pad",
+            Self::PadLost => "pad_lost",
+            Self::NoCamera => "no_camera",
+            Self::NoHeight => "no_height",
+            Self::Ambiguous => "ambiguous",
+            Self::SearchLimit => "search_limit",
+            Self::TimeLimit => "time_limit",
+            Self::Blocked => "blocked",
+            Self::NoOwnship => "no_ownship",
+        }
+    }
+}
+
+/// Everything that a step may know.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts<'a> {
+    /// The time of the step.
+    pub now: Instant,
+    /// The vehicle as last heard, if it is plausible.
+    pub ownship: Option<&'a Ownship>,
+    /// Height over the ground, by a range finder.
+    pub height_m: Option<f32>,
+    /// The bearing of this step, valid or not.
+    pub bearing: Option<&'a Bearing>,
+    /// What the filters of the source believe: that it is seen directly.
+    pub estimate: Option<&'a Estimate>,
+    /// A frame that was looked at.
+    pub look: Option<Look>,
+    /// The autopilot says that it has landed.
+    pub is_landed: bool,
+    /// The guard braked in the last step.
+    pub is_blocked: bool,
+    /// Time since the last step.
+    pub tick_s: f32,
+}
+
+/// Where it is: for `LANDING_TARGET`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Target {
+    /// Local NED.
+    pub place_ned_m: Ned,
+    /// Standard deviation of the horizontal place.
+    pub sigma_m: f32,
+    /// It is the pad, and seen; else the beacon, and heard.
+    pub is_pad: bool,
+}
+
+/// What a step came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Advice {
+    /// Where in the last metres the vehicle is.
+    pub stage: Stage,
+    /// Velocity, horizontal in NED and down; `None` where the planner is to be followed.
+    pub demand: Option<(Horizontal, f32)>,
+    /// Why it hovers, or is here again.
+    pub reason: Option<Reason>,
+    /// Where the pad, or the beacon, is.
+    pub target: Option<Target>,
+    /// The autopilot is to land, or to disarm, here.
+    pub wants_land: bool,
+}
+
+/// The configured stage machine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lander {
+    config: Config,
+    arrival: arrival::Arrival,
+    search: search::Search,
+    pilot: centring::Pilot,
+}
+
+/// What is remembered from step to step. A fresh one begins afresh.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    stage: Stage,
+    reason: Option<Reason>,
+    /// When the stage, the attempt and all of it began.
+    entered: Instant,
+    attempted: Instant,
+    began: Option<Instant>,
+    poses: Poses,
+    arrival: arrival::State,
+    search: search::State,
+    track: centring::Track,
+    /// Where to, while there is no pad.
+    goal_ned_m: Horizontal,
+    integral_mps: Horizontal,
+    /// The last demand.
+    velocity_ned_mps: Horizontal,
+    down_mps: f32,
+    /// When a good frame came last.
+    framed: Option<Instant>,
+    /// A pad was seen from a height that is not known.
+    lacks_height: bool,
+    /// A pad was found.
+    has_found: bool,
+    retries: u8,
+    settled_s: f32,
+    blocked_s: f32,
+    stands_s: f32,
+    /// Vertical places: where the pad was lost, and how high it may climb.
+    lost_down_m: f32,
+    top_down_m: f32,
+}
+
+impl State {
+    /// Where in the last metres the vehicle is.
+    #[must_use]
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    fn enter(&mut self, stage: Stage, reason: Option<Reason>, now: Instant) {
+        if stage == Stage::Centring && self.stage != Stage::Descending && self.stage != Stage::Committed {
+            self.attempted = now;
+        }
+        (self.stage, self.reason, self.entered) = (stage, reason, now);
+        (self.settled_s, self.blocked_s, self.stands_s) = (0.0, 0.0, 0.0);
+    }
+
+    fn shift(&mut self, by: Horizontal) {
+        self.arrival.shift(by);
+        self.search.shift(by);
+        self.track.shift(by);
+        self.goal_ned_m = self.goal_ned_m.plus(by);
+    }
+}
+
+/// The vehicle in a step.
+struct Here {
+    now: Instant,
+    tick_s: f32,
+    place_ned_m: Horizontal,
+    down_m: f32,
+    velocity_ned_mps: Horizontal,
+    down_mps: f32,
+    height_m: Option<f32>,
+}
+
+/// A wish, before its limits.
+#[derive(Clone, Copy, Default)]
+struct Wish {
+    velocity_ned_mps: Horizontal,
+    down_mps: f32,
+}
+
+impl Lander {
+    /// One step.
+    pub fn step(&self, state: &mut State, facts: &Facts<'_>) -> Advice {
+        let tick_s = if facts.tick_s > 1e-3 && facts.tick_s < 0.2 { facts.tick_s } else { 0.02 };
+        let now = facts.now;
+        let is_fresh =
+            |at: Instant| now.seconds_since(at) < OWNSHIP_AGE_MAX_S && at.seconds_since(now) < OWNSHIP_AGE_MAX_S;
+        let heard = facts.ownship.filter(|ownship| {
+            ownship.is_plausible() && is_fresh(ownship.position_time) && is_fresh(ownship.attitude_time)
+        });
+        let Some(ownship) = heard else { return self.hold_blindly(state, tick_s) };
+        if let Some(jump) = state.poses.note(ownship) {
+            state.shift(jump);
+        }
+        let height_m = facts.height_m.filter(|height_m| *height_m > 0.0 && *height_m < FINDER_MAX_M);
+        let place = pose::carried(ownship, now);
+        let here = Here {
+            now,
+            tick_s,
+            place_ned_m: place.horizontal(),
+            down_m: place.down,
+            velocity_ned_mps: ownship.velocity_ned_mps.horizontal(),
+            down_mps: ownship.velocity_ned_mps.down,
+            height_m,
+        };
+        let pose = Pose {
+            place_ned_m: place,
+            roll_rad: ownship.roll_rad,
+            pitch_rad: ownship.pitch_rad,
+            yaw_rad: ownship.yaw_at(now),
+        };
+        if let Some(bearing) = facts.bearing {
+            let pose = state.poses.at(bearing.time).unwrap_or(pose);
+            self.arrival.hear(&mut state.arrival, bearing, &pose, height_m);
+        }
+        if let Some(estimate) = facts.estimate {
+            self.arrival.suggest(&mut state.arrival, estimate, &pose, height_m);
+        }
+        self.look(state, facts.look.as_ref(), &here);
+        let verdict = self.arrival.judge(&mut state.arrival, now, here.place_ned_m, facts.estimate, tick_s);
+
+        state.blocked_s = if facts.is_blocked { state.blocked_s + tick_s } else { 0.0 };
+        self.mind_time(state, now);
+        let wish = self.act(state, facts, &here, verdict);
+        let demand = wish.map(|wish| self.limited(state, wish, tick_s));
+        if demand.is_none() {
+            // What the planner has the vehicle do is where a demand will begin.
+            state.velocity_ned_mps = here.velocity_ned_mps.clamped(self.config.centring.speed_max_mps);
+            state.down_mps = 0.0;
+        }
+        self.advice(state, demand, &here)
+    }
+
+    fn advice(&self, state: &State, demand: Option<(Horizontal, f32)>, here: &Here) -> Advice {
+        let target = if state.track.is_sure() {
+            let (place_ned_m, sigma_m) = (state.track.place_ned_m(), state.track.sigma_m());
+            Some(Target { place_ned_m, sigma_m, is_pad: true })
+        } else {
+            let fix = self.arrival.fix(&state.arrival, here.place_ned_m);
+            fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
+        };
+        let is_there =
+            state.stage == Stage::Landed || (state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived));
+        Advice {
+            stage: state.stage,
+            demand,
+            reason: state.reason,
+            target,
+            wants_land: self.config.request_land && is_there,
+        }
+    }
+
+    /// Without a word of the own vehicle.
+    fn hold_blindly(&self, state: &mut State, tick_s: f32) -> Advice {
+        if state.stage == Stage::Seeking {
+            return Advice { reason: Some(Reason::NoOwnship), ..Advice::default() };
+        }
+        let demand = self.limited(state, Wish::default(), tick_s);
+        let is_over = matches!(state.stage, Stage::HandedOver | Stage::Landed);
+        let reason = if is_over { state.reason } else { Some(Reason::NoOwnship) };
+        Advice { stage: state.stage, demand: Some(demand), reason, ..Advice::default() }
+    }
+
+    /// Frames -> pad.
+    fn look(&self, state: &mut State, look: Option<&Look>, here: &Here) {
+        let ground_down_m = here.height_m.map(|height_m| here.down_m + height_m);
+        if let (Some(ground_down_m), Some(height_m)) = (ground_down_m, here.height_m) {
+            state.track.level(ground_down_m, height_m, here.tick_s);
+        }
+        let Some(look) = look.filter(|_| self.config.has_camera) else { return };
+        let pad = match look.seen {
+            Seen::Bad(_) => return,
+            Seen::Nothing(_) => None,
+            Seen::Pad(pad) => Some(pad),
+        };
+        state.framed = Some(here.now);
+        // A look whose attitude is not known any more is as good as none.
+        let (Some(pad), Some(pose)) = (pad, state.poses.at(look.time)) else { return };
+        let radius_m = self.config.pad_radius_m;
+        let taken = self.pilot.see(&mut state.track, &pad, look.time, &pose, radius_m, ground_down_m);
+        state.lacks_height |= taken == Taken::NoHeight;
+    }
+
+    /// Nothing goes on for ever.
+    fn mind_time(&self, state: &mut State, now: Instant) {
+        let is_active = !matches!(state.stage, Stage::Seeking | Stage::Landed | Stage::HandedOver | Stage::Committed);
+        if is_active && state.began.is_some_and(|began| now.seconds_since(began) > self.config.total_s) {
+            state.enter(Stage::HandedOver, Some(Reason::TimeLimit), now);
+        }
+    }
+
+    /// Whether there is a pad in sight.
+    fn is_found(&self, state: &State, now: Instant) -> bool {
+        state.track.is_sure() && state.track.unseen_s(now) < FOUND_S
+    }
+
+    /// The wish of this step; `None` where it is the planner's.
+    fn act(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
+        match state.stage {
+            Stage::Seeking => self.seek(state, facts, here, verdict),
+            Stage::Approaching => Some(self.approach(state, here, verdict)),
+            Stage::SearchingBeacon => Some(self.search_beacon(state, facts, here, verdict)),
+            Stage::SearchingPad => Some(self.search_pad(state, facts, here)),
+            Stage::Centring | Stage::Descending => Some(self.center(state, facts, here)),
+            Stage::Recovering => Some(self.recover(state, here)),
+            Stage::Committed => Some(self.commit(state, facts, here)),
+            Stage::Landed | Stage::HandedOver => Some(Wish::default()),
+        }
+    }
+
+    fn seek(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
+        let now = here.now;
+        let begin = |state: &mut State, stage: Stage| {
+            state.enter(stage, None, now);
+            if state.began.is_none() {
+                state.began = Some(now);
+                state.top_down_m = here.down_m - self.config.centring.climb_m;
+            }
+        };
+        match verdict {
+            Verdict::Known(_) if !state.arrival.is_long_near(&self.config.arrival) => {}
+            Verdict::Arrived(fix) | Verdict::Known(fix) => {
+                state.goal_ned_m = fix.place_ned_m.horizontal();
+                state.integral_mps = Horizontal::default();
+                begin(state, Stage::Approaching);
+            }
+            Verdict::Ambiguous(fix) => {
+                let pitch_m = if fix.sigma_m > BEACON_PITCH_M { fix.sigma_m } else { BEACON_PITCH_M };
+                self.search.begin(&mut state.search, fix.place_ned_m.horizontal(), pitch_m, now);
+                begin(state, Stage::SearchingBeacon);
+            }
+            Verdict::Far | Verdict::Near(_) => {}
+        }
+        if self.is_found(state, now) && self.is_of_beacon(state, facts, verdict) {
+            begin(state, Stage::Centring);
+        }
+        (state.stage != Stage::Seeking).then_some(Wish::default())
+    }
+
+    /// Whether the pad in sight is where the beacon is.
+    fn is_of_beacon(&self, state: &State, facts: &Facts<'_>, verdict: Verdict) -> bool {
+        let pad = state.track.place_ned_m().horizontal();
+        let by_fix = match verdict {
+            Verdict::Far => None,
+            Verdict::Near(fix) | Verdict::Known(fix) | Verdict::Ambiguous(fix) | Verdict::Arrived(fix) => {
+                Some(fix.place_ned_m.horizontal())
+            }
+        };
+        let known = |estimate: &&Estimate| estimate.covariance_m2[0] + estimate.covariance_m2[2] < 4.0;
+        let beacon = by_fix.or(facts.estimate.filter(known).map(|estimate| estimate.place_ned_m));
+        beacon.is_some_and(|beacon| beacon.minus(pad).norm_squared() < PAD_FROM_BEACON_M * PAD_FROM_BEACON_M)
+    }
+
+    fn approach(&self, state: &mut State, here: &Here, verdict: Verdict) -> Wish {
+        let now = here.now;
+        let is_there = match verdict {
+            Verdict::Arrived(fix) => {
+                state.goal_ned_m = fix.place_ned_m.horizontal();
+                true
+            }
+            Verdict::Known(fix) => {
+                state.goal_ned_m = fix.place_ned_m.horizontal();
+                false
+            }
+            Verdict::Far | Verdict::Ambiguous(_) => {
+                state.arrival.have_patience();
+                if state.retries >= self.config.retries_max {
+                    state.enter(Stage::HandedOver, Some(Reason::Ambiguous), now);
+                } else {
+                    state.retries += 1;
+                    state.enter(Stage::Seeking, Some(Reason::Ambiguous), now);
+                }
+                return Wish::default();
+            }
+            Verdict::Near(_) => false,
+        };
+        if self.is_found(state, now) {
+            state.enter(Stage::Centring, None, now);
+            return Wish::default();
+        }
+        let error_m = state.goal_ned_m.minus(here.place_ned_m);
+        let is_above = is_there
+            && error_m.norm_squared() < ABOVE_M * ABOVE_M
+            && here.velocity_ned_mps.norm_squared() < ABOVE_MPS * ABOVE_MPS;
+        state.settled_s = if is_above { state.settled_s + here.tick_s } else { 0.0 };
+        let is_late = now.seconds_since(state.entered) > self.config.approach_s;
+        if state.settled_s > ABOVE_S || (is_late && is_there) {
+            self.arrive(state, here);
+        } else if is_late {
+            state.enter(Stage::HandedOver, Some(Reason::TimeLimit), now);
+        } else if state.blocked_s > BLOCKED_S {
+            state.enter(Stage::HandedOver, Some(Reason::Blocked), now);
+        }
+        if state.stage != Stage::Approaching {
+            return Wish::default();
+        }
+        self.hover(state, state.goal_ned_m, here, HEIGHT_ASSUMED_M, self.config.centring.speed_max_mps)
+    }
+
+    /// Above the beacon.
+    fn arrive(&self, state: &mut State, here: &Here) {
+        let now = here.now;
+        if !self.config.has_camera {
+            state.enter(Stage::HandedOver, Some(Reason::Arrived), now);
+        } else if self.has_frames(state, now) {
+            self.begin_pad_search(state, state.goal_ned_m, here);
+        } else {
+            state.enter(Stage::HandedOver, Some(Reason::NoCamera), now);
+        }
+    }
+
+    fn has_frames(&self, state: &State, now: Instant) -> bool {
+        state.framed.is_some_and(|framed| now.seconds_since(framed) < CAMERA_S)
+    }
+
+    fn begin_pad_search(&self, state: &mut State, center: Horizontal, here: &Here) {
+        let height_m = if state.track.is_sure() { Some(state.track.height_m(here.down_m)) } else { here.height_m };
+        let height_m = height_m.unwrap_or(HEIGHT_ASSUMED_M);
+        let pitch_m = search::Search::camera_pitch_m(height_m, self.config.focal_widths);
+        self.search.begin(&mut state.search, center, pitch_m, here.now);
+        state.integral_mps = Horizontal::default();
+        state.enter(Stage::SearchingPad, None, here.now);
+    }
+
+    fn search_beacon(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Wish {
+        if self.is_found(state, here.now) && self.is_of_beacon(state, facts, verdict) {
+            state.enter(Stage::Centring, None, here.now);
+            return Wish::default();
+        }
+        if let Verdict::Arrived(fix) | Verdict::Known(fix) = verdict {
+            state.goal_ned_m = fix.place_ned_m.horizontal();
+            state.arrival.have_patience();
+            state.enter(Stage::Approaching, None, here.now);
+            return Wish::default();
+        }
+        self.search_on(state, facts, here, Reason::SearchLimit)
+    }
+
+    fn search_pad(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+        if self.is_found(state, here.now) {
+            state.enter(Stage::Centring, None, here.now);
+            return Wish::default();
+        }
+        if !self.has_frames(state, here.now) {
+            state.enter(Stage::HandedOver, Some(Reason::NoCamera), here.now);
+            return Wish::default();
+        }
+        let reason = match (state.has_found, state.lacks_height) {
+            (true, _) => Reason::PadLost,
+            (false, true) => Reason::NoHeight,
+            (false, false) => Reason::NoPad,
+        };
+        self.search_on(state, facts, here, reason)
+    }
+
+    /// On with the search; at its end that reason.
+    fn search_on(&self, state: &mut State, facts: &Facts<'_>, here: &Here, reason: Reason) -> Wish {
+        let progress = self.search.step(&mut state.search, here.place_ned_m, facts.is_blocked, here.now, here.tick_s);
+        let reason = match progress {
+            search::Progress::Towards(corner) => {
+                return self.hover(state, corner, here, HEIGHT_ASSUMED_M, self.search.speed_mps());
+            }
+            search::Progress::Ended => reason,
+            search::Progress::TimeUp => Reason::TimeLimit,
+            search::Progress::Blocked => Reason::Blocked,
+        };
+        state.enter(Stage::HandedOver, Some(reason), here.now);
+        Wish::default()
+    }
+
+    /// Towards a place, at the height where it is.
+    fn hover(&self, state: &mut State, place: Horizontal, here: &Here, height_m: f32, speed_mps: f32) -> Wish {
+        let error_m = place.minus(here.place_ned_m);
+        let velocity_ned_mps =
+            self.pilot.steer(&mut state.integral_mps, error_m, here.velocity_ned_mps, height_m, speed_mps, here.tick_s);
+        Wish { velocity_ned_mps, down_mps: 0.0 }
+    }
+
+    fn center(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+        let (c, now) = (&self.config.centring, here.now);
+        state.has_found = true;
+        let height_m = state.track.height_m(here.down_m);
+        let unseen_s = state.track.unseen_s(now);
+        let pad = state.track.place_ned_m().horizontal();
+        let error_m = pad.minus(here.place_ned_m).norm();
+        if facts.is_landed && height_m < c.commit_m {
+            state.enter(Stage::Landed, Some(Reason::Landed), now);
+            return Wish::default();
+        }
+        if state.blocked_s > BLOCKED_S {
+            state.enter(Stage::HandedOver, Some(Reason::Blocked), now);
+            return Wish::default();
+        }
+        if unseen_s > c.lost_s || now.seconds_since(state.attempted) > self.config.attempt_s {
+            let reason = if unseen_s > c.lost_s { Reason::PadLost } else { Reason::TimeLimit };
+            return self.lose(state, here, reason);
+        }
+        let is_fresh = unseen_s < c.fresh_s;
+        let gate_m = self.pilot.gate_m(height_m);
+        if state.stage == Stage::Centring && is_fresh && error_m < INSIDE * gate_m {
+            state.enter(Stage::Descending, None, now);
+        } else if state.stage == Stage::Descending && !(is_fresh && error_m < gate_m) {
+            state.enter(Stage::Centring, None, now);
+        }
+        let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
+        if height_m < c.commit_m + WAIT_ABOVE_M && error_m < c.commit_gate_m && is_slow && is_fresh {
+            state.enter(Stage::Committed, None, now);
+        }
+        let wait_m = c.commit_m + 0.5 * WAIT_ABOVE_M;
+        let to_wait_mps = HEIGHT_RATE_PER_S * (height_m - wait_m);
+        let down_mps = if state.stage == Stage::Descending {
+            let descent_mps = self.pilot.descent_mps(height_m, error_m);
+            if to_wait_mps < descent_mps { to_wait_mps } else { descent_mps }
+        } else if to_wait_mps < 0.0 {
+            to_wait_mps
+        } else {
+            0.0
+        };
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+    }
+
+    fn lose(&self, state: &mut State, here: &Here, reason: Reason) -> Wish {
+        if state.retries >= self.config.retries_max {
+            state.enter(Stage::HandedOver, Some(reason), here.now);
+            return Wish::default();
+        }
+        state.retries += 1;
+        state.lost_down_m = here.down_m;
+        state.enter(Stage::Recovering, Some(reason), here.now);
+        Wish::default()
+    }
+
+    fn recover(&self, state: &mut State, here: &Here) -> Wish {
+        let c = &self.config.centring;
+        let pad = state.track.place_ned_m().horizontal();
+        let risen_m = state.lost_down_m - here.down_m;
+        let is_up = risen_m >= c.climb_m || here.down_m <= state.top_down_m;
+        let since_s = here.now.seconds_since(state.entered);
+        // Seen again from a little higher: what made it lose sight must not happen at once again.
+        if self.is_found(state, here.now) && (is_up || risen_m > 0.3 * c.climb_m) {
+            state.enter(Stage::Centring, None, here.now);
+        } else if is_up || since_s > c.climb_s {
+            self.begin_pad_search(state, pad, here);
+        }
+        let height_m = state.track.height_m(here.down_m);
+        let down_mps = if is_up { 0.0 } else { -c.climb_mps };
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+    }
+
+    fn commit(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+        let (c, now) = (&self.config.centring, here.now);
+        let height_m = state.track.height_m(here.down_m);
+        let pad = state.track.place_ned_m().horizontal();
+        let error_m = pad.minus(here.place_ned_m).norm();
+        let is_told = state.down_mps > 0.5 * c.descent_min_mps;
+        let stands = is_told && libm::fabsf(here.down_mps) < STANDS_MPS;
+        state.stands_s = if stands { state.stands_s + here.tick_s } else { 0.0 };
+        if facts.is_landed || state.stands_s > STANDS_S {
+            state.enter(Stage::Landed, Some(Reason::Landed), now);
+            return Wish::default();
+        }
+        if error_m > PUSHED_GATES * c.commit_gate_m && height_m > PUSHED_M {
+            state.enter(Stage::Centring, None, now);
+        } else if now.seconds_since(state.entered) > c.commit_s {
+            return self.lose(state, here, Reason::TimeLimit);
+        }
+        Wish { down_mps: c.descent_min_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+    }
+
+    /// Inside the limits of speed and of change.
+    fn limited(&self, state: &mut State, wish: Wish, tick_s: f32) -> (Horizontal, f32) {
+        let c = &self.config.centring;
+        let wanted = if wish.velocity_ned_mps.is_finite() { wish.velocity_ned_mps } else { Horizontal::default() };
+        let wanted_down = if wish.down_mps.is_finite() { wish.down_mps } else { 0.0 };
+        let wanted = wanted.clamped(c.speed_max_mps);
+        let wanted_down = between(wanted_down, -c.climb_mps, c.descent_max_mps);
+        let change = wanted.minus(state.velocity_ned_mps).clamped(c.accel_max_mps2 * tick_s);
+        let most = c.down_accel_max_mps2 * tick_s;
+        state.velocity_ned_mps = state.velocity_ned_mps.plus(change);
+        state.down_mps += between(wanted_down - state.down_mps, -most, most);
+        (state.velocity_ned_mps, state.down_mps)
+    }
+}
+
+#[cfg(test)]
+mod tests;
