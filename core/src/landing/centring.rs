@@ -8,8 +8,7 @@
 //!
 //! The way there is a PID on the place: `v = s (kp e + integral) - kd v_measured`. The derivative is of the vehicle's own velocity, so that a
 //! jump of the pad's place does not kick. With a vehicle that answers as ArduCopter (0.22 s, then a critically damped
-//! second order of 3.1 rad/s) the loop of kp 1.4, kd 0.8 has a phase margin of 60 degrees and a gain margin of 4; with a
-//! faster one both are larger. High up, where looks are coarse, the gain is lower and the speed higher.
+//! second order of 3.1 rad/s) no disturbance is amplified by more than 2.1, with a faster one by less (a test computes it). High up, where looks are coarse, the gain is lower and the speed higher.
 //!
 //! Cost: about 600 instructions a look, 200 a step.
 
@@ -32,16 +31,17 @@ const FINDER_SIGMA: f32 = 0.02;
 const HEIGHT_SIGMA_M: f32 = 0.03;
 /// Random walks of the place and of the height: how fast the vehicle's own position drifts.
 const WALK_M2_PER_S: f32 = 0.001;
-const DOWN_WALK_M2_PER_S: f32 = 0.002;
+const DOWN_WALK_M2_PER_S: f32 = 0.0005;
 /// A look this many standard deviations off, and so much on top, is not of this pad.
 const GATE: f32 = 3.0;
-const GATE_M: f32 = 0.15;
+const GATE_M: f32 = 0.10;
+const DOWN_GATE_M: f32 = 0.05;
 /// So many looks in a row that agree with each other make another pad, when this one has not been seen for so long.
 const STRAY_LOOKS: u8 = 4;
 const STRAY_S: f32 = 0.6;
 const STRAY_M: f32 = 0.3;
 /// So many looks make a pad.
-const LOOKS_SURE: u8 = 3;
+const LOOKS_SURE: u8 = 4;
 /// A pad that is not sure is forgotten after this long.
 const TENTATIVE_S: f32 = 1.0;
 /// Nothing is nearer to the camera than this, and no ray flatter.
@@ -50,11 +50,15 @@ const STEEP_MIN: f32 = 0.4;
 const TANGENT_MAX: f32 = 3.0;
 /// Least confidence of a look that counts.
 const CONFIDENCE_MIN: f32 = 0.1;
-/// The error within which the integral grows.
-const INTEGRAL_M: f32 = 0.5;
+/// The error and the speed within which the integral changes.
+const INTEGRAL_M: f32 = 0.25;
+const INTEGRAL_MPS: f32 = 0.15;
 /// Heights below and above which gains and speeds do not change any more.
 const LOW_M: f32 = 1.0;
 const HIGH_M: f32 = 3.0;
+/// Horizontal speed at the ground, and what it grows by a metre.
+const LOW_MPS: f32 = 0.5;
+const LOW_MPS_PER_M: f32 = 0.2;
 /// Gain high up.
 const HIGH_GAIN: f32 = 0.7;
 
@@ -92,6 +96,8 @@ pub struct Config {
     pub commit_gate_m: f32,
     /// Horizontal speed at the commit.
     pub commit_speed_mps: f32,
+    /// Rate of descent from there on.
+    pub commit_mps: f32,
     /// How long the last part may take.
     pub commit_s: f32,
     /// Looks no older than this let it descend.
@@ -107,13 +113,13 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            kp_per_s: 1.4,
-            ki_per_s2: 0.1,
-            kd: 0.8,
+            kp_per_s: 1.6,
+            ki_per_s2: 0.2,
+            kd: 0.95,
             integral_max_mps: 0.2,
-            speed_max_mps: 0.6,
+            speed_max_mps: 0.8,
             accel_max_mps2: 2.0,
-            down_accel_max_mps2: 1.0,
+            down_accel_max_mps2: 2.0,
             descent_max_mps: 0.5,
             descent_min_mps: 0.25,
             climb_mps: 0.3,
@@ -122,7 +128,8 @@ impl Default for Config {
             commit_m: 0.4,
             commit_gate_m: 0.08,
             commit_speed_mps: 0.12,
-            commit_s: 6.0,
+            commit_mps: 0.45,
+            commit_s: 10.0,
             fresh_s: 0.5,
             lost_s: 1.5,
             climb_m: 1.0,
@@ -152,6 +159,7 @@ impl Config {
         check("landing.centring.commit_m", self.commit_m, 0.05, 3.0)?;
         check("landing.centring.commit_gate_m", self.commit_gate_m, 0.01, 2.0)?;
         check("landing.centring.commit_speed_mps", self.commit_speed_mps, 0.01, 2.0)?;
+        check("landing.centring.commit_mps", self.commit_mps, 0.05, self.descent_max_mps)?;
         check("landing.centring.commit_s", self.commit_s, 1.0, 60.0)?;
         check("landing.centring.fresh_s", self.fresh_s, 0.1, 5.0)?;
         check("landing.centring.lost_s", self.lost_s, self.fresh_s, 30.0)?;
@@ -268,7 +276,7 @@ impl Track {
         let total = self.variance_m2 + seen.variance_m2;
         let gate_m = GATE_M + GATE * sqrt(total);
         let is_level = seen.down.is_none_or(|(down_m, variance_m2)| {
-            let gate_m = GATE_M + GATE * sqrt(self.down_variance_m2 + variance_m2);
+            let gate_m = DOWN_GATE_M + GATE * sqrt(self.down_variance_m2 + variance_m2);
             libm::fabsf(down_m - self.down_m) < gate_m
         });
         if off.norm_squared() > gate_m * gate_m || !is_level {
@@ -325,8 +333,10 @@ impl Pilot {
         let own_down_m = pose.place_ned_m.down;
         let by_radius_m =
             (!pad.is_cut && pad.radius > 1e-3 && pad.radius < 10.0).then(|| pad_radius_m / pad.radius * ray.down);
+        // As coarse as the height that is expected makes it: what is far off must not excuse itself by that.
+        let expected_m = (track.looks > 0).then_some(track.down_m - own_down_m);
         let height = |height_m: f32| {
-            let sigma_m = HEIGHT_SIGMA_M + RADIUS_SIGMA * height_m;
+            let sigma_m = HEIGHT_SIGMA_M + RADIUS_SIGMA * libm::fabsf(expected_m.unwrap_or(height_m));
             (own_down_m + height_m, sigma_m * sigma_m)
         };
         let by_radius = by_radius_m.map(height);
@@ -378,7 +388,8 @@ impl Pilot {
         let wanted = towards.plus(*integral_mps).minus(velocity_ned_mps.times(c.kd));
         let limited = wanted.clamped(speed_max_mps);
         let is_free = wanted.norm_squared() <= speed_max_mps * speed_max_mps;
-        if is_free && error_m.norm_squared() < INTEGRAL_M * INTEGRAL_M {
+        let is_slow = velocity_ned_mps.norm_squared() < INTEGRAL_MPS * INTEGRAL_MPS;
+        if is_free && is_slow && error_m.norm_squared() < INTEGRAL_M * INTEGRAL_M {
             *integral_mps = integral_mps.plus(error_m.times(c.ki_per_s2 * tick_s)).clamped(c.integral_max_mps);
         }
         limited
@@ -402,6 +413,6 @@ impl Pilot {
     /// Horizontal speed at a height.
     #[must_use]
     pub fn speed_mps(&self, height_m: f32) -> f32 {
-        between(0.25 + 0.2 * height_m, 0.0, self.config.speed_max_mps)
+        between(LOW_MPS + LOW_MPS_PER_M * height_m, 0.0, self.config.speed_max_mps)
     }
 }

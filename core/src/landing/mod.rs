@@ -36,7 +36,8 @@
 //! | | pad found | `Centring` |
 //! | | climbed | `SearchingPad` around where it was |
 //! | `Committed` | on the ground: the autopilot says so, or it sinks no more | `Landed` |
-//! | | pushed out of the middle | `Centring` |
+//! | | not in the middle, or not for long | the last quarter of a metre waits for its moment |
+//! | | pushed out of the middle before that | `Centring` |
 //! | | not down in time | `Recovering` |
 //! | `Landed` | | zero velocity; land (and disarm) if the user wants it |
 //! | `HandedOver` | | zero velocity until a fresh entry |
@@ -88,13 +89,20 @@ const INSIDE: f32 = 0.7;
 /// Sinking slower than this, told to, is standing: for so long.
 const STANDS_MPS: f32 = 0.06;
 const STANDS_S: f32 = 0.8;
-/// The last part is broken off this far off the middle, as long as it is this high.
-const PUSHED_GATES: f32 = 1.6;
-const PUSHED_M: f32 = 0.12;
+/// Standing higher than this is not on the ground, as well as the height is known.
+const LOW_M: f32 = 0.3;
+/// The last part is broken off this far off the middle.
+const PUSHED_GATES: f32 = 2.0;
+/// At the commit the vehicle must be in the middle so much later as well.
+const AHEAD_S: f32 = 0.4;
+/// The height from which it drops, and the share of the middle that it must be in.
+const DROP_M: f32 = 0.25;
+const DROP_GATES: f32 = 0.6;
+const DROP_BAND_M: f32 = 0.04;
 /// How much above the height of the commit it waits for its moment.
 const WAIT_ABOVE_M: f32 = 0.1;
 /// Rate by which a height is corrected.
-const HEIGHT_RATE_PER_S: f32 = 1.0;
+const HEIGHT_RATE_PER_S: f32 = 2.0;
 /// Height that is assumed when nothing is known of it.
 const HEIGHT_ASSUMED_M: f32 = 2.0;
 /// Range finders do not say more than this.
@@ -330,6 +338,8 @@ pub struct State {
     framed: Option<Instant>,
     /// A pad was seen from a height that is not known.
     lacks_height: bool,
+    /// The last bit, which cannot be called back.
+    is_dropping: bool,
     /// A pad was found.
     has_found: bool,
     retries: u8,
@@ -353,6 +363,7 @@ impl State {
             self.attempted = now;
         }
         (self.stage, self.reason, self.entered) = (stage, reason, now);
+        self.is_dropping = false;
         (self.settled_s, self.blocked_s, self.stands_s) = (0.0, 0.0, 0.0);
     }
 
@@ -373,6 +384,13 @@ struct Here {
     velocity_ned_mps: Horizontal,
     down_mps: f32,
     height_m: Option<f32>,
+}
+
+impl Here {
+    /// Where the vehicle will be a little later.
+    fn soon(&self) -> Horizontal {
+        self.place_ned_m.plus(self.velocity_ned_mps.times(AHEAD_S))
+    }
 }
 
 /// A wish, before its limits.
@@ -687,7 +705,7 @@ impl Lander {
         let unseen_s = state.track.unseen_s(now);
         let pad = state.track.place_ned_m().horizontal();
         let error_m = pad.minus(here.place_ned_m).norm();
-        if facts.is_landed && height_m < c.commit_m {
+        if facts.is_landed && height_m < c.commit_m + LOW_M {
             state.enter(Stage::Landed, Some(Reason::Landed), now);
             return Wish::default();
         }
@@ -707,7 +725,8 @@ impl Lander {
             state.enter(Stage::Centring, None, now);
         }
         let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
-        if height_m < c.commit_m + WAIT_ABOVE_M && error_m < c.commit_gate_m && is_slow && is_fresh {
+        let is_inside = error_m < c.commit_gate_m && pad.minus(here.soon()).norm() < c.commit_gate_m;
+        if height_m < c.commit_m + WAIT_ABOVE_M && is_inside && is_slow && is_fresh {
             state.enter(Stage::Committed, None, now);
         }
         let wait_m = c.commit_m + 0.5 * WAIT_ABOVE_M;
@@ -756,19 +775,28 @@ impl Lander {
         let height_m = state.track.height_m(here.down_m);
         let pad = state.track.place_ned_m().horizontal();
         let error_m = pad.minus(here.place_ned_m).norm();
-        let is_told = state.down_mps > 0.5 * c.descent_min_mps;
+        let is_told = state.down_mps > 0.5 * c.commit_mps;
         let stands = is_told && libm::fabsf(here.down_mps) < STANDS_MPS;
         state.stands_s = if stands { state.stands_s + here.tick_s } else { 0.0 };
-        if facts.is_landed || state.stands_s > STANDS_S {
+        if facts.is_landed || (state.stands_s > STANDS_S && height_m < LOW_M) {
             state.enter(Stage::Landed, Some(Reason::Landed), now);
             return Wish::default();
         }
-        if error_m > PUSHED_GATES * c.commit_gate_m && height_m > PUSHED_M {
+        if error_m > PUSHED_GATES * c.commit_gate_m && !state.is_dropping {
             state.enter(Stage::Centring, None, now);
         } else if now.seconds_since(state.entered) > c.commit_s {
             return self.lose(state, here, Reason::TimeLimit);
         }
-        Wish { down_mps: c.descent_min_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+        // The last bit waits for its moment: a drop cannot be called back.
+        let soon_m = pad.minus(here.soon()).norm();
+        let is_at_edge = height_m < DROP_M + DROP_BAND_M;
+        if state.is_dropping && soon_m > PUSHED_GATES * c.commit_gate_m && height_m > DROP_M - DROP_BAND_M {
+            state.is_dropping = false;
+        }
+        state.is_dropping |= is_at_edge && soon_m < DROP_GATES * c.commit_gate_m && error_m < c.commit_gate_m;
+        let wait_mps = between(HEIGHT_RATE_PER_S * (height_m - DROP_M), -c.climb_mps, c.descent_min_mps);
+        let down_mps = if state.is_dropping { c.commit_mps } else { wait_mps };
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
     }
 
     /// Inside the limits of speed and of change.

@@ -8,11 +8,11 @@ fn lander(config: Config) -> Lander {
     config.build().unwrap()
 }
 
-fn camera() -> Config {
+pub(super) fn camera() -> Config {
     Config { has_camera: true, ..Config::default() }
 }
 
-fn landing(seed: u64) -> World {
+pub(super) fn landing(seed: u64) -> World {
     let mut rng = Rng::new(seed, 5);
     let at = |rng: &mut Rng, metres: f32| metres * (2.0 * rng.uniform() - 1.0);
     let beacon = Horizontal { north: 5.0 + at(&mut rng, 1.0), east: at(&mut rng, 3.0) };

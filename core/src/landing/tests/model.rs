@@ -273,7 +273,7 @@ impl Flight {
         self.looks.push_back(look);
         let look = if self.looks.len() > self.world.look_late_ticks { self.looks.pop_front().flatten() } else { None };
         let bearing = self.world.hears.then(|| self.bearing());
-        let is_down = self.place_ned_m[2] >= -1e-3;
+        let is_down = self.lands_at.is_some() && self.place_ned_m[2] >= -1e-3;
         let finder = self.world.has_finder.then(|| 0.1 - self.place_ned_m[2] + 0.02 * self.rng.gaussian());
         let facts = Facts {
             ownship: told.as_ref(),
@@ -319,7 +319,7 @@ impl Flight {
                 self.velocity_ned_mps[axis] += dt * (acceleration + felt);
                 self.place_ned_m[axis] += dt * self.velocity_ned_mps[axis];
             }
-            if self.place_ned_m[2] >= 0.0 && self.velocity_ned_mps[2] > 0.0 {
+            if self.place_ned_m[2] >= -1e-3 && self.velocity_ned_mps[2] > 0.0 {
                 self.lands_at.get_or_insert(Horizontal { north: self.place_ned_m[0], east: self.place_ned_m[1] });
             }
             if self.lands_at.is_some() && self.place_ned_m[2] >= 0.0 {
