@@ -38,34 +38,42 @@ const K_MAX: f32 = 1.5;
 const K_CLIPPED: f32 = 1.1;
 /// A bearing that cannot tell azimuths apart is used when it is overhead that makes it so.
 const OVERHEAD_SIGMA_MAX_RAD: f32 = 0.5;
-/// Errors of bearings are alike for so long.
-const ALIKE_S: f32 = 0.3;
+/// Noise of bearings is alike for so long; a bias for so long, or for so far.
+const NOISE_ALIKE_S: f32 = 0.1;
+const BIAS_ALIKE_S: f32 = 3.0;
+const BIAS_ALIKE_M: f32 = 0.4;
 /// Memory of the mean direction, of agreement, and of strength.
 const MEAN_MEMORY_S: f32 = 0.6;
+/// A mean of less than this is none yet.
+const MEAN_SETTLED_S: f32 = 1.0;
 const AGREEMENT_MEMORY_S: f32 = 1.0;
 const STRENGTH_MEMORY_S: f32 = 1.0;
 /// Squared innovation over its variance up to which a bearing agrees: 99 % of two numbers.
 const AGREES: f32 = 9.2;
 /// The same beyond which it counts for less and less.
 const TRUSTED: f32 = 4.0;
-/// What is assumed of the depth is as good as one measurement in this time.
-const DEPTH_MEMORY_S: f32 = 40.0;
 /// Random walk of the place.
-const WALK_M2_PER_S: f32 = 0.02;
+const WALK_M2_PER_S: f32 = 0.08;
 /// A place that is nearer than this is not seen under an angle worth speaking of.
 const RANGE_MIN_M: f32 = 0.3;
+/// The beacon is taken to be so far below at least.
+const DEPTH_MIN_M: f32 = 0.5;
 /// Down over length of a mean direction that is steep, and of one from so near that it needs no second side.
-const STEEP: f32 = 0.5;
+const STEEP: f32 = 0.57;
 const OVERHEAD: f32 = 0.7;
+/// Share of the bearings that are steep where the beacon is near.
+const STEEP_SHARE: f32 = 0.4;
 /// A fix that is so far away is none.
 const FAR_M: f32 = 8.0;
 /// What swings round does so within this way.
 const SWING_M: f32 = 2.0;
 /// Cosine of the angle that a place must have been seen under from two sides.
 const SIDES: f32 = 0.5;
+/// And from this far at least.
+const SIDE_M: f32 = 0.5;
 /// Share of the bearings that agree: for an arrival, and to keep the fix at all.
 const AGREEMENT_MIN: f32 = 0.55;
-const AGREEMENT_LOST: f32 = 0.3;
+const AGREEMENT_LOST: f32 = 0.42;
 /// Strength that must have risen by so much, and be within this of its maximum, for a maximum.
 const RISE_DB: f32 = 6.0;
 const MAXIMUM_DB: f32 = 3.0;
@@ -99,14 +107,14 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         Self {
-            arrive_m: 1.5,
-            sigma_max_m: 0.5,
+            arrive_m: 1.2,
+            sigma_max_m: 0.6,
             near_m: 3.0,
             ambiguous_s: 5.0,
             beacon_below_m: 2.0,
             beacon_below_sigma_m: 1.0,
             beacon_height_sigma_m: 0.5,
-            floor_rad: 0.05,
+            floor_rad: 0.06,
         }
     }
 }
@@ -170,6 +178,9 @@ pub struct State {
     heard: Option<Instant>,
     /// Mean direction, NED, and where and whither it last pointed elsewhere.
     mean_ned: Ned,
+    mean_s: f32,
+    /// Share of the last bearings that were steep.
+    steep: f32,
     swung_at_ned_m: Horizontal,
     swung_ned: Horizontal,
     /// Signal strength: mean, least and largest mean.
@@ -178,11 +189,15 @@ pub struct State {
     most_db: f32,
     /// The fix: place, covariance (nn, ne, ee, nd, ed, dd), share that agrees, time heard since it began.
     begun: bool,
+    has_depth: bool,
     place_ned_m: Ned,
     covariance_m2: [f32; 6],
+    /// From where the last bearing was heard.
+    from_ned_m: Horizontal,
     agreement: f32,
     heard_s: f32,
     near_s: f32,
+    near_at_ned_m: Horizontal,
     /// The direction that it was first seen in, and whether it has been seen from another side.
     first_ned: Horizontal,
     has_sides: bool,
@@ -194,6 +209,8 @@ impl State {
         self.place_ned_m.north += by.north;
         self.place_ned_m.east += by.east;
         self.swung_at_ned_m = self.swung_at_ned_m.plus(by);
+        self.from_ned_m = self.from_ned_m.plus(by);
+        self.near_at_ned_m = self.near_at_ned_m.plus(by);
     }
 
     /// Whether the beacon has been near for long.
@@ -210,7 +227,7 @@ impl State {
 
 /// A bearing as a measurement.
 struct Sight {
-    /// Wavenumber vector in the body frame, and its sigma with the floor; no elevation if that is not known.
+    /// Wavenumber vector in the body frame, and the variance of its noise; no elevation if that is not known.
     u: [f32; 2],
     variance: f32,
     is_level: bool,
@@ -230,15 +247,14 @@ impl Arrival {
             return None;
         }
         let (sin_az, cos_az) = sin_cos(bearing.azimuth_rad);
-        let floor = self.config.floor_rad * self.config.floor_rad;
         if is_level {
-            return Some(Sight { u: [cos_az, sin_az], variance: sigma * sigma + floor, is_level });
+            return Some(Sight { u: [cos_az, sin_az], variance: sigma * sigma, is_level });
         }
         let level = 1.0 - k * k;
         let (across, along) = (sigma * k, elevation_sigma * sqrt(if level > 0.0 { level } else { 0.0 }));
         let sigma_u = if across > along { across } else { along };
         let k = if k < K_CLIPPED { k } else { K_CLIPPED };
-        Some(Sight { u: [k * cos_az, k * sin_az], variance: sigma_u * sigma_u + floor, is_level })
+        Some(Sight { u: [k * cos_az, k * sin_az], variance: sigma_u * sigma_u, is_level })
     }
 
     /// Takes in a bearing, made at a pose. `height_m` is that over the ground.
@@ -263,18 +279,21 @@ impl Arrival {
         state.heard = Some(bearing.time);
         Self::weigh_strength(state, bearing.quality.snr_db, since_s, was_heard);
 
-        let share = if was_heard { since_s / (MEAN_MEMORY_S + since_s) } else { 1.0 };
+        let share = since_s / (MEAN_MEMORY_S + since_s);
         let mean = &mut state.mean_ned;
         mean.north += share * (direction.north - mean.north);
         mean.east += share * (direction.east - mean.east);
         mean.down += share * (direction.down - mean.down);
-        let has_swung = Self::swings(state, here);
+        state.mean_s += since_s;
+        let is_steep = if direction.down > STEEP { 1.0 } else { 0.0 };
+        state.steep += since_s / (AGREEMENT_MEMORY_S + since_s) * (is_steep - state.steep);
+        let has_swung = state.mean_s > MEAN_SETTLED_S && Self::swings(state, here);
 
         if !state.begun {
             let mean = state.mean_ned;
             let norm = sqrt(mean.horizontal().norm_squared() + mean.down * mean.down);
             let (below_m, below_sigma_m) = self.below(height_m);
-            if mean.down > STEEP * norm && norm > 0.5 {
+            if state.steep > STEEP_SHARE && mean.down > STEEP * norm && norm > 0.5 && state.mean_s > MEAN_SETTLED_S {
                 let towards = mean.horizontal().times(1.0 / mean.down);
                 let place = here.plus(towards.times(below_m));
                 let spread_m = 0.5 * below_m + below_sigma_m * towards.norm();
@@ -355,14 +374,14 @@ impl Arrival {
         since_s: f32,
     ) {
         let place = pose.place_ned_m;
+        let moved_m = place.horizontal().minus(state.from_ned_m).norm();
+        state.from_ned_m = place.horizontal();
         let [nn, ne, ee, nd, ed, dd] = state.covariance_m2;
         let walk_m2 = WALK_M2_PER_S * since_s;
-        state.covariance_m2 = [nn + walk_m2, ne, ee + walk_m2, nd, ed, dd + walk_m2];
-        // What is known of the depth, a little at a time.
-        let (below_m, below_sigma_m) = self.below(height_m);
-        let variance = below_sigma_m * below_sigma_m * DEPTH_MEMORY_S / since_s;
-        let off_m = place.down + below_m - state.place_ned_m.down;
-        update(state, [0.0, 0.0, 1.0], off_m, variance);
+        state.covariance_m2 = [nn + walk_m2, ne, ee + walk_m2, nd, ed, dd];
+        if let Some(height_m) = height_m {
+            state.place_ned_m.down = place.down + height_m;
+        }
 
         let towards = [
             state.place_ned_m.north - place.north,
@@ -370,8 +389,14 @@ impl Arrival {
             state.place_ned_m.down - place.down,
         ];
         let [nn, _, ee, ..] = state.covariance_m2;
-        let alike = if since_s < ALIKE_S { ALIKE_S / since_s } else { 1.0 };
-        let mut squares = 0.0;
+        let floor = self.config.floor_rad * self.config.floor_rad;
+        let once = sight.variance + floor;
+        // Noise is new after a moment, a bias only elsewhere.
+        let noise_share = since_s / NOISE_ALIKE_S;
+        let bias_share = since_s / BIAS_ALIKE_S + moved_m / BIAS_ALIKE_M;
+        let least = |share: f32| if share < 1.0 { share } else { 1.0 };
+        let variances = [once, sight.variance / least(noise_share) + floor / least(bias_share)];
+        let (mut squares, mut is_behind) = (0.0, false);
         if sight.is_level {
             // Across the azimuth: the sine of the angle, and one where it points the other way.
             let range_m = Horizontal { north: towards[0], east: towards[1] }.norm();
@@ -383,9 +408,13 @@ impl Arrival {
             let heard =
                 Horizontal { north: forward * cos_yaw - right * sin_yaw, east: forward * sin_yaw + right * cos_yaw };
             let sine = expected.north * heard.east - expected.east * heard.north;
-            let off = if expected.dot(heard) > 0.0 { sine } else { libm::copysignf(1.0, sine) };
+            let is_ahead = expected.dot(heard) > 0.0;
+            // Beyond a right angle it goes on growing.
+            let off = if is_ahead { sine } else { libm::copysignf(2.0, sine) - sine };
             let row = [-expected.east / seen_m, expected.north / seen_m, 0.0];
-            squares += weigh(state, row, off, sight.variance, alike);
+            squares += weigh(state, row, off, variances);
+            // Behind, with so much between, is not a matter of sigma.
+            is_behind = !is_ahead && range_m * range_m > 0.5 * (nn + ee);
         } else {
             let [n, e, d] = towards;
             let range_m = sqrt(n * n + e * e + d * d);
@@ -398,22 +427,23 @@ impl Arrival {
                     (axis.east - along * unit[1]) * inverse,
                     (axis.down - along * unit[2]) * inverse,
                 ];
-                squares += weigh(state, row, measured - along, sight.variance, alike);
+                squares += weigh(state, row, measured - along, variances);
             }
         }
-        let agrees = if squares < AGREES { 1.0 } else { 0.0 };
+        let agrees = if squares < AGREES && !is_behind { 1.0 } else { 0.0 };
         state.agreement += since_s / (AGREEMENT_MEMORY_S + since_s) * (agrees - state.agreement);
         state.heard_s += since_s;
 
         let away = state.place_ned_m.horizontal().minus(place.horizontal());
         let distance_m = away.norm();
-        if distance_m > RANGE_MIN_M + 0.2 {
+        if distance_m > SIDE_M && distance_m * distance_m > 2.0 * (nn + ee) {
             let direction = away.times(1.0 / distance_m);
             if state.first_ned == Horizontal::default() {
                 state.first_ned = direction;
             }
             state.has_sides |= direction.dot(state.first_ned) < SIDES;
         }
+        state.has_depth = !sight.is_level;
         let is_lost = state.heard_s > 1.5 && state.agreement < AGREEMENT_LOST;
         if is_lost || !(distance_m < FAR_M) || !state.covariance_m2.iter().all(|value| value.is_finite()) {
             state.begun = false;
@@ -422,16 +452,18 @@ impl Arrival {
 
     /// The fix as seen from a place; `None` if there is none.
     #[must_use]
-    pub fn fix(&self, state: &State, here: Horizontal) -> Option<Fix> {
+    pub fn fix(&self, state: &State, here: Horizontal, own_down_m: f32) -> Option<Fix> {
         if !state.begun {
             return None;
         }
         let [nn, ne, ee, ..] = state.covariance_m2;
         let (middle, half) = (0.5 * (nn + ee), 0.5 * (nn - ee));
         let distance_m = state.place_ned_m.horizontal().minus(here).norm();
-        let (below_m, _) = self.below(None);
-        let slant2 = distance_m * distance_m + below_m * below_m;
-        let biased = self.config.floor_rad * self.config.floor_rad * slant2;
+        let depth_m = between(state.place_ned_m.down - own_down_m, DEPTH_MIN_M, 1e3);
+        let slant2 = distance_m * distance_m + depth_m * depth_m;
+        // A bias of the angle, along the ground: the more, the flatter it is seen.
+        let flat = if state.has_depth { slant2 / depth_m } else { sqrt(slant2) };
+        let biased = self.config.floor_rad * self.config.floor_rad * flat * flat;
         Some(Fix {
             place_ned_m: state.place_ned_m,
             sigma_m: sqrt(middle + sqrt(half * half + ne * ne) + biased),
@@ -445,16 +477,22 @@ impl Arrival {
         &self,
         state: &mut State,
         now: Instant,
-        here: Horizontal,
+        place: Ned,
         estimate: Option<&Estimate>,
         tick_s: f32,
     ) -> Verdict {
         let c = &self.config;
         let is_heard = state.heard.is_some_and(|heard| now.seconds_since(heard) < GAP_S);
-        let Some(fix) = self.fix(state, here) else { return Verdict::Far };
+        let here = place.horizontal();
+        let Some(fix) = self.fix(state, here, place.down) else { return Verdict::Far };
         if !(fix.distance_m < c.near_m) {
             state.near_s = 0.0;
             return Verdict::Far;
+        }
+        // Who passes by is not near for long; nor is what is heard flat at a depth that is known.
+        let has_left = here.minus(state.near_at_ned_m).norm_squared() > SWING_M * SWING_M;
+        if has_left || (state.has_depth && state.steep < STEEP_SHARE) {
+            (state.near_s, state.near_at_ned_m) = (0.0, here);
         }
         state.near_s += tick_s;
         let mean = state.mean_ned;
@@ -490,10 +528,10 @@ fn contradicts(estimate: &Estimate, fix: &Fix, here: Horizontal, arrive_m: f32) 
 }
 
 /// Takes in one number of a bearing; its squared innovation over its variance. What is far off counts for less.
-fn weigh(state: &mut State, row: [f32; 3], off: f32, variance: f32, alike: f32) -> f32 {
-    let squares = off * off / (variance + spread(state, row));
+fn weigh(state: &mut State, row: [f32; 3], off: f32, [once, variance]: [f32; 2]) -> f32 {
+    let squares = off * off / (once + spread(state, row));
     let doubt = if squares > TRUSTED { squares / TRUSTED } else { 1.0 };
-    update(state, row, off, variance * alike * doubt * doubt);
+    update(state, row, off, variance * doubt * doubt);
     squares
 }
 
@@ -507,7 +545,7 @@ fn times([nn, ne, ee, nd, ed, dd]: &[f32; 6], [n, e, d]: [f32; 3]) -> [f32; 3] {
     [nn * n + ne * e + nd * d, ne * n + ee * e + ed * d, nd * n + ed * e + dd * d]
 }
 
-/// A scalar measurement.
+/// A scalar measurement. The depth is considered and not corrected.
 fn update(state: &mut State, row: [f32; 3], off: f32, variance: f32) {
     let gain = times(&state.covariance_m2, row);
     let total = variance + row[0] * gain[0] + row[1] * gain[1] + row[2] * gain[2];
@@ -517,11 +555,10 @@ fn update(state: &mut State, row: [f32; 3], off: f32, variance: f32) {
     let step = between(off / total, -1e6, 1e6);
     state.place_ned_m.north += gain[0] * step;
     state.place_ned_m.east += gain[1] * step;
-    state.place_ned_m.down += gain[2] * step;
     let scale = 1.0 / sqrt(total);
     let [n, e, d] = gain.map(|gain| gain * scale);
     let [nn, ne, ee, nd, ed, dd] = state.covariance_m2;
     // Rounding must not make a variance negative.
     let least = |variance: f32| if variance > 1e-6 { variance } else { 1e-6 };
-    state.covariance_m2 = [least(nn - n * n), ne - n * e, least(ee - e * e), nd - n * d, ed - e * d, least(dd - d * d)];
+    state.covariance_m2 = [least(nn - n * n), ne - n * e, least(ee - e * e), nd - n * d, ed - e * d, dd];
 }

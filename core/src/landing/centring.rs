@@ -40,6 +40,7 @@ const DOWN_GATE_M: f32 = 0.05;
 const STRAY_LOOKS: u8 = 4;
 const STRAY_S: f32 = 0.6;
 const STRAY_M: f32 = 0.3;
+const STRAY_HEIGHT_M: f32 = 0.6;
 /// So many looks make a pad.
 const LOOKS_SURE: u8 = 4;
 /// A pad that is not sure is forgotten after this long.
@@ -191,6 +192,8 @@ struct Spot {
     time: Instant,
     place_ned_m: Horizontal,
     variance_m2: f32,
+    /// Vertical place of the vehicle.
+    own_down_m: f32,
     /// Vertical place and its variance, by the apparent radius.
     down: Option<(f32, f32)>,
 }
@@ -207,6 +210,7 @@ pub struct Track {
     looks: u8,
     strays: u8,
     stray_ned_m: Horizontal,
+    stray_down_m: f32,
     seen: Instant,
 }
 
@@ -253,6 +257,7 @@ impl Track {
             return;
         }
         let sigma_m = HEIGHT_SIGMA_M + FINDER_SIGMA * height_m;
+        self.down_variance_m2 += DOWN_WALK_M2_PER_S * tick_s;
         // What follows within a third of a second errs alike.
         let alike = if tick_s < 0.3 { 0.3 / tick_s } else { 1.0 };
         self.correct_down(ground_down_m, sigma_m * sigma_m * alike);
@@ -284,9 +289,15 @@ impl Track {
                 self.looks -= 1;
                 return if self.looks == 0 { self.begin(seen, 1) } else { Taken::Refused };
             }
-            let agrees = self.strays > 0 && seen.place_ned_m.minus(self.stray_ned_m).norm_squared() < STRAY_M * STRAY_M;
+            // Near the ground everything is near everything else: what is seen there makes no other pad.
+            let Some((down_m, _)) = seen.down.filter(|_| self.down_m - seen.own_down_m > STRAY_HEIGHT_M) else {
+                return Taken::Refused;
+            };
+            let agrees = self.strays > 0
+                && seen.place_ned_m.minus(self.stray_ned_m).norm_squared() < STRAY_M * STRAY_M
+                && libm::fabsf(down_m - self.stray_down_m) < STRAY_M;
             self.strays = if agrees { self.strays + 1 } else { 1 };
-            self.stray_ned_m = seen.place_ned_m;
+            (self.stray_ned_m, self.stray_down_m) = (seen.place_ned_m, down_m);
             let is_other = self.strays >= STRAY_LOOKS && since_s > STRAY_S;
             return if is_other { self.begin(seen, LOOKS_SURE) } else { Taken::Refused };
         }
@@ -357,6 +368,7 @@ impl Pilot {
             time,
             place_ned_m: pose.place_ned_m.horizontal().plus(away),
             variance_m2: (sigma_m * sigma_m + PLACE_SIGMA_M * PLACE_SIGMA_M) / confidence,
+            own_down_m,
             down: by_radius,
         };
         if !seen.place_ned_m.is_finite() {

@@ -23,6 +23,7 @@
 //! | | blocked by the guard for 5 s | hand over, `Blocked` |
 //! | | not above it in time | hand over, `TimeLimit` |
 //! | `SearchingBeacon` | arrived, or known | `Approaching` |
+//! | | not near after all | `Seeking`, `retries_max` times |
 //! | | all searched; time up; most of it blocked | hand over, `SearchLimit`; `TimeLimit`; `Blocked` |
 //! | `SearchingPad` | pad found | `Centring` |
 //! | | all searched; time up; most of it blocked | hand over, `NoPad` (`PadLost` if it had been found); `TimeLimit`; `Blocked` |
@@ -80,6 +81,8 @@ const FOUND_S: f32 = 0.4;
 const PAD_FROM_BEACON_M: f32 = 4.0;
 /// Without a good frame for so long there is no camera.
 const CAMERA_S: f32 = 2.0;
+/// Not near for so long is not there.
+const FAR_S: f32 = 3.0;
 /// Blocked for so long is blocked.
 const BLOCKED_S: f32 = 5.0;
 /// Least pitch of a search for a beacon.
@@ -439,7 +442,7 @@ impl Lander {
             self.arrival.suggest(&mut state.arrival, estimate, &pose, height_m);
         }
         self.look(state, facts.look.as_ref(), &here);
-        let verdict = self.arrival.judge(&mut state.arrival, now, here.place_ned_m, facts.estimate, tick_s);
+        let verdict = self.arrival.judge(&mut state.arrival, now, place, facts.estimate, tick_s);
 
         state.blocked_s = if facts.is_blocked { state.blocked_s + tick_s } else { 0.0 };
         self.mind_time(state, now);
@@ -458,7 +461,7 @@ impl Lander {
             let (place_ned_m, sigma_m) = (state.track.place_ned_m(), state.track.sigma_m());
             Some(Target { place_ned_m, sigma_m, is_pad: true })
         } else {
-            let fix = self.arrival.fix(&state.arrival, here.place_ned_m);
+            let fix = self.arrival.fix(&state.arrival, here.place_ned_m, here.down_m);
             fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
         };
         let is_there =
@@ -653,6 +656,13 @@ impl Lander {
             state.goal_ned_m = fix.place_ned_m.horizontal();
             state.arrival.have_patience();
             state.enter(Stage::Approaching, None, here.now);
+            return Wish::default();
+        }
+        // What it searched for is not near at all.
+        state.settled_s = if verdict == Verdict::Far { state.settled_s + here.tick_s } else { 0.0 };
+        if state.settled_s > FAR_S && state.retries < self.config.retries_max {
+            state.retries += 1;
+            state.enter(Stage::Seeking, Some(Reason::Ambiguous), here.now);
             return Wish::default();
         }
         self.search_on(state, facts, here, Reason::SearchLimit)

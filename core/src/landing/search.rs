@@ -9,7 +9,7 @@ use crate::frame::Horizontal;
 use crate::time::Instant;
 
 /// A corner is passed this near to it.
-const PASSED_M: f32 = 0.25;
+const PASSED_M: f32 = 0.35;
 /// Corners at most.
 const CORNERS_MAX: u8 = 60;
 /// Smallest and largest pitch.
@@ -37,7 +37,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { radius_m: 3.0, time_s: 60.0, speed_mps: 0.5, blocked_s: 1.0 }
+        Self { radius_m: 3.0, time_s: 90.0, speed_mps: 0.5, blocked_s: 1.0 }
     }
 }
 

@@ -1,7 +1,9 @@
 //! Tests of the stage machine: signs, rows of the table, limits, and flights of a small model.
 
 mod flights;
+mod fuzz;
 mod model;
+mod table;
 
 use core::mem::size_of;
 

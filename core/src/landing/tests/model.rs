@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::vec::Vec;
 
-use super::super::pad::{Look, Nothing, Pad, Seen};
+use super::super::pad::{Bad, Look, Nothing, Pad, Seen};
 use super::super::*;
 use super::{TICK_US, nothing};
 use crate::bearing::{Bearing, Flags, Quality};
@@ -26,6 +26,22 @@ pub(super) enum Answer {
     ArduCopter,
     /// A lag of 0.15 s.
     Fast,
+}
+
+/// What the camera delivers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Camera {
+    Works,
+    Bad,
+    Dead,
+}
+
+/// A time without something: from when, until when.
+pub(super) type Span = (f32, f32);
+pub(super) const NEVER: Span = (1e9, 1e9);
+
+fn inside((from_s, to_s): Span, time_s: f32) -> bool {
+    time_s >= from_s && time_s < to_s
 }
 
 /// What a flight is like.
@@ -51,9 +67,21 @@ pub(super) struct World {
     pub(super) bias_rad: f32,
     pub(super) outlier_share: f32,
     pub(super) has_elevation: bool,
-    pub(super) hears: bool,
+    pub(super) deaf_s: Span,
+    /// What the bank believes, if anything.
+    pub(super) believed_ned_m: Option<Horizontal>,
     /// The autopilot says that it has landed.
     pub(super) says_landed: bool,
+    pub(super) camera: Camera,
+    /// When the pad is covered, the guard brakes, nothing is heard of the own vehicle, and its attitude is no number.
+    pub(super) covered_s: Span,
+    pub(super) blocked_s: Span,
+    pub(super) silent_s: Span,
+    pub(super) nan_s: Span,
+    /// The pad's apparent radius is not known.
+    pub(super) lacks_radius: bool,
+    /// The ground is higher than the pad's place says, so that the vehicle stands before it is there.
+    pub(super) ground_down_m: f32,
 }
 
 impl World {
@@ -76,8 +104,16 @@ impl World {
             bias_rad: 0.0,
             outlier_share: 0.0,
             has_elevation: true,
-            hears: true,
+            deaf_s: NEVER,
+            believed_ned_m: None,
             says_landed: true,
+            camera: Camera::Works,
+            covered_s: NEVER,
+            blocked_s: NEVER,
+            silent_s: NEVER,
+            nan_s: NEVER,
+            lacks_radius: false,
+            ground_down_m: 0.0,
         }
     }
 }
@@ -176,13 +212,17 @@ impl Flight {
     fn look(&mut self) -> Look {
         let time = self.now();
         let world = self.world;
+        if world.camera == Camera::Bad {
+            return Look { time, seen: Seen::Bad(Bad::Flat) };
+        }
         let empty = Look { time, seen: Seen::Nothing(Nothing::NoRegion) };
         if self.rng.uniform() < world.false_share {
             let (forward, right) = (self.rng.gaussian() * 0.4, self.rng.gaussian() * 0.3);
             let radius = 0.05 + 0.2 * self.rng.uniform();
             return Look { time, seen: Seen::Pad(Pad { forward, right, radius, confidence: 0.5, is_cut: false }) };
         }
-        let Some(pad) = world.pad_ned_m.filter(|_| self.rng.uniform() >= world.missed_share) else { return empty };
+        let is_covered = inside(world.covered_s, self.time_s()) || self.rng.uniform() < world.missed_share;
+        let Some(pad) = world.pad_ned_m.filter(|_| !is_covered) else { return empty };
         let [north, east, down] = self.place_ned_m;
         let [forward, right, below] = self.to_body([pad.north - north, pad.east - east, -down]);
         // The camera is 0.1 m above the ground when the vehicle stands there.
@@ -201,7 +241,7 @@ impl Flight {
         let pad = Pad {
             forward: f + sigma * self.rng.gaussian(),
             right: r + sigma * self.rng.gaussian(),
-            radius: radius * (1.0 + 0.05 * self.rng.gaussian()),
+            radius: if world.lacks_radius { f32::NAN } else { radius * (1.0 + 0.05 * self.rng.gaussian()) },
             confidence: 0.9,
             is_cut,
         };
@@ -268,23 +308,49 @@ impl Flight {
         if self.told.len() > HEARD_LATE_TICKS {
             self.told.pop_front();
         }
-        let told = self.told.front().copied();
-        let look = self.tick.is_multiple_of(self.world.look_period_ticks).then(|| self.look());
+        let world = self.world;
+        let time_s = self.time_s();
+        let mut told = self.told.front().copied().filter(|_| !inside(world.silent_s, time_s));
+        if let Some(ownship) = told.as_mut().filter(|_| inside(world.nan_s, time_s)) {
+            ownship.roll_rad = f32::NAN;
+        }
+        let is_due = self.world.camera != Camera::Dead && self.tick.is_multiple_of(self.world.look_period_ticks);
+        let look = is_due.then(|| self.look());
         self.looks.push_back(look);
         let look = if self.looks.len() > self.world.look_late_ticks { self.looks.pop_front().flatten() } else { None };
-        let bearing = self.world.hears.then(|| self.bearing());
-        let is_down = self.lands_at.is_some() && self.place_ned_m[2] >= -1e-3;
+        let bearing = (!inside(self.world.deaf_s, self.time_s())).then(|| self.bearing());
+        let believed = |place_ned_m| Estimate {
+            place_ned_m,
+            covariance_m2: [0.3, 0.0, 0.3],
+            range_sigma_ratio: 0.5,
+            ..Estimate::default()
+        };
+        let estimate = self.world.believed_ned_m.map(believed);
+        let is_down = self.lands_at.is_some() && self.place_ned_m[2] >= self.world.ground_down_m - 1e-3;
         let finder = self.world.has_finder.then(|| 0.1 - self.place_ned_m[2] + 0.02 * self.rng.gaussian());
         let facts = Facts {
             ownship: told.as_ref(),
             height_m: finder,
             bearing: bearing.as_ref(),
+            estimate: estimate.as_ref(),
             look,
             is_landed: self.world.says_landed && is_down,
+            is_blocked: inside(world.blocked_s, time_s),
             ..nothing(self.now().0)
         };
+        let before = advice_before(state);
         let advice = lander.step(state, &facts);
+        let c = &lander.config.centring;
+        if let Some((velocity, down_mps)) = advice.demand {
+            assert!(velocity.norm() <= c.speed_max_mps * 1.001 && velocity.is_finite(), "{advice:?}");
+            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "{advice:?}");
+            let (change, down_change) = (velocity.minus(before.0).norm(), libm::fabsf(down_mps - before.1));
+            assert!(change <= c.accel_max_mps2 * TICK_S * 1.01, "{advice:?}");
+            assert!(down_change <= c.down_accel_max_mps2 * TICK_S * 1.01, "{advice:?}");
+        }
         let (velocity, down) = advice.demand.unwrap_or_else(|| (planner(self), 0.0));
+        let down = if inside(world.blocked_s, time_s) { 0.0 } else { down };
+        let velocity = if inside(world.blocked_s, time_s) { Horizontal::default() } else { velocity };
         self.fly([velocity.north, velocity.east, down]);
         advice
     }
@@ -319,11 +385,12 @@ impl Flight {
                 self.velocity_ned_mps[axis] += dt * (acceleration + felt);
                 self.place_ned_m[axis] += dt * self.velocity_ned_mps[axis];
             }
-            if self.place_ned_m[2] >= -1e-3 && self.velocity_ned_mps[2] > 0.0 {
+            let ground_down_m = self.world.ground_down_m;
+            if self.place_ned_m[2] >= ground_down_m - 1e-3 && self.velocity_ned_mps[2] > 0.0 {
                 self.lands_at.get_or_insert(Horizontal { north: self.place_ned_m[0], east: self.place_ned_m[1] });
             }
-            if self.lands_at.is_some() && self.place_ned_m[2] >= 0.0 {
-                self.place_ned_m[2] = 0.0;
+            if self.lands_at.is_some() && self.place_ned_m[2] >= ground_down_m {
+                self.place_ned_m[2] = ground_down_m;
                 (self.velocity_ned_mps, self.acceleration_mps2) = ([0.0; 3], [0.0; 3]);
             }
         }
@@ -359,7 +426,24 @@ impl Flight {
     }
 }
 
-/// A planner that goes where the beacon is, as far as half a metre from it, and circles there.
+/// What the demand begins at.
+fn advice_before(state: &State) -> (Horizontal, f32) {
+    (state.velocity_ned_mps, state.down_mps)
+}
+
+/// A planner that knows where the beacon is and stops there.
 pub(super) fn towards_beacon(flight: &Flight) -> Horizontal {
     flight.beacon().minus(flight.here()).times(2.0).clamped(1.0)
+}
+
+/// A planner that knows where the beacon is and does not stop.
+pub(super) fn restless(flight: &Flight) -> Horizontal {
+    let to = flight.beacon().minus(flight.here());
+    let norm = to.norm();
+    to.times(1.0 / if norm > 0.05 { norm } else { 0.05 })
+}
+
+/// A planner that stays.
+pub(super) fn stay(_: &Flight) -> Horizontal {
+    Horizontal::default()
 }
