@@ -128,11 +128,11 @@ impl Default for Config {
             gate_per_m: 0.15,
             commit_m: 0.4,
             commit_gate_m: 0.08,
-            commit_speed_mps: 0.12,
+            commit_speed_mps: 0.15,
             commit_mps: 0.45,
             commit_s: 10.0,
             fresh_s: 0.5,
-            lost_s: 1.5,
+            lost_s: 2.0,
             climb_m: 1.0,
             climb_s: 5.0,
         }

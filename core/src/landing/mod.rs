@@ -29,8 +29,9 @@
 //! | | all searched; time up; most of it blocked | hand over, `NoPad` (`PadLost` if it had been found); `TimeLimit`; `Blocked` |
 //! | | pad seen, and nothing says how high the vehicle is | hand over at the end of the search, `NoHeight` |
 //! | | no frames, or bad ones only | hand over, `NoCamera` |
-//! | `Centring` | inside the cone, looks fresh | `Descending` |
-//! | | pad not seen for 1.5 s; not in the cone in time | `Recovering`, `retries_max` times; then hand over, `PadLost`, `TimeLimit` |
+//! | `Centring` | pushed away so far that the pad leaves the picture | climbs for as long as that lasts |
+//! | | inside the cone, looks fresh | `Descending` |
+//! | | pad not seen for 2 s; not in the cone in time | `Recovering`, `retries_max` times; then hand over, `PadLost`, `TimeLimit` |
 //! | `Descending` | outside of the cone, or looks not fresh | `Centring`: the height is held |
 //! | | low, in the middle and slow | `Committed` |
 //! | `Recovering` | it holds, and climbs a little | |
@@ -97,13 +98,16 @@ const LOW_M: f32 = 0.3;
 /// The last part is broken off this far off the middle.
 const PUSHED_GATES: f32 = 2.0;
 /// At the commit the vehicle must be in the middle so much later as well.
-const AHEAD_S: f32 = 0.4;
+const AHEAD_S: f32 = 0.5;
 /// The height from which it drops, and the share of the middle that it must be in.
 const DROP_M: f32 = 0.25;
-const DROP_GATES: f32 = 0.6;
+const DROP_GATES: f32 = 0.7;
 const DROP_BAND_M: f32 = 0.04;
 /// How much above the height of the commit it waits for its moment.
 const WAIT_ABOVE_M: f32 = 0.1;
+/// Half the picture's shorter side, in widths; up to this height the pad is kept in it.
+const SHORT_SIDE_HALF: f32 = 0.375;
+const IN_SIGHT_MAX_M: f32 = 2.0;
 /// Rate by which a height is corrected.
 const HEIGHT_RATE_PER_S: f32 = 2.0;
 /// Height that is assumed when nothing is known of it.
@@ -740,6 +744,10 @@ impl Lander {
             state.enter(Stage::Committed, None, now);
         }
         let wait_m = c.commit_m + 0.5 * WAIT_ABOVE_M;
+        // Pushed away it goes up, for the pad to stay in the picture.
+        let half_tangent = SHORT_SIDE_HALF / self.config.focal_widths;
+        let in_sight_m = between((error_m - 0.5 * self.config.pad_radius_m) / half_tangent, 0.0, IN_SIGHT_MAX_M);
+        let wait_m = if in_sight_m > wait_m && here.down_m > state.top_down_m { in_sight_m } else { wait_m };
         let to_wait_mps = HEIGHT_RATE_PER_S * (height_m - wait_m);
         let down_mps = if state.stage == Stage::Descending {
             let descent_mps = self.pilot.descent_mps(height_m, error_m);
@@ -800,10 +808,9 @@ impl Lander {
         // The last bit waits for its moment: a drop cannot be called back.
         let soon_m = pad.minus(here.soon()).norm();
         let is_at_edge = height_m < DROP_M + DROP_BAND_M;
-        if state.is_dropping && soon_m > PUSHED_GATES * c.commit_gate_m && height_m > DROP_M - DROP_BAND_M {
-            state.is_dropping = false;
-        }
-        state.is_dropping |= is_at_edge && soon_m < DROP_GATES * c.commit_gate_m && error_m < c.commit_gate_m;
+        let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
+        state.is_dropping |=
+            is_at_edge && is_slow && soon_m < DROP_GATES * c.commit_gate_m && error_m < c.commit_gate_m;
         let wait_mps = between(HEIGHT_RATE_PER_S * (height_m - DROP_M), -c.climb_mps, c.descent_min_mps);
         let down_mps = if state.is_dropping { c.commit_mps } else { wait_mps };
         Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }

@@ -56,12 +56,12 @@ fn in_calm_air_it_lands_on_the_middle_of_the_pad() {
 }
 
 #[test]
-fn in_gusts_of_3_m_s_it_lands_on_the_middle_of_the_pad() {
-    // Three times the standard deviation with ArduCopter's delays, the standard deviation itself with a faster autopilot.
-    for (answer, gust_mps) in [(Answer::ArduCopter, 1.0), (Answer::Fast, 3.0)] {
-        let (down, on_pad, farthest_m) = land(200, |seed| World { answer, gust_mps, ..landing(seed) });
+fn in_gusts_of_up_to_3_m_s_it_lands_on_the_middle_of_the_pad() {
+    // Three times the standard deviation, along each of two axes.
+    for answer in [Answer::ArduCopter, Answer::Fast] {
+        let (down, on_pad, farthest_m) = land(200, |seed| World { answer, gust_mps: 1.0, ..landing(seed) });
         assert!(
-            down >= 196 && 100 * on_pad >= 99 * down && farthest_m < 0.3,
+            down >= 199 && 100 * on_pad >= 99 * down && farthest_m < 0.2,
             "{answer:?}: {down} {on_pad} {farthest_m}"
         );
     }
@@ -75,9 +75,11 @@ fn with_a_range_finder_and_without_the_autopilots_word_it_lands_as_well() {
 }
 
 #[test]
-fn in_gusts_too_strong_for_it_it_hands_over_or_lands_near_the_pad() {
-    let (down, _, farthest_m) = land(60, |seed| World { gust_mps: 3.0, ..landing(seed) });
-    assert!(down < 30 && farthest_m < 0.5, "{down} {farthest_m}");
+fn in_gusts_three_times_as_strong_it_lands_near_the_middle_or_hands_over() {
+    for answer in [Answer::ArduCopter, Answer::Fast] {
+        let (down, on_pad, farthest_m) = land(60, |seed| World { answer, gust_mps: 3.0, ..landing(seed) });
+        assert!(down > 15 && 2 * on_pad > down && farthest_m < 0.5, "{answer:?}: {down} {on_pad} {farthest_m}");
+    }
 }
 
 #[test]
@@ -131,4 +133,55 @@ fn without_a_camera_it_hovers_above_the_beacon_or_says_why_not() {
         let arrived = seek(name, 40, row);
         assert!(arrived >= 38, "{name}: {arrived} of 40");
     }
+}
+
+#[test]
+fn a_jump_of_the_autopilots_position_leads_nowhere_else() {
+    let lander = camera();
+    for seed in 0..20 {
+        let mut flight = Flight::new(landing(seed));
+        let mut state = State::default();
+        let mut jumped = false;
+        while flight.time_s() < 100.0 {
+            let advice = flight.step(&lander, &mut state, towards_beacon);
+            if advice.stage == Stage::Descending && !jumped && flight.place_ned_m[2] > -2.0 {
+                jumped = true;
+                flight.reported_off_m = Horizontal { north: 5.0, east: -3.0 };
+            }
+            if advice.stage == Stage::Landed {
+                break;
+            }
+        }
+        let off_m = flight.lands_at.map(|place| place.minus(flight.world.pad_ned_m.unwrap()).norm());
+        assert!(jumped && off_m.is_some_and(|off_m| off_m < ON_PAD_M), "{seed}: {off_m:?}");
+    }
+}
+
+#[test]
+fn the_position_loop_amplifies_no_disturbance_by_more_than_2_1() {
+    // Of the loop with the autopilot's answer and everything that is late, at all frequencies: 1 / |1 + L|.
+    let c = centring::Config::default();
+    let [kp, ki, kd] = [c.kp_per_s, c.ki_per_s2, c.kd].map(f64::from);
+    let amplifies = |late_s: f64, answer: &dyn Fn([f64; 2]) -> [f64; 2]| {
+        let times = |[a, b]: [f64; 2], [c, d]: [f64; 2]| [a * c - b * d, a * d + b * c];
+        let over = |[a, b]: [f64; 2], [c, d]: [f64; 2]| {
+            let squared = c * c + d * d;
+            [(a * c + b * d) / squared, (b * c - a * d) / squared]
+        };
+        (0..4_000).fold(0.0_f64, |most, step| {
+            let w = 0.01 * 10.0_f64.powf(f64::from(step) / 1_000.0);
+            let controller = [kp, kd * w - ki / w];
+            let late = [(w * late_s).cos(), -(w * late_s).sin()];
+            let open = over(times(times(controller, late), answer([0.0, w])), [0.0, w]);
+            most.max(1.0 / (1.0 + open[0]).hypot(open[1]))
+        })
+    };
+    let over = |[a, b]: [f64; 2], squared: f64| [a / squared, -b / squared];
+    // 0.22 s and 0.05 s of telemetry; a critically damped second order of 3.1 rad/s.
+    let arducopter = amplifies(0.27, &|[_, w]| {
+        let denominator = [1.0 - w * w / 9.61, 2.0 * w / 3.1];
+        over(denominator, denominator[0] * denominator[0] + denominator[1] * denominator[1])
+    });
+    let fast = amplifies(0.15, &|[_, w]| over([1.0, 0.15 * w], 1.0 + 0.0225 * w * w));
+    assert!(arducopter < 2.1 && fast < 2.1, "{arducopter} {fast}");
 }

@@ -12,10 +12,12 @@ use crate::rng::Rng;
 
 const TICK_S: f32 = 0.02;
 const GRAVITY_MPS2: f32 = 9.81;
-/// The gust's push by a metre a second, and how long the autopilot takes to counter it.
+/// The gust's push by a metre a second, and how long a gust is.
 const DRAG_PER_S: f32 = 0.3;
-const COUNTERED_S: f32 = 2.0;
 const GUST_S: f32 = 2.0;
+/// Filter of the autopilot's velocity controller, and the lag of the lean behind it.
+const FILTER_S: f32 = 0.032;
+const LEAN_S: f32 = 0.2;
 /// Telemetry is so old when it is heard.
 const HEARD_LATE_TICKS: usize = 2;
 
@@ -118,6 +120,36 @@ impl World {
     }
 }
 
+/// How far a gust moves the vehicle from where it would have flown without, in one direction, and what the autopilot's controller
+/// does about it: ArduCopter in GUIDED holds the position that its setpoints lead to, PX4 in OFFBOARD the velocity only.
+#[derive(Clone, Copy, Debug, Default)]
+struct Deviation {
+    position_m: f32,
+    velocity_mps: f32,
+    error_mps: f32,
+    derivative_mps2: f32,
+    integral_mps2: f32,
+    lean_mps2: f32,
+}
+
+impl Deviation {
+    fn step(&mut self, answer: Answer, push_mps2: f32, dt: f32) {
+        let [position, velocity, integral, derivative] = match answer {
+            Answer::ArduCopter => [1.0, 2.0, 1.0, 0.5],
+            Answer::Fast => [0.0, 1.8, 0.4, 0.2],
+        };
+        let before_mps = self.error_mps;
+        let share = dt / (FILTER_S + dt);
+        self.error_mps += share * (-position * self.position_m - self.velocity_mps - self.error_mps);
+        self.derivative_mps2 += share * ((self.error_mps - before_mps) / dt - self.derivative_mps2);
+        self.integral_mps2 += integral * self.error_mps * dt;
+        let wanted = velocity * self.error_mps + self.integral_mps2 + derivative * self.derivative_mps2;
+        self.lean_mps2 += dt / (LEAN_S + dt) * (wanted - self.lean_mps2);
+        self.velocity_mps += dt * (push_mps2 + self.lean_mps2);
+        self.position_m += dt * self.velocity_mps;
+    }
+}
+
 /// A flight under way.
 pub(super) struct Flight {
     pub(super) world: World,
@@ -128,7 +160,9 @@ pub(super) struct Flight {
     acceleration_mps2: [f32; 3],
     underway: VecDeque<[f32; 3]>,
     gust_mps: [f32; 2],
-    countered_mps2: [f32; 2],
+    deviations: [Deviation; 2],
+    /// The velocity without it.
+    calm_ned_mps: [f32; 3],
     yaw_rad: f32,
     roll_rad: f32,
     pitch_rad: f32,
@@ -137,6 +171,8 @@ pub(super) struct Flight {
     /// Phases of the bias over the place.
     phases: [f32; 4],
     pub(super) lands_at: Option<Horizontal>,
+    /// How far off the position is that the autopilot reports.
+    pub(super) reported_off_m: Horizontal,
 }
 
 impl Flight {
@@ -155,7 +191,8 @@ impl Flight {
             acceleration_mps2: [0.0; 3],
             underway: VecDeque::from(std::vec![[0.0; 3]; 11]),
             gust_mps: gust,
-            countered_mps2: [0.0; 2],
+            deviations: [Deviation::default(); 2],
+            calm_ned_mps: [0.0; 3],
             yaw_rad,
             roll_rad: 0.0,
             pitch_rad: 0.0,
@@ -163,6 +200,7 @@ impl Flight {
             looks: VecDeque::new(),
             phases,
             lands_at: None,
+            reported_off_m: Horizontal::default(),
         }
     }
 
@@ -188,7 +226,11 @@ impl Flight {
         let [vn, ve, vd] = self.velocity_ned_mps;
         Ownship {
             position_time: self.now(),
-            position_ned_m: Ned { north, east, down },
+            position_ned_m: Ned {
+                north: north + self.reported_off_m.north,
+                east: east + self.reported_off_m.east,
+                down,
+            },
             velocity_ned_mps: Ned { north: vn, east: ve, down: vd },
             attitude_time: self.now(),
             roll_rad: self.roll_rad,
@@ -360,29 +402,29 @@ impl Flight {
         let acting = self.underway.pop_front().unwrap();
         let stays = libm::expf(-TICK_S / GUST_S);
         let fresh = self.world.gust_mps * libm::sqrtf(1.0 - stays * stays);
-        let mut felt = [0.0_f32; 3];
-        for ((gust, countered), felt) in self.gust_mps.iter_mut().zip(&mut self.countered_mps2).zip(&mut felt) {
+        for gust in &mut self.gust_mps {
             *gust = stays * *gust + fresh * self.rng.gaussian();
-            *felt = DRAG_PER_S * *gust - *countered;
-            *countered += *felt * TICK_S / COUNTERED_S;
         }
-        let substeps = 4;
+        let substeps = 10;
         let dt = TICK_S / substeps as f32;
         for _ in 0..substeps {
-            for (axis, felt) in felt.iter().enumerate() {
+            for (deviation, gust) in self.deviations.iter_mut().zip(self.gust_mps) {
+                deviation.step(self.world.answer, DRAG_PER_S * gust, dt);
+            }
+            let [north, east] = self.deviations.map(|deviation| deviation.velocity_mps);
+            for (axis, deviation) in [north, east, 0.0].into_iter().enumerate() {
                 let wanted = if self.world.answer == Answer::Fast { command[axis] } else { acting[axis] };
-                let error = wanted - self.velocity_ned_mps[axis];
-                let acceleration = match (self.world.answer, axis) {
-                    (Answer::Fast, _) => error / 0.15,
-                    (Answer::ArduCopter, 2) => {
-                        self.acceleration_mps2[2] + dt * 8.0 * (8.0 * error - 2.0 * self.acceleration_mps2[2])
-                    }
-                    (Answer::ArduCopter, _) => {
-                        self.acceleration_mps2[axis] + dt * 3.1 * (3.1 * error - 2.0 * self.acceleration_mps2[axis])
+                let error = wanted - self.calm_ned_mps[axis];
+                let rate = if axis == 2 { 8.0 } else { 3.1 };
+                self.acceleration_mps2[axis] = match self.world.answer {
+                    Answer::Fast => error / 0.15,
+                    Answer::ArduCopter => {
+                        let acceleration = self.acceleration_mps2[axis];
+                        acceleration + dt * rate * (rate * error - 2.0 * acceleration)
                     }
                 };
-                self.acceleration_mps2[axis] = acceleration;
-                self.velocity_ned_mps[axis] += dt * (acceleration + felt);
+                self.calm_ned_mps[axis] += dt * self.acceleration_mps2[axis];
+                self.velocity_ned_mps[axis] = self.calm_ned_mps[axis] + deviation;
                 self.place_ned_m[axis] += dt * self.velocity_ned_mps[axis];
             }
             let ground_down_m = self.world.ground_down_m;
@@ -392,11 +434,11 @@ impl Flight {
             if self.lands_at.is_some() && self.place_ned_m[2] >= ground_down_m {
                 self.place_ned_m[2] = ground_down_m;
                 (self.velocity_ned_mps, self.acceleration_mps2) = ([0.0; 3], [0.0; 3]);
+                self.calm_ned_mps = [0.0; 3];
             }
         }
         // Thrust leans into the acceleration and against the wind.
-        let against = |axis: usize| self.acceleration_mps2[axis] - DRAG_PER_S * self.gust_mps[axis];
-        let (north, east) = (against(0), against(1));
+        let [north, east] = [0, 1].map(|axis| self.acceleration_mps2[axis] + self.deviations[axis].lean_mps2);
         let (sine, cosine) = (libm::sinf(self.yaw_rad), libm::cosf(self.yaw_rad));
         self.pitch_rad = -libm::atanf((north * cosine + east * sine) / GRAVITY_MPS2);
         self.roll_rad = libm::atanf((east * cosine - north * sine) / GRAVITY_MPS2);
