@@ -1,5 +1,6 @@
 //! Tests of the stage machine: signs, rows of the table, limits, and flights of a small model.
 
+mod fixes;
 mod flights;
 mod fuzz;
 mod model;
@@ -7,7 +8,7 @@ mod table;
 
 use core::mem::size_of;
 
-use super::pad::{Look, Pad, Seen};
+use super::pad::{Bad, Look, Pad, Seen};
 use super::*;
 
 pub(super) const TICK_US: u64 = 20_000;
@@ -48,6 +49,11 @@ fn the_state_is_small() {
 
 /// Flies a lander with a hovering vehicle to which the pad is shown from the first step on, for so long; the last advice.
 fn shown(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32) -> Advice {
+    shown_late(place, yaw_rad, seen, seconds, 0)
+}
+
+/// The same with looks that are so old.
+fn shown_late(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32, late_us: u64) -> Advice {
     let lander = Config { has_camera: true, ..Config::default() }.build().unwrap();
     let estimate = Estimate { covariance_m2: [0.1, 0.0, 0.1], ..Estimate::default() };
     let mut state = State::default();
@@ -55,7 +61,7 @@ fn shown(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: 
     for tick in 0..(seconds * 50.0) as u64 {
         let micros = 10_000_000 + tick * TICK_US;
         let ownship = hovering(micros, place, yaw_rad);
-        let look = seen(tick).map(|seen| Look { time: Instant(micros), seen });
+        let look = seen(tick).map(|seen| Look { time: Instant(micros - late_us), seen });
         let facts = Facts { ownship: Some(&ownship), estimate: Some(&estimate), look, ..nothing(micros) };
         advice = lander.step(&mut state, &facts);
     }
@@ -96,4 +102,36 @@ fn right_above_the_pad_it_goes_down() {
     assert_eq!(advice.stage, Stage::Descending);
     let (velocity, down_mps) = advice.demand.unwrap();
     assert!(velocity.norm() < 0.02 && down_mps > 0.3, "{advice:?}");
+}
+
+#[test]
+fn looks_that_are_too_old_or_no_numbers_are_as_good_as_none() {
+    let at = Ned { down: -2.0, ..Ned::default() };
+    let ahead = pad(0.2, 0.0, 0.125);
+    let good = |_| Some(Seen::Pad(ahead));
+    assert_eq!(shown_late(at, 0.0, good, 2.0, 150_000).stage, Stage::Centring);
+    assert_eq!(shown_late(at, 0.0, good, 2.0, 600_000).stage, Stage::Seeking);
+    for wild in [
+        Pad { forward: f32::NAN, ..ahead },
+        Pad { right: f32::INFINITY, ..ahead },
+        Pad { forward: 8.0, ..ahead },
+        Pad { radius: f32::NAN, ..ahead },
+        Pad { radius: -0.1, ..ahead },
+        Pad { confidence: f32::NAN, ..ahead },
+        Pad { confidence: 0.0, ..ahead },
+    ] {
+        let advice = shown(at, 0.0, |_| Some(Seen::Pad(wild)), 2.0);
+        assert!(advice.stage == Stage::Seeking && advice.demand.is_none(), "{wild:?}: {advice:?}");
+    }
+}
+
+#[test]
+fn bad_frames_in_the_descent_hold_the_height() {
+    let at = Ned { down: -2.0, ..Ned::default() };
+    for bad in [Bad::Size, Bad::Line, Bad::Order, Bad::Cut, Bad::Flat] {
+        let advice =
+            shown(at, 0.0, |tick| Some(if tick < 100 { Seen::Pad(pad(0.0, 0.0, 0.125)) } else { Seen::Bad(bad) }), 3.0);
+        let (velocity, down_mps) = advice.demand.unwrap();
+        assert!(advice.stage == Stage::Centring && velocity.norm() < 0.02 && down_mps == 0.0, "{bad:?}: {advice:?}");
+    }
 }
