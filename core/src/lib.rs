@@ -79,6 +79,7 @@ pub mod response;
 pub mod sight;
 
 pub mod guard;
+pub mod landing;
 pub mod mission;
 pub mod track;
 

@@ -1,0 +1,430 @@
+//! Where the pad is, and the way to above it.
+//!
+//! A look gives tangents in the body frame. Turned by the attitude at its exposure, and times the height over the pad, they give the
+//! pad's place in NED; a small Kalman filter keeps that place, so that the vehicle is steered by its own position, at every
+//! step, and a look that comes late, or not at all, does no harm. The height over the pad comes from its apparent radius and from the
+//! range finder, fused with the vehicle's own vertical position. A look that is far off the place is left out; when nothing
+//! else is seen for a while, and those agree with each other, the pad is there.
+//!
+//! The way there is a PID on the place: `v = s (kp e + integral) - kd v_measured`. The derivative is of the vehicle's own velocity, so that a
+//! jump of the pad's place does not kick. With a vehicle that answers as ArduCopter (0.22 s, then a critically damped
+//! second order of 3.1 rad/s) no disturbance is amplified by more than 2.1, with a faster one by less (a test computes it). High up, where looks are coarse, the gain is lower and the speed higher.
+//!
+//! Cost: about 600 instructions a look, 200 a step.
+
+use super::pad::Pad;
+use super::pose::Pose;
+use crate::error::{ConfigError, check};
+use crate::frame::{Horizontal, Ned};
+use crate::kernel::sqrt;
+use crate::time::Instant;
+use crate::units::between;
+
+/// Error of a tangent, and of a place that is exactly known.
+const TANGENT_SIGMA: f32 = 0.02;
+const PLACE_SIGMA_M: f32 = 0.01;
+/// A pad that is cut has its middle so much less well known.
+const CUT: f32 = 4.0;
+/// Relative error of the apparent radius, of the range finder; the least of each.
+const RADIUS_SIGMA: f32 = 0.08;
+const FINDER_SIGMA: f32 = 0.02;
+const HEIGHT_SIGMA_M: f32 = 0.03;
+/// Random walks of the place and of the height: how fast the vehicle's own position drifts.
+const WALK_M2_PER_S: f32 = 0.001;
+const DOWN_WALK_M2_PER_S: f32 = 0.0005;
+/// A look this many standard deviations off, and so much on top, is not of this pad.
+const GATE: f32 = 3.0;
+const GATE_M: f32 = 0.10;
+const DOWN_GATE_M: f32 = 0.05;
+/// So many looks in a row that agree with each other make another pad, when this one has not been seen for so long.
+const STRAY_LOOKS: u8 = 4;
+const STRAY_S: f32 = 0.6;
+const STRAY_M: f32 = 0.3;
+const STRAY_HEIGHT_M: f32 = 0.6;
+/// So many looks make a pad.
+const LOOKS_SURE: u8 = 4;
+/// A pad that is not sure is forgotten after this long.
+const TENTATIVE_S: f32 = 1.0;
+/// Nothing is nearer to the camera than this, and no ray flatter.
+const HEIGHT_MIN_M: f32 = 0.05;
+const STEEP_MIN: f32 = 0.4;
+const TANGENT_MAX: f32 = 3.0;
+/// Least confidence of a look that counts.
+const CONFIDENCE_MIN: f32 = 0.1;
+/// The error and the speed within which the integral changes.
+const INTEGRAL_M: f32 = 0.25;
+const INTEGRAL_MPS: f32 = 0.15;
+/// Heights below and above which gains and speeds do not change any more.
+const LOW_M: f32 = 1.0;
+const HIGH_M: f32 = 3.0;
+/// Horizontal speed at the ground, and what it grows by a metre.
+const LOW_MPS: f32 = 0.5;
+const LOW_MPS_PER_M: f32 = 0.2;
+/// Gain high up.
+const HIGH_GAIN: f32 = 0.7;
+
+/// What centring needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Velocity per metre of error.
+    pub kp_per_s: f32,
+    /// Velocity per metre and second of error.
+    pub ki_per_s2: f32,
+    /// Share of the measured velocity taken off.
+    pub kd: f32,
+    /// Bound of the integral part.
+    pub integral_max_mps: f32,
+    /// Largest horizontal speed.
+    pub speed_max_mps: f32,
+    /// Largest change of the horizontal demand.
+    pub accel_max_mps2: f32,
+    /// Largest change of the vertical demand.
+    pub down_accel_max_mps2: f32,
+    /// Fastest and slowest descent.
+    pub descent_max_mps: f32,
+    /// Slowest descent, near the ground.
+    pub descent_min_mps: f32,
+    /// Fastest climb.
+    pub climb_mps: f32,
+    /// Radius of the cone at the ground in which the vehicle descends, and what it grows by a metre.
+    pub gate_m: f32,
+    /// What the cone's radius grows by a metre of height.
+    pub gate_per_m: f32,
+    /// Below this height it goes down without seeing the pad, once it is inside [`Config::commit_gate_m`].
+    pub commit_m: f32,
+    /// Horizontal error at the commit.
+    pub commit_gate_m: f32,
+    /// Horizontal speed at the commit.
+    pub commit_speed_mps: f32,
+    /// Rate of descent from there on.
+    pub commit_mps: f32,
+    /// How long the last part may take.
+    pub commit_s: f32,
+    /// Looks no older than this let it descend.
+    pub fresh_s: f32,
+    /// The pad is lost after this long, and the vehicle climbs.
+    pub lost_s: f32,
+    /// How far it climbs.
+    pub climb_m: f32,
+    /// And for how long at most; then it searches.
+    pub climb_s: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            kp_per_s: 1.6,
+            ki_per_s2: 0.2,
+            kd: 0.95,
+            integral_max_mps: 0.2,
+            speed_max_mps: 0.8,
+            accel_max_mps2: 2.0,
+            down_accel_max_mps2: 2.0,
+            descent_max_mps: 0.5,
+            descent_min_mps: 0.25,
+            climb_mps: 0.3,
+            gate_m: 0.10,
+            gate_per_m: 0.15,
+            commit_m: 0.4,
+            commit_gate_m: 0.08,
+            commit_speed_mps: 0.15,
+            commit_mps: 0.45,
+            commit_s: 10.0,
+            fresh_s: 0.5,
+            lost_s: 2.0,
+            climb_m: 1.0,
+            climb_s: 5.0,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Pilot, ConfigError> {
+        check("landing.centring.kp_per_s", self.kp_per_s, 0.1, 3.0)?;
+        check("landing.centring.ki_per_s2", self.ki_per_s2, 0.0, 1.0)?;
+        check("landing.centring.kd", self.kd, 0.0, 2.0)?;
+        check("landing.centring.integral_max_mps", self.integral_max_mps, 0.0, 1.0)?;
+        check("landing.centring.speed_max_mps", self.speed_max_mps, 0.05, 2.0)?;
+        check("landing.centring.accel_max_mps2", self.accel_max_mps2, 0.1, 10.0)?;
+        check("landing.centring.down_accel_max_mps2", self.down_accel_max_mps2, 0.1, 10.0)?;
+        check("landing.centring.descent_max_mps", self.descent_max_mps, 0.1, 2.0)?;
+        check("landing.centring.descent_min_mps", self.descent_min_mps, 0.05, self.descent_max_mps)?;
+        check("landing.centring.climb_mps", self.climb_mps, 0.05, 2.0)?;
+        check("landing.centring.gate_m", self.gate_m, 0.02, 2.0)?;
+        check("landing.centring.gate_per_m", self.gate_per_m, 0.0, 1.0)?;
+        check("landing.centring.commit_m", self.commit_m, 0.05, 3.0)?;
+        check("landing.centring.commit_gate_m", self.commit_gate_m, 0.01, 2.0)?;
+        check("landing.centring.commit_speed_mps", self.commit_speed_mps, 0.01, 2.0)?;
+        check("landing.centring.commit_mps", self.commit_mps, 0.05, self.descent_max_mps)?;
+        check("landing.centring.commit_s", self.commit_s, 1.0, 60.0)?;
+        check("landing.centring.fresh_s", self.fresh_s, 0.1, 5.0)?;
+        check("landing.centring.lost_s", self.lost_s, self.fresh_s, 30.0)?;
+        check("landing.centring.climb_m", self.climb_m, 0.0, 10.0)?;
+        check("landing.centring.climb_s", self.climb_s, 0.1, 60.0)?;
+        Ok(Pilot { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pilot {
+    pub(super) config: Config,
+}
+
+/// What became of a look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Taken {
+    /// It tells where the pad is.
+    Yes,
+    /// It is far off, or not a number.
+    Refused,
+    /// Nothing says how high the vehicle is.
+    NoHeight,
+}
+
+/// A look, turned into a place.
+struct Spot {
+    time: Instant,
+    place_ned_m: Horizontal,
+    variance_m2: f32,
+    /// Vertical place of the vehicle.
+    own_down_m: f32,
+    /// Vertical place and its variance, by the apparent radius.
+    down: Option<(f32, f32)>,
+}
+
+/// Where the pad is.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Track {
+    place_ned_m: Horizontal,
+    variance_m2: f32,
+    /// Its vertical place.
+    down_m: f32,
+    down_variance_m2: f32,
+    /// Looks that agreed, up to [`LOOKS_SURE`]; none where there is no pad.
+    looks: u8,
+    strays: u8,
+    stray_ned_m: Horizontal,
+    stray_down_m: f32,
+    seen: Instant,
+}
+
+impl Track {
+    /// The position has jumped.
+    pub fn shift(&mut self, by: Horizontal) {
+        self.place_ned_m = self.place_ned_m.plus(by);
+        self.stray_ned_m = self.stray_ned_m.plus(by);
+    }
+
+    /// Whether there is a pad beyond doubt.
+    #[must_use]
+    pub fn is_sure(&self) -> bool {
+        self.looks >= LOOKS_SURE
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn place_ned_m(&self) -> Ned {
+        Ned { north: self.place_ned_m.north, east: self.place_ned_m.east, down: self.down_m }
+    }
+
+    /// Standard deviation of its horizontal place.
+    #[must_use]
+    pub fn sigma_m(&self) -> f32 {
+        sqrt(self.variance_m2)
+    }
+
+    /// Time since it was seen.
+    #[must_use]
+    pub fn unseen_s(&self, now: Instant) -> f32 {
+        now.seconds_since(self.seen)
+    }
+
+    /// Height over it of what is at that vertical place.
+    #[must_use]
+    pub fn height_m(&self, down_m: f32) -> f32 {
+        self.down_m - down_m
+    }
+
+    /// The range finder's word about the ground's vertical place.
+    pub fn level(&mut self, ground_down_m: f32, height_m: f32, tick_s: f32) {
+        if self.looks == 0 {
+            return;
+        }
+        let sigma_m = HEIGHT_SIGMA_M + FINDER_SIGMA * height_m;
+        self.down_variance_m2 += DOWN_WALK_M2_PER_S * tick_s;
+        // What follows within a third of a second errs alike.
+        let alike = if tick_s < 0.3 { 0.3 / tick_s } else { 1.0 };
+        self.correct_down(ground_down_m, sigma_m * sigma_m * alike);
+    }
+
+    /// There is a pad where this one was seen.
+    fn begin(&mut self, seen: &Spot, looks: u8) -> Taken {
+        (self.place_ned_m, self.variance_m2) = (seen.place_ned_m, 2.0 * seen.variance_m2);
+        if let Some((down_m, variance_m2)) = seen.down {
+            (self.down_m, self.down_variance_m2) = (down_m, variance_m2);
+        }
+        (self.looks, self.strays, self.seen) = (looks, 0, seen.time);
+        Taken::Yes
+    }
+
+    /// Takes in one more, unless it is another.
+    fn correct(&mut self, seen: &Spot, since_s: f32) -> Taken {
+        self.variance_m2 += WALK_M2_PER_S * between(since_s, 0.0, 1.0);
+        self.down_variance_m2 += DOWN_WALK_M2_PER_S * between(since_s, 0.0, 1.0);
+        let off = seen.place_ned_m.minus(self.place_ned_m);
+        let total = self.variance_m2 + seen.variance_m2;
+        let gate_m = GATE_M + GATE * sqrt(total);
+        let is_level = seen.down.is_none_or(|(down_m, variance_m2)| {
+            let gate_m = DOWN_GATE_M + GATE * sqrt(self.down_variance_m2 + variance_m2);
+            libm::fabsf(down_m - self.down_m) < gate_m
+        });
+        if off.norm_squared() > gate_m * gate_m || !is_level {
+            if self.looks < LOOKS_SURE {
+                self.looks -= 1;
+                return if self.looks == 0 { self.begin(seen, 1) } else { Taken::Refused };
+            }
+            // Near the ground everything is near everything else: what is seen there makes no other pad.
+            let Some((down_m, _)) = seen.down.filter(|_| self.down_m - seen.own_down_m > STRAY_HEIGHT_M) else {
+                return Taken::Refused;
+            };
+            let agrees = self.strays > 0
+                && seen.place_ned_m.minus(self.stray_ned_m).norm_squared() < STRAY_M * STRAY_M
+                && libm::fabsf(down_m - self.stray_down_m) < STRAY_M;
+            self.strays = if agrees { self.strays + 1 } else { 1 };
+            (self.stray_ned_m, self.stray_down_m) = (seen.place_ned_m, down_m);
+            let is_other = self.strays >= STRAY_LOOKS && since_s > STRAY_S;
+            return if is_other { self.begin(seen, LOOKS_SURE) } else { Taken::Refused };
+        }
+        let gain = self.variance_m2 / total;
+        self.place_ned_m = self.place_ned_m.plus(off.times(gain));
+        self.variance_m2 *= 1.0 - gain;
+        self.looks = (self.looks + 1).min(LOOKS_SURE);
+        (self.strays, self.seen) = (0, seen.time);
+        if let Some((down_m, variance_m2)) = seen.down {
+            self.correct_down(down_m, variance_m2);
+        }
+        Taken::Yes
+    }
+
+    fn correct_down(&mut self, down_m: f32, variance_m2: f32) {
+        let (off_m, total) = (down_m - self.down_m, self.down_variance_m2 + variance_m2);
+        let gain = self.down_variance_m2 / total;
+        if gain.is_finite() && off_m.is_finite() {
+            self.down_m += gain * off_m;
+            self.down_variance_m2 *= 1.0 - gain;
+        }
+    }
+}
+
+impl Pilot {
+    /// Takes in a pad that was seen from a pose. `ground_down_m` is where the range finder has the ground.
+    pub fn see(
+        &self,
+        track: &mut Track,
+        pad: &Pad,
+        time: Instant,
+        pose: &Pose,
+        pad_radius_m: f32,
+        ground_down_m: Option<f32>,
+    ) -> Taken {
+        let is_ray = libm::fabsf(pad.forward) < TANGENT_MAX && libm::fabsf(pad.right) < TANGENT_MAX;
+        if !is_ray || !(pad.confidence >= CONFIDENCE_MIN) {
+            return Taken::Refused;
+        }
+        let ray = pose.axes().to_ned([pad.forward, pad.right, 1.0]);
+        if !(ray.down > STEEP_MIN) {
+            return Taken::Refused;
+        }
+        let own_down_m = pose.place_ned_m.down;
+        let by_radius_m =
+            (!pad.is_cut && pad.radius > 1e-3 && pad.radius < 10.0).then(|| pad_radius_m / pad.radius * ray.down);
+        // As coarse as the height that is expected makes it: what is far off must not excuse itself by that.
+        let expected_m = (track.looks > 0).then_some(track.down_m - own_down_m);
+        let height = |height_m: f32| {
+            let sigma_m = HEIGHT_SIGMA_M + RADIUS_SIGMA * libm::fabsf(expected_m.unwrap_or(height_m));
+            (own_down_m + height_m, sigma_m * sigma_m)
+        };
+        let by_radius = by_radius_m.map(height);
+        let by_finder = ground_down_m.map(|down_m| height(down_m - own_down_m));
+        let since_s = track.unseen_s(time);
+        if track.looks < LOOKS_SURE && since_s > TENTATIVE_S {
+            track.looks = 0;
+        }
+        // The height that the place is made with: that of the pad that is known, or else what this look says.
+        let known = (track.looks > 0).then_some((track.down_m, track.down_variance_m2));
+        let Some((down_m, down_variance_m2)) = known.or(by_finder).or(by_radius) else { return Taken::NoHeight };
+        let height_m = down_m - own_down_m;
+        let height_m = if height_m > HEIGHT_MIN_M { height_m } else { HEIGHT_MIN_M };
+        let away = ray.horizontal().times(height_m / ray.down);
+        let confidence = if pad.confidence < 1.0 { pad.confidence } else { 1.0 };
+        let sigma_m = TANGENT_SIGMA * height_m * if pad.is_cut { CUT } else { 1.0 };
+        let seen = Spot {
+            time,
+            place_ned_m: pose.place_ned_m.horizontal().plus(away),
+            variance_m2: (sigma_m * sigma_m + PLACE_SIGMA_M * PLACE_SIGMA_M) / confidence,
+            own_down_m,
+            down: by_radius,
+        };
+        if !seen.place_ned_m.is_finite() {
+            return Taken::Refused;
+        }
+        if track.looks == 0 {
+            (track.down_m, track.down_variance_m2) = (down_m, down_variance_m2);
+            return track.begin(&seen, 1);
+        }
+        track.correct(&seen, since_s)
+    }
+
+    /// Velocity towards a place that is `error` away, of at most `speed_max_mps`.
+    pub fn steer(
+        &self,
+        integral_mps: &mut Horizontal,
+        error_m: Horizontal,
+        velocity_ned_mps: Horizontal,
+        height_m: f32,
+        speed_max_mps: f32,
+        tick_s: f32,
+    ) -> Horizontal {
+        let c = &self.config;
+        let high = between((height_m - LOW_M) / (HIGH_M - LOW_M), 0.0, 1.0);
+        let gain = 1.0 - (1.0 - HIGH_GAIN) * high;
+        let speed_max_mps = if speed_max_mps < c.speed_max_mps { speed_max_mps } else { c.speed_max_mps };
+        // What the derivative takes off at full speed is added here.
+        let towards = error_m.times(gain * c.kp_per_s).clamped(speed_max_mps * (1.0 + c.kd));
+        let wanted = towards.plus(*integral_mps).minus(velocity_ned_mps.times(c.kd));
+        let limited = wanted.clamped(speed_max_mps);
+        let is_free = wanted.norm_squared() <= speed_max_mps * speed_max_mps;
+        let is_slow = velocity_ned_mps.norm_squared() < INTEGRAL_MPS * INTEGRAL_MPS;
+        if is_free && is_slow && error_m.norm_squared() < INTEGRAL_M * INTEGRAL_M {
+            *integral_mps = integral_mps.plus(error_m.times(c.ki_per_s2 * tick_s)).clamped(c.integral_max_mps);
+        }
+        limited
+    }
+
+    /// Radius of the cone at a height.
+    #[must_use]
+    pub fn gate_m(&self, height_m: f32) -> f32 {
+        self.config.gate_m + self.config.gate_per_m * between(height_m, 0.0, 4.0)
+    }
+
+    /// Rate of descent at a height, that far off the middle.
+    #[must_use]
+    pub fn descent_mps(&self, height_m: f32, error_m: f32) -> f32 {
+        let c = &self.config;
+        let by_height = between(0.15 + 0.2 * height_m, c.descent_min_mps, c.descent_max_mps);
+        // All of it in the inner half.
+        by_height * between(2.0 * (1.0 - error_m / self.gate_m(height_m)), 0.0, 1.0)
+    }
+
+    /// Horizontal speed at a height.
+    #[must_use]
+    pub fn speed_mps(&self, height_m: f32) -> f32 {
+        between(LOW_MPS + LOW_MPS_PER_M * height_m, 0.0, self.config.speed_max_mps)
+    }
+}

@@ -1,0 +1,499 @@
+//! The last metres: is this the beacon, where is the pad, and down onto it.
+//!
+//! The planner brings the vehicle near; [`arrival`] says when it is there, or cannot say; [`search`] looks for what is not found,
+//! within limits; [`centring`] goes above the pad and down. What is seen of the pad is [`pad`]'s. [`Lander::step`] is asked
+//! in every step of the fast loop; as long as it has no demand the planner is followed, and the guard has the last word
+//! on all of it. Without a camera the vehicle stays above the beacon and hands over; that the autopilot is to land it there
+//! is the user's to say ([`Config::request_land`]).
+//!
+//! After ArduPilot's `AC_PrecLand` and PX4's `precland`: a cone that the descent keeps to, retries that are counted, a little
+//! climb after a loss, a last part without sight. Unlike those it never goes down on what it has not found: every end but
+//! the ground is a hover with a reason.
+//!
+//! | stage | event | what the vehicle does |
+//! |---|---|---|
+//! | `Seeking` | nothing yet | no demand: the planner is followed |
+//! | | arrived, or known to be near for long | `Approaching` |
+//! | | near for long and not known well enough | `SearchingBeacon` |
+//! | | pad found near the beacon | `Centring` |
+//! | `Approaching` | above the beacon, no camera expected | hand over, `Arrived`; land if the user wants it |
+//! | | above the beacon, camera, pad not seen | `SearchingPad` |
+//! | | above the beacon, no frames, or bad ones only | hand over, `NoCamera` |
+//! | | what it heard was not there | `Seeking`, `retries_max` times; then hand over, `Ambiguous` |
+//! | | blocked by the guard for 5 s | hand over, `Blocked` |
+//! | | not above it in time | hand over, `TimeLimit` |
+//! | `SearchingBeacon` | arrived, or known | `Approaching` |
+//! | | not near after all | `Seeking`, `retries_max` times |
+//! | | all searched; time up; most of it blocked | hand over, `SearchLimit`; `TimeLimit`; `Blocked` |
+//! | `SearchingPad` | pad found | `Centring` |
+//! | | all searched; time up; most of it blocked | hand over, `NoPad` (`PadLost` if it had been found); `TimeLimit`; `Blocked` |
+//! | | pad seen, and nothing says how high the vehicle is | hand over at the end of the search, `NoHeight` |
+//! | | no frames, or bad ones only | hand over, `NoCamera` |
+//! | `Centring` | pushed away so far that the pad leaves the picture | climbs for as long as that lasts |
+//! | | inside the cone, looks fresh | `Descending` |
+//! | | pad not seen for 2 s; not in the cone in time | `Recovering`, `retries_max` times; then hand over, `PadLost`, `TimeLimit` |
+//! | `Descending` | outside of the cone, or looks not fresh | `Centring`: the height is held |
+//! | | low, in the middle and slow | `Committed` |
+//! | `Recovering` | it holds, and climbs a little | |
+//! | | pad found | `Centring` |
+//! | | climbed | `SearchingPad` around where it was |
+//! | `Committed` | on the ground: the autopilot says so, or it sinks no more | `Landed` |
+//! | | not in the middle, or not for long | the last quarter of a metre waits for its moment |
+//! | | pushed out of the middle before that | `Centring` |
+//! | | not down in time | `Recovering` |
+//! | `Landed` | | zero velocity; land (and disarm) if the user wants it |
+//! | `HandedOver` | | zero velocity until a fresh entry |
+//! | any but `Seeking` | own position or attitude unknown, absurd, or older than 0.5 s | zero velocity, `NoOwnship`; goes on afterwards |
+//! | | `total_s` over | hand over, `TimeLimit` |
+//!
+//! Numbers are defaults of [`Config`]. There is a test for each row. Every demand is finite, inside the speeds of the
+//! configuration, and changes no faster than its accelerations.
+//!
+//! Cost: about 1 800 instructions in a step with a bearing and a look.
+
+use crate::bearing::Bearing;
+use crate::error::{ConfigError, check};
+use crate::frame::{Horizontal, Ned};
+use crate::ownship::Ownship;
+use crate::source::Estimate;
+use crate::time::Instant;
+use crate::units::between;
+
+pub mod arrival;
+pub mod centring;
+pub mod pad;
+pub mod pose;
+pub mod search;
+mod stages;
+
+use centring::Taken;
+use pad::{Look, Seen};
+use pose::{Pose, Poses};
+
+/// Own position and attitude older than this are none.
+const OWNSHIP_AGE_MAX_S: f32 = 0.5;
+/// At the commit the vehicle must be in the middle so much later as well.
+const AHEAD_S: f32 = 0.5;
+/// Range finders do not say more than this.
+const FINDER_MAX_M: f32 = 200.0;
+
+/// What landing needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// A camera looks down, and there is a pad to land on.
+    pub has_camera: bool,
+    /// Its focal length over the width of its image.
+    pub focal_widths: f32,
+    /// Radius of the pad.
+    pub pad_radius_m: f32,
+    /// The autopilot is asked to land above the beacon where no camera is expected, and to disarm on the pad.
+    pub request_land: bool,
+    /// How often what was found may be lost.
+    pub retries_max: u8,
+    /// How long the way to above the beacon may take.
+    pub approach_s: f32,
+    /// How long it may take to come into the cone, or down.
+    pub attempt_s: f32,
+    /// How long all of it may take.
+    pub total_s: f32,
+    /// Where the beacon is.
+    pub arrival: arrival::Config,
+    /// Search.
+    pub search: search::Config,
+    /// Centring and descent.
+    pub centring: centring::Config,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            has_camera: false,
+            focal_widths: 0.866,
+            pad_radius_m: 0.25,
+            request_land: false,
+            retries_max: 3,
+            approach_s: 20.0,
+            attempt_s: 45.0,
+            total_s: 240.0,
+            arrival: arrival::Config::default(),
+            search: search::Config::default(),
+            centring: centring::Config::default(),
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Lander, ConfigError> {
+        check("landing.focal_widths", self.focal_widths, 0.2, 5.0)?;
+        check("landing.pad_radius_m", self.pad_radius_m, 0.02, 5.0)?;
+        check("landing.retries_max", f32::from(self.retries_max), 0.0, 20.0)?;
+        check("landing.approach_s", self.approach_s, 1.0, 600.0)?;
+        check("landing.attempt_s", self.attempt_s, 1.0, 600.0)?;
+        check("landing.total_s", self.total_s, 1.0, 3600.0)?;
+        Ok(Lander {
+            config: *self,
+            arrival: self.arrival.build()?,
+            search: self.search.build()?,
+            pilot: self.centring.build()?,
+        })
+    }
+}
+
+/// Where in the last metres the vehicle is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+#[repr(u8)]
+pub enum Stage {
+    /// Not there yet: the planner is followed.
+    #[default]
+    Seeking = 0,
+    /// On the last metres to above the beacon.
+    Approaching,
+    /// Near the beacon, looking for where it is.
+    SearchingBeacon,
+    /// Above the beacon, looking for the pad.
+    SearchingPad,
+    /// On the way to above the pad, or waiting there.
+    Centring,
+    /// Going down.
+    Descending,
+    /// The pad is out of sight: holding, then climbing a little.
+    Recovering,
+    /// The last part, without sight.
+    Committed,
+    /// On the ground.
+    Landed,
+    /// Hovering, for somebody to take over.
+    HandedOver,
+}
+
+/// Why a stage ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+#[repr(u8)]
+pub enum Reason {
+    /// Above the beacon.
+    Arrived = 0,
+    /// On the pad.
+    Landed,
+    /// There is no pad where the beacon is.
+    NoPad,
+    /// The pad was found, and lost too often.
+    PadLost,
+    /// No frames come from the camera, or bad ones only.
+    NoCamera,
+    /// Nothing says how high the vehicle is.
+    NoHeight,
+    /// Where the beacon is cannot be told.
+    Ambiguous,
+    /// All inside the limits was searched.
+    SearchLimit,
+    /// The time is up.
+    TimeLimit,
+    /// The guard does not let it.
+    Blocked,
+    /// Own position or attitude is unknown.
+    NoOwnship,
+}
+
+impl Reason {
+    /// The reason's name as it stands in logs and reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Arrived => "arrived",
+            Self::Landed => "landed",
+            Self::NoPad => "no_pad",
+            Self::PadLost => "pad_lost",
+            Self::NoCamera => "no_camera",
+            Self::NoHeight => "no_height",
+            Self::Ambiguous => "ambiguous",
+            Self::SearchLimit => "search_limit",
+            Self::TimeLimit => "time_limit",
+            Self::Blocked => "blocked",
+            Self::NoOwnship => "no_ownship",
+        }
+    }
+}
+
+/// Everything that a step may know.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts<'a> {
+    /// The time of the step.
+    pub now: Instant,
+    /// The vehicle as last heard, if it is plausible.
+    pub ownship: Option<&'a Ownship>,
+    /// Height over the ground, by a range finder.
+    pub height_m: Option<f32>,
+    /// The bearing of this step, valid or not.
+    pub bearing: Option<&'a Bearing>,
+    /// What the filters of the source believe: that it is seen directly.
+    pub estimate: Option<&'a Estimate>,
+    /// A frame that was looked at.
+    pub look: Option<Look>,
+    /// The autopilot says that it has landed.
+    pub is_landed: bool,
+    /// The guard braked in the last step.
+    pub is_blocked: bool,
+    /// Time since the last step.
+    pub tick_s: f32,
+}
+
+/// Where it is: for `LANDING_TARGET`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Target {
+    /// Local NED.
+    pub place_ned_m: Ned,
+    /// Standard deviation of the horizontal place.
+    pub sigma_m: f32,
+    /// It is the pad, and seen; else the beacon, and heard.
+    pub is_pad: bool,
+}
+
+/// What a step came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Advice {
+    /// Where in the last metres the vehicle is.
+    pub stage: Stage,
+    /// Velocity, horizontal in NED and down; `None` where the planner is to be followed.
+    pub demand: Option<(Horizontal, f32)>,
+    /// Why it hovers, or is here again.
+    pub reason: Option<Reason>,
+    /// Where the pad, or the beacon, is.
+    pub target: Option<Target>,
+    /// The autopilot is to land, or to disarm, here.
+    pub wants_land: bool,
+}
+
+/// The configured stage machine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lander {
+    config: Config,
+    arrival: arrival::Arrival,
+    search: search::Search,
+    pilot: centring::Pilot,
+}
+
+/// What is remembered from step to step. A fresh one begins afresh.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    stage: Stage,
+    reason: Option<Reason>,
+    /// When the stage, the attempt and all of it began.
+    entered: Instant,
+    attempted: Instant,
+    began: Option<Instant>,
+    poses: Poses,
+    arrival: arrival::State,
+    search: search::State,
+    track: centring::Track,
+    /// Where to, while there is no pad.
+    goal_ned_m: Horizontal,
+    integral_mps: Horizontal,
+    /// The last demand.
+    velocity_ned_mps: Horizontal,
+    down_mps: f32,
+    /// When a good frame came last.
+    framed: Option<Instant>,
+    /// A pad was seen from a height that is not known.
+    lacks_height: bool,
+    /// The last bit, which cannot be called back.
+    is_dropping: bool,
+    /// A pad was found.
+    has_found: bool,
+    retries: u8,
+    settled_s: f32,
+    blocked_s: f32,
+    stands_s: f32,
+    /// Vertical places: where the pad was lost, and how high it may climb.
+    lost_down_m: f32,
+    top_down_m: f32,
+}
+
+impl State {
+    /// Where in the last metres the vehicle is.
+    #[must_use]
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    fn enter(&mut self, stage: Stage, reason: Option<Reason>, now: Instant) {
+        if stage == Stage::Centring && self.stage != Stage::Descending && self.stage != Stage::Committed {
+            self.attempted = now;
+        }
+        (self.stage, self.reason, self.entered) = (stage, reason, now);
+        self.is_dropping = false;
+        (self.settled_s, self.blocked_s, self.stands_s) = (0.0, 0.0, 0.0);
+    }
+
+    fn shift(&mut self, by: Horizontal) {
+        self.arrival.shift(by);
+        self.search.shift(by);
+        self.track.shift(by);
+        self.goal_ned_m = self.goal_ned_m.plus(by);
+    }
+}
+
+/// The vehicle in a step.
+struct Here {
+    now: Instant,
+    tick_s: f32,
+    place_ned_m: Horizontal,
+    down_m: f32,
+    velocity_ned_mps: Horizontal,
+    down_mps: f32,
+    height_m: Option<f32>,
+}
+
+impl Here {
+    /// Where the vehicle will be a little later.
+    fn soon(&self) -> Horizontal {
+        self.place_ned_m.plus(self.velocity_ned_mps.times(AHEAD_S))
+    }
+}
+
+/// A wish, before its limits.
+#[derive(Clone, Copy, Default)]
+struct Wish {
+    velocity_ned_mps: Horizontal,
+    down_mps: f32,
+}
+
+impl Lander {
+    /// One step.
+    pub fn step(&self, state: &mut State, facts: &Facts<'_>) -> Advice {
+        let tick_s = if facts.tick_s > 1e-3 && facts.tick_s < 0.2 { facts.tick_s } else { 0.02 };
+        let now = facts.now;
+        let is_fresh =
+            |at: Instant| now.seconds_since(at) < OWNSHIP_AGE_MAX_S && at.seconds_since(now) < OWNSHIP_AGE_MAX_S;
+        let heard = facts.ownship.filter(|ownship| {
+            ownship.is_plausible() && is_fresh(ownship.position_time) && is_fresh(ownship.attitude_time)
+        });
+        let Some(ownship) = heard else { return self.hold_blindly(state, tick_s) };
+        if let Some(jump) = state.poses.note(ownship) {
+            state.shift(jump);
+        }
+        let height_m = facts.height_m.filter(|height_m| *height_m > 0.0 && *height_m < FINDER_MAX_M);
+        let place = pose::carried(ownship, now);
+        let here = Here {
+            now,
+            tick_s,
+            place_ned_m: place.horizontal(),
+            down_m: place.down,
+            velocity_ned_mps: ownship.velocity_ned_mps.horizontal(),
+            down_mps: ownship.velocity_ned_mps.down,
+            height_m,
+        };
+        let pose = Pose {
+            place_ned_m: place,
+            roll_rad: ownship.roll_rad,
+            pitch_rad: ownship.pitch_rad,
+            yaw_rad: ownship.yaw_at(now),
+        };
+        if let Some(bearing) = facts.bearing {
+            let pose = state.poses.at(bearing.time).unwrap_or(pose);
+            self.arrival.hear(&mut state.arrival, bearing, &pose, height_m);
+        }
+        if let Some(estimate) = facts.estimate {
+            self.arrival.suggest(&mut state.arrival, estimate, &pose, height_m);
+        }
+        self.look(state, facts.look.as_ref(), &here);
+        let verdict = self.arrival.judge(&mut state.arrival, now, place, facts.estimate, tick_s);
+
+        state.blocked_s = if facts.is_blocked { state.blocked_s + tick_s } else { 0.0 };
+        self.mind_time(state, now);
+        let wish = self.act(state, facts, &here, verdict);
+        let demand = wish.map(|wish| self.limited(state, wish, tick_s));
+        if demand.is_none() {
+            // What the planner has the vehicle do is where a demand will begin.
+            state.velocity_ned_mps = here.velocity_ned_mps.clamped(self.config.centring.speed_max_mps);
+            state.down_mps = 0.0;
+        }
+        self.advice(state, demand, &here)
+    }
+
+    fn advice(&self, state: &State, demand: Option<(Horizontal, f32)>, here: &Here) -> Advice {
+        let target = if state.track.is_sure() {
+            let (place_ned_m, sigma_m) = (state.track.place_ned_m(), state.track.sigma_m());
+            Some(Target { place_ned_m, sigma_m, is_pad: true })
+        } else {
+            let fix = self.arrival.fix(&state.arrival, here.place_ned_m, here.down_m);
+            fix.map(|fix| Target { place_ned_m: fix.place_ned_m, sigma_m: fix.sigma_m, is_pad: false })
+        };
+        let is_there =
+            state.stage == Stage::Landed || (state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived));
+        Advice {
+            stage: state.stage,
+            demand,
+            reason: state.reason,
+            target,
+            wants_land: self.config.request_land && is_there,
+        }
+    }
+
+    /// Without a word of the own vehicle.
+    fn hold_blindly(&self, state: &mut State, tick_s: f32) -> Advice {
+        if state.stage == Stage::Seeking {
+            return Advice { reason: Some(Reason::NoOwnship), ..Advice::default() };
+        }
+        let demand = self.limited(state, Wish::default(), tick_s);
+        let is_over = matches!(state.stage, Stage::HandedOver | Stage::Landed);
+        let reason = if is_over { state.reason } else { Some(Reason::NoOwnship) };
+        Advice { stage: state.stage, demand: Some(demand), reason, ..Advice::default() }
+    }
+
+    /// Frames -> pad.
+    fn look(&self, state: &mut State, look: Option<&Look>, here: &Here) {
+        let ground_down_m = here.height_m.map(|height_m| here.down_m + height_m);
+        if let (Some(ground_down_m), Some(height_m)) = (ground_down_m, here.height_m) {
+            state.track.level(ground_down_m, height_m, here.tick_s);
+        }
+        let Some(look) = look.filter(|_| self.config.has_camera) else { return };
+        let pad = match look.seen {
+            Seen::Bad(_) => return,
+            Seen::Nothing(_) => None,
+            Seen::Pad(pad) => Some(pad),
+        };
+        state.framed = Some(here.now);
+        // A look whose attitude is not known any more is as good as none.
+        let (Some(pad), Some(pose)) = (pad, state.poses.at(look.time)) else { return };
+        let radius_m = self.config.pad_radius_m;
+        let taken = self.pilot.see(&mut state.track, &pad, look.time, &pose, radius_m, ground_down_m);
+        state.lacks_height |= taken == Taken::NoHeight;
+    }
+
+    /// Nothing goes on for ever.
+    fn mind_time(&self, state: &mut State, now: Instant) {
+        let is_active = !matches!(state.stage, Stage::Seeking | Stage::Landed | Stage::HandedOver | Stage::Committed);
+        if is_active && state.began.is_some_and(|began| now.seconds_since(began) > self.config.total_s) {
+            state.enter(Stage::HandedOver, Some(Reason::TimeLimit), now);
+        }
+    }
+
+    /// Inside the limits of speed and of change.
+    fn limited(&self, state: &mut State, wish: Wish, tick_s: f32) -> (Horizontal, f32) {
+        let c = &self.config.centring;
+        let wanted = if wish.velocity_ned_mps.is_finite() { wish.velocity_ned_mps } else { Horizontal::default() };
+        let wanted_down = if wish.down_mps.is_finite() { wish.down_mps } else { 0.0 };
+        let wanted = wanted.clamped(c.speed_max_mps);
+        let wanted_down = between(wanted_down, -c.climb_mps, c.descent_max_mps);
+        let change = wanted.minus(state.velocity_ned_mps).clamped(c.accel_max_mps2 * tick_s);
+        let most = c.down_accel_max_mps2 * tick_s;
+        state.velocity_ned_mps = state.velocity_ned_mps.plus(change);
+        state.down_mps += between(wanted_down - state.down_mps, -most, most);
+        (state.velocity_ned_mps, state.down_mps)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,151 @@
+//! A search on a square spiral around the best guess, inside a radius and a time.
+//!
+//! Legs run north, east, south, west and so on; their lengths are one pitch, one, two, two, three, three. With a camera the
+//! pitch is so much less than what it sees at this height that nothing is missed; for a beacon it is what gives its
+//! bearings another angle. A leg that the guard blocks, or that takes too long, is left out.
+
+use crate::error::{ConfigError, check};
+use crate::frame::Horizontal;
+use crate::time::Instant;
+
+/// A corner is passed this near to it.
+const PASSED_M: f32 = 0.35;
+/// Corners at most.
+const CORNERS_MAX: u8 = 60;
+/// Smallest and largest pitch.
+const PITCH_MIN_M: f32 = 0.3;
+const PITCH_MAX_M: f32 = 3.0;
+/// Share of what the camera sees across that is the pitch.
+const OVERLAP: f32 = 0.6;
+/// A leg may take so many times as long as it would at full speed, and so much on top.
+const LEG_FACTOR: f32 = 2.0;
+const LEG_EXTRA_S: f32 = 3.0;
+
+/// What a search needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// How far from the best guess it goes.
+    pub radius_m: f32,
+    /// How long it takes at most.
+    pub time_s: f32,
+    /// Speed.
+    pub speed_mps: f32,
+    /// A leg is left out when it has been blocked for so long.
+    pub blocked_s: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { radius_m: 3.0, time_s: 90.0, speed_mps: 0.5, blocked_s: 1.0 }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Search, ConfigError> {
+        check("landing.search.radius_m", self.radius_m, 0.5, 20.0)?;
+        check("landing.search.time_s", self.time_s, 1.0, 600.0)?;
+        check("landing.search.speed_mps", self.speed_mps, 0.1, 2.0)?;
+        check("landing.search.blocked_s", self.blocked_s, 0.1, 10.0)?;
+        Ok(Search { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    config: Config,
+}
+
+/// Where a search is.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct State {
+    center_ned_m: Horizontal,
+    corner_ned_m: Horizontal,
+    pitch_m: f32,
+    began: Instant,
+    leg_began: Instant,
+    blocked_s: f32,
+    corners: u8,
+    skipped: u8,
+}
+
+/// What a search says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// Go there.
+    Towards(Horizontal),
+    /// All was flown over.
+    Ended,
+    /// The time is up.
+    TimeUp,
+    /// Most legs were blocked.
+    Blocked,
+}
+
+impl State {
+    /// The position has jumped.
+    pub fn shift(&mut self, by: Horizontal) {
+        self.center_ned_m = self.center_ned_m.plus(by);
+        self.corner_ned_m = self.corner_ned_m.plus(by);
+    }
+}
+
+impl Search {
+    /// The speed to search with.
+    #[must_use]
+    pub fn speed_mps(&self) -> f32 {
+        self.config.speed_mps
+    }
+
+    /// The pitch for a camera at a height: `focal_widths` is its focal length over the width of its image.
+    #[must_use]
+    pub fn camera_pitch_m(height_m: f32, focal_widths: f32) -> f32 {
+        OVERLAP * height_m / focal_widths
+    }
+
+    /// Begins around a place.
+    pub fn begin(&self, state: &mut State, center_ned_m: Horizontal, pitch_m: f32, now: Instant) {
+        let pitch_m = crate::units::between(pitch_m, PITCH_MIN_M, PITCH_MAX_M);
+        let pitch_m = if pitch_m.is_finite() { pitch_m } else { PITCH_MIN_M };
+        *state =
+            State { center_ned_m, corner_ned_m: center_ned_m, pitch_m, began: now, leg_began: now, ..State::default() };
+    }
+
+    /// Where to go from here.
+    pub fn step(&self, state: &mut State, here: Horizontal, is_blocked: bool, now: Instant, tick_s: f32) -> Progress {
+        let c = &self.config;
+        if now.seconds_since(state.began) > c.time_s {
+            return Progress::TimeUp;
+        }
+        state.blocked_s = if is_blocked { state.blocked_s + tick_s } else { 0.0 };
+        let leg_m = state.pitch_m * (f32::from(state.corners / 2) + 1.0);
+        let is_late = now.seconds_since(state.leg_began) > LEG_EXTRA_S + LEG_FACTOR * leg_m / c.speed_mps;
+        let is_passed = here.minus(state.corner_ned_m).norm_squared() < PASSED_M * PASSED_M;
+        let is_skipped = !is_passed && (is_late || state.blocked_s > c.blocked_s);
+        if is_passed || is_skipped {
+            state.skipped = state.skipped.saturating_add(u8::from(is_skipped));
+            let (pitch_m, corner) = (state.pitch_m, state.corner_ned_m);
+            let length_m = pitch_m * f32::from(state.corners / 2 + 1);
+            state.corner_ned_m = match state.corners % 4 {
+                0 => Horizontal { north: corner.north + length_m, ..corner },
+                1 => Horizontal { east: corner.east + length_m, ..corner },
+                2 => Horizontal { north: corner.north - length_m, ..corner },
+                _ => Horizontal { east: corner.east - length_m, ..corner },
+            };
+            state.corners += 1;
+            (state.leg_began, state.blocked_s) = (now, 0.0);
+        }
+        let off = state.corner_ned_m.minus(state.center_ned_m);
+        let is_outside = libm::fabsf(off.north) > c.radius_m + 0.01 || libm::fabsf(off.east) > c.radius_m + 0.01;
+        if is_outside || state.corners > CORNERS_MAX {
+            let is_blocked = 2 * u16::from(state.skipped) > u16::from(state.corners);
+            return if is_blocked { Progress::Blocked } else { Progress::Ended };
+        }
+        Progress::Towards(state.corner_ned_m)
+    }
+}

@@ -1,0 +1,348 @@
+//! What is done in each stage, and when it ends: the table of the module's text.
+
+use super::arrival::Verdict;
+use super::search::{self, Search};
+use super::{Facts, Here, Lander, Reason, Stage, State, Wish};
+use crate::frame::Horizontal;
+use crate::source::Estimate;
+use crate::time::Instant;
+use crate::units::between;
+
+/// Above the beacon: this near, this slow, for this long.
+const ABOVE_M: f32 = 0.4;
+const ABOVE_MPS: f32 = 0.25;
+const ABOVE_S: f32 = 1.5;
+/// A look this young shows that the pad is there.
+const FOUND_S: f32 = 0.4;
+/// A pad is that of the beacon when it is this near to it.
+const PAD_FROM_BEACON_M: f32 = 4.0;
+/// Without a good frame for so long there is no camera.
+const CAMERA_S: f32 = 2.0;
+/// Not near for so long is not there.
+const FAR_S: f32 = 3.0;
+/// Blocked for so long is blocked.
+const BLOCKED_S: f32 = 5.0;
+/// Least pitch of a search for a beacon.
+const BEACON_PITCH_M: f32 = 0.75;
+/// Share of the cone's radius inside which the descent begins.
+const INSIDE: f32 = 0.7;
+/// Sinking slower than this, told to, is standing: for so long.
+const STANDS_MPS: f32 = 0.06;
+const STANDS_S: f32 = 0.8;
+/// Standing higher than this is not on the ground, as well as the height is known.
+const LOW_M: f32 = 0.3;
+/// The last part is broken off this far off the middle.
+const PUSHED_GATES: f32 = 2.0;
+/// The height from which it drops, and the share of the middle that it must be in.
+const DROP_M: f32 = 0.25;
+const DROP_GATES: f32 = 0.7;
+const DROP_BAND_M: f32 = 0.04;
+/// How much above the height of the commit it waits for its moment.
+const WAIT_ABOVE_M: f32 = 0.1;
+/// Half the picture's shorter side, in widths; up to this height the pad is kept in it.
+const SHORT_SIDE_HALF: f32 = 0.375;
+const IN_SIGHT_MAX_M: f32 = 2.0;
+/// Rate by which a height is corrected.
+const HEIGHT_RATE_PER_S: f32 = 2.0;
+/// Height that is assumed when nothing is known of it.
+const HEIGHT_ASSUMED_M: f32 = 2.0;
+
+impl Lander {
+    /// Whether there is a pad in sight.
+    fn is_found(&self, state: &State, now: Instant) -> bool {
+        state.track.is_sure() && state.track.unseen_s(now) < FOUND_S
+    }
+
+    /// The wish of this step; `None` where it is the planner's.
+    pub(super) fn act(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
+        match state.stage {
+            Stage::Seeking => self.seek(state, facts, here, verdict),
+            Stage::Approaching => Some(self.approach(state, here, verdict)),
+            Stage::SearchingBeacon => Some(self.search_beacon(state, facts, here, verdict)),
+            Stage::SearchingPad => Some(self.search_pad(state, facts, here)),
+            Stage::Centring | Stage::Descending => Some(self.center(state, facts, here)),
+            Stage::Recovering => Some(self.recover(state, here)),
+            Stage::Committed => Some(self.commit(state, facts, here)),
+            Stage::Landed | Stage::HandedOver => Some(Wish::default()),
+        }
+    }
+
+    fn seek(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
+        let now = here.now;
+        let begin = |state: &mut State, stage: Stage| {
+            state.enter(stage, None, now);
+            if state.began.is_none() {
+                state.began = Some(now);
+                state.top_down_m = here.down_m - self.config.centring.climb_m;
+            }
+        };
+        match verdict {
+            Verdict::Known(_) if !state.arrival.is_long_near(&self.config.arrival) => {}
+            Verdict::Arrived(fix) | Verdict::Known(fix) => {
+                state.goal_ned_m = fix.place_ned_m.horizontal();
+                state.integral_mps = Horizontal::default();
+                begin(state, Stage::Approaching);
+            }
+            Verdict::Ambiguous(fix) => {
+                let pitch_m = if fix.sigma_m > BEACON_PITCH_M { fix.sigma_m } else { BEACON_PITCH_M };
+                self.search.begin(&mut state.search, fix.place_ned_m.horizontal(), pitch_m, now);
+                begin(state, Stage::SearchingBeacon);
+            }
+            Verdict::Far | Verdict::Near(_) => {}
+        }
+        if self.is_found(state, now) && self.is_of_beacon(state, facts, verdict) {
+            begin(state, Stage::Centring);
+        }
+        (state.stage != Stage::Seeking).then_some(Wish::default())
+    }
+
+    /// Whether the pad in sight is where the beacon is.
+    fn is_of_beacon(&self, state: &State, facts: &Facts<'_>, verdict: Verdict) -> bool {
+        let pad = state.track.place_ned_m().horizontal();
+        let by_fix = match verdict {
+            Verdict::Far => None,
+            Verdict::Near(fix) | Verdict::Known(fix) | Verdict::Ambiguous(fix) | Verdict::Arrived(fix) => {
+                Some(fix.place_ned_m.horizontal())
+            }
+        };
+        let known = |estimate: &&Estimate| estimate.covariance_m2[0] + estimate.covariance_m2[2] < 4.0;
+        let beacon = by_fix.or(facts.estimate.filter(known).map(|estimate| estimate.place_ned_m));
+        beacon.is_some_and(|beacon| beacon.minus(pad).norm_squared() < PAD_FROM_BEACON_M * PAD_FROM_BEACON_M)
+    }
+
+    fn approach(&self, state: &mut State, here: &Here, verdict: Verdict) -> Wish {
+        let now = here.now;
+        let is_there = match verdict {
+            Verdict::Arrived(fix) => {
+                state.goal_ned_m = fix.place_ned_m.horizontal();
+                true
+            }
+            Verdict::Known(fix) => {
+                state.goal_ned_m = fix.place_ned_m.horizontal();
+                false
+            }
+            Verdict::Far | Verdict::Ambiguous(_) => {
+                state.arrival.have_patience();
+                if state.retries >= self.config.retries_max {
+                    state.enter(Stage::HandedOver, Some(Reason::Ambiguous), now);
+                } else {
+                    state.retries += 1;
+                    state.enter(Stage::Seeking, Some(Reason::Ambiguous), now);
+                }
+                return Wish::default();
+            }
+            Verdict::Near(_) => false,
+        };
+        if self.is_found(state, now) {
+            state.enter(Stage::Centring, None, now);
+            return Wish::default();
+        }
+        let error_m = state.goal_ned_m.minus(here.place_ned_m);
+        let is_above = is_there
+            && error_m.norm_squared() < ABOVE_M * ABOVE_M
+            && here.velocity_ned_mps.norm_squared() < ABOVE_MPS * ABOVE_MPS;
+        state.settled_s = if is_above { state.settled_s + here.tick_s } else { 0.0 };
+        let is_late = now.seconds_since(state.entered) > self.config.approach_s;
+        if state.settled_s > ABOVE_S || (is_late && is_there) {
+            self.arrive(state, here);
+        } else if is_late {
+            state.enter(Stage::HandedOver, Some(Reason::TimeLimit), now);
+        } else if state.blocked_s > BLOCKED_S {
+            state.enter(Stage::HandedOver, Some(Reason::Blocked), now);
+        }
+        if state.stage != Stage::Approaching {
+            return Wish::default();
+        }
+        self.hover(state, state.goal_ned_m, here, HEIGHT_ASSUMED_M, self.config.centring.speed_max_mps)
+    }
+
+    /// Above the beacon.
+    fn arrive(&self, state: &mut State, here: &Here) {
+        let now = here.now;
+        if !self.config.has_camera {
+            state.enter(Stage::HandedOver, Some(Reason::Arrived), now);
+        } else if self.has_frames(state, now) {
+            self.begin_pad_search(state, state.goal_ned_m, here);
+        } else {
+            state.enter(Stage::HandedOver, Some(Reason::NoCamera), now);
+        }
+    }
+
+    fn has_frames(&self, state: &State, now: Instant) -> bool {
+        state.framed.is_some_and(|framed| now.seconds_since(framed) < CAMERA_S)
+    }
+
+    fn begin_pad_search(&self, state: &mut State, center: Horizontal, here: &Here) {
+        let height_m = if state.track.is_sure() { Some(state.track.height_m(here.down_m)) } else { here.height_m };
+        let height_m = height_m.unwrap_or(HEIGHT_ASSUMED_M);
+        let pitch_m = Search::camera_pitch_m(height_m, self.config.focal_widths);
+        self.search.begin(&mut state.search, center, pitch_m, here.now);
+        state.integral_mps = Horizontal::default();
+        state.enter(Stage::SearchingPad, None, here.now);
+    }
+
+    fn search_beacon(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Wish {
+        if self.is_found(state, here.now) && self.is_of_beacon(state, facts, verdict) {
+            state.enter(Stage::Centring, None, here.now);
+            return Wish::default();
+        }
+        if let Verdict::Arrived(fix) | Verdict::Known(fix) = verdict {
+            state.goal_ned_m = fix.place_ned_m.horizontal();
+            state.arrival.have_patience();
+            state.enter(Stage::Approaching, None, here.now);
+            return Wish::default();
+        }
+        // What it searched for is not near at all.
+        state.settled_s = if verdict == Verdict::Far { state.settled_s + here.tick_s } else { 0.0 };
+        if state.settled_s > FAR_S && state.retries < self.config.retries_max {
+            state.retries += 1;
+            state.enter(Stage::Seeking, Some(Reason::Ambiguous), here.now);
+            return Wish::default();
+        }
+        self.search_on(state, facts, here, Reason::SearchLimit)
+    }
+
+    fn search_pad(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+        if self.is_found(state, here.now) {
+            state.enter(Stage::Centring, None, here.now);
+            return Wish::default();
+        }
+        if !self.has_frames(state, here.now) {
+            state.enter(Stage::HandedOver, Some(Reason::NoCamera), here.now);
+            return Wish::default();
+        }
+        let reason = match (state.has_found, state.lacks_height) {
+            (true, _) => Reason::PadLost,
+            (false, true) => Reason::NoHeight,
+            (false, false) => Reason::NoPad,
+        };
+        self.search_on(state, facts, here, reason)
+    }
+
+    /// On with the search; at its end that reason.
+    fn search_on(&self, state: &mut State, facts: &Facts<'_>, here: &Here, reason: Reason) -> Wish {
+        let progress = self.search.step(&mut state.search, here.place_ned_m, facts.is_blocked, here.now, here.tick_s);
+        let reason = match progress {
+            search::Progress::Towards(corner) => {
+                return self.hover(state, corner, here, HEIGHT_ASSUMED_M, self.search.speed_mps());
+            }
+            search::Progress::Ended => reason,
+            search::Progress::TimeUp => Reason::TimeLimit,
+            search::Progress::Blocked => Reason::Blocked,
+        };
+        state.enter(Stage::HandedOver, Some(reason), here.now);
+        Wish::default()
+    }
+
+    /// Towards a place, at the height where it is.
+    fn hover(&self, state: &mut State, place: Horizontal, here: &Here, height_m: f32, speed_mps: f32) -> Wish {
+        let error_m = place.minus(here.place_ned_m);
+        let velocity_ned_mps =
+            self.pilot.steer(&mut state.integral_mps, error_m, here.velocity_ned_mps, height_m, speed_mps, here.tick_s);
+        Wish { velocity_ned_mps, down_mps: 0.0 }
+    }
+
+    fn center(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+        let (c, now) = (&self.config.centring, here.now);
+        state.has_found = true;
+        let height_m = state.track.height_m(here.down_m);
+        let unseen_s = state.track.unseen_s(now);
+        let pad = state.track.place_ned_m().horizontal();
+        let error_m = pad.minus(here.place_ned_m).norm();
+        if facts.is_landed && height_m < c.commit_m + LOW_M {
+            state.enter(Stage::Landed, Some(Reason::Landed), now);
+            return Wish::default();
+        }
+        if state.blocked_s > BLOCKED_S {
+            state.enter(Stage::HandedOver, Some(Reason::Blocked), now);
+            return Wish::default();
+        }
+        if unseen_s > c.lost_s || now.seconds_since(state.attempted) > self.config.attempt_s {
+            let reason = if unseen_s > c.lost_s { Reason::PadLost } else { Reason::TimeLimit };
+            return self.lose(state, here, reason);
+        }
+        let is_fresh = unseen_s < c.fresh_s;
+        let gate_m = self.pilot.gate_m(height_m);
+        if state.stage == Stage::Centring && is_fresh && error_m < INSIDE * gate_m {
+            state.enter(Stage::Descending, None, now);
+        } else if state.stage == Stage::Descending && !(is_fresh && error_m < gate_m) {
+            state.enter(Stage::Centring, None, now);
+        }
+        let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
+        let is_inside = error_m < c.commit_gate_m && pad.minus(here.soon()).norm() < c.commit_gate_m;
+        if height_m < c.commit_m + WAIT_ABOVE_M && is_inside && is_slow && is_fresh {
+            state.enter(Stage::Committed, None, now);
+        }
+        let wait_m = c.commit_m + 0.5 * WAIT_ABOVE_M;
+        // Pushed away it goes up, for the pad to stay in the picture.
+        let half_tangent = SHORT_SIDE_HALF / self.config.focal_widths;
+        let in_sight_m = between((error_m - 0.5 * self.config.pad_radius_m) / half_tangent, 0.0, IN_SIGHT_MAX_M);
+        let wait_m = if in_sight_m > wait_m && here.down_m > state.top_down_m { in_sight_m } else { wait_m };
+        let to_wait_mps = HEIGHT_RATE_PER_S * (height_m - wait_m);
+        let down_mps = if state.stage == Stage::Descending {
+            let descent_mps = self.pilot.descent_mps(height_m, error_m);
+            if to_wait_mps < descent_mps { to_wait_mps } else { descent_mps }
+        } else if to_wait_mps < 0.0 {
+            to_wait_mps
+        } else {
+            0.0
+        };
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+    }
+
+    fn lose(&self, state: &mut State, here: &Here, reason: Reason) -> Wish {
+        if state.retries >= self.config.retries_max {
+            state.enter(Stage::HandedOver, Some(reason), here.now);
+            return Wish::default();
+        }
+        state.retries += 1;
+        state.lost_down_m = here.down_m;
+        state.enter(Stage::Recovering, Some(reason), here.now);
+        Wish::default()
+    }
+
+    fn recover(&self, state: &mut State, here: &Here) -> Wish {
+        let c = &self.config.centring;
+        let pad = state.track.place_ned_m().horizontal();
+        let risen_m = state.lost_down_m - here.down_m;
+        let is_up = risen_m >= c.climb_m || here.down_m <= state.top_down_m;
+        let since_s = here.now.seconds_since(state.entered);
+        // Seen again from a little higher: what made it lose sight must not happen at once again.
+        if self.is_found(state, here.now) && (is_up || risen_m > 0.3 * c.climb_m) {
+            state.enter(Stage::Centring, None, here.now);
+        } else if is_up || since_s > c.climb_s {
+            self.begin_pad_search(state, pad, here);
+        }
+        let height_m = state.track.height_m(here.down_m);
+        let down_mps = if is_up { 0.0 } else { -c.climb_mps };
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+    }
+
+    fn commit(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+        let (c, now) = (&self.config.centring, here.now);
+        let height_m = state.track.height_m(here.down_m);
+        let pad = state.track.place_ned_m().horizontal();
+        let error_m = pad.minus(here.place_ned_m).norm();
+        let is_told = state.down_mps > 0.5 * c.commit_mps;
+        let stands = is_told && libm::fabsf(here.down_mps) < STANDS_MPS;
+        state.stands_s = if stands { state.stands_s + here.tick_s } else { 0.0 };
+        if facts.is_landed || (state.stands_s > STANDS_S && height_m < LOW_M) {
+            state.enter(Stage::Landed, Some(Reason::Landed), now);
+            return Wish::default();
+        }
+        if error_m > PUSHED_GATES * c.commit_gate_m && !state.is_dropping {
+            state.enter(Stage::Centring, None, now);
+        } else if now.seconds_since(state.entered) > c.commit_s {
+            return self.lose(state, here, Reason::TimeLimit);
+        }
+        // The last bit waits for its moment: a drop cannot be called back.
+        let soon_m = pad.minus(here.soon()).norm();
+        let is_at_edge = height_m < DROP_M + DROP_BAND_M;
+        let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
+        state.is_dropping |=
+            is_at_edge && is_slow && soon_m < DROP_GATES * c.commit_gate_m && error_m < c.commit_gate_m;
+        let wait_mps = between(HEIGHT_RATE_PER_S * (height_m - DROP_M), -c.climb_mps, c.descent_min_mps);
+        let down_mps = if state.is_dropping { c.commit_mps } else { wait_mps };
+        Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
+    }
+}

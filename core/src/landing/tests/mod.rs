@@ -1,0 +1,137 @@
+//! Tests of the stage machine: signs, rows of the table, limits, and flights of a small model.
+
+mod fixes;
+mod flights;
+mod fuzz;
+mod model;
+mod table;
+
+use core::mem::size_of;
+
+use super::pad::{Bad, Look, Pad, Seen};
+use super::*;
+
+pub(super) const TICK_US: u64 = 20_000;
+
+/// A vehicle that hovers.
+fn hovering(micros: u64, place: Ned, yaw_rad: f32) -> Ownship {
+    Ownship {
+        position_time: Instant(micros),
+        attitude_time: Instant(micros),
+        position_ned_m: place,
+        yaw_rad,
+        ..Ownship::default()
+    }
+}
+
+pub(super) fn nothing(micros: u64) -> Facts<'static> {
+    Facts {
+        now: Instant(micros),
+        ownship: None,
+        height_m: None,
+        bearing: None,
+        estimate: None,
+        look: None,
+        is_landed: false,
+        is_blocked: false,
+        tick_s: 0.02,
+    }
+}
+
+fn pad(forward: f32, right: f32, radius: f32) -> Pad {
+    Pad { forward, right, radius, confidence: 0.9, is_cut: false }
+}
+
+#[test]
+fn the_state_is_small() {
+    assert!(size_of::<State>() <= 700, "{}", size_of::<State>());
+}
+
+/// Flies a lander with a hovering vehicle to which the pad is shown from the first step on, for so long; the last advice.
+fn shown(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32) -> Advice {
+    shown_late(place, yaw_rad, seen, seconds, 0)
+}
+
+/// The same with looks that are so old.
+fn shown_late(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32, late_us: u64) -> Advice {
+    let lander = Config { has_camera: true, ..Config::default() }.build().unwrap();
+    let estimate = Estimate { covariance_m2: [0.1, 0.0, 0.1], ..Estimate::default() };
+    let mut state = State::default();
+    let mut advice = Advice::default();
+    for tick in 0..(seconds * 50.0) as u64 {
+        let micros = 10_000_000 + tick * TICK_US;
+        let ownship = hovering(micros, place, yaw_rad);
+        let look = seen(tick).map(|seen| Look { time: Instant(micros - late_us), seen });
+        let facts = Facts { ownship: Some(&ownship), estimate: Some(&estimate), look, ..nothing(micros) };
+        advice = lander.step(&mut state, &facts);
+    }
+    advice
+}
+
+#[test]
+fn a_pad_ahead_of_a_nose_to_the_east_is_to_the_east() {
+    let east = core::f32::consts::FRAC_PI_2;
+    let at = Ned { down: -2.0, ..Ned::default() };
+    for (yaw_rad, forward, right, expected) in [
+        (0.0, 0.4, 0.0, (1.0, 0.0)),
+        (0.0, 0.0, 0.4, (0.0, 1.0)),
+        (east, 0.4, 0.0, (0.0, 1.0)),
+        (east, 0.0, 0.4, (-1.0, 0.0)),
+        (-east, 0.4, 0.0, (0.0, -1.0)),
+    ] {
+        let advice = shown(at, yaw_rad, |_| Some(Seen::Pad(pad(forward, right, 0.125))), 2.0);
+        let (velocity, down_mps) = advice.demand.unwrap();
+        assert_eq!(advice.stage, Stage::Centring);
+        let along = velocity.north * expected.0 + velocity.east * expected.1;
+        let across = velocity.north * expected.1 - velocity.east * expected.0;
+        assert!(along > 0.3 && across.abs() < 0.02 && down_mps == 0.0, "{yaw_rad} {forward} {right}: {advice:?}");
+        let target = advice.target.unwrap();
+        assert!(target.is_pad && (target.place_ned_m.down - 0.0).abs() < 0.1, "{target:?}");
+        let place = target.place_ned_m.horizontal();
+        assert!(
+            place.minus(Horizontal { north: 0.8 * expected.0, east: 0.8 * expected.1 }).norm() < 0.05,
+            "{target:?}"
+        );
+    }
+}
+
+#[test]
+fn right_above_the_pad_it_goes_down() {
+    let at = Ned { down: -2.0, ..Ned::default() };
+    let advice = shown(at, 1.0, |_| Some(Seen::Pad(pad(0.0, 0.0, 0.125))), 3.0);
+    assert_eq!(advice.stage, Stage::Descending);
+    let (velocity, down_mps) = advice.demand.unwrap();
+    assert!(velocity.norm() < 0.02 && down_mps > 0.3, "{advice:?}");
+}
+
+#[test]
+fn looks_that_are_too_old_or_no_numbers_are_as_good_as_none() {
+    let at = Ned { down: -2.0, ..Ned::default() };
+    let ahead = pad(0.2, 0.0, 0.125);
+    let good = |_| Some(Seen::Pad(ahead));
+    assert_eq!(shown_late(at, 0.0, good, 2.0, 150_000).stage, Stage::Centring);
+    assert_eq!(shown_late(at, 0.0, good, 2.0, 600_000).stage, Stage::Seeking);
+    for wild in [
+        Pad { forward: f32::NAN, ..ahead },
+        Pad { right: f32::INFINITY, ..ahead },
+        Pad { forward: 8.0, ..ahead },
+        Pad { radius: f32::NAN, ..ahead },
+        Pad { radius: -0.1, ..ahead },
+        Pad { confidence: f32::NAN, ..ahead },
+        Pad { confidence: 0.0, ..ahead },
+    ] {
+        let advice = shown(at, 0.0, |_| Some(Seen::Pad(wild)), 2.0);
+        assert!(advice.stage == Stage::Seeking && advice.demand.is_none(), "{wild:?}: {advice:?}");
+    }
+}
+
+#[test]
+fn bad_frames_in_the_descent_hold_the_height() {
+    let at = Ned { down: -2.0, ..Ned::default() };
+    for bad in [Bad::Size, Bad::Line, Bad::Order, Bad::Cut, Bad::Flat] {
+        let advice =
+            shown(at, 0.0, |tick| Some(if tick < 100 { Seen::Pad(pad(0.0, 0.0, 0.125)) } else { Seen::Bad(bad) }), 3.0);
+        let (velocity, down_mps) = advice.demand.unwrap();
+        assert!(advice.stage == Stage::Centring && velocity.norm() < 0.02 && down_mps == 0.0, "{bad:?}: {advice:?}");
+    }
+}
