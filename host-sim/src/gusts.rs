@@ -1,6 +1,7 @@
 //! Many flights in gusts, scene by scene: how many touch something, how many arrive.
 //!
-//! All with the whole chain from the antennas' codes on, at 20 dB, and a vehicle as slow as a real autopilot. The scenes: the pillars
+//! All fly with the whole chain from the antennas' codes on, at 20 dB, and a vehicle as slow as a
+//! real autopilot, ArduCopter unless the scene says PX4 ([`crate::deviation`]). The scenes: the pillars
 //! of `scenarios/gusts_strong.json`, forests that every seed plants anew, seen by a scan or told as circles, a thicket with gaps
 //! down to half a metre, the corridor of `tests/scenarios`. The air: a mean wind of 3 m/s with Dryden's gusts on top of it.
 
@@ -24,8 +25,15 @@ pub struct Scene {
 }
 
 /// The scenes.
-pub const SCENES: [Scene; 5] = [
+pub const SCENES: [Scene; 6] = [
     Scene { name: "pillars, scan", scenario: include_str!("../../scenarios/gusts_strong.json") },
+    Scene {
+        name: "pillars, scan, PX4",
+        scenario: r#"{"obstacles":[{"x":2.5,"y":2.7,"r":0.3},{"x":4.2,"y":2.3,"r":0.33},{"x":4.3,"y":4.4,"r":0.34},
+            {"x":2.9,"y":5.9,"r":0.28},{"x":6.2,"y":3.6,"r":0.28},{"x":5.6,"y":6.1,"r":0.32},{"x":7.1,"y":7.3,"r":0.33},
+            {"x":8.4,"y":5.2,"r":0.3}],"sensor":{"model":"scan"},"bearing":{"snr_db":20},
+            "vehicle":{"model":"arducopter","autopilot":"px4"}}"#,
+    },
     Scene {
         name: "forest, scan",
         scenario: r#"{"random":{"count":24},"sensor":{"model":"scan"},"bearing":{"snr_db":20},
@@ -93,8 +101,7 @@ pub fn fly(scene: &Scene, weather: &Weather, seed: u64) -> Result<Report, String
     scenario.wind = weather.wind;
     scenario.vehicle.model = crate::scenario::VehicleModel::Arducopter;
     let scenario = scenario.drawn(seed).map_err(|error| error.to_string())?;
-    let mission =
-        Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
+    let mission = Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
     let mut computer = HostComputer::new(&mission.guidance()).map_err(|error| error.to_string())?;
     let record = flight::fly(&mission, &mut computer, None, |_| ()).map_err(|error| error.to_string())?;
     Ok(record.report)
