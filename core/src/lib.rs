@@ -75,6 +75,7 @@ pub mod planner;
 pub mod rollout;
 pub mod wavefront;
 
+pub mod gust;
 pub mod response;
 pub mod sight;
 

@@ -16,7 +16,7 @@ use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
 
 /// Most commands that can be on their way.
-const PENDING_MAX: usize = 64;
+const PENDING_MAX: usize = 56;
 
 /// What is known of the vehicle's answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,11 +62,28 @@ pub struct State {
     commands: Deque<Horizontal, PENDING_MAX>,
 }
 
+impl State {
+    /// The command of so many steps ago, of which there is one for each of the last `pending` steps.
+    #[must_use]
+    pub fn ago(&self, steps: usize) -> Horizontal {
+        let index = self.commands.len().checked_sub(steps + 1);
+        index.and_then(|index| self.commands.get(index)).copied().unwrap_or_default()
+    }
+}
+
 impl Response {
     /// Mean delay of the vehicle behind its rest point.
     #[must_use]
     pub fn delay_s(&self) -> f32 {
         self.lag_s + self.pending as f32 * self.tick_s
+    }
+
+    /// The same delay as a shorter dead time, in steps, and two equal lags one after the other.
+    #[must_use]
+    pub fn twice_lagged(&self) -> (usize, f32) {
+        let dead_steps = (0.7 * self.pending as f32) as usize;
+        let tau_s = 0.5 * (self.delay_s() - dead_steps as f32 * self.tick_s);
+        (dead_steps, if tau_s > self.tick_s { tau_s } else { self.tick_s })
     }
 
     /// Notes the command of this step.

@@ -2,8 +2,8 @@
 //!
 //! Gusts are a first-order process in each of both directions, `dg = -g dt / T + sigma sqrt(2 dt / T) n`: the longitudinal
 //! one of Dryden's turbulence. Air that moves by `w` pushes with `d w`; `d` of 0.3 1/s, a small multicopter's drag, is an
-//! assumption. The autopilot counters what lasts, with the time constant of its velocity integrator, 2 s; it has countered
-//! the mean when the flight begins. What it has not countered yet moves the vehicle; all of it makes it lean.
+//! assumption. The autopilot has countered the mean when the flight begins; what it does about the rest says
+//! [`crate::deviation`].
 
 use crate::random::Random;
 use crate::scenario;
@@ -11,16 +11,14 @@ use crate::world::Horizontal;
 
 /// Acceleration by a metre a second of wind.
 const DRAG_PER_S: f64 = 0.3;
-/// The proportional gain of ArduCopter's velocity controller over its integral one, as they come: 2.0 and 1.0.
-const COUNTERED_IN_S: f64 = 2.0;
 
 /// What the air does to the vehicle, NED, m/s^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Push {
     /// All of it.
     pub whole: Horizontal,
-    /// What the autopilot does not counter yet.
-    pub felt: Horizontal,
+    /// The gusts, without the mean.
+    pub gust: Horizontal,
 }
 
 /// The air around the vehicle.
@@ -29,7 +27,6 @@ pub struct Air {
     wind: scenario::Wind,
     random: Random,
     gust_mps: Horizontal,
-    countered: Horizontal,
 }
 
 impl Air {
@@ -38,8 +35,7 @@ impl Air {
     pub fn new(wind: scenario::Wind, mut random: Random) -> Self {
         let (north, east) = (random.gaussian(), random.gaussian());
         let gust_mps = Horizontal { north: wind.gust_mps * north, east: wind.gust_mps * east };
-        let countered = Horizontal::default().along(Horizontal::from_xy([wind.vx, wind.vy]), DRAG_PER_S);
-        Self { wind, random, gust_mps, countered }
+        Self { wind, random, gust_mps }
     }
 
     /// What it does for the next while.
@@ -50,9 +46,7 @@ impl Air {
         self.gust_mps = Horizontal { north: next(self.gust_mps.north), east: next(self.gust_mps.east) };
         let wind_mps = self.gust_mps.along(Horizontal::from_xy([self.wind.vx, self.wind.vy]), 1.0);
         let whole = Horizontal::default().along(wind_mps, DRAG_PER_S);
-        let felt = whole.minus(self.countered);
-        self.countered = self.countered.along(felt, 1.0 - libm::exp(-step_s / COUNTERED_IN_S));
-        Push { whole, felt }
+        Push { whole, gust: Horizontal::default().along(self.gust_mps, DRAG_PER_S) }
     }
 }
 
@@ -119,16 +113,16 @@ mod tests {
             let mean = wind_mps.iter().sum::<f64>() / wind_mps.len() as f64;
             assert!((mean - mean_mps).abs() < 0.12, "{mean}");
         }
-        let felt = pushes.iter().map(|push| push.felt.east).sum::<f64>() / pushes.len() as f64;
-        assert!(felt.abs() < 1e-3, "what lasts is countered: {felt}");
+        let gust = pushes.iter().map(|push| push.gust.east).sum::<f64>() / pushes.len() as f64;
+        assert!(gust.abs() < 0.12 * DRAG_PER_S, "the mean is no gust: {gust}");
     }
 
     #[test]
     fn a_steady_wind_pushes_nobody_about_and_is_leant_into() {
         let mut air = Air::new(scenario::Wind { vx: 5.0, ..scenario::Wind::default() }, Random::new(1, 3));
         for _ in 0..100 {
-            let Push { whole, felt } = air.step(STEP_S);
-            assert!(felt.norm() < 1e-12 && (whole.east - 1.5).abs() < 1e-12);
+            let Push { whole, gust } = air.step(STEP_S);
+            assert!(gust.norm() < 1e-12 && (whole.east - 1.5).abs() < 1e-12);
         }
     }
 

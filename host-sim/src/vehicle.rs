@@ -6,11 +6,14 @@
 //!   `v'' = w^2 (v_cmd - v) - 2 w v'`. When its setpoints time out it brakes faster, without the setpoint's dead time: of
 //!   1 m/s, 85 % were left 0.24 s and 15 % 0.95 s after the time-out, which is 0.06 s and 3.8 rad/s. The yaw rate's lag
 //!   of 0.15 s is an assumption. It tilts with its acceleration.
+//!
+//! The wind moves either away from that; the autopilot counters it ([`crate::deviation`]).
 
 use std::collections::VecDeque;
 
 use crate::air::Push;
 use crate::antennas::Pose;
+use crate::deviation::Deviation;
 use crate::scenario;
 use crate::world::Horizontal;
 
@@ -57,6 +60,8 @@ pub struct Vehicle {
     pub motion: Motion,
     /// What the air does to it.
     pub push: Push,
+    /// What that has made of the motion.
+    deviation: Deviation,
     time_s: f64,
     /// Setpoints on their way, with the time at which they take effect.
     underway: VecDeque<(f64, Command)>,
@@ -83,6 +88,7 @@ impl Vehicle {
             a_max_mps2,
             motion: Motion { pose, ..Motion::default() },
             push: Push::default(),
+            deviation: Deviation::default(),
             time_s: 0.0,
             underway: VecDeque::new(),
             command: Command::default(),
@@ -124,10 +130,11 @@ impl Vehicle {
     }
 
     fn point(&mut self, dt: f64) {
+        let calm_ned_mps = self.calm_ned_mps();
         let motion = &mut self.motion;
         let lag_s = self.config.lag_s.max(dt);
-        for axis in 0..3 {
-            let wanted = (self.command.velocity_ned_mps[axis] - motion.velocity_ned_mps[axis]) / lag_s;
+        for (axis, calm_mps) in calm_ned_mps.into_iter().enumerate() {
+            let wanted = (self.command.velocity_ned_mps[axis] - calm_mps) / lag_s;
             motion.acceleration_ned_mps2[axis] = wanted;
         }
         limit(&mut motion.acceleration_ned_mps2, self.a_max_mps2);
@@ -136,9 +143,10 @@ impl Vehicle {
 
     fn arducopter(&mut self, dt: f64) {
         let horizontal_rate = if self.command.is_brake { BRAKE_RATE_RADPS } else { SETPOINT_RATE_RADPS };
+        let calm_ned_mps = self.calm_ned_mps();
         let motion = &mut self.motion;
         for (axis, rate) in [horizontal_rate, horizontal_rate, VERTICAL_RATE_RADPS].into_iter().enumerate() {
-            let error = self.command.velocity_ned_mps[axis] - motion.velocity_ned_mps[axis];
+            let error = self.command.velocity_ned_mps[axis] - calm_ned_mps[axis];
             let jerk = rate * (rate * error - 2.0 * motion.acceleration_ned_mps2[axis]);
             motion.acceleration_ned_mps2[axis] += jerk * dt;
         }
@@ -146,11 +154,17 @@ impl Vehicle {
         self.tilt();
     }
 
+    /// How fast it would be without wind.
+    fn calm_ned_mps(&self) -> [f64; 3] {
+        let (blown, [north, east, down]) = (self.deviation.velocity_mps(), self.motion.velocity_ned_mps);
+        [north - blown.north, east - blown.east, down]
+    }
+
     fn advance(&mut self, dt: f64, yaw_lag_s: f64) {
+        let blown = self.deviation.step(self.config.autopilot, self.push.gust, dt);
         let motion = &mut self.motion;
-        let felt = [self.push.felt.north, self.push.felt.east, 0.0];
-        for (axis, felt_mps2) in felt.into_iter().enumerate() {
-            let acceleration_mps2 = motion.acceleration_ned_mps2[axis] + felt_mps2;
+        for (axis, blown_mps2) in [blown.north, blown.east, 0.0].into_iter().enumerate() {
+            let acceleration_mps2 = motion.acceleration_ned_mps2[axis] + blown_mps2;
             motion.pose.position_ned_m[axis] += dt * (motion.velocity_ned_mps[axis] + 0.5 * dt * acceleration_mps2);
             motion.velocity_ned_mps[axis] += dt * acceleration_mps2;
         }
@@ -163,7 +177,10 @@ impl Vehicle {
     fn tilt(&mut self) {
         let motion = &mut self.motion;
         let [north, east, _] = motion.acceleration_ned_mps2;
-        let (north, east) = (north - self.push.whole.north, east - self.push.whole.east);
+        // The mean is leant against from the beginning.
+        let steady = self.push.whole.minus(self.push.gust);
+        let lean_mps2 = self.deviation.lean_mps2();
+        let (north, east) = (north - steady.north + lean_mps2.north, east - steady.east + lean_mps2.east);
         let (sine, cosine) = (libm::sin(motion.pose.yaw_rad), libm::cos(motion.pose.yaw_rad));
         let (forward, right) = (north * cosine + east * sine, east * cosine - north * sine);
         motion.pose.pitch_rad = -libm::atan(forward / GRAVITY_MPS2);
@@ -264,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn arducopter_leans_against_the_wind_and_what_is_countered_does_not_move_it() {
+    fn arducopter_leans_against_the_wind_and_only_a_gust_moves_it() {
         let mut vehicle = vehicle(VehicleModel::Arducopter);
         let whole = Horizontal { north: -1.5, east: 0.0 };
         vehicle.push = Push { whole, ..Push::default() };
@@ -272,9 +289,15 @@ mod tests {
         let expected_rad = -(1.5_f64 / GRAVITY_MPS2).atan();
         assert!((vehicle.motion.pose.pitch_rad - expected_rad).abs() < 1e-9, "{}", vehicle.motion.pose.pitch_rad);
         assert_eq!(vehicle.motion.pose.position_ned_m[0], 0.0);
-        vehicle.push.felt = whole;
+        vehicle.push.gust = whole;
         vehicle.step(Command::default(), 0.1);
         assert!(vehicle.motion.velocity_ned_mps[0] < -0.1);
+        // It leans against that as well, after a while, and goes back to where it was.
+        for _ in 0..1500 {
+            vehicle.step(Command::default(), 0.02);
+        }
+        assert!((vehicle.motion.pose.pitch_rad - expected_rad).abs() < 1e-3, "{}", vehicle.motion.pose.pitch_rad);
+        assert!(vehicle.motion.pose.position_ned_m[0].abs() < 0.01, "{:?}", vehicle.motion.pose.position_ned_m);
     }
 
     #[test]

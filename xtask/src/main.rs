@@ -1,10 +1,11 @@
-//! Developer commands: `cargo xtask <test | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak>`.
+//! Developer commands: `cargo xtask <test | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak | gusts>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
 
 mod bench;
 mod build;
+mod gusts;
 mod panics;
 mod parity;
 mod size;
@@ -83,6 +84,12 @@ enum Task {
         /// Simulated hours
         #[arg(long, default_value_t = 24.0)]
         hours: f64,
+    },
+    /// Fly in calm air and in gusts, scene by scene
+    Gusts {
+        /// Flights in each scene and weather
+        #[arg(long, default_value_t = 200)]
+        flights: u32,
     },
 }
 
@@ -208,6 +215,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Bench { json } => bench::run(*json),
         Task::Parity { flights } => parity::run(*flights),
         Task::Soak { hours } => soak::run(*hours),
+        Task::Gusts { flights } => gusts::run(*flights),
     }
 }
 

@@ -8,6 +8,8 @@
 //!    `-dh/dt <= min(rate h, sqrt(1.4 a h))` on the speed relative to the circle. The command becomes the nearest one that
 //!    all of them allow. What is too close is moved away from, also from a standstill. If they do not agree, what stands
 //!    still need only not come nearer; if they still do not, it brakes.
+//!    Where gusts push the vehicle about ([`crate::gust`]) the margin to what stands still grows by as much; where there is no room
+//!    for that, all give way by the same, which leads to the middle.
 //! 3. The change from the last command is limited: by the acceleration limit always, by the jerk limit when the speed
 //!    grows. Slowing down is never limited by jerk, nor is getting out of the way: a brake must not be late. The jerk limit bounds how
 //!    fast an acceleration builds up or turns round; it may end at once.
@@ -56,6 +58,8 @@ const STILL_MPS: f32 = 0.02;
 const ALTITUDE_RATE_PER_S: f32 = 0.5;
 /// Half a way shorter than this is not looked at by itself: what is asked of a place holds for 7 cm around it.
 const SHORT_M: f32 = 0.06;
+/// Halvings of the shortfall where gusts want more room than there is.
+const EVENED_MAX: u8 = 4;
 /// Half-planes beyond this many times the speed limit cannot matter.
 const SLACK: f32 = 1.5;
 
@@ -202,6 +206,8 @@ pub struct Ruling {
     pub look_ned_rad: Option<f32>,
     /// So many obstacles were looked at closely.
     pub close: u8,
+    /// Gusts wanted more room than there is, which takes longer.
+    pub evened: bool,
 }
 
 /// Where the vehicle is and where it would come to rest.
@@ -215,6 +221,8 @@ pub struct Situation {
     pub yaw_rad: f32,
     /// How long the vehicle takes to come to its rest point: what moves has moved on by then.
     pub delay_s: f32,
+    /// How far gusts push the vehicle about: so much more is kept from what stands still.
+    pub gust_margin_m: f32,
     /// Vertical position, local NED, if known.
     pub down_m: Option<f32>,
     /// The altitude that is held, local NED, if any.
@@ -256,6 +264,8 @@ pub struct State {
     change_ned_mps: Horizontal,
     sight: Sight,
     counts: Counts,
+    /// Gusts wanted more room in this step than there is.
+    evened: bool,
 }
 
 impl State {
@@ -366,6 +376,7 @@ impl Guard {
         let braked = (limited(last, Horizontal::default(), c.a_max_mps2 * dt_s), Action::Braked, None);
         // Filled where they lie: to return them would copy them.
         let mut near = Near::new();
+        state.evened = false;
         let (velocity, action, look_ned_rad) = if sane {
             self.horizontal(state, demand, situation, obstacles, &mut near, dt_s).unwrap_or(braked)
         } else {
@@ -389,6 +400,7 @@ impl Guard {
             action,
             look_ned_rad,
             close: near.len() as u8,
+            evened: state.evened,
         }
     }
 
@@ -410,7 +422,12 @@ impl Guard {
 
         let wanted = demand.velocity_ned_mps.clamped(v_max_mps);
         let granted = if is_threatened { wanted } else { wanted.times(self.view_share(wanted, situation.yaw_rad)) };
-        let agreed = nearest_allowed(granted, &half_spaces).or_else(|| {
+        let mut agreed = nearest_allowed(granted, &half_spaces);
+        if agreed.is_none() && situation.gust_margin_m > 0.0 {
+            state.evened = true;
+            agreed = evened_out(granted, &mut half_spaces);
+        }
+        let agreed = agreed.or_else(|| {
             for half_space in &mut half_spaces {
                 if half_space.least_mps > half_space.oncoming_mps {
                     half_space.least_mps = half_space.oncoming_mps;
@@ -519,7 +536,7 @@ impl Guard {
             // It is no slower than this before the next step.
             let command_mps = command_ned_mps.norm();
             let fastest_mps = if v_max_mps > command_mps { v_max_mps } else { command_mps };
-            let range_m = self.range_m(SLACK * fastest_mps) + c.margin_m;
+            let range_m = self.range_m(SLACK * fastest_mps) + c.margin_m + situation.gust_margin_m;
             let range_m = if range_m > underway_m { range_m } else { underway_m };
             let is_near = |obstacle: &&Obstacle| {
                 let drift_m =
@@ -544,9 +561,9 @@ impl Guard {
     }
 
     /// Fastest approach at a clearance; negative, a speed of retreat, inside the margin.
-    fn approach_mps(&self, h: f32) -> f32 {
+    fn approach_mps(&self, h: f32, out_mps: f32) -> f32 {
         if !(h > 0.0) {
-            return -(-h).clamp(0.0, OUT_MPS);
+            return -between(-h, 0.0, out_mps);
         }
         let by_rate = self.config.approach_rate_per_s * h;
         let by_brake = sqrt(1.4 * self.config.a_max_mps2 * h);
@@ -564,9 +581,11 @@ impl Guard {
             let away = rest.minus(obstacle.center_ned_m.plus(drift.times(delay_s)));
             let norm = away.norm();
             let outwards = if norm > 1e-6 { away.times(1.0 / norm) } else { Horizontal { north: 1.0, east: 0.0 } };
-            let h = norm - obstacle.reach_m - c.margin_m - 0.2 * drift.norm();
+            // From what moves it goes out of the way as in calm air: into the arms of the next one else.
+            let gust_m = if drift == Horizontal::default() { situation.gust_margin_m } else { 0.0 };
+            let h = norm - obstacle.reach_m - c.margin_m - gust_m - 0.2 * drift.norm();
             let oncoming = outwards.dot(drift);
-            let least_mps = oncoming - self.approach_mps(h);
+            let least_mps = oncoming - self.approach_mps(h, OUT_MPS + gust_m);
             is_threatened |= least_mps > 0.0 && oncoming > STILL_MPS;
             if least_mps > beyond {
                 // Cannot fail: there is room for all.
@@ -574,7 +593,8 @@ impl Guard {
             }
         }
         for (inwards, depth_m) in c.fence.sides(rest) {
-            let least_mps = -self.approach_mps(depth_m - c.fence_margin_m);
+            let gust_m = situation.gust_margin_m;
+            let least_mps = -self.approach_mps(depth_m - c.fence_margin_m - gust_m, OUT_MPS + gust_m);
             if least_mps > beyond {
                 let _ = half_spaces.push(HalfSpace { outwards: inwards, least_mps, oncoming_mps: 0.0 });
             }
@@ -678,6 +698,34 @@ impl Guard {
         }
         way
     }
+}
+
+/// Where gusts want more room than there is: the same shortfall from all that stands, so that the vehicle keeps to the middle.
+fn evened_out(wanted: Horizontal, half_spaces: &mut HalfSpaces) -> Option<Horizontal> {
+    // By the largest of them, nothing is asked for any more.
+    let most_mps = half_spaces
+        .iter()
+        .fold(0.0, |most, half_space| if half_space.least_mps > most { half_space.least_mps } else { most });
+    let (mut least_mps, mut most_mps, mut lowered_mps) = (0.0, most_mps, 0.0);
+    let mut lower = |half_spaces: &mut HalfSpaces, by_mps: f32| {
+        for half_space in half_spaces {
+            if half_space.oncoming_mps == 0.0 {
+                half_space.least_mps -= by_mps - lowered_mps;
+            }
+        }
+        lowered_mps = by_mps;
+    };
+    let mut best = None;
+    for _ in 0..EVENED_MAX {
+        let by_mps = 0.5 * (least_mps + most_mps);
+        lower(half_spaces, by_mps);
+        match nearest_allowed(wanted, half_spaces) {
+            Some(velocity) => (best, most_mps) = (Some(velocity), by_mps),
+            None => least_mps = by_mps,
+        }
+    }
+    lower(half_spaces, 0.0);
+    best
 }
 
 /// The velocity nearest to the wanted one that all half-spaces allow; `None` if there is none.

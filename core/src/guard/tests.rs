@@ -89,6 +89,41 @@ fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
     }
 }
 
+/// Where an ideal vehicle ends after 20 s under a demand, with a gust margin.
+fn ends(from: Horizontal, demand: Demand, gust_margin_m: f32, obstacles: &[Obstacle]) -> Horizontal {
+    let (guard, mut state) = (Config::default().build().unwrap(), State::default());
+    let mut at = from;
+    for _ in 0..1000 {
+        let situation = Situation { position_ned_m: at, rest_ned_m: at, gust_margin_m, ..Situation::default() };
+        let setpoint = guard.step(&mut state, &demand, &situation, obstacles, DT).setpoint;
+        at = at.plus(setpoint.velocity_ned_mps.horizontal().times(DT));
+    }
+    at
+}
+
+#[test]
+fn gusts_keep_it_farther_away_and_let_it_go_away_by_itself() {
+    let wall = wall(4.0, 1.0);
+    let calm = ends(Horizontal::default(), demand(1.0, 0.0), 0.0, &[wall]);
+    let gusty = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[wall]);
+    assert!((calm.north - gusty.north - 0.4).abs() < 0.01, "{calm:?} {gusty:?}");
+    // A vehicle that holds where gusts could carry it into the wall does not stay.
+    let left = ends(Horizontal { north: 2.9, east: 0.0 }, demand(0.0, 0.0), 0.4, &[wall]);
+    assert!((wall.clearance_m(left) - 0.43).abs() < 0.02, "{left:?}");
+}
+
+#[test]
+fn where_gusts_want_more_room_than_there_is_it_keeps_to_the_middle() {
+    // Half a metre between two pillars, of which the vehicle needs 0.3 m, and a gust margin that neither side can have.
+    let sides = [pillar(0.0, -0.55, 0.3), pillar(0.0, 0.55, 0.3)];
+    for off_m in [-0.08, 0.08] {
+        let end = ends(at(0.0, off_m), demand(0.0, 0.0), 0.5, &sides);
+        assert!(sides.iter().all(|side| side.clearance_m(end) > 0.06), "from {off_m}: {end:?}");
+    }
+    // Calm, it stays where it is.
+    assert_eq!(ends(at(0.0, 0.05), demand(0.0, 0.0), 0.0, &sides), at(0.0, 0.05));
+}
+
 #[test]
 fn bad_limits_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Config)| {

@@ -30,7 +30,7 @@ use crate::time::Instant;
 use crate::trace::Trace;
 use crate::track::Demand;
 use crate::work::Work;
-use crate::{array, bearing, goal, map, mission, phase, planner, response, scan, track};
+use crate::{array, bearing, goal, gust, map, mission, phase, planner, response, scan, track};
 
 mod near;
 pub mod turning;
@@ -58,6 +58,8 @@ const KNOWN_PRICE: u32 = 75;
 const GUARD_PRICE: u32 = 5_000;
 const NEAR_PRICE: u32 = 60;
 const CLOSE_PRICE: u32 = 420;
+/// That gusts want more room than there is.
+const EVENED_PRICE: u32 = 4_000;
 /// To take over a plan; to ask for one.
 const TAKE_OVER_PRICE: u32 = 2_000;
 const ASK_PRICE: u32 = 4_000;
@@ -199,6 +201,8 @@ pub struct Config {
     pub planner: planner::Config,
     /// The vehicle's answer to setpoints.
     pub response: response::Config,
+    /// What is made of gusts.
+    pub gust: gust::Config,
     /// Waypoint tracker.
     pub track: track::Config,
     /// Safety filter.
@@ -229,6 +233,7 @@ impl Default for Config {
             goal: goal::Config::default(),
             planner: planner::Config::default(),
             response: response::Config::default(),
+            gust: gust::Config::default(),
             track: track::Config::default(),
             guard: guard::Config::default(),
             mission: mission::Config::default(),
@@ -266,6 +271,7 @@ impl Config {
             let why = Why::Inconsistent("only the planner foxhound can search");
             return Err(ConfigError { field: "planner.explore", value: 1.0, why });
         }
+        let response = self.response.build(self.tick_s)?;
         Ok(Guidance {
             seed: self.seed,
             tick_s: self.tick_s,
@@ -287,7 +293,8 @@ impl Config {
             reflections: self.reflections,
             searches: self.planner.explore.is_some(),
             goal: self.goal.build()?,
-            response: self.response.build(self.tick_s)?,
+            response,
+            gust: self.gust.build(&response, self.tick_s)?,
             track: self.track.build()?,
             guard: self.guard.build()?,
             mission: self.mission.build()?,
@@ -323,6 +330,7 @@ pub struct Guidance<const N: usize> {
     searches: bool,
     goal: goal::Seeker,
     response: response::Response,
+    gust: gust::Gauge,
     track: track::Tracker,
     guard: guard::Guard,
     mission: mission::Mission,
@@ -366,6 +374,7 @@ pub struct State<const N: usize> {
     is_searching: bool,
     goal: goal::State,
     response: response::State,
+    gust: gust::State,
     track: track::State,
     guard: guard::State,
     /// Where the guard wants to look before it goes on.
@@ -447,6 +456,7 @@ impl<const N: usize> Guidance<N> {
             is_searching: false,
             goal: goal::State::default(),
             response: response::State::default(),
+            gust: gust::State::default(),
             track: track::State::default(),
             guard: guard::State::default(),
             look_ned_rad: None,
@@ -494,6 +504,7 @@ impl<const N: usize> Guidance<N> {
             is_searching,
             goal,
             response,
+            gust,
             track,
             guard,
             look_ned_rad,
@@ -529,6 +540,7 @@ impl<const N: usize> Guidance<N> {
         *belief = None;
         *goal = goal::State::default();
         *response = response::State::default();
+        *gust = gust::State::default();
         *track = track::State::default();
         *guard = guard::State::default();
         (*look_ned_rad, *hold_down_m) = (None, None);
@@ -599,6 +611,10 @@ impl<const N: usize> Guidance<N> {
             work.spend(TAKE_OVER_PRICE);
         }
 
+        if let Some(ownship) = &state.ownship {
+            let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
+            self.gust.step(&mut state.gust, &state.response, velocity_ned_mps, ownship.position_time);
+        }
         let situation = self.situation(state);
         let facts = self.facts(state, input, &situation);
         let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
@@ -963,6 +979,7 @@ impl<const N: usize> Guidance<N> {
             rest_ned_m,
             yaw_rad: ownship.yaw_rad,
             delay_s: self.response.delay_s(),
+            gust_margin_m: self.gust.margin_m(&state.gust),
             down_m: state.ownship.map(|ownship| ownship.position_ned_m.down),
             held_down_m: state.hold_down_m,
         }
@@ -1018,12 +1035,14 @@ impl<const N: usize> Guidance<N> {
         let ruling = self.guard.step(&mut state.guard, &demand, situation, &state.near, self.tick_s);
         state.look_ned_rad = ruling.look_ned_rad;
         work.spend(GUARD_PRICE + NEAR_PRICE * state.near.len() as u32 + CLOSE_PRICE * u32::from(ruling.close));
+        work.spend(if ruling.evened { EVENED_PRICE } else { 0 });
         (ruling.setpoint, ruling.action)
     }
 
     /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
     fn let_go(&self, state: &mut State<N>) {
         state.guard.release();
+        state.gust.release();
         state.is_searching = false;
         state.look_ned_rad = None;
         state.track = track::State::default();
@@ -1078,6 +1097,7 @@ impl<const N: usize> Guidance<N> {
         state.request.id = state.request.id.wrapping_add(1);
         state.request.seed = self.seed;
         state.request.start_ned_m = start_ned_m;
+        state.request.gust_margin_m = self.gust.margin_m(&state.gust);
         state.request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
         state.request.fresh = state.request.id == 1 || core::mem::take(&mut state.misled);
         state.request.wants_lines = state.reflected >= self.reflected_min;

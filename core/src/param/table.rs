@@ -22,7 +22,7 @@ pub const TABLE: &[Param] = &[
     real("FH_ACC_MAX", "m/s/s", 2.0, [0.1, 20.0], "Largest change of the commanded velocity."),
     real("FH_JERK_MAX", "m/s/s/s", 20.0, [1.0, 1000.0], "Largest change of that change while the speed grows."),
     real("FH_YAWR_MAX", "rad/s", 2.5, [0.1, 6.3], "Largest yaw rate."),
-    real("FH_DEAD_TIME", "s", 0.32, [0.0, 1.28], "Time from a setpoint to the vehicle's first motion."),
+    real("FH_DEAD_TIME", "s", 0.32, [0.0, 1.12], "Time from a setpoint to the vehicle's first motion."),
     real("FH_LAG", "s", 0.5, [0.0, 5.0], "Time constant of the vehicle's velocity after that."),
     // What it keeps away from.
     real("FH_RADIUS", "m", 0.15, [0.0, 5.0], "Radius of the vehicle with its propellers."),

@@ -229,6 +229,8 @@ pub struct PlanRequest {
     pub direction_ned: Horizontal,
     /// What has been heard of the source since the last request.
     pub sightings: Vec<Sighting, SIGHTINGS_MAX>,
+    /// How far gusts push the vehicle about: so much farther it keeps from what stands still.
+    pub gust_margin_m: f32,
     /// Where the source is, when that is known.
     pub known_source_ned_m: Option<Horizontal>,
     /// The range is not known.
@@ -486,6 +488,22 @@ mod tests {
             }
         }
         assert!(followed > 300, "{followed} followed, {braked} braked");
+    }
+
+    #[test]
+    fn gusts_make_the_way_wider_and_a_narrow_gap_none() {
+        let least_m = |gust_margin_m: f32, gap_m: f32| {
+            let east_m = 0.3 + 0.5 * gap_m;
+            let request = PlanRequest { gust_margin_m, ..request(&[(1.0, east_m, 0.3), (1.0, -east_m, 0.3)]) };
+            let (plan, _) = plan(Kind::Foxhound, &request);
+            let obstacles: std::vec::Vec<_> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
+            swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles)
+        };
+        // Between them, there is 0.15 m on either side; with gusts it goes round, or does not come near.
+        assert!(least_m(0.0, 0.6) < 0.16);
+        assert!(least_m(0.3, 0.6) >= 0.3);
+        // Where there is room for both.
+        assert!((0.3..0.46).contains(&least_m(0.3, 1.2)), "{}", least_m(0.3, 1.2));
     }
 
     #[test]

@@ -1,0 +1,49 @@
+//! Gusts, among pillars and in a corridor: what the autopilot does not counter in time the margins must hold.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use foxhound_sim::gusts::{Row, SCENES, Scene, WEATHERS, Weather, row};
+
+/// Of the two hundred flights of `docs/gusts.md` so many are flown here.
+const FLIGHTS: u64 = 60;
+
+fn scene(name: &str) -> &'static Scene {
+    SCENES.iter().find(|scene| scene.name == name).unwrap()
+}
+
+fn weather(name: &str) -> &'static Weather {
+    WEATHERS.iter().find(|weather| weather.name == name).unwrap()
+}
+
+fn flown(scene_name: &str, weather_name: &str) -> Row {
+    row(scene(scene_name), weather(weather_name), 1..FLIGHTS + 1).unwrap()
+}
+
+#[test]
+fn in_gusts_of_one_and_of_one_and_a_half_metres_a_second_nothing_is_touched_and_the_beacon_reached() {
+    for scene in ["pillars, scan", "pillars, scan, PX4", "forest, scan", "forest, circles", "corridor"] {
+        for weather in ["gusts, sigma 1 m/s", "gusts, sigma 1.5 m/s"] {
+            let row = flown(scene, weather);
+            assert!(row.collided.is_empty(), "{row:?}");
+            // Some forests have no way as wide as that.
+            assert!(row.reached as f64 >= 0.95 * FLIGHTS as f64, "{row:?}");
+        }
+    }
+}
+
+#[test]
+fn in_gusts_of_three_metres_a_second_hardly_any_pillar_is_touched() {
+    for scene in ["pillars, scan", "forest, scan"] {
+        let row = flown(scene, "gusts, sigma 3 m/s");
+        assert!(row.collided.len() <= 3 && row.reached as f64 >= 0.9 * FLIGHTS as f64, "{row:?}");
+    }
+}
+
+#[test]
+fn the_margin_costs_time_in_gusts_only() {
+    let [calm, gusty] = ["calm", "gusts, sigma 1 m/s"].map(|weather| flown("pillars, scan", weather));
+    assert_eq!(calm.reached, FLIGHTS as u32);
+    assert!(calm.time_s < 14.0 && gusty.time_s < 1.3 * calm.time_s, "{calm:?} {gusty:?}");
+    // It keeps farther from everything than in calm air.
+    assert!(gusty.clearance_m[1] > calm.clearance_m[1], "{calm:?} {gusty:?}");
+}
