@@ -1,66 +1,648 @@
-//! What the camera sees of the landing pad.
+//! The pad detector: lines of pixels in, a ray through the pad's centre out.
+//!
+//! The pad is a plain red disc on the ground, perhaps with a white ring round it. The camera looks along the body's down
+//! axis. A frame comes line by line and is not kept: [`State`] is below 2 KB.
+//!
+//! 1. `light`: pixels redder than the ground pass, whatever the lamp; of a grey frame, what is darker or brighter than most.
+//! 2. `regions`: a median over three by three pixels, runs, connected regions with outline, area and colours inside and
+//!    outside of the edge. A cable or a hard shadow does not part them.
+//! 3. `fit`: a disc, or the ellipse that a tilted one is, through the largest regions' outlines, of which a third may
+//!    be hidden. The centre is that of the edge, not of the pixels that are left.
+//! 4. A region is the pad when its edge is a circle's over half of the ring, the disc is filled to 60 % without a round
+//!    hole, its colour steps at the edge by more than a lamp explains, and, where the height is known, it has the size
+//!    that a pad has there.
+//!
+//! Tangents are those of the body: nothing here knows how the vehicle leans. The centre of a tilted disc is not quite that of its
+//! ellipse; [`Pad::straightened`] puts that right for who knows the lean.
+//!
+//! Pixels and regions are integers; the last step, of a few dozen points a frame, is `f32`. The row loop
+//! takes ten instructions a pixel, all together some 20 (the bench's `pad_160x120`).
 
+mod fit;
+mod light;
+mod regions;
+#[cfg(test)]
+mod tests;
+
+use crate::error::{ConfigError, check};
+use crate::kernel::sqrt;
 use crate::time::Instant;
+
+use fit::{Fit, Prior, SECTORS};
+use light::Light;
+use regions::{Mask, Region, Regions, WORDS, median};
+
+/// Widest frame, in pixels.
+pub const WIDTH_MAX: u16 = 320;
+/// Highest frame, in pixels.
+pub const HEIGHT_MAX: u16 = 240;
+/// Narrower or lower frames show no pad.
+pub const SIDE_MIN: u16 = 16;
+/// Heights beyond are no heights.
+const HEIGHT_LEAST_M: f32 = 0.05;
+/// Regions that are looked at closely in a frame.
+const FITS_MAX: usize = 3;
+/// A smaller one has no shape.
+const RADIUS_MIN_PX: f32 = 4.6;
+/// From higher up the pad is too small to be told from a leaf.
+const EXPECTED_MIN_PX: f32 = 5.3;
+/// Sine of how far the vehicle may lean.
+const LEAN_SINE: f32 = 0.342;
+/// Fewer pixels are no region.
+const AREA_MIN: u32 = 24;
+
+/// Pixels of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Format {
+    /// Two bytes a pixel, the low one first: red in the top five bits, green in six, blue in five.
+    #[default]
+    Rgb565,
+    /// One byte a pixel.
+    Grey,
+}
+
+impl Format {
+    fn bytes(self) -> usize {
+        match self {
+            Self::Rgb565 => 2,
+            Self::Grey => 1,
+        }
+    }
+}
+
+/// What a frame is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Header {
+    /// When it was exposed.
+    pub time: Instant,
+    /// Columns.
+    pub width_px: u16,
+    /// Lines.
+    pub height_px: u16,
+    /// Of its pixels.
+    pub format: Format,
+}
+
+/// The camera looks down along the body's down axis; the top line of the picture is towards the nose, columns run to the right.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Focal length over the picture's width: 0.866 is 60 degrees from left to right.
+    pub focal_widths: f32,
+}
+
+impl Default for Camera {
+    fn default() -> Self {
+        Self { focal_widths: 0.866 }
+    }
+}
 
 /// Where the pad is in the body frame: a ray through its centre, as tangents.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pad {
-    /// Forward, metres per metre along body-down.
+    /// Metres forward a metre along body-down.
     pub forward: f32,
-    /// To the right, metres per metre along body-down.
+    /// Metres to the right a metre along body-down.
     pub right: f32,
-    /// Tangent of the radius.
+    /// The radius, in the same measure.
     pub radius: f32,
-    /// How sure it is, 0..=1.
+    /// 0 to 1.
     pub confidence: f32,
-    /// The image's border cuts it.
+    /// Whether the picture's border cuts it.
     pub is_cut: bool,
 }
 
-/// Why nothing was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+impl Pad {
+    /// The same pad with its centre as the disc's own, not its ellipse's. `up` is where up is, as the tangents of the vertical in the
+    /// body frame: nose down by 10 degrees and level, it is `[-0.176, 0.0]`.
+    ///
+    /// Along the slope the disc's near half looks longer: with the depth `1 + v s` at `s` radii, the middle of both ends
+    /// is off by `radius^2 v (slope - centre v)`.
+    #[must_use]
+    pub fn straightened(self, up: [f32; 2]) -> Self {
+        let square = up[0] * up[0] + up[1] * up[1];
+        if !(square > 1e-6 && square < 4.0) {
+            return self;
+        }
+        let tangent = sqrt(square);
+        let cosine = 1.0 / sqrt(1.0 + square);
+        let sine = tangent * cosine;
+        let along = [up[0] / tangent, up[1] / tangent];
+        // The direction on the ground that leads away from the camera in depth.
+        let v = sine;
+        let centre = self.forward * along[0] + self.right * along[1];
+        let part = self.radius * self.radius * v / (1.0 - self.radius * self.radius * v * v);
+        let across = [self.forward - centre * along[0], self.right - centre * along[1]];
+        let shift = part * (cosine - centre * v);
+        let side = -part * v;
+        Self {
+            forward: self.forward + shift * along[0] + side * across[0],
+            right: self.right + shift * along[1] + side * across[1],
+            ..self
+        }
+    }
+}
+
+/// Why there is no pad: how far the region went that came closest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Nothing {
-    /// Nothing of its colour.
+    /// Nothing red in the frame, or not enough of it.
     NoRegion,
-    /// Not its shape.
+    /// No region with the edge of a disc.
     Shape,
-    /// Not its size.
-    Size,
-    /// Not its colour.
+    /// Too little of the disc is there, or there is a round hole in it.
+    Hidden,
+    /// No step of colour at its edge: a glow.
     Colour,
+    /// A disc, but not of the size that the pad has from here.
+    Size,
 }
 
 /// What was wrong with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Bad {
-    /// Its size.
+    /// Too small or too large.
     Size,
-    /// The length of a line.
+    /// A line with too few or too many bytes.
     Line,
-    /// The order of its lines.
+    /// A line twice, left out, or before its turn.
     Order,
-    /// It ended early.
+    /// The last lines did not come.
     Cut,
-    /// It is all one colour.
+    /// All of it has one colour.
     Flat,
+    /// A line or the end of a frame that has not begun.
+    NotBegun,
+    /// It is too old when it comes.
+    Age,
 }
 
-/// What a frame shows.
+/// What was seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Seen {
     /// The pad.
     Pad(Pad),
-    /// No pad.
+    /// A good frame without a pad.
     Nothing(Nothing),
-    /// It is no frame.
+    /// No good frame.
     Bad(Bad),
 }
 
-/// A frame that was looked at.
+/// What a frame came to.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Look {
-    /// When it was exposed.
+    /// When the frame was exposed.
     pub time: Instant,
     /// What it shows.
     pub seen: Seen,
+}
+
+/// Camera and pad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// The camera.
+    pub camera: Camera,
+    /// Radius of the red disc.
+    pub pad_radius_m: f32,
+    /// How far the height may be wrong, as a part of it.
+    pub height_tolerance: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { camera: Camera::default(), pad_radius_m: 0.25, height_tolerance: 0.1 }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// Names the field that is out of range.
+    pub fn build(&self) -> Result<Detector, ConfigError> {
+        check("pad.camera.focal_widths", self.camera.focal_widths, 0.2, 5.0)?;
+        check("pad.pad_radius_m", self.pad_radius_m, 0.02, 5.0)?;
+        check("pad.height_tolerance", self.height_tolerance, 0.0, 1.0)?;
+        Ok(Detector { config: *self })
+    }
+}
+
+/// Where a frame is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Idle,
+    Lines,
+    Spoilt(Bad),
+}
+
+/// One frame, and the light of those before.
+#[derive(Clone, Debug)]
+pub struct State {
+    stage: Stage,
+    header: Header,
+    /// Not a number where it is not known.
+    height_m: Option<f32>,
+    row: u16,
+    light: Light,
+    /// Which pixels passed in the last three lines, for each class; a line's place is its number modulo three.
+    masks: [[Mask; 3]; 2],
+    regions: Regions,
+}
+
+impl State {
+    /// Before the first frame.
+    #[must_use]
+    pub const fn new() -> Self {
+        let header = Header { time: Instant(0), width_px: 0, height_px: 0, format: Format::Rgb565 };
+        Self {
+            stage: Stage::Idle,
+            header,
+            height_m: None,
+            row: 0,
+            light: Light::new(),
+            masks: [[[0; WORDS]; 3]; 2],
+            regions: Regions::new(),
+        }
+    }
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The detector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Detector {
+    config: Config,
+}
+
+impl Detector {
+    /// Begins a frame, whatever became of the one before. `height_m` is that of the camera above the pad.
+    ///
+    /// # Errors
+    /// [`Bad::Size`].
+    pub fn begin(&self, state: &mut State, header: &Header, height_m: Option<f32>) -> Result<(), Bad> {
+        let is_new = state.header.format != header.format || state.header.width_px != header.width_px;
+        if is_new {
+            state.light = Light::new();
+        }
+        state.header = *header;
+        state.row = 0;
+        let sides = SIDE_MIN..=WIDTH_MAX;
+        if !sides.contains(&header.width_px) || !(SIDE_MIN..=HEIGHT_MAX).contains(&header.height_px) {
+            state.stage = Stage::Spoilt(Bad::Size);
+            return Err(Bad::Size);
+        }
+        state.height_m = height_m.filter(|height_m| *height_m >= HEIGHT_LEAST_M && *height_m < 1e4);
+        state.stage = Stage::Lines;
+        // At least a twentieth; from above nobody knows where, a half.
+        let share_most = state.height_m.map_or(128, |height_m| {
+            let radius = self.config.camera.focal_widths * self.config.pad_radius_m / height_m;
+            let ratio = f32::from(header.width_px) / f32::from(header.height_px);
+            (12.0 + 256.0 * (6.0 * radius * radius * ratio).min(0.9)) as u32
+        });
+        state.light.begin(share_most);
+        state.regions.begin(header.width_px);
+        Ok(())
+    }
+
+    /// Takes in a line of the frame.
+    ///
+    /// # Errors
+    /// What is wrong with it, or with one before: the frame is spoilt until the next one begins.
+    pub fn line(&self, state: &mut State, row: u16, bytes: &[u8]) -> Result<(), Bad> {
+        let wrong = match state.stage {
+            Stage::Spoilt(bad) => return Err(bad),
+            Stage::Idle => Some(Bad::NotBegun),
+            Stage::Lines if row != state.row || row >= state.header.height_px => Some(Bad::Order),
+            Stage::Lines if bytes.len() != usize::from(state.header.width_px) * state.header.format.bytes() => {
+                Some(Bad::Line)
+            }
+            Stage::Lines => None,
+        };
+        if let Some(bad) = wrong {
+            state.stage = Stage::Spoilt(bad);
+            return Err(bad);
+        }
+        let State { header, light, masks, regions, .. } = state;
+        let place = usize::from(row % 3);
+        let [Some(first), Some(second)] = masks.each_mut().map(|lines| lines.get_mut(place)) else { return Ok(()) };
+        let classes = match header.format {
+            Format::Rgb565 => {
+                let pixels = bytes.as_chunks::<2>().0;
+                for (word, pixels) in first.iter_mut().zip(pixels.chunks(32)) {
+                    *word = light.red(pixels);
+                }
+                if row.is_multiple_of(light::STEP) {
+                    light.look_red(pixels, first);
+                }
+                1
+            }
+            Format::Grey => {
+                for ((dark, bright), pixels) in first.iter_mut().zip(&mut *second).zip(bytes.chunks(32)) {
+                    [*dark, *bright] = light.grey(pixels);
+                }
+                if row.is_multiple_of(light::STEP) {
+                    light.look_grey(bytes);
+                }
+                fill_behind(second, header.width_px);
+                2
+            }
+        };
+        fill_behind(first, header.width_px);
+        light.after(row);
+        for (class, [zero, one, two]) in (0_u8..).zip(&*masks).take(classes) {
+            let (above, last, mask) = match place {
+                0 => (one, two, zero),
+                1 => (two, zero, one),
+                _ => (zero, one, two),
+            };
+            if row > 0 {
+                // The line above the first is the first.
+                let above = if row == 1 { last } else { above };
+                settle(regions, header, row - 1, class, [above, last, mask], bytes);
+            }
+            if row + 1 == header.height_px {
+                // The one below the last is the last.
+                settle(regions, header, row, class, [last, mask, mask], bytes);
+            }
+        }
+        state.row = row + 1;
+        Ok(())
+    }
+
+    /// Ends the frame and says what it shows.
+    pub fn end(&self, state: &mut State) -> Look {
+        let seen = self.judge(state);
+        state.stage = Stage::Idle;
+        Look { time: state.header.time, seen }
+    }
+
+    fn judge(&self, state: &mut State) -> Seen {
+        match state.stage {
+            Stage::Spoilt(bad) => return Seen::Bad(bad),
+            Stage::Idle => return Seen::Bad(Bad::NotBegun),
+            Stage::Lines if state.row != state.header.height_px => return Seen::Bad(Bad::Cut),
+            Stage::Lines => {}
+        }
+        if !state.light.end() {
+            return Seen::Bad(Bad::Flat);
+        }
+        let size_px = [state.header.width_px, state.header.height_px];
+        let focal_px = self.config.camera.focal_widths * f32::from(size_px[0]);
+        let expected_px = state.height_m.map(|height_m| focal_px * self.config.pad_radius_m / height_m);
+        let narrow = state.regions.narrow();
+        let mut best: Option<Pad> = None;
+        let mut nothing = Nothing::NoRegion;
+        let regions = &mut state.regions;
+        regions.end();
+        // Those that are nearest to the pad's area, or the largest; at last, where the first two are no pads, both as one.
+        let whole = expected_px.map_or(1 << 20, |radius| (2.7 * radius * radius) as u32).clamp(1, 1 << 20);
+        let off = |area: u32| 256 * area.max(whole) / area.min(whole).max(1);
+        let mut looked = 0_u32;
+        let mut parts: [Option<Region>; FITS_MAX - 1] = [None; FITS_MAX - 1];
+        for turn in 0..FITS_MAX {
+            let both = match (turn, best, expected_px, &parts) {
+                (2, None, Some(radius), [Some(first), Some(second)]) => first.with(second, (3.0 * radius) as u32),
+                _ => None,
+            };
+            let left =
+                (0_u32..).zip(regions.all()).filter(|(at, region)| looked >> at & 1 == 0 && region.area >= AREA_MIN);
+            let region = match (&both, left.min_by_key(|(_, region)| off(region.area))) {
+                (Some(both), _) => both,
+                (None, Some((at, region))) => {
+                    looked |= 1 << at;
+                    region
+                }
+                (None, None) => break,
+            };
+            if let Some(slot) = parts.get_mut(turn) {
+                *slot = Some(*region);
+            }
+            match self.look(region, narrow, size_px, expected_px, state.header.format) {
+                Ok(pad) => {
+                    if best.is_none_or(|best| pad.confidence > best.confidence) {
+                        best = Some(pad);
+                    }
+                }
+                Err(why) => nothing = nothing.max(why),
+            }
+        }
+        best.map_or(Seen::Nothing(nothing), Seen::Pad)
+    }
+
+    /// Whether a region is the pad.
+    fn look(
+        &self,
+        region: &Region,
+        narrow: u8,
+        size_px: [u16; 2],
+        expected_px: Option<f32>,
+        format: Format,
+    ) -> Result<Pad, Nothing> {
+        // Far too small or too large for a pad: no fit is needed to see that.
+        let area = region.area as f32;
+        if let Some(expected) = expected_px
+            && (area > 8.0 * expected * expected || expected < EXPECTED_MIN_PX)
+        {
+            return Err(Nothing::Size);
+        }
+        // A disc of which less than half is hidden fills most of a box that is not much longer than wide.
+        let (high, wide) = (region.last_row() + 1 - region.first_row(), region.outline.width() << narrow);
+        let box_px = f32::from(high) * f32::from(wide);
+        let is_border =
+            region.touches_border(size_px[0]) || region.first_row() == 0 || region.last_row() + 1 == size_px[1];
+        let is_long = !is_border && (high > 2 * wide || wide > 2 * high);
+        if high < 6 || wide < 6 || is_long || area < 0.35 * box_px {
+            return Err(Nothing::Shape);
+        }
+        let prior =
+            expected_px.map(|radius| Prior { radius, sigma: radius * (0.10 + 0.5 * self.config.height_tolerance) });
+        let fit = fit::fit(&region.outline, narrow, size_px, prior).ok_or(Nothing::Shape)?;
+        let [width, height] = size_px.map(f32::from);
+        let focal_px = self.config.camera.focal_widths * width;
+        let is_cut = fit.is_cut || region.first_row() == 0 || region.last_row() + 1 == size_px[1];
+        let share = if is_cut { fit.disc.share_inside(width, height) } else { 1.0 };
+        let is_cut = is_cut && share < 0.97;
+        let radius = fit.disc.radius;
+        if radius < RADIUS_MIN_PX {
+            return Err(Nothing::Size);
+        }
+        if !is_round(&fit, share, is_cut, expected_px.is_some()) {
+            return Err(Nothing::Shape);
+        }
+        let fill = area / (fit.disc.area() * share);
+        let seen = (fit.seen as f32 / fit.sectors.max(1) as f32).min(1.0);
+        let hole = hole(region, &fit, narrow);
+        // What is gone from the middle leaves the ring whole; what is gone from the edge is less than half of disc and ring.
+        let is_there = if is_cut {
+            fill > if fit.sectors < 8 { 0.9 } else { 0.8 }
+        } else {
+            let both = if radius < 16.0 { 1.38 } else { 1.28 };
+            fill > 0.57 && fill + seen > both || fill > 0.52 && fit.on_edge > 0.9 && seen > 0.8
+        };
+        if !is_there || fill > 1.2 || hole == Hole::Round {
+            return Err(Nothing::Hidden);
+        }
+        let contrast = contrast(region, format).ok_or(Nothing::Colour)?;
+        let mut agreement = 1.0;
+        if let Some(expected) = expected_px {
+            // A pad off the axis of a leaning camera is nearer or farther than one below a level one, and seen aslant.
+            let (x, y) = (fit.disc.x - 0.5 * width, fit.disc.y - 0.5 * height);
+            let off = sqrt(x * x + y * y) / focal_px;
+            let (near, far) = (1.0 + 0.5 * off * off, (0.93 - LEAN_SINE * off).max(0.3));
+            let (most, least) = (near * sqrt(near), far * sqrt(far));
+            let wide = 1.0 + self.config.height_tolerance;
+            // The edge of a small one is some tenths of a pixel inside or outside.
+            let ratio = radius / expected;
+            let slack = 0.5 / expected;
+            if ratio > most * wide + slack || ratio < least / wide - slack {
+                return Err(Nothing::Size);
+            }
+            // What is far from the size that it should have must be the more whole.
+            let excess = ((ratio - slack) / most - 1.0).max(1.0 - (ratio + slack) / least).max(0.0);
+            if !is_cut && fill.min(1.0) + seen < 1.25 + 2.0 * excess {
+                return Err(Nothing::Size);
+            }
+            agreement = 1.0 - 0.5 * libm::fabsf(ratio - 1.0).min(1.0);
+        }
+        let confidence = seen.min(1.0) * fill.min(1.0) * agreement * contrast;
+        // Up in the picture is forward.
+        Ok(Pad {
+            forward: (0.5 * height - fit.disc.y) / focal_px,
+            right: (fit.disc.x - 0.5 * width) / focal_px,
+            radius: radius / focal_px,
+            confidence: confidence.min(1.0),
+            is_cut,
+        })
+    }
+}
+
+/// Sets the bit behind the last pixel as that pixel's.
+fn fill_behind(mask: &mut Mask, width_px: u16) {
+    let rest = width_px % 32;
+    if rest != 0
+        && let Some(word) = mask.get_mut(usize::from(width_px / 32))
+    {
+        *word |= (*word & (0x8000_0000 >> (rest - 1))) >> 1;
+    }
+}
+
+/// Takes the line in the middle of three into the regions.
+fn settle(regions: &mut Regions, header: &Header, row: u16, class: u8, masks: [&Mask; 3], bytes: &[u8]) {
+    // Most lines of most pictures have nothing.
+    let words = usize::from(header.width_px.div_ceil(32));
+    let [above, middle, below] = masks;
+    if above.iter().zip(middle).zip(below).take(words).fold(0, |all, ((a, b), c)| all | a | b | c) == 0 {
+        return;
+    }
+    // At most 240 lines.
+    regions.line(row as u8, class, median(masks, header.width_px), header.format, bytes);
+}
+
+/// Whether an outline is a circle's.
+fn is_round(fit: &Fit, share: f32, is_cut: bool, is_size_known: bool) -> bool {
+    let (seen, aspect) = (fit.seen, fit.disc.aspect());
+    // A large one may have a rough edge: few things are of its size.
+    let (corner, clean) = if fit.disc.radius >= 10.0 && !is_cut { (0.35, 0.3) } else { (0.24, 0.5) };
+    let is_smooth = fit.corners <= corner + 0.022 * fit.disc.radius && fit.on_edge - 2.0 * fit.outside >= clean;
+    if !is_cut {
+        let roundest = if seen >= 11 { 1.45 } else { 1.22 };
+        let is_small = fit.disc.radius < 8.0;
+        if is_small
+            && (seen < 9 || fit.outside > 0.06 && seen < 13 || fit.outside > 0.10 || fit.on_edge < 0.9 && seen < 12)
+        {
+            return false;
+        }
+        return is_smooth && seen >= SECTORS / 2 && fit.on_edge >= 0.55 && aspect <= roundest;
+    }
+    // Of a disc that the border cuts nearly all that is in the picture must be seen; with the size unknown, half of the ring.
+    let least = match (is_size_known, fit.on_edge > 0.95) {
+        (true, true) => 3,
+        (true, false) => 6,
+        (false, _) => 9,
+    };
+    is_smooth
+        && fit.disc.radius > 8.0
+        && share > 0.3
+        && fit.sectors >= least
+        && 4 * seen >= 3 * fit.sectors
+        && fit.on_edge >= 0.75
+        && fit.outside <= 0.05
+        && aspect <= 1.35
+}
+
+/// What is missing inside of the outline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Hole {
+    /// Nothing much, or what a leaf or a cable hides.
+    None,
+    /// A round piece from the middle: a ring.
+    Round,
+}
+
+/// The hole between a region and its outline. Of mass `m`, over the disc's, a round one in the middle has the mean square
+/// distance `m / 2` over the squared radius; any other has more.
+fn hole(region: &Region, fit: &Fit, narrow: u8) -> Hole {
+    let (x, y, radius) = (fit.disc.x - 0.5, fit.disc.y - 0.5, fit.disc.radius);
+    let scale = (1_u16 << narrow) as f32;
+    let step = region.outline.step() as f32;
+    let (mut area, mut square) = (0.0, 0.0);
+    for (row, [from, to]) in region.outline.lines() {
+        let length = (f32::from(to) - f32::from(from)) * scale;
+        let dx = 0.5 * (f32::from(from) + f32::from(to)) * scale - 0.5 - x;
+        let dy = f32::from(row) - y;
+        area += length * step;
+        square += length * step * (dx * dx + dy * dy + length * length / 12.0);
+    }
+    let pixels = region.area as f32;
+    let (mx, my) = (region.column_sum as f32 / pixels, region.row_sum as f32 / pixels);
+    let of_pixels = region.square_sum as f32 / pixels - 2.0 * (x * mx + y * my) + x * x + y * y;
+    let gone = area - pixels;
+    let part = gone / fit.disc.area();
+    let spread = (square - pixels * of_pixels) / (gone.max(1.0) * radius * radius);
+
+    // Some pixels more or less are noise; a leaf in the middle of a large disc hides less than a ring lacks.
+    let least = if radius >= 10.0 { 0.28 } else { 0.22 };
+    if part > least && spread < (0.53 + 1.3 / radius) * part { Hole::Round } else { Hole::None }
+}
+
+/// How clear the step of colour at the edge is: 0 to 1, or `None` where there is none.
+fn contrast(region: &Region, format: Format) -> Option<f32> {
+    let mean = |sum: u16, count: u8| f32::from(sum) / f32::from(count.max(1));
+    let inside = region.inside.sums.map(|sum| mean(sum, region.inside.count));
+    if region.inside.count < 3 {
+        return None;
+    }
+    // A disc from border to border has nothing beside it.
+    let has_outside = region.outside.count >= 3;
+    let outside = if has_outside { region.outside.sums.map(|sum| mean(sum, region.outside.count)) } else { [31.0; 3] };
+    if format == Format::Grey {
+        let step = libm::fabsf(inside[0] - outside[0]);
+        let level = 0.5 * (inside[0] + outside[0]);
+        return (step > 6.0 + 0.12 * level).then(|| (step / (0.5 * level + 6.0)).min(1.0));
+    }
+    // Red over green and red over blue against those beside it: a lamp's colour is in both. Half a code is noise.
+    let over = |colour: [f32; 3], at: usize| (colour[0] + 1.0) / (colour.get(at).copied().unwrap_or(0.0) + 1.0);
+    let green = over(inside, 1) / over(outside, 1);
+    let blue = over(inside, 2) / over(outside, 2);
+    // Orange has more green than blue, magenta more blue than green.
+    let is_orange = blue > green * if green < 1.8 { 1.28 } else { 1.65 };
+    let is_red = green > 1.16 && blue > 1.0 + 0.19 * (green - 1.0) && !is_orange;
+    // On red earth blue and green tell less, but what is so red is the pad.
+    let is_very_red = green > 1.4 && over(inside, 1) > 2.0 && over(inside, 2) > 2.0;
+    (is_red || is_very_red).then(|| (0.5 * green).min(1.0))
 }
