@@ -14,6 +14,9 @@
 //! taken [`Config::unsure`] times larger on top of it. The guard and the planner keep it beyond their own margins, from what stands still. In calm air
 //! there is no excess, and the margin is exactly zero.
 //!
+//! A vehicle that stands in the air when control begins and leans, leans against the wind, and a wind has gusts: a part of
+//! that counts as a gust that was seen. Less than two degrees are the vehicle's own.
+//!
 //! It is learned under our own commands only: out of control it stays, and for a second afterwards. Cost: some 150
 //! instructions a step and 32 bytes.
 
@@ -25,6 +28,13 @@ use crate::time::Instant;
 
 /// Not compared for so long after control was taken.
 const SETTLING_S: f32 = 1.0;
+
+/// Steps after which the vehicle may lean because of what it was told.
+const BEGINNING: u8 = 5;
+/// Standing in the air: no faster than this.
+const STANDING_MPS: f32 = 0.3;
+/// A lean that the vehicle may have by itself.
+const LEAN_MIN_RAD: f32 = 0.035;
 
 /// What is made of the wind.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +54,8 @@ pub struct Config {
     pub floor_mps: f32,
     /// Error of the response's model, in time.
     pub slack_s: f32,
+    /// What a lean at the beginning counts for; zero: nothing.
+    pub lean_mps_per_rad: f32,
 }
 
 impl Default for Config {
@@ -58,6 +70,7 @@ impl Default for Config {
             unsure_s: 4.0,
             floor_mps: 0.05,
             slack_s: 0.06,
+            lean_mps_per_rad: 1.4,
         }
     }
 }
@@ -75,6 +88,7 @@ impl Config {
         check("gust.unsure_s", self.unsure_s, 0.1, 1000.0)?;
         check("gust.floor_mps", self.floor_mps, 0.0, 10.0)?;
         check("gust.slack_s", self.slack_s, 0.0, 10.0)?;
+        check("gust.lean_mps_per_rad", self.lean_mps_per_rad, 0.0, 100.0)?;
         let (dead_steps, tau_s) = response.twice_lagged();
         Ok(Gauge {
             config: *self,
@@ -116,6 +130,12 @@ pub struct State {
 }
 
 impl State {
+    /// Whether there is a margin at all.
+    #[must_use]
+    pub fn is_gusty(&self) -> bool {
+        self.excess_mps > 0.0
+    }
+
     /// Out of control; what was learned of the wind stays.
     pub fn release(&mut self) {
         self.since = 0;
@@ -123,6 +143,19 @@ impl State {
 }
 
 impl Gauge {
+    /// What the vehicle's lean says where control has just begun.
+    pub fn begin(&self, state: &mut State, roll_rad: f32, pitch_rad: f32, velocity_ned_mps: Horizontal) {
+        if state.since > BEGINNING || velocity_ned_mps.norm_squared() > STANDING_MPS * STANDING_MPS {
+            return;
+        }
+        let lean_rad = sqrt(roll_rad * roll_rad + pitch_rad * pitch_rad);
+        let excess_mps = self.config.lean_mps_per_rad * (lean_rad - LEAN_MIN_RAD);
+        // False too for what is not a number.
+        if excess_mps > state.excess_mps {
+            state.excess_mps = excess_mps;
+        }
+    }
+
     /// One step in control: `commands` are those before this step's; the velocity is what was heard last, and when.
     pub fn step(&self, state: &mut State, commands: &response::State, velocity_ned_mps: Horizontal, heard: Instant) {
         let c = &self.config;
@@ -200,6 +233,21 @@ mod tests {
     #[test]
     fn in_calm_air_the_margin_is_exactly_zero_whatever_is_flown() {
         assert!(margins(300.0, |_| Horizontal::default()).into_iter().all(|margin_m| margin_m == 0.0));
+    }
+
+    #[test]
+    fn who_stands_in_the_air_and_leans_expects_gusts_and_who_flies_does_not() {
+        let response = response::Config::default().build(TICK_S).unwrap();
+        let gauge = Config::default().build(&response, TICK_S).unwrap();
+        let margin_m = |pitch_rad: f32, north: f32| {
+            let mut state = State::default();
+            gauge.begin(&mut state, 0.0, pitch_rad, Horizontal { north, east: 0.0 });
+            gauge.margin_m(&state)
+        };
+        // Against 3 m/s: 0.3 1/s of it over gravity.
+        assert!((0.2..0.4).contains(&margin_m(-0.092, 0.0)), "{}", margin_m(-0.092, 0.0));
+        assert_eq!([margin_m(0.03, 0.0), margin_m(-0.092, 0.5), margin_m(f32::NAN, 0.0)], [0.0; 3]);
+        assert_eq!(margin_m(-0.8, 0.0), Config::default().margin_max_m);
     }
 
     #[test]

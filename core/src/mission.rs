@@ -18,7 +18,9 @@
 //! | `NoPath` | the planner answered with a brake plan | hold, ask again every 0.5 s |
 //! | `PlanLate` | the plan has run out, or there is none, and the next is not there | hold |
 //! | `GuardBrake` | the guard replaced the command by a brake | hold, ask for a new plan at once |
-//! | `Nominal` | none of these | follow the plan |
+//! | `HandedOver` | the beacon or the pad is reached as far as it can be ([`crate::landing::Reason`]) | hover there, until a fresh entry |
+//! | `Landed` | the vehicle has come down onto the ground | none; zero velocity is asked for until the autopilot lets go |
+//! | `Nominal` | none of these | follow the plan, or the landing ([`crate::landing`]) |
 //!
 //! Limits are of [`Config`]; the numbers above are its defaults. There is a test for each row.
 
@@ -60,6 +62,10 @@ pub enum Outcome {
     NotInControl,
     /// A stage reported what must not happen.
     Fault,
+    /// Arrived: hovers over the beacon, or where it could not go on, until somebody else takes over.
+    HandedOver,
+    /// Stands on the ground, and is done.
+    Landed,
 }
 
 impl Outcome {
@@ -80,6 +86,8 @@ impl Outcome {
             Self::LinkLost => "link_lost",
             Self::NotInControl => "not_in_control",
             Self::Fault => "fault",
+            Self::HandedOver => "handed_over",
+            Self::Landed => "landed",
         }
     }
 
@@ -88,7 +96,7 @@ impl Outcome {
     pub fn behaviour(self) -> Behaviour {
         match self {
             Self::Nominal => Behaviour::Follow,
-            Self::LinkLost | Self::NotInControl => Behaviour::None,
+            Self::LinkLost | Self::NotInControl | Self::Landed => Behaviour::None,
             _ => Behaviour::Hold,
         }
     }
@@ -191,6 +199,8 @@ pub struct Facts {
     pub bearing: Option<Instant>,
     /// Flags of the last bearing, usable or not.
     pub bearing_flags: Flags,
+    /// The beacon is reached, and the landing flies.
+    pub is_arriving: bool,
     /// Where the vehicle is.
     pub place_ned_m: Horizontal,
 }
@@ -254,6 +264,10 @@ impl Mission {
                 Outcome::NoSignal
             };
         }
+        if facts.is_arriving {
+            *state = State::default();
+            return Outcome::Nominal;
+        }
         if self.gives_up(state, facts) { Outcome::GoalUnreachable } else { Outcome::Nominal }
     }
 
@@ -308,6 +322,7 @@ mod tests {
             obstacles: ago(0.1),
             bearing: ago(0.02),
             bearing_flags: Flags::default(),
+            is_arriving: false,
             place_ned_m: Horizontal::default(),
         }
     }

@@ -39,12 +39,23 @@ impl Ownship {
     /// and its depression below the horizon.
     #[must_use]
     pub fn to_body(&self, heading_off_rad: f32, depression_rad: f32) -> [f32; 3] {
-        let (sin_roll, cos_roll) = sin_cos(self.roll_rad);
-        let (sin_pitch, cos_pitch) = sin_cos(self.pitch_rad);
         let (sin_off, cos_off) = sin_cos(heading_off_rad);
         let (down, level) = sin_cos(depression_rad);
-        let (ahead, right) = (cos_off * level, sin_off * level);
-        // Rotations by yaw (taken off already), pitch and roll, backwards.
+        self.leant(cos_off * level, sin_off * level, down)
+    }
+
+    /// A vector in the body frame, `[forward, right, down]`.
+    #[must_use]
+    pub fn vector_to_body(&self, vector_ned: Ned) -> [f32; 3] {
+        let (sin_yaw, cos_yaw) = sin_cos(self.yaw_rad);
+        let Ned { north, east, down } = vector_ned;
+        self.leant(cos_yaw * north + sin_yaw * east, cos_yaw * east - sin_yaw * north, down)
+    }
+
+    /// From ahead, to the right and down, level, into the body's own axes: rotations by pitch and roll, backwards.
+    fn leant(&self, ahead: f32, right: f32, down: f32) -> [f32; 3] {
+        let (sin_roll, cos_roll) = sin_cos(self.roll_rad);
+        let (sin_pitch, cos_pitch) = sin_cos(self.pitch_rad);
         let forward = cos_pitch * ahead - sin_pitch * down;
         let below = sin_pitch * ahead + cos_pitch * down;
         [forward, cos_roll * right + sin_roll * below, cos_roll * below - sin_roll * right]
@@ -108,6 +119,26 @@ mod tests {
         ] {
             assert!(!ownship.is_plausible(), "{ownship:?}");
         }
+    }
+
+    #[test]
+    fn a_vector_into_the_body_is_its_direction_into_the_body() {
+        let ownship = Ownship { roll_rad: 0.2, pitch_rad: -0.15, yaw_rad: 2.4, ..Ownship::default() };
+        for (bearing_rad, depression_rad) in [(0.3_f32, 0.2_f32), (-2.0, 1.3), (3.0, -0.7)] {
+            let level = 7.0 * depression_rad.cos();
+            let vector = Ned {
+                north: level * bearing_rad.cos(),
+                east: level * bearing_rad.sin(),
+                down: 7.0 * depression_rad.sin(),
+            };
+            let direction = ownship.to_body(bearing_rad - ownship.yaw_rad, depression_rad);
+            for (part, expected) in ownship.vector_to_body(vector).into_iter().zip(direction) {
+                assert!((part - 7.0 * expected).abs() < 1e-5, "{part} {expected}");
+            }
+        }
+        // Nose down by 0.1: what is below lies ahead of the body's own down axis, negative forward only where it is behind.
+        let nose_down = Ownship { pitch_rad: -0.1, ..Ownship::default() };
+        assert!(nose_down.vector_to_body(Ned { north: 0.0, east: 0.0, down: 1.0 })[0] > 0.09);
     }
 
     #[test]

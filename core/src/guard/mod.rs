@@ -58,7 +58,10 @@ const STILL_MPS: f32 = 0.02;
 const ALTITUDE_RATE_PER_S: f32 = 0.5;
 /// Half a way shorter than this is not looked at by itself: what is asked of a place holds for 7 cm around it.
 const SHORT_M: f32 = 0.06;
-/// Halvings of the shortfall where gusts want more room than there is.
+/// Where gusts want more room than there is and no more than so many bounds matter, the shortfall is evened out: there is no
+/// time for more.
+const EVENED_SPACES_MAX: usize = 6;
+/// Halvings of it.
 const EVENED_MAX: u8 = 4;
 /// Half-planes beyond this many times the speed limit cannot matter.
 const SLACK: f32 = 1.5;
@@ -423,7 +426,7 @@ impl Guard {
         let wanted = demand.velocity_ned_mps.clamped(v_max_mps);
         let granted = if is_threatened { wanted } else { wanted.times(self.view_share(wanted, situation.yaw_rad)) };
         let mut agreed = nearest_allowed(granted, &half_spaces);
-        if agreed.is_none() && situation.gust_margin_m > 0.0 {
+        if agreed.is_none() && situation.gust_margin_m > 0.0 && half_spaces.len() <= EVENED_SPACES_MAX {
             state.evened = true;
             agreed = evened_out(granted, &mut half_spaces);
         }
@@ -548,7 +551,8 @@ impl Guard {
             if obstacles.iter().filter(is_near).all(|obstacle| near.push(*obstacle).is_ok()) {
                 return Some(v_max_mps);
             }
-            v_max_mps *= 0.5;
+            // In gusts more is near by the margin, whatever the speed: fewer tries.
+            v_max_mps *= if situation.gust_margin_m > 0.0 { 0.125 } else { 0.5 };
         }
         None
     }

@@ -16,6 +16,7 @@ use crate::field::Obstacle;
 use crate::frame::Horizontal;
 use crate::goal::posterior::Estimate;
 use crate::guard::{self, Setpoint, Situation};
+use crate::landing::{Advice, Lander, pad};
 use crate::link_state::{self, Classifier, Look, Sightline};
 use crate::map::{Absorption, Circle, Hits, Judging, Map, View};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
@@ -30,7 +31,7 @@ use crate::time::Instant;
 use crate::trace::Trace;
 use crate::track::Demand;
 use crate::work::Work;
-use crate::{array, bearing, goal, gust, map, mission, phase, planner, response, scan, track};
+use crate::{array, bearing, goal, gust, landing, map, mission, phase, planner, response, scan, track};
 
 mod near;
 pub mod turning;
@@ -58,6 +59,10 @@ const KNOWN_PRICE: u32 = 75;
 const GUARD_PRICE: u32 = 5_000;
 const NEAR_PRICE: u32 = 60;
 const CLOSE_PRICE: u32 = 420;
+/// A step of the landing.
+const LANDING_PRICE: u32 = 2_500;
+/// What gusts add to it: more is near, and a margin to all of it.
+const GUSTY_PRICE: u32 = 3_000;
 /// That gusts want more room than there is.
 const EVENED_PRICE: u32 = 4_000;
 /// To take over a plan; to ask for one.
@@ -122,6 +127,12 @@ pub struct Input<'a, const N: usize> {
     pub points: Option<&'a Points>,
     /// Obstacles that a sensor delivers as circles already.
     pub circles: Option<&'a [Circle]>,
+    /// What the camera that looks down has seen.
+    pub look: Option<pad::Look>,
+    /// The height over the ground by a range finder, where there is one and it reads.
+    pub height_m: Option<f32>,
+    /// The autopilot says that the vehicle stands on the ground.
+    pub is_landed: bool,
     /// Whether we are in control.
     pub control: Control,
     /// The planner's answer, handed over once, as soon as there is one.
@@ -151,6 +162,8 @@ pub struct Output {
     pub source: Option<Estimate>,
     /// Share of the weight that the leading filter of the source has, and its normalised innovation squared, averaged.
     pub source_share_and_nis: Option<(f32, f32)>,
+    /// How far the landing is, once the vehicle has come near the beacon.
+    pub landing: Option<Advice>,
     /// What the guard did.
     pub guard: guard::Action,
     /// What the guard has done so far; its beats tell that it is alive.
@@ -212,6 +225,8 @@ pub struct Config {
     /// Seeking by turning, where there is no array or too little of it is left; none where its elements hear the same all
     /// round.
     pub turning: Option<turning::Config>,
+    /// What it does where it arrives; without it the beacon is sought for ever.
+    pub landing: Option<landing::Config>,
 }
 
 impl Default for Config {
@@ -238,6 +253,7 @@ impl Default for Config {
             guard: guard::Config::default(),
             mission: mission::Config::default(),
             turning: None,
+            landing: None,
         }
     }
 }
@@ -302,6 +318,11 @@ impl Config {
                 Some(turning) => Some(turning.build(&self.mission, self.guard.yaw_rate_max_radps)?),
                 None => None,
             },
+            lander: match &self.landing {
+                Some(landing) => Some(landing.build()?),
+                None => None,
+            },
+            detector: self.landing.unwrap_or_default().detector()?,
         })
     }
 }
@@ -335,6 +356,8 @@ pub struct Guidance<const N: usize> {
     guard: guard::Guard,
     mission: mission::Mission,
     turning: Option<turning::Turning>,
+    lander: Option<Lander>,
+    detector: pad::Detector,
 }
 
 /// What the fast loop carries from step to step.
@@ -381,6 +404,11 @@ pub struct State<const N: usize> {
     look_ned_rad: Option<f32>,
     mission: mission::State,
     turning: turning::State,
+    landing: landing::State,
+    /// What the landing said last, and whether the guard braked then.
+    advice: Option<Advice>,
+    is_blocked: bool,
+    height_m: Option<f32>,
     /// Obstacles near the vehicle, as of this step.
     near: Vec<Obstacle, OBSTACLES_MAX>,
     ownship: Option<Ownship>,
@@ -410,6 +438,12 @@ impl<const N: usize> State<N> {
         &self.map
     }
 
+    /// How high the vehicle is over the ground, where that is known.
+    #[must_use]
+    pub const fn height_m(&self) -> Option<f32> {
+        self.height_m
+    }
+
     /// The plan that is being followed.
     #[must_use]
     pub fn plan(&self) -> Option<&Plan> {
@@ -428,6 +462,12 @@ impl<const N: usize> State<N> {
 }
 
 impl<const N: usize> Guidance<N> {
+    /// What finds the pad in the frames of a camera.
+    #[must_use]
+    pub const fn detector(&self) -> pad::Detector {
+        self.detector
+    }
+
     /// The state before the first step.
     #[must_use]
     pub fn start(&self) -> State<N> {
@@ -462,6 +502,10 @@ impl<const N: usize> Guidance<N> {
             look_ned_rad: None,
             mission: mission::State::default(),
             turning: turning::State::default(),
+            landing: landing::State::default(),
+            advice: None,
+            is_blocked: false,
+            height_m: None,
             near: Vec::new(),
             ownship: None,
             last_flags: Flags::default(),
@@ -510,6 +554,10 @@ impl<const N: usize> Guidance<N> {
             look_ned_rad,
             mission,
             turning,
+            landing,
+            advice,
+            is_blocked,
+            height_m,
             near,
             ownship,
             last_flags,
@@ -546,6 +594,8 @@ impl<const N: usize> Guidance<N> {
         (*look_ned_rad, *hold_down_m) = (None, None);
         *mission = mission::State::default();
         *turning = turning::State::default();
+        *landing = landing::State::default();
+        (*advice, *is_blocked, *height_m) = (None, false, None);
         near.clear();
         *ownship = None;
         *last_flags = Flags::default();
@@ -613,7 +663,14 @@ impl<const N: usize> Guidance<N> {
 
         if let Some(ownship) = &state.ownship {
             let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
+            self.gust.begin(&mut state.gust, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
             self.gust.step(&mut state.gust, &state.response, velocity_ned_mps, ownship.position_time);
+        }
+        let was_landing = is_landing(state);
+        self.land(state, input, bearing.as_ref(), work);
+        if was_landing && !is_landing(state) {
+            // It seeks again, from where it is now.
+            state.active = None;
         }
         let situation = self.situation(state);
         let facts = self.facts(state, input, &situation);
@@ -629,9 +686,34 @@ impl<const N: usize> Guidance<N> {
         state.is_searching = self.searches
             && may_search
             && outcome == Outcome::NoSignal
+            && !is_landing(state)
             && state.active.as_ref().is_none_or(|plan| plan.search != Some(Searched::Ended));
         match outcome.behaviour() {
-            Behaviour::None => self.let_go(state),
+            Behaviour::None if has_landed(state) && input.is_landed => {
+                self.let_go(state);
+                outcome = Outcome::Landed;
+            }
+            Behaviour::None => {
+                self.let_go(state);
+                state.landing = landing::State::default();
+                state.advice = None;
+            }
+            Behaviour::Follow if is_landing(state) => {
+                let (mut demand, ends) = landing_demand(state);
+                if let Some(look_ned_rad) = state.look_ned_rad {
+                    demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
+                }
+                (setpoint, guard_action) = self.command(state, &demand, &situation, work);
+                let progress = match guard_action {
+                    _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
+                    guard::Action::Braked => Progress::GuardBraked,
+                    _ => Progress::Following,
+                };
+                outcome = mission.conclude(&mut state.mission, input.now, progress);
+                if outcome == Outcome::Nominal {
+                    outcome = ends.unwrap_or(outcome);
+                }
+            }
             Behaviour::Hold if !state.is_searching => {
                 let stay = Demand::default();
                 let demand = turning.map_or(stay, |turning| turning.turn(stay));
@@ -650,6 +732,7 @@ impl<const N: usize> Guidance<N> {
                 plan_requested = is_quiet && self.ask(state, input.now, &situation, progress, work);
             }
         }
+        state.is_blocked = guard_action == guard::Action::Braked;
         self.response.command(&mut state.response, setpoint.velocity_ned_mps.horizontal());
 
         if let Some(bearing) = &bearing {
@@ -671,6 +754,7 @@ impl<const N: usize> Guidance<N> {
             target_ned_m: state.active.as_ref().map(|plan| plan.target_ned_m),
             source: state.active.as_ref().and_then(|plan| plan.source),
             source_share_and_nis: state.belief.map(|belief| (belief.share, belief.nis)),
+            landing: state.advice,
             guard: guard_action,
             guard_counts: state.guard.counts(),
             plan_requested,
@@ -985,6 +1069,32 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
+    /// What the landing says of this step; nothing before the vehicle is in control, and nothing after, unless it has landed.
+    fn land(&self, state: &mut State<N>, input: &Input<'_, N>, bearing: Option<&Bearing>, work: &mut Work) {
+        let Some(lander) = &self.lander else { return };
+        if input.control != Control::Granted && !(input.is_landed && is_landing(state)) {
+            return;
+        }
+        work.spend(LANDING_PRICE);
+        let is_direct = state.reflected < self.reflected_min;
+        let believed = state.belief.filter(|belief| belief.way == Way::Direct);
+        let estimate = believed.map(|belief| belief.estimate);
+        let facts = landing::Facts {
+            now: input.now,
+            ownship: input.ownship.as_ref().filter(|ownship| ownship.is_plausible()),
+            height_m: input.height_m,
+            bearing: bearing.filter(|_| is_direct),
+            estimate: estimate.as_ref(),
+            look: input.look,
+            is_landed: input.is_landed,
+            is_blocked: state.is_blocked,
+            tick_s: self.tick_s,
+        };
+        state.advice = Some(lander.step(&mut state.landing, &facts));
+        let by_pad = input.ownship.and_then(|ownship| state.landing.height_m(ownship.position_ned_m.down));
+        state.height_m = input.height_m.or(by_pad);
+    }
+
     fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &Situation) -> Facts {
         let heard = input.ownship.filter(Ownship::is_plausible);
         Facts {
@@ -993,7 +1103,9 @@ impl<const N: usize> Guidance<N> {
             position: heard.map(|ownship| ownship.position_time),
             attitude: heard.map(|ownship| ownship.attitude_time),
             obstacles: state.map.updated(),
-            bearing: state.goal.updated(),
+            // The last metres are not flown by bearings.
+            bearing: if is_landing(state) { Some(input.now) } else { state.goal.updated() },
+            is_arriving: is_landing(state),
             bearing_flags: state.last_flags,
             place_ned_m: situation.position_ned_m,
         }
@@ -1027,14 +1139,20 @@ impl<const N: usize> Guidance<N> {
         work: &mut Work,
     ) -> (Setpoint, guard::Action) {
         // The altitude of the first word heard in control; before it there is none to hold.
-        let down_mps = state.ownship.map_or(0.0, |ownship| {
+        let mut demand = *demand;
+        let mut situation = *situation;
+        if is_landing(state) {
+            // What it is held at next is where the landing leaves it.
+            state.hold_down_m = None;
+            situation.held_down_m = None;
+        } else if let Some(ownship) = &state.ownship {
             let down_m = ownship.position_ned_m.down;
-            self.track.hold_altitude(*state.hold_down_m.get_or_insert(down_m), down_m)
-        });
-        let demand = Demand { down_mps, ..*demand };
-        let ruling = self.guard.step(&mut state.guard, &demand, situation, &state.near, self.tick_s);
+            demand.down_mps = self.track.hold_altitude(*state.hold_down_m.get_or_insert(down_m), down_m);
+        }
+        let ruling = self.guard.step(&mut state.guard, &demand, &situation, &state.near, self.tick_s);
         state.look_ned_rad = ruling.look_ned_rad;
         work.spend(GUARD_PRICE + NEAR_PRICE * state.near.len() as u32 + CLOSE_PRICE * u32::from(ruling.close));
+        work.spend(if state.gust.is_gusty() { GUSTY_PRICE } else { 0 });
         work.spend(if ruling.evened { EVENED_PRICE } else { 0 });
         (ruling.setpoint, ruling.action)
     }
@@ -1120,6 +1238,28 @@ impl<const N: usize> Guidance<N> {
     }
 }
 
+/// Whether the vehicle is flown by the landing, or has been to its end.
+fn is_landing<const N: usize>(state: &State<N>) -> bool {
+    state.advice.is_some_and(|advice| advice.demand.is_some())
+}
+
+/// Whether it stands on the ground and is done.
+fn has_landed<const N: usize>(state: &State<N>) -> bool {
+    state.advice.is_some_and(|advice| advice.stage == landing::Stage::Landed)
+}
+
+/// What the landing asks for, and the outcome if that is its end.
+fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>) {
+    let Some(advice) = state.advice else { return (Demand::default(), None) };
+    let (velocity_ned_mps, down_mps) = advice.demand.unwrap_or_default();
+    let ends = match advice.stage {
+        landing::Stage::HandedOver => Some(Outcome::HandedOver),
+        landing::Stage::Landed => Some(Outcome::Landed),
+        _ => None,
+    };
+    (Demand { velocity_ned_mps, down_mps, ..Demand::default() }, ends)
+}
+
 /// What it costs to take in circles.
 fn intake_price<const N: usize>(state: &State<N>, circles: &[Circle]) -> u32 {
     let known = state.map.circles().count() as u32;
@@ -1138,7 +1278,9 @@ fn gather_price<const N: usize>(state: &State<N>) -> u32 {
 
 /// What the guard costs at most.
 fn guard_price<const N: usize>(state: &State<N>) -> u32 {
-    GUARD_PRICE + NEAR_PRICE * state.near.len() as u32 + CLOSE_PRICE * state.near.len().min(guard::CLOSE_MAX) as u32
+    let gusty = if state.gust.is_gusty() { GUSTY_PRICE } else { 0 };
+    let close = state.near.len().min(guard::CLOSE_MAX) as u32;
+    GUARD_PRICE + gusty + NEAR_PRICE * state.near.len() as u32 + CLOSE_PRICE * close
 }
 
 /// Where the vehicle was when it looked, carried on from the last word about it.

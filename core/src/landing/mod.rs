@@ -135,12 +135,24 @@ impl Config {
         check("landing.approach_s", self.approach_s, 1.0, 600.0)?;
         check("landing.attempt_s", self.attempt_s, 1.0, 600.0)?;
         check("landing.total_s", self.total_s, 1.0, 3600.0)?;
+        self.detector()?;
         Ok(Lander {
             config: *self,
             arrival: self.arrival.build()?,
             search: self.search.build()?,
             pilot: self.centring.build()?,
         })
+    }
+
+    /// What finds the pad in the frames of this camera.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn detector(&self) -> Result<pad::Detector, ConfigError> {
+        let camera = pad::Camera { focal_widths: self.focal_widths };
+        // What the vehicle believes of its height may come from the pad's own size.
+        let height_tolerance = 0.15;
+        pad::Config { camera, pad_radius_m: self.pad_radius_m, height_tolerance }.build()
     }
 }
 
@@ -251,6 +263,7 @@ pub struct Facts<'a> {
 /// Where it is: for `LANDING_TARGET`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Target {
     /// Local NED.
     pub place_ned_m: Ned,
@@ -262,6 +275,8 @@ pub struct Target {
 
 /// What a step came to.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Advice {
     /// Where in the last metres the vehicle is.
     pub stage: Stage,
@@ -325,6 +340,12 @@ impl State {
     #[must_use]
     pub fn stage(&self) -> Stage {
         self.stage
+    }
+
+    /// Height over the pad of what is at that vertical place, where the pad has been seen.
+    #[must_use]
+    pub fn height_m(&self, down_m: f32) -> Option<f32> {
+        self.track.is_sure().then(|| self.track.height_m(down_m))
     }
 
     fn enter(&mut self, stage: Stage, reason: Option<Reason>, now: Instant) {

@@ -35,7 +35,7 @@ const LOW_M: f32 = 0.3;
 const PUSHED_GATES: f32 = 2.0;
 /// The height from which it drops, and the share of the middle that it must be in.
 const DROP_M: f32 = 0.25;
-const DROP_GATES: f32 = 0.7;
+const DROP_GATES: f32 = 0.45;
 const DROP_BAND_M: f32 = 0.04;
 /// How much above the height of the commit it waits for its moment.
 const WAIT_ABOVE_M: f32 = 0.1;

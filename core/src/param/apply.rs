@@ -6,7 +6,7 @@ use super::{Id, Values};
 use crate::frame::Horizontal;
 use crate::guard::Fence;
 use crate::guidance::{self, turning};
-use crate::{array, explore, param};
+use crate::{array, explore, landing, param};
 
 /// Beyond this the cells of a search grow with its radius.
 const SEARCH_R_M: f32 = 15.0;
@@ -89,6 +89,13 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
             turning::Role::Fallback => 0.0,
             turning::Role::Alone(channel) => f32::from(channel),
         },
+        param::FH_LND_MODE => match config.landing {
+            None => 0.0,
+            Some(landing) => 1.0 + switch(landing.has_camera),
+        },
+        param::FH_LND_REQ => switch(config.landing?.request_land),
+        param::FH_PAD_R => config.landing?.pad_radius_m,
+        param::FH_CAM_FOCAL => config.landing?.focal_widths,
         _ => return None,
     })
 }
@@ -166,6 +173,9 @@ impl Values {
             param::FH_TONE_LO => config.phase.tone_band_hz[0] = value,
             param::FH_TONE_HI => config.phase.tone_band_hz[1] = value,
             param::FH_TURN | param::FH_TURN_RATE | param::FH_TURN_CH => self.apply_turning(config),
+            param::FH_LND_MODE | param::FH_LND_REQ | param::FH_PAD_R | param::FH_CAM_FOCAL => {
+                self.apply_landing(config);
+            }
             _ => {}
         }
     }
@@ -177,6 +187,18 @@ impl Values {
         let searches = self.is_on(param::FH_SRCH_TIME);
         config.planner.explore = searches.then_some(explore::Config { limit_s, radius_m, cell_m, ..before });
         config.set_vehicle_radius_m(config.guard.vehicle_radius_m);
+    }
+
+    fn apply_landing(&self, config: &mut guidance::Config) {
+        let mode = self.whole(param::FH_LND_MODE);
+        let before = config.landing.unwrap_or_default();
+        config.landing = (mode > 0).then_some(landing::Config {
+            has_camera: mode > 1,
+            request_land: self.is_on(param::FH_LND_REQ),
+            pad_radius_m: self.get(param::FH_PAD_R),
+            focal_widths: self.get(param::FH_CAM_FOCAL),
+            ..before
+        });
     }
 
     fn apply_turning(&self, config: &mut guidance::Config) {

@@ -139,6 +139,26 @@ pub const TABLE: &[Param] = &[
         "How fast it turns then; negative to the left; 0.4 at least, at most FH_YAWR_MAX.",
     ),
     whole("FH_TURN_CH", 0.0, [0.0, 3.0], "Channel of the one antenna, 0 to 3."),
+    // How it arrives.
+    whole(
+        "FH_LND_MODE",
+        0.0,
+        [0.0, 2.0],
+        "What it does where it arrives: 0 goes on seeking, 1 hovers above the beacon and hands over, 2 lands on the pad that its camera sees.",
+    ),
+    switch(
+        "FH_LND_REQ",
+        0.0,
+        "1: asks the autopilot to land where it has arrived without a camera, and to disarm on the pad. 0: never.",
+    ),
+    real("FH_PAD_R", "m", 0.25, [0.02, 5.0], "Radius of the pad: a plain red disc."),
+    real(
+        "FH_CAM_FOCAL",
+        "",
+        0.866,
+        [0.2, 5.0],
+        "Focal length of the camera over the width of its picture; 0.866 is 60 degrees from left to right.",
+    ),
     // The link.
     real("FH_SP_AGE", "s", 0.25, [0.05, 1.0], "A setpoint older than this is replaced by zero velocity."),
     real(

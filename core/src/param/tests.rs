@@ -70,6 +70,10 @@ const PLACES: &[(Id, Place)] = &[
         Some(turning::Role::Alone(channel)) => f32::from(channel),
         _ => 0.0,
     }),
+    (FH_LND_MODE, |c| c.landing.map_or(0.0, |landing| 1.0 + f32::from(u8::from(landing.has_camera)))),
+    (FH_LND_REQ, |c| f32::from(u8::from(c.landing.unwrap_or_default().request_land))),
+    (FH_PAD_R, |c| c.landing.unwrap_or_default().pad_radius_m),
+    (FH_CAM_FOCAL, |c| c.landing.unwrap_or_default().focal_widths),
 ];
 
 fn applied(values: &Values) -> guidance::Config {
@@ -92,6 +96,7 @@ fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
         FH_TONE_HI => vec![(FH_SMP_RATE, if value > 1e3 { 1e7 } else { 1e3 }), (FH_TONE_LO, 0.0)],
         FH_TURN_RATE => vec![(FH_TURN, 1.0), (FH_YAWR_MAX, 6.3)],
         FH_TURN_CH => vec![(FH_TURN, 2.0)],
+        FH_LND_REQ | FH_PAD_R | FH_CAM_FOCAL => vec![(FH_LND_MODE, 2.0)],
         _ => vec![],
     }
 }
@@ -187,7 +192,7 @@ fn nothing_beyond_a_range_would_build() {
     for (id, _) in PLACES {
         let (min, max) = id.range();
         let kind = TABLE[id.index()].kind;
-        if kind == Kind::Whole && (max == 1.0 || *id == FH_TURN) {
+        if kind == Kind::Whole && (max == 1.0 || [FH_TURN, FH_LND_MODE].contains(id)) {
             continue;
         }
         let step = |end: f32| if kind == Kind::Whole { 1.0 } else { (0.003 * end.abs()).max(1e-4) };

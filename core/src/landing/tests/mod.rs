@@ -45,6 +45,7 @@ fn pad(forward: f32, right: f32, radius: f32) -> Pad {
 #[test]
 fn the_state_is_small() {
     assert!(size_of::<State>() <= 700, "{}", size_of::<State>());
+    assert!(size_of::<Option<Advice>>() <= 64, "{}", size_of::<Option<Advice>>());
 }
 
 /// Flies a lander with a hovering vehicle to which the pad is shown from the first step on, for so long; the last advice.
