@@ -1,4 +1,6 @@
-//! `LANDING_TARGET` in the form that each autopilot takes.
+//! Landing, as the autopilot hears of it: where the target is, and that it is to land.
+//!
+//! `LANDING_TARGET` in the form that each takes:
 //!
 //! | autopilot | frame | what counts |
 //! |---|---|---|
@@ -6,13 +8,55 @@
 //! | PX4 (`mavlink_receiver`) | `LOCAL_NED` | x, y, z is the target's place in the autopilot's local frame |
 //!
 //! Both want `position_valid`. Without it ArduPilot takes `angle_x` and `angle_y` for image axes of a camera that looks
-//! down, so we do not send that form.
+//! down, so we do not send that form. The pad that a camera sees has the type `VISION_OTHER`, the beacon `RADIO_BEACON`.
+//!
+//! `MAV_CMD_NAV_LAND` is asked for where the user wants that (`FH_LND_REQ`) and the landing says so, a few times, as long as the
+//! mode is ours. The autopilot then changes its mode by itself, lands, and disarms; it is never told to change a mode.
 
 use foxhound_core::frame::Ned;
 use foxhound_core::kernel::sqrt;
+use foxhound_core::time::Instant;
 
 use crate::autopilot::Software;
-use crate::dialect::{LANDING_TARGET_DATA, LandingTargetType, MavFrame};
+use crate::dialect::{COMMAND_LONG_DATA, LANDING_TARGET_DATA, LandingTargetType, MavCmd, MavFrame};
+
+const REQUEST_PERIOD_US: u64 = 1_000_000;
+const REQUESTS_MAX: u8 = 5;
+
+/// Asks the autopilot to land.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Request {
+    tries: u8,
+    due: Instant,
+}
+
+impl Request {
+    /// Nothing was asked for.
+    pub(crate) const fn new() -> Self {
+        Self { tries: 0, due: Instant(0) }
+    }
+
+    /// The command, when it is time for it.
+    #[inline(never)]
+    pub(crate) fn poll(&mut self, now: Instant, wants: bool, target: (u8, u8)) -> Option<COMMAND_LONG_DATA> {
+        if !wants {
+            *self = Self::new();
+            return None;
+        }
+        if self.tries >= REQUESTS_MAX || now < self.due {
+            return None;
+        }
+        let confirmation = self.tries;
+        (self.tries, self.due) = (self.tries + 1, now.plus_micros(REQUEST_PERIOD_US));
+        Some(COMMAND_LONG_DATA {
+            target_system: target.0,
+            target_component: target.1,
+            command: MavCmd::MAV_CMD_NAV_LAND as u16,
+            confirmation,
+            ..COMMAND_LONG_DATA::DEFAULT
+        })
+    }
+}
 
 /// Where a target is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +65,8 @@ pub(crate) struct Target {
     pub(crate) body_frd_m: [f32; 3],
     /// In the autopilot's local frame.
     pub(crate) place_ned_m: Ned,
+    /// It is the pad, and seen; else the beacon, and heard.
+    pub(crate) is_pad: bool,
 }
 
 /// The message; `None` for an autopilot that takes none, a target without distance, or numbers that are not finite.
@@ -38,6 +84,11 @@ pub(crate) fn message(time_us: u64, software: Software, target: &Target) -> Opti
         Software::Px4 => (MavFrame::MAV_FRAME_LOCAL_NED, place.north, place.east, place.down),
         Software::Other => return None,
     };
+    let kind = if target.is_pad {
+        LandingTargetType::LANDING_TARGET_TYPE_VISION_OTHER
+    } else {
+        LandingTargetType::LANDING_TARGET_TYPE_RADIO_BEACON
+    };
     Some(LANDING_TARGET_DATA {
         time_usec: time_us,
         frame: frame as u8,
@@ -46,7 +97,7 @@ pub(crate) fn message(time_us: u64, software: Software, target: &Target) -> Opti
         y,
         z,
         q: [1.0, 0.0, 0.0, 0.0],
-        mavtype: LandingTargetType::LANDING_TARGET_TYPE_RADIO_BEACON as u8,
+        mavtype: kind as u8,
         position_valid: 1,
         ..LANDING_TARGET_DATA::DEFAULT
     })
@@ -57,7 +108,31 @@ mod tests {
     use super::*;
 
     const TARGET: Target =
-        Target { body_frd_m: [2.0, -1.0, 2.0], place_ned_m: Ned { north: 12.0, east: -4.0, down: 0.5 } };
+        Target { body_frd_m: [2.0, -1.0, 2.0], place_ned_m: Ned { north: 12.0, east: -4.0, down: 0.5 }, is_pad: false };
+
+    #[test]
+    fn it_is_asked_to_land_five_times_a_second_apart_and_anew_when_it_is_wanted_anew() {
+        let mut request = Request::new();
+        let mut asked = |from_s: u64, wants: bool| {
+            (0..500)
+                .filter_map(|k| request.poll(Instant(from_s * 1_000_000 + k * 20_000), wants, (1, 1)))
+                .map(|command| (command.command, command.confirmation))
+                .collect::<std::vec::Vec<_>>()
+        };
+        assert_eq!(asked(1, false), []);
+        let all: std::vec::Vec<_> = (0..5).map(|try_| (21, try_)).collect();
+        assert_eq!(asked(11, true), all);
+        assert_eq!(asked(21, true), [], "enough is enough");
+        assert_eq!(asked(31, false), []);
+        assert_eq!(asked(41, true), all);
+    }
+
+    #[test]
+    fn a_pad_is_seen_and_a_beacon_is_heard() {
+        for (is_pad, kind) in [(true, 3), (false, 1)] {
+            assert_eq!(message(7, Software::Px4, &Target { is_pad, ..TARGET }).unwrap().mavtype, kind);
+        }
+    }
 
     #[test]
     fn ardupilot_gets_the_line_of_sight_and_px4_the_place() {

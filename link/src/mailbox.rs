@@ -10,6 +10,7 @@
 //! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, codes from byte 2048 (`i16`, channel by channel) |
 //! | report | `0x2000` | 4096 | twin | head, then [`Ready`], [`Report`] or the text of a refusal |
 //! | line | `0x3000` | 4, then 16 384 from `0x4000` | simulator | bytes of the autopilot that need no serial line: their number since the setup of a new start (`u32`), and a ring of them |
+//! | port | `0x3004` | 4, then 262 144 from `0x4_0000` | simulator | bytes for the maintenance port that need no serial line: the same |
 //! | store | `0x10_0000` | 16 384 | twin | what it keeps over a reset, every bit turned round: a new file is a blank flash |
 //!
 //! Every block starts with the same head: [`MAGIC`] (`u32`, its last letter is the version of the layout), then the
@@ -25,7 +26,8 @@
 //! | [`BOOTED`] `B` | to the simulator | the twin has started, for the first time or again: it wants a setup |
 //!
 //! The two serial lines and the memory are not ordered with each other. So a step says how many bytes of UART0 the twin
-//! must have taken in before it ([`Step::rx_expected`]), by UART0 or by the ring, and a report says how many it has sent ([`Report::tx_total`]):
+//! must have taken in before it ([`Step::rx_expected`]), by UART0 or by the ring, and how many of the camera's
+//! ([`Step::camera_expected`]), by UART2 or by its ring; and a report says how many it has sent ([`Report::tx_total`]):
 //! that makes every step, and with it the whole flight, repeatable.
 
 use foxhound_core::adc::{CHANNELS, Snapshot};
@@ -40,7 +42,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// First word of every block; the last letter is the version of the layout.
-pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM2");
+pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM3");
 
 /// Bytes of one block.
 pub const BLOCK_BYTES: usize = 4096;
@@ -57,6 +59,13 @@ pub const LINE_TOTAL_AT: usize = 3 * BLOCK_BYTES;
 pub const LINE_AT: usize = 4 * BLOCK_BYTES;
 /// Bytes of the ring.
 pub const LINE_BYTES: usize = 16 << 10;
+
+/// Where it is written how many bytes the port's ring has had.
+pub const PORT_TOTAL_AT: usize = LINE_TOTAL_AT + 4;
+/// Where the port's ring begins.
+pub const PORT_AT: usize = 256 << 10;
+/// Bytes of the port's ring: the largest frame of a camera fits.
+pub const PORT_BYTES: usize = 256 << 10;
 
 /// Where the flash of the twin begins: each bit that is set there reads as clear.
 pub const STORE_AT: usize = 1 << 20;
@@ -120,6 +129,8 @@ pub struct Step<'a, const N: usize> {
     pub now: Instant,
     /// Bytes of the autopilot since the twin's start that it must have taken in before this step.
     pub rx_expected: u32,
+    /// Bytes of camera frames since the twin's start that it must have looked at before this step.
+    pub camera_expected: u32,
     /// What the antennas brought.
     pub front_end: FrontEnd<'a, N>,
     /// Obstacles that a sensor delivers as circles already.
@@ -148,6 +159,7 @@ impl<const N: usize> Arrivals<N> {
             sequence: 0,
             now: Instant(0),
             rx_expected: 0,
+            camera_expected: 0,
             front_end: FrontEndKind::Nothing,
             circles: None,
             fault: None,
@@ -185,6 +197,7 @@ impl<const N: usize> Arrivals<N> {
             sequence: head.sequence,
             now: head.now,
             rx_expected: head.rx_expected,
+            camera_expected: head.camera_expected,
             front_end: match head.front_end {
                 FrontEndKind::Snapshot { .. } => FrontEnd::Snapshot(&self.snapshot),
                 FrontEndKind::Bearing(bearing) => FrontEnd::Bearing(bearing),
@@ -350,6 +363,7 @@ struct StepHead {
     sequence: u32,
     now: Instant,
     rx_expected: u32,
+    camera_expected: u32,
     front_end: FrontEndKind,
     circles: Option<u8>,
     fault: Option<Fault>,
@@ -386,6 +400,7 @@ impl<const N: usize> Step<'_, N> {
             sequence: self.sequence,
             now: self.now,
             rx_expected: self.rx_expected,
+            camera_expected: self.camera_expected,
             front_end,
             circles,
             fault: self.fault,
@@ -476,6 +491,7 @@ mod tests {
             sequence: 7,
             now: Instant(u64::MAX - 3),
             rx_expected: 90_000,
+            camera_expected: 38_400,
             front_end,
             circles,
             fault: Some(Fault::PowerCut { after_us: 123_456 }),
@@ -497,7 +513,8 @@ mod tests {
         let mut arrivals = Arrivals::<N>::new();
         arrivals.decode(&block).unwrap();
         let got = arrivals.step();
-        assert_eq!((got.sequence, got.now, got.rx_expected), (sent.sequence, sent.now, sent.rx_expected));
+        assert_eq!((got.sequence, got.now), (sent.sequence, sent.now));
+        assert_eq!((got.rx_expected, got.camera_expected), (sent.rx_expected, sent.camera_expected));
         let FrontEnd::Snapshot(came) = got.front_end else { panic!("no snapshot") };
         assert_eq!(came, &snapshot);
         let bits = |circle: &Circle| {

@@ -20,7 +20,7 @@
 //!
 //! A `DISTANCE_SENSOR` looks along its orientation: 0 to 7 are steps of 45 degrees, clockwise (the text of the message
 //! definition has left and right swapped, its rotations do not), 100 is what its quaternion says; one that looks up or down
-//! has nothing to say about obstacles. A distance below the sensor's range, or of signal quality 1, is no reading; one above
+//! has nothing to say about obstacles, and 25, which looks down, says how far the ground is. A distance below the sensor's range, or of signal quality 1, is no reading; one above
 //! the range says that the sensor lives and sees nothing. An `OBSTACLE_DISTANCE_3D` is a point forward, right and down of the
 //! vehicle. Points more than a metre above or below the vehicle are the ground or no concern. Nothing that is remembered is
 //! forgotten for what points and beams do not see.
@@ -157,6 +157,20 @@ pub(crate) fn beam(message: &DISTANCE_SENSOR_DATA) -> Heard {
     }
 }
 
+/// The orientation of a beam that looks down.
+pub(crate) const DOWN: u8 = 25;
+
+/// How far below the vehicle, along its own axis, `DISTANCE_SENSOR` sees the ground; `None` where it looks elsewhere or sees
+/// nothing.
+#[inline(never)]
+pub(crate) fn ground_m(message: &DISTANCE_SENSOR_DATA) -> Option<f32> {
+    let is_reading = message.orientation == DOWN
+        && message.current_distance >= message.min_distance.max(1)
+        && message.current_distance <= message.max_distance
+        && message.signal_quality != BAD_SIGNAL;
+    is_reading.then_some(f32::from(message.current_distance) / 100.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -194,6 +208,28 @@ mod tests {
         assert_eq!(scan(&message, Instant(7), touching).unwrap().sectors[..8], expected(Sector::Hit(0.3)));
         message.min_distance = 0;
         assert_eq!(scan(&message, Instant(7), touching).unwrap().sectors[4], Sector::Hit(0.01));
+    }
+
+    #[test]
+    fn the_ground_is_seen_by_a_beam_that_looks_down_and_reads() {
+        let down = DISTANCE_SENSOR_DATA {
+            orientation: DOWN,
+            min_distance: 20,
+            max_distance: 1200,
+            current_distance: 215,
+            ..DISTANCE_SENSOR_DATA::DEFAULT
+        };
+        assert_eq!(ground_m(&down), Some(2.15));
+        assert_eq!(beam(&down), Heard::Nothing, "the ground is no obstacle");
+        for other in [
+            DISTANCE_SENSOR_DATA { orientation: 24, ..down },
+            DISTANCE_SENSOR_DATA { current_distance: 19, ..down },
+            DISTANCE_SENSOR_DATA { current_distance: 0, min_distance: 0, ..down },
+            DISTANCE_SENSOR_DATA { current_distance: 1201, ..down },
+            DISTANCE_SENSOR_DATA { signal_quality: BAD_SIGNAL, ..down },
+        ] {
+            assert_eq!(ground_m(&other), None, "{other:?}");
+        }
     }
 
     #[test]

@@ -80,6 +80,10 @@ impl Companion {
             }
             d::DISTANCE_SENSOR_DATA::ID if is_aboard => {
                 let beam: d::DISTANCE_SENSOR_DATA = content.read();
+                if beam.orientation == obstacles::DOWN {
+                    self.ground = obstacles::ground_m(&beam).map(|ground_m| (self.now, ground_m)).or(self.ground);
+                    return;
+                }
                 self.note_source(header, content, beam.id);
                 self.on_point(obstacles::beam(&beam));
             }
@@ -357,6 +361,7 @@ impl Companion {
             self.origin = None;
             self.reset_counter = None;
             self.usable_at = None;
+            self.ground = None;
             self.scan = None;
             self.points = None;
             if let Some(autopilot) = &mut self.autopilot {

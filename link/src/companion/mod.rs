@@ -27,6 +27,7 @@ use foxhound_core::ownship::Ownship;
 use foxhound_core::param::{Id, Values};
 use foxhound_core::scan::{Points, Scan};
 use foxhound_core::time::Instant;
+use foxhound_core::units::sin_cos;
 
 use crate::MessageData;
 use crate::advice::Advice;
@@ -37,6 +38,7 @@ use crate::dialect::HEARTBEAT_DATA;
 use crate::failsafe::{Cause, Facts};
 use crate::framer::{self, Content, Framer};
 use crate::health::{Charge, Health};
+use crate::landing;
 use crate::outbox::Outbox;
 use crate::params::Params;
 use crate::requests::Requests;
@@ -63,6 +65,8 @@ const UNSETTLED_US: u64 = 500_000;
 const OWNSHIP_AGE_MAX_S: f32 = 0.5;
 /// Without a usable one for this long, setpoints end.
 const OWNSHIP_LOST_S: f32 = 2.0;
+/// A range finder's word that is older says nothing of the height.
+const GROUND_AGE_MAX_S: f32 = 0.5;
 /// Setpoints that are not sane for this long, and a guidance that is silent for this long, make us unfit.
 const INSANE_MAX_S: f32 = 0.5;
 const GUIDANCE_SILENT_MAX_S: f32 = 2.0;
@@ -121,6 +125,7 @@ struct Published {
     time: Instant,
     setpoint: Setpoint,
     outcome: Outcome,
+    wants_land: bool,
 }
 
 /// How many frames of the last while were damaged.
@@ -166,6 +171,8 @@ pub struct Companion {
     /// When there was a usable one last.
     usable_at: Option<Instant>,
     landed_state: u8,
+    /// How far the ground is, along the vehicle's own axis, and when it was heard.
+    ground: Option<(Instant, f32)>,
     noise: Noise,
     advice: Advice,
     sources: Sources,
@@ -174,6 +181,8 @@ pub struct Companion {
     last_scan_of: u8,
 
     published: Option<Published>,
+    /// Asks the autopilot to land.
+    landing: landing::Request,
     /// Since when what guidance publishes is not sane.
     insane_since: Option<Instant>,
     /// Whether guidance was flying when last looked at.
@@ -230,6 +239,7 @@ impl Companion {
             settled_at: Instant::default(),
             usable_at: None,
             landed_state: 0,
+            ground: None,
             noise: Noise { since: Instant(0), good: 0, bad: 0, percent: 0 },
             advice: Advice::new(),
             sources: Sources::new(),
@@ -238,6 +248,7 @@ impl Companion {
             last_scan_of: 0,
             points: None,
             published: None,
+            landing: landing::Request::new(),
             insane_since: None,
             seeking: false,
             was_late: false,
@@ -379,6 +390,16 @@ impl Companion {
         hear::landed(self.landed_state)
     }
 
+    /// How high the vehicle is over the ground by its range finder, if it has one and that reads; its tilt is taken off.
+    #[must_use]
+    #[inline(never)]
+    pub fn height_m(&self, now: Instant) -> Option<f32> {
+        let (at, slant_m) = self.ground.filter(|(at, _)| !is_over(now, *at, GROUND_AGE_MAX_S))?;
+        let (attitude, ground) = (self.attitude?, at);
+        let level = sin_cos(attitude.roll_rad).1 * sin_cos(attitude.pitch_rad).1;
+        (!is_over(ground, attitude.time, GROUND_AGE_MAX_S)).then_some(slant_m * level)
+    }
+
     /// The newest obstacle scan since the last call.
     #[inline(never)]
     pub fn take_scan(&mut self) -> Option<Scan> {
@@ -514,7 +535,8 @@ impl Companion {
             self.insane_since.get_or_insert(now);
             Setpoint::default()
         };
-        self.published = Some(Published { time: now, setpoint, outcome: output.outcome });
+        let wants_land = output.landing.is_some_and(|landing| landing.wants_land);
+        self.published = Some(Published { time: now, setpoint, outcome: output.outcome, wants_land });
         self.report(output);
     }
 

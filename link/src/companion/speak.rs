@@ -10,7 +10,7 @@ use foxhound_core::time::Instant;
 use foxhound_core::units::{DEG_PER_RAD, sin_cos, wrap_pi};
 use heapless::{Deque, String};
 
-use super::{Companion, NOISE_WARN_PERCENT, Pace, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
+use super::{Companion, NOISE_WARN_PERCENT, Pace, Published, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
 use crate::CharArray;
 use crate::autopilot::Autopilot;
 use crate::clock::{is_due, is_over};
@@ -239,6 +239,11 @@ impl Companion {
                 target_component: target.1,
             });
         }
+        let is_fresh = |published: &Published| !is_over(now, published.time, self.config.setpoint_age_max_s);
+        let wants_land = self.obeys() && self.published.filter(is_fresh).is_some_and(|published| published.wants_land);
+        if let Some(request) = self.landing.poll(now, wants_land, target) {
+            self.outbox.post_errand(&request);
+        }
         if !self.obeys()
             && let Some(request) = self.advice.poll(now, autopilot.software, target)
         {
@@ -336,9 +341,16 @@ impl Companion {
         self.outbox.post_landing(message.as_ref());
     }
 
-    /// The source, where it is heard now and its range is known.
+    /// The pad where it is seen; else the source, where it is heard now and its range is known.
     fn landing_target(&self, output: &guidance::Output) -> Option<landing::Target> {
         let ownship = self.ownship()?;
+        if let Some(pad) = output.landing.and_then(|landing| landing.target).filter(|target| target.is_pad) {
+            let (here, place) = (ownship.position_ned_m, pad.place_ned_m);
+            let away =
+                Ned { north: place.north - here.north, east: place.east - here.east, down: place.down - here.down };
+            let place_ned_m = self.continuity.place_to_theirs(place);
+            return Some(landing::Target { body_frd_m: ownship.vector_to_body(away), place_ned_m, is_pad: true });
+        }
         let (bearing, source) = (output.bearing.filter(|bearing| bearing.valid)?, output.source?);
         let range_m = source.place_ned_m.minus(ownship.position_ned_m.horizontal()).norm();
         if source.sigma_m > LANDING_SIGMA_MAX * range_m {
@@ -357,6 +369,7 @@ impl Companion {
         Some(landing::Target {
             body_frd_m: ahead.map(|part| part * distance_m),
             place_ned_m: self.continuity.place_to_theirs(place),
+            is_pad: false,
         })
     }
 
@@ -490,7 +503,9 @@ fn severity(cause: Cause, outcome: Option<Outcome>) -> MavSeverity {
     match (cause, outcome) {
         (Cause::Unfit, _) | (Cause::None, Some(Outcome::Fault)) => MavSeverity::MAV_SEVERITY_CRITICAL,
         (Cause::NotInMode | Cause::OnGround | Cause::Paused | Cause::SwitchedOff, _)
-        | (Cause::None, Some(Outcome::Nominal | Outcome::NotInControl)) => MavSeverity::MAV_SEVERITY_INFO,
+        | (Cause::None, Some(Outcome::Nominal | Outcome::NotInControl | Outcome::Landed)) => {
+            MavSeverity::MAV_SEVERITY_INFO
+        }
         _ => MavSeverity::MAV_SEVERITY_WARNING,
     }
 }
@@ -510,5 +525,7 @@ fn text(outcome: Outcome) -> &'static str {
         Outcome::LinkLost => "Foxhound: autopilot is silent",
         Outcome::NotInControl => "Foxhound: waits for GUIDED or OFFBOARD, armed",
         Outcome::Fault => "Foxhound: internal fault",
+        Outcome::HandedOver => "Foxhound: arrived, hovers, take over",
+        Outcome::Landed => "Foxhound: landed",
     }
 }

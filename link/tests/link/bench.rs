@@ -178,6 +178,7 @@ pub(crate) fn output([north, east, down]: [f32; 3], yaw_rate_radps: f32) -> Outp
         target_ned_m: None,
         source: None,
         source_share_and_nis: None,
+        landing: None,
         guard: Action::Passed,
         guard_counts: foxhound_core::guard::Counts::default(),
         plan_requested: false,

@@ -8,6 +8,7 @@ mod dialect;
 mod exam;
 mod failsafes;
 mod keys;
+mod landing;
 mod latching;
 mod noise;
 mod obstacles;

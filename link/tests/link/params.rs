@@ -199,7 +199,7 @@ fn a_station_on_a_bad_line_gets_all_of_them_by_asking_for_what_is_missing() {
     let mut link = Link::new();
     link.hear(&list(US.0, US.1));
     let mut known = [None; COUNT];
-    for _round in 0..20 {
+    for _round in 0..40 {
         for value in link.values(4_000) {
             if random.next_u32() % 2 == 0 {
                 known[usize::from(value.param_index)] = Some(value.param_value);
