@@ -18,6 +18,7 @@ use foxhound_core::array::{Entry, Table};
 use foxhound_core::calibration::deviation::Deviation;
 use foxhound_core::calibration::record::Calibration;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Input, Output};
+use foxhound_core::landing::pad::Look;
 use foxhound_core::map::Circle;
 use foxhound_core::param::{Id, Values};
 use foxhound_core::planner::{Plan, Planner};
@@ -66,6 +67,8 @@ pub struct Step<'a> {
     pub front_end: FrontEnd<'a, N>,
     /// Obstacles that a sensor delivers as circles already.
     pub circles: Option<&'a [Circle]>,
+    /// What the camera has seen.
+    pub look: Option<Look>,
     /// The planner's answer, once, as soon as there is one.
     pub plan: Option<&'a Plan>,
 }
@@ -334,6 +337,9 @@ impl Flight<'_> {
             scan: scan.as_ref(),
             points: points.as_ref(),
             circles: step.circles,
+            look: step.look,
+            height_m: self.companion.height_m(step.now),
+            is_landed: self.companion.landed() == Some(true),
             control: self.companion.control(step.now),
             plan: step.plan,
         };

@@ -6,6 +6,7 @@
 //! | module | what |
 //! |---|---|
 //! | [`flight`] | one step: link, guidance, link; the same lines in the firmware and in the simulator |
+//! | [`camera`] | frames of a camera that looks down, and what the pad detector makes of them |
 //! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
 //! | [`log`] | what goes into a flight, written down so that the host can fly it again |
 //! | [`port`] | the maintenance port: lines in, words out |
@@ -20,6 +21,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod camera;
 pub mod deadline;
 pub mod flight;
 pub mod frozen;

@@ -8,6 +8,7 @@
 //! | `selftest`, `selftest tone`, `calibrate` | the receiver is examined, its channels are measured ([`crate::selftest`]) | refused |
 //! | `factory-reset` | is explained; `factory-reset yes` forgets everything stored | refused |
 //! | `restart` | the computer restarts, and comes up in standby | refused |
+//! | frames of a camera, between zeros | the pad is looked for in them ([`crate::camera`]) | taken |
 //!
 //! A line ends with a carriage return, a line feed or both. One that is longer than [`LINE_MAX`], is not ASCII or is no
 //! command is answered by what is wrong with it, and nothing happens. A backspace takes a letter back.

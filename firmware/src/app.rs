@@ -18,7 +18,7 @@
 //! control only.
 //!
 //! Whether a step is in time, and what a late one means for the vehicle, is [`foxhound_computer::deadline`]'s business. The
-//! watchdog is fed here, by a step that was in time, and nowhere else.
+//! watchdog is fed here, by a step that was in time, and nowhere else but where a simulator's frame is waited for.
 
 use cortex_m::{asm, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -34,8 +34,9 @@ use foxhound_computer::store::Store;
 use foxhound_core::ConfigError;
 use foxhound_core::frame::Horizontal;
 use foxhound_core::guidance::{self, Guidance};
+use foxhound_core::landing::pad::{Detector, Look};
 use foxhound_core::param::Values;
-use foxhound_core::planner::{Plan, PlanRequest, Planner, SAMPLES, Scratch};
+use foxhound_core::planner::{Plan, PlanRequest, Planner, Scratch};
 use foxhound_core::rollout::WAYPOINTS;
 use foxhound_core::time::Instant;
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
@@ -47,17 +48,21 @@ use crate::port::Port;
 
 pub use foxhound_computer::SAMPLES_PER_CHANNEL;
 
-/// Room for some whole MAVLink frames.
-const TRANSMIT_BYTES: usize = 512;
+/// Bytes that are taken from the link at a time; it goes on with a frame that does not fit.
+const TRANSMIT_BYTES: usize = 256;
+
+/// Bytes that are moved at a time.
+const PIECE_BYTES: usize = 128;
 
 /// With so many bytes on their way to the serial line, no more are sent there.
 const WAITING_BYTES: usize = 128;
 
-/// Bytes from the serial line to guidance: what arrives in a step of 20 ms at 921 600 baud.
-pub type Incoming = Pipe<CriticalSectionRawMutex, 2048>;
+/// Bytes from the serial line to guidance; with the ring that the board has in front of it, what arrives in a step of 20 ms at
+/// 921 600 baud.
+pub type Incoming = Pipe<CriticalSectionRawMutex, 512>;
 
 /// Bytes from guidance to the serial line; what does not fit waits in the link, where a newer setpoint replaces it.
-pub type Outgoing = Pipe<CriticalSectionRawMutex, 1024>;
+pub type Outgoing = Pipe<CriticalSectionRawMutex, 512>;
 
 type Mutex = CriticalSectionRawMutex;
 
@@ -94,7 +99,7 @@ pub struct Planned {
     /// The plan.
     pub plan: Plan,
     /// The sampled trajectories that it was made from.
-    pub samples_ned_m: [[Horizontal; WAYPOINTS]; SAMPLES],
+    pub samples_ned_m: [[Horizontal; WAYPOINTS]; board::SAMPLES_KEPT],
     /// Length of the replan, in `board::ticks`.
     pub ticks: u32,
 }
@@ -102,7 +107,7 @@ pub struct Planned {
 /// Bytes of the autopilot, from the serial line into the pipe.
 #[embassy_executor::task]
 pub async fn receive(mut line: Receiver, incoming: &'static Incoming) {
-    let mut bytes = [0; 256];
+    let mut bytes = [0; PIECE_BYTES];
     loop {
         let count = line.read(&mut bytes).await;
         incoming.write_all(bytes.get(..count).unwrap_or_default()).await;
@@ -112,7 +117,7 @@ pub async fn receive(mut line: Receiver, incoming: &'static Incoming) {
 /// Bytes to the autopilot, from the pipe onto the serial line.
 #[embassy_executor::task]
 pub async fn transmit(mut line: Transmitter, outgoing: &'static Outgoing) {
-    let mut bytes = [0; 256];
+    let mut bytes = [0; PIECE_BYTES];
     loop {
         let count = outgoing.read(&mut bytes).await;
         line.write(bytes.get(..count).unwrap_or_default()).await;
@@ -131,7 +136,7 @@ pub fn planning() -> Result<(Planning, Desk), ConfigError> {
     let planner = guidance::Config::default().planner.build()?;
     let order = ORDER.init_with(|| [Order { planner, request: PlanRequest::default() }]);
     let [Order { planner, request }] = &*order;
-    let nothing = [[Horizontal::default(); WAYPOINTS]; SAMPLES];
+    let nothing = [[Horizontal::default(); WAYPOINTS]; board::SAMPLES_KEPT];
     let planned = [Planned { plan: planner.brake(request), samples_ned_m: nothing, ticks: 0 }];
     let planned = PLANNED.init(planned);
     let (order_tx, order_rx) = ORDERS.init_with(|| Channel::new(order)).split();
@@ -210,7 +215,9 @@ fn replan(scratch: &mut Scratch, order: &Order, planned: &mut Planned) {
     let begin = board::ticks();
     planned.plan = order.planner.plan(scratch, &order.request);
     planned.ticks = board::ticks().wrapping_sub(begin);
-    planned.samples_ned_m = scratch.samples;
+    for (kept, sample) in planned.samples_ned_m.iter_mut().zip(&scratch.samples) {
+        *kept = *sample;
+    }
 }
 
 /// The fast loop: does what the board's pacer says, a step at a time.
@@ -248,6 +255,7 @@ pub async fn guide(
                         flight.companion.require_entry();
                     }
                     tell(&mut flight, &restart, start);
+                    port.set_detector(flight.guidance.detector());
                     store.overrule();
                     port.drain().await;
                     port.log.begin("set up", needs_entry, &flight);
@@ -260,16 +268,18 @@ pub async fn guide(
                 let lock_step = step.lock_step.is_some();
                 let mut begin = board::ticks();
                 line.read(flight.companion, &mut port.log, &step).await;
+                let look = port.look(&step, &mut watchdog).await;
                 if let Some(lock_step) = &step.lock_step {
                     // The simulator's time is not ours.
                     begin = (lock_step.begin)();
                 }
                 if flight.serve(&mut port.log.keeper(&mut store)) {
                     planning.begin_anew();
+                    port.set_detector(flight.guidance.detector());
                 }
                 store.keep_up(step.now, flight.companion);
                 let is_starved = step.lock_step.is_some_and(|lock_step| lock_step.holds_plan);
-                let stepped = fly(&mut flight, &step, planning.answer().filter(|_| !is_starved));
+                let stepped = fly(&mut flight, &step, look, planning.answer().filter(|_| !is_starved));
                 if !is_starved {
                     planning.take();
                 }
@@ -284,8 +294,9 @@ pub async fn guide(
                 }
                 let deadline::Counts { late, longest_us, .. } = monitor.counts();
                 let ordered = stepped.output.plan_requested && planning.order(&flight);
-                port.log.step(step.front_end, step.circles, &stepped, ordered);
+                port.log.step(step.front_end, step.circles, look.as_ref(), &stepped, ordered);
                 port.log.deadlines(monitor.counts());
+                port.set_height(flight.state.height_m());
                 let lost = pacer.lost().saturating_add(flight.receiver.frozen());
                 flight.companion.note_pace(Pace { longest_us, late, lost });
                 let Stepped { output, ticks: fast_ticks, .. } = stepped;
@@ -378,9 +389,9 @@ fn report(flight: &mut Flight<'_>, store: &mut Store<Flash>, log: &mut Log<'_>) 
 
 /// One step.
 #[inline(never)]
-fn fly(flight: &mut Flight<'_>, step: &Step<'_>, plan: Option<&Planned>) -> Stepped {
+fn fly(flight: &mut Flight<'_>, step: &Step<'_>, look: Option<Look>, plan: Option<&Planned>) -> Stepped {
     let plan = plan.map(|planned| &planned.plan);
-    let step = flight::Step { now: step.now, front_end: step.front_end, circles: step.circles, plan };
+    let step = flight::Step { now: step.now, front_end: step.front_end, circles: step.circles, look, plan };
     flight.step(&step, board::ticks)
 }
 
@@ -392,6 +403,14 @@ pub struct Begun {
     store: Store<Flash>,
     /// How often the computer was started.
     start: u32,
+}
+
+impl Begun {
+    /// What pad the camera looks for.
+    #[must_use]
+    pub const fn detector(&self) -> Detector {
+        self.flight.guidance.detector()
+    }
 }
 
 /// The flight as it begins, with what was kept. To be called once, before anything else runs: it takes more of the stack than
@@ -459,7 +478,7 @@ impl Line {
 
     /// Hands over what has come: in lock-step exactly what belongs before this step, else what there is.
     async fn read(&mut self, companion: &mut Companion, log: &mut Log<'_>, step: &Step<'_>) {
-        let mut bytes = [0; 256];
+        let mut bytes = [0; PIECE_BYTES];
         loop {
             let count = match step.lock_step {
                 Some(LockStep { rx_expected, .. }) => {

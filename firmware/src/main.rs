@@ -25,8 +25,8 @@ fn start() -> Desk {
     };
     board.link.spawn(task(app::receive(board.receiver, &INCOMING)));
     board.link.spawn(task(app::transmit(board.transmitter, &OUTGOING)));
-    let (port, log) = port::ends();
-    board.link.spawn(task(port::listen(board.port_receiver)));
+    let (port, log, camera) = port::ends(begun.detector());
+    board.link.spawn(task(port::listen(board.port_receiver, camera)));
     board.link.spawn(task(port::speak(board.port_transmitter, log)));
     let line = Line::new(&INCOMING, &OUTGOING);
     let guide = app::guide(board.pacer, board.watchdog, board.restart, begun, line, port, planning);

@@ -1,18 +1,25 @@
-//! The maintenance port: the flight log and answers go out by it, lines come in.
+//! The maintenance port: the flight log and answers go out by it, lines and the frames of a camera come in.
 //!
-//! Guidance writes the log and carries out what lines say, a command a step; the tasks here only move bytes, and run behind
+//! Frames are looked at here, line by line as they come ([`foxhound_computer::camera`]), in the time that guidance leaves;
+//! it gets what they show with its next step. Guidance writes the log and carries out what lines say, a command a step; the tasks here only move bytes, and run behind
 //! the autopilot's line. Where the port is too slow, or nobody is there, the log is what suffers.
+
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
+use foxhound_computer::camera::{Came, Camera, Sighted};
 use foxhound_computer::log::ring::{Consumer, Ring};
 use foxhound_computer::log::{Log, State};
 use foxhound_computer::port::{Command, Lines};
+use foxhound_core::landing::pad::{Detector, Look};
 use foxhound_core::mission::Control;
-use static_cell::ConstStaticCell;
+use heapless::Vec;
+use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::boards::board::{PortReceiver, PortTransmitter};
+use crate::boards::Step;
+use crate::boards::board::{PortReceiver, PortTransmitter, Watchdog};
 
 /// What a step brings, and the codes of a frame.
 const RING_BYTES: usize = 2048;
@@ -24,6 +31,19 @@ static TYPED: Pipe<CriticalSectionRawMutex, 48> = Pipe::new();
 static NEWS: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
+/// Bytes that are taken in at a time.
+const PIECE_BYTES: usize = 64;
+
+/// What the camera's latest frame came to.
+static SIGHTED: Signal<CriticalSectionRawMutex, Sighted> = Signal::new();
+/// What pad it looks for from now on.
+static DETECTOR: Signal<CriticalSectionRawMutex, Detector> = Signal::new();
+/// The height over the ground, as bits; not a number where nobody knows it.
+static HEIGHT_M: AtomicU32 = AtomicU32::new(0);
+/// Bytes of frames that were looked at since the start; and there are more.
+static LOOKED_AT: AtomicU32 = AtomicU32::new(0);
+static PROGRESS: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
 /// Guidance's end.
 pub struct Port {
     /// The flight log, which carries the answers, too.
@@ -31,10 +51,13 @@ pub struct Port {
     lines: Lines,
 }
 
-/// Both ends. To be called once.
-pub fn ends() -> (Port, Consumer<'static>) {
+/// The ends of the log and of the lines, and the camera. To be called once.
+#[inline(never)]
+pub fn ends(detector: Detector) -> (Port, Consumer<'static>, &'static mut Camera) {
+    static CAMERA: StaticCell<Camera> = StaticCell::new();
     let (producer, consumer) = RING.take().ends();
-    (Port { log: Log::resume(producer, State::default()), lines: Lines::new() }, consumer)
+    let port = Port { log: Log::resume(producer, State::default()), lines: Lines::new() };
+    (port, consumer, CAMERA.init_with(|| Camera::new(detector)))
 }
 
 impl Port {
@@ -50,6 +73,28 @@ impl Port {
             }
         }
         None
+    }
+
+    /// What the camera has seen since the last step; in lock-step as soon as all that belongs before this step was looked at.
+    pub async fn look(&self, step: &Step<'_>, watchdog: &mut Watchdog) -> Option<Look> {
+        if let Some(lock_step) = &step.lock_step {
+            while LOOKED_AT.load(Ordering::Relaxed) != lock_step.camera_expected {
+                PROGRESS.wait().await;
+                // A whole frame at once takes longer than a step; from a camera it comes piece by piece.
+                watchdog.feed();
+            }
+        }
+        SIGHTED.try_take().map(|sighted| sighted.look(step.now))
+    }
+
+    /// What the next frame is looked at with: how high the vehicle is, where that is known.
+    pub fn set_height(&self, height_m: Option<f32>) {
+        HEIGHT_M.store(height_m.unwrap_or(f32::NAN).to_bits(), Ordering::Relaxed);
+    }
+
+    /// Another pad is looked for, or with another camera.
+    pub fn set_detector(&self, detector: Detector) {
+        DETECTOR.signal(detector);
     }
 
     /// Lets the log be sent.
@@ -72,14 +117,36 @@ impl Port {
     }
 }
 
-/// Bytes that somebody types. Where they come faster than guidance reads them, the line waits.
+/// Bytes that somebody types, and the frames of a camera. Where lines come faster than guidance reads them, all waits.
 #[embassy_executor::task]
-pub async fn listen(mut line: PortReceiver) {
-    let mut bytes = [0; 16];
+pub async fn listen(mut line: PortReceiver, camera: &'static mut Camera) {
+    let mut bytes = [0; PIECE_BYTES];
     loop {
         let count = line.read(&mut bytes).await;
-        TYPED.write_all(bytes.get(..count).unwrap_or_default()).await;
+        let typed = look_at(camera, bytes.get(..count).unwrap_or_default());
+        TYPED.write_all(&typed).await;
     }
+}
+
+/// Takes frames in; what is left was typed.
+#[inline(never)]
+fn look_at(camera: &mut Camera, bytes: &[u8]) -> Vec<u8, PIECE_BYTES> {
+    if let Some(detector) = DETECTOR.try_take() {
+        camera.set_detector(detector);
+    }
+    let mut typed = Vec::new();
+    let height_m = Some(f32::from_bits(HEIGHT_M.load(Ordering::Relaxed))).filter(|height_m| height_m.is_finite());
+    for byte in bytes {
+        match camera.push(*byte, height_m) {
+            // There is room for all of them.
+            Some(Came::Text(byte)) => typed.push(byte).unwrap_or(()),
+            Some(Came::Sighted(sighted)) => SIGHTED.signal(sighted),
+            None => {}
+        }
+    }
+    LOOKED_AT.fetch_add((bytes.len() - typed.len()) as u32, Ordering::Relaxed);
+    PROGRESS.signal(());
+    typed
 }
 
 /// The log, onto the port.

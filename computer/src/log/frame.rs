@@ -11,7 +11,6 @@
 //!
 //! A frame is written where it lies in the ring, and may be written in parts; it needs no room beside that.
 
-use cobs::decode_in_place;
 use crc::{CRC_32_ISO_HDLC, Crc, Digest, Table};
 use postcard::ser_flavors::Flavor;
 use serde::Serialize;
@@ -120,10 +119,19 @@ pub struct Frame<'a> {
     pub record: &'a [u8],
 }
 
-/// Finds frames in a stream of bytes, which may come in pieces of any size.
+/// Bytes of a frame between its zeros, at most, of so many without the stuffing.
+#[must_use]
+pub const fn stuffed_bytes(plain: usize) -> usize {
+    plain + plain / 254 + 2
+}
+
+/// Finds the frames of a log.
+pub type Deframer = Finder<{ stuffed_bytes(FRAME_MAX) }>;
+
+/// Finds frames of at most so many bytes between their zeros in a stream, which may come in pieces of any size.
 #[derive(Debug)]
-pub struct Deframer {
-    bytes: [u8; FRAME_MAX + FRAME_MAX / 254 + 2],
+pub struct Finder<const BYTES: usize> {
+    bytes: [u8; BYTES],
     length: usize,
     /// What came since the last zero is longer than any frame.
     is_too_long: bool,
@@ -131,11 +139,28 @@ pub struct Deframer {
     rubbish: u64,
 }
 
-impl Deframer {
+impl<const BYTES: usize> Finder<BYTES> {
     /// Nothing has come yet.
     #[must_use]
     pub const fn new() -> Self {
-        Self { bytes: [0; FRAME_MAX + FRAME_MAX / 254 + 2], length: 0, is_too_long: false, rubbish: 0 }
+        Self { bytes: [0; BYTES], length: 0, is_too_long: false, rubbish: 0 }
+    }
+
+    /// Whether nothing has come since the last zero.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.length == 0
+    }
+
+    /// Whether what has come since the last zero is longer than any frame.
+    #[must_use]
+    pub const fn is_too_long(&self) -> bool {
+        self.is_too_long
+    }
+
+    /// Forgets what has come since the last zero.
+    pub fn clear(&mut self) {
+        (self.length, self.is_too_long) = (0, false);
     }
 
     /// Takes in a byte; the frame that it ends, if it ends one.
@@ -165,7 +190,7 @@ impl Deframer {
     }
 }
 
-impl Default for Deframer {
+impl<const BYTES: usize> Default for Finder<BYTES> {
     fn default() -> Self {
         Self::new()
     }
@@ -173,13 +198,32 @@ impl Default for Deframer {
 
 /// The frame that these bytes are, between zeros.
 fn read(stuffed: &mut [u8]) -> Option<Frame<'_>> {
-    let length = decode_in_place(stuffed).ok()?;
+    let length = unstuff(stuffed)?;
     let (bytes, check) = stuffed.get(..length)?.split_last_chunk::<CRC_BYTES>()?;
     if CHECK.checksum(bytes) != u32::from_le_bytes(*check) {
         return None;
     }
     let ((kind, number), record) = postcard::take_from_bytes::<(u8, u32)>(bytes).ok()?;
     Some(Frame { kind, number, record })
+}
+
+/// Takes the stuffing out where it lies; what is left is so long. Nothing here can panic, which is more than `cobs` promises:
+/// frames of a camera are read in flight.
+fn unstuff(bytes: &mut [u8]) -> Option<usize> {
+    let (mut from, mut to) = (0, 0);
+    while let Some(code) = bytes.get(from).copied() {
+        let next = from + usize::from(code.max(1));
+        for at in from + 1..next {
+            *bytes.get_mut(to)? = bytes.get(at).copied()?;
+            to += 1;
+        }
+        if code < 0xff && next < bytes.len() {
+            *bytes.get_mut(to)? = 0;
+            to += 1;
+        }
+        from = next;
+    }
+    Some(to)
 }
 
 #[cfg(test)]
@@ -226,6 +270,25 @@ mod tests {
             let length = cobs::decode(stuffed, &mut read).unwrap().frame_size();
             assert_eq!(read[..length], [plain, &check.to_le_bytes()].concat());
         }
+    }
+
+    #[test]
+    fn the_stuffing_is_taken_out_as_another_implementation_does_it_or_refused_as_there() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
+        let (mut good, mut bad) = (0, 0);
+        for round in 0..20_000_u32 {
+            let length = 1 + random.next_u32() as usize % 600;
+            // Short runs, any runs, long ones; some of them end where the bytes do.
+            let most = [8, 255, 1000][round as usize % 3];
+            let stuffed: Vec<u8> = (0..length).map(|_| (1 + random.next_u32() % most).min(255) as u8).collect();
+            let (mut ours, mut theirs) = (stuffed.clone(), stuffed);
+            let found = unstuff(&mut ours).map(|length| ours[..length].to_vec());
+            let expected = cobs::decode_in_place(&mut theirs).ok().map(|length| theirs[..length].to_vec());
+            assert_eq!(found, expected, "{round}");
+            (good, bad) = if found.is_some() { (good + 1, bad) } else { (good, bad + 1) };
+        }
+        assert!(good > 500 && bad > 500, "{good} {bad}");
+        assert_eq!(unstuff(&mut []), Some(0));
     }
 
     #[test]

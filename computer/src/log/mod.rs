@@ -11,6 +11,7 @@
 //! | 7 | [`Step`]: time, bearing, plan, trace hash | at the end of every step |
 //! | 8 | [`Late`]: steps that missed their deadline | when there is a new one |
 //! | 9 | text for people | when somebody asked on the maintenance port |
+//! | 10 | what the camera has seen | before the step, when a frame has ended |
 //!
 //! The codes of all frames are more than the line carries: 4 x 256 x 12 bit, 50 times a second, are 77 KB/s of its 92. So a
 //! step holds what guidance takes from a frame ([`Heard`]): the bearing, and the phasors where the vehicle may seek by
@@ -23,6 +24,7 @@
 
 use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::guidance::{self, FrontEnd, Heard};
+use foxhound_core::landing::pad::Look;
 use foxhound_core::map::{Circle, DELIVERY_MAX};
 use foxhound_core::param::{self, COUNT, Values};
 use foxhound_core::time::Instant;
@@ -42,7 +44,7 @@ use ring::{Full, Producer};
 use secret::Mask;
 
 /// Version of the records.
-pub const LAYOUT: u8 = 1;
+pub const LAYOUT: u8 = 2;
 /// From the codes of one frame to those of the next.
 const CODES_EVERY: u8 = 50;
 /// Bytes of the codes of one frame: 12 bits each.
@@ -65,6 +67,7 @@ enum Kind {
     Step = 7,
     Late = 8,
     Text = 9,
+    Look = 10,
 }
 
 /// A flight begins.
@@ -180,6 +183,8 @@ pub enum Record<'a> {
     Late(Late),
     /// Text for people.
     Text(&'a str),
+    /// What the camera has seen.
+    Look(Look),
 }
 
 impl<'a> Record<'a> {
@@ -189,7 +194,7 @@ impl<'a> Record<'a> {
         fn read<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Option<T> {
             postcard::take_from_bytes(bytes).ok().filter(|(_, rest)| rest.is_empty()).map(|(record, _)| record)
         }
-        const KINDS: [Kind; 9] = [
+        const KINDS: [Kind; 10] = [
             Kind::Begin,
             Kind::Bytes,
             Kind::Circles,
@@ -199,6 +204,7 @@ impl<'a> Record<'a> {
             Kind::Step,
             Kind::Late,
             Kind::Text,
+            Kind::Look,
         ];
         let kind = KINDS.into_iter().find(|kind| *kind as u8 == frame.kind)?;
         Some(match kind {
@@ -211,6 +217,7 @@ impl<'a> Record<'a> {
             Kind::Step => Self::Step(read(frame.record)?),
             Kind::Late => Self::Late(read(frame.record)?),
             Kind::Text => Self::Text(read(frame.record)?),
+            Kind::Look => Self::Look(read(frame.record)?),
         })
     }
 }
@@ -302,7 +309,17 @@ impl<'a> Log<'a> {
 
     /// A step that was made; `ordered` where the planner took an order.
     #[inline(never)]
-    pub fn step(&mut self, front_end: FrontEnd<'_, N>, circles: Option<&[Circle]>, came: &Stepped, ordered: bool) {
+    pub fn step(
+        &mut self,
+        front_end: FrontEnd<'_, N>,
+        circles: Option<&[Circle]>,
+        look: Option<&Look>,
+        came: &Stepped,
+        ordered: bool,
+    ) {
+        if let Some(look) = look {
+            self.write(Kind::Look, look);
+        }
         if let Some(circles) = circles {
             // No more are ever taken.
             self.write(Kind::Circles, &circles.get(..DELIVERY_MAX).unwrap_or(circles));

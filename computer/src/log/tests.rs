@@ -111,11 +111,12 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     log.hear(&said);
     let circles: List<Circle> = (0..64).map(circle).collect();
     let now = Instant(123_456_789_012);
-    let step = flight::Step { now, front_end: FrontEnd::Snapshot(&snapshot), circles: Some(&circles), plan: None };
+    let step =
+        flight::Step { now, front_end: FrontEnd::Snapshot(&snapshot), circles: Some(&circles), look: None, plan: None };
     let mut came = parts.flight().step(&step, || 0);
     let heard = Heard { bearing: bearing(), phasors: None, spent: 11_500, wants: 13_500 };
     came.heard = Some(heard);
-    log.step(step.front_end, step.circles, &came, true);
+    log.step(step.front_end, step.circles, step.look.as_ref(), &came, true);
     log.deadlines(Counts { steps: 9, late: 2, longest_us: 20_000 });
     log.deadlines(Counts { steps: 10, late: 2, longest_us: 20_000 });
     log.text("hello");
@@ -159,7 +160,13 @@ fn what_does_not_fit_is_left_out_counted_and_its_number_is_missing() {
 fn codes_wait_for_room_and_are_no_gap_when_there_is_none() {
     let mut parts = Parts::new();
     let snapshot = Snapshot::<N>::zeroed();
-    let step = flight::Step { now: Instant(0), front_end: FrontEnd::Snapshot(&snapshot), circles: None, plan: None };
+    let step = flight::Step {
+        now: Instant(0),
+        front_end: FrontEnd::Snapshot(&snapshot),
+        circles: None,
+        look: None,
+        plan: None,
+    };
     let came = parts.flight().step(&step, || 0);
     let mut ring = Ring::<2048>::new();
     let mut state = State::default();
@@ -167,7 +174,7 @@ fn codes_wait_for_room_and_are_no_gap_when_there_is_none() {
     for round in 0..120 {
         let (producer, mut consumer) = ring.ends();
         let mut log = Log::resume(producer, state);
-        log.step(step.front_end, None, &came, false);
+        log.step(step.front_end, None, None, &came, false);
         state = log.pause();
         if round < 3 {
             // Nobody reads at first, and little is left.

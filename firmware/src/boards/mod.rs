@@ -17,6 +17,7 @@
 //! | `Pacer::lost(&self) -> u32` | frames that did not come or were no use, since the start |
 //! | `Watchdog::feed(&mut self)` | runs from the start; without food the board restarts |
 //! | `Flash`, a `NorFlash` | what is kept while the power is off: [`foxhound_computer::store`] says what it asks of it |
+//! | `SAMPLES_KEPT` | samples of a plan that are kept for somebody to see |
 //! | `ticks() -> u32`, `TICKS_PER_US` | a fast free-running counter, to measure with |
 //! | `uptime_s() -> u32` | since the start |
 //! | `halt(reason) -> !` | it cannot go on |
@@ -83,6 +84,8 @@ pub struct Step<'a> {
 pub struct LockStep {
     /// So many bytes of the autopilot, counted from the start, come before it.
     pub rx_expected: u32,
+    /// So many bytes of camera frames have been looked at before it.
+    pub camera_expected: u32,
     /// The planner is starved: what it has found waits for a later step.
     pub holds_plan: bool,
     /// Says that the measured part of the step begins, and when that is, in `ticks`.

@@ -50,6 +50,9 @@ pub use flash::Flash;
 pub use uart::{PortReceiver, PortTransmitter, Receiver, Transmitter};
 pub use watchdog::Watchdog;
 
+/// Samples of a plan that are kept for somebody to see: the simulator.
+pub const SAMPLES_KEPT: usize = foxhound_core::planner::SAMPLES;
+
 /// The name of this board.
 pub const NAME: &str = "mps2_an386";
 
@@ -198,7 +201,8 @@ impl Pacer {
             match select(self.doorbell.wait(), Timer::at(alarm)).await {
                 Either::First(mailbox::SETUP) => {
                     read(mailbox::SETUP_AT, self.block);
-                    line::open();
+                    line::AUTOPILOT.open();
+                    line::PORT.open();
                     match mailbox::Setup::decode(self.block) {
                         Ok(setup) => {
                             self.setup = setup.guidance;
@@ -228,6 +232,7 @@ impl Pacer {
             now: step.now,
             lock_step: Some(LockStep {
                 rx_expected: step.rx_expected,
+                camera_expected: step.camera_expected,
                 holds_plan: step.fault == Some(mailbox::Fault::StarvePlanner),
                 begin: mischief::measured,
             }),

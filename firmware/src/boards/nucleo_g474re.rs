@@ -47,6 +47,9 @@ pub use super::stm32::{PortReceiver, PortTransmitter, Receiver, Transmitter, hal
 pub(super) use super::stm32::{last_words, on_fault};
 pub use flash::Flash;
 
+/// Samples of a plan that are kept for somebody to see.
+pub const SAMPLES_KEPT: usize = 0;
+
 /// The name of this board.
 pub const NAME: &str = "nucleo_g474re";
 
@@ -74,7 +77,8 @@ const WATCHDOG_US: u32 = 500_000;
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
 static LINK: InterruptExecutor = InterruptExecutor::new();
 static RING: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
-static PORT_RING: ConstStaticCell<[u8; 32]> = ConstStaticCell::new([0; 32]);
+/// A camera's bytes of 2.7 ms.
+static PORT_RING: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
 
 /// The board, started.

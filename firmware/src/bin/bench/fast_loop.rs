@@ -79,6 +79,9 @@ impl Loop<'_> {
             scan: delivered.scan,
             points: delivered.points,
             circles: delivered.circles,
+            look: None,
+            height_m: None,
+            is_landed: false,
             control: Control::Granted,
             plan: self.plan.as_ref(),
         };

@@ -51,7 +51,9 @@ use static_cell::ConstStaticCell;
 
 mod belief;
 mod fast_loop;
+mod landing;
 mod link;
+mod pad;
 mod source;
 
 /// The tone, in bins, off the grid.
@@ -94,6 +96,8 @@ fn main() -> ! {
     belief::rows(&measure);
     source::rows(&measure);
     link::rows(&measure);
+    landing::rows(&measure);
+    pad::rows(&measure);
     semihosting::process::exit(0)
 }
 

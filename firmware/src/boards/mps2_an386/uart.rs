@@ -31,9 +31,9 @@ const RX_INTERRUPT: u32 = 1 << 1;
 /// 25 MHz over 921 600 baud.
 const DIVIDER: u32 = 27;
 
-static RING: Pipe<CriticalSectionRawMutex, 2048> = Pipe::new();
+static RING: Pipe<CriticalSectionRawMutex, 256> = Pipe::new();
 static BELL: Pipe<CriticalSectionRawMutex, 16> = Pipe::new();
-static TYPED: Pipe<CriticalSectionRawMutex, 16> = Pipe::new();
+static TYPED: Pipe<CriticalSectionRawMutex, 64> = Pipe::new();
 static ROOM: AtomicWaker = AtomicWaker::new();
 static PORT_ROOM: AtomicWaker = AtomicWaker::new();
 static DRAINED: AtomicWaker = AtomicWaker::new();
@@ -86,7 +86,7 @@ pub(super) fn port() -> (PortReceiver, PortTransmitter) {
 impl Receiver {
     /// Waits for bytes.
     pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        let count = poll_fn(|context| match line::take(bytes, context.waker()) {
+        let count = poll_fn(|context| match line::AUTOPILOT.take(bytes, context.waker()) {
             0 => Pin::new(&mut RING.read(bytes)).poll(context),
             count => Poll::Ready(count),
         })
@@ -125,7 +125,11 @@ async fn send(uart: Peripheral, interrupt: Interrupt, room: &AtomicWaker, byte: 
 impl PortReceiver {
     /// Waits for bytes.
     pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        let count = TYPED.read(bytes).await;
+        let count = poll_fn(|context| match line::PORT.take(bytes, context.waker()) {
+            0 => Pin::new(&mut TYPED.read(bytes)).poll(context),
+            count => Poll::Ready(count),
+        })
+        .await;
         unmask(Interrupt::Uart2Rx);
         count
     }
@@ -201,5 +205,6 @@ pub(super) extern "C" fn on_port_room() {
 
 pub(super) extern "C" fn on_bell() {
     receive(UART1, Interrupt::Uart1Rx, &BELL);
-    line::wake();
+    line::AUTOPILOT.wake();
+    line::PORT.wake();
 }

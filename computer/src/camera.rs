@@ -1,0 +1,174 @@
+//! Frames of a camera that looks down, as they come in at the maintenance port, and what the pad detector makes of them.
+//!
+//! They lie in the stream like records of the flight log ([`crate::log::frame`]), between zeros, where typed lines have none:
+//!
+//! | kind | number | record |
+//! |---|---|---|
+//! | 32, begin | any | width (`u16`), height (`u16`), format (`u8`: 0 RGB565 little-endian, 1 grey), little-endian |
+//! | 33, line | its row | the pixels, from left to right |
+//! | 34, end | any | time from the middle of the exposure to this record (`u32`, microseconds), little-endian |
+//!
+//! A line is looked at as soon as its checksum is right and then forgotten: there is room for one. Whatever is wrong with a
+//! frame (a size that is none, a line that is missing, short, damaged or out of order, an end that does not come) is said
+//! in the [`Look`] that it ends in, and the next frame begins afresh. The camera needs no clock: how old the frame is says
+//! the camera, and what time it is says who takes the look ([`Sighted::look`]).
+//!
+//! After a zero a record is expected, after the zero that ends a good one text. A zero that ends anything else begins a
+//! record, so that one that got lost costs no more than the record that it belongs to.
+
+use foxhound_core::landing::pad::{Bad, Detector, Format, Header, Look, Seen, State, WIDTH_MAX};
+use foxhound_core::time::Instant;
+
+use crate::log::frame::{Finder, Frame, stuffed_bytes};
+
+/// Kinds of records.
+pub const BEGIN: u8 = 32;
+/// The second.
+pub const LINE: u8 = 33;
+/// The third.
+pub const END: u8 = 34;
+
+/// The longest record is a line of two bytes a pixel; before it stand kind and number, behind it the checksum.
+const ROOM: usize = stuffed_bytes(1 + 5 + 2 * WIDTH_MAX as usize + 4);
+/// So old a frame says nothing.
+const AGE_MAX_US: u32 = 2_000_000;
+
+/// What a byte brought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Came {
+    /// Somebody types.
+    Text(u8),
+    /// A frame has ended.
+    Sighted(Sighted),
+}
+
+/// What became of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighted {
+    /// What it shows.
+    pub seen: Seen,
+    /// From the exposure to its last byte.
+    pub age_us: u32,
+}
+
+impl Sighted {
+    /// What it says to somebody who takes it now.
+    #[must_use]
+    pub const fn look(&self, now: Instant) -> Look {
+        Look { time: Instant(now.0.saturating_sub(self.age_us as u64)), seen: self.seen }
+    }
+}
+
+/// Takes frames in, a byte at a time.
+#[derive(Debug)]
+pub struct Camera {
+    detector: Detector,
+    state: State,
+    finder: Finder<ROOM>,
+    /// What comes is text, or what a zero has begun.
+    is_text: bool,
+    progress: Progress,
+}
+
+/// How far a frame has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    /// There is none.
+    None,
+    /// Its lines come.
+    Lines,
+    /// Something was wrong with it; its end is waited for.
+    Bad(Bad),
+}
+
+impl Camera {
+    /// Nothing has come yet.
+    #[must_use]
+    pub const fn new(detector: Detector) -> Self {
+        let state = State::new();
+        Self { detector, state, finder: Finder::new(), is_text: true, progress: Progress::None }
+    }
+
+    /// Looks for another pad, or by another camera, from the next frame on.
+    pub fn set_detector(&mut self, detector: Detector) {
+        self.detector = detector;
+    }
+
+    /// Takes in a byte. The height over the ground, where it is known, says how large the pad is.
+    #[inline(never)]
+    pub fn push(&mut self, byte: u8, height_m: Option<f32>) -> Option<Came> {
+        if self.is_text {
+            if byte == 0 {
+                self.is_text = false;
+                return None;
+            }
+            return Some(Came::Text(byte));
+        }
+        let Self { detector, state, finder, is_text, progress } = self;
+        let is_full = finder.is_too_long();
+        let Some(frame) = finder.push(byte) else {
+            // No record is that long: a zero by chance does not swallow what is typed after it for ever.
+            if is_full {
+                finder.clear();
+                *is_text = true;
+            }
+            return None;
+        };
+        *is_text = true;
+        take_in(detector, state, progress, &frame, height_m).map(Came::Sighted)
+    }
+}
+
+/// Takes in a record; what became of the frame that it ends.
+fn take_in(
+    detector: &Detector,
+    state: &mut State,
+    progress: &mut Progress,
+    record: &Frame<'_>,
+    height_m: Option<f32>,
+) -> Option<Sighted> {
+    match record.kind {
+        BEGIN => {
+            let was = core::mem::replace(progress, Progress::Lines);
+            let begun =
+                header(record.record).ok_or(Bad::Size).and_then(|header| detector.begin(state, &header, height_m));
+            if let Err(bad) = begun {
+                *progress = Progress::Bad(bad);
+            }
+            // The last one never ended.
+            (was != Progress::None).then_some(Sighted { seen: Seen::Bad(Bad::Cut), age_us: 0 })
+        }
+        LINE => {
+            if *progress == Progress::Lines
+                && let Err(bad) = u16::try_from(record.number)
+                    .map_err(|_| Bad::Order)
+                    .and_then(|row| detector.line(state, row, record.record))
+            {
+                *progress = Progress::Bad(bad);
+            }
+            None
+        }
+        END => {
+            let age_us = record.record.try_into().map(u32::from_le_bytes).ok().filter(|age_us| *age_us <= AGE_MAX_US);
+            let seen = match (core::mem::replace(progress, Progress::None), age_us) {
+                (Progress::None, _) => return None,
+                (Progress::Bad(bad), _) => Seen::Bad(bad),
+                (Progress::Lines, None) => Seen::Bad(Bad::Age),
+                (Progress::Lines, Some(_)) => detector.end(state).seen,
+            };
+            Some(Sighted { seen, age_us: age_us.unwrap_or(0) })
+        }
+        _ => None,
+    }
+}
+
+fn header(record: &[u8]) -> Option<Header> {
+    let [w0, w1, h0, h1, format] = *record else { return None };
+    let format = match format {
+        0 => Format::Rgb565,
+        1 => Format::Grey,
+        _ => return None,
+    };
+    let (width_px, height_px) = (u16::from_le_bytes([w0, w1]), u16::from_le_bytes([h0, h1]));
+    Some(Header { time: Instant(0), width_px, height_px, format })
+}

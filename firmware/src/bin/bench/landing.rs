@@ -1,0 +1,90 @@
+//! The landing's row: its worst step, from the first bearing to the ground.
+
+use core::hint::black_box;
+
+use foxhound_core::bearing::{Bearing, Flags, Quality};
+use foxhound_core::frame::{Horizontal, Ned};
+use foxhound_core::kernel::sqrt;
+use foxhound_core::landing::pad::{Look, Pad, Seen};
+use foxhound_core::landing::{Config, Facts, Stage, State};
+use foxhound_core::ownship::Ownship;
+use foxhound_core::time::Instant;
+use foxhound_core::units::sin_cos;
+use foxhound_firmware::boards::board;
+
+use crate::row;
+
+const TICK_S: f32 = 0.02;
+/// Five looks a second, each a tenth of a second old.
+const LOOK_TICKS: u32 = 10;
+const STEPS_MAX: u32 = 6_000;
+
+/// A vehicle that obeys at once comes from three metres aside and down onto the pad, with a bearing in each step.
+#[inline(never)]
+pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
+    let config = Config { has_camera: true, ..Config::default() };
+    let Ok(lander) = config.build() else { board::halt(format_args!("the lander does not build")) };
+    let (mut state, mut worst) = (State::default(), 0);
+    let mut place = Ned { north: -3.0, east: 0.5, down: -3.0 };
+    let mut velocity = Ned::default();
+    for step in 1..STEPS_MAX {
+        let now = Instant(u64::from(step) * 20_000);
+        let ownship = Ownship {
+            position_time: now,
+            position_ned_m: place,
+            velocity_ned_mps: velocity,
+            attitude_time: now,
+            roll_rad: 0.02,
+            pitch_rad: -0.03,
+            yaw_rad: 0.4,
+            ..Ownship::default()
+        };
+        let [forward, right, down] =
+            ownship.vector_to_body(Ned { north: -place.north, east: -place.east, down: -place.down });
+        let level = sqrt(forward * forward + right * right);
+        let range = sqrt(level * level + down * down);
+        let bearing = Bearing {
+            time: now,
+            valid: true,
+            azimuth_rad: Horizontal { north: forward, east: right }.bearing_rad(),
+            sigma_rad: 0.01,
+            elevation_rad: Horizontal { north: level, east: down }.bearing_rad(),
+            elevation_sigma_rad: 0.02,
+            quality: Quality { wavenumber: level / range, ..Quality::default() },
+            flags: Flags::default(),
+        };
+        let pad =
+            Pad { forward: forward / down, right: right / down, radius: 0.25 / down, confidence: 1.0, is_cut: false };
+        let is_in_sight = down > 0.1 && pad.forward.abs() < 0.4 && pad.right.abs() < 0.55;
+        let look = (step % LOOK_TICKS == 0 && is_in_sight).then_some(Look { time: now, seen: Seen::Pad(pad) });
+        let facts = Facts {
+            now,
+            ownship: Some(&ownship),
+            height_m: Some(-place.down),
+            bearing: Some(&bearing),
+            estimate: None,
+            look,
+            is_landed: place.down >= 0.0,
+            is_blocked: false,
+            tick_s: TICK_S,
+        };
+        let mut advice = None;
+        worst = worst.max(measure(&mut || advice = Some(lander.step(&mut state, black_box(&facts)))));
+        let Some(advice) = advice else { break };
+        if advice.stage == Stage::Landed {
+            row("landing_step", worst, 5_000);
+            return;
+        }
+        // The planner, until there is a demand.
+        let (sin, cos) = sin_cos(Horizontal { north: -place.north, east: -place.east }.bearing_rad());
+        let (horizontal, down_mps) = advice.demand.unwrap_or_default();
+        let sought = if advice.demand.is_none() { 0.5 } else { 0.0 };
+        velocity = Ned { north: horizontal.north + sought * cos, east: horizontal.east + sought * sin, down: down_mps };
+        place = Ned {
+            north: place.north + TICK_S * velocity.north,
+            east: place.east + TICK_S * velocity.east,
+            down: if place.down + TICK_S * velocity.down < 0.0 { place.down + TICK_S * velocity.down } else { 0.0 },
+        };
+    }
+    board::halt(format_args!("it does not land: {:?}", state.stage()))
+}
