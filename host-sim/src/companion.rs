@@ -342,7 +342,14 @@ impl Flight<'_> {
             };
             let moves = fix.map(|fix| fix.moves(time_s, outcome));
             let (world, output, computer) = (self.senses.world(), &report.output, &*computer);
-            let moment = moves.as_ref().map(|(motion, sample)| Moment { world, motion, sample, output, computer });
+            let moment = moves.as_ref().map(|(motion, sample)| Moment {
+                world,
+                motion,
+                sample,
+                output,
+                computer,
+                picture: None,
+            });
             watch(&news, moment.as_ref());
 
             if let Some(brake) = brake {

@@ -4,6 +4,7 @@
 
 use std::fmt;
 
+use foxhound_computer::camera::{Came, Camera, Sighted};
 use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
 use foxhound_computer::selftest::{self, Report};
 use foxhound_core::ConfigError;
@@ -79,6 +80,12 @@ pub trait Computer {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError>;
 
+    /// Lets its camera see: bytes of frames, as they come in at the maintenance port ahead of the next step.
+    ///
+    /// # Errors
+    /// The computer does not take them.
+    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError>;
+
     /// Keeps its flight log from now on, where it has one.
     fn log_flight(&mut self) {}
 
@@ -111,6 +118,8 @@ pub struct HostComputer {
     store: Option<Store>,
     recording: Option<Recording>,
     receiver: Receiver,
+    camera: Camera,
+    sighted: Option<Sighted>,
 }
 
 impl HostComputer {
@@ -124,13 +133,15 @@ impl HostComputer {
             config: *config,
             companion: companion::Config::default().build_with(Values::of(config))?,
             state: guidance.start(),
-            guidance,
             planner: config.planner.build()?,
             scratch: Scratch::default(),
             finished: None,
             store: None,
             recording: None,
             receiver: Receiver::new(None, &selftest::Config::default())?,
+            camera: Camera::new(guidance.detector()),
+            sighted: None,
+            guidance,
         })
     }
 
@@ -172,6 +183,7 @@ impl Computer for HostComputer {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
         let plan = self.finished.take();
+        let look = self.sighted.take().map(|sighted| sighted.look(now));
         let mut recording = self.recording.take();
         let (mut flight, store) = self.parts();
         flight.hear(now, rx);
@@ -183,11 +195,11 @@ impl Computer for HostComputer {
             None => flight.serve(store),
         };
         let plan = plan.as_ref().filter(|_| !begins_anew);
-        let step = Step { now, front_end, circles, plan };
+        let step = Step { now, front_end, circles, look, plan };
         let stepped = flight.step(&step, || 0);
         let Stepped { output, .. } = stepped;
         if let Some(recording) = &mut recording {
-            recording.write(|log| log.step(front_end, circles, &stepped, output.plan_requested));
+            recording.write(|log| log.step(front_end, circles, look.as_ref(), &stepped, output.plan_requested));
         }
         self.recording = recording;
         let mut tx = vec![0; TRANSMIT_BYTES];
@@ -205,6 +217,18 @@ impl Computer for HostComputer {
             self.finished = Some(plan);
         }
         Ok(StepReport { output, plan: planned, tx })
+    }
+
+    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        let height_m = self.state.height_m();
+        // As the firmware does: with the parameters that hold now.
+        self.camera.set_detector(self.guidance.detector());
+        for byte in bytes {
+            if let Some(Came::Sighted(sighted)) = self.camera.push(*byte, height_m) {
+                self.sighted = Some(sighted);
+            }
+        }
+        Ok(())
     }
 
     fn log_flight(&mut self) {
@@ -237,6 +261,10 @@ impl Computer for QemuComputer {
     ) -> Result<StepReport, ComputerError> {
         let report = Self::step(self, now, front_end, circles, rx).map_err(|error| ComputerError(error.to_string()))?;
         Ok(StepReport { output: report.output, plan: report.plan, tx: report.tx })
+    }
+
+    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        Self::see(self, bytes).map_err(|error| ComputerError(error.to_string()))
     }
 
     fn log_flight(&mut self) {

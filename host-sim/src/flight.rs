@@ -3,6 +3,9 @@
 //! The truth decides what the flight came to: *reached* within the goal tolerance (horizontally), *collision* when the
 //! hull meets a pillar, *hold* when the vehicle stands still and says why, *timeout* otherwise. Simulated time is the only
 //! time.
+//!
+//! Where the scenario has a landing the flight goes on until the vehicle has landed, or hovers and hands over: *reached* then
+//! is the ground within the pad, or the air within the goal tolerance of the beacon.
 
 use std::fmt;
 use std::io;
@@ -12,7 +15,7 @@ use foxhound_core::guidance::{self, FrontEnd, turning};
 use foxhound_core::map::Circle;
 use foxhound_core::mission::Outcome;
 use foxhound_core::time::Instant;
-use foxhound_core::{explore, planner, response};
+use foxhound_core::{explore, landing as core_landing, planner, response};
 use foxhound_link::mailbox::Planned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -23,11 +26,16 @@ use crate::autopilot::{Autopilot, Software, Start};
 use crate::computer::{BLOCK, Computer, ComputerError};
 use crate::random::Random;
 use crate::rays;
-use crate::scenario::{BearingModel, FLIGHT_DOWN_M, OtherBeacon, Pulses, Scenario, SensorModel, VehicleModel, inside};
+use crate::scenario::{BearingModel, OtherBeacon, Pulses, Scenario, SensorModel, VehicleModel, inside};
 use crate::sensor::View;
 use crate::tlog;
 use crate::vehicle::{Motion, Vehicle};
 use crate::world::{Horizontal, Hull, World, wrap_pi};
+
+mod landing;
+
+use landing::Downward;
+pub use landing::{Landing, Picture};
 
 /// Length of one step.
 pub const TICK_S: f64 = 0.02;
@@ -102,6 +110,13 @@ impl Mission {
             turning.rss.pattern.front_to_back_db = antenna.front_to_back_db as f32;
             turning
         });
+        config.landing = scenario.landing.map(|landing| core_landing::Config {
+            has_camera: landing.camera.is_some(),
+            focal_widths: landing.camera.unwrap_or_default().focal_widths() as f32,
+            pad_radius_m: landing.pad_radius as f32,
+            request_land: landing.request_land,
+            ..core_landing::Config::default()
+        });
         config.planner.sees_m = config.guard.sight.range_m;
         config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
@@ -156,6 +171,9 @@ pub struct Report {
     pub bearing_rms_deg: Option<f64>,
     /// Hash over every bearing, plan and setpoint.
     pub trace_hash: String,
+    /// How the landing went, where there was to be one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub landing: Option<Landing>,
     /// Carried through from the scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expect: Option<Value>,
@@ -205,6 +223,8 @@ pub struct Moment<'a> {
     pub output: &'a guidance::Output,
     /// The computer that flies, to look into.
     pub computer: &'a dyn Computer,
+    /// What the camera that looks down has just seen, now and then.
+    pub picture: Option<&'a Picture>,
 }
 
 /// Everything that a picture of the flight needs.
@@ -280,7 +300,8 @@ pub fn fly_watched(
     let scenario = &mission.scenario;
     let world = scenario.world();
     let start = Horizontal::from_xy(scenario.start);
-    let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose_at_start(&world, start));
+    let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose_at_start(scenario, &world, start));
+    let mut downward = Downward::new(scenario, &world, mission.seed);
     let mut autopilot = autopilot_at_start(scenario.vehicle.autopilot);
     let mut control_is_due = autopilot.custom_mode != autopilot.companion_mode();
     let mut air = scenario.wind.map(|wind| Air::new(wind, Random::new(mission.seed, 3)));
@@ -318,6 +339,16 @@ pub fn fly_watched(
         if looks && scenario.sensor.model == SensorModel::Scan {
             autopilot.forward(&view.scan(now_us));
         }
+        if let Some(downward) = &mut downward {
+            if tick % landing::RANGE_TICKS == 0
+                && let Some(range) = downward.range(&motion.pose)
+            {
+                autopilot.find_range(&range);
+            }
+            if let Some(bytes) = downward.look(now_us, &motion) {
+                computer.see(&bytes)?;
+            }
+        }
         let rx = autopilot.transmit();
 
         // What the computer makes of it.
@@ -348,7 +379,8 @@ pub fn fly_watched(
         let sample = Sample { time_s, position, yaw_rad: motion.pose.yaw_rad, down_m, speed_mps, outcome };
         path.push(sample);
         let (output, computer) = (&report.output, &*computer);
-        watch(&Moment { world: &world, motion: &motion, sample: &sample, output, computer });
+        let picture = downward.as_ref().and_then(|downward| downward.fresh(time_s));
+        watch(&Moment { world: &world, motion: &motion, sample: &sample, output, computer, picture });
 
         // What the vehicle does.
         autopilot.receive(now_us, &believed, &report.tx);
@@ -357,6 +389,9 @@ pub fn fly_watched(
         }
         for part in 1..=CHECKS_PER_TICK {
             vehicle.step(autopilot.command(now_us), TICK_S / CHECKS_PER_TICK as f64);
+            if let Some(downward) = &mut downward {
+                downward.touch(vehicle.touch_ground());
+            }
             let at_s = time_s + TICK_S * part as f64 / CHECKS_PER_TICK as f64;
             if hull.collides(&world, horizontal(&vehicle.motion.pose), at_s) {
                 ending = Some(Ending::Collision);
@@ -367,8 +402,14 @@ pub fn fly_watched(
         path_length_m += position_now.minus(position).norm();
         tick += 1;
         let to_goal_m = world.source_at(tick as f64 * TICK_S).minus(position_now).norm();
-        if ending.is_none() && to_goal_m <= scenario.goal_tolerance {
-            ending = Some(Ending::Reached);
+        let is_over = match &mut downward {
+            Some(downward) => downward.follow(time_s, &report.output),
+            None => to_goal_m <= scenario.goal_tolerance,
+        };
+        if ending.is_none() && is_over {
+            let landed = downward.as_ref().map(|downward| downward.ended(&world, time_s, &vehicle.motion.pose));
+            let is_reached = landed.is_none_or(|landed| landed.is_there(scenario, to_goal_m));
+            ending = Some(if is_reached { Ending::Reached } else { Ending::Hold });
         }
         if ending.is_none() && outcome == Outcome::GoalUnreachable && is_still(&path) {
             ending = Some(Ending::Hold);
@@ -400,6 +441,7 @@ pub fn fly_watched(
         bearing_rms_deg: (bearing_errors.1 > 0)
             .then(|| libm::sqrt(bearing_errors.0 / f64::from(bearing_errors.1)).to_degrees()),
         trace_hash: format!("{trace_hash:016x}"),
+        landing: downward.as_ref().map(|downward| downward.ended(&world, time_s, &vehicle.motion.pose)),
         expect: scenario.expect.clone(),
         reference_length_m: scenario.reference_length_m.clone(),
     };
@@ -415,9 +457,9 @@ fn autopilot_at_start(software: Software) -> Autopilot {
     Autopilot::new(software, start)
 }
 
-fn pose_at_start(world: &World, start: Horizontal) -> Pose {
+fn pose_at_start(scenario: &Scenario, world: &World, start: Horizontal) -> Pose {
     Pose {
-        position_ned_m: [start.north, start.east, FLIGHT_DOWN_M],
+        position_ned_m: [start.north, start.east, scenario.flight_down_m()],
         yaw_rad: world.source.minus(start).bearing_rad(),
         ..Pose::default()
     }
@@ -604,6 +646,7 @@ fn bearing_of(time: Instant, azimuth_rad: f64, sigma_rad: f64) -> bearing::Beari
 mod tests {
     use super::*;
     use crate::computer::HostComputer;
+    use crate::scenario::FLIGHT_DOWN_M;
 
     fn mission(scenario: Scenario, seed: u64) -> Mission {
         Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum }

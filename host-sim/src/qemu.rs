@@ -61,6 +61,11 @@ pub struct QemuComputer {
     sequence: u32,
     rx_total: u32,
     tx_total: u32,
+    /// Bytes of camera frames since its last start, and of those that went by the memory.
+    camera_total: u32,
+    camera_laid: u32,
+    /// Frames travel on the serial line, byte by byte, as they do on a board.
+    camera_by_line: bool,
     /// MAVLink bytes that were taken out of the socket ahead of their step's end.
     drained: Vec<u8>,
     /// Late steps since its last start.
@@ -234,6 +239,9 @@ impl QemuComputer {
             sequence: 0,
             rx_total: 0,
             tx_total: 0,
+            camera_total: 0,
+            camera_laid: 0,
+            camera_by_line: false,
             drained: Vec::new(),
             late_steps: 0,
             fault: None,
@@ -274,6 +282,7 @@ impl QemuComputer {
     /// As of [`set_up`](Self::set_up).
     pub fn recover(&mut self, setup: &Setup) -> Result<(), QemuError> {
         (self.rx_total, self.tx_total, self.late_steps) = (0, 0, 0);
+        (self.camera_total, self.camera_laid) = (0, 0);
         self.write_setup(setup)?;
         let block = self.ring(mailbox::SETUP)?;
         let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
@@ -308,6 +317,7 @@ impl QemuComputer {
         let mut block = [0; BLOCK_BYTES];
         setup.encode(&mut block).map_err(|error| self.lost(format!("the setup: {error}")))?;
         self.write_rx_total()?;
+        self.write_camera_total()?;
         Ok(self.memory.write_all_at(&block, mailbox::SETUP_AT as u64)?)
     }
 
@@ -329,6 +339,7 @@ impl QemuComputer {
             sequence: self.sequence,
             now,
             rx_expected: self.rx_total,
+            camera_expected: self.camera_total,
             front_end,
             circles,
             fault: self.fault.take(),
@@ -355,6 +366,32 @@ impl QemuComputer {
         Ok(StepReport { output: report.output, tx, plan: report.plan })
     }
 
+    /// Lets the frames of its camera travel on the maintenance port's serial line from now on, not by the shared memory: that
+    /// takes QEMU a second a frame.
+    pub fn put_camera_on_line(&mut self) {
+        self.camera_by_line = true;
+    }
+
+    /// Lets its camera see: bytes of frames, which it will have looked at before the next step.
+    ///
+    /// # Errors
+    /// They are more than fit, or QEMU is gone.
+    pub fn see(&mut self, bytes: &[u8]) -> Result<(), QemuError> {
+        self.camera_total = self.camera_total.wrapping_add(bytes.len() as u32);
+        if self.camera_by_line {
+            return Ok(self.port.write_patiently(bytes)?);
+        }
+        let at = self.camera_laid as usize % mailbox::PORT_BYTES;
+        self.camera_laid = self.camera_laid.wrapping_add(bytes.len() as u32);
+        if bytes.len() > mailbox::PORT_BYTES {
+            return Err(self.lost(format!("{} bytes of a camera are more than a step can take", bytes.len())));
+        }
+        let (before, after) = bytes.split_at(bytes.len().min(mailbox::PORT_BYTES - at));
+        self.memory.write_all_at(before, (mailbox::PORT_AT + at) as u64)?;
+        self.memory.write_all_at(after, mailbox::PORT_AT as u64)?;
+        Ok(self.write_camera_total()?)
+    }
+
     /// Lets it hear what the autopilot says.
     fn say(&mut self, rx: &[u8]) -> Result<(), QemuError> {
         let at = self.rx_total as usize % mailbox::LINE_BYTES;
@@ -374,6 +411,10 @@ impl QemuComputer {
     fn write_rx_total(&self) -> io::Result<()> {
         let total = if self.is_quick { self.rx_total } else { 0 };
         self.memory.write_all_at(&total.to_le_bytes(), mailbox::LINE_TOTAL_AT as u64)
+    }
+
+    fn write_camera_total(&self) -> io::Result<()> {
+        self.memory.write_all_at(&self.camera_laid.to_le_bytes(), mailbox::PORT_TOTAL_AT as u64)
     }
 
     /// Rings the bell, waits for the answer, and fetches the report block.

@@ -17,6 +17,7 @@ use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
 use foxhound_core::adc::Snapshot;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard};
+use foxhound_core::landing::pad::Look;
 use foxhound_core::map::Circle;
 use foxhound_core::param::{self, Values};
 use foxhound_core::planner::{Plan, Planner, Scratch};
@@ -157,6 +158,7 @@ struct Flown {
     /// What belongs to the next step.
     bytes: Vec<Vec<u8>>,
     circles: Option<Vec<Circle>>,
+    look: Option<Look>,
     answers: Answers,
 }
 
@@ -188,6 +190,7 @@ impl Flown {
             heard: None,
             bytes: Vec::new(),
             circles: None,
+            look: None,
             answers: Answers::default(),
         }))
     }
@@ -196,6 +199,7 @@ impl Flown {
         match record {
             Record::Bytes(bytes) => self.bytes.push(bytes.to_vec()),
             Record::Circles(circles) => self.circles = Some(circles.to_vec()),
+            Record::Look(look) => self.look = Some(look),
             Record::Codes(codes) => {
                 if let (Some(snapshot), Some(heard)) = (codes.snapshot(), &self.heard) {
                     summary.codes_checked += 1;
@@ -214,7 +218,7 @@ impl Flown {
     fn step(&mut self, step: &log::Step<Heard>, scratch: &mut Scratch, summary: &mut Summary) {
         self.heard = step.heard;
         let plan = step.plan.and_then(|id| self.plans.iter().rev().find(|plan| plan.id == id).cloned());
-        let circles = self.circles.take();
+        let (circles, look) = (self.circles.take(), self.look.take());
         let (bytes, mut answers) = (std::mem::take(&mut self.bytes), std::mem::take(&mut self.answers));
         let mut flight = self.flight();
         for piece in &bytes {
@@ -222,7 +226,7 @@ impl Flown {
         }
         flight.serve(&mut answers);
         let front_end = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard);
-        let now = Step { now: step.now, front_end, circles: circles.as_deref(), plan: plan.as_ref() };
+        let now = Step { now: step.now, front_end, circles: circles.as_deref(), look, plan: plan.as_ref() };
         let output = flight.step(&now, || 0).output;
         // What it says goes nowhere.
         while self.companion.transmit(&mut [0; 512]) > 0 {}

@@ -14,10 +14,12 @@ use crate::rays;
 use crate::world::{Horizontal, Pillar, World};
 
 mod disturbed;
+mod landing;
 mod random;
 mod schema;
 
 pub use disturbed::{OtherBeacon, Position, Pulses, Wind};
+pub use landing::{Camera, Landing};
 pub use random::RandomPillars;
 pub use schema::schema;
 
@@ -73,6 +75,9 @@ pub struct Scenario {
     /// How well the autopilot knows its position; exactly by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position: Option<Position>,
+    /// How it ends beyond that; without this it ends within the goal tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub landing: Option<Landing>,
     /// Horizontal distance to the beacon that counts as reached.
     #[schemars(range(min = 0.01, max = 100.0))]
     pub goal_tolerance: f64,
@@ -364,6 +369,7 @@ impl Default for Scenario {
             vehicle: Vehicle::default(),
             wind: None,
             position: None,
+            landing: None,
             goal_tolerance: 0.5,
             max_time_s: 90.0,
             explore_s: 0.0,
@@ -459,7 +465,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 33] = [
 ];
 
 /// The others of a scenario file.
-const KEYS: [&str; 52] = [
+const KEYS: [&str; 69] = [
     "$schema",
     "start",
     "goal",
@@ -504,6 +510,23 @@ const KEYS: [&str; 52] = [
     "position.noise_m",
     "position.drift_m",
     "position.drift_s",
+    "landing",
+    "landing.height",
+    "landing.pad",
+    "landing.pad_radius",
+    "landing.pad_missing",
+    "landing.camera",
+    "landing.camera.width",
+    "landing.camera.height",
+    "landing.camera.fov_deg",
+    "landing.camera.rate_hz",
+    "landing.camera.latency_s",
+    "landing.camera.grey",
+    "landing.camera.distractors",
+    "landing.camera.cut",
+    "landing.camera.blind",
+    "landing.range_finder",
+    "landing.request_land",
     "explore_s",
     "faults",
     "faults.nan_bearing",
@@ -642,6 +665,9 @@ impl Scenario {
         if let Some(position) = self.position {
             position.check()?;
         }
+        if let Some(landing) = self.landing {
+            landing.check()?;
+        }
         check("limits.v_max", self.limits.v_max, 0.05, 20.0)?;
         check("limits.a_max", self.limits.a_max, 0.1, 20.0)?;
         check("vehicle.lag_s", self.vehicle.lag_s, 0.0, 5.0)?;
@@ -677,6 +703,12 @@ impl Scenario {
         }
     }
 
+    /// The height of the flight, in the local frame.
+    #[must_use]
+    pub fn flight_down_m(&self) -> f64 {
+        self.landing.map_or(FLIGHT_DOWN_M, |landing| -landing.height)
+    }
+
     /// Where bearings come from: antenna waveforms when a signal-to-noise ratio is given and nothing else is asked.
     #[must_use]
     pub fn bearing_model(&self) -> BearingModel {
@@ -704,7 +736,7 @@ impl Scenario {
             walls: walls.collect(),
             source: Horizontal::from_xy(self.goal),
             source_velocity_mps: Horizontal::from_xy(self.goal_velocity),
-            source_down_m: SOURCE_DOWN_M,
+            source_down_m: if self.landing.is_some() { PAD_SOURCE_DOWN_M } else { SOURCE_DOWN_M },
         }
     }
 }
@@ -717,7 +749,7 @@ fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
     }
     places.push(("bearing.outlier".to_owned(), value.pointer("/bearing/outlier")));
     // These may be null.
-    for name in ["antenna", "random", "wind", "position", "bearing.pulses"] {
+    for name in ["antenna", "random", "wind", "position", "landing", "landing.camera", "bearing.pulses"] {
         let place = value.pointer(&format!("/{}", name.replace('.', "/")));
         places.push((name.to_owned(), place.filter(|value| !value.is_null())));
     }
@@ -736,6 +768,8 @@ fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
 pub const FLIGHT_DOWN_M: f64 = -2.0;
 /// Height of the beacon: a third of a metre below the flight, so that elevation is not exactly zero.
 pub const SOURCE_DOWN_M: f64 = -1.7;
+/// The beacon where there is something to land on: on the ground, less its own height.
+const PAD_SOURCE_DOWN_M: f64 = -0.05;
 
 /// Whether `time_s` is inside a window.
 #[must_use]

@@ -397,6 +397,9 @@ fn constant_output() -> Result<Output, ConfigError> {
         scan: None,
         points: None,
         circles: None,
+        look: None,
+        height_m: None,
+        is_landed: false,
         control: Control::NotInControl,
         plan: None,
     };

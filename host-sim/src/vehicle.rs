@@ -60,6 +60,8 @@ pub struct Vehicle {
     pub motion: Motion,
     /// What the air does to it.
     pub push: Push,
+    /// Where it stands on the ground.
+    touched_m: Option<[f64; 2]>,
     /// What that has made of the motion.
     deviation: Deviation,
     time_s: f64,
@@ -77,6 +79,8 @@ const YAW_LAG_S: f64 = 0.15;
 const POINT_YAW_LAG_S: f64 = 0.05;
 const YAW_RATE_MAX_RADPS: f64 = 3.5;
 const SUBSTEP_S: f64 = 0.002;
+/// Told to go up faster than this, it leaves the ground.
+const RISING_MPS: f64 = 0.02;
 const GRAVITY_MPS2: f64 = 9.81;
 
 impl Vehicle {
@@ -89,6 +93,7 @@ impl Vehicle {
             motion: Motion { pose, ..Motion::default() },
             push: Push::default(),
             deviation: Deviation::default(),
+            touched_m: None,
             time_s: 0.0,
             underway: VecDeque::new(),
             command: Command::default(),
@@ -112,6 +117,23 @@ impl Vehicle {
             self.time_s += dt;
         }
         self.time_s = end_s;
+    }
+
+    /// The ground at height zero is hard, and nothing slides on it. How fast the vehicle has come down onto it, if it has.
+    pub fn touch_ground(&mut self) -> Option<f64> {
+        let motion = &mut self.motion;
+        let [north_m, east_m, down_m] = motion.pose.position_ned_m;
+        let [.., down_mps] = motion.velocity_ned_mps;
+        let is_told_to_rise = self.command.velocity_ned_mps[2] < -RISING_MPS;
+        if is_told_to_rise || (down_m < 0.0 && self.touched_m.is_none()) {
+            self.touched_m = None;
+            return None;
+        }
+        let [north_m, east_m] = *self.touched_m.get_or_insert([north_m, east_m]);
+        motion.pose.position_ned_m = [north_m, east_m, 0.0];
+        motion.velocity_ned_mps = [0.0; 3];
+        motion.acceleration_ned_mps2 = [0.0; 3];
+        Some(down_mps)
     }
 
     fn accept(&mut self, command: Command) {

@@ -216,8 +216,16 @@ impl Autopilot {
         let mut command = self.command_in_the_air(now_us).unwrap_or(Command { is_brake: true, ..Command::default() });
         let height_m = self.flight.height_m();
         if height_m < LIFTED_M && (self.flight.landed || self.is_going_down()) {
-            // The ground is hard: a vehicle that lags would sink into it.
-            let limit_mps = if height_m < GROUND_M { 0.0 } else { TOUCH_RATE * height_m + TOUCH_SPEED_MPS };
+            // The ground is hard: a vehicle that lags would sink into it. What a companion asks for is not slowed before.
+            let slowed_mps = TOUCH_RATE * height_m + TOUCH_SPEED_MPS;
+            let is_slowed = self.behaviour() != Behaviour::Companion;
+            let limit_mps = if height_m < GROUND_M {
+                0.0
+            } else if is_slowed {
+                slowed_mps
+            } else {
+                f64::INFINITY
+            };
             command.velocity_ned_mps[2] = command.velocity_ned_mps[2].min(limit_mps);
         }
         command

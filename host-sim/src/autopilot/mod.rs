@@ -32,8 +32,8 @@ mod wire;
 
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{
-    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavSeverity, MavType, OBSTACLE_DISTANCE_DATA,
-    SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+    DISTANCE_SENSOR_DATA, HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavSeverity, MavType,
+    OBSTACLE_DISTANCE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode, encode_data};
 use serde::{Deserialize, Serialize};
@@ -189,6 +189,11 @@ impl Autopilot {
     /// Forwards what the obstacle sensor broadcasts.
     pub fn forward(&mut self, scan: &OBSTACLE_DISTANCE_DATA) {
         self.send(SENSOR, scan);
+    }
+
+    /// Says what its range finder reads.
+    pub fn find_range(&mut self, range: &DISTANCE_SENSOR_DATA) {
+        self.send(AUTOPILOT, range);
     }
 
     /// The bytes that were said since the last call.

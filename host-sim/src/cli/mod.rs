@@ -9,6 +9,7 @@ mod link_state;
 mod live;
 mod maps;
 mod merge;
+mod pad;
 mod pages;
 mod params;
 mod port;
@@ -35,6 +36,7 @@ use fly::Fly;
 use link_state::LinkState;
 use maps::MapsCommand;
 use merge::MergeCommand;
+use pad::PadCommand;
 use pages::{CompletionsCommand, ManCommand};
 use params::ParamsCommand;
 use port::PortCommand;
@@ -118,6 +120,8 @@ enum Command {
     Schema,
     /// Repeats an experiment of a paper and puts our number beside its number.
     Reproduce(Reproduce),
+    /// Looks for the landing pad in a picture.
+    Pad(PadCommand),
     /// Examines, or trains, what tells a reflection from the line of sight.
     LinkState(LinkState),
     /// Prints what makes a shell complete the commands and options.
@@ -167,6 +171,7 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Schema) => print_schema(&cli),
         Some(Command::Reproduce(args)) => reproduce::reproduce(&cli, args),
         Some(Command::LinkState(args)) => link_state::link_state(&cli, args),
+        Some(Command::Pad(args)) => pad::pad(&cli, args),
         Some(Command::Completions(args)) => pages::completions(&cli, args),
         Some(Command::Man(args)) => pages::manual(&cli, args),
     };

@@ -115,6 +115,7 @@ impl Tally {
             replans: self.replans,
             bearing_rms_deg: (bearings > 0).then(|| libm::sqrt(squares / f64::from(bearings)).to_degrees()),
             trace_hash: format!("{:016x}", self.trace_hash),
+            landing: None,
             expect: None,
             reference_length_m: None,
         }

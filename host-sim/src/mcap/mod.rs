@@ -139,7 +139,7 @@ impl Log {
                 Record::Step(step) => self.step(moment, place, &step),
                 Record::Remembered(remembered) => self.remembered(&remembered),
                 Record::Plan(plan) => self.plan(&plan, place),
-                Record::Begin(_) | Record::End(_) => {}
+                Record::Begin(_) | Record::Picture(_) | Record::End(_) => {}
             }
         }
     }

@@ -2,10 +2,12 @@
 
 use std::fs::File;
 use std::io::{self, Read as _, Write as _};
+use std::thread::sleep;
+use std::time::Instant;
 
 use rustix::fs::{CWD, FileType, Mode, OFlags};
 
-use super::{Folder, QemuComputer};
+use super::{Folder, LOOK_ROUND, PATIENCE, QemuComputer};
 
 /// Its two ends.
 #[derive(Debug)]
@@ -45,6 +47,22 @@ impl Port {
                 Err(error) => return Err(error),
             }
         }
+    }
+
+    /// Writes all of it, while QEMU makes room: a pipe holds 64 KB.
+    pub(super) fn write_patiently(&mut self, mut bytes: &[u8]) -> io::Result<()> {
+        let begin = Instant::now();
+        while !bytes.is_empty() {
+            match self.to.write(bytes) {
+                Ok(count) => bytes = bytes.get(count..).unwrap_or_default(),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock && begin.elapsed() < PATIENCE => {
+                    self.drain()?;
+                    sleep(LOOK_ROUND / 10);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
     }
 
     /// A step begins: whoever wants what the port sends has said so.

@@ -38,6 +38,11 @@ impl<C: Computer> Computer for Beside<C> {
         Ok(report)
     }
 
+    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        self.flies.see(bytes)?;
+        self.looked_into.see(bytes)
+    }
+
     fn log_flight(&mut self) {
         self.flies.log_flight();
     }

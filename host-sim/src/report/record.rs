@@ -31,6 +31,8 @@ pub enum Record {
     Remembered(Remembered),
     /// A replan.
     Plan(Box<Plan>),
+    /// A picture of the camera that looks down.
+    Picture(Picture),
     /// The last.
     End(End),
 }
@@ -257,6 +259,23 @@ pub struct Field {
     pub followed: Vec<f64>,
     /// With the mean gains.
     pub mean: Vec<f64>,
+}
+
+/// A picture of the camera that looks down, every second pixel of every second line.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Picture {
+    /// When.
+    pub time_s: f64,
+    /// From how high.
+    pub height_m: f64,
+    /// Pixels in a line.
+    pub columns: usize,
+    /// Red, green and blue of each, two digits of base 16 each, line by line.
+    pub pixels: String,
+    /// What the detector makes of it, in words.
+    pub seen: &'static str,
+    /// The pad, where it sees one: column, line, radius, in pixels.
+    pub pad: Option<[f64; 3]>,
 }
 
 /// How it ended.

@@ -1,19 +1,23 @@
 //! Watches a flight and writes it down, record by record.
 
+use std::fmt::Write as _;
+
 use foxhound_core::field::{self, Obstacle};
 use foxhound_core::frame;
 use foxhound_core::guidance;
+use foxhound_core::landing::pad::{Detector, Seen};
 use foxhound_core::param::{Id, TABLE, Values};
 use foxhound_core::planner::{self, NAMES, SAMPLES, Scratch, Verdict};
 use foxhound_core::rollout::Trajectory;
 use serde_json::Value;
 
 use super::record::{
-    Begin, Belief, End, Field, Gains, Heard, Origin, Parameter, Plan, Record, Remembered, Sample, Step, VERSION,
-    circles, core_xy, degrees, finite, flags, guard, milli, rounded, xy,
+    Begin, Belief, End, Field, Gains, Heard, Origin, Parameter, Picture, Plan, Record, Remembered, Sample, Step,
+    VERSION, circles, core_xy, degrees, finite, flags, guard, milli, rounded, xy,
 };
+use crate::camera::watch;
 use crate::computer::Considered;
-use crate::flight::{Mission, Moment, Report, TICK_S};
+use crate::flight::{self, Mission, Moment, Report, TICK_S};
 use crate::world::{Horizontal, Pillar};
 
 /// What is remembered is looked at every so many steps: 5 Hz.
@@ -28,6 +32,9 @@ const PARTICLE_MIN: f32 = 1e-2;
 #[derive(Debug)]
 pub struct Recorder {
     config: planner::Config,
+    /// What looks at the camera's pictures, and the focal length over a picture's width.
+    detector: Option<Detector>,
+    focal_widths: f64,
     /// When the first step was: whoever flies an autopilot waits for it.
     begun_s: Option<f64>,
     steps: u64,
@@ -47,6 +54,8 @@ impl Recorder {
         let empty = Scratch::new();
         let mut recorder = Self {
             config: planner,
+            detector: config.landing.unwrap_or_default().detector().ok(),
+            focal_widths: config.landing.unwrap_or_default().focal_widths.into(),
             begun_s: None,
             steps: 0,
             drawn: Some((empty.gains, empty.samples)),
@@ -68,6 +77,10 @@ impl Recorder {
                 self.remembered.clone_from(&circles_m);
                 self.records.push(Record::Remembered(Remembered { time_s, circles_m }));
             }
+        }
+        if let Some(shown) = moment.picture {
+            self.records
+                .push(Record::Picture(Picture { time_s, ..picture(self.detector.as_ref(), self.focal_widths, shown) }));
         }
         if let Some(considered) = moment.computer.considered() {
             let drawn = Some((considered.scratch.gains, considered.scratch.samples));
@@ -163,6 +176,41 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         source_sigma_m: output.source.and_then(|source| finite(source.sigma_m)),
         target_m: output.target_ned_m.map(core_xy),
     }
+}
+
+/// A picture, but for its time.
+fn picture(detector: Option<&Detector>, focal_widths: f64, shown: &flight::Picture) -> Picture {
+    let flight::Picture { height_m, ref frame, .. } = *shown;
+    let (width, height) = (usize::from(frame.size.width_px), usize::from(frame.size.height_px));
+    let seen = detector.map(|detector| watch::alone(detector, frame, Some(height_m as f32), 2).seen);
+    let rgb = frame.rgb();
+    let mut pixels = String::new();
+    for row in (0..height).step_by(2) {
+        for column in (0..width).step_by(2) {
+            let at = 3 * (row * width + column);
+            for value in rgb.get(at..at + 3).unwrap_or_default() {
+                // A string takes everything.
+                let _ = write!(pixels, "{value:02x}");
+            }
+        }
+    }
+    // The detector's tangents, in pixels of the picture as it is shown.
+    let focal_px = 0.5 * focal_widths * width as f64;
+    let pad = match seen {
+        Some(Seen::Pad(pad)) => Some([
+            rounded(0.25 * width as f64 + focal_px * f64::from(pad.right), 1),
+            rounded(0.25 * height as f64 - focal_px * f64::from(pad.forward), 1),
+            rounded(focal_px * f64::from(pad.radius), 1),
+        ]),
+        _ => None,
+    };
+    let words = match seen {
+        Some(Seen::Pad(_)) => "the pad",
+        Some(Seen::Nothing(_)) => "no pad",
+        Some(Seen::Bad(_)) => "no good frame",
+        None => "",
+    };
+    Picture { time_s: 0.0, height_m: milli(height_m), columns: width.div_ceil(2), pixels, seen: words, pad }
 }
 
 /// A plan, but for its time and trace.

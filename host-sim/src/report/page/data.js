@@ -1,7 +1,7 @@
 // What is known of the flight, and of any time in it. Records come one by one through `add`, from the page or from anywhere.
 
 /** `cut`: it was under way when whoever flies it fell silent. */
-const flight = { begin: null, steps: [], remembered: [], plans: [], end: null, cut: false };
+const flight = { begin: null, steps: [], remembered: [], plans: [], pictures: [], end: null, cut: false };
 /** Told, at most once a picture, that there are new records. */
 let refresh = () => {};
 let refreshing = false;
@@ -10,7 +10,7 @@ let refreshing = false;
 function add(record) {
   switch (record.kind) {
     case "begin":
-      Object.assign(flight, { begin: record, steps: [], remembered: [], plans: [], end: null });
+      Object.assign(flight, { begin: record, steps: [], remembered: [], plans: [], pictures: [], end: null });
       break;
     case "step":
       flight.steps.push(record);
@@ -20,6 +20,9 @@ function add(record) {
       break;
     case "plan":
       flight.plans.push(record);
+      break;
+    case "picture":
+      flight.pictures.push(record);
       break;
     case "end":
       flight.end = record;
@@ -161,7 +164,7 @@ function outcomeColor(outcome) {
   const colors = {
     nominal: "green", no_signal: "purple", ambiguous: "purple", uncalibrated: "purple", stale_ownship: "yellow",
     stale_obstacles: "yellow", no_path: "red", goal_unreachable: "red", plan_late: "orange", guard_brake: "orange",
-    link_lost: "faint", not_in_control: "quiet", fault: "red",
+    link_lost: "faint", not_in_control: "quiet", fault: "red", handed_over: "sky", landed: "sky",
   };
   return colors[outcome] ?? "faint";
 }

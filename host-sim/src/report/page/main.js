@@ -28,6 +28,7 @@ function draw() {
   drawScale();
   drawMap(byId("map"), replay.index);
   drawField(byId("field"), plan ?? flight.plans[0], step);
+  drawPicture(step && latest(flight.pictures, step.time_s));
   drawStrip(byId("strip"), replay.index);
   markCharts(step);
   showNow(step);

@@ -277,6 +277,38 @@ function drawVehicle({ context, at, step }) {
   arrow(context, place, along(step.velocity_mps), { color: colors.ink, width: 2.2 });
 }
 
+/** What the camera saw, with a circle round what is taken for the pad. */
+function drawPicture(picture) {
+  const panel = document.getElementById("camera-panel");
+  panel.hidden = !picture;
+  if (!picture) return;
+  const canvas = document.getElementById("camera");
+  const lines = picture.pixels.length / 6 / picture.columns;
+  if (canvas.dataset.time !== String(picture.time_s)) {
+    [canvas.width, canvas.height] = [picture.columns, lines];
+    const context = canvas.getContext("2d");
+    const image = context.createImageData(picture.columns, lines);
+    for (let pixel = 0; pixel < picture.columns * lines; pixel += 1) {
+      for (let part = 0; part < 3; part += 1) {
+        image.data[4 * pixel + part] = parseInt(picture.pixels.substr(6 * pixel + 2 * part, 2), 16);
+      }
+      image.data[4 * pixel + 3] = 255;
+    }
+    context.putImageData(image, 0, 0);
+    if (picture.pad) {
+      const [column, line, radius] = picture.pad;
+      context.strokeStyle = "#ffffff";
+      context.beginPath();
+      context.arc(column, line, radius, 0, 2 * Math.PI);
+      context.stroke();
+    }
+    canvas.dataset.time = String(picture.time_s);
+  }
+  const text = `${picture.seen}, from ${picture.height_m.toFixed(2)} m at ${picture.time_s.toFixed(1)} s`;
+  canvas.setAttribute("aria-label", `Picture of the camera: ${text}`);
+  document.getElementById("camera-words").textContent = text;
+}
+
 /** The scale of the path's colours. */
 function drawScale() {
   const { context, width, height } = prepare(document.getElementById("scale"));

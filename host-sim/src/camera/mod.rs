@@ -1,0 +1,423 @@
+//! A cheap camera that looks down: the picture of a ground with a pad, or without, from a pose.
+//!
+//! A pinhole at the body's place, along its down axis; perspective of the flat ground, four samples a pixel. Things
+//! lie on the ground, later ones over earlier ones. The light has a colour, a gradient and hard shadows;
+//! the lens a vignette, flare, focus and motion blur; the sensor shot and read noise, dead pixels, gamma and 5, 6, 5 bits or
+//! 8 of grey. Reflectances are linear, as measured ones are. The same seed gives the same picture.
+
+mod ground;
+pub mod picture;
+pub mod random;
+mod sensor;
+pub mod watch;
+
+use std::f32::consts::TAU;
+
+use foxhound_core::landing::pad::{Format, Header};
+use foxhound_core::time::Instant;
+
+pub use foxhound_core::landing::pad::Camera;
+pub use ground::Ground;
+
+/// Linear red, green and blue.
+pub type Colour = [f32; 3];
+
+/// The red of a pad: a matt paint.
+pub const PAD_RED: Colour = [0.52, 0.06, 0.05];
+/// A white ring's.
+pub const WHITE: Colour = [0.80, 0.80, 0.78];
+
+/// Outline of a thing, in its own length of one: half of its width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// All round.
+    Disc,
+    /// So many times as long as wide.
+    Rectangle(f32),
+    /// Three equal sides.
+    Triangle,
+    /// With a hole of this part of its radius.
+    Ring(f32),
+    /// A sector of a disc, this part of the full turn.
+    Sector(f32),
+    /// A pointed leaf, so many times as long as wide.
+    Leaf(f32),
+    /// No edge at all: a bell.
+    Glow,
+}
+
+/// Something flat on the ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thing {
+    /// Its outline.
+    pub shape: Shape,
+    /// Where its middle is.
+    pub north_m: f32,
+    /// Where its middle is.
+    pub east_m: f32,
+    /// Half of its width.
+    pub radius_m: f32,
+    /// Turned by, clockwise.
+    pub turn_rad: f32,
+    /// Its colour.
+    pub colour: Colour,
+}
+
+impl Thing {
+    /// How much of a point it covers, 0 to 1.
+    fn cover(&self, north_m: f32, east_m: f32) -> f32 {
+        let (dn, de) = (north_m - self.north_m, east_m - self.east_m);
+        let square = dn * dn + de * de;
+        let reach_m = self.radius_m * self.reach();
+        if square > reach_m * reach_m {
+            return 0.0;
+        }
+        let (sine, cosine) = self.turn_rad.sin_cos();
+        let along = (dn * cosine + de * sine) / self.radius_m;
+        let across = (de * cosine - dn * sine) / self.radius_m;
+        let radius = square.sqrt() / self.radius_m;
+        let is_in = match self.shape {
+            Shape::Disc => radius < 1.0,
+            Shape::Rectangle(long) => across.abs() < 1.0 && along.abs() < long,
+            Shape::Triangle => along > -0.5 && (along - 1.0) < -across.abs() * 3.0_f32.sqrt(),
+            Shape::Ring(hole) => radius < 1.0 && radius > hole,
+            Shape::Sector(part) => radius < 1.0 && across.atan2(along).rem_euclid(TAU) < part * TAU,
+            Shape::Leaf(long) => {
+                let bent = (along / long).abs();
+                across.abs() < 1.0 - bent * bent
+            }
+            Shape::Glow => return (-3.0 * radius * radius).exp(),
+        };
+        f32::from(u8::from(is_in))
+    }
+
+    fn reach(&self) -> f32 {
+        match self.shape {
+            Shape::Rectangle(long) => (1.0 + long * long).sqrt(),
+            Shape::Leaf(long) => long.max(1.0),
+            Shape::Glow => 1.6,
+            _ => 1.0,
+        }
+    }
+}
+
+/// The pad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// Its middle.
+    pub north_m: f32,
+    /// Its middle.
+    pub east_m: f32,
+    /// Of the red disc.
+    pub radius_m: f32,
+    /// How wide the white ring round it is, 0 for none.
+    pub ring_m: f32,
+    /// Its paint.
+    pub colour: Colour,
+}
+
+/// What lies under the camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// The ground itself.
+    pub ground: Ground,
+    /// What lies below the pad, if there is one, or beside it.
+    pub things: Vec<Thing>,
+    /// The pad.
+    pub target: Option<Target>,
+    /// What lies on it.
+    pub covers: Vec<Thing>,
+}
+
+/// Where the camera is: north, east, above the ground, and how the body stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// North.
+    pub north_m: f32,
+    /// East.
+    pub east_m: f32,
+    /// Above the ground.
+    pub height_m: f32,
+    /// Right side down positive.
+    pub roll_rad: f32,
+    /// Nose up positive.
+    pub pitch_rad: f32,
+    /// Clockwise from north.
+    pub yaw_rad: f32,
+}
+
+impl Pose {
+    /// The body's forward, right and down axes in north, east, down.
+    fn axes(&self) -> [[f32; 3]; 3] {
+        let ((sr, cr), (sp, cp), (sy, cy)) =
+            (self.roll_rad.sin_cos(), self.pitch_rad.sin_cos(), self.yaw_rad.sin_cos());
+        [
+            [cp * cy, cp * sy, -sp],
+            [sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp],
+            [cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp],
+        ]
+    }
+
+    /// A ray of the body, forward and right a unit of down, in north, east, down.
+    fn ray(axes: &[[f32; 3]; 3], forward: f32, right: f32) -> [f32; 3] {
+        [0, 1, 2].map(|k| axes[0][k] * forward + axes[1][k] * right + axes[2][k])
+    }
+
+    /// A place on the ground as the tangents forward and right of the body, and how deep it lies along down.
+    #[must_use]
+    pub fn see(&self, north_m: f32, east_m: f32) -> [f32; 3] {
+        let away = [north_m - self.north_m, east_m - self.east_m, self.height_m];
+        let [forward, right, down] = self.axes().map(|axis| axis.iter().zip(away).map(|(a, b)| a * b).sum::<f32>());
+        [forward / down, right / down, down]
+    }
+
+    /// Where up is, as tangents of the body.
+    #[must_use]
+    pub fn up(&self) -> [f32; 2] {
+        let axes = self.axes();
+        [-axes[0][2] / -axes[2][2], -axes[1][2] / -axes[2][2]].map(|tangent| -tangent)
+    }
+}
+
+/// A shadow's straight edge across the picture: dark on one side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shadow {
+    /// A place on its edge.
+    pub north_m: f32,
+    /// A place on its edge.
+    pub east_m: f32,
+    /// The direction into the dark.
+    pub turn_rad: f32,
+    /// How wide it is; what is behind is lit again.
+    pub width_m: f32,
+    /// How much of the light is left.
+    pub left: f32,
+}
+
+/// The light and what lens and sensor make of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lighting {
+    /// 1: white is just not clipped.
+    pub exposure: f32,
+    /// Gains of red, green and blue: the lamp's colour, as far as the camera does not balance it.
+    pub gains: Colour,
+    /// How much darker the corners are.
+    pub vignette: f32,
+    /// How much the light changes from one side of the picture to the other, and in which direction.
+    pub gradient: [f32; 2],
+    /// Of trees, masts, the vehicle.
+    pub shadows: Vec<Shadow>,
+    /// The part of the mean light that is all over the picture.
+    pub flare: f32,
+    /// Focus: standard deviation.
+    pub blur_px: f32,
+    /// Motion during the exposure: columns, lines.
+    pub motion_px: [f32; 2],
+    /// Read noise, over white.
+    pub read_noise: f32,
+    /// Electrons of white.
+    pub full_well: f32,
+    /// Pixels that are stuck, a million.
+    pub dead_ppm: f32,
+}
+
+impl Default for Lighting {
+    fn default() -> Self {
+        Self {
+            exposure: 1.0,
+            gains: [1.0; 3],
+            vignette: 0.0,
+            gradient: [0.0; 2],
+            shadows: Vec::new(),
+            flare: 0.0,
+            blur_px: 0.0,
+            motion_px: [0.0; 2],
+            read_noise: 0.003,
+            full_well: 8000.0,
+            dead_ppm: 0.0,
+        }
+    }
+}
+
+/// A lamp's red, green and blue beside those of daylight of 6500 K, linear, green 1: Planck's law at 600, 540 and 450 nm.
+#[must_use]
+pub fn lamp(kelvin: f32) -> Colour {
+    let planck = |nanometres: f32, kelvin: f32| 1.0 / ((14_387_770.0 / (nanometres * kelvin)).exp() - 1.0);
+    let beside = |nanometres: f32| planck(nanometres, kelvin) / planck(nanometres, 6500.0);
+    let green = beside(540.0);
+    [beside(600.0) / green, 1.0, beside(450.0) / green]
+}
+
+/// What a camera delivers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Columns.
+    pub width_px: u16,
+    /// Lines.
+    pub height_px: u16,
+    /// Of its pixels.
+    pub format: Format,
+}
+
+impl Size {
+    /// What the firmware's camera is set to: 160 by 120 in colour.
+    pub const USUAL: Self = Self { width_px: 160, height_px: 120, format: Format::Rgb565 };
+}
+
+/// A picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// Its size.
+    pub size: Size,
+    /// Line for line.
+    pub bytes: Vec<u8>,
+}
+
+impl Frame {
+    /// How it is announced.
+    #[must_use]
+    pub fn header(&self, time: Instant) -> Header {
+        Header { time, width_px: self.size.width_px, height_px: self.size.height_px, format: self.size.format }
+    }
+
+    /// The lines.
+    pub fn lines(&self) -> impl Iterator<Item = (u16, &[u8])> {
+        (0..).zip(self.bytes.chunks(self.bytes.len() / usize::from(self.size.height_px)))
+    }
+
+    /// As red, green and blue of eight bits.
+    #[must_use]
+    pub fn rgb(&self) -> Vec<u8> {
+        match self.size.format {
+            Format::Rgb565 => {
+                let pixels = self.bytes.as_chunks::<2>().0.iter().map(|pixel| u16::from_le_bytes(*pixel));
+                pixels
+                    .flat_map(|pixel| {
+                        let wide = |value: u16, most: u16| ((value * 255 + most / 2) / most) as u8;
+                        [wide(pixel >> 11, 31), wide(pixel >> 5 & 63, 63), wide(pixel & 31, 31)]
+                    })
+                    .collect()
+            }
+            Format::Grey => self.bytes.iter().flat_map(|value| [*value; 3]).collect(),
+        }
+    }
+}
+
+/// Where samples lie in a pixel: none in a line with another.
+const SAMPLES: [[f32; 2]; 4] = [[0.125, 0.625], [0.375, 0.125], [0.625, 0.875], [0.875, 0.375]];
+
+/// The picture of a scene.
+#[must_use]
+pub fn render(scene: &Scene, camera: &Camera, pose: &Pose, lighting: &Lighting, size: Size, seed: u64) -> Frame {
+    let (width, height) = (usize::from(size.width_px), usize::from(size.height_px));
+    let focal_px = camera.focal_widths * f32::from(size.width_px);
+    let axes = pose.axes();
+    let mut image = vec![[0.0_f32; 3]; width * height];
+    let place = |x: f32, y: f32| {
+        let [north, east, down] =
+            Pose::ray(&axes, (0.5 * height as f32 - y) / focal_px, (x - 0.5 * width as f32) / focal_px);
+        // Above the horizon there is haze, far away.
+        let far = pose.height_m / down.max(0.02);
+        (pose.north_m + north * far, pose.east_m + east * far, far)
+    };
+    for (row, line) in image.chunks_mut(width).enumerate() {
+        for (column, pixel) in line.iter_mut().enumerate() {
+            let (x, y) = (column as f32, row as f32);
+            let (north_m, east_m, far_m) = place(x + 0.5, y + 0.5);
+            let ground = scene.ground.colour(north_m, east_m, far_m / focal_px, seed);
+            let mut sum = [0.0; 3];
+            for [dx, dy] in SAMPLES {
+                let (north_m, east_m, _) = place(x + dx, y + dy);
+                let lit = lit(&lighting.shadows, north_m, east_m);
+                let colour = surface(scene, ground, north_m, east_m);
+                sum = [0, 1, 2].map(|k| sum[k] + 0.25 * lit * colour[k]);
+            }
+            *pixel = sum;
+        }
+    }
+    sensor::expose(&mut image, lighting, size, seed)
+}
+
+/// How much light falls on a place.
+fn lit(shadows: &[Shadow], north_m: f32, east_m: f32) -> f32 {
+    let mut lit = 1.0_f32;
+    for shadow in shadows {
+        let (sine, cosine) = shadow.turn_rad.sin_cos();
+        let into_m = (north_m - shadow.north_m) * cosine + (east_m - shadow.east_m) * sine;
+        if into_m > 0.0 && into_m < shadow.width_m {
+            lit = lit.min(shadow.left);
+        }
+    }
+    lit
+}
+
+/// The colour of a place: the ground, or what lies on it.
+fn surface(scene: &Scene, ground: Colour, north_m: f32, east_m: f32) -> Colour {
+    let mut colour = ground;
+    let mut lay = |thing: &Thing| {
+        let cover = thing.cover(north_m, east_m);
+        if cover > 0.0 {
+            colour = [0, 1, 2].map(|k| colour[k] + cover * (thing.colour[k] - colour[k]));
+        }
+    };
+    scene.things.iter().for_each(&mut lay);
+    if let Some(target) = &scene.target {
+        let disc = |radius_m: f32, colour: Colour| Thing {
+            shape: Shape::Disc,
+            north_m: target.north_m,
+            east_m: target.east_m,
+            radius_m,
+            turn_rad: 0.0,
+            colour,
+        };
+        if target.ring_m > 0.0 {
+            lay(&disc(target.radius_m + target.ring_m, WHITE));
+        }
+        lay(&disc(target.radius_m, target.colour));
+    }
+    scene.covers.iter().for_each(&mut lay);
+    colour
+}
+
+/// What there is to find.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Truth {
+    /// The pad's centre.
+    pub forward: f32,
+    /// The pad's centre.
+    pub right: f32,
+    /// From its left end to its right end.
+    pub width_px: f32,
+    /// The part of the disc inside of the picture.
+    pub inside: f32,
+    /// The part of the disc that things cover.
+    pub hidden: f32,
+}
+
+/// Where the pad of a scene is.
+#[must_use]
+pub fn truth(scene: &Scene, camera: &Camera, pose: &Pose, size: Size) -> Option<Truth> {
+    let target = scene.target?;
+    let focal_px = camera.focal_widths * f32::from(size.width_px);
+    let [forward, right, _] = pose.see(target.north_m, target.east_m);
+    let half = [0.5 * f32::from(size.width_px) / focal_px, 0.5 * f32::from(size.height_px) / focal_px];
+    let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+    let (mut inside, mut hidden) = (0, 0);
+    const SPOTS: usize = 400;
+    for spot in 0..SPOTS {
+        // Evenly over the disc (sunflower seeds), and round its edge.
+        let turn = spot as f32 * 2.399_963;
+        let at = |part: f32| {
+            (target.north_m + part * target.radius_m * turn.cos(), target.east_m + part * target.radius_m * turn.sin())
+        };
+        let (north_m, east_m) = at(1.0);
+        let [_, edge, _] = pose.see(north_m, east_m);
+        (low, high) = (low.min(edge), high.max(edge));
+        let (north_m, east_m) = at(((spot as f32 + 0.5) / SPOTS as f32).sqrt());
+        let [forward, right, down] = pose.see(north_m, east_m);
+        inside += usize::from(down > 0.0 && right.abs() < half[0] && forward.abs() < half[1]);
+        hidden += usize::from(scene.covers.iter().any(|thing| thing.cover(north_m, east_m) > 0.5));
+    }
+    let part = |count: usize| count as f32 / SPOTS as f32;
+    Some(Truth { forward, right, width_px: (high - low) * focal_px, inside: part(inside), hidden: part(hidden) })
+}

@@ -1,0 +1,119 @@
+//! From light to bytes: vignette, flare, blur, noise, gamma, bits.
+
+use foxhound_core::landing::pad::Format;
+
+use super::{Colour, Frame, Lighting, Size};
+use crate::random::Random;
+
+/// Makes a frame of the light that each pixel gets.
+pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, seed: u64) -> Frame {
+    let (width, height) = (usize::from(size.width_px), usize::from(size.height_px));
+    if lighting.motion_px.iter().any(|motion| motion.abs() > 0.2) {
+        move_by(image, width, height, lighting.motion_px);
+    }
+    if lighting.blur_px > 0.2 {
+        blur(image, width, height, lighting.blur_px);
+    }
+    let mut mean = [0.0_f64; 3];
+    for pixel in image.iter() {
+        mean = [0, 1, 2].map(|k| mean[k] + f64::from(pixel[k]) / (width * height) as f64);
+    }
+    let flare = mean.map(|mean| lighting.flare * mean as f32);
+    let mut random = Random::new(seed, 41);
+    let mut draws = vec![0.0; 3 * width];
+    let mut bytes = Vec::with_capacity(2 * width * height);
+    for (row, line) in image.chunks(width).enumerate() {
+        random.fill_gaussian(1.0, &mut draws);
+        for (column, pixel) in line.iter().enumerate() {
+            let x = (column as f32 + 0.5) / width as f32 - 0.5;
+            let y = (row as f32 + 0.5) / width as f32 - 0.5 * height as f32 / width as f32;
+            let corner = 1.0 - lighting.vignette * (x * x + y * y) / 0.39;
+            let slope = 1.0 + lighting.gradient[0] * x + lighting.gradient[1] * y;
+            let gain = lighting.exposure * corner * slope.max(0.1);
+            let mut value = [0, 1, 2].map(|k| {
+                let light = (gain * lighting.gains[k] * (pixel[k] + flare[k])).max(0.0);
+                let sigma = (light / lighting.full_well + lighting.read_noise * lighting.read_noise).sqrt();
+                (light + sigma * draws[3 * column + k] as f32).clamp(0.0, 1.0)
+            });
+            if lighting.dead_ppm > 0.0 && random.uniform() * 1e6 < f64::from(lighting.dead_ppm) {
+                let stuck = random.uniform();
+                value = if stuck < 0.3 {
+                    [0.0; 3]
+                } else if stuck < 0.6 {
+                    [1.0; 3]
+                } else {
+                    [1.0, 0.0, 0.0]
+                };
+            }
+            // Half of a code is added before the bits below are cut off.
+            let coded = |value: f32, most: f32| (gamma(value) * most + 0.5) as u16;
+            match size.format {
+                Format::Rgb565 => {
+                    let code = coded(value[0], 31.0) << 11 | coded(value[1], 63.0) << 5 | coded(value[2], 31.0);
+                    bytes.extend_from_slice(&code.to_le_bytes());
+                }
+                Format::Grey => {
+                    bytes.push(coded(0.2126 * value[0] + 0.7152 * value[1] + 0.0722 * value[2], 255.0) as u8);
+                }
+            }
+        }
+    }
+    Frame { size, bytes }
+}
+
+/// The sensor's curve, that of sRGB.
+fn gamma(value: f32) -> f32 {
+    if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// Blurs by a bell.
+fn blur(image: &mut [Colour], width: usize, height: usize, sigma_px: f32) {
+    let reach = (2.5 * sigma_px).ceil().min(8.0) as isize;
+    let mut weights: Vec<f32> =
+        (-reach..=reach).map(|at| (-0.5 * (at as f32 / sigma_px) * (at as f32 / sigma_px)).exp()).collect();
+    let sum: f32 = weights.iter().sum();
+    weights.iter_mut().for_each(|weight| *weight /= sum);
+    let mut pass = |from: usize, step: usize, count: usize, line: &mut Vec<Colour>| {
+        line.clear();
+        line.extend((0..count).map(|at| image[from + at * step]));
+        for at in 0..count {
+            let mut out = [0.0; 3];
+            for (weight, away) in weights.iter().zip(-reach..=reach) {
+                let other = line[(at as isize + away).clamp(0, count as isize - 1) as usize];
+                out = [0, 1, 2].map(|k| out[k] + weight * other[k]);
+            }
+            image[from + at * step] = out;
+        }
+    };
+    let mut line = Vec::new();
+    (0..height).for_each(|row| pass(row * width, 1, width, &mut line));
+    (0..width).for_each(|column| pass(column, width, height, &mut line));
+}
+
+/// Smears along a line.
+fn move_by(image: &mut Vec<Colour>, width: usize, height: usize, motion_px: [f32; 2]) {
+    let length = motion_px[0].abs().max(motion_px[1].abs());
+    let taps = (length.ceil() as usize + 1).clamp(2, 12);
+    let mut out = vec![[0.0_f32; 3]; image.len()];
+    for tap in 0..taps {
+        let part = tap as f32 / (taps - 1) as f32 - 0.5;
+        let (dx, dy) = (part * motion_px[0], part * motion_px[1]);
+        let (fx, fy) = (dx - dx.floor(), dy - dy.floor());
+        let (ix, iy) = (dx.floor() as isize, dy.floor() as isize);
+        for y in 0..height {
+            let clamp_y = |y: isize| y.clamp(0, height as isize - 1) as usize * width;
+            let (above, below) = (clamp_y(y as isize + iy), clamp_y(y as isize + iy + 1));
+            for x in 0..width {
+                let clamp_x = |x: isize| x.clamp(0, width as isize - 1) as usize;
+                let (left, right) = (clamp_x(x as isize + ix), clamp_x(x as isize + ix + 1));
+                let sum = &mut out[y * width + x];
+                for (k, value) in sum.iter_mut().enumerate() {
+                    let top = image[above + left][k] * (1.0 - fx) + image[above + right][k] * fx;
+                    let bottom = image[below + left][k] * (1.0 - fx) + image[below + right][k] * fx;
+                    *value += (top + fy * (bottom - top)) / taps as f32;
+                }
+            }
+        }
+    }
+    *image = out;
+}

@@ -1,0 +1,173 @@
+//! Many flights to their very end, scene by scene: how many come down on the pad, and what became of the others.
+//!
+//! All fly with the whole chain from the antennas' codes on, at 20 dB, through pillars that every seed plants anew, with a
+//! vehicle as slow as a real autopilot, to a beacon on the ground with a pad within half a metre of it. A camera of 160 by 120
+//! pixels sees the ground ten times a second, 80 ms late.
+
+use std::collections::BTreeMap;
+
+use foxhound_core::bearing::Estimator;
+use foxhound_core::landing::Stage;
+use foxhound_core::planner;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::computer::HostComputer;
+use crate::flight::{self, Ending, Landing, Mission, Report};
+use crate::scenario::Scenario;
+
+/// A touchdown within this of the pad's middle is one on the pad.
+pub const ON_PAD_M: f64 = 0.15;
+/// From the beacon to the pad.
+const PAD_M: f64 = 0.5;
+
+/// A way of arriving.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Scene {
+    /// Its name.
+    pub name: &'static str,
+    /// The scenario.
+    #[serde(skip)]
+    pub scenario: &'static str,
+}
+
+/// The scenes.
+pub const SCENES: [Scene; 10] = [
+    Scene {
+        name: "camera, calm",
+        scenario: r#"{"landing":{},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},"bearing":{"snr_db":20},
+            "vehicle":{"model":"arducopter"},"goal_tolerance":1.5,"max_time_s":300}"#,
+    },
+    Scene {
+        name: "camera, gusts of 3 m/s",
+        scenario: r#"{"landing":{},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},"bearing":{"snr_db":20},
+            "wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,"max_time_s":300}"#,
+    },
+    Scene {
+        name: "camera, gusts of 3 m/s, red things about",
+        scenario: r#"{"landing":{"camera":{"distractors":true}},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
+            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
+            "max_time_s":300}"#,
+    },
+    Scene {
+        name: "camera, gusts of 3 m/s, PX4, no range finder",
+        scenario: r#"{"landing":{"range_finder":false},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
+            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter","autopilot":"px4"},
+            "goal_tolerance":1.5,"max_time_s":300}"#,
+    },
+    Scene {
+        name: "camera, from 6 m, gusts of 3 m/s",
+        scenario: r#"{"landing":{"height":6},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
+            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
+            "max_time_s":300}"#,
+    },
+    Scene {
+        name: "camera that fails on the last metres",
+        scenario: r#"{"landing":{"camera":{"cut":[16,300]}},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
+            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
+            "max_time_s":300}"#,
+    },
+    Scene {
+        name: "camera, no pad there",
+        scenario: r#"{"landing":{"pad_missing":true},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
+            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
+            "max_time_s":300}"#,
+    },
+    Scene {
+        name: "no camera, calm",
+        scenario: r#"{"landing":{"camera":null},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
+            "bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,"max_time_s":300}"#,
+    },
+    Scene {
+        name: "no camera, gusts of 3 m/s",
+        scenario: r#"{"landing":{"camera":null},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
+            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
+            "max_time_s":300}"#,
+    },
+    Scene {
+        name: "no camera, no range finder, bearings to 10 deg only",
+        scenario: r#"{"landing":{"camera":null,"range_finder":false},"random":{"count":12,"clear":1.2},
+            "sensor":{"model":"scan"},"bearing":{"sigma_deg":10},"wind":{"vx":3,"gust_mps":1},
+            "vehicle":{"model":"arducopter"},"goal_tolerance":1.5,"max_time_s":300}"#,
+    },
+];
+
+/// What the flights of one scene came to.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Row {
+    /// The scene.
+    pub scene: &'static str,
+    /// How many.
+    pub flights: u32,
+    /// Those that touched something, by their seeds.
+    pub collided: Vec<u64>,
+    /// Those that came down within [`ON_PAD_M`] of the pad's middle.
+    pub on_pad: u32,
+    /// Those that came down elsewhere, by their seeds.
+    pub beside: Vec<u64>,
+    /// Those that hover and have handed over, by their reasons; of these, how many within the tolerance of the beacon.
+    pub handed_over: BTreeMap<&'static str, [u32; 2]>,
+    /// Those that were still under way at the end of the time, or had given up, by their seeds.
+    pub unfinished: Vec<u64>,
+    /// From the pad's middle to the touchdown: the median, 99 of 100, the farthest; none where nothing came down.
+    pub pad_m: Option<[f64; 3]>,
+    /// Mean duration of the flights that came down or handed over.
+    pub time_s: f64,
+}
+
+/// One flight.
+///
+/// # Errors
+/// The scenario is refused, or the flight cannot be flown.
+pub fn fly(scene: &Scene, seed: u64) -> Result<Report, String> {
+    let mut scenario = Scenario::parse(scene.scenario).map_err(|error| error.to_string())?;
+    if let Some(landing) = &mut scenario.landing {
+        // All round the beacon, by the golden angle, and evenly over the disc.
+        let (turn, part) = (seed as f64 * 2.399_963, libm::sqrt((seed as f64 * 0.618_034) % 1.0));
+        landing.pad = [PAD_M * part * libm::cos(turn), PAD_M * part * libm::sin(turn)];
+    }
+    let scenario = scenario.drawn(seed).map_err(|error| error.to_string())?;
+    let mission = Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
+    let mut computer = HostComputer::new(&mission.guidance()).map_err(|error| error.to_string())?;
+    let record = flight::fly(&mission, &mut computer, None, |_| ()).map_err(|error| error.to_string())?;
+    Ok(record.report)
+}
+
+/// The flights with these seeds.
+///
+/// # Errors
+/// See [`fly`].
+pub fn row(scene: &Scene, seeds: std::ops::Range<u64>) -> Result<Row, String> {
+    let reports: Vec<Report> = seeds.into_par_iter().map(|seed| fly(scene, seed)).collect::<Result<_, String>>()?;
+    let mut row = Row { scene: scene.name, flights: reports.len() as u32, ..Row::default() };
+    let (mut distances_m, mut times_s) = (Vec::new(), Vec::new());
+    for report in &reports {
+        if report.result == Ending::Collision {
+            row.collided.push(report.seed);
+            continue;
+        }
+        let Some(Landing { stage, reason, pad_distance_m, .. }) = report.landing else { continue };
+        match stage {
+            Stage::Landed => {
+                let distance_m = pad_distance_m.unwrap_or(f64::INFINITY);
+                distances_m.push(distance_m);
+                if distance_m <= ON_PAD_M { row.on_pad += 1 } else { row.beside.push(report.seed) }
+            }
+            Stage::HandedOver => {
+                let [all, near] = row.handed_over.entry(reason.unwrap_or("none")).or_default();
+                *all += 1;
+                *near += u32::from(report.result == Ending::Reached);
+            }
+            _ => {
+                row.unfinished.push(report.seed);
+                continue;
+            }
+        }
+        times_s.push(report.time_s);
+    }
+    distances_m.sort_by(f64::total_cmp);
+    let at = |share: f64| distances_m[((share * distances_m.len() as f64) as usize).min(distances_m.len() - 1)];
+    row.pad_m = (!distances_m.is_empty()).then(|| [at(0.5), at(0.99), at(1.0)]);
+    row.time_s = times_s.iter().sum::<f64>() / times_s.len() as f64;
+    Ok(row)
+}
