@@ -55,6 +55,10 @@ impl Computer for Station {
         self.inner.step(now, front_end, circles, &rx)
     }
 
+    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        self.inner.see(bytes)
+    }
+
     fn log_flight(&mut self) {
         self.inner.log_flight();
     }
@@ -142,6 +146,10 @@ impl Computer for Starved {
             self.0.inject(Fault::StarvePlanner);
         }
         Computer::step(&mut self.0, now, front_end, circles, rx)
+    }
+
+    fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        Computer::see(&mut self.0, bytes)
     }
 
     fn log_flight(&mut self) {

@@ -3,7 +3,7 @@
 #[path = "../fuzz/src/lib.rs"]
 pub mod properties;
 
-use properties::{Reached, filters, frames, link, looks, steer};
+use properties::{Reached, filters, frames, link, looks, pad, steer};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -59,6 +59,15 @@ fn any_measurements_leave_every_filter_finite_symmetric_and_positive() {
     let (configured, sum) = run(filters, 8000, 2000);
     assert!(
         configured > 1000 && sum.answers > 100_000 && sum.usable > 50_000,
+        "too shallow: {configured} configured, {sum:?}"
+    );
+}
+
+#[test]
+fn any_lines_leave_the_pad_detector_sane() {
+    let (configured, sum) = run(pad, 4000, 400);
+    assert!(
+        configured > 1000 && sum.answers > 4000 && sum.usable > 20,
         "too shallow: {configured} configured, {sum:?}"
     );
 }

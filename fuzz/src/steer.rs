@@ -7,6 +7,8 @@ use foxhound_core::field::{self, Obstacle};
 use foxhound_core::frame::{Horizontal, Ned};
 use foxhound_core::guard::{self, Action, Fence, Setpoint, Situation};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
+use foxhound_core::landing;
+use foxhound_core::landing::pad::{Bad, Look, Nothing, Pad, Seen};
 use foxhound_core::map::{CIRCLES_MAX, Circle};
 use foxhound_core::mission::{Behaviour, Control, Outcome};
 use foxhound_core::ownship::Ownship;
@@ -251,6 +253,7 @@ fn situation(draw: &mut Draw<'_>) -> Situation {
         delay_s: draw.field(0.3, 0.0, 1.0),
         down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),
         held_down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),
+        gust_margin_m: if draw.flag() { 0.0 } else { draw.between(0.0, 0.6) },
     }
 }
 
@@ -321,6 +324,18 @@ fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
         config.mission.bearing_age_max_s = draw.field(config.mission.bearing_age_max_s, 0.05, 60.0);
         config.mission.no_path_max_s = draw.field(config.mission.no_path_max_s, 0.5, 600.0);
     }
+    if draw.below(4) == 0 {
+        let usual = landing::Config::default();
+        config.landing = Some(landing::Config {
+            has_camera: draw.flag(),
+            focal_widths: draw.field(usual.focal_widths, 0.2, 5.0),
+            pad_radius_m: draw.field(usual.pad_radius_m, 0.02, 5.0),
+            request_land: draw.flag(),
+            approach_s: draw.field(usual.approach_s, 1.0, 600.0),
+            total_s: draw.field(usual.total_s, 1.0, 600.0),
+            ..usual
+        });
+    }
     config
 }
 
@@ -340,6 +355,8 @@ struct Flight {
     is_heard: bool,
     is_seen: bool,
     is_planned: bool,
+    height_m: Option<f32>,
+    is_landed: bool,
     /// The planner's answer, and the steps until it is there.
     answer: Option<(Plan, u8)>,
     plan_steps: u8,
@@ -356,6 +373,7 @@ struct Odd {
     points: Option<Points>,
     bearing: Option<Bearing>,
     plan: Option<Plan>,
+    look: Option<Look>,
     is_silent: bool,
 }
 
@@ -382,6 +400,8 @@ fn flown(draw: &mut Draw<'_>) -> Reached {
         is_heard: true,
         is_seen: true,
         is_planned: true,
+        height_m: None,
+        is_landed: false,
         answer: None,
         plan_steps: if draw.flag() { 0 } else { draw.below(8) },
         last: Ned::default(),
@@ -428,6 +448,11 @@ impl Flight {
             11 => odd.plan = Some(self.any_plan(draw)),
             12 => odd.is_silent = true,
             13 => self.source_ned_m = place(draw),
+            14 => {
+                odd.look = Some(look(draw, self.now));
+                self.height_m = draw.flag().then(|| draw.any(-1.0, 12.0));
+                self.is_landed = draw.below(4) == 0;
+            }
             _ => {
                 let ownship = &mut self.ownship;
                 let field = match draw.below(10) {
@@ -490,6 +515,9 @@ impl Flight {
             scan: odd.scan.as_ref(),
             points: odd.points.as_ref(),
             circles: (self.is_seen && self.beats.is_multiple_of(5)).then_some(&*self.circles),
+            look: odd.look,
+            height_m: self.height_m,
+            is_landed: self.is_landed,
             control: self.control,
             plan: plan.as_ref(),
         };
@@ -521,10 +549,11 @@ impl Flight {
         };
         let behaviour = output.outcome.behaviour();
         if self.control == Control::Granted {
-            assert_ne!(behaviour, Behaviour::None, "{}", about());
+            assert!(behaviour != Behaviour::None || output.outcome == Outcome::Landed, "{}", about());
         } else {
             assert_eq!(output.setpoint, Setpoint::default(), "without control: {}", about());
-            assert!(matches!(output.outcome, Outcome::LinkLost | Outcome::NotInControl), "{}", about());
+            let withheld = [Outcome::LinkLost, Outcome::NotInControl, Outcome::Landed];
+            assert!(withheld.contains(&output.outcome), "{}", about());
         }
         let is_calm = self.state.map().circles().all(|circle| circle.velocity_ned_mps == Horizontal::default());
         let step = Step {
@@ -583,6 +612,21 @@ fn bearing(azimuth_rad: f32, sigma_rad: f32, time: Instant) -> Bearing {
         flags: Flags::default(),
         valid: true,
     }
+}
+
+fn look(draw: &mut Draw<'_>, now: Instant) -> Look {
+    let seen = match draw.below(4) {
+        0 => Seen::Bad(Bad::Cut),
+        1 => Seen::Nothing(Nothing::Shape),
+        _ => Seen::Pad(Pad {
+            forward: draw.any(-0.6, 0.6),
+            right: draw.any(-0.6, 0.6),
+            radius: draw.any(0.0, 0.5),
+            confidence: draw.any(0.0, 1.0),
+            is_cut: draw.flag(),
+        }),
+    };
+    Look { time: draw_time(draw, now), seen }
 }
 
 fn any_bearing(draw: &mut Draw<'_>, now: Instant) -> Bearing {

@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak | gusts>`.
+//! Developer commands: `cargo xtask <test | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak | gusts | landings>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
@@ -6,6 +6,7 @@
 mod bench;
 mod build;
 mod gusts;
+mod landings;
 mod panics;
 mod parity;
 mod size;
@@ -88,6 +89,12 @@ enum Task {
     /// Fly in calm air and in gusts, scene by scene
     Gusts {
         /// Flights in each scene and weather
+        #[arg(long, default_value_t = 200)]
+        flights: u32,
+    },
+    /// Fly to the very end, onto the pad or above the beacon, scene by scene
+    Landings {
+        /// Flights of each scene
         #[arg(long, default_value_t = 200)]
         flights: u32,
     },
@@ -216,6 +223,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Parity { flights } => parity::run(*flights),
         Task::Soak { hours } => soak::run(*hours),
         Task::Gusts { flights } => gusts::run(*flights),
+        Task::Landings { flights } => landings::run(*flights),
     }
 }
 

@@ -13,14 +13,16 @@ use crate::build::Image;
 use crate::thumb::Program;
 use crate::{Board, Failure};
 
-/// What runs in flight: guidance and the link's part of a step, parameters, the replan, what comes in, what goes out. Around
-/// them is embassy, which polls a finished task never and an executor's queue always.
-const ROOTS: [&str; 5] = [
+/// What runs in flight: guidance and the link's part of a step, parameters, the replan, what comes in, what goes out, frames of the
+/// camera. Around them is embassy, which polls a finished task never and an executor's queue always.
+const ROOTS: [&str; 6] = [
     "foxhound_firmware::app::fly",
     "foxhound_computer::flight::Flight::serve",
     "foxhound_firmware::app::replan",
     "foxhound_link::companion::Companion::receive",
     "foxhound_link::companion::Companion::transmit",
+    // What is around it wakes guidance, which is embassy's.
+    "foxhound_computer::camera::Camera::push",
 ];
 
 /// Functions in which a panic could begin, by a name that may end in `*`, each with the proof that it never does in flight.

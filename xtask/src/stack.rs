@@ -106,9 +106,15 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
         rows.push(json!({"level": level, "root": root, "bytes": bytes + stacked, "way": way}));
     }
     let start = program.named(START_UP).next().ok_or_else(|| Failure(format!("the image has no {START_UP}")))?;
-    let start_up = Depths::new(&program, false, None).of(start)? + around;
+    let mut depths = Depths::new(&program, false, None);
+    let start_up = depths.of(start)? + around;
+    let mut start_way = depths.way(start);
+    start_way.sort_by_key(|(_, frame)| std::cmp::Reverse(*frame));
     if !json {
         println!("{start_up:>6}  before them: start-up, with what pre-empts it");
+        for (name, frame) in start_way.iter().take(PRINTED) {
+            println!("          {frame:>6}  {name}");
+        }
     }
     let stack = stack.max(start_up);
     let sum = u64::from(stack) + variables;

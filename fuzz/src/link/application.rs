@@ -57,6 +57,9 @@ fn first_step(guidance: &Guidance<64>, control: Control) -> Output {
         scan: None,
         points: None,
         circles: None,
+        look: None,
+        height_m: None,
+        is_landed: false,
         control,
         plan: None,
     };

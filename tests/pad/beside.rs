@@ -1,0 +1,108 @@
+//! The same pictures through `OpenCV`: a mask in HSV and Hough's circles, and the best contour. `cargo xtask test` installs it.
+
+use std::io::Write as _;
+use std::process::Stdio;
+
+use foxhound_core::landing::pad::{Camera, Config, Seen};
+use foxhound_sim::camera::random::{Recipe, shot};
+use foxhound_sim::camera::watch::alone;
+use foxhound_tests::{python, root};
+use serde_json::Value;
+
+const FRAMES: u64 = 800;
+
+/// Found, of how many, and the rms of the centres over the picture's width.
+#[derive(Debug)]
+struct Score {
+    found: u32,
+    due: u32,
+    square: f64,
+}
+
+impl Score {
+    const fn new() -> Self {
+        Self { found: 0, due: 0, square: 0.0 }
+    }
+
+    fn add(&mut self, error: Option<f64>) {
+        self.due += 1;
+        if let Some(error) = error.filter(|error| *error < 0.1) {
+            self.found += 1;
+            self.square += error * error;
+        }
+    }
+
+    fn rate(&self) -> f64 {
+        100.0 * f64::from(self.found) / f64::from(self.due)
+    }
+
+    fn rms(&self) -> f64 {
+        100.0 * (self.square / f64::from(self.found.max(1))).sqrt()
+    }
+}
+
+#[test]
+fn the_detector_finds_more_and_invents_less_than_opencv_on_the_same_pictures() {
+    let (camera, detector) = (Camera::default(), Config::default().build().unwrap());
+    let mut input = Vec::new();
+    let mut rows = Vec::new();
+    for recipe in [Recipe::PAD, Recipe::CLUTTER] {
+        for seed in 0..FRAMES {
+            let shot = shot(&recipe, &camera, seed);
+            if recipe.has_pad
+                && !shot.truth.is_some_and(|truth| truth.width_px >= 12.0 && truth.hidden <= 0.3 && truth.inside >= 1.0)
+            {
+                continue;
+            }
+            let focal_px = camera.focal_widths * 160.0;
+            input.extend_from_slice(&(focal_px * 0.25 / shot.pose.height_m).to_le_bytes());
+            input.extend_from_slice(&shot.frame.rgb());
+            rows.push((shot.truth, alone(&detector, &shot.frame, Some(shot.pose.height_m), 2).seen));
+        }
+    }
+    let mut child = python()
+        .arg(root().join("tests/peers/find_pads.py"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = child.stdin.take().unwrap();
+    let writer = std::thread::spawn(move || stdin.write_all(&input));
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success());
+    writer.join().unwrap().unwrap();
+    let theirs: Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!("| | found | of | centre, rms of the width | false, of {FRAMES} |\n|---|---|---|---|---|");
+    let mut scores = Vec::new();
+    for name in ["foxhound", "hough", "contour"] {
+        let (mut with, mut without) = (Score::new(), Score::new());
+        for (index, (truth, seen)) in rows.iter().enumerate() {
+            let centre = if name == "foxhound" {
+                match seen {
+                    Seen::Pad(pad) => Some((f64::from(pad.forward), f64::from(pad.right))),
+                    _ => None,
+                }
+            } else {
+                let at = &theirs[name][index];
+                let focal_px = f64::from(camera.focal_widths) * 160.0;
+                at[0].as_f64().zip(at[1].as_f64()).map(|(x, y)| ((60.0 - y) / focal_px, (x - 80.0) / focal_px))
+            };
+            match truth {
+                Some(truth) => with.add(centre.map(|(forward, right)| {
+                    (forward - f64::from(truth.forward)).hypot(right - f64::from(truth.right))
+                        * f64::from(camera.focal_widths)
+                })),
+                None => without.add(centre.map(|_| 0.0)),
+            }
+        }
+        println!("| {name} | {:.2} % | {} | {:.2} % | {} |", with.rate(), with.due, with.rms(), without.found);
+        scores.push((with, without));
+    }
+    let [ours, others @ ..] = &scores[..] else { panic!("no scores") };
+    for (with, without) in others {
+        assert!(ours.0.found > with.found, "{ours:?} {with:?}");
+        assert!(ours.1.found < without.found, "{ours:?} {without:?}");
+        // It must be a baseline, not a straw man.
+        assert!(with.rate() > 40.0, "{with:?}");
+    }
+}
