@@ -68,7 +68,8 @@ mod tests {
             "obstacles": [{"x": 1, "y": 1, "r": 0.3}], "random": {"radius": [0.1, 0.2]},
             "walls": [{"x0": 0, "y0": 0, "x1": 5, "y1": 0}], "antenna": {"boresight_deg": [0, 0, 0, 0]},
             "bearing": {"snr_db": 20, "outlier": {}, "dropout": [0, 1], "pulses": {"period_s": 1, "length_s": 0.5}},
-            "other_beacons": [{"x": 1, "y": 1, "offset_hz": 3000}], "wind": {}, "position": {}, "sensor": {}, "limits": {},
+            "other_beacons": [{"x": 1, "y": 1, "offset_hz": 3000}], "wind": {}, "position": {},
+            "landing": {"pad": [0, 0], "camera": {"cut": [0, 1], "blind": [0, 1]}}, "sensor": {}, "limits": {},
             "vehicle": {},
             "faults": {"nan_bearing": [0, 1], "stale_obstacles": [0, 1], "stale_ownship": [0, 1],
                 "dead_channels": [[0, 1], [0, 1], [0, 1], [0, 1]]},
@@ -84,7 +85,10 @@ mod tests {
                 other => &mut other[key.as_str()],
             };
         }
-        *place = if path.ends_with(&["count".to_owned()]) { json!(value as i64) } else { json!(value) };
+        let is_whole = ["random count", "camera width", "camera height"]
+            .iter()
+            .any(|whole| path.len() > 1 && path[path.len() - 2..].join(" ") == **whole);
+        *place = if is_whole { json!(value as i64) } else { json!(value) };
         Scenario::parse(&scenario.to_string()).map_err(|error| error.to_string())
     }
 
@@ -105,7 +109,7 @@ mod tests {
             for limit in [low, high] {
                 // What is refused then, is refused for what another number is.
                 if let Err(error) = parsed(&path, limit) {
-                    let about = ["bounds", "its length", "radius", "length_s", "dropout", "faults"];
+                    let about = ["bounds", "its length", "radius", "length_s", "dropout", "faults", "cut", "blind"];
                     assert!(about.iter().any(|one| error.contains(one)), "{path:?} = {limit}: {error}");
                 }
             }

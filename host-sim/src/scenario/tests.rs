@@ -11,8 +11,7 @@ fn an_empty_scenario_is_the_defaults() {
     let scenario = Scenario::parse("{}").unwrap();
     assert_eq!(scenario, Scenario::default());
     assert_eq!(Scenario::parse(&serde_json::to_string(&scenario).unwrap()).unwrap(), scenario);
-    let nothing =
-        r#"{"antenna":null,"wind":null,"position":null,"random":null,"bearing":{"pulses":null,"snr_db":null}}"#;
+    let nothing = r#"{"antenna":null,"wind":null,"position":null,"landing":null,"random":null,"bearing":{"pulses":null,"snr_db":null}}"#;
     assert_eq!(Scenario::parse(nothing).unwrap(), scenario);
     assert!(scenario.bearing.only);
     assert_eq!(scenario.bearing_model(), BearingModel::Noise);
@@ -26,6 +25,9 @@ fn every_key_is_taken_and_written_back() {
         "walls":[{"x0":-1,"y0":8,"x1":4,"y1":8,"r":0.1,"reflection_db":5,"passage_db":20}],
         "random":{"count":3,"radius":[0.1,0.2],"gap":1,"clear":2},"wind":{"vx":1,"vy":2,"gust_mps":1,"gust_s":3},
         "position":{"noise_m":0.1,"drift_m":0.2,"drift_s":30},
+        "landing":{"height":2,"pad":[0.1,0.2],"pad_radius":0.3,"pad_missing":true,"camera":{"width":80,"height":60,"fov_deg":50,
+        "rate_hz":5,"latency_s":0.1,"grey":true,"distractors":true,"cut":[1,2],"blind":[3,4]},"range_finder":false,
+        "request_land":true},
         "other_beacons":[{"x":1,"y":2,"offset_hz":3000,"level_db":-3}],
         "sensor":{"fov_deg":120,"range_m":4,"occlusion":false,"model":"scan"},
         "bearing":{"only":false,"model":"rf","sigma_deg":5,"snr_db":10,"outlier":{"rate":0.1,"offset_deg":60},
