@@ -25,7 +25,7 @@ the size that it has from there.
 Examples:
   foxhound pad --image field.png --height 2.5
   foxhound pad --image field.png --size 320x240 --json
-  foxhound pad --render --seed 7 --out out    a picture of the simulator's, and what is seen in it
+  foxhound pad --render --seed 7 --out out    one that is drawn
 
 Exit status: 0 the pad is there; 1 it is not; 2 bad usage or input.";
 
