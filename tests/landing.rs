@@ -18,7 +18,7 @@ fn flown(name: &str) -> Row {
     let scene = SCENES.iter().find(|scene| scene.name == name).unwrap();
     let row = row(scene, 2001..2001 + FLIGHTS).unwrap();
     // One of these seeds meets its strongest gust on the way, before it has seen any other: none was asked for.
-    assert!(row.collided.len() <= usize::from(name.contains("gusts") || name.contains("only")), "{row:?}");
+    assert!(row.collided.len() <= usize::from(!name.contains("calm")), "{row:?}");
     assert!(row.unfinished.is_empty(), "{row:?}");
     row
 }
