@@ -17,8 +17,7 @@
 //! A vehicle that stands in the air when control begins and leans, leans against the wind, and a wind has gusts: a part of
 //! that counts as a gust that was seen. Less than two degrees are the vehicle's own.
 //!
-//! It is learned under our own commands only: out of control it stays, and for a second afterwards. Cost: some 150
-//! instructions a step and 32 bytes.
+//! It is learned under our own commands only: out of control it stays, and for a second afterwards.
 
 use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;

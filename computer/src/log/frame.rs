@@ -146,12 +146,6 @@ impl<const BYTES: usize> Finder<BYTES> {
         Self { bytes: [0; BYTES], length: 0, is_too_long: false, rubbish: 0 }
     }
 
-    /// Whether nothing has come since the last zero.
-    #[must_use]
-    pub const fn is_empty(&self) -> bool {
-        self.length == 0
-    }
-
     /// Whether what has come since the last zero is longer than any frame.
     #[must_use]
     pub const fn is_too_long(&self) -> bool {

@@ -6,7 +6,7 @@
 //! which a tilted disc is an ellipse; points far off count little (weights after Geman). Third and fourth harmonic of what is
 //! left are those of triangles and squares.
 //!
-//! Floating point, since it is a few dozen points of a few regions in a frame: some 20 000 instructions for each region.
+//! Floating point, since it is a few dozen points of a few regions in a frame.
 
 use crate::kernel::sqrt;
 

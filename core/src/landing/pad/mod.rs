@@ -15,8 +15,8 @@
 //! Tangents are those of the body: nothing here knows how the vehicle leans. The centre of a tilted disc is not quite that of its
 //! ellipse; [`Pad::straightened`] puts that right for who knows the lean.
 //!
-//! Pixels and regions are integers; the last step, of a few dozen points a frame, is `f32`. The row loop
-//! takes ten instructions a pixel, all together some 20 (the bench's `pad_160x120`).
+//! Pixels and regions are integers; the last step, of a few dozen points a frame, is `f32`. Cost: the bench's
+//! `pad_160x120`.
 
 mod fit;
 mod light;
