@@ -581,7 +581,11 @@ impl Guard {
         let mut is_threatened = false;
         let beyond = -SLACK * v_max_mps;
         for obstacle in near {
-            let drift = obstacle.velocity_ned_mps;
+            let mut drift = obstacle.velocity_ned_mps;
+            // What pushes the vehicle about misleads its eyes, too: in gusts, what seems to go away is held to stand.
+            if situation.gust_margin_m > 0.0 && rest.minus(obstacle.center_ned_m).dot(drift) < 0.0 {
+                drift = Horizontal::default();
+            }
             let away = rest.minus(obstacle.center_ned_m.plus(drift.times(delay_s)));
             let norm = away.norm();
             let outwards = if norm > 1e-6 { away.times(1.0 / norm) } else { Horizontal { north: 1.0, east: 0.0 } };

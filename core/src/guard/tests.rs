@@ -107,6 +107,10 @@ fn gusts_keep_it_farther_away_and_let_it_go_away_by_itself() {
     let calm = ends(Horizontal::default(), demand(1.0, 0.0), 0.0, &[wall]);
     let gusty = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[wall]);
     assert!((calm.north - gusty.north - 0.4).abs() < 0.01, "{calm:?} {gusty:?}");
+    // In gusts what seems to go away is no farther than it is.
+    let leaving = Obstacle { velocity_ned_mps: at(0.2, 0.1), ..wall };
+    let near = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[leaving]);
+    assert!((near.north - gusty.north).abs() < 0.01, "{near:?} {gusty:?}");
     // A vehicle that holds where gusts could carry it into the wall does not stay.
     let left = ends(Horizontal { north: 2.9, east: 0.0 }, demand(0.0, 0.0), 0.4, &[wall]);
     assert!((wall.clearance_m(left) - 0.43).abs() < 0.02, "{left:?}");
