@@ -97,9 +97,9 @@ pub struct Config {
     pub commit_gate_m: f32,
     /// Horizontal speed at the commit.
     pub commit_speed_mps: f32,
-    /// Rate of descent from there on.
+    /// Rate of descent that is asked for in the drop at its end: the vehicle touches down before it has reached it.
     pub commit_mps: f32,
-    /// How long the last part may take.
+    /// How long the last part may wait for its moment, and the drop may take.
     pub commit_s: f32,
     /// Looks no older than this let it descend.
     pub fresh_s: f32,
@@ -129,7 +129,7 @@ impl Default for Config {
             commit_m: 0.4,
             commit_gate_m: 0.08,
             commit_speed_mps: 0.15,
-            commit_mps: 0.45,
+            commit_mps: 0.6,
             commit_s: 10.0,
             fresh_s: 0.5,
             lost_s: 2.0,
@@ -160,7 +160,7 @@ impl Config {
         check("landing.centring.commit_m", self.commit_m, 0.05, 3.0)?;
         check("landing.centring.commit_gate_m", self.commit_gate_m, 0.01, 2.0)?;
         check("landing.centring.commit_speed_mps", self.commit_speed_mps, 0.01, 2.0)?;
-        check("landing.centring.commit_mps", self.commit_mps, 0.05, self.descent_max_mps)?;
+        check("landing.centring.commit_mps", self.commit_mps, 0.05, 1.0)?;
         check("landing.centring.commit_s", self.commit_s, 1.0, 60.0)?;
         check("landing.centring.fresh_s", self.fresh_s, 0.1, 5.0)?;
         check("landing.centring.lost_s", self.lost_s, self.fresh_s, 30.0)?;

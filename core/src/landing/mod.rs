@@ -24,23 +24,23 @@
 //! | | not above it in time | hand over, `TimeLimit` |
 //! | `SearchingBeacon` | arrived, or known | `Approaching` |
 //! | | not near after all | `Seeking`, `retries_max` times |
-//! | | all searched; time up; most of it blocked | hand over, `SearchLimit`; `TimeLimit`; `Blocked` |
+//! | | all searched; time up; most of it blocked | back to where it began, then hand over, `SearchLimit`; `TimeLimit`; `Blocked` |
 //! | `SearchingPad` | pad found | `Centring` |
-//! | | all searched; time up; most of it blocked | hand over, `NoPad` (`PadLost` if it had been found); `TimeLimit`; `Blocked` |
+//! | | all searched; time up; most of it blocked | back to where it began, then hand over, `NoPad` (`PadLost` if it had been found); `TimeLimit`; `Blocked` |
 //! | | pad seen, and nothing says how high the vehicle is | hand over at the end of the search, `NoHeight` |
 //! | | no frames, or bad ones only | hand over, `NoCamera` |
 //! | `Centring` | pushed away so far that the pad leaves the picture | climbs for as long as that lasts |
 //! | | inside the cone, looks fresh | `Descending` |
-//! | | pad not seen for 2 s; not in the cone in time | `Recovering`, `retries_max` times; then hand over, `PadLost`, `TimeLimit` |
+//! | | pad not seen for 2 s; not down in time | `Recovering`, `retries_max` times; then hand over, `PadLost`, `TimeLimit` |
 //! | `Descending` | outside of the cone, or looks not fresh | `Centring`: the height is held |
 //! | | low, in the middle and slow | `Committed` |
 //! | `Recovering` | it holds, and climbs a little | |
 //! | | pad found | `Centring` |
 //! | | climbed | `SearchingPad` around where it was |
 //! | `Committed` | on the ground: the autopilot says so, or it sinks no more | `Landed` |
-//! | | not in the middle, or not for long | the last quarter of a metre waits for its moment |
-//! | | pushed out of the middle before that | `Centring` |
-//! | | not down in time | `Recovering` |
+//! | | not in the middle, or not for long | the last bit waits for its moment |
+//! | | pushed out of the middle before that; no such moment for 10 s | `Centring` |
+//! | | dropped, and not down in time | `Recovering` |
 //! | `Landed` | | zero velocity; land (and disarm) if the user wants it |
 //! | `HandedOver` | | zero velocity until a fresh entry |
 //! | any but `Seeking` | own position or attitude unknown, absurd, or older than 0.5 s | zero velocity, `NoOwnship`; goes on afterwards |
@@ -72,8 +72,6 @@ use pose::{Pose, Poses};
 
 /// Own position and attitude older than this are none.
 const OWNSHIP_AGE_MAX_S: f32 = 0.5;
-/// At the commit the vehicle must be in the middle so much later as well.
-const AHEAD_S: f32 = 0.5;
 /// Range finders do not say more than this.
 const FINDER_MAX_M: f32 = 200.0;
 
@@ -377,9 +375,9 @@ struct Here {
 }
 
 impl Here {
-    /// Where the vehicle will be a little later.
-    fn soon(&self) -> Horizontal {
-        self.place_ned_m.plus(self.velocity_ned_mps.times(AHEAD_S))
+    /// Where the vehicle will be so much later, as it flies now.
+    fn after(&self, time_s: f32) -> Horizontal {
+        self.place_ned_m.plus(self.velocity_ned_mps.times(time_s))
     }
 }
 
@@ -507,7 +505,8 @@ impl Lander {
         let wanted = if wish.velocity_ned_mps.is_finite() { wish.velocity_ned_mps } else { Horizontal::default() };
         let wanted_down = if wish.down_mps.is_finite() { wish.down_mps } else { 0.0 };
         let wanted = wanted.clamped(c.speed_max_mps);
-        let wanted_down = between(wanted_down, -c.climb_mps, c.descent_max_mps);
+        let most_mps = if state.is_dropping { c.commit_mps } else { c.descent_max_mps };
+        let wanted_down = between(wanted_down, -c.climb_mps, most_mps);
         let change = wanted.minus(state.velocity_ned_mps).clamped(c.accel_max_mps2 * tick_s);
         let most = c.down_accel_max_mps2 * tick_s;
         state.velocity_ned_mps = state.velocity_ned_mps.plus(change);

@@ -2,7 +2,8 @@
 //!
 //! Legs run north, east, south, west and so on; their lengths are one pitch, one, two, two, three, three. With a camera the
 //! pitch is so much less than what it sees at this height that nothing is missed; for a beacon it is what gives its
-//! bearings another angle. A leg that the guard blocks, or that takes too long, is left out.
+//! bearings another angle. A leg that the guard blocks, or that takes too long, is left out. However it ends, the vehicle flies
+//! back to where it began, if it can: nothing is nearer to what was not found.
 
 use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
@@ -72,6 +73,19 @@ pub struct State {
     blocked_s: f32,
     corners: u8,
     skipped: u8,
+    /// On the way back.
+    end: Option<End>,
+}
+
+/// How a search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// All was flown over.
+    Searched,
+    /// The time is up.
+    TimeUp,
+    /// Most legs were blocked.
+    Blocked,
 }
 
 /// What a search says.
@@ -79,12 +93,8 @@ pub struct State {
 pub enum Progress {
     /// Go there.
     Towards(Horizontal),
-    /// All was flown over.
-    Ended,
-    /// The time is up.
-    TimeUp,
-    /// Most legs were blocked.
-    Blocked,
+    /// It is over.
+    Over(End),
 }
 
 impl State {
@@ -92,6 +102,12 @@ impl State {
     pub fn shift(&mut self, by: Horizontal) {
         self.center_ned_m = self.center_ned_m.plus(by);
         self.corner_ned_m = self.corner_ned_m.plus(by);
+    }
+
+    fn turn_back(&mut self, end: End, now: Instant) {
+        self.end = Some(end);
+        self.corner_ned_m = self.center_ned_m;
+        (self.leg_began, self.blocked_s) = (now, 0.0);
     }
 }
 
@@ -119,14 +135,17 @@ impl Search {
     /// Where to go from here.
     pub fn step(&self, state: &mut State, here: Horizontal, is_blocked: bool, now: Instant, tick_s: f32) -> Progress {
         let c = &self.config;
-        if now.seconds_since(state.began) > c.time_s {
-            return Progress::TimeUp;
+        if state.end.is_none() && now.seconds_since(state.began) > c.time_s {
+            state.turn_back(End::TimeUp, now);
         }
         state.blocked_s = if is_blocked { state.blocked_s + tick_s } else { 0.0 };
-        let leg_m = state.pitch_m * (f32::from(state.corners / 2) + 1.0);
+        let leg_m = if state.end.is_some() { c.radius_m } else { state.pitch_m * (f32::from(state.corners / 2) + 1.0) };
         let is_late = now.seconds_since(state.leg_began) > LEG_EXTRA_S + LEG_FACTOR * leg_m / c.speed_mps;
         let is_passed = here.minus(state.corner_ned_m).norm_squared() < PASSED_M * PASSED_M;
         let is_skipped = !is_passed && (is_late || state.blocked_s > c.blocked_s);
+        if let Some(end) = state.end {
+            return if is_passed || is_skipped { Progress::Over(end) } else { Progress::Towards(state.corner_ned_m) };
+        }
         if is_passed || is_skipped {
             state.skipped = state.skipped.saturating_add(u8::from(is_skipped));
             let (pitch_m, corner) = (state.pitch_m, state.corner_ned_m);
@@ -144,7 +163,7 @@ impl Search {
         let is_outside = libm::fabsf(off.north) > c.radius_m + 0.01 || libm::fabsf(off.east) > c.radius_m + 0.01;
         if is_outside || state.corners > CORNERS_MAX {
             let is_blocked = 2 * u16::from(state.skipped) > u16::from(state.corners);
-            return if is_blocked { Progress::Blocked } else { Progress::Ended };
+            state.turn_back(if is_blocked { End::Blocked } else { End::Searched }, now);
         }
         Progress::Towards(state.corner_ned_m)
     }

@@ -1,7 +1,7 @@
 //! What is done in each stage, and when it ends: the table of the module's text.
 
 use super::arrival::Verdict;
-use super::search::{self, Search};
+use super::search::{self, End, Search};
 use super::{Facts, Here, Lander, Reason, Stage, State, Wish};
 use crate::frame::Horizontal;
 use crate::source::Estimate;
@@ -24,6 +24,8 @@ const FAR_S: f32 = 3.0;
 const BLOCKED_S: f32 = 5.0;
 /// Least pitch of a search for a beacon.
 const BEACON_PITCH_M: f32 = 0.75;
+/// At the commit the vehicle must be in the middle so much later as well.
+const AHEAD_S: f32 = 0.5;
 /// Share of the cone's radius inside which the descent begins.
 const INSIDE: f32 = 0.7;
 /// Sinking slower than this, told to, is standing: for so long.
@@ -33,9 +35,13 @@ const STANDS_S: f32 = 0.8;
 const LOW_M: f32 = 0.3;
 /// The last part is broken off this far off the middle.
 const PUSHED_GATES: f32 = 2.0;
-/// The height from which it drops, and the share of the middle that it must be in.
-const DROP_M: f32 = 0.25;
-const DROP_GATES: f32 = 0.45;
+/// The height from which it drops, as low as the height is known: with a range finder, and without. And the share of the middle
+/// that it must be in.
+const DROP_M: f32 = 0.15;
+const DROP_UNSURE_M: f32 = 0.2;
+const DROP_GATES: f32 = 0.7;
+/// How far ahead it must be: about as long as the drop takes, most of which is the vehicle's own delay.
+const DROP_S: f32 = 0.8;
 const DROP_BAND_M: f32 = 0.04;
 /// How much above the height of the commit it waits for its moment.
 const WAIT_ABOVE_M: f32 = 0.1;
@@ -226,9 +232,9 @@ impl Lander {
             search::Progress::Towards(corner) => {
                 return self.hover(state, corner, here, HEIGHT_ASSUMED_M, self.search.speed_mps());
             }
-            search::Progress::Ended => reason,
-            search::Progress::TimeUp => Reason::TimeLimit,
-            search::Progress::Blocked => Reason::Blocked,
+            search::Progress::Over(End::Searched) => reason,
+            search::Progress::Over(End::TimeUp) => Reason::TimeLimit,
+            search::Progress::Over(End::Blocked) => Reason::Blocked,
         };
         state.enter(Stage::HandedOver, Some(reason), here.now);
         Wish::default()
@@ -257,8 +263,10 @@ impl Lander {
             state.enter(Stage::HandedOver, Some(Reason::Blocked), now);
             return Wish::default();
         }
-        if unseen_s > c.lost_s || now.seconds_since(state.attempted) > self.config.attempt_s {
-            let reason = if unseen_s > c.lost_s { Reason::PadLost } else { Reason::TimeLimit };
+        // From the last part it comes back blind: it has so long to see it again.
+        let is_lost = unseen_s > c.lost_s && now.seconds_since(state.entered) > c.lost_s;
+        if is_lost || now.seconds_since(state.attempted) > self.config.attempt_s {
+            let reason = if is_lost { Reason::PadLost } else { Reason::TimeLimit };
             return self.lose(state, here, reason);
         }
         let is_fresh = unseen_s < c.fresh_s;
@@ -269,7 +277,7 @@ impl Lander {
             state.enter(Stage::Centring, None, now);
         }
         let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
-        let is_inside = error_m < c.commit_gate_m && pad.minus(here.soon()).norm() < c.commit_gate_m;
+        let is_inside = error_m < c.commit_gate_m && pad.minus(here.after(AHEAD_S)).norm() < c.commit_gate_m;
         if height_m < c.commit_m + WAIT_ABOVE_M && is_inside && is_slow && is_fresh {
             state.enter(Stage::Committed, None, now);
         }
@@ -324,24 +332,28 @@ impl Lander {
         let pad = state.track.place_ned_m().horizontal();
         let error_m = pad.minus(here.place_ned_m).norm();
         let is_told = state.down_mps > 0.5 * c.commit_mps;
-        let stands = is_told && libm::fabsf(here.down_mps) < STANDS_MPS;
+        let stands = is_told && !facts.is_blocked && libm::fabsf(here.down_mps) < STANDS_MPS;
         state.stands_s = if stands { state.stands_s + here.tick_s } else { 0.0 };
         if facts.is_landed || (state.stands_s > STANDS_S && height_m < LOW_M) {
             state.enter(Stage::Landed, Some(Reason::Landed), now);
             return Wish::default();
         }
-        if error_m > PUSHED_GATES * c.commit_gate_m && !state.is_dropping {
-            state.enter(Stage::Centring, None, now);
-        } else if now.seconds_since(state.entered) > c.commit_s {
+        let is_late = now.seconds_since(state.entered) > c.commit_s;
+        if state.is_dropping && is_late {
             return self.lose(state, here, Reason::TimeLimit);
+        } else if !state.is_dropping && (is_late || error_m > PUSHED_GATES * c.commit_gate_m) {
+            state.enter(Stage::Centring, None, now);
         }
         // The last bit waits for its moment: a drop cannot be called back.
-        let soon_m = pad.minus(here.soon()).norm();
-        let is_at_edge = height_m < DROP_M + DROP_BAND_M;
+        let soon_m = pad.minus(here.after(DROP_S)).norm();
+        let drop_m = if here.height_m.is_some() { DROP_M } else { DROP_UNSURE_M };
+        let is_at_edge = height_m < drop_m + DROP_BAND_M;
         let is_slow = here.velocity_ned_mps.norm_squared() < c.commit_speed_mps * c.commit_speed_mps;
-        state.is_dropping |=
-            is_at_edge && is_slow && soon_m < DROP_GATES * c.commit_gate_m && error_m < c.commit_gate_m;
-        let wait_mps = between(HEIGHT_RATE_PER_S * (height_m - DROP_M), -c.climb_mps, c.descent_min_mps);
+        let is_moment = is_at_edge && is_slow && soon_m < DROP_GATES * c.commit_gate_m && error_m < c.commit_gate_m;
+        if is_moment && state.stage == Stage::Committed && !state.is_dropping {
+            (state.is_dropping, state.entered) = (true, now);
+        }
+        let wait_mps = between(HEIGHT_RATE_PER_S * (height_m - drop_m), -c.climb_mps, c.descent_min_mps);
         let down_mps = if state.is_dropping { c.commit_mps } else { wait_mps };
         Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
     }

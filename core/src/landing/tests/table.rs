@@ -291,6 +291,11 @@ fn the_last_part_is_broken_off_when_it_is_pushed_out_or_takes_too_long() {
     assert!(pushed);
     let from_s = begins(camera(), quiet(), Stage::Committed) + 0.1;
     let (advice, trail) = fly(camera(), World { blocked_s: (from_s, from_s + 12.0), ..quiet() });
+    assert!(has(&trail, &[Stage::Committed, Stage::Centring, Stage::Committed]), "{trail:?}");
+    assert_eq!(advice.stage, Stage::Landed, "{trail:?}");
+    // Dropped, and not down: it goes up again.
+    let from_s = begins(camera(), quiet(), Stage::Landed) - 0.5;
+    let (advice, trail) = fly(camera(), World { blocked_s: (from_s, from_s + 12.0), ..quiet() });
     assert!(has(&trail, &[Stage::Committed, Stage::Recovering]), "{trail:?}");
     assert_eq!(advice.stage, Stage::Landed, "{trail:?}");
 }
