@@ -31,12 +31,13 @@
 //! | | no frames, or bad ones only | hand over, `NoCamera` |
 //! | `Centring` | pushed away so far that the pad leaves the picture | climbs for as long as that lasts |
 //! | | inside the cone, looks fresh | `Descending` |
-//! | | pad not seen for 2 s; not down in time | `Recovering`, `retries_max` times; then hand over, `PadLost`, `TimeLimit` |
+//! | | pad not seen for 2 s | `Recovering` |
+//! | | not down in time | `Recovering`, `retries_max` times; then hand over, `TimeLimit` |
 //! | `Descending` | outside of the cone, or looks not fresh | `Centring`: the height is held |
 //! | | low, in the middle and slow | `Committed` |
 //! | `Recovering` | it holds, and climbs a little | |
 //! | | pad found | `Centring` |
-//! | | climbed | `SearchingPad` around where it was |
+//! | | climbed | `SearchingPad` around where it was, `retries_max` times; then hand over, `PadLost` |
 //! | `Committed` | on the ground: the autopilot says so, or it sinks no more | `Landed` |
 //! | | not in the middle, or not for long | the last bit waits for its moment |
 //! | | pushed out of the middle before that; no such moment for 10 s | `Centring` |
@@ -87,7 +88,7 @@ pub struct Config {
     pub pad_radius_m: f32,
     /// The autopilot is asked to land above the beacon where no camera is expected, and to disarm on the pad.
     pub request_land: bool,
-    /// How often what was found may be lost.
+    /// How often what was found may have to be searched for again, or the time for one attempt may run out.
     pub retries_max: u8,
     /// How long the way to above the beacon may take.
     pub approach_s: f32,

@@ -299,14 +299,22 @@ impl Lander {
     }
 
     fn lose(&self, state: &mut State, here: &Here, reason: Reason) -> Wish {
+        // What a climb brings back into sight was not lost.
+        if reason == Reason::PadLost || self.may_retry(state, reason, here.now) {
+            state.lost_down_m = here.down_m;
+            state.enter(Stage::Recovering, Some(reason), here.now);
+        }
+        Wish::default()
+    }
+
+    /// Counts a loss; after too many it hands over.
+    fn may_retry(&self, state: &mut State, reason: Reason, now: Instant) -> bool {
         if state.retries >= self.config.retries_max {
-            state.enter(Stage::HandedOver, Some(reason), here.now);
-            return Wish::default();
+            state.enter(Stage::HandedOver, Some(reason), now);
+            return false;
         }
         state.retries += 1;
-        state.lost_down_m = here.down_m;
-        state.enter(Stage::Recovering, Some(reason), here.now);
-        Wish::default()
+        true
     }
 
     fn recover(&self, state: &mut State, here: &Here) -> Wish {
@@ -318,8 +326,11 @@ impl Lander {
         // Seen again from a little higher: what made it lose sight must not happen at once again.
         if self.is_found(state, here.now) && (is_up || risen_m > 0.3 * c.climb_m) {
             state.enter(Stage::Centring, None, here.now);
-        } else if is_up || since_s > c.climb_s {
+        } else if (is_up || since_s > c.climb_s) && self.may_retry(state, Reason::PadLost, here.now) {
             self.begin_pad_search(state, pad, here);
+        }
+        if state.stage != Stage::Recovering {
+            return Wish::default();
         }
         let height_m = state.track.height_m(here.down_m);
         let down_mps = if is_up { 0.0 } else { -c.climb_mps };

@@ -242,7 +242,7 @@ fn a_pad_that_is_lost_is_waited_for_climbed_for_and_searched_for() {
     ends(camera(), for_ever, Reason::PadLost, Stage::SearchingPad);
     let (advice, trail) = fly(Config { retries_max: 0, ..camera() }, for_ever);
     assert_eq!((advice.stage, advice.reason), (Stage::HandedOver, Some(Reason::PadLost)), "{trail:?}");
-    assert!(!has(&trail, &[Stage::Recovering]), "{trail:?}");
+    assert!(has(&trail, &[Stage::Recovering]) && !has(&trail, &[Stage::SearchingPad]), "{trail:?}");
 }
 
 #[test]
