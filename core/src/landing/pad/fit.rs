@@ -91,8 +91,10 @@ pub(super) struct Fit {
     /// Points on the edge, and outside of it, over all points.
     pub(super) on_edge: f32,
     pub(super) outside: f32,
-    /// The larger one of the third and the fourth harmonic of what is left, in pixels.
-    pub(super) corners: f32,
+    /// The third and the fourth harmonic of what is left, in pixels.
+    pub(super) corners: [f32; 2],
+    /// How far the points on the edge are off it, rms, in pixels.
+    pub(super) rough: f32,
     /// Whether the picture's border cuts the region.
     pub(super) is_cut: bool,
 }
@@ -374,12 +376,13 @@ fn solve(matrix: &mut [[f32; 6]; 5]) -> Option<[f32; 5]> {
 /// Compares the ring with the disc.
 fn judge(disc: &Disc, points: &[Point], origin: Point, size_px: [u16; 2]) -> Fit {
     let near = tolerance(disc.radius);
-    let (mut on_edge, mut outside, mut seen) = (0.0, 0.0, 0_u32);
+    let (mut on_edge, mut outside, mut square, mut seen) = (0.0, 0.0, 0.0, 0_u32);
     let (mut three, mut four, mut count) = ([0.0_f32; 2], [0.0_f32; 2], 0.0_f32);
     for point in points {
         let (off, cosine, sine, cosine2, sine2) = disc.residual(*point);
         if libm::fabsf(off) < near {
             on_edge += 1.0;
+            square += off * off;
             seen |= 1 << sector(cosine, sine);
         } else if off > 0.0 {
             outside += 1.0;
@@ -406,7 +409,8 @@ fn judge(disc: &Disc, points: &[Point], origin: Point, size_px: [u16; 2]) -> Fit
         sectors,
         on_edge: on_edge / count,
         outside: outside / count,
-        corners: length(three).max(length(four)),
+        corners: [length(three), length(four)],
+        rough: sqrt(square / on_edge.max(1.0)),
         is_cut: false,
     }
 }

@@ -1,12 +1,15 @@
 //! What the light is like: means and histogram of a few pixels, and which pixels they let pass.
 //!
-//! Of a coloured frame a pixel passes when it is redder than the ground: `r >= k_g g` and `r >= k_b b`. The first factor parts the
-//! ratios of red to green where they fall into two classes (Otsu), and lies above their middle by their spread where they do not; the second
-//! is above the ground's mean. Both inequalities are one subtraction: for each of the 32
-//! values of red a table has the largest green and blue, with a guard bit above each. Of a grey frame two thresholds
-//! part dark, middle and bright (Otsu's method with three classes).
+//! Of a coloured frame a pixel passes when it and its two neighbours, together, are redder than the ground: `r >= k_g g` and
+//! `r >= k_b b`. Three pixels have less noise than one; the three colours' sums are one addition, apart in one word. The first factor parts
+//! the ratios of red to green where they fall into two classes (Otsu), and lies above their middle by their spread where they do
+//! not; the second is the ground's mean. A thing of the pad's size that is no pad may have the wrong edge: the next
+//! frame's factor lies nearer to the middle between its colours inside and outside ([`Light::refine`]). Of a grey frame two
+//! thresholds part dark, middle and bright (Otsu's method with three classes).
 
 #![deny(clippy::float_arithmetic)]
+
+use super::regions::{Colour, Mask};
 
 /// Brightness classes of a grey frame.
 const BINS: usize = 32;
@@ -26,11 +29,47 @@ struct Sums {
     count: u32,
 }
 
+/// The sums of a pixel and its two neighbours, along a line: blue below, red from bit 11 on, green from 21.
+struct Three {
+    pixel: u32,
+    pair: u32,
+}
+
+impl Three {
+    #[inline(always)]
+    fn apart(pixel: [u8; 2]) -> u32 {
+        let pixel = u32::from(u16::from_le_bytes(pixel));
+        (pixel | pixel << 16) & 0x07e0_f81f
+    }
+
+    /// The one before the first is the first.
+    fn of(first: [u8; 2]) -> Self {
+        let pixel = Self::apart(first);
+        Self { pixel, pair: 2 * pixel }
+    }
+
+    /// The sums around a pixel, given the one behind it.
+    #[inline(always)]
+    fn next(&mut self, behind: [u8; 2]) -> u32 {
+        let behind = Self::apart(behind);
+        let sums = self.pair + behind;
+        (self.pair, self.pixel) = (self.pixel + behind, behind);
+        sums
+    }
+
+    fn last(&self) -> u32 {
+        self.pair + self.pixel
+    }
+}
+
 /// Means and thresholds.
 #[derive(Clone, Debug)]
 pub(super) struct Light {
-    /// For each red, the largest green and blue with their guards.
-    limits: [u16; 32],
+    /// The least ratios of red to green and of red to blue, times 256.
+    green: u32,
+    blue: u32,
+    /// The ground passes from here on down.
+    green_least: u32,
     /// Grey: darker than this is dark.
     dark_below: u8,
     /// Grey: brighter than this is bright.
@@ -49,7 +88,9 @@ pub(super) struct Light {
 impl Light {
     pub(super) const fn new() -> Self {
         Self {
-            limits: [0; 32],
+            green: 460,
+            blue: 360,
+            green_least: 0,
             dark_below: 0,
             bright_above: 0,
             is_known: false,
@@ -65,7 +106,7 @@ impl Light {
     pub(super) fn begin(&mut self, share_most: u32) {
         self.share_most = share_most;
         if !self.is_known {
-            self.set_limits(460, 360);
+            (self.green, self.blue) = (460, 360);
             (self.dark_below, self.bright_above) = (72, 168);
         }
         self.sums = [Sums::default(); 2];
@@ -86,53 +127,72 @@ impl Light {
         self.differs != 0
     }
 
-    /// Sets the least ratios of red to green and of red to blue, times 256.
-    fn set_limits(&mut self, green: u32, blue: u32) {
-        for (red, limit) in (0_u32..).zip(&mut self.limits) {
-            // In the dark the codes are noise.
-            let margin = (red * 256).saturating_sub(128);
-            let (most_green, most_blue) = if red < 4 { (0, 0) } else { (1 + 2 * margin / green, 1 + margin / blue) };
-            let guarded = ((64 + most_green.min(64) - 1) << 6) | (32 + most_blue.min(32) - 1);
-            *limit = guarded.wrapping_add(red << 11) as u16;
+    /// Which pixels of a line of RGB565 pass.
+    pub(super) fn red(&self, pixels: &[[u8; 2]], mask: &mut Mask) {
+        let Some(first) = pixels.first() else { return };
+        let mut three = Three::of(*first);
+        let mut ahead = pixels.get(1..).unwrap_or_default();
+        for word in mask.iter_mut().take(pixels.len().div_ceil(32)) {
+            let (now, later) = ahead.split_at(ahead.len().min(32));
+            ahead = later;
+            let mut fail = 0;
+            let (fours, rest) = now.as_chunks::<4>();
+            // By hand, since the compiler rolls a loop of four up again.
+            for [a, b, c, d] in fours {
+                fail = fail << 1 | self.fails(three.next(*a));
+                fail = fail << 1 | self.fails(three.next(*b));
+                fail = fail << 1 | self.fails(three.next(*c));
+                fail = fail << 1 | self.fails(three.next(*d));
+            }
+            for pixel in rest {
+                fail = fail << 1 | self.fails(three.next(*pixel));
+            }
+            let mut pass = !fail;
+            if now.len() < 32 {
+                // The one behind the last is the last.
+                pass = (pass << 1 | (self.fails(three.last()) ^ 1)) << (31 - now.len());
+            }
+            *word = pass;
         }
     }
 
-    /// Which of up to 32 pixels of RGB565 pass, the first one in the highest bit.
-    pub(super) fn red(&self, pixels: &[[u8; 2]]) -> u32 {
-        let (eights, rest) = pixels.as_chunks::<8>();
-        let mut mask = 0;
-        // By hand, since the compiler rolls a loop of eight up again.
-        for [a, b, c, d, e, f, g, h] in eights {
-            let first = self.passes(*a) << 7 | self.passes(*b) << 6 | self.passes(*c) << 5 | self.passes(*d) << 4;
-            let last = self.passes(*e) << 3 | self.passes(*f) << 2 | self.passes(*g) << 1 | self.passes(*h);
-            mask = mask << 8 | first | last;
-        }
-        for pixel in rest {
-            mask = mask << 1 | self.passes(*pixel);
-        }
-        mask << ((32 - pixels.len()) & 31)
-    }
-
+    /// 1 where three pixels' sums are less than red.
     #[inline(always)]
-    fn passes(&self, pixel: [u8; 2]) -> u32 {
-        let pixel = u32::from(u16::from_le_bytes(pixel));
-        // Blue below, a guard's place, green, a guard's place; the red on top goes away with the limit's.
-        let apart = pixel + (pixel & 0x7e0);
-        // Five bits of red: always one of the 32.
-        let limit = self.limits.get((pixel >> 11) as usize).copied().unwrap_or(0);
-        let left = u32::from(limit).wrapping_sub(apart);
-        (left & (left << 7)) >> 12 & 1
+    fn fails(&self, sums: u32) -> u32 {
+        let (red, green, blue) = (sums >> 11 & 0x7f, sums >> 21, sums & 0x7f);
+        // Half a code of each is noise.
+        let margin = (red * 256).wrapping_sub(3 * 128);
+        let left = margin.wrapping_sub(green * (self.green / 2));
+        (left | margin.wrapping_sub(blue * self.blue)) >> 31
     }
 
-    /// Which of up to 32 grey pixels are dark, and which bright.
-    pub(super) fn grey(&self, pixels: &[u8]) -> [u32; 2] {
-        let (mut dark, mut bright) = (0, 0);
-        for pixel in pixels {
-            dark = (dark << 1) | u32::from(*pixel < self.dark_below);
-            bright = (bright << 1) | u32::from(*pixel > self.bright_above);
+    /// Takes in what a thing of about the pad's size looks like inside and outside of its edge, if it was not taken for the pad: for the
+    /// next frame the factor lies half of the way to where a pixel passes that is half of each.
+    pub(super) fn refine(&mut self, inside: &Colour, outside: &Colour) {
+        let [red, green, _] = inside.mean16();
+        let [red_out, green_out, _] = outside.mean16();
+        if 10 * (red + 8) * (green_out + 8) > 12 * (green + 8) * (red_out + 8) {
+            let middle = 256 * (red + red_out + 16) / (green + green_out + 16);
+            self.green = self.green.midpoint(middle).min(760).max(self.green_least);
         }
-        let rest = (32 - pixels.len()) & 31;
-        [dark << rest, bright << rest]
+    }
+
+    /// Which pixels of a grey line are dark, and which bright, each with its two neighbours.
+    pub(super) fn grey(&self, pixels: &[u8], dark: &mut Mask, bright: &mut Mask) {
+        let (dark_below, bright_above) = (3 * u16::from(self.dark_below), 3 * u16::from(self.bright_above));
+        let mut ahead = pixels.iter().skip(1).chain(pixels.last()).map(|pixel| u16::from(*pixel));
+        let mut before = pixels.first().map_or(0, |pixel| u16::from(*pixel));
+        for ((dark, bright), pixels) in dark.iter_mut().zip(bright).zip(pixels.chunks(32)) {
+            (*dark, *bright) = (0, 0);
+            for (pixel, next) in pixels.iter().zip(&mut ahead) {
+                let sum = before + u16::from(*pixel) + next;
+                before = u16::from(*pixel);
+                *dark = (*dark << 1) | u32::from(sum < dark_below);
+                *bright = (*bright << 1) | u32::from(sum > bright_above);
+            }
+            let rest = (32 - pixels.len()) & 31;
+            (*dark, *bright) = (*dark << rest, *bright << rest);
+        }
     }
 
     /// Looks at some pixels of a coloured line; `mask` says which passed.
@@ -191,12 +251,14 @@ impl Light {
         let half = all / 2;
         let blue = (256 * (out.red + with.red + half)) / (out.blue + with.blue + half).max(1);
         // Blue is for what is no red at all: green tells the pad from the ground.
-        self.set_limits(self.redness(all), (blue * 9 / 8).clamp(320, 800));
+        self.blue = blue.clamp(320, 640);
+        (self.green, self.green_least) = self.redness(all);
     }
 
     /// The ratio of red to green, times 256, that parts the pad from the ground: where the samples fall into two classes of which
-    /// one is redder by half, between them; else above the middle by an eighth and twice the spread, at most by half.
-    fn redness(&self, all: u32) -> u32 {
+    /// one is redder by half, between them; else above the middle by an eighth and twice the spread, at most by half. And the
+    /// least that it can be: above the middle by the spread.
+    fn redness(&self, all: u32) -> (u32, u32) {
         let weighted = |from: usize, to: usize| {
             let bins = (0_u32..).zip(&self.histogram).skip(from).take(to - from);
             bins.fold((0, 0), |(count, sum), (bin, n)| (count + u32::from(*n), sum + u32::from(*n) * (2 * bin + 1)))
@@ -233,7 +295,8 @@ impl Light {
                 best = (score, (3 * low + 2 * high) / 5);
             }
         }
-        best.1.clamp(400, 760)
+        let least = (middle * 17 / 16 + middle.saturating_sub(low)).min(middle * 3 / 2).max(340);
+        (best.1.clamp(400, 760), least)
     }
 
     /// Parts the histogram in three so that the classes' means lie apart as far as possible.
@@ -273,6 +336,7 @@ impl Light {
 
 #[cfg(test)]
 mod tests {
+    use super::super::regions::WORDS;
     use super::*;
 
     fn code(red: u16, green: u16, blue: u16) -> [u8; 2] {
@@ -280,15 +344,34 @@ mod tests {
     }
 
     #[test]
-    fn the_subtraction_is_the_two_inequalities() {
-        let mut light = Light::new();
-        for (green_limit, blue_limit) in [(400, 320), (500, 330), (760, 800)] {
-            light.set_limits(green_limit, blue_limit);
-            for code in 0..=u16::MAX {
-                let (red, green, blue) = (u32::from(code >> 11), u32::from(code >> 5 & 63), u32::from(code & 31));
-                let margin = (red * 256).saturating_sub(128);
-                let passes = red >= 4 && green * green_limit <= 2 * margin && blue * blue_limit <= margin;
-                assert_eq!(light.red(&[code.to_le_bytes()]) >> 31, u32::from(passes), "{red} {green} {blue}");
+    fn a_pixel_passes_by_the_two_inequalities_on_its_sums_with_its_neighbours() {
+        let mut random = 1_u32;
+        for width in [16, 31, 32, 33, 64, 65, 160, 320] {
+            for (green_limit, blue_limit) in [(400, 320), (500, 330), (760, 640)] {
+                let mut light = Light::new();
+                (light.green, light.blue) = (green_limit, blue_limit);
+                let codes: Vec<[u32; 3]> = (0..width)
+                    .map(|_| {
+                        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                        [random >> 27, random >> 21 & 31, random >> 16 & 15]
+                    })
+                    .collect();
+                let pixels: Vec<[u8; 2]> =
+                    codes.iter().map(|[r, g, b]| code(*r as u16, *g as u16, *b as u16)).collect();
+                let mut mask = [0; WORDS];
+                light.red(&pixels, &mut mask);
+                for at in 0..width {
+                    let near = [at.max(1) - 1, at, (at + 1).min(width - 1)];
+                    let [red, green, blue] = [0, 1, 2].map(|k| near.iter().map(|at| codes[*at][k]).sum::<u32>());
+                    let passes = 256 * red >= 384 + green * green_limit / 2 && 256 * red >= 384 + blue * blue_limit;
+                    assert_eq!(
+                        mask[at / 32] >> (31 - at % 32) & 1 == 1,
+                        passes,
+                        "{at} of {width}: {red} {green} {blue}"
+                    );
+                }
+                let behind: u32 = (width..32 * WORDS).map(|at| mask[at / 32] >> (31 - at % 32) & 1).sum();
+                assert_eq!(behind, 0, "{width}");
             }
         }
     }
@@ -298,18 +381,21 @@ mod tests {
         for (red, green, blue) in [(12, 24, 12), (20, 26, 7), (11, 25, 14), (4, 8, 4), (26, 54, 27)] {
             let mut light = Light::new();
             let ground = [code(red, green, blue); 64];
+            let mut mask = [0; WORDS];
             for _ in 0..2 {
                 light.begin(150);
                 for row in 0..40 {
-                    let mask = [light.red(&ground[..32]), light.red(&ground[32..])];
+                    light.red(&ground, &mut mask);
                     light.look_red(&ground, &mask);
                     light.after(row);
                 }
                 assert!(!light.end(), "one colour");
             }
-            assert_eq!(light.red(&ground[..32]), 0, "{red} {green} {blue}");
+            light.red(&ground, &mut mask);
+            assert_eq!(mask[..2], [0; 2], "{red} {green} {blue}");
             let pad = code((red * 5 / 4).clamp(6, 31), green * 2 / 5, blue * 2 / 5);
-            assert_eq!(light.red(&[pad; 32]), u32::MAX, "{red} {green} {blue}");
+            light.red(&[pad; 64], &mut mask);
+            assert_eq!(mask[..2], [u32::MAX; 2], "{red} {green} {blue}");
         }
     }
 }

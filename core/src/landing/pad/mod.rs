@@ -21,16 +21,19 @@
 mod fit;
 mod light;
 mod regions;
+mod score;
 #[cfg(test)]
 mod tests;
+mod weights;
 
 use crate::error::{ConfigError, check};
 use crate::kernel::sqrt;
 use crate::time::Instant;
 
-use fit::{Fit, Prior, SECTORS};
+use fit::Prior;
 use light::Light;
-use regions::{Mask, Region, Regions, WORDS, median};
+use regions::{Mask, Region, Regions, WORDS, most};
+use score::{Sight, measures, score};
 
 /// Widest frame, in pixels.
 pub const WIDTH_MAX: u16 = 320;
@@ -45,7 +48,9 @@ const FITS_MAX: usize = 3;
 /// A smaller one has no shape.
 const RADIUS_MIN_PX: f32 = 4.6;
 /// From higher up the pad is too small to be told from a leaf.
-const EXPECTED_MIN_PX: f32 = 5.3;
+const EXPECTED_MIN_PX: f32 = 4.9;
+/// Of a disc that the border cuts so much must be in the picture.
+const SHARE_MIN: f32 = 0.3;
 /// Sine of how far the vehicle may lean.
 const LEAN_SINE: f32 = 0.342;
 /// Fewer pixels are no region.
@@ -343,26 +348,20 @@ impl Detector {
         let classes = match header.format {
             Format::Rgb565 => {
                 let pixels = bytes.as_chunks::<2>().0;
-                for (word, pixels) in first.iter_mut().zip(pixels.chunks(32)) {
-                    *word = light.red(pixels);
-                }
+                light.red(pixels, first);
                 if row.is_multiple_of(light::STEP) {
                     light.look_red(pixels, first);
                 }
                 1
             }
             Format::Grey => {
-                for ((dark, bright), pixels) in first.iter_mut().zip(&mut *second).zip(bytes.chunks(32)) {
-                    [*dark, *bright] = light.grey(pixels);
-                }
+                light.grey(bytes, first, second);
                 if row.is_multiple_of(light::STEP) {
                     light.look_grey(bytes);
                 }
-                fill_behind(second, header.width_px);
                 2
             }
         };
-        fill_behind(first, header.width_px);
         light.after(row);
         for (class, [zero, one, two]) in (0_u8..).zip(&*masks).take(classes) {
             let (above, last, mask) = match place {
@@ -441,6 +440,15 @@ impl Detector {
                 Err(why) => nothing = nothing.max(why),
             }
         }
+        // What is nearest to the pad and yet none may have the wrong edge.
+        if let (None, Some(radius), [Some(first), ..]) = (best, expected_px, &parts)
+            && (radius * radius..7.0 * radius * radius).contains(&(first.area as f32))
+            && first.inside.count > 4
+            && first.outside.count > 4
+            && state.header.format == Format::Rgb565
+        {
+            state.light.refine(&first.inside, &first.outside);
+        }
         best.map_or(Seen::Nothing(nothing), Seen::Pad)
     }
 
@@ -478,32 +486,14 @@ impl Detector {
         let share = if is_cut { fit.disc.share_inside(width, height) } else { 1.0 };
         let is_cut = is_cut && share < 0.97;
         let radius = fit.disc.radius;
-        if radius < RADIUS_MIN_PX {
+        if radius < RADIUS_MIN_PX || share < SHARE_MIN {
             return Err(Nothing::Size);
         }
-        if !is_round(&fit, share, is_cut, expected_px.is_some()) {
-            return Err(Nothing::Shape);
-        }
-        let fill = area / (fit.disc.area() * share);
-        let seen = (fit.seen as f32 / fit.sectors.max(1) as f32).min(1.0);
-        let hole = hole(region, &fit, narrow);
-        // What is gone from the middle leaves the ring whole; what is gone from the edge is less than half of disc and ring.
-        let is_there = if is_cut {
-            fill > if fit.sectors < 8 { 0.9 } else { 0.8 }
-        } else {
-            let both = if radius < 16.0 { 1.38 } else { 1.28 };
-            fill > 0.57 && fill + seen > both || fill > 0.52 && fit.on_edge > 0.9 && seen > 0.8
-        };
-        if !is_there || fill > 1.2 || hole == Hole::Round {
-            return Err(Nothing::Hidden);
-        }
-        let contrast = contrast(region, format).ok_or(Nothing::Colour)?;
-        let mut agreement = 1.0;
+        let (x, y) = (fit.disc.x - 0.5 * width, fit.disc.y - 0.5 * height);
+        let off_axis = sqrt(x * x + y * y) / focal_px;
         if let Some(expected) = expected_px {
             // A pad off the axis of a leaning camera is nearer or farther than one below a level one, and seen aslant.
-            let (x, y) = (fit.disc.x - 0.5 * width, fit.disc.y - 0.5 * height);
-            let off = sqrt(x * x + y * y) / focal_px;
-            let (near, far) = (1.0 + 0.5 * off * off, (0.93 - LEAN_SINE * off).max(0.3));
+            let (near, far) = (1.0 + 0.5 * off_axis * off_axis, (0.93 - LEAN_SINE * off_axis).max(0.3));
             let (most, least) = (near * sqrt(near), far * sqrt(far));
             let wide = 1.0 + self.config.height_tolerance;
             // The edge of a small one is some tenths of a pixel inside or outside.
@@ -512,32 +502,40 @@ impl Detector {
             if ratio > most * wide + slack || ratio < least / wide - slack {
                 return Err(Nothing::Size);
             }
-            // What is far from the size that it should have must be the more whole.
-            let excess = ((ratio - slack) / most - 1.0).max(1.0 - (ratio + slack) / least).max(0.0);
-            if !is_cut && fill.min(1.0) + seen < 1.25 + 2.0 * excess {
-                return Err(Nothing::Size);
-            }
-            agreement = 1.0 - 0.5 * libm::fabsf(ratio - 1.0).min(1.0);
         }
-        let confidence = seen.min(1.0) * fill.min(1.0) * agreement * contrast;
+        // With the size unknown half of the ring is needed.
+        if is_cut && expected_px.is_none() && fit.sectors < 9 {
+            return Err(Nothing::Hidden);
+        }
+        if !has_step(region, format) {
+            return Err(Nothing::Colour);
+        }
+        let sight = Sight { expected_px: expected_px.unwrap_or(radius), off_axis, share, narrow, format };
+        let score = score(&measures(region, &fit, &sight));
+        if !(score > 0.0) {
+            return Err(Nothing::Shape);
+        }
+        let confidence = 0.5 + 0.5 * score / (score + 2.0);
         // Up in the picture is forward.
         Ok(Pad {
             forward: (0.5 * height - fit.disc.y) / focal_px,
             right: (fit.disc.x - 0.5 * width) / focal_px,
             radius: radius / focal_px,
-            confidence: confidence.min(1.0),
+            confidence,
             is_cut,
         })
     }
 }
 
-/// Sets the bit behind the last pixel as that pixel's.
-fn fill_behind(mask: &mut Mask, width_px: u16) {
-    let rest = width_px % 32;
-    if rest != 0
-        && let Some(word) = mask.get_mut(usize::from(width_px / 32))
-    {
-        *word |= (*word & (0x8000_0000 >> (rest - 1))) >> 1;
+/// Whether there is a step of colour at the edge, or of brightness where there is no colour.
+fn has_step(region: &Region, format: Format) -> bool {
+    let ([red, green, _], [red_out, green_out, _]) = (region.inside.mean16(), region.outside.mean16());
+    match format {
+        _ if region.inside.count < 3 => false,
+        // A disc from border to border has nothing beside it.
+        _ if region.outside.count < 3 => format == Format::Rgb565,
+        Format::Rgb565 => 10 * (red + 16) * (green_out + 16) > 11 * (green + 16) * (red_out + 16),
+        Format::Grey => 100 * red.abs_diff(red_out) > 100 * 6 * 16 + 6 * (red + red_out),
     }
 }
 
@@ -550,99 +548,5 @@ fn settle(regions: &mut Regions, header: &Header, row: u16, class: u8, masks: [&
         return;
     }
     // At most 240 lines.
-    regions.line(row as u8, class, median(masks, header.width_px), header.format, bytes);
-}
-
-/// Whether an outline is a circle's.
-fn is_round(fit: &Fit, share: f32, is_cut: bool, is_size_known: bool) -> bool {
-    let (seen, aspect) = (fit.seen, fit.disc.aspect());
-    // A large one may have a rough edge: few things are of its size.
-    let (corner, clean) = if fit.disc.radius >= 10.0 && !is_cut { (0.35, 0.3) } else { (0.24, 0.5) };
-    let is_smooth = fit.corners <= corner + 0.022 * fit.disc.radius && fit.on_edge - 2.0 * fit.outside >= clean;
-    if !is_cut {
-        let roundest = if seen >= 11 { 1.45 } else { 1.22 };
-        let is_small = fit.disc.radius < 8.0;
-        if is_small
-            && (seen < 9 || fit.outside > 0.06 && seen < 13 || fit.outside > 0.10 || fit.on_edge < 0.9 && seen < 12)
-        {
-            return false;
-        }
-        return is_smooth && seen >= SECTORS / 2 && fit.on_edge >= 0.55 && aspect <= roundest;
-    }
-    // Of a disc that the border cuts nearly all that is in the picture must be seen; with the size unknown, half of the ring.
-    let least = match (is_size_known, fit.on_edge > 0.95) {
-        (true, true) => 3,
-        (true, false) => 6,
-        (false, _) => 9,
-    };
-    is_smooth
-        && fit.disc.radius > 8.0
-        && share > 0.3
-        && fit.sectors >= least
-        && 4 * seen >= 3 * fit.sectors
-        && fit.on_edge >= 0.75
-        && fit.outside <= 0.05
-        && aspect <= 1.35
-}
-
-/// What is missing inside of the outline.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Hole {
-    /// Nothing much, or what a leaf or a cable hides.
-    None,
-    /// A round piece from the middle: a ring.
-    Round,
-}
-
-/// The hole between a region and its outline. Of mass `m`, over the disc's, a round one in the middle has the mean square
-/// distance `m / 2` over the squared radius; any other has more.
-fn hole(region: &Region, fit: &Fit, narrow: u8) -> Hole {
-    let (x, y, radius) = (fit.disc.x - 0.5, fit.disc.y - 0.5, fit.disc.radius);
-    let scale = (1_u16 << narrow) as f32;
-    let step = region.outline.step() as f32;
-    let (mut area, mut square) = (0.0, 0.0);
-    for (row, [from, to]) in region.outline.lines() {
-        let length = (f32::from(to) - f32::from(from)) * scale;
-        let dx = 0.5 * (f32::from(from) + f32::from(to)) * scale - 0.5 - x;
-        let dy = f32::from(row) - y;
-        area += length * step;
-        square += length * step * (dx * dx + dy * dy + length * length / 12.0);
-    }
-    let pixels = region.area as f32;
-    let (mx, my) = (region.column_sum as f32 / pixels, region.row_sum as f32 / pixels);
-    let of_pixels = region.square_sum as f32 / pixels - 2.0 * (x * mx + y * my) + x * x + y * y;
-    let gone = area - pixels;
-    let part = gone / fit.disc.area();
-    let spread = (square - pixels * of_pixels) / (gone.max(1.0) * radius * radius);
-
-    // Some pixels more or less are noise; a leaf in the middle of a large disc hides less than a ring lacks.
-    let least = if radius >= 10.0 { 0.28 } else { 0.22 };
-    if part > least && spread < (0.53 + 1.3 / radius) * part { Hole::Round } else { Hole::None }
-}
-
-/// How clear the step of colour at the edge is: 0 to 1, or `None` where there is none.
-fn contrast(region: &Region, format: Format) -> Option<f32> {
-    let mean = |sum: u16, count: u8| f32::from(sum) / f32::from(count.max(1));
-    let inside = region.inside.sums.map(|sum| mean(sum, region.inside.count));
-    if region.inside.count < 3 {
-        return None;
-    }
-    // A disc from border to border has nothing beside it.
-    let has_outside = region.outside.count >= 3;
-    let outside = if has_outside { region.outside.sums.map(|sum| mean(sum, region.outside.count)) } else { [31.0; 3] };
-    if format == Format::Grey {
-        let step = libm::fabsf(inside[0] - outside[0]);
-        let level = 0.5 * (inside[0] + outside[0]);
-        return (step > 6.0 + 0.12 * level).then(|| (step / (0.5 * level + 6.0)).min(1.0));
-    }
-    // Red over green and red over blue against those beside it: a lamp's colour is in both. Half a code is noise.
-    let over = |colour: [f32; 3], at: usize| (colour[0] + 1.0) / (colour.get(at).copied().unwrap_or(0.0) + 1.0);
-    let green = over(inside, 1) / over(outside, 1);
-    let blue = over(inside, 2) / over(outside, 2);
-    // Orange has more green than blue, magenta more blue than green.
-    let is_orange = blue > green * if green < 1.8 { 1.28 } else { 1.65 };
-    let is_red = green > 1.16 && blue > 1.0 + 0.19 * (green - 1.0) && !is_orange;
-    // On red earth blue and green tell less, but what is so red is the pad.
-    let is_very_red = green > 1.4 && over(inside, 1) > 2.0 && over(inside, 2) > 2.0;
-    (is_red || is_very_red).then(|| (0.5 * green).min(1.0))
+    regions.line(row as u8, class, most(masks, header.width_px), header.format, bytes);
 }

@@ -1,8 +1,8 @@
-//! Regions of pixels that passed, line by line: a median over three by three pixels, runs, and the regions they make up.
+//! Regions of pixels that passed, line by line: what most of three lines have, runs, and the regions they make up.
 //!
 //! A run joins the region whose last line it overlaps; runs that a cable parts, and lines that it hides, are bridged.
 //! Of a region its outline is kept (first and last column of up to [`ROWS`] lines, of every second, fourth or eighth when it is higher), its area, its
-//! moments and colours inside and outside of its edge. When the table is full the smallest region gives way.
+//! moments and colours inside and outside of its edge and of what is missing in its middle. When the table is full the smallest region gives way.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -18,6 +18,8 @@ pub(super) const REGIONS: usize = 12;
 const STEP_IN: u16 = 2;
 /// Shorter runs are noise.
 const RUN_MIN: u16 = 2;
+/// Narrower gaps are edge from side to side.
+const GAP_MIN: u16 = 2;
 /// Colour samples that a sum can hold.
 const SAMPLES_MAX: u8 = 250;
 
@@ -170,6 +172,11 @@ impl Colour {
         self.count += 1;
     }
 
+    /// Means times 16.
+    pub(super) fn mean16(&self) -> [u32; 3] {
+        self.sums.map(|sum| 16 * u32::from(sum) / u32::from(self.count.max(1)))
+    }
+
     fn merge(&mut self, other: &Self) {
         let total = u16::from(self.count) + u16::from(other.count);
         // Of two that do not go into one sum, the larger.
@@ -195,6 +202,8 @@ pub(super) struct Region {
     pub(super) square_sum: u32,
     pub(super) inside: Colour,
     pub(super) outside: Colour,
+    /// In the middle of lines with a gap.
+    pub(super) gap: Colour,
     pub(super) outline: Outline,
     /// Its last line, that line's span, and that of the line before.
     row: u8,
@@ -214,6 +223,7 @@ impl Region {
             square_sum: 0,
             inside: Colour { sums: [0; 3], count: 0 },
             outside: Colour { sums: [0; 3], count: 0 },
+            gap: Colour { sums: [0; 3], count: 0 },
             outline: Outline::new(),
             row: 0,
             first_row: 0,
@@ -271,6 +281,7 @@ impl Region {
         self.square_sum = self.square_sum.saturating_add(other.square_sum);
         self.inside.merge(&other.inside);
         self.outside.merge(&other.outside);
+        self.gap.merge(&other.gap);
         self.outline.merge(&other.outline);
         self.first_row = self.first_row.min(other.first_row);
     }
@@ -281,6 +292,8 @@ impl Region {
 struct Run {
     span: Span,
     count: u16,
+    /// Where the widest of the gaps is that it bridges.
+    gap: Span,
 }
 
 /// The regions of a frame so far.
@@ -347,14 +360,15 @@ impl Regions {
                 match begun.take() {
                     None => begun = Some(first + column),
                     Some(from) => {
-                        let run = Run { span: Span { from, to: first + column }, count: first + column - from };
+                        let to = first + column;
+                        let run = Run { span: Span { from, to }, count: to - from, gap: Span::default() };
                         waiting = self.queue(waiting, run, row, class, format, bytes);
                     }
                 }
             }
         }
         if let Some(from) = begun {
-            let run = Run { span: Span { from, to: base }, count: base - from };
+            let run = Run { span: Span { from, to: base }, count: base - from, gap: Span::default() };
             waiting = self.queue(waiting, run, row, class, format, bytes);
         }
         if let Some(run) = waiting {
@@ -377,7 +391,9 @@ impl Regions {
         }
         let Some(before) = waiting else { return Some(run) };
         if run.span.from - before.span.to <= 2 + before.count.max(run.count) / 8 {
-            return Some(Run { span: before.span.hull(run.span), count: before.count + run.count });
+            let gap = Span { from: before.span.to, to: run.span.from };
+            let gap = if gap.to - gap.from > before.gap.to - before.gap.from { gap } else { before.gap };
+            return Some(Run { span: before.span.hull(run.span), count: before.count + run.count, gap });
         }
         self.take(before, row, class, format, bytes);
         Some(run)
@@ -410,7 +426,13 @@ impl Regions {
             region.keep_line(narrow);
             (region.before, region.span, region.row) = (region.span, run.span, row);
         } else {
+            if region.area > 0 && run.span.from > region.span.to + GAP_MIN {
+                region.gap.add(format, bytes, region.span.to.midpoint(run.span.from));
+            }
             region.span = if region.area > 0 { region.span.hull(run.span) } else { run.span };
+        }
+        if run.gap.to > run.gap.from + GAP_MIN {
+            region.gap.add(format, bytes, run.gap.from.midpoint(run.gap.to));
         }
         let (count, line) = (u32::from(run.count), u32::from(row));
         let twice_middle = u32::from(run.span.from) + u32::from(run.span.to) - 1;
@@ -487,39 +509,8 @@ impl Regions {
     }
 }
 
-/// The median over three by three pixels: whether most of them passed. In each line the bit behind the last pixel is that pixel's.
-pub(super) fn median<'a>(lines: [&'a Mask; 3], width_px: u16) -> impl Iterator<Item = u32> + 'a {
+/// What most of three lines have. Along the lines the pixels have been taken by threes before.
+pub(super) fn most<'a>([above, middle, below]: [&'a Mask; 3], width_px: u16) -> impl Iterator<Item = u32> + 'a {
     let words = usize::from(width_px.div_ceil(32)).min(WORDS);
-    let [above, middle, below] = lines;
-    // Each column's sum of three, as a one and a two. Most words of most pictures have nothing.
-    let mut sums = above.iter().zip(middle).zip(below).take(words).map(|((above, middle), below)| {
-        if above | middle | below == 0 { (0, 0) } else { add(*above, *middle, *below) }
-    });
-    let outside = match width_px % 32 {
-        0 => 0,
-        rest => u32::MAX >> rest,
-    };
-    let mut now = sums.next();
-    let mut before = now.map_or((0, 0), |(one, two)| (one >> 31, two >> 31));
-    core::iter::from_fn(move || {
-        let (one, two) = now?;
-        now = sums.next();
-        let next = now.map_or((one & 1, two & 1), |(one, two)| (one >> 31, two >> 31));
-        if (one | two | before.0 | before.1 | next.0 | next.1) == 0 {
-            return Some(0);
-        }
-        let (sum1, sum2) = add((one >> 1) | (before.0 << 31), one, (one << 1) | next.0);
-        let (two2, two4) = add((two >> 1) | (before.1 << 31), two, (two << 1) | next.1);
-        before = (one & 1, two & 1);
-        // One, two times two, two times four: five and more of nine.
-        let (t2, t4) = (sum2 ^ two2, sum2 & two2);
-        let most = (t4 & two4) | ((t4 | two4) & (sum1 | t2));
-        Some(if now.is_none() { most & !outside } else { most })
-    })
-}
-
-/// Adds three bits, in each place: the sum's ones and twos.
-fn add(a: u32, b: u32, c: u32) -> (u32, u32) {
-    let half = a ^ b;
-    (half ^ c, (a & b) | (half & c))
+    above.iter().zip(middle).zip(below).take(words).map(|((a, b), c)| (a & b) | (c & (a | b)))
 }
