@@ -48,12 +48,6 @@ impl Disc {
         (outside, cosine, sine, cosine2, sine2)
     }
 
-    /// Long axis over short axis.
-    pub(super) fn aspect(&self) -> f32 {
-        let e = sqrt(self.p * self.p + self.q * self.q).min(0.9);
-        (1.0 + e) / (1.0 - e)
-    }
-
     pub(super) fn area(&self) -> f32 {
         core::f32::consts::PI * self.radius * self.radius * (1.0 + 0.5 * (self.p * self.p + self.q * self.q))
     }

@@ -1,7 +1,8 @@
 //! What the light is like: means and histogram of a few pixels, and which pixels they let pass.
 //!
 //! Of a coloured frame a pixel passes when it and its two neighbours, together, are redder than the ground: `r >= k_g g` and
-//! `r >= k_b b`. Three pixels have less noise than one; the three colours' sums are one addition, apart in one word. The first factor parts
+//! `r >= k_b b`. Three pixels have less noise than one; the three colours' sums are one addition, apart in one word, and both
+//! inequalities one subtraction from a table. The first factor parts
 //! the ratios of red to green where they fall into two classes (Otsu), and lies above their middle by their spread where they do
 //! not; the second is the ground's mean. A thing of the pad's size that is no pad may have the wrong edge: the next
 //! frame's factor lies nearer to the middle between its colours inside and outside ([`Light::refine`]). Of a grey frame two
@@ -70,6 +71,8 @@ pub(super) struct Light {
     blue: u32,
     /// The ground passes from here on down.
     green_least: u32,
+    /// For every second sum of red, the largest sums of green and blue with a guard bit above each.
+    limits: [u32; 64],
     /// Grey: darker than this is dark.
     dark_below: u8,
     /// Grey: brighter than this is bright.
@@ -91,6 +94,7 @@ impl Light {
             green: 460,
             blue: 360,
             green_least: 0,
+            limits: [0; 64],
             dark_below: 0,
             bright_above: 0,
             is_known: false,
@@ -106,7 +110,7 @@ impl Light {
     pub(super) fn begin(&mut self, share_most: u32) {
         self.share_most = share_most;
         if !self.is_known {
-            (self.green, self.blue) = (460, 360);
+            self.set_limits(460, 360);
             (self.dark_below, self.bright_above) = (72, 168);
         }
         self.sums = [Sums::default(); 2];
@@ -135,35 +139,44 @@ impl Light {
         for word in mask.iter_mut().take(pixels.len().div_ceil(32)) {
             let (now, later) = ahead.split_at(ahead.len().min(32));
             ahead = later;
-            let mut fail = 0;
+            let mut pass = 0;
             let (fours, rest) = now.as_chunks::<4>();
             // By hand, since the compiler rolls a loop of four up again.
             for [a, b, c, d] in fours {
-                fail = fail << 1 | self.fails(three.next(*a));
-                fail = fail << 1 | self.fails(three.next(*b));
-                fail = fail << 1 | self.fails(three.next(*c));
-                fail = fail << 1 | self.fails(three.next(*d));
+                pass = pass << 1 | self.passes(three.next(*a));
+                pass = pass << 1 | self.passes(three.next(*b));
+                pass = pass << 1 | self.passes(three.next(*c));
+                pass = pass << 1 | self.passes(three.next(*d));
             }
             for pixel in rest {
-                fail = fail << 1 | self.fails(three.next(*pixel));
+                pass = pass << 1 | self.passes(three.next(*pixel));
             }
-            let mut pass = !fail;
             if now.len() < 32 {
                 // The one behind the last is the last.
-                pass = (pass << 1 | (self.fails(three.last()) ^ 1)) << (31 - now.len());
+                pass = (pass << 1 | self.passes(three.last())) << (31 - now.len());
             }
             *word = pass;
         }
     }
 
-    /// 1 where three pixels' sums are less than red.
+    /// Sets the least ratios of red to green and of red to blue, times 256.
+    fn set_limits(&mut self, green: u32, blue: u32) {
+        (self.green, self.blue) = (green, blue);
+        for (half, limit) in (0_u32..).zip(&mut self.limits) {
+            // Of two sums of red the middle; half a code of each of the three is noise.
+            let margin = (512 * half + 128).saturating_sub(3 * 128);
+            let (most_green, most_blue) = (2 * margin / green, margin / blue);
+            *limit = (1024 + most_green.min(255)) << 21 | (2 * half + 1) << 11 | (1024 + most_blue.min(127));
+        }
+    }
+
+    /// 1 where three pixels' sums are red.
     #[inline(always)]
-    fn fails(&self, sums: u32) -> u32 {
-        let (red, green, blue) = (sums >> 11 & 0x7f, sums >> 21, sums & 0x7f);
-        // Half a code of each is noise.
-        let margin = (red * 256).wrapping_sub(3 * 128);
-        let left = margin.wrapping_sub(green * (self.green / 2));
-        (left | margin.wrapping_sub(blue * self.blue)) >> 31
+    fn passes(&self, sums: u32) -> u32 {
+        // Six bits: always one of the 64.
+        let limit = self.limits.get((sums >> 12 & 0x3f) as usize).copied().unwrap_or(0);
+        let left = limit.wrapping_sub(sums);
+        (left & (left << 21)) >> 31
     }
 
     /// Takes in what a thing of about the pad's size looks like inside and outside of its edge, if it was not taken for the pad: for the
@@ -173,7 +186,7 @@ impl Light {
         let [red_out, green_out, _] = outside.mean16();
         if 10 * (red + 8) * (green_out + 8) > 12 * (green + 8) * (red_out + 8) {
             let middle = 256 * (red + red_out + 16) / (green + green_out + 16);
-            self.green = self.green.midpoint(middle).min(760).max(self.green_least);
+            self.set_limits(self.green.midpoint(middle).min(760).max(self.green_least), self.blue);
         }
     }
 
@@ -251,8 +264,9 @@ impl Light {
         let half = all / 2;
         let blue = (256 * (out.red + with.red + half)) / (out.blue + with.blue + half).max(1);
         // Blue is for what is no red at all: green tells the pad from the ground.
-        self.blue = blue.clamp(320, 640);
-        (self.green, self.green_least) = self.redness(all);
+        let (green, least) = self.redness(all);
+        self.green_least = least;
+        self.set_limits(green, blue.clamp(320, 640));
     }
 
     /// The ratio of red to green, times 256, that parts the pad from the ground: where the samples fall into two classes of which
@@ -336,6 +350,8 @@ impl Light {
 
 #[cfg(test)]
 mod tests {
+    use std::vec::Vec;
+
     use super::super::regions::WORDS;
     use super::*;
 
@@ -349,7 +365,7 @@ mod tests {
         for width in [16, 31, 32, 33, 64, 65, 160, 320] {
             for (green_limit, blue_limit) in [(400, 320), (500, 330), (760, 640)] {
                 let mut light = Light::new();
-                (light.green, light.blue) = (green_limit, blue_limit);
+                light.set_limits(green_limit, blue_limit);
                 let codes: Vec<[u32; 3]> = (0..width)
                     .map(|_| {
                         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -363,7 +379,8 @@ mod tests {
                 for at in 0..width {
                     let near = [at.max(1) - 1, at, (at + 1).min(width - 1)];
                     let [red, green, blue] = [0, 1, 2].map(|k| near.iter().map(|at| codes[*at][k]).sum::<u32>());
-                    let passes = 256 * red >= 384 + green * green_limit / 2 && 256 * red >= 384 + blue * blue_limit;
+                    let margin = (512 * (red / 2) + 128).saturating_sub(384);
+                    let passes = green * green_limit <= 2 * margin && blue * blue_limit <= margin;
                     assert_eq!(
                         mask[at / 32] >> (31 - at % 32) & 1 == 1,
                         passes,

@@ -3,14 +3,14 @@
 //! The pad is a plain red disc on the ground, perhaps with a white ring round it. The camera looks along the body's down
 //! axis. A frame comes line by line and is not kept: [`State`] is below 2 KB.
 //!
-//! 1. `light`: pixels redder than the ground pass, whatever the lamp; of a grey frame, what is darker or brighter than most.
-//! 2. `regions`: a median over three by three pixels, runs, connected regions with outline, area and colours inside and
+//! 1. `light`: pixels redder than the ground pass, whatever the lamp; of a grey frame, what is darker or brighter than most. It is asked
+//!    of the sum of three neighbours.
+//! 2. `regions`: what most of three lines have, runs, connected regions with outline, area and colours inside and
 //!    outside of the edge. A cable or a hard shadow does not part them.
 //! 3. `fit`: a disc, or the ellipse that a tilted one is, through the largest regions' outlines, of which a third may
 //!    be hidden. The centre is that of the edge, not of the pixels that are left.
-//! 4. A region is the pad when its edge is a circle's over half of the ring, the disc is filled to 60 % without a round
-//!    hole, its colour steps at the edge by more than a lamp explains, and, where the height is known, it has the size
-//!    that a pad has there.
+//! 4. A region is the pad when its colour steps at the edge, it has about the size that a pad has from here, where the height is
+//!    known, and the `score` of its measures says so: of size, edge, corners, holes and colours.
 //!
 //! Tangents are those of the body: nothing here knows how the vehicle leans. The centre of a tilted disc is not quite that of its
 //! ellipse; [`Pad::straightened`] puts that right for who knows the lean.
@@ -259,6 +259,8 @@ pub struct State {
     /// Not a number where it is not known.
     height_m: Option<f32>,
     row: u16,
+    /// Whether the light was refined after the frame before.
+    is_refined: bool,
     light: Light,
     /// Which pixels passed in the last three lines, for each class; a line's place is its number modulo three.
     masks: [[Mask; 3]; 2],
@@ -275,6 +277,7 @@ impl State {
             header,
             height_m: None,
             row: 0,
+            is_refined: false,
             light: Light::new(),
             masks: [[[0; WORDS]; 3]; 2],
             regions: Regions::new(),
@@ -302,7 +305,7 @@ impl Detector {
     pub fn begin(&self, state: &mut State, header: &Header, height_m: Option<f32>) -> Result<(), Bad> {
         let is_new = state.header.format != header.format || state.header.width_px != header.width_px;
         if is_new {
-            state.light = Light::new();
+            (state.light, state.is_refined) = (Light::new(), false);
         }
         state.header = *header;
         state.row = 0;
@@ -440,14 +443,15 @@ impl Detector {
                 Err(why) => nothing = nothing.max(why),
             }
         }
-        // What is nearest to the pad and yet none may have the wrong edge.
-        if let (None, Some(radius), [Some(first), ..]) = (best, expected_px, &parts)
+        // What is about as large as the pad and yet is none may have the wrong edge; so would a pad that such a threshold found.
+        let refines = (best.is_none() || state.is_refined) && state.header.format == Format::Rgb565;
+        state.is_refined = false;
+        if let (true, Some(radius), [Some(first), ..]) = (refines, expected_px, &parts)
             && (radius * radius..7.0 * radius * radius).contains(&(first.area as f32))
-            && first.inside.count > 4
-            && first.outside.count > 4
-            && state.header.format == Format::Rgb565
+            && first.inside.count.min(first.outside.count) > 4
         {
             state.light.refine(&first.inside, &first.outside);
+            state.is_refined = true;
         }
         best.map_or(Seen::Nothing(nothing), Seen::Pad)
     }
