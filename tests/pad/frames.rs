@@ -89,8 +89,8 @@ fn the_pad_is_found_in_any_light_and_its_centre_is_right() {
     assert!(tally.rms(tally.square) <= 0.02 && tally.rms(tally.straight) <= 0.005, "{tally:?}");
 }
 
-/// Of pads of 12 pixels and more. 98.0 % are reached; the aim is 99.
-const RATE: f64 = 0.989;
+/// Of pads of 12 pixels and more. 99.3 % are reached.
+const RATE: f64 = 0.99;
 
 #[test]
 fn a_pad_that_the_border_cuts_is_mostly_found() {
@@ -113,8 +113,8 @@ fn where_there_is_no_pad_hardly_any_is_seen() {
     assert!(tally.rate() <= FALSE_RATE, "{tally:?}");
 }
 
-/// Pads seen where there are none. 0.50 % are reached; the aim is 0.1.
-const FALSE_RATE: f64 = 0.0016;
+/// Pads seen where there are none. 0.10 % are reached.
+const FALSE_RATE: f64 = 0.001;
 
 #[test]
 fn a_grey_camera_finds_only_some() {
