@@ -102,7 +102,7 @@ fn a_pad_that_the_border_cuts_is_mostly_found() {
         tally.rms(tally.square),
         tally.rms(tally.straight)
     );
-    assert!(tally.rate() >= 0.83 && tally.rms(tally.straight) <= 0.03, "{tally:?}");
+    assert!(tally.rate() >= 0.88 && tally.rms(tally.straight) <= 0.03, "{tally:?}");
 }
 
 #[test]
