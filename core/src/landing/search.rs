@@ -2,7 +2,7 @@
 //!
 //! Legs run north, east, south, west and so on; their lengths are one pitch, one, two, two, three, three. With a camera the
 //! pitch is so much less than what it sees at this height that nothing is missed; for a beacon it is what gives its
-//! bearings another angle. A leg that the guard blocks, or that takes too long, is left out. However it ends, the vehicle flies
+//! bearings another angle. A leg that the guard blocks, or on which the vehicle comes no nearer, is left out. However it ends, the vehicle flies
 //! back to where it began, if it can: nothing is nearer to what was not found.
 
 use crate::error::{ConfigError, check};
@@ -18,9 +18,9 @@ const PITCH_MIN_M: f32 = 0.3;
 const PITCH_MAX_M: f32 = 3.0;
 /// Share of what the camera sees across that is the pitch.
 const OVERLAP: f32 = 0.6;
-/// A leg may take so many times as long as it would at full speed, and so much on top.
-const LEG_FACTOR: f32 = 2.0;
-const LEG_EXTRA_S: f32 = 3.0;
+/// A leg that comes no nearer to its corner by so much in so long is left out.
+const NEARER_M: f32 = 0.2;
+const NEARER_S: f32 = 4.0;
 
 /// What a search needs to know.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,7 +69,9 @@ pub struct State {
     corner_ned_m: Horizontal,
     pitch_m: f32,
     began: Instant,
-    leg_began: Instant,
+    /// How near it has come to the corner, and when.
+    nearest_m: f32,
+    neared: Instant,
     blocked_s: f32,
     corners: u8,
     skipped: u8,
@@ -106,8 +108,12 @@ impl State {
 
     fn turn_back(&mut self, end: End, now: Instant) {
         self.end = Some(end);
-        self.corner_ned_m = self.center_ned_m;
-        (self.leg_began, self.blocked_s) = (now, 0.0);
+        self.set_out(self.center_ned_m, now);
+    }
+
+    fn set_out(&mut self, corner_ned_m: Horizontal, now: Instant) {
+        self.corner_ned_m = corner_ned_m;
+        (self.neared, self.nearest_m, self.blocked_s) = (now, f32::INFINITY, 0.0);
     }
 }
 
@@ -128,8 +134,8 @@ impl Search {
     pub fn begin(&self, state: &mut State, center_ned_m: Horizontal, pitch_m: f32, now: Instant) {
         let pitch_m = crate::units::between(pitch_m, PITCH_MIN_M, PITCH_MAX_M);
         let pitch_m = if pitch_m.is_finite() { pitch_m } else { PITCH_MIN_M };
-        *state =
-            State { center_ned_m, corner_ned_m: center_ned_m, pitch_m, began: now, leg_began: now, ..State::default() };
+        *state = State { center_ned_m, corner_ned_m: center_ned_m, pitch_m, began: now, ..State::default() };
+        state.set_out(center_ned_m, now);
     }
 
     /// Where to go from here.
@@ -139,25 +145,28 @@ impl Search {
             state.turn_back(End::TimeUp, now);
         }
         state.blocked_s = if is_blocked { state.blocked_s + tick_s } else { 0.0 };
-        let leg_m = if state.end.is_some() { c.radius_m } else { state.pitch_m * (f32::from(state.corners / 2) + 1.0) };
-        let is_late = now.seconds_since(state.leg_began) > LEG_EXTRA_S + LEG_FACTOR * leg_m / c.speed_mps;
-        let is_passed = here.minus(state.corner_ned_m).norm_squared() < PASSED_M * PASSED_M;
+        let away_m = here.minus(state.corner_ned_m).norm();
+        if away_m < state.nearest_m - NEARER_M {
+            (state.nearest_m, state.neared) = (away_m, now);
+        }
+        let is_late = now.seconds_since(state.neared) > NEARER_S;
+        let is_passed = away_m < PASSED_M;
         let is_skipped = !is_passed && (is_late || state.blocked_s > c.blocked_s);
         if let Some(end) = state.end {
             return if is_passed || is_skipped { Progress::Over(end) } else { Progress::Towards(state.corner_ned_m) };
         }
         if is_passed || is_skipped {
             state.skipped = state.skipped.saturating_add(u8::from(is_skipped));
-            let (pitch_m, corner) = (state.pitch_m, state.corner_ned_m);
+            let (pitch_m, last) = (state.pitch_m, state.corner_ned_m);
             let length_m = pitch_m * f32::from(state.corners / 2 + 1);
-            state.corner_ned_m = match state.corners % 4 {
-                0 => Horizontal { north: corner.north + length_m, ..corner },
-                1 => Horizontal { east: corner.east + length_m, ..corner },
-                2 => Horizontal { north: corner.north - length_m, ..corner },
-                _ => Horizontal { east: corner.east - length_m, ..corner },
+            let corner = match state.corners % 4 {
+                0 => Horizontal { north: last.north + length_m, ..last },
+                1 => Horizontal { east: last.east + length_m, ..last },
+                2 => Horizontal { north: last.north - length_m, ..last },
+                _ => Horizontal { east: last.east - length_m, ..last },
             };
             state.corners += 1;
-            (state.leg_began, state.blocked_s) = (now, 0.0);
+            state.set_out(corner, now);
         }
         let off = state.corner_ned_m.minus(state.center_ned_m);
         let is_outside = libm::fabsf(off.north) > c.radius_m + 0.01 || libm::fabsf(off.east) > c.radius_m + 0.01;
