@@ -64,7 +64,7 @@ impl Default for Config {
         Self {
             margin_s: 1.3,
             margin_max_m: 1.0,
-            memory_s: 20.0,
+            memory_s: 40.0,
             unsure: 2.0,
             unsure_s: 4.0,
             floor_mps: 0.05,
@@ -260,7 +260,7 @@ mod tests {
         assert_eq!(at(49.9), 0.0);
         // Less floor, at most; more by the model's error, which may add to it.
         assert!((0.9 * 0.35..1.1 * 0.45).contains(&(at(52.0) / 1.3)), "{}", at(52.0));
-        assert!((at(72.0) / at(52.0) - (-1.0_f32).exp()).abs() < 0.02);
+        assert!((at(92.0) / at(52.0) - (-1.0_f32).exp()).abs() < 0.02);
     }
 
     #[test]

@@ -50,6 +50,8 @@ const HALVED_MAX: u8 = 3;
 const CORNER_S: f32 = 0.2;
 /// Fastest that what is too close is moved away from, where it stands still.
 const OUT_MPS: f32 = 0.3;
+/// So many times as fast in gusts.
+const GUSTY_OUT: f32 = 2.0;
 /// Fastest towards what is hidden behind something.
 const HIDDEN_MPS: f32 = 0.4;
 /// Slower than this nothing need be looked at.
@@ -564,10 +566,12 @@ impl Guard {
         if by_rate > by_brake { by_rate } else { by_brake }
     }
 
-    /// Fastest approach at a clearance; negative, a speed of retreat, inside the margin.
-    fn approach_mps(&self, h: f32, out_mps: f32) -> f32 {
+    /// Fastest approach at a clearance; negative, a speed of retreat, inside the margin: in gusts twice as fast, since they push as
+    /// fast as that.
+    fn approach_mps(&self, h: f32, gust_m: f32) -> f32 {
         if !(h > 0.0) {
-            return -between(-h, 0.0, out_mps);
+            let out_mps = between(-h, 0.0, OUT_MPS + gust_m);
+            return if gust_m > 0.0 { -GUSTY_OUT * out_mps } else { -out_mps };
         }
         let by_rate = self.config.approach_rate_per_s * h;
         let by_brake = sqrt(1.4 * self.config.a_max_mps2 * h);
@@ -593,7 +597,7 @@ impl Guard {
             let gust_m = if drift == Horizontal::default() { situation.gust_margin_m } else { 0.0 };
             let h = norm - obstacle.reach_m - c.margin_m - gust_m - 0.2 * drift.norm();
             let oncoming = outwards.dot(drift);
-            let least_mps = oncoming - self.approach_mps(h, OUT_MPS + gust_m);
+            let least_mps = oncoming - self.approach_mps(h, gust_m);
             is_threatened |= least_mps > 0.0 && oncoming > STILL_MPS;
             if least_mps > beyond {
                 // Cannot fail: there is room for all.
@@ -602,7 +606,7 @@ impl Guard {
         }
         for (inwards, depth_m) in c.fence.sides(rest) {
             let gust_m = situation.gust_margin_m;
-            let least_mps = -self.approach_mps(depth_m - c.fence_margin_m - gust_m, OUT_MPS + gust_m);
+            let least_mps = -self.approach_mps(depth_m - c.fence_margin_m - gust_m, gust_m);
             if least_mps > beyond {
                 let _ = half_spaces.push(HalfSpace { outwards: inwards, least_mps, oncoming_mps: 0.0 });
             }
