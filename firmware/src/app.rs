@@ -420,24 +420,33 @@ impl Begun {
 /// The field of the built-in configuration that is refused.
 #[inline(never)]
 pub fn begin_with(flash: Flash) -> Result<Begun, ConfigError> {
+    // It is made on the stack: before anything else is there.
+    let state = first_state();
+    begin_in(state, flash)
+}
+
+#[inline(never)]
+fn begin_in(state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>, flash: Flash) -> Result<Begun, ConfigError> {
     let mut store = Store::new(flash);
     let start = store.begin();
     let mut config = guidance::Config::default();
     store.calibrate(&mut config);
-    let mut flight = begin(&config)?;
+    let mut flight = begin(&config, state)?;
     store.resume(Instant(0), &mut flight);
     Ok(Begun { flight, store, start })
 }
 
 #[inline(never)]
-fn begin(config: &guidance::Config) -> Result<Flight<'static>, ConfigError> {
+fn begin(
+    config: &guidance::Config,
+    state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>,
+) -> Result<Flight<'static>, ConfigError> {
     static CONFIG: StaticCell<guidance::Config> = StaticCell::new();
     static PLANNER: StaticCell<Planner> = StaticCell::new();
     static RECEIVER: StaticCell<flight::Receiver> = StaticCell::new();
     let receiver = RECEIVER.init(flight::Receiver::new(board::SAMPLE_TIMER, &selftest::Config::default())?);
     let config = CONFIG.init(receiver.fit(config)?);
     let guidance = first_guidance(config)?;
-    let state = first_state(guidance);
     let planner = PLANNER.init(config.planner.build()?);
     let companion = first_companion(config)?;
     Ok(Flight { config, guidance, state, planner, companion, receiver })
@@ -450,9 +459,9 @@ fn first_guidance(config: &guidance::Config) -> Result<&'static mut Guidance<SAM
 }
 
 #[inline(never)]
-fn first_state(guidance: &Guidance<SAMPLES_PER_CHANNEL>) -> &'static mut guidance::State<SAMPLES_PER_CHANNEL> {
+fn first_state() -> &'static mut guidance::State<SAMPLES_PER_CHANNEL> {
     static STATE: StaticCell<guidance::State<SAMPLES_PER_CHANNEL>> = StaticCell::new();
-    STATE.init_with(|| guidance.start())
+    STATE.init_with(guidance::State::default)
 }
 
 #[inline(never)]

@@ -425,53 +425,10 @@ pub struct State<const N: usize> {
     trace: Trace,
 }
 
-impl<const N: usize> State<N> {
-    /// The plan request that is under way.
-    #[must_use]
-    pub fn request(&self) -> &PlanRequest {
-        &self.request
-    }
-
-    /// The known obstacles.
-    #[must_use]
-    pub fn map(&self) -> &Map {
-        &self.map
-    }
-
-    /// How high the vehicle is over the ground, where that is known.
-    #[must_use]
-    pub const fn height_m(&self) -> Option<f32> {
-        self.height_m
-    }
-
-    /// The plan that is being followed.
-    #[must_use]
-    pub fn plan(&self) -> Option<&Plan> {
-        self.active.as_ref()
-    }
-}
-
-impl<const N: usize> State<N> {
-    /// The direction of a source that is heard by way of a wall, from a place.
-    fn around_the_corner(&self, from_ned_m: Horizontal) -> Option<Horizontal> {
-        let belief = self.belief.filter(|belief| belief.way != Way::Direct)?;
-        let towards = belief.estimate.place_ned_m.minus(from_ned_m);
-        let norm = towards.norm();
-        (norm > 1e-3).then(|| towards.times(1.0 / norm))
-    }
-}
-
-impl<const N: usize> Guidance<N> {
-    /// What finds the pad in the frames of a camera.
-    #[must_use]
-    pub const fn detector(&self) -> pad::Detector {
-        self.detector
-    }
-
-    /// The state before the first step.
-    #[must_use]
-    pub fn start(&self) -> State<N> {
-        State {
+impl<const N: usize> Default for State<N> {
+    /// Before the first step, of whatever configuration.
+    fn default() -> Self {
+        Self {
             tick: 0,
             phase: phase::State::default(),
             map: Map::default(),
@@ -518,6 +475,56 @@ impl<const N: usize> Guidance<N> {
             plans_late: 0,
             trace: Trace::default(),
         }
+    }
+}
+
+impl<const N: usize> State<N> {
+    /// The plan request that is under way.
+    #[must_use]
+    pub fn request(&self) -> &PlanRequest {
+        &self.request
+    }
+
+    /// The known obstacles.
+    #[must_use]
+    pub fn map(&self) -> &Map {
+        &self.map
+    }
+
+    /// How high the vehicle is over the ground, where that is known.
+    #[must_use]
+    pub const fn height_m(&self) -> Option<f32> {
+        self.height_m
+    }
+
+    /// The plan that is being followed.
+    #[must_use]
+    pub fn plan(&self) -> Option<&Plan> {
+        self.active.as_ref()
+    }
+}
+
+impl<const N: usize> State<N> {
+    /// The direction of a source that is heard by way of a wall, from a place.
+    fn around_the_corner(&self, from_ned_m: Horizontal) -> Option<Horizontal> {
+        let belief = self.belief.filter(|belief| belief.way != Way::Direct)?;
+        let towards = belief.estimate.place_ned_m.minus(from_ned_m);
+        let norm = towards.norm();
+        (norm > 1e-3).then(|| towards.times(1.0 / norm))
+    }
+}
+
+impl<const N: usize> Guidance<N> {
+    /// What finds the pad in the frames of a camera.
+    #[must_use]
+    pub const fn detector(&self) -> pad::Detector {
+        self.detector
+    }
+
+    /// The state before the first step.
+    #[must_use]
+    pub fn start(&self) -> State<N> {
+        State::default()
     }
 
     /// Back to the state before the first step, in place: a second state on the stack is more than a microcontroller has
