@@ -245,6 +245,7 @@ fn tolerance(radius: f32) -> f32 {
 }
 
 /// The circle through half of the ring that passes the most points.
+#[inline(never)]
 fn begin(points: &[Point], extent: f32, prior: Option<Prior>) -> Option<Disc> {
     let mut eighths = [Sums::default(); EIGHTHS];
     for (at, sums) in eighths.iter_mut().enumerate() {
@@ -283,6 +284,7 @@ fn begin(points: &[Point], extent: f32, prior: Option<Prior>) -> Option<Disc> {
 }
 
 /// One step of Gauss and Newton.
+#[inline(never)]
 fn improve(disc: &Disc, points: &[Point], scale: f32, prior: Option<Prior>, is_cut: bool) -> Option<Disc> {
     // The upper triangle of the normal equations and their right side, line by line.
     let mut sums = [0.0_f32; 20];
@@ -341,6 +343,7 @@ fn improve(disc: &Disc, points: &[Point], scale: f32, prior: Option<Prior>, is_c
 }
 
 /// Gauss's elimination of a symmetric positive system.
+#[inline(never)]
 fn solve(matrix: &mut [[f32; 6]; 5]) -> Option<[f32; 5]> {
     for at in 0..5 {
         let pivot = *matrix.get(at)?;
@@ -368,6 +371,7 @@ fn solve(matrix: &mut [[f32; 6]; 5]) -> Option<[f32; 5]> {
 }
 
 /// Compares the ring with the disc.
+#[inline(never)]
 fn judge(disc: &Disc, points: &[Point], origin: Point, size_px: [u16; 2]) -> Fit {
     let near = tolerance(disc.radius);
     let (mut on_edge, mut outside, mut square, mut seen) = (0.0, 0.0, 0.0, 0_u32);
