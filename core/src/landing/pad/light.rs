@@ -161,6 +161,7 @@ impl Light {
 
     /// Sets the least ratios of red to green and of red to blue, times 256.
     fn set_limits(&mut self, green: u32, blue: u32) {
+        let (green, blue) = (green.max(1), blue.max(1));
         (self.green, self.blue) = (green, blue);
         for (half, limit) in (0_u32..).zip(&mut self.limits) {
             // Of two sums of red the middle; half a code of each of the three is noise.
