@@ -17,9 +17,7 @@ const FLIGHTS: u64 = 24;
 fn flown(name: &str) -> Row {
     let scene = SCENES.iter().find(|scene| scene.name == name).unwrap();
     let row = row(scene, 2001..2001 + FLIGHTS).unwrap();
-    // One of these seeds meets its strongest gust on the way, before it has seen any other: none was asked for.
-    assert!(row.collided.len() <= usize::from(!name.contains("calm")), "{row:?}");
-    assert!(row.unfinished.is_empty(), "{row:?}");
+    assert!(row.collided.is_empty() && row.unfinished.is_empty(), "{row:?}");
     row
 }
 
@@ -27,7 +25,7 @@ fn flown(name: &str) -> Row {
 fn hands_over(row: &Row, reasons: &[&str]) {
     let all: u32 = row.handed_over.values().map(|[all, _]| all).sum();
     let near: u32 = row.handed_over.values().map(|[_, near]| near).sum();
-    assert_eq!((u64::from(all) + row.collided.len() as u64, all), (FLIGHTS, near), "{row:?}");
+    assert_eq!((u64::from(all), all), (FLIGHTS, near), "{row:?}");
     assert!(row.handed_over.keys().all(|reason| reasons.contains(reason)), "{row:?}");
 }
 
@@ -38,11 +36,11 @@ fn with_a_camera_it_comes_down_on_the_pad() {
 }
 
 #[test]
-fn in_gusts_of_three_metres_a_second_it_mostly_does_and_never_lands_far_off() {
-    let row = flown("camera, gusts of 3 m/s");
-    // 99 of 100 were asked for; `docs/landing.md` has what is reached.
-    assert!(f64::from(row.on_pad) >= 0.85 * FLIGHTS as f64, "{row:?}");
-    assert!(row.pad_m.is_some_and(|[_, _, farthest_m]| farthest_m < 0.25), "{row:?}");
+fn in_gusts_of_three_metres_a_second_and_with_red_things_about_it_does_as_well() {
+    for name in ["camera, gusts of 3 m/s", "camera, gusts of 3 m/s, red things about"] {
+        let row = flown(name);
+        assert_eq!(u64::from(row.on_pad), FLIGHTS, "{row:?}");
+    }
 }
 
 #[test]
@@ -54,10 +52,10 @@ fn without_a_camera_it_hovers_above_the_beacon_and_hands_over() {
 }
 
 #[test]
-fn where_there_is_no_pad_it_hands_over() {
+fn where_there_is_no_pad_it_hands_over_above_the_beacon() {
     let row = flown("camera, no pad there");
     assert_eq!((row.on_pad, row.beside.len()), (0, 0), "{row:?}");
-    assert!(row.handed_over.keys().all(|reason| ["no_pad", "time_limit"].contains(reason)), "{row:?}");
+    hands_over(&row, &["no_pad", "time_limit"]);
 }
 
 fn mission(text: &str) -> Mission {

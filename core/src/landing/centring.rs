@@ -129,7 +129,7 @@ impl Default for Config {
             commit_m: 0.4,
             commit_gate_m: 0.08,
             commit_speed_mps: 0.15,
-            commit_mps: 0.6,
+            commit_mps: 0.5,
             commit_s: 10.0,
             fresh_s: 0.5,
             lost_s: 2.0,
@@ -160,7 +160,7 @@ impl Config {
         check("landing.centring.commit_m", self.commit_m, 0.05, 3.0)?;
         check("landing.centring.commit_gate_m", self.commit_gate_m, 0.01, 2.0)?;
         check("landing.centring.commit_speed_mps", self.commit_speed_mps, 0.01, 2.0)?;
-        check("landing.centring.commit_mps", self.commit_mps, 0.05, 1.0)?;
+        check("landing.centring.commit_mps", self.commit_mps, 0.05, self.descent_max_mps)?;
         check("landing.centring.commit_s", self.commit_s, 1.0, 60.0)?;
         check("landing.centring.fresh_s", self.fresh_s, 0.1, 5.0)?;
         check("landing.centring.lost_s", self.lost_s, self.fresh_s, 30.0)?;

@@ -506,8 +506,7 @@ impl Lander {
         let wanted = if wish.velocity_ned_mps.is_finite() { wish.velocity_ned_mps } else { Horizontal::default() };
         let wanted_down = if wish.down_mps.is_finite() { wish.down_mps } else { 0.0 };
         let wanted = wanted.clamped(c.speed_max_mps);
-        let most_mps = if state.is_dropping { c.commit_mps } else { c.descent_max_mps };
-        let wanted_down = between(wanted_down, -c.climb_mps, most_mps);
+        let wanted_down = between(wanted_down, -c.climb_mps, c.descent_max_mps);
         let change = wanted.minus(state.velocity_ned_mps).clamped(c.accel_max_mps2 * tick_s);
         let most = c.down_accel_max_mps2 * tick_s;
         state.velocity_ned_mps = state.velocity_ned_mps.plus(change);

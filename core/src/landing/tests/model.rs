@@ -385,7 +385,7 @@ impl Flight {
         let c = &lander.config.centring;
         if let Some((velocity, down_mps)) = advice.demand {
             assert!(velocity.norm() <= c.speed_max_mps * 1.001 && velocity.is_finite(), "{advice:?}");
-            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps.max(c.commit_mps), "{advice:?}");
+            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "{advice:?}");
             let (change, down_change) = (velocity.minus(before.0).norm(), libm::fabsf(down_mps - before.1));
             assert!(change <= c.accel_max_mps2 * TICK_S * 1.01, "{advice:?}");
             assert!(down_change <= c.down_accel_max_mps2 * TICK_S * 1.01, "{advice:?}");
