@@ -3,9 +3,11 @@
 use std::io::Write as _;
 use std::process::Stdio;
 
+use foxhound_core::landing::pad::Format;
 use foxhound_core::landing::pad::{Camera, Config, Seen};
 use foxhound_sim::camera::random::{Recipe, shot};
 use foxhound_sim::camera::watch::alone;
+use foxhound_sim::camera::{Frame, Size};
 use foxhound_tests::{python, root};
 use serde_json::Value;
 
@@ -105,4 +107,29 @@ fn the_detector_finds_more_and_invents_less_than_opencv_on_the_same_pictures() {
         // It must be a baseline, not a straw man.
         assert!(with.rate() > 40.0, "{with:?}");
     }
+}
+
+#[test]
+fn what_opencv_draws_is_seen_as_well_and_hardly_anything_else_is() {
+    let detector = Config::default().build().unwrap();
+    let output = python().arg(root().join("tests/peers/draw_pads.py")).output().unwrap();
+    assert!(output.status.success());
+    // With a pad and without: how many there are, and in how many one is seen.
+    let mut counts = [[0_u32; 2]; 2];
+    for case in output.stdout.chunks_exact(5 + 3 * 160 * 120) {
+        let height_m = f32::from_le_bytes([case[1], case[2], case[3], case[4]]);
+        let code = |rgb: &[u8]| u16::from(rgb[0] >> 3) << 11 | u16::from(rgb[1] >> 2) << 5 | u16::from(rgb[2] >> 3);
+        let bytes = case[5..].chunks_exact(3).flat_map(|rgb| code(rgb).to_le_bytes()).collect();
+        let frame = Frame { size: Size { format: Format::Rgb565, ..Size::USUAL }, bytes };
+        let [all, seen] = &mut counts[usize::from(case[0] == 0)];
+        *all += 1;
+        *seen += u32::from(matches!(alone(&detector, &frame, Some(height_m), 2).seen, Seen::Pad(_)));
+    }
+    println!(
+        "drawn with OpenCV: of {} pads {} found, in {} others {}",
+        counts[0][0], counts[0][1], counts[1][0], counts[1][1]
+    );
+    let [[pads, found], [others, invented]] = counts;
+    assert!(pads == 192 && others == 768);
+    assert!(100 * found >= 97 * pads && 100 * invented <= others, "{counts:?}");
 }

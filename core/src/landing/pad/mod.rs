@@ -51,6 +51,8 @@ const RADIUS_MIN_PX: f32 = 4.6;
 const EXPECTED_MIN_PX: f32 = 4.9;
 /// Of a disc that the border cuts so much must be in the picture.
 const SHARE_MIN: f32 = 0.3;
+/// The filled part of a disc and the part of its ring, together at least: with a third hidden they are 1.3.
+const WHOLE_MIN: f32 = 1.2;
 /// Sine of how far the vehicle may lean.
 const LEAN_SINE: f32 = 0.342;
 /// Fewer pixels are no region.
@@ -515,7 +517,13 @@ impl Detector {
             return Err(Nothing::Colour);
         }
         let sight = Sight { expected_px: expected_px.unwrap_or(radius), off_axis, share, narrow, format };
-        let score = score(&measures(region, &fit, &sight));
+        let measures = measures(region, &fit, &sight);
+        // Whatever its colours: of half a disc half of the area is there and half of the ring.
+        let [_, _, fill, seen, ..] = measures;
+        if !is_cut && fill + seen < WHOLE_MIN {
+            return Err(Nothing::Hidden);
+        }
+        let score = score(&measures);
         if !(score > 0.0) {
             return Err(Nothing::Shape);
         }
