@@ -4,7 +4,7 @@
 
 use foxhound_sim::gusts::{Row, SCENES, Scene, WEATHERS, Weather, row};
 
-/// Of the two hundred flights of `docs/gusts.md` so many are flown here.
+/// Of the hundred flights of `docs/gusts.md` so many are flown here.
 const FLIGHTS: u64 = 60;
 
 fn scene(name: &str) -> &'static Scene {

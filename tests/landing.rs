@@ -52,10 +52,12 @@ fn without_a_camera_it_hovers_above_the_beacon_and_hands_over() {
 }
 
 #[test]
-fn where_there_is_no_pad_it_hands_over_above_the_beacon() {
+fn where_there_is_no_pad_it_hands_over_mostly_above_the_beacon() {
     let row = flown("camera, no pad there");
     assert_eq!((row.on_pad, row.beside.len()), (0, 0), "{row:?}");
-    hands_over(&row, &["no_pad", "time_limit"]);
+    // Pillars stand on some of the ways back.
+    let [all, near] = row.handed_over["no_pad"];
+    assert!(u64::from(all) == FLIGHTS && f64::from(near) >= 0.8 * FLIGHTS as f64, "{row:?}");
 }
 
 fn mission(text: &str) -> Mission {
