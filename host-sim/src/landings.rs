@@ -26,70 +26,54 @@ const PAD_M: f64 = 0.5;
 pub struct Scene {
     /// Its name.
     pub name: &'static str,
-    /// The scenario.
+    /// What the scenario has under `landing`, `bearing` and `vehicle`.
     #[serde(skip)]
-    pub scenario: &'static str,
+    parts: [&'static str; 3],
+    #[serde(skip)]
+    is_gusty: bool,
+}
+
+const BEARING: &str = r#"{"snr_db":20}"#;
+const ARDUCOPTER: &str = r#"{"model":"arducopter"}"#;
+const PX4: &str = r#"{"model":"arducopter","autopilot":"px4"}"#;
+
+impl Scene {
+    const fn calm(name: &'static str, landing: &'static str) -> Self {
+        Self { name, parts: [landing, BEARING, ARDUCOPTER], is_gusty: false }
+    }
+
+    const fn gusty(name: &'static str, landing: &'static str) -> Self {
+        Self { is_gusty: true, ..Self::calm(name, landing) }
+    }
+
+    const fn with(self, bearing: &'static str, vehicle: &'static str) -> Self {
+        Self { parts: [self.parts[0], bearing, vehicle], ..self }
+    }
+
+    /// Its scenario.
+    fn scenario(&self) -> String {
+        let [landing, bearing, vehicle] = self.parts;
+        let wind = if self.is_gusty { r#""wind":{"vx":3,"gust_mps":1},"# } else { "" };
+        format!(
+            r#"{{"landing":{landing},"bearing":{bearing},"vehicle":{vehicle},{wind}"random":{{"count":12,"clear":1.2}},
+            "sensor":{{"model":"scan"}},"goal_tolerance":1.5,"max_time_s":300}}"#
+        )
+    }
 }
 
 /// The scenes.
 pub const SCENES: [Scene; 10] = [
-    Scene {
-        name: "camera, calm",
-        scenario: r#"{"landing":{},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},"bearing":{"snr_db":20},
-            "vehicle":{"model":"arducopter"},"goal_tolerance":1.5,"max_time_s":300}"#,
-    },
-    Scene {
-        name: "camera, gusts of 3 m/s",
-        scenario: r#"{"landing":{},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},"bearing":{"snr_db":20},
-            "wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,"max_time_s":300}"#,
-    },
-    Scene {
-        name: "camera, gusts of 3 m/s, red things about",
-        scenario: r#"{"landing":{"camera":{"distractors":true}},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
-            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
-            "max_time_s":300}"#,
-    },
-    Scene {
-        name: "camera, gusts of 3 m/s, PX4, no range finder",
-        scenario: r#"{"landing":{"range_finder":false},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
-            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter","autopilot":"px4"},
-            "goal_tolerance":1.5,"max_time_s":300}"#,
-    },
-    Scene {
-        name: "camera, from 6 m, gusts of 3 m/s",
-        scenario: r#"{"landing":{"height":6},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
-            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
-            "max_time_s":300}"#,
-    },
-    Scene {
-        name: "camera that fails on the last metres",
-        scenario: r#"{"landing":{"camera":{"cut":[16,300]}},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
-            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
-            "max_time_s":300}"#,
-    },
-    Scene {
-        name: "camera, no pad there",
-        scenario: r#"{"landing":{"pad_missing":true},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
-            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
-            "max_time_s":300}"#,
-    },
-    Scene {
-        name: "no camera, calm",
-        scenario: r#"{"landing":{"camera":null},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
-            "bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,"max_time_s":300}"#,
-    },
-    Scene {
-        name: "no camera, gusts of 3 m/s",
-        scenario: r#"{"landing":{"camera":null},"random":{"count":12,"clear":1.2},"sensor":{"model":"scan"},
-            "bearing":{"snr_db":20},"wind":{"vx":3,"gust_mps":1},"vehicle":{"model":"arducopter"},"goal_tolerance":1.5,
-            "max_time_s":300}"#,
-    },
-    Scene {
-        name: "no camera, no range finder, bearings to 10 deg only",
-        scenario: r#"{"landing":{"camera":null,"range_finder":false},"random":{"count":12,"clear":1.2},
-            "sensor":{"model":"scan"},"bearing":{"sigma_deg":10},"wind":{"vx":3,"gust_mps":1},
-            "vehicle":{"model":"arducopter"},"goal_tolerance":1.5,"max_time_s":300}"#,
-    },
+    Scene::calm("camera, calm", "{}"),
+    Scene::gusty("camera, gusts of 3 m/s", "{}"),
+    Scene::gusty("camera, gusts of 3 m/s, red things about", r#"{"camera":{"distractors":true}}"#),
+    Scene::gusty("camera, gusts of 3 m/s, PX4, no range finder", r#"{"range_finder":false}"#).with(BEARING, PX4),
+    Scene::gusty("camera, from 6 m, gusts of 3 m/s", r#"{"height":6}"#),
+    Scene::gusty("camera that fails on the last metres", r#"{"camera":{"cut":[16,300]}}"#),
+    Scene::gusty("camera, no pad there", r#"{"pad_missing":true}"#),
+    Scene::calm("no camera, calm", r#"{"camera":null}"#),
+    Scene::gusty("no camera, gusts of 3 m/s", r#"{"camera":null}"#),
+    Scene::gusty("no camera, no range finder, bearings to 10 deg only", r#"{"camera":null,"range_finder":false}"#)
+        .with(r#"{"sigma_deg":10}"#, ARDUCOPTER),
 ];
 
 /// What the flights of one scene came to.
@@ -120,7 +104,7 @@ pub struct Row {
 /// # Errors
 /// The scenario is refused, or the flight cannot be flown.
 pub fn fly(scene: &Scene, seed: u64) -> Result<Report, String> {
-    let mut scenario = Scenario::parse(scene.scenario).map_err(|error| error.to_string())?;
+    let mut scenario = Scenario::parse(&scene.scenario()).map_err(|error| error.to_string())?;
     if let Some(landing) = &mut scenario.landing {
         // All round the beacon, by the golden angle, and evenly over the disc.
         let (turn, part) = (seed as f64 * 2.399_963, libm::sqrt((seed as f64 * 0.618_034) % 1.0));
