@@ -788,7 +788,7 @@ impl<const N: usize> Guidance<N> {
             first_ned_rad: latest.first_ned_rad,
             step_rad: latest.step_rad,
             range_max_m: latest.range_m,
-            turn: Some(latest.rays).filter(|_| latest.closes),
+            turn: latest.closes.then_some(latest.rays),
             ranges: &latest.ranges,
         };
         if !self.map.judge(map, judging, &view, work) {
@@ -1011,7 +1011,7 @@ impl<const N: usize> Guidance<N> {
             state.looked_age = 0;
             // A large delivery leaves no room for a look at it: that is for the next step.
             state.is_look_due = !work.has(gather_price(state) + look_price(state) + GUARD_PRICE);
-            look_from = Some(looked).filter(|_| !state.is_look_due);
+            look_from = (!state.is_look_due).then_some(looked);
         }
         self.map.advance(&mut state.map, input.now);
         let may_gather = (is_quiet && !state.is_look_due) || state.near_age >= NEAR_AGE_MAX;
