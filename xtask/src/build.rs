@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use object::{Object as _, ObjectSection as _};
 
-use crate::{Board, Failure};
+use crate::{Board, Failure, attend};
 
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
@@ -26,9 +26,9 @@ pub(crate) struct Size {
 impl Image {
     /// Builds one of the firmware's programs.
     pub(crate) fn build(board: Board, program: &str) -> Result<Self, Failure> {
-        let mut cargo = toolchain()?;
+        install_target()?;
+        let mut cargo = cargo();
         cargo
-            .current_dir(workspace())
             .args([
                 "build",
                 "--profile",
@@ -83,55 +83,29 @@ impl Image {
     }
 }
 
+/// The cargo that runs us, in the root of the repository.
+pub(crate) fn cargo() -> Command {
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo.current_dir(workspace());
+    cargo
+}
+
 pub(crate) fn workspace() -> &'static Path {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.parent().unwrap_or(here)
 }
 
-/// A cargo that can build for the target: the one that runs us, with the target added if need be; or Debian's, which
-/// brings the library's source.
-fn toolchain() -> Result<Command, Failure> {
-    if has_target() || add_target() {
-        return Ok(Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())));
+/// Gives the running toolchain the target, where it does not have it. That of `rust-toolchain.toml` comes with it.
+pub(crate) fn install_target() -> Result<(), Failure> {
+    if has_target() {
+        return Ok(());
     }
-    let linker = rust_lld()
-        .filter(|_| Path::new("/usr/bin/cargo").exists() && Path::new("/usr/bin/rustc").exists())
-        .ok_or_else(|| {
-            Failure(format!(
-                "the target {TARGET} is missing: `rustup target add {TARGET}`, or on Debian \
-                 `apt-get install rustc-web cargo-web rust-web-src`"
-            ))
-        })?;
-    let mut cargo = Command::new("/usr/bin/cargo");
-    cargo
-        .env("RUSTC_BOOTSTRAP", "1")
-        .env("RUSTC", "/usr/bin/rustc")
-        .env_remove("RUSTUP_TOOLCHAIN")
-        .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker)
-        .arg("-Zbuild-std=core");
-    Ok(cargo)
+    eprintln!("installing {TARGET} (rustup)");
+    attend(Command::new("rustup").current_dir(workspace()).args(["target", "add", TARGET]).stdout(Stdio::null()))
 }
 
 fn has_target() -> bool {
-    rustc_prints(&["--print", "target-libdir", "--target", TARGET]).is_some_and(|folder| folder.is_dir())
-}
-
-fn add_target() -> bool {
-    Command::new("rustup")
-        .args(["target", "add", TARGET])
-        .stdout(Stdio::null())
-        .status()
-        .is_ok_and(|status| status.success())
-        && has_target()
-}
-
-fn rust_lld() -> Option<PathBuf> {
-    let library = rustc_prints(&["--print", "target-libdir"])?;
-    let linker = library.parent()?.join("bin/rust-lld");
-    linker.exists().then_some(linker)
-}
-
-fn rustc_prints(arguments: &[&str]) -> Option<PathBuf> {
-    let output = Command::new("rustc").current_dir(workspace()).args(arguments).output().ok()?;
-    output.status.success().then(|| PathBuf::from(String::from_utf8_lossy(&output.stdout).trim()))
+    let mut rustc = Command::new("rustc");
+    rustc.current_dir(workspace()).args(["--print", "target-libdir", "--target", TARGET]);
+    rustc.output().is_ok_and(|output| Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir())
 }

@@ -1,10 +1,11 @@
-//! Developer commands: `cargo xtask <test | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak | gusts | landings>`.
+//! Developer commands: `cargo xtask <test | fresh | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak | gusts | landings>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
 
 mod bench;
 mod build;
+mod fresh;
 mod gusts;
 mod landings;
 mod panics;
@@ -35,7 +36,17 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Task {
     /// Install what is missing, then run every check: format, lints, documentation, images, tests, flights in QEMU
-    Test,
+    Test {
+        /// End where everything is built
+        #[arg(long)]
+        no_run: bool,
+    },
+    /// Clone what is committed and run the README's two commands there with a rustup home and a cargo home of their own
+    Fresh {
+        /// End where everything is built
+        #[arg(long)]
+        no_run: bool,
+    },
     /// Build the release image of a board and say how large it is
     Firmware {
         /// The board
@@ -198,7 +209,8 @@ fn main() -> ExitCode {
 
 fn run(task: &Task) -> Result<(), Failure> {
     match task {
-        Task::Test => test::run(),
+        Task::Test { no_run } => test::run(*no_run),
+        Task::Fresh { no_run } => fresh::run(*no_run),
         Task::Firmware { board, json } => firmware(*board, *json),
         Task::Size { json } => size::run(*json),
         Task::Panics { json } => panics::run(*json),

@@ -4,11 +4,11 @@
 //! through the built-in mission, `tests/scenarios` and `tests/traps`, and through the three planners.
 
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use serde_json::Value;
 
-use crate::build::{Image, workspace};
+use crate::build::{Image, cargo, workspace};
 use crate::{Board, Failure};
 
 const PLANNERS: [&str; 3] = ["foxhound", "paper", "standard"];
@@ -55,8 +55,8 @@ fn scenarios() -> Result<Vec<PathBuf>, Failure> {
 }
 
 fn fly(via: &str, scenario: Option<&PathBuf>, planner: &str, seed: u32) -> Result<Value, Failure> {
-    let mut fly = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    fly.current_dir(workspace()).args(["run", "--release", "--quiet", "--package", "foxhound-sim", "--"]);
+    let mut fly = cargo();
+    fly.args(["run", "--release", "--quiet", "--package", "foxhound-sim", "--"]);
     fly.args(["fly", "--json", "--via", via, "--planner", planner, "--seed", &seed.to_string()]);
     if let Some(scenario) = scenario {
         fly.arg("--scenario").arg(scenario);

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, Instant};
 
-use crate::build::{Image, TARGET, workspace};
+use crate::build::{Image, TARGET, cargo, install_target, workspace};
 use crate::{Board, Failure, attend};
 
 /// The peers that read our bytes, at the versions that the tests were written against.
@@ -34,44 +35,86 @@ from pymavlink.dialects.v20 import ardupilotmega
 sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))
 ";
 
-/// Installs what is missing, then runs everything, cheapest first.
-pub(crate) fn run() -> Result<(), Failure> {
-    let python = install()?;
-    let firmware = ["--package", "foxhound-firmware", "--target", TARGET];
-    let strict = ["--", "--deny", "warnings"];
-
-    step("format");
-    cargo(&["fmt", "--all", "--check"], &[])?;
-    step("lints, host");
-    cargo(&["clippy", "--workspace", "--exclude", "foxhound-firmware", "--all-targets"], &strict)?;
-    for board in Board::ALL {
-        step(&format!("lints, {}", board.name()));
-        let feature = format!("board-{}", board.name());
-        cargo(&["clippy", "--profile", "firmware", "--features", &feature], &[&firmware[..], &strict].concat())?;
+/// Installs what is missing, then runs everything, cheapest first, and prints how long each stage took. With `no_run` it ends
+/// where everything is built.
+pub(crate) fn run(no_run: bool) -> Result<(), Failure> {
+    let mut stages = Stages::default();
+    let result = check(&mut stages, no_run);
+    println!("\n{}", stages.table());
+    if result.is_ok() {
+        println!("\n{}", if no_run { "everything builds" } else { "all checks passed" });
     }
-    step("documentation");
-    let mut doc = command(&["doc", "--no-deps", "--workspace", "--exclude", "foxhound-firmware"]);
-    attend(doc.env("RUSTDOCFLAGS", "--deny warnings"))?;
+    result
+}
 
-    step("firmware images");
-    let board = fitting(Board::NucleoG474re)?;
-    fitting(Board::NucleoH743zi)?;
-    let twin = fitting(Board::Mps2An386)?;
+fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
+    stages.run("toolchain", install_toolchain)?;
+    // Another compiler has other warnings and other lints that are errors from the start: it names them and goes on.
+    let lints: &[&str] = if is_named_toolchain() { &["--deny", "warnings"] } else { &["--cap-lints", "warn"] };
+    let clippy = |arguments: &[&str]| attend(cargo().arg("clippy").args(arguments).arg("--").args(lints));
 
-    step("panics, looked for in the machine code");
-    crate::panics::run(false)?;
-    step("stack, at most");
-    crate::stack::run(false)?;
+    stages.run("format", || attend(cargo().args(["fmt", "--all", "--check"])))?;
+    stages.run("lints, host", || clippy(&["--workspace", "--exclude", "foxhound-firmware", "--all-targets"]))?;
+    for board in Board::ALL {
+        let feature = format!("board-{}", board.name());
+        let firmware = ["--package", "foxhound-firmware", "--target", TARGET, "--profile", "firmware"];
+        let arguments = [&firmware[..], &["--features", &feature]].concat();
+        stages.run(&format!("lints, {}", board.name()), || clippy(&arguments))?;
+    }
+    stages.run("documentation", || {
+        let mut doc = cargo();
+        doc.args(["doc", "--no-deps", "--workspace", "--exclude", "foxhound-firmware"]);
+        attend(doc.env("RUSTDOCFLAGS", lints.join(" ")))
+    })?;
 
-    step("tests");
-    let mut test = command(&["test", "--", "--include-ignored"]);
-    test.env("FOXHOUND_QEMU_ELF", &twin.elf).env("FOXHOUND_G474_ELF", &board.elf).env("FOXHOUND_PYTHON", &python);
-    attend(&mut test)?;
+    let board = stages.run("image, nucleo_g474re", || fitting(Board::NucleoG474re))?;
+    stages.run("image, nucleo_h743zi", || fitting(Board::NucleoH743zi))?;
+    let twin = stages.run("image, mps2_an386", || fitting(Board::Mps2An386))?;
+    stages.run("tests, built", || attend(cargo().args(["test", "--no-run"])))?;
+    if no_run {
+        return Ok(());
+    }
 
-    step("instructions, counted in QEMU");
-    crate::bench::run(false)?;
-    println!("\nall checks passed");
-    Ok(())
+    stages.run("panics, looked for in the machine code", || crate::panics::run(false))?;
+    stages.run("stack, at most", || crate::stack::run(false))?;
+    stages.run("tests, xtask", || attend(cargo().args(["test", "--package", "xtask"])))?;
+    let python = stages.run("peers", install_peers)?;
+    // The same packages each time, so that nothing is built twice.
+    for (name, kind) in [
+        ("tests, each crate", &["--lib", "--bins"][..]),
+        ("tests, whole system", &["--test", "*"]),
+        ("tests, documentation", &["--doc"]),
+    ] {
+        let mut test = cargo();
+        test.arg("test").args(kind).args(["--", "--include-ignored"]);
+        test.env("FOXHOUND_QEMU_ELF", &twin.elf).env("FOXHOUND_G474_ELF", &board.elf).env("FOXHOUND_PYTHON", &python);
+        stages.run(name, || attend(&mut test))?;
+    }
+
+    stages.run("instructions, counted in QEMU", || crate::bench::run(false))
+}
+
+/// The stages that have ended, and how long each took.
+#[derive(Default)]
+struct Stages(Vec<(String, Duration)>);
+
+impl Stages {
+    fn run<T>(&mut self, name: &str, work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
+        println!("\n== {name}");
+        let began = Instant::now();
+        let result = work();
+        self.0.push((name.to_owned(), began.elapsed()));
+        result
+    }
+
+    fn table(&self) -> String {
+        let total = ("total".to_owned(), self.0.iter().map(|(_, time)| *time).sum());
+        let rows = self.0.iter().chain([&total]).map(|(name, time)| {
+            let time_s = time.as_secs();
+            format!("{:>3} min {:02} s  {name}", time_s / 60, time_s % 60)
+        });
+        rows.collect::<Vec<_>>().join("\n")
+    }
 }
 
 /// Builds a board's image and says how large it is; fails where that is too much.
@@ -94,28 +137,31 @@ fn fitting(board: Board) -> Result<Image, Failure> {
     Ok(image)
 }
 
-fn step(name: &str) {
-    println!("\n== {name}");
+/// Whether the compiler is that of `rust-toolchain.toml`, whose warnings are errors.
+fn is_named_toolchain() -> bool {
+    let output = Command::new("rustc").current_dir(workspace()).arg("--version").output();
+    let version = output.map_or_else(|_| String::new(), |output| String::from_utf8_lossy(&output.stdout).into_owned());
+    let named = env!("CARGO_PKG_RUST_VERSION");
+    let is_named = version.starts_with(&format!("rustc {named} "));
+    if !is_named {
+        println!("warnings are no errors with {}: this tree is checked with rustc {named}", version.trim());
+    }
+    is_named
 }
 
-fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.current_dir(workspace()).args(arguments);
-    command
-}
-
-fn cargo(arguments: &[&str], more: &[&str]) -> Result<(), Failure> {
-    attend(command(arguments).args(more))
-}
-
-/// Installs what the checks need and says so; returns a Python that has the peers.
-fn install() -> Result<PathBuf, Failure> {
-    for component in ["rustfmt", "clippy"] {
-        if !runs(&format!("cargo-{}", component.trim_start_matches("rust")), "--version") {
+/// What rustup installs with the toolchain of `rust-toolchain.toml`, for another toolchain that lacks it.
+fn install_toolchain() -> Result<(), Failure> {
+    for (component, program) in [("rustfmt", "cargo-fmt"), ("clippy", "cargo-clippy")] {
+        if !runs(program, "--version") {
             println!("installing {component} (rustup)");
-            attend(Command::new("rustup").args(["component", "add", component]))?;
+            attend(Command::new("rustup").current_dir(workspace()).args(["component", "add", component]))?;
         }
     }
+    install_target()
+}
+
+/// Installs what the tests need and says so; returns a Python that has the peers.
+fn install_peers() -> Result<PathBuf, Failure> {
     if !runs("qemu-system-arm", "--version") {
         println!("installing qemu-system-arm (apt)");
         apt("qemu-system-arm")?;
@@ -161,4 +207,26 @@ fn apt(package: &str) -> Result<(), Failure> {
         attend(apt.args(&line[1..]).env("DEBIAN_FRONTEND", "noninteractive"))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rustup_is_asked_for_the_version_that_the_workspace_names() {
+        let file = include_str!("../../rust-toolchain.toml");
+        assert!(file.contains(&format!("channel = \"{}\"\n", env!("CARGO_PKG_RUST_VERSION"))), "{file}");
+        assert!(file.contains(&format!("targets = [\"{TARGET}\"]\n")), "{file}");
+    }
+
+    #[test]
+    fn the_table_has_every_stage_that_began_and_the_sum() {
+        let mut stages = Stages::default();
+        assert_eq!(stages.run("first", || Ok(3)).unwrap(), 3);
+        assert!(stages.run("second", || Err::<(), _>(Failure("no".to_owned()))).is_err());
+        stages.0[0].1 = Duration::from_secs(61);
+        stages.0[1].1 = Duration::from_millis(600_500);
+        assert_eq!(stages.table(), "  1 min 01 s  first\n 10 min 00 s  second\n 11 min 01 s  total");
+    }
 }

@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
-use crate::build::{Image, workspace};
+use crate::build::{Image, cargo, workspace};
 use crate::{Board, Failure, attend, bench};
 
 /// The built-in mission with many seeds, on the host and in QEMU.
@@ -65,7 +65,7 @@ fn image() -> Result<Image, Failure> {
 
 /// `cargo run` of the simulator, in release.
 fn simulator() -> Command {
-    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    cargo.current_dir(workspace()).args(["run", "--release", "--quiet", "--package", "foxhound-sim"]);
+    let mut cargo = cargo();
+    cargo.args(["run", "--release", "--quiet", "--package", "foxhound-sim"]);
     cargo
 }
