@@ -259,7 +259,7 @@ fn a_turn_on_the_spot_calibrates_and_names_swapped_channels() {
     assert!(report["deviation_max_deg"].as_f64().unwrap() < 0.2, "there is none: {report}");
     assert!((report["phase_deg"][1].as_f64().unwrap() - report["phase_deg"][0].as_f64().unwrap() - 47.0).abs() < 0.1);
 
-    for frame in codes.chunks_exact_mut(4 * N) {
+    for frame in codes.as_chunks_mut::<{ 4 * N }>().0 {
         let (first, second) = frame.split_at_mut(2 * N);
         first[N..].swap_with_slice(&mut second[..N]);
     }

@@ -116,10 +116,10 @@ fn what_opencv_draws_is_seen_as_well_and_hardly_anything_else_is() {
     assert!(output.status.success());
     // With a pad and without: how many there are, and in how many one is seen.
     let mut counts = [[0_u32; 2]; 2];
-    for case in output.stdout.chunks_exact(5 + 3 * 160 * 120) {
+    for case in output.stdout.as_chunks::<{ 5 + 3 * 160 * 120 }>().0 {
         let height_m = f32::from_le_bytes([case[1], case[2], case[3], case[4]]);
-        let code = |rgb: &[u8]| u16::from(rgb[0] >> 3) << 11 | u16::from(rgb[1] >> 2) << 5 | u16::from(rgb[2] >> 3);
-        let bytes = case[5..].chunks_exact(3).flat_map(|rgb| code(rgb).to_le_bytes()).collect();
+        let code = |[r, g, b]: &[u8; 3]| u16::from(r >> 3) << 11 | u16::from(g >> 2) << 5 | u16::from(b >> 3);
+        let bytes = case[5..].as_chunks().0.iter().flat_map(|rgb| code(rgb).to_le_bytes()).collect();
         let frame = Frame { size: Size { format: Format::Rgb565, ..Size::USUAL }, bytes };
         let [all, seen] = &mut counts[usize::from(case[0] == 0)];
         *all += 1;

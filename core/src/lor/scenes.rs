@@ -57,5 +57,5 @@ pub(super) fn room() -> Vec<Horizontal> {
 
 fn places(cm: &[i16]) -> Vec<Horizontal> {
     let metres = |value: i16| f32::from(value) / 100.0;
-    cm.chunks_exact(2).map(|pair| Horizontal { north: metres(pair[0]), east: metres(pair[1]) }).collect()
+    cm.as_chunks().0.iter().map(|&[north, east]| Horizontal { north: metres(north), east: metres(east) }).collect()
 }

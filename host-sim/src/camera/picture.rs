@@ -108,7 +108,7 @@ pub fn mark(frame: &Frame, seen: Seen, focal_widths: f32) -> Picture {
     let (width, height) = (2 * usize::from(frame.size.width_px), 2 * usize::from(frame.size.height_px));
     let small = frame.rgb();
     let mut rgb = vec![0; 3 * width * height];
-    for (at, pixel) in rgb.chunks_exact_mut(3).enumerate() {
+    for (at, pixel) in rgb.as_chunks_mut::<3>().0.iter_mut().enumerate() {
         let from = 3 * ((at / width / 2) * (width / 2) + at % width / 2);
         pixel.copy_from_slice(&small[from..from + 3]);
     }

@@ -16,7 +16,7 @@ pub(super) const DRIVER: u8 = 1;
 /// What is wrong with it, without a word of what stands there.
 pub fn parse_key(text: &str) -> Result<Key, InputError> {
     let digits: Vec<u32> = text.trim().chars().map_while(|digit| digit.to_digit(16)).collect();
-    let bytes: Vec<u8> = digits.chunks_exact(2).map(|pair| (pair[0] * 16 + pair[1]) as u8).collect();
+    let bytes: Vec<u8> = digits.as_chunks().0.iter().map(|[high, low]| (high * 16 + low) as u8).collect();
     let is_whole = digits.len() == 64 && text.trim().len() == 64;
     let key = <[u8; 32]>::try_from(bytes).ok().filter(|_| is_whole).and_then(Key::new);
     key.ok_or_else(|| InputError::new("expected 64 hexadecimal digits, not all of them 0"))

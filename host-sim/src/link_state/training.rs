@@ -165,7 +165,7 @@ impl Network {
             output: [[0.0; HIDDEN]; CLASSES],
             output_bias: [0.0; CLASSES],
         };
-        for (h, row) in self.weights.chunks_exact(FEATURES + 1).take(HIDDEN).enumerate() {
+        for (h, row) in self.weights.as_chunks::<{ FEATURES + 1 }>().0.iter().take(HIDDEN).enumerate() {
             let mut bias = row[FEATURES];
             for (k, [mean, inverse]) in self.scaling.iter().enumerate() {
                 weights.hidden[h][k] = (row[k] * inverse) as f32;
@@ -173,7 +173,7 @@ impl Network {
             }
             weights.hidden_bias[h] = bias as f32;
         }
-        for (class, row) in self.weights[self.split()..].chunks_exact(HIDDEN + 1).enumerate() {
+        for (class, row) in self.weights[self.split()..].as_chunks::<{ HIDDEN + 1 }>().0.iter().enumerate() {
             weights.output[class] = std::array::from_fn(|k| row[k] as f32);
             weights.output_bias[class] = row[HIDDEN] as f32;
         }

@@ -111,11 +111,14 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
                 ..Estimate::default()
             };
             let facts = Facts {
-                ownship: Some(&ownship).filter(|_| rng.uniform() > 0.02),
-                height_m: Some(some(&mut rng, 2.0, wildness)).filter(|_| seed % 2 == 0),
-                bearing: Some(&bearing).filter(|_| rng.uniform() > 0.1),
-                estimate: Some(&estimate).filter(|_| rng.uniform() > 0.5),
-                look: Some(look(&mut rng, now, wildness)).filter(|_| rng.uniform() > 0.5),
+                ownship: (rng.uniform() > 0.02).then_some(&ownship),
+                height_m: (seed % 2 == 0).then_some(some(&mut rng, 2.0, wildness)),
+                bearing: (rng.uniform() > 0.1).then_some(&bearing),
+                estimate: (rng.uniform() > 0.5).then_some(&estimate),
+                look: {
+                    let look = look(&mut rng, now, wildness);
+                    (rng.uniform() > 0.5).then_some(look)
+                },
                 is_landed: rng.uniform() < 0.001,
                 is_blocked: rng.uniform() < 0.1,
                 tick_s: if rng.uniform() < wildness { some(&mut rng, 1.0, 0.5) } else { 0.02 },
