@@ -21,11 +21,8 @@ pub fn root() -> &'static Path {
 pub fn foxhound() -> Command {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     let path = BINARY.get_or_init(|| {
-        let build = escargot::CargoBuild::new()
-            .manifest_path(root().join("Cargo.toml"))
-            .package("foxhound-sim")
-            .bin("foxhound")
-            .release();
+        // No package is named: with the features of all of them it is what `cargo run --release` builds.
+        let build = escargot::CargoBuild::new().manifest_path(root().join("Cargo.toml")).bin("foxhound").release();
         match build.run() {
             Ok(run) => run.path().to_path_buf(),
             Err(error) => fail(&format!("foxhound does not build: {error}")),
