@@ -16,6 +16,7 @@
 //! | [`tone`] | the test tone of a board that can make one |
 //! | [`restart`] | why the computer has restarted: what is kept over a reset |
 //! | [`store`] | what is kept while the power is off |
+//! | [`transfer`] | what a DMA transfer takes: kept by the drivers, checked by the twin |
 #![no_std]
 
 #[cfg(test)]
@@ -32,6 +33,7 @@ pub mod sampling;
 pub mod selftest;
 pub mod store;
 pub mod tone;
+pub mod transfer;
 
 /// Samples of one channel in one snapshot.
 pub const SAMPLES_PER_CHANNEL: usize = 256;

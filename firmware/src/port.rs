@@ -158,6 +158,7 @@ pub async fn speak(mut line: PortTransmitter, mut log: Consumer<'static>) {
         if count == 0 {
             SENT.signal(());
             NEWS.wait().await;
+            continue;
         }
         line.write(bytes.get(..count).unwrap_or_default()).await;
     }

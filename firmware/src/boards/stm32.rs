@@ -5,8 +5,9 @@ use core::fmt;
 
 use defmt_rtt as _;
 use embassy_stm32::mode::Async;
-use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
+use embassy_stm32::usart::{self, RingBufferedUartRx, UartTx};
 use foxhound_computer::restart::End;
+use foxhound_computer::transfer;
 
 use super::last_words;
 
@@ -31,7 +32,7 @@ pub struct Transmitter(pub(super) UartTx<'static, Async>);
 impl Transmitter {
     /// Sends bytes; returns when DMA has handed over the last one.
     pub async fn write(&mut self, bytes: &[u8]) {
-        if let Err(error) = self.0.write(bytes).await {
+        if let Err(error) = send(&mut self.0, bytes).await {
             defmt::warn!("USART1: {}", defmt::Debug2Format(&error));
         }
     }
@@ -58,8 +59,16 @@ impl PortTransmitter {
     /// Sends bytes; returns when DMA has handed over the last one.
     pub async fn write(&mut self, bytes: &[u8]) {
         // What does not arrive is a gap in the log.
-        let _ = self.0.write(bytes).await;
+        let _ = send(&mut self.0, bytes).await;
     }
+}
+
+/// Sends bytes by DMA, none or any number of them: [`transfer`] says what DMA takes, and embassy panics at anything else.
+async fn send(line: &mut UartTx<'static, Async>, bytes: &[u8]) -> Result<(), usart::Error> {
+    for piece in transfer::pieces(bytes) {
+        line.write(piece).await?;
+    }
+    Ok(())
 }
 
 /// Cycles of the core; wraps after some seconds.
