@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`flight`] | one step: link, guidance, link; the same lines in the firmware and in the simulator |
 //! | [`camera`] | frames of a camera that looks down, and what the pad detector makes of them |
+//! | [`circular`] | reading a ring that DMA writes |
 //! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
 //! | [`log`] | what goes into a flight, written down so that the host can fly it again |
 //! | [`port`] | the maintenance port: lines in, words out |
@@ -23,6 +24,7 @@
 extern crate std;
 
 pub mod camera;
+pub mod circular;
 pub mod deadline;
 pub mod flight;
 pub mod frozen;
