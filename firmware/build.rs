@@ -5,13 +5,8 @@ use std::{env, fs, io};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = PathBuf::from(env::var("OUT_DIR")?);
-    let is_for = |board| env::var_os(format!("CARGO_FEATURE_BOARD_{board}")).is_some();
-    let twin = is_for("MPS2_AN386");
-    let map = match (twin, is_for("NUCLEO_H743ZI")) {
-        (true, _) => "src/boards/mps2_an386/memory.x",
-        (_, true) => "src/boards/nucleo_h743zi/memory.x",
-        _ => "../memory.x",
-    };
+    let twin = env::var_os("CARGO_FEATURE_BOARD_MPS2_AN386").is_some();
+    let map = if twin { "src/boards/mps2_an386/memory.x" } else { "../memory.x" };
     place(Path::new(map), &out.join("memory.x"))?;
     if twin {
         // cortex-m-rt asks for the names of a chip's interrupts; this board's table holds the functions themselves.

@@ -11,18 +11,14 @@
 //! ```
 #![no_std]
 
-#[cfg(not(any(feature = "board-nucleo_g474re", feature = "board-nucleo_h743zi", feature = "board-mps2_an386")))]
-compile_error!("choose a board: --features board-nucleo_g474re, board-nucleo_h743zi or board-mps2_an386");
-#[cfg(any(
-    all(feature = "board-nucleo_g474re", feature = "board-nucleo_h743zi"),
-    all(feature = "board-nucleo_g474re", feature = "board-mps2_an386"),
-    all(feature = "board-nucleo_h743zi", feature = "board-mps2_an386"),
-))]
-compile_error!("choose one board only: board-nucleo_g474re, board-nucleo_h743zi or board-mps2_an386");
+#[cfg(not(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386")))]
+compile_error!("choose a board: --features board-nucleo_g474re or board-mps2_an386");
+#[cfg(all(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
+compile_error!("choose one board only: board-nucleo_g474re or board-mps2_an386");
 
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-nucleo_h743zi", feature = "board-mps2_an386"))]
+#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod app;
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-nucleo_h743zi", feature = "board-mps2_an386"))]
+#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod boards;
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-nucleo_h743zi", feature = "board-mps2_an386"))]
+#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod port;

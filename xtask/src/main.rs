@@ -150,42 +150,26 @@ enum Board {
     /// NUCLEO-G474RE
     #[value(name = "nucleo_g474re")]
     NucleoG474re,
-    /// NUCLEO-H743ZI2, without antennas
-    #[value(name = "nucleo_h743zi")]
-    NucleoH743zi,
     /// The twin in QEMU
     #[value(name = "mps2_an386")]
     Mps2An386,
 }
 
 impl Board {
-    const ALL: [Self; 3] = [Self::NucleoG474re, Self::NucleoH743zi, Self::Mps2An386];
+    const ALL: [Self; 2] = [Self::NucleoG474re, Self::Mps2An386];
 
     fn name(self) -> &'static str {
         match self {
             Self::NucleoG474re => "nucleo_g474re",
-            Self::NucleoH743zi => "nucleo_h743zi",
             Self::Mps2An386 => "mps2_an386",
         }
     }
-
-    /// The flash that the program may take, and the memory for variables and for the stack: `memory.x`.
-    fn memory(self) -> Memory {
-        match self {
-            Self::NucleoG474re | Self::Mps2An386 => {
-                Memory { flash_bytes: 496 << 10, ram_bytes: 88 << 10, stack_bytes: 40 << 10 }
-            }
-            Self::NucleoH743zi => Memory { flash_bytes: 2 << 20, ram_bytes: 512 << 10, stack_bytes: 64 << 10 },
-        }
-    }
 }
 
-/// How much there is of what.
-struct Memory {
-    flash_bytes: u64,
-    ram_bytes: u64,
-    stack_bytes: u64,
-}
+/// The flash that a program may take, and the memory for variables and for the stack: `memory.x` of both boards.
+const FLASH_BYTES: u64 = 496 << 10;
+const RAM_BYTES: u64 = 88 << 10;
+const STACK_BYTES: u64 = 40 << 10;
 
 /// What went wrong, in words.
 #[derive(Debug)]
@@ -252,9 +236,8 @@ fn firmware(board: Board, json: bool) -> Result<(), Failure> {
         println!("{line}");
     } else {
         println!("{}", image.elf.display());
-        let Memory { flash_bytes, ram_bytes, stack_bytes } = board.memory();
-        println!("flash {:>7} bytes of {flash_bytes}", size.flash_bytes);
-        println!("RAM   {:>7} bytes of {ram_bytes}, beside {stack_bytes} of stack", size.ram_bytes);
+        println!("flash {:>7} bytes of {FLASH_BYTES}", size.flash_bytes);
+        println!("RAM   {:>7} bytes of {RAM_BYTES}, beside {STACK_BYTES} of stack", size.ram_bytes);
     }
     Ok(())
 }

@@ -30,7 +30,7 @@
 mod last_words;
 #[expect(unsafe_code, reason = "the stack as memory")]
 mod stack;
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-nucleo_h743zi"))]
+#[cfg(feature = "board-nucleo_g474re")]
 #[expect(unsafe_code, reason = "where a fault goes on")]
 mod stm32;
 
@@ -40,15 +40,11 @@ pub use stack::Watermark;
 pub mod mps2_an386;
 #[cfg(feature = "board-nucleo_g474re")]
 pub mod nucleo_g474re;
-#[cfg(feature = "board-nucleo_h743zi")]
-pub mod nucleo_h743zi;
 
 #[cfg(feature = "board-mps2_an386")]
 pub use mps2_an386 as board;
 #[cfg(feature = "board-nucleo_g474re")]
 pub use nucleo_g474re as board;
-#[cfg(feature = "board-nucleo_h743zi")]
-pub use nucleo_h743zi as board;
 
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::map::Circle;
