@@ -175,6 +175,30 @@ pub const HELP: [&str; 7] = [
     "restart             begin anew, in standby; not in control",
 ];
 
+/// Where the computer's clock is from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// The crystal.
+    Crystal,
+    /// The part's own oscillator, because the crystal does not start. Sample rate, tones and times are off by up to 1 % from
+    /// 0 to 85 °C (DS12288, HSI16 oscillator characteristics).
+    Internal,
+    /// The simulator.
+    Simulated,
+}
+
+impl Clock {
+    /// For `status`.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Crystal => "clock: crystal (HSE)",
+            Self::Internal => "clock: no crystal; HSI, sample rate and times off by up to 1 %",
+            Self::Simulated => "clock: the simulator's",
+        }
+    }
+}
+
 /// What `status` tells.
 #[derive(Clone, Copy, Debug)]
 pub struct Status<'a> {
@@ -184,6 +208,8 @@ pub struct Status<'a> {
     pub uptime_s: u32,
     /// Why it has started.
     pub restart: &'a Restart,
+    /// Where the clock is from.
+    pub clock: Clock,
     /// How the steps are in time.
     pub deadlines: Counts,
     /// Most of the stack that was ever used, as far as it was looked for.
@@ -205,6 +231,7 @@ impl Status<'_> {
         line(words.end());
         words.text("restart: ").display(self.restart);
         line(words.end());
+        line(self.clock.words());
         let Counts { steps, late, longest_us } = self.deadlines;
         words.text("steps ").number(steps).text(", late ").number(late);
         words.text(", longest ").number(longest_us).text(" us, stack ").number(self.stack_bytes).text(" bytes");
@@ -384,6 +411,7 @@ mod tests {
             board: "nucleo_g474re",
             uptime_s: most,
             restart: &restart,
+            clock: Clock::Internal,
             deadlines: Counts { steps: most, late: 0, longest_us: 10_203 },
             stack_bytes: 45_056,
             outcome: Some(Outcome::StaleObstacles),
@@ -395,6 +423,7 @@ mod tests {
         let expected = [
             concat!("foxhound ", env!("CARGO_PKG_VERSION"), " on nucleo_g474re, up 4294967295 s"),
             "restart: panic computer/src/flight.rs:4294967295",
+            "clock: no crystal; HSI, sample rate and times off by up to 1 %",
             "steps 4294967295, late 0, longest 10203 us, stack 45056 bytes",
             "outcome stale_obstacles",
             "link: frames 4294967295, damaged 4294967295, missing 10, rejected 4294967295, setpoints late 4294967295, reboots 4294967295",

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | frames, bytes, time | interrupts of the board | each other, by their priorities |
 //! | [`guide`]: link and guidance, a step for every frame | the guidance executor, an interrupt | the above |
-//! | [`receive`], [`transmit`]: bytes between the serial line and the link | the link executor, an interrupt | the above |
+//! | [`transmit`]: bytes from the link to the serial line | the link executor, an interrupt | the above |
 //! | [`listen`](crate::port::listen), [`speak`](crate::port::speak): the maintenance port | the link executor, too | the above |
 //! | [`plan`] | the thread | everything |
 //!
@@ -57,10 +57,6 @@ const PIECE_BYTES: usize = 128;
 /// With so many bytes on their way to the serial line, no more are sent there.
 const WAITING_BYTES: usize = 128;
 
-/// Bytes from the serial line to guidance; with the ring that the board has in front of it, what arrives in a step of 20 ms at
-/// 921 600 baud.
-pub type Incoming = Pipe<CriticalSectionRawMutex, 512>;
-
 /// Bytes from guidance to the serial line; what does not fit waits in the link, where a newer setpoint replaces it.
 pub type Outgoing = Pipe<CriticalSectionRawMutex, 512>;
 
@@ -102,16 +98,6 @@ pub struct Planned {
     pub samples_ned_m: [[Horizontal; WAYPOINTS]; board::SAMPLES_KEPT],
     /// Length of the replan, in `board::ticks`.
     pub ticks: u32,
-}
-
-/// Bytes of the autopilot, from the serial line into the pipe.
-#[embassy_executor::task]
-pub async fn receive(mut line: Receiver, incoming: &'static Incoming) {
-    let mut bytes = [0; PIECE_BYTES];
-    loop {
-        let count = line.read(&mut bytes).await;
-        incoming.write_all(bytes.get(..count).unwrap_or_default()).await;
-    }
 }
 
 /// Bytes to the autopilot, from the pipe onto the serial line.
@@ -312,6 +298,7 @@ pub async fn guide(
                         uptime_s: board::uptime_s(),
                         restart: &restart,
                         deadlines: monitor.counts(),
+                        clock: pacer.clock(),
                         stack_bytes: pacer.stack_bytes(),
                         outcome: Some(output.outcome),
                         link: flight.companion.counters(),
@@ -472,7 +459,7 @@ fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, 
 
 /// The serial line as guidance sees it.
 pub struct Line {
-    incoming: &'static Incoming,
+    receiver: Receiver,
     outgoing: &'static Outgoing,
     rx_total: u32,
     tx_total: u32,
@@ -481,8 +468,8 @@ pub struct Line {
 impl Line {
     /// Nothing has been heard or said.
     #[must_use]
-    pub const fn new(incoming: &'static Incoming, outgoing: &'static Outgoing) -> Self {
-        Self { incoming, outgoing, rx_total: 0, tx_total: 0 }
+    pub const fn new(receiver: Receiver, outgoing: &'static Outgoing) -> Self {
+        Self { receiver, outgoing, rx_total: 0, tx_total: 0 }
     }
 
     /// Hands over what has come: in lock-step exactly what belongs before this step, else what there is.
@@ -493,13 +480,13 @@ impl Line {
                 Some(LockStep { rx_expected, .. }) => {
                     let missing = (rx_expected.wrapping_sub(self.rx_total) as usize).min(bytes.len());
                     match bytes.get_mut(..missing) {
-                        Some(missing) if !missing.is_empty() => self.incoming.read(missing).await,
+                        Some(missing) if !missing.is_empty() => self.receiver.read(missing).await,
                         _ => return,
                     }
                 }
-                None => match self.incoming.try_read(&mut bytes) {
-                    Ok(count) => count,
-                    Err(_) => return,
+                None => match self.receiver.try_read(&mut bytes) {
+                    0 => return,
+                    count => count,
                 },
             };
             self.rx_total = self.rx_total.wrapping_add(count as u32);

@@ -5,9 +5,9 @@
 //!
 //! ```text
 //!  antennas -> board::Pacer --> app::guide --> outgoing --> app::transmit -> board::Transmitter -> autopilot
-//!  autopilot -> board::Receiver -> app::receive -> incoming --^  |    ^
-//!                                                          orders v    | plans
-//!                                                             app::plan (may be pre-empted by all of the above)
+//!  autopilot -> board::Receiver -----^  |    ^
+//!                                orders v    | plans
+//!                                   app::plan (may be pre-empted by all of the above)
 //! ```
 #![no_std]
 

@@ -3,11 +3,10 @@
 #![no_main]
 
 use embassy_executor::SpawnToken;
-use foxhound_firmware::app::{self, Desk, Incoming, Line, Outgoing};
+use foxhound_firmware::app::{self, Desk, Line, Outgoing};
 use foxhound_firmware::boards::board;
 use foxhound_firmware::port;
 
-static INCOMING: Incoming = Incoming::new();
 static OUTGOING: Outgoing = Outgoing::new();
 
 #[cortex_m_rt::entry]
@@ -23,12 +22,11 @@ fn start() -> Desk {
         Ok(all) => all,
         Err(error) => app::refuse(error),
     };
-    board.link.spawn(task(app::receive(board.receiver, &INCOMING)));
     board.link.spawn(task(app::transmit(board.transmitter, &OUTGOING)));
     let (port, log, camera) = port::ends(begun.detector());
     board.link.spawn(task(port::listen(board.port_receiver, camera)));
     board.link.spawn(task(port::speak(board.port_transmitter, log)));
-    let line = Line::new(&INCOMING, &OUTGOING);
+    let line = Line::new(board.receiver, &OUTGOING);
     let guide = app::guide(board.pacer, board.watchdog, board.restart, begun, line, port, planning);
     board.guidance.spawn(task(guide));
     desk

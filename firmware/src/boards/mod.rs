@@ -5,10 +5,12 @@
 //! | `NAME` | the name in `--board` and in the image's `.foxhound_board` section |
 //! | `start()` | clocks, peripherals, executors -> `Board { guidance, link, receiver, transmitter, port_receiver, port_transmitter, pacer, watchdog, restart, flash }` |
 //! | `Receiver::read(&mut self, &mut [u8]) -> usize` | waits for bytes from the autopilot |
+//! | `Receiver::try_read(&mut self, &mut [u8]) -> usize` | takes the bytes that are there; it holds those of a step at the line's full rate |
 //! | `Transmitter::write(&mut self, &[u8])` | returns when the bytes are on their way |
 //! | `PortReceiver`, `PortTransmitter` | the same for the maintenance port |
 //! | `Pacer::next(&mut self) -> Call` | waits for what to do next |
 //! | `Pacer::accept(&mut self, Result)`, `Pacer::done(&mut self, Done)` | takes note of how it went |
+//! | `Pacer::clock(&self) -> Clock` | where the clock is from |
 //! | `Pacer::stack_bytes(&self) -> u32` | how much of the stack was ever used, as far as is known |
 //! | `Pacer::follow(&mut self, &Config)` | samples at this rate, which was fitted to `SAMPLE_TIMER` |
 //! | `SAMPLE_TIMER` | what paces the samples, where that cannot be at any rate |
@@ -30,9 +32,6 @@
 mod last_words;
 #[expect(unsafe_code, reason = "the stack as memory")]
 mod stack;
-#[cfg(feature = "board-nucleo_g474re")]
-#[expect(unsafe_code, reason = "where a fault goes on")]
-mod stm32;
 
 pub use stack::Watermark;
 

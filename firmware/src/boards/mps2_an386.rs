@@ -31,6 +31,7 @@ use core::sync::atomic::{Ordering, fence};
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Timer};
+use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, End, Record, Restart};
 use foxhound_core::ConfigError;
 use foxhound_core::guidance::{self, FrontEnd};
@@ -176,6 +177,12 @@ impl Pacer {
     #[must_use]
     pub fn stack_bytes(&self) -> u32 {
         self.stack.bytes()
+    }
+
+    /// The simulator's.
+    #[must_use]
+    pub fn clock(&self) -> Clock {
+        Clock::Simulated
     }
 
     /// The simulator samples as it says.

@@ -1,34 +1,36 @@
-//! NUCLEO-G474RE (MB1367): STM32G474RET6, Cortex-M4F at 170 MHz from the 24 MHz crystal.
+//! NUCLEO-G474RE (MB1367): STM32G474RET6, Cortex-M4F at 170 MHz from the 24 MHz crystal: see `clocks`.
 //!
 //! | what | where |
 //! |---|---|
-//! | MAVLink, 921 600 baud, 8N1 | USART1: TX PA9 (CN5-1, D8), RX PA10 (CN9-3, D2); DMA1 channels 1 and 2 |
-//! | maintenance port, 921 600 baud, 8N1 | LPUART1, to the ST-LINK's virtual COM port: TX PA2, RX PA3; DMA1 channels 3 and 4 |
+//! | MAVLink, 921 600 baud, 8N1 | USART1: TX PA9 (CN5-1, D8), RX PA10 (CN9-3, D2): see `serial` |
+//! | maintenance port, 921 600 baud, 8N1 | LPUART1, to the ST-LINK's virtual COM port: TX PA2, RX PA3: see `serial` |
 //! | antennas | PA0, PA1, PB0, PB12: see `acquisition` |
 //! | what is kept | the last 16 KB of the flash: see `flash` |
 //! | test tone | PA4: see `tone` |
 //! | log | defmt over RTT, through the ST-LINK |
-//! | time | a timer of embassy-stm32's choice, 1 MHz ticks |
+//! | time | TIM15, 1 MHz ticks |
 //!
 //! Priorities, most urgent first: DMA and time (embassy's), guidance, link; the planner is the thread.
 //!
-//! The independent watchdog runs from the start on its own oscillator and stops while a debugger holds the core. The supply
+//! The independent watchdog runs before anything is waited for, on its own oscillator and stops while a debugger holds the core. The supply
 //! is watched by the brown-out reset, whose level stands in the option bytes (`docs/hardware.md`).
 
 #![expect(unsafe_code, reason = "registers, interrupt handlers and the memory that DMA writes")]
 
 mod acquisition;
+mod clocks;
+mod console;
 mod flash;
+mod serial;
 mod tone;
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{InterruptExt as _, Priority};
 use embassy_stm32::pac::{DBGMCU, RCC};
-use embassy_stm32::time::Hertz;
-use embassy_stm32::usart::{self, Uart};
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{bind_interrupts, dma, interrupt, peripherals, rcc};
+use embassy_stm32::{interrupt, peripherals};
 use embassy_time::with_timeout;
+use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::sampling::Timer;
 use foxhound_core::ConfigError;
@@ -40,12 +42,13 @@ use static_cell::ConstStaticCell;
 use super::{Call, Done, Step, Watermark, last_words, stack};
 use crate::app::SAMPLES_PER_CHANNEL as N;
 use acquisition::Acquisition;
+use clocks::CLOCK_MHZ;
 use tone::Tone;
 
 pub use super::last_words::restart;
-pub use super::stm32::{PortReceiver, PortTransmitter, Receiver, Transmitter, halt, ticks, uptime_s};
-pub(super) use super::stm32::{last_words, on_fault};
+pub use console::{halt, last_words, on_fault, ticks, uptime_s};
 pub use flash::Flash;
+pub use serial::{PortReceiver, PortTransmitter, Receiver, Transmitter};
 
 /// Samples of a plan that are kept for somebody to see.
 pub const SAMPLES_KEPT: usize = 0;
@@ -58,27 +61,14 @@ pub const NAME: &str = "nucleo_g474re";
 #[used]
 static MARK: [u8; NAME.len()] = *b"nucleo_g474re";
 
-const BAUD: u32 = 921_600;
 /// What paces the samples.
 pub const SAMPLE_TIMER: Option<Timer> = Some(acquisition::TIMER);
-
-bind_interrupts!(struct Irqs {
-    USART1 => usart::InterruptHandler<peripherals::USART1>;
-    LPUART1 => usart::InterruptHandler<peripherals::LPUART1>;
-    DMA1_CHANNEL1 => dma::InterruptHandler<peripherals::DMA1_CH1>;
-    DMA1_CHANNEL2 => dma::InterruptHandler<peripherals::DMA1_CH2>;
-    DMA1_CHANNEL3 => dma::InterruptHandler<peripherals::DMA1_CH3>;
-    DMA1_CHANNEL4 => dma::InterruptHandler<peripherals::DMA1_CH4>;
-});
 
 /// The watchdog restarts the board when no step was in time for so long: 25 steps.
 const WATCHDOG_US: u32 = 500_000;
 
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
 static LINK: InterruptExecutor = InterruptExecutor::new();
-static RING: ConstStaticCell<[u8; 2048]> = ConstStaticCell::new([0; 2048]);
-/// A camera's bytes of 2.7 ms.
-static PORT_RING: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
 
 /// The board, started.
@@ -109,27 +99,17 @@ pub struct Board {
 pub fn start() -> Board {
     stack::paint();
     let restart = Restart { cause: cause(), record: last_words::take() };
-    let board = embassy_stm32::init(clocks());
+    // Before anything is waited for.
     DBGMCU.apb1lfzr().modify(|w| w.set_iwdg(true));
-    let mut watchdog = IndependentWatchdog::new(board.IWDG, WATCHDOG_US);
+    // SAFETY: nobody else takes it from what embassy hands out.
+    let mut watchdog = IndependentWatchdog::new(unsafe { peripherals::IWDG::steal() }, WATCHDOG_US);
     watchdog.unleash();
     let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
     stack::guard(&mut core.MPU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
-
-    let mut config = usart::Config::default();
-    config.baudrate = BAUD;
-    let uart = Uart::new(board.USART1, board.PA10, board.PA9, board.DMA1_CH1, board.DMA1_CH2, Irqs, config);
-    let (tx, rx) = match uart {
-        Ok(uart) => uart.split(),
-        Err(_) => halt(format_args!("USART1 does not take {BAUD} baud")),
-    };
-    let port = Uart::new(board.LPUART1, board.PA3, board.PA2, board.DMA1_CH3, board.DMA1_CH4, Irqs, config);
-    let (port_tx, port_rx) = match port {
-        Ok(port) => port.split(),
-        Err(_) => halt(format_args!("LPUART1 does not take {BAUD} baud")),
-    };
+    let (board, clock) = clocks::start();
+    let [(receiver, transmitter), (port_receiver, port_transmitter)] = serial::start();
 
     // Two vectors whose peripherals are off.
     interrupt::CORDIC.set_priority(Priority::P6);
@@ -137,10 +117,10 @@ pub fn start() -> Board {
     Board {
         guidance: GUIDANCE.start(interrupt::CORDIC),
         link: LINK.start(interrupt::FMAC),
-        receiver: Receiver(rx.into_ring_buffered(RING.take())),
-        transmitter: Transmitter(tx),
-        port_receiver: PortReceiver(port_rx.into_ring_buffered(PORT_RING.take())),
-        port_transmitter: PortTransmitter(port_tx),
+        receiver,
+        transmitter,
+        port_receiver,
+        port_transmitter,
         pacer: Pacer {
             acquisition: Acquisition::new(),
             tone: Tone::new(),
@@ -148,6 +128,8 @@ pub fn start() -> Board {
             stack: Watermark::new(),
             lost: 0,
             told: false,
+            clock,
+            clock_told: false,
         },
         watchdog: Watchdog(watchdog),
         restart,
@@ -186,23 +168,6 @@ impl Watchdog {
     }
 }
 
-/// 24 MHz / 6 * 85 / 2 = 170 MHz, which needs the core's boost mode.
-fn clocks() -> embassy_stm32::Config {
-    let mut config = embassy_stm32::Config::default();
-    config.rcc.hse = Some(rcc::Hse { freq: Hertz(24_000_000), mode: rcc::HseMode::Oscillator });
-    config.rcc.pll = Some(rcc::Pll {
-        source: rcc::PllSource::HSE,
-        prediv: rcc::PllPreDiv::DIV6,
-        mul: rcc::PllMul::MUL85,
-        divp: None,
-        divq: None,
-        divr: Some(rcc::PllRDiv::DIV2),
-    });
-    config.rcc.sys = rcc::Sysclk::PLL1_R;
-    config.rcc.boost = true;
-    config
-}
-
 /// Says what to do next: a step for every frame.
 pub struct Pacer {
     acquisition: Acquisition,
@@ -213,6 +178,8 @@ pub struct Pacer {
     lost: u32,
     /// What is wrong has been told.
     told: bool,
+    clock: Clock,
+    clock_told: bool,
 }
 
 impl Pacer {
@@ -220,6 +187,12 @@ impl Pacer {
     #[must_use]
     pub fn stack_bytes(&self) -> u32 {
         self.stack.bytes()
+    }
+
+    /// What the clock is.
+    #[must_use]
+    pub fn clock(&self) -> Clock {
+        self.clock
     }
 
     /// Samples as the configuration that holds says, which was fitted to [`SAMPLE_TIMER`].
@@ -239,8 +212,12 @@ impl Pacer {
         self.tone.sound(sounds);
     }
 
-    /// What is wrong for good, once.
+    /// What is wrong for good, once each.
     pub fn trouble(&mut self) -> Option<&'static str> {
+        if self.clock == Clock::Internal && !core::mem::replace(&mut self.clock_told, true) {
+            defmt::warn!("the crystal does not start: HSI");
+            return Some("Foxhound: no crystal, HSI: rate off by 1 %");
+        }
         let trouble = self.acquisition.trouble().filter(|_| !self.told)?;
         self.told = true;
         Some(trouble.words())
@@ -285,7 +262,7 @@ impl Pacer {
 }
 
 /// Of [`ticks`].
-pub const TICKS_PER_US: u32 = 170;
+pub const TICKS_PER_US: u32 = CLOCK_MHZ;
 
 #[interrupt]
 fn CORDIC() {

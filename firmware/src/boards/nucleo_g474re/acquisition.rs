@@ -51,9 +51,9 @@ use foxhound_computer::sampling::{Sampling, Timer};
 use foxhound_core::adc::{CHANNELS, Snapshot};
 use foxhound_core::time;
 
+use super::CLOCK_MHZ;
 use crate::app::SAMPLES_PER_CHANNEL as N;
 
-const CLOCK_MHZ: u32 = 170;
 /// TIM6, by which samples are taken.
 pub const TIMER: Timer =
     Timer { clock_hz: CLOCK_MHZ * 1_000_000, cycles_min: CYCLES_PER_CONVERSION, cycles_max: 1 << 16 };
@@ -326,10 +326,10 @@ impl Acquisition {
         FILLED.load(Ordering::Relaxed) == block.count
     }
 
-    /// So long is waited for a frame: for two that do not come, and a quarter.
+    /// So long is waited for a frame: for two that do not come, and a twentieth. The autopilot's bytes of that time fit its ring.
     pub fn patience(&self) -> Duration {
         let cycles = self.sampling.map_or(0, |sampling| u64::from(sampling.cycles * sampling.blocks) * N as u64);
-        Duration::from_micros((cycles * 9 / 4 / u64::from(CLOCK_MHZ)).max(1_000))
+        Duration::from_micros((cycles * 41 / 20 / u64::from(CLOCK_MHZ)).max(1_000))
     }
 
     /// Why there are no frames and will be none.
