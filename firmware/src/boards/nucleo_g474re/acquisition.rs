@@ -27,7 +27,9 @@
 //!   tone is fitted (`foxhound_core::phase`).
 //! - **Overrun.** When DMA does not fetch a result in time the converter sets OVR and sends no more requests; the rings
 //!   would then be out of step with each other. It is looked for at every block that is handed over, and everything is
-//!   started anew. A transfer error stops DMA; no block comes then, and that is a start anew, too.
+//!   started anew: timer off, ADSTP until ADSTART is clear, DMAEN off (it may be written then only), channel off, DR read, flags
+//!   cleared; then all registers of the channel, DMAEN, ADSTART, timer. A transfer error stops DMA; no block comes then, and that
+//!   is a start anew, too.
 //! - **Waits.** The hardware gets 1 ms for each thing that is waited for, fifty times what the longest takes. What does not
 //!   come in that time never does: from then on there are no frames, and the pilot is told ([`Trouble`]).
 //! - **A converter that stops without a word** leaves old codes in its ring; they are known by being the same
@@ -211,7 +213,6 @@ impl Acquisition {
                 w.set_extsel(TRIGGER);
                 w.set_ovrmod(Ovrmod::PRESERVE);
                 w.set_dmacfg(Dmacfg::CIRCULAR);
-                w.set_dmaen(Dmaen::ENABLE);
                 w.set_jqdis(true);
             });
         }
@@ -252,8 +253,16 @@ impl Acquisition {
                 }
             }
         }
-        for channel in 0..CHANNELS {
+        for (channel, Channel { converter, .. }) in CHANNEL.iter().enumerate() {
+            // The request of a result that was not fetched goes with DMAEN, the result with a read; then its flags.
+            converter.cfgr().modify(|w| w.set_dmaen(Dmaen::DISABLE));
             DMA2.ch(channel).cr().modify(|w| w.set_en(false));
+            let _ = converter.dr().read();
+            converter.isr().write(|w| {
+                w.set_ovr(true);
+                w.set_eoc(true);
+                w.set_eos(true);
+            });
         }
     }
 
@@ -287,11 +296,7 @@ impl Acquisition {
             });
         }
         for Channel { converter, .. } in &CHANNEL {
-            converter.isr().write(|w| {
-                w.set_ovr(true);
-                w.set_eoc(true);
-                w.set_eos(true);
-            });
+            converter.cfgr().modify(|w| w.set_dmaen(Dmaen::ENABLE));
             converter.cr().modify(|w| w.set_adstart(true));
         }
         TIM6.egr().write(|w| w.set_ug(true));
