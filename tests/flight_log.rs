@@ -358,10 +358,25 @@ fn the_firmware_answers_at_its_maintenance_port() {
     {
         assert!(status.contains(word) || word.contains("not_in_control") && status.contains("link_lost"), "{status}");
     }
+    assert!(status.contains("clock: the simulator's") && status.contains("1.5 an instruction assumed"), "{status}");
+    assert!(status.contains(" of 4000000 us; start 1\n"), "{status}");
+    // Each task but the planner has run; the sum of its histogram is how often.
+    let lines: Vec<_> = status.lines().collect();
+    let number = |word: &str| word.parse::<u32>().unwrap();
+    for task in ["receive", "step", "transmit", "listen", "speak"] {
+        let at = lines.iter().position(|line| line.starts_with(&format!("{task}: "))).unwrap();
+        let words: Vec<_> = lines[at].split_whitespace().collect();
+        let [runs, min, mean, max] = [1, 4, 5, 6].map(|at| number(words[at]));
+        assert!(runs > 0 && min <= mean && mean <= max && max > 0, "{status}");
+        let bins = lines[at + 1..].iter().take_while(|line| line.starts_with(' ')).flat_map(|line| line.split(" <2^"));
+        let counted: u32 = bins.filter_map(|bin| bin.split_whitespace().nth(1)).map(number).sum();
+        assert_eq!(counted, runs, "{status}");
+    }
     assert!(ask("help").1.contains("factory-reset yes"));
     assert!(ask("fly away").1.contains("error: no such command"));
     assert!(ask("factory-reset").1.contains("`factory-reset yes`"));
     assert!(ask(&"status ".repeat(20)).1.contains("error: the line is too long"));
+    assert!(ask("watchdog").1.contains("`watchdog yes`"));
     assert!(ask("restart").1.contains("restarts"));
     let (code, status) = ask("status");
     assert!(code == Some(0) && status.contains("restart: as asked"), "{status}");

@@ -14,6 +14,7 @@
 //! | [`frozen`] | whether the converters still convert |
 //! | [`sampling`] | sample rates that a timer can have |
 //! | [`selftest`] | the receiver examined and calibrated on board |
+//! | [`timing`] | how long the tasks take |
 //! | [`tone`] | the test tone of a board that can make one |
 //! | [`restart`] | why the computer has restarted: what is kept over a reset |
 //! | [`store`] | what is kept while the power is off |
@@ -34,6 +35,7 @@ pub mod restart;
 pub mod sampling;
 pub mod selftest;
 pub mod store;
+pub mod timing;
 pub mod tone;
 pub mod transfer;
 

@@ -4,9 +4,11 @@
 //! | line | what happens | while in control |
 //! |---|---|---|
 //! | `help` | the commands are listed | answered |
-//! | `status` | version, restart, deadlines, stack, outcome and link are told | answered |
+//! | `status` | version, restart, clock, deadlines, stack, outcome, link, lines, watchdog and the times of all tasks are told | answered |
 //! | `selftest`, `selftest tone`, `calibrate` | the receiver is examined, its channels are measured ([`crate::selftest`]) | refused |
 //! | `factory-reset` | is explained; `factory-reset yes` forgets everything stored | refused |
+//! | `dump N` | the codes of the next N frames go into the log | refused |
+//! | `watchdog` | is explained; `watchdog yes` stops feeding it, so that it restarts the computer | refused |
 //! | `restart` | the computer restarts, and comes up in standby | refused |
 //! | frames of a camera, between zeros | the pad is looked for in them ([`crate::camera`]) | taken |
 //!
@@ -22,11 +24,14 @@ use heapless::{String, Vec};
 use crate::deadline::Counts;
 use crate::restart::Restart;
 use crate::selftest::{self, Report};
+use crate::timing::{self, BINS, Feeds, Task};
 
 /// Longest line.
 pub const LINE_MAX: usize = 40;
 /// Longest answer in one piece.
 pub const ANSWER_MAX: usize = 96;
+/// Most frames of one `dump`: 200 s.
+pub const FRAMES_MAX: u16 = 10_000;
 
 /// What somebody wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +52,16 @@ pub enum Command {
         /// Whether it was said twice.
         is_sure: bool,
     },
+    /// Raw frames of the converters.
+    Dump {
+        /// How many.
+        frames: u16,
+    },
+    /// A restart by the watchdog.
+    Watchdog {
+        /// Whether it was said twice.
+        is_sure: bool,
+    },
     /// A restart.
     Restart,
 }
@@ -62,6 +77,8 @@ pub enum Refusal {
     Unknown,
     /// The command takes no such word.
     Surplus,
+    /// It is no number of frames.
+    Frames,
 }
 
 impl Refusal {
@@ -73,6 +90,7 @@ impl Refusal {
             Self::NotText => "error: the line is not ASCII",
             Self::Unknown => "error: no such command; `help` lists them",
             Self::Surplus => "error: the command takes no such word; `help` lists them",
+            Self::Frames => "error: how many frames, 1 to 10000?",
         }
     }
 }
@@ -110,13 +128,30 @@ impl Command {
             b"selftest" => Self::SelfTest { own_tone: argument == Some(b"tone") },
             b"calibrate" => Self::Calibrate,
             b"factory-reset" => Self::FactoryReset { is_sure: argument == Some(b"yes") },
+            b"dump" => match frames(argument.unwrap_or_default()) {
+                Some(frames) => Self::Dump { frames },
+                None => return Some(Err(Refusal::Frames)),
+            },
+            b"watchdog" => Self::Watchdog { is_sure: argument == Some(b"yes") },
             b"restart" => Self::Restart,
             _ => return Some(Err(Refusal::Unknown)),
         };
-        let takes = [Self::FactoryReset { is_sure: true }, Self::SelfTest { own_tone: true }];
-        let is_surplus = argument.is_some() && !takes.contains(&command);
+        let takes = match command {
+            Self::FactoryReset { is_sure: takes }
+            | Self::SelfTest { own_tone: takes }
+            | Self::Watchdog { is_sure: takes } => takes,
+            Self::Dump { .. } => true,
+            _ => false,
+        };
+        let is_surplus = argument.is_some() && !takes;
         Some(if is_surplus || rest.is_some() { Err(Refusal::Surplus) } else { Ok(command) })
     }
+}
+
+/// A number of frames, up to [`FRAMES_MAX`].
+fn frames(digits: &[u8]) -> Option<u16> {
+    let frames = str::from_utf8(digits).ok()?.parse().ok()?;
+    (1..=FRAMES_MAX).contains(&frames).then_some(frames)
 }
 
 /// Puts lines together.
@@ -165,13 +200,15 @@ impl Default for Lines {
 }
 
 /// What `help` says.
-pub const HELP: [&str; 7] = [
+pub const HELP: [&str; 9] = [
     "help                this list",
-    "status              version, restart, deadlines, stack, outcome, link, log",
+    "status              version, restart, clock, outcome, link, stack, watchdog, times of all tasks",
     "selftest            examine the receiver, a tone through a splitter; disarmed",
     "selftest tone       the same with the board's own tone",
     "calibrate           measure the channels, a tone through a splitter; disarmed",
     "factory-reset yes   forget everything that is stored; not in control",
+    "dump N              the codes of the next N frames go into the log; not in control",
+    "watchdog yes        feed the watchdog no more, to see it restart; not in control",
     "restart             begin anew, in standby; not in control",
 ];
 
@@ -218,33 +255,115 @@ pub struct Status<'a> {
     pub outcome: Option<Outcome>,
     /// The link.
     pub link: companion::Counters,
-    /// Frames of the log that there was no room for.
-    pub log_lost: u32,
+    /// Damaged bytes from the autopilot: noise, framing errors, overruns.
+    pub line_errors: u32,
+    /// Bytes from the autopilot that waited to be read.
+    pub received: Waiting,
+    /// Bytes to the autopilot that waited to be sent.
+    pub sent: Waiting,
+    /// Bytes of the log that waited to be sent; frames that there was no room for.
+    pub log: Waiting,
+    /// How often the computer was started, 0 where the flash cannot tell.
+    pub starts: u32,
+    /// How the watchdog is fed, and after how long it restarts the computer.
+    pub feeds: Feeds,
+    /// Of the watchdog.
+    pub watchdog_us: u32,
 }
 
+/// Bytes that wait somewhere.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Waiting {
+    /// The most that ever did.
+    pub most: u32,
+    /// How many there is room for.
+    pub room: u32,
+    /// Those that there was no room for.
+    pub lost: u32,
+}
+
+/// Lines of `status` before those of the tasks.
+const HEAD_LINES: usize = 11;
+/// Lines of a task: its range, and of the histogram.
+const TASK_LINES: usize = 1 + BINS.div_ceil(BINS_PER_LINE);
+const BINS_PER_LINE: usize = 6;
+
 impl Status<'_> {
-    /// Tells it, a line at a time.
-    pub fn tell(&self, mut line: impl FnMut(&str)) {
+    /// How many times [`tell`](Self::tell) is to be called.
+    pub const LINES: usize = HEAD_LINES + Task::ALL.len() * TASK_LINES;
+
+    /// Tells a part of it, from 0 to [`LINES`](Self::LINES): a line or none. `times` are those of the tasks.
+    pub fn tell(&self, part: usize, times: &timing::Table, line: impl FnOnce(&str)) {
         let mut words = Words::new();
-        words.text("foxhound ").text(env!("CARGO_PKG_VERSION")).text(" on ").text(self.board);
-        words.text(", up ").number(self.uptime_s).text(" s");
-        line(words.end());
-        words.text("restart: ").display(self.restart);
-        line(words.end());
-        line(self.clock.words());
-        let Counts { steps, late, longest_us } = self.deadlines;
-        words.text("steps ").number(steps).text(", late ").number(late);
-        words.text(", longest ").number(longest_us).text(" us, stack ").number(self.stack_bytes).text(" bytes");
-        line(words.end());
-        words.text("outcome ").text(self.outcome.map_or("none yet", Outcome::name));
-        line(words.end());
-        let companion::Counters { framer, rejected, setpoints_late, reboots, .. } = self.link;
-        words.text("link: frames ").number(framer.frames).text(", damaged ").number(framer.bad_crc);
-        words.text(", missing ").number(framer.lost).text(", rejected ").number(rejected);
-        words.text(", setpoints late ").number(setpoints_late).text(", reboots ").number(reboots);
-        line(words.end());
-        words.text("log: frames left out ").number(self.log_lost);
-        line(words.end());
+        if let Some(task_part) = part.checked_sub(HEAD_LINES) {
+            self.put_task(&mut words, task_part, times);
+        } else {
+            self.put_head(&mut words, part);
+        }
+        if !words.text.is_empty() {
+            line(words.end());
+        }
+    }
+
+    fn put_head(&self, words: &mut Words, part: usize) {
+        match part {
+            0 => {
+                words.text("foxhound ").text(env!("CARGO_PKG_VERSION")).text(" on ").text(self.board);
+                words.text(", up ").number(self.uptime_s).text(" s")
+            }
+            1 => words.text("restart: ").display(self.restart),
+            2 => words.text(self.clock.words()),
+            3 => {
+                let Counts { steps, late, longest_us } = self.deadlines;
+                words.text("steps ").number(steps).text(", late ").number(late);
+                words.text(", longest ").number(longest_us).text(" us, stack ").number(self.stack_bytes).text(" bytes")
+            }
+            4 => words.text("outcome ").text(self.outcome.map_or("none yet", Outcome::name)),
+            5 => {
+                let companion::Counters { framer, rejected, setpoints_late, reboots, .. } = self.link;
+                words.text("link: frames ").number(framer.frames).text(", damaged ").number(framer.bad_crc);
+                words.text(", missing ").number(framer.lost).text(", rejected ").number(rejected);
+                words.text(", setpoints late ").number(setpoints_late).text(", reboots ").number(reboots)
+            }
+            6 => {
+                let words = words.waiting("received: ", self.received);
+                words.text(", lost ").number(self.received.lost).text(", damaged ").number(self.line_errors)
+            }
+            7 => words.waiting("sent: ", self.sent),
+            8 => words.text("log: frames left out ").number(self.log.lost).waiting(", ", self.log),
+            9 => {
+                words.text("watchdog: fed after ").number(self.feeds.longest_us()).text(" us at the longest, of ");
+                words.number(self.watchdog_us).text(" us; start ").number(self.starts)
+            }
+            _ => words.text(match self.clock {
+                Clock::Simulated => "cycles of 170 MHz: 1.5 an instruction assumed, no flash stalls",
+                _ => "cycles of 170 MHz",
+            }),
+        };
+    }
+
+    fn put_task(&self, words: &mut Words, part: usize, times: &timing::Table) {
+        let (task, part) = (part / TASK_LINES, part % TASK_LINES);
+        let (Some(task), Some(times)) = (Task::ALL.get(task), times.get(task)) else { return };
+        if part > 0 {
+            let mut bins = times.bins().skip((part - 1) * BINS_PER_LINE).take(BINS_PER_LINE).peekable();
+            if bins.peek().is_some() {
+                words.text("  ");
+            }
+            for (exponent, count) in bins {
+                match exponent {
+                    Some(exponent) => words.text(" <2^").number(exponent),
+                    None => words.text(" more"),
+                };
+                words.text(" ").number(count);
+            }
+            return;
+        }
+        words.text(task.name()).text(": ").number(times.runs()).text(" times, cycles");
+        for cycles in times.range() {
+            words.text(" ").number(cycles);
+        }
+        words.text(" (min, mean, max)");
     }
 }
 
@@ -319,6 +438,10 @@ impl Words {
         self.number(number.unsigned_abs())
     }
 
+    fn waiting(&mut self, what: &str, Waiting { most, room, .. }: Waiting) -> &mut Self {
+        self.text(what).text("at most ").number(most).text(" of ").number(room).text(" bytes waited")
+    }
+
     fn display(&mut self, what: &impl fmt::Display) -> &mut Self {
         // It cannot fail, see below.
         let _ = fmt::Write::write_fmt(self, format_args!("{what}"));
@@ -361,6 +484,8 @@ mod tests {
         let [help, status, restart] = [Command::Help, Command::Status, Command::Restart].map(Ok);
         assert_eq!(all[..3], [help, status, restart]);
         assert_eq!(all[3..], [Err(Refusal::Surplus), Ok(Command::Calibrate), sure(false), sure(true)]);
+        assert_eq!(typed(b"dump 1\ndump 10000\n"), [1, 10_000].map(|frames| Ok(Command::Dump { frames })));
+        assert_eq!(typed(b"watchdog\nwatchdog yes\n"), [false, true].map(|is_sure| Ok(Command::Watchdog { is_sure })));
         assert_eq!(typed(b"stauts\x08\x08\x08\x7fatus\n"), [status]);
     }
 
@@ -372,16 +497,18 @@ mod tests {
         assert_eq!(typed(b"factory-reset no\n"), [Err(Refusal::Surplus)]);
         assert_eq!(typed(b"factory-reset yes yes\n"), [Err(Refusal::Surplus)]);
         assert_eq!(typed(b"RESTART\nrestart now\n"), [Err(Refusal::Unknown), Err(Refusal::Surplus)]);
+        assert_eq!(typed(b"dump\ndump 0\ndump 10001\ndump -1\ndump 1x\n"), [Err(Refusal::Frames); 5]);
+        assert_eq!(typed(b"dump 7 8\nwatchdog now\n"), [Err(Refusal::Surplus); 2]);
         assert_eq!(typed(b"restart"), [], "a line that is not ended is none");
     }
 
     #[test]
     fn in_control_nothing_is_done_that_disturbs() {
-        let all = typed(b"help\nstatus\nselftest\ncalibrate\nfactory-reset yes\nrestart\n");
+        let all = typed(b"help\nstatus\nselftest\ncalibrate\nfactory-reset yes\nrestart\ndump 9\nwatchdog yes\n");
         let admitted = |control| all.iter().map(|line| line.unwrap().admit(control).is_ok()).collect::<List<_>>();
-        assert_eq!(admitted(Control::Granted), [true, true, false, false, false, false]);
-        assert_eq!(admitted(Control::NotInControl), [true; 6]);
-        assert_eq!(admitted(Control::LinkLost), [true; 6]);
+        assert_eq!(admitted(Control::Granted), [true, true, false, false, false, false, false, false]);
+        assert_eq!(admitted(Control::NotInControl), [true; 8]);
+        assert_eq!(admitted(Control::LinkLost), [true; 8]);
     }
 
     #[test]
@@ -407,6 +534,13 @@ mod tests {
         let mut link =
             companion::Counters { rejected: most, setpoints_late: most, reboots: most, ..Default::default() };
         (link.framer.frames, link.framer.bad_crc, link.framer.lost) = (most, most, 10);
+        let mut times = timing::table();
+        for ticks in [1, 1 << 8, 1 << 11, 1 << 15, 1 << 16, 1 << 21, 1 << 22, 1 << 30] {
+            times[Task::Step as usize].add(ticks);
+        }
+        times[Task::Plan as usize].add(most);
+        let mut feeds = Feeds::default();
+        [0, u64::MAX].into_iter().for_each(|now_us| feeds.feed(now_us));
         let status = Status {
             board: "nucleo_g474re",
             uptime_s: most,
@@ -416,10 +550,16 @@ mod tests {
             stack_bytes: 45_056,
             outcome: Some(Outcome::StaleObstacles),
             link,
-            log_lost: 7,
+            line_errors: most,
+            received: Waiting { most, room: most, lost: most },
+            sent: Waiting { most: 512, room: 512, lost: 0 },
+            log: Waiting { most: 2000, room: 2047, lost: 7 },
+            starts: most,
+            feeds,
+            watchdog_us: 500_000,
         };
         let mut told = List::new();
-        status.tell(|line| told.push(line.to_string()));
+        (0..Status::LINES).for_each(|part| status.tell(part, &times, |line| told.push(line.to_string())));
         let expected = [
             concat!("foxhound ", env!("CARGO_PKG_VERSION"), " on nucleo_g474re, up 4294967295 s"),
             "restart: panic computer/src/flight.rs:4294967295",
@@ -427,10 +567,25 @@ mod tests {
             "steps 4294967295, late 0, longest 10203 us, stack 45056 bytes",
             "outcome stale_obstacles",
             "link: frames 4294967295, damaged 4294967295, missing 10, rejected 4294967295, setpoints late 4294967295, reboots 4294967295",
-            "log: frames left out 7",
+            "received: at most 4294967295 of 4294967295 bytes waited, lost 4294967295, damaged 4294967295",
+            "sent: at most 512 of 512 bytes waited",
+            "log: frames left out 7, at most 2000 of 2047 bytes waited",
+            "watchdog: fed after 4294967295 us at the longest, of 500000 us; start 4294967295",
+            "cycles of 170 MHz",
+            "receive: 0 times, cycles 0 0 0 (min, mean, max)",
+            "step: 8 times, cycles 1 135016736 1073741824 (min, mean, max)",
+            "   <2^8 1 <2^9 1 <2^12 1 <2^16 1 <2^17 1 <2^22 1",
+            "   <2^23 1 more 1",
+            "plan: 1 times, cycles 4294967295 4294967295 4294967295 (min, mean, max)",
+            "   more 1",
+            "transmit: 0 times, cycles 0 0 0 (min, mean, max)",
+            "listen: 0 times, cycles 0 0 0 (min, mean, max)",
+            "speak: 0 times, cycles 0 0 0 (min, mean, max)",
         ];
         let cut: List<Text> = expected.iter().map(|line| line.chars().take(ANSWER_MAX).collect()).collect();
         assert_eq!(told, cut);
+        let twin = Status { clock: Clock::Simulated, ..status };
+        twin.tell(HEAD_LINES - 1, &times, |line| assert!(line.contains("1.5 an instruction assumed"), "{line}"));
         assert!(HELP.iter().all(|line| line.len() <= ANSWER_MAX));
     }
 }

@@ -18,7 +18,7 @@
 //! control only.
 //!
 //! Whether a step is in time, and what a late one means for the vehicle, is [`foxhound_computer::deadline`]'s business. The
-//! watchdog is fed here, by a step that was in time, and nowhere else but where a simulator's frame is waited for.
+//! watchdog is fed here ([`Feeder`]), by a step that was in time, and nowhere else but where a simulator's frame is waited for.
 
 use cortex_m::{asm, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -27,10 +27,11 @@ use embassy_sync::zerocopy_channel::{self, Channel, Sender};
 use foxhound_computer::deadline::{self, Monitor};
 use foxhound_computer::flight::{self, Flight, Stepped};
 use foxhound_computer::log::Log;
-use foxhound_computer::port::{self, Command, HELP, Status};
+use foxhound_computer::port::{self, Command, HELP, Status, Waiting};
 use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::selftest::{self, Refused};
 use foxhound_computer::store::Store;
+use foxhound_computer::timing::{Feeds, Task};
 use foxhound_core::ConfigError;
 use foxhound_core::frame::Horizontal;
 use foxhound_core::guidance::{self, Guidance};
@@ -45,6 +46,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 use crate::boards::board::{self, Flash, Pacer, Receiver, Transmitter, Watchdog};
 use crate::boards::{Call, Done, LockStep, Step};
 use crate::port::Port;
+use crate::timing::{self, measured};
 
 pub use foxhound_computer::SAMPLES_PER_CHANNEL;
 
@@ -57,8 +59,10 @@ const PIECE_BYTES: usize = 128;
 /// With so many bytes on their way to the serial line, no more are sent there.
 const WAITING_BYTES: usize = 128;
 
+const OUTGOING_BYTES: usize = 512;
+
 /// Bytes from guidance to the serial line; what does not fit waits in the link, where a newer setpoint replaces it.
-pub type Outgoing = Pipe<CriticalSectionRawMutex, 512>;
+pub type Outgoing = Pipe<CriticalSectionRawMutex, OUTGOING_BYTES>;
 
 type Mutex = CriticalSectionRawMutex;
 
@@ -103,10 +107,31 @@ pub struct Planned {
 /// Bytes to the autopilot, from the pipe onto the serial line.
 #[embassy_executor::task]
 pub async fn transmit(mut line: Transmitter, outgoing: &'static Outgoing) {
-    let mut bytes = [0; PIECE_BYTES];
-    loop {
-        let count = outgoing.read(&mut bytes).await;
-        line.write(bytes.get(..count).unwrap_or_default()).await;
+    measured(Task::Transmit, async {
+        let mut bytes = [0; PIECE_BYTES];
+        loop {
+            let count = outgoing.read(&mut bytes).await;
+            line.write(bytes.get(..count).unwrap_or_default()).await;
+        }
+    })
+    .await;
+}
+
+/// The watchdog, and how it is fed.
+pub struct Feeder {
+    watchdog: Watchdog,
+    feeds: Feeds,
+    /// Somebody wants to see what happens without.
+    is_starved: bool,
+}
+
+impl Feeder {
+    /// It begins anew, but where somebody wants to see what happens then.
+    pub fn feed(&mut self) {
+        if !self.is_starved {
+            self.watchdog.feed();
+            self.feeds.feed(embassy_time::Instant::now().as_micros());
+        }
     }
 }
 
@@ -142,7 +167,8 @@ impl Planning {
 
     /// The answer has been used.
     fn take(&mut self) {
-        if self.plans.try_receive().is_some() {
+        if let Some(planned) = self.plans.try_receive() {
+            timing::note(Task::Plan, planned.ticks);
             self.plans.receive_done();
             (self.is_ordered, self.is_stale) = (false, false);
         }
@@ -210,7 +236,7 @@ fn replan(scratch: &mut Scratch, order: &Order, planned: &mut Planned) {
 #[embassy_executor::task]
 pub async fn guide(
     mut pacer: Pacer,
-    mut watchdog: Watchdog,
+    watchdog: Watchdog,
     restart: Restart,
     begun: Begun,
     mut line: Line,
@@ -218,6 +244,7 @@ pub async fn guide(
     mut planning: Planning,
 ) {
     let Begun { mut flight, mut store, start } = begun;
+    let mut feeder = Feeder { watchdog, feeds: Feeds::default(), is_starved: false };
     // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
     flight.companion.require_entry();
     tell(&mut flight, &restart, start);
@@ -248,13 +275,14 @@ pub async fn guide(
                     port.drain().await;
                 }
                 pacer.accept(begun, line.tx_total).await;
-                watchdog.feed();
+                feeder.feed();
             }
             Call::Step(step) => {
                 let lock_step = step.lock_step.is_some();
                 let mut begin = board::ticks();
                 line.read(flight.companion, &mut port.log, &step).await;
-                let look = port.look(&step, &mut watchdog).await;
+                timing::note(Task::Receive, board::ticks().wrapping_sub(begin));
+                let look = port.look(&step, &mut feeder).await;
                 if let Some(lock_step) = &step.lock_step {
                     // The simulator's time is not ours.
                     begin = (lock_step.begin)();
@@ -269,6 +297,7 @@ pub async fn guide(
                 if !is_starved {
                     planning.take();
                 }
+                timing::note(Task::Step, stepped.ticks);
                 let mut end = board::ticks();
                 line.write(flight.companion, lock_step).await;
                 if !lock_step {
@@ -276,7 +305,7 @@ pub async fn guide(
                 }
                 let taken_us = end.wrapping_sub(begin) / board::TICKS_PER_US;
                 if monitor.step(taken_us, store.take_written()).feeds() {
-                    watchdog.feed();
+                    feeder.feed();
                 }
                 let deadline::Counts { late, longest_us, .. } = monitor.counts();
                 let ordered = stepped.output.plan_requested && planning.order(&flight);
@@ -293,21 +322,30 @@ pub async fn guide(
                 let plan = planning.answer();
                 pacer.done(Done { output, fast_ticks, late, tx_total: line.tx_total, plan }).await;
                 if let Some(command) = port.command(flight.companion.control(output.time)) {
-                    let status = Status {
-                        board: board::NAME,
-                        uptime_s: board::uptime_s(),
-                        restart: &restart,
-                        deadlines: monitor.counts(),
-                        clock: pacer.clock(),
-                        stack_bytes: pacer.stack_bytes(),
-                        outcome: Some(output.outcome),
-                        link: flight.companion.counters(),
-                        log_lost: port.log.lost(),
-                    };
-                    if carry_out(command, &status, &mut flight, &mut store, &mut port.log) {
+                    feeder.is_starved |= command == Command::Watchdog { is_sure: true };
+                    if carry_out(command, &mut flight, &mut store, &mut port) {
                         port.drain().await;
                         board::restart();
                     }
+                }
+                if port.is_telling() {
+                    port.tell(&Status {
+                        board: board::NAME,
+                        uptime_s: board::uptime_s(),
+                        restart: &restart,
+                        clock: pacer.clock(),
+                        deadlines: monitor.counts(),
+                        stack_bytes: pacer.stack_bytes(),
+                        outcome: Some(output.outcome),
+                        link: flight.companion.counters(),
+                        line_errors: line.receiver.errors(),
+                        received: line.receiver.waiting(),
+                        sent: Waiting { most: line.most_waiting, room: OUTGOING_BYTES as u32, lost: 0 },
+                        log: port.waiting(),
+                        starts: start,
+                        feeds: feeder.feeds,
+                        watchdog_us: Watchdog::PERIOD_US,
+                    });
                 }
                 report(&mut flight, &mut store, &mut port.log);
                 port.flush();
@@ -331,13 +369,8 @@ pub fn refuse(error: ConfigError) -> ! {
 
 /// Does what somebody at the maintenance port wants; true where that is a restart.
 #[inline(never)]
-fn carry_out(
-    command: Command,
-    status: &Status<'_>,
-    flight: &mut Flight<'_>,
-    store: &mut Store<Flash>,
-    log: &mut Log<'_>,
-) -> bool {
+fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>, port: &mut Port) -> bool {
+    let log = &mut port.log;
     let mut examine = |exam| match flight.examine(exam) {
         Ok(()) => log.text("listens"),
         Err(Refused::Busy) => log.text("error: an examination is under way"),
@@ -345,7 +378,7 @@ fn carry_out(
     };
     match command {
         Command::Help => HELP.iter().for_each(|line| log.text(line)),
-        Command::Status => status.tell(|line| log.text(line)),
+        Command::Status => port.begin_status(),
         Command::FactoryReset { is_sure: false } => log.text("forgets everything that is stored: `factory-reset yes`"),
         Command::FactoryReset { is_sure: true } if store.factory_reset() => {
             log.text("forgotten; `restart` begins anew");
@@ -354,6 +387,12 @@ fn carry_out(
         Command::SelfTest { own_tone: false } => examine(Exam::SelfTest(Tone::Splitter)),
         Command::SelfTest { own_tone: true } => examine(Exam::SelfTest(Tone::Board)),
         Command::Calibrate => examine(Exam::Calibrate { azimuth_rad: None }),
+        Command::Dump { frames } => {
+            log.text("the codes follow");
+            log.dump(frames);
+        }
+        Command::Watchdog { is_sure: false } => log.text("lets the watchdog restart the computer: `watchdog yes`"),
+        Command::Watchdog { is_sure: true } => log.text("feeds the watchdog no more"),
         Command::Restart => log.text("restarts"),
     }
     command == Command::Restart
@@ -463,13 +502,15 @@ pub struct Line {
     outgoing: &'static Outgoing,
     rx_total: u32,
     tx_total: u32,
+    /// Bytes to the serial line that have waited at once, at most.
+    most_waiting: u32,
 }
 
 impl Line {
     /// Nothing has been heard or said.
     #[must_use]
     pub const fn new(receiver: Receiver, outgoing: &'static Outgoing) -> Self {
-        Self { receiver, outgoing, rx_total: 0, tx_total: 0 }
+        Self { receiver, outgoing, rx_total: 0, tx_total: 0, most_waiting: 0 }
     }
 
     /// Hands over what has come: in lock-step exactly what belongs before this step, else what there is.
@@ -507,6 +548,7 @@ impl Line {
             }
             self.outgoing.write_all(bytes.get(..count).unwrap_or_default()).await;
             self.tx_total = self.tx_total.wrapping_add(count as u32);
+            self.most_waiting = self.most_waiting.max(self.outgoing.len() as u32);
         }
     }
 }

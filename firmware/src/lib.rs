@@ -22,3 +22,5 @@ pub mod app;
 pub mod boards;
 #[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod port;
+#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
+pub mod timing;

@@ -12,14 +12,17 @@ use embassy_sync::signal::Signal;
 use foxhound_computer::camera::{Came, Camera, Sighted};
 use foxhound_computer::log::ring::{Consumer, Ring};
 use foxhound_computer::log::{Log, State};
-use foxhound_computer::port::{Command, Lines};
+use foxhound_computer::port::{Command, Lines, Status, Waiting};
+use foxhound_computer::timing::Task;
 use foxhound_core::landing::pad::{Detector, Look};
 use foxhound_core::mission::Control;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
+use crate::app::Feeder;
 use crate::boards::Step;
-use crate::boards::board::{PortReceiver, PortTransmitter, Watchdog};
+use crate::boards::board::{PortReceiver, PortTransmitter};
+use crate::timing::{self, measured};
 
 /// What a step brings, and the codes of a frame.
 const RING_BYTES: usize = 2048;
@@ -49,14 +52,22 @@ pub struct Port {
     /// The flight log, which carries the answers, too.
     pub log: Log<'static>,
     lines: Lines,
+    /// The next part of the status, while that is told.
+    telling: Option<usize>,
+    /// Bytes of the log that have waited at once, at most.
+    most_waiting: usize,
 }
+
+/// Parts of the status that are told in a step: the log has room for them.
+const PARTS: usize = 5;
 
 /// The ends of the log and of the lines, and the camera. To be called once.
 #[inline(never)]
 pub fn ends(detector: Detector) -> (Port, Consumer<'static>, &'static mut Camera) {
     static CAMERA: StaticCell<Camera> = StaticCell::new();
     let (producer, consumer) = RING.take().ends();
-    let port = Port { log: Log::resume(producer, State::default()), lines: Lines::new() };
+    let port =
+        Port { log: Log::resume(producer, State::default()), lines: Lines::new(), telling: None, most_waiting: 0 };
     (port, consumer, CAMERA.init_with(|| Camera::new(detector)))
 }
 
@@ -76,12 +87,12 @@ impl Port {
     }
 
     /// What the camera has seen since the last step; in lock-step as soon as all that belongs before this step was looked at.
-    pub async fn look(&self, step: &Step<'_>, watchdog: &mut Watchdog) -> Option<Look> {
+    pub async fn look(&self, step: &Step<'_>, feeder: &mut Feeder) -> Option<Look> {
         if let Some(lock_step) = &step.lock_step {
             while LOOKED_AT.load(Ordering::Relaxed) != lock_step.camera_expected {
                 PROGRESS.wait().await;
                 // A whole frame at once takes longer than a step; from a camera it comes piece by piece.
-                watchdog.feed();
+                feeder.feed();
             }
         }
         SIGHTED.try_take().map(|sighted| sighted.look(step.now))
@@ -97,8 +108,36 @@ impl Port {
         DETECTOR.signal(detector);
     }
 
+    /// Somebody wants to know how it is.
+    pub const fn begin_status(&mut self) {
+        self.telling = Some(0);
+    }
+
+    /// Whether some of the status is still to be told.
+    #[must_use]
+    pub const fn is_telling(&self) -> bool {
+        self.telling.is_some()
+    }
+
+    /// Tells the next parts of the status.
+    #[inline(never)]
+    pub fn tell(&mut self, status: &Status<'_>) {
+        let from = self.telling.unwrap_or(0);
+        let until = (from + PARTS).min(Status::LINES);
+        let times = timing::table();
+        (from..until).for_each(|part| status.tell(part, &times, |line| self.log.text(line)));
+        self.telling = Some(until).filter(|until| *until < Status::LINES);
+    }
+
+    /// How full the log was.
+    #[must_use]
+    pub fn waiting(&self) -> Waiting {
+        Waiting { most: self.most_waiting as u32, room: RING_BYTES as u32 - 1, lost: self.log.lost() }
+    }
+
     /// Lets the log be sent.
-    pub fn flush(&self) {
+    pub fn flush(&mut self) {
+        self.most_waiting = self.most_waiting.max(self.log.waiting());
         if !self.log.is_drained() {
             NEWS.signal(());
         }
@@ -120,12 +159,15 @@ impl Port {
 /// Bytes that somebody types, and the frames of a camera. Where lines come faster than guidance reads them, all waits.
 #[embassy_executor::task]
 pub async fn listen(mut line: PortReceiver, camera: &'static mut Camera) {
-    let mut bytes = [0; PIECE_BYTES];
-    loop {
-        let count = line.read(&mut bytes).await;
-        let typed = look_at(camera, bytes.get(..count).unwrap_or_default());
-        TYPED.write_all(&typed).await;
-    }
+    measured(Task::Listen, async {
+        let mut bytes = [0; PIECE_BYTES];
+        loop {
+            let count = line.read(&mut bytes).await;
+            let typed = look_at(camera, bytes.get(..count).unwrap_or_default());
+            TYPED.write_all(&typed).await;
+        }
+    })
+    .await;
 }
 
 /// Takes frames in; what is left was typed.
@@ -152,14 +194,17 @@ fn look_at(camera: &mut Camera, bytes: &[u8]) -> Vec<u8, PIECE_BYTES> {
 /// The log, onto the port.
 #[embassy_executor::task]
 pub async fn speak(mut line: PortTransmitter, mut log: Consumer<'static>) {
-    let mut bytes = [0; 64];
-    loop {
-        let count = log.read(&mut bytes);
-        if count == 0 {
-            SENT.signal(());
-            NEWS.wait().await;
-            continue;
+    measured(Task::Speak, async {
+        let mut bytes = [0; 64];
+        loop {
+            let count = log.read(&mut bytes);
+            if count == 0 {
+                SENT.signal(());
+                NEWS.wait().await;
+                continue;
+            }
+            line.write(bytes.get(..count).unwrap_or_default()).await;
         }
-        line.write(bytes.get(..count).unwrap_or_default()).await;
-    }
+    })
+    .await;
 }

@@ -6,7 +6,7 @@
 //! | 1 | [`Begin`]: version, cause, configuration, parameters | at the start, and when a simulator begins anew |
 //! | 2 | bytes heard from the autopilot; of keys only zeros | before the step that they belong to |
 //! | 3 | circles of a simulated obstacle sensor | before the step, when there are some |
-//! | 4 | [`Codes`] of the converters | every fiftieth frame, behind its step, where there is room |
+//! | 4 | [`Codes`] of the converters | every fiftieth frame, behind its step, where there is room; every frame for a dump |
 //! | 5, 6 | what the store of parameters answered: saved or not; loaded values or none | when it was asked |
 //! | 7 | [`Step`]: time, bearing, plan, trace hash | at the end of every step |
 //! | 8 | [`Late`]: steps that missed their deadline | when there is a new one |
@@ -230,6 +230,8 @@ pub struct State {
     lost: u32,
     mask: Mask,
     codes_due_in: u8,
+    /// Frames that somebody still wants.
+    dump: u16,
     late: u32,
 }
 
@@ -334,10 +336,23 @@ impl<'a> Log<'a> {
 
     fn codes(&mut self, snapshot: &Snapshot<N>) {
         self.state.codes_due_in = self.state.codes_due_in.saturating_sub(1);
-        if self.state.codes_due_in == 0 && self.producer.room() >= CODES_ROOM {
+        let is_due = self.state.codes_due_in == 0 || self.state.dump > 0;
+        if is_due && self.producer.room() >= CODES_ROOM {
             self.write(Kind::Codes, &Codes { time: snapshot.time, packed: Packed(snapshot) });
             self.state.codes_due_in = CODES_EVERY;
+            self.state.dump = self.state.dump.saturating_sub(1);
         }
+    }
+
+    /// The codes of so many frames are wanted, from now on; of one for which there is no room the next.
+    pub fn dump(&mut self, frames: u16) {
+        self.state.dump = frames;
+    }
+
+    /// Bytes that wait to be read.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.producer.capacity() - self.producer.room()
     }
 
     /// What is known of the deadlines; logged where there is a new miss.

@@ -64,12 +64,18 @@ impl Producer<'_> {
         self.head.load(Ordering::Relaxed) == self.tail.load(Ordering::Acquire)
     }
 
+    /// Bytes that there is room for in all.
+    #[must_use]
+    pub const fn capacity(&self) -> usize {
+        self.bytes.len().saturating_sub(1)
+    }
+
     /// Bytes that there is room for.
     #[must_use]
     pub fn room(&self) -> usize {
         let (head, tail) = (self.head.load(Ordering::Relaxed), self.tail.load(Ordering::Acquire));
         let used = if head >= tail { head - tail } else { head + self.bytes.len() - tail };
-        self.bytes.len().saturating_sub(used + 1)
+        self.capacity().saturating_sub(used)
     }
 
     /// Begins to write.

@@ -6,6 +6,7 @@
 //! | `start()` | clocks, peripherals, executors -> `Board { guidance, link, receiver, transmitter, port_receiver, port_transmitter, pacer, watchdog, restart, flash }` |
 //! | `Receiver::read(&mut self, &mut [u8]) -> usize` | waits for bytes from the autopilot |
 //! | `Receiver::try_read(&mut self, &mut [u8]) -> usize` | takes the bytes that are there; it holds those of a step at the line's full rate |
+//! | `Receiver::waiting(&self) -> Waiting`, `Receiver::errors(&self) -> u32` | how many waited, what was lost or damaged |
 //! | `Transmitter::write(&mut self, &[u8])` | returns when the bytes are on their way |
 //! | `PortReceiver`, `PortTransmitter` | the same for the maintenance port |
 //! | `Pacer::next(&mut self) -> Call` | waits for what to do next |
@@ -17,7 +18,7 @@
 //! | `Pacer::sound(&mut self, bool)` | the test tone, where there is one |
 //! | `Pacer::trouble(&mut self) -> Option<&str>` | what is wrong with it for good, once |
 //! | `Pacer::lost(&self) -> u32` | frames that did not come or were no use, since the start |
-//! | `Watchdog::feed(&mut self)` | runs from the start; without food the board restarts |
+//! | `Watchdog::feed(&mut self)`, `Watchdog::PERIOD_US` | runs from the start; without food for so long the board restarts |
 //! | `Flash`, a `NorFlash` | what is kept while the power is off: [`foxhound_computer::store`] says what it asks of it |
 //! | `SAMPLES_KEPT` | samples of a plan that are kept for somebody to see |
 //! | `ticks() -> u32`, `TICKS_PER_US` | a fast free-running counter, to measure with |

@@ -64,9 +64,6 @@ static MARK: [u8; NAME.len()] = *b"nucleo_g474re";
 /// What paces the samples.
 pub const SAMPLE_TIMER: Option<Timer> = Some(acquisition::TIMER);
 
-/// The watchdog restarts the board when no step was in time for so long: 25 steps.
-const WATCHDOG_US: u32 = 500_000;
-
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
 static LINK: InterruptExecutor = InterruptExecutor::new();
 static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
@@ -102,7 +99,7 @@ pub fn start() -> Board {
     // Before anything is waited for.
     DBGMCU.apb1lfzr().modify(|w| w.set_iwdg(true));
     // SAFETY: nobody else takes it from what embassy hands out.
-    let mut watchdog = IndependentWatchdog::new(unsafe { peripherals::IWDG::steal() }, WATCHDOG_US);
+    let mut watchdog = IndependentWatchdog::new(unsafe { peripherals::IWDG::steal() }, Watchdog::PERIOD_US);
     watchdog.unleash();
     let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
     stack::guard(&mut core.MPU);
@@ -162,6 +159,9 @@ pub(super) fn is_memory(address: u32, bytes: u32) -> bool {
 pub struct Watchdog(IndependentWatchdog<'static, peripherals::IWDG>);
 
 impl Watchdog {
+    /// It restarts the board when no step was in time for so long: 25 steps.
+    pub const PERIOD_US: u32 = 500_000;
+
     /// Begins anew.
     pub fn feed(&mut self) {
         self.0.pet();

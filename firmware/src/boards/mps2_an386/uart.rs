@@ -13,6 +13,8 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::waitqueue::AtomicWaker;
 
+use foxhound_computer::port::Waiting;
+
 use super::interrupt::{Interrupt, unmask};
 use super::line;
 use super::registers::{Peripheral, Register, UART0, UART1, UART2};
@@ -32,7 +34,8 @@ const RX_INTERRUPT: u32 = 1 << 1;
 const DIVIDER: u32 = 27;
 
 /// What comes in a step of 20 ms at 921 600 baud.
-static RING: Pipe<CriticalSectionRawMutex, 2048> = Pipe::new();
+const RING_BYTES: usize = 2048;
+static RING: Pipe<CriticalSectionRawMutex, RING_BYTES> = Pipe::new();
 static BELL: Pipe<CriticalSectionRawMutex, 16> = Pipe::new();
 static TYPED: Pipe<CriticalSectionRawMutex, 64> = Pipe::new();
 static ROOM: AtomicWaker = AtomicWaker::new();
@@ -56,7 +59,10 @@ pub fn start() {
 
 /// From the autopilot.
 #[derive(Debug)]
-pub struct Receiver(());
+pub struct Receiver {
+    /// Bytes that have waited at once, at most.
+    most: u32,
+}
 
 /// To the autopilot.
 #[derive(Debug)]
@@ -68,7 +74,7 @@ pub struct Doorbell(());
 
 /// The ends of the lines, once.
 pub(super) fn ends() -> (Receiver, Transmitter, Doorbell) {
-    (Receiver(()), Transmitter(()), Doorbell(()))
+    (Receiver { most: 0 }, Transmitter(()), Doorbell(()))
 }
 
 /// From the maintenance port.
@@ -87,12 +93,25 @@ pub(super) fn port() -> (PortReceiver, PortTransmitter) {
 impl Receiver {
     /// Takes the bytes that are there.
     pub fn try_read(&mut self, bytes: &mut [u8]) -> usize {
+        self.most = self.most.max(RING.len() as u32);
         let count = match line::AUTOPILOT.take(bytes, Waker::noop()) {
             0 => RING.try_read(bytes).unwrap_or(0),
             count => count,
         };
         unmask(Interrupt::Uart0Rx);
         count
+    }
+
+    /// Bytes that waited in the ring.
+    #[must_use]
+    pub fn waiting(&self) -> Waiting {
+        Waiting { most: self.most, room: RING_BYTES as u32, lost: 0 }
+    }
+
+    /// There is no noise on the line.
+    #[must_use]
+    pub const fn errors(&self) -> u32 {
+        0
     }
 
     /// Waits for bytes.

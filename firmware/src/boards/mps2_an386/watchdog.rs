@@ -7,18 +7,21 @@ use super::registers::{Register, WATCHDOG};
 const KEY: u32 = 0x1ACC_E551;
 const INTERRUPT_ENABLE: u32 = 1;
 const RESET_ENABLE: u32 = 1 << 1;
-/// Longer than the simulator may be silent in lock-step, in two halves.
-const LOAD: u32 = 4 * 25_000_000;
+/// The clock of the timer.
+const TICKS_PER_US: u32 = 25;
 
 /// Restarts the machine when it is not fed.
 #[derive(Debug)]
 pub struct Watchdog(());
 
 impl Watchdog {
+    /// It ends the program when it was not fed for so long.
+    pub const PERIOD_US: u32 = 4_000_000;
+
     /// Starts it.
     pub(super) fn start() -> Self {
         WATCHDOG.write(Register::Lock, KEY);
-        WATCHDOG.write(Register::WATCHDOG_LOAD, LOAD);
+        WATCHDOG.write(Register::WATCHDOG_LOAD, Self::PERIOD_US * TICKS_PER_US);
         WATCHDOG.write(Register::WATCHDOG_CONTROL, INTERRUPT_ENABLE | RESET_ENABLE);
         Self(())
     }

@@ -26,6 +26,7 @@ use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::pac::{DMA1, DMAMUX1, GPIOA, LPUART1, RCC, USART1};
 use embassy_sync::waitqueue::AtomicWaker;
 use foxhound_computer::circular::{self, Counts, Cursor};
+use foxhound_computer::port::Waiting;
 
 use super::CLOCK_MHZ;
 
@@ -295,8 +296,9 @@ impl Receiver {
 
     /// What became of the bytes.
     #[must_use]
-    pub fn counts(&self) -> Counts {
-        self.cursor.counts()
+    pub fn waiting(&self) -> Waiting {
+        let Counts { lost, most } = self.cursor.counts();
+        Waiting { most, room: self.line.ring.len() as u32, lost }
     }
 
     /// Interrupts for noise, framing errors and overruns since the start.
