@@ -369,8 +369,8 @@ pub fn refuse(error: ConfigError) -> ! {
 
 /// Does what somebody at the maintenance port wants; true where that is a restart.
 #[inline(never)]
-fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>, port: &mut Port) -> bool {
-    let log = &mut port.log;
+fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>, end: &mut Port) -> bool {
+    let log = &mut end.log;
     let mut examine = |exam| match flight.examine(exam) {
         Ok(()) => log.text("listens"),
         Err(Refused::Busy) => log.text("error: an examination is under way"),
@@ -378,7 +378,7 @@ fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>
     };
     match command {
         Command::Help => HELP.iter().for_each(|line| log.text(line)),
-        Command::Status => port.begin_status(),
+        Command::Status => end.begin_status(),
         Command::FactoryReset { is_sure: false } => log.text("forgets everything that is stored: `factory-reset yes`"),
         Command::FactoryReset { is_sure: true } if store.factory_reset() => {
             log.text("forgotten; `restart` begins anew");
@@ -388,7 +388,7 @@ fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>
         Command::SelfTest { own_tone: true } => examine(Exam::SelfTest(Tone::Board)),
         Command::Calibrate => examine(Exam::Calibrate { azimuth_rad: None }),
         Command::Dump { frames } => {
-            log.text("the codes follow");
+            log.text(port::DUMP_BEGINS);
             log.dump(frames);
         }
         Command::Watchdog { is_sure: false } => log.text("lets the watchdog restart the computer: `watchdog yes`"),

@@ -24,15 +24,16 @@
 //! Written by hand, `gain` and `phase_rad` are enough and then hold at all frequencies. A table whose `crc` does not match
 //! holds nowhere.
 
-use std::io::Cursor;
+use std::fs::File;
+use std::io::{BufWriter, Cursor};
 use std::path::Path;
 
-use foxhound_core::adc::{CHANNELS, CODE_MAX, CODE_MIN};
+use foxhound_core::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
 use foxhound_core::array::{self, Entry, Table};
 use foxhound_core::calibration::deviation::{Deviation, ORDER};
 use foxhound_core::calibration::record::Calibration;
 use foxhound_core::phase::{self, Complex};
-use npyz::{NpyFile, Order};
+use npyz::{NpyFile, Order, WriterBuilder as _};
 use serde::Deserialize;
 
 use crate::input::{InputError, check, parse_strictly, read_text};
@@ -57,6 +58,28 @@ impl Recording {
     pub fn read(path: &Path) -> Result<Self, InputError> {
         let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()).in_file(path))?;
         Self::parse(&bytes).map_err(|error| error.in_file(path))
+    }
+
+    /// Frames as the flight computer has them.
+    #[must_use]
+    pub fn of<const N: usize>(frames: &[Snapshot<N>]) -> Self {
+        Self { block_length: N, codes: frames.iter().flat_map(|frame| frame.codes.as_flattened().to_vec()).collect() }
+    }
+
+    /// Writes what [`read`](Self::read) reads.
+    ///
+    /// # Errors
+    /// Names the file and what is wrong with it.
+    pub fn write(&self, path: &Path) -> Result<(), InputError> {
+        let frames = self.codes.len() / (CHANNELS * self.block_length);
+        let shape = [frames, CHANNELS, self.block_length].map(|length| length as u64);
+        let write = || {
+            let file = BufWriter::new(File::create(path)?);
+            let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
+            writer.extend(&self.codes)?;
+            writer.finish()
+        };
+        write().map_err(|error: std::io::Error| InputError::new(error.to_string()).in_file(path))
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, InputError> {

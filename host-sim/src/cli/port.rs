@@ -2,17 +2,23 @@
 
 use std::fs::File;
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::log::Record;
 use foxhound_computer::log::frame::Deframer;
+use foxhound_computer::port::{DUMP_BEGINS, FRAMES_MAX};
+use foxhound_core::adc::Snapshot;
+use foxhound_sim::frames::Recording;
 use foxhound_sim::input::{InputError, MAX_TIME_S, check_within};
 use foxhound_sim::transport::{Address, BAUDS, Line};
 use serde::Serialize;
+
+mod bringup;
 
 use super::terminal::{say, warn};
 use super::value::{number, whole};
@@ -21,9 +27,13 @@ use super::{Cli, json_line};
 const PORT_HELP: &str = "Examples:
   foxhound port --serial /dev/ttyACM0 status
   foxhound port --serial /dev/ttyACM0 --log flight.log    until Ctrl-C
+  foxhound port --serial /dev/ttyACM0 dump 64 --out frames.npy    raw frames, for `foxhound bearing`
+  foxhound port --serial /dev/ttyACM0 bringup    checks a board that runs for the first time
 
-Exit status: 0 done as asked; 1 nobody answered; 2 bad usage, or no such port.";
+Exit status: 0 done as asked; 1 nobody answered, frames are missing, or a check has failed; 2 bad usage, or no such port.";
 
+/// So long an answer, or the next frame, is waited for.
+const PATIENCE: Duration = Duration::from_secs(3);
 /// After the last word of an answer so much silence.
 const SILENCE: Duration = Duration::from_millis(300);
 const BAUD_MIN: u64 = *BAUDS.start() as u64;
@@ -51,7 +61,10 @@ pub(super) struct PortCommand {
     /// Ends after that many seconds at the latest [default: 3 with a command, else never].
     #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
     seconds: Option<f64>,
-    /// What to say to it; `help` lists what it understands. Without, one only listens.
+    /// Where `dump` puts the frames, and `bringup` those that it has looked at: int16, shape (frames, 4, 256).
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// What to say to it, or `bringup`; `help` lists what it understands. Without, one only listens.
     command: Vec<String>,
 }
 
@@ -60,36 +73,159 @@ struct Said<'a> {
     text: &'a str,
 }
 
+#[derive(Serialize)]
+struct Dumped<'a> {
+    frames: usize,
+    out: &'a Path,
+}
+
+/// The cable to a flight computer.
+struct Cable {
+    line: Line,
+    log: Option<File>,
+    deframer: Box<Deframer>,
+}
+
+/// What comes by it.
+enum Heard {
+    Text(String),
+    Frame(Box<Snapshot<SAMPLES_PER_CHANNEL>>),
+}
+
+impl Cable {
+    fn open(args: &PortCommand) -> Result<Self, InputError> {
+        let address = Address::Serial { device: args.serial.clone(), baud: args.baud };
+        let line = Line::open(&address).map_err(|error| failed(&error).in_file(&args.serial))?;
+        let log = args.log.as_ref().map(File::create).transpose().map_err(|error| failed(&error))?;
+        Ok(Self { line, log, deframer: Box::new(Deframer::new()) })
+    }
+
+    /// Types a line. Whatever was begun before is ended by the first line feed.
+    fn say(&mut self, command: &str) {
+        self.line.write(format!("\n{command}\n").as_bytes());
+    }
+
+    /// Takes what has come.
+    fn hear(&mut self) -> Result<Vec<Heard>, InputError> {
+        let bytes = self.line.read();
+        if let Some(log) = &mut self.log {
+            log.write_all(&bytes).map_err(|error| failed(&error))?;
+        }
+        let mut heard = Vec::new();
+        for byte in &bytes {
+            let Some(frame) = self.deframer.push(*byte) else { continue };
+            match Record::of(&frame) {
+                Some(Record::Text(text)) => heard.push(Heard::Text(text.to_owned())),
+                Some(Record::Codes(codes)) => heard.extend(codes.snapshot().map(|codes| Heard::Frame(Box::new(codes)))),
+                _ => {}
+            }
+        }
+        Ok(heard)
+    }
+
+    /// Asks, and hands each line of the answer on as it comes; whether there was one. It has ended after [`SILENCE`].
+    fn ask(&mut self, command: &str, patience: Duration, mut answer: impl FnMut(String)) -> Result<bool, InputError> {
+        self.say(command);
+        let (begin, mut heard_at) = (Instant::now(), None::<Instant>);
+        while heard_at.map_or(begin.elapsed() < patience, |at| at.elapsed() < SILENCE) {
+            for heard in self.hear()? {
+                if let Heard::Text(text) = heard {
+                    heard_at = Some(Instant::now());
+                    answer(text);
+                }
+            }
+            sleep(READ_EVERY);
+        }
+        Ok(heard_at.is_some())
+    }
+
+    /// Has the codes of so many frames sent; fewer where no more come for [`PATIENCE`].
+    ///
+    /// # Errors
+    /// The computer refuses it.
+    fn dump(&mut self, frames: u16) -> Result<Vec<Snapshot<SAMPLES_PER_CHANNEL>>, InputError> {
+        self.say(&format!("dump {frames}"));
+        let (mut snapshots, mut is_begun, mut heard_at) = (Vec::new(), false, Instant::now());
+        while heard_at.elapsed() < PATIENCE && snapshots.len() < usize::from(frames) {
+            for heard in self.hear()? {
+                match heard {
+                    Heard::Text(text) if text == DUMP_BEGINS => (is_begun, heard_at) = (true, Instant::now()),
+                    Heard::Text(text) if text.starts_with("error") || text.starts_with("refused") => {
+                        return Err(InputError::new(text));
+                    }
+                    // One that came before is of the log.
+                    Heard::Frame(snapshot) if is_begun && snapshots.len() < usize::from(frames) => {
+                        heard_at = Instant::now();
+                        snapshots.push(*snapshot);
+                    }
+                    _ => {}
+                }
+            }
+            sleep(READ_EVERY);
+        }
+        Ok(snapshots)
+    }
+}
+
+fn failed(error: &std::io::Error) -> InputError {
+    InputError::new(error.to_string())
+}
+
 pub(super) fn port(cli: &Cli, args: &PortCommand) -> Result<ExitCode, InputError> {
     if let Some(seconds) = args.seconds {
         check_within("--seconds", seconds, &MAX_TIME_S)?;
     }
-    let failed = |error: std::io::Error| InputError::new(error.to_string());
-    let address = Address::Serial { device: args.serial.clone(), baud: args.baud };
-    let mut line = Line::open(&address).map_err(|error| failed(error).in_file(&args.serial))?;
-    let mut log = args.log.as_ref().map(File::create).transpose().map_err(failed)?;
-    let asks = !args.command.is_empty();
-    if asks {
-        // Whatever was begun before is ended by the first line feed.
-        line.write(format!("\n{}\n", args.command.join(" ")).as_bytes());
+    let words: Vec<_> = args.command.iter().map(String::as_str).collect();
+    if let Some(out) = &args.out
+        && !matches!(words[..], ["dump", _] | ["bringup"])
+    {
+        return Err(InputError::new(format!("--out {}: only with dump or bringup", out.display())));
     }
-    let patience_s = args.seconds.or(asks.then_some(3.0));
+    match (&words[..], &args.out) {
+        (["dump", frames], Some(out)) => dump(cli, args, frames, out),
+        (["dump", _], None) => Err(InputError::new("dump: --out FILE says where the frames go".to_owned())),
+        (["bringup"], out) => bringup::bring_up(cli, Cable::open(args)?, out.as_deref()),
+        _ => listen(cli, args, &words.join(" ")),
+    }
+}
+
+fn dump(cli: &Cli, args: &PortCommand, frames: &str, out: &Path) -> Result<ExitCode, InputError> {
+    let wanted = frames.parse().ok().filter(|wanted| (1..=FRAMES_MAX).contains(wanted));
+    let wanted =
+        wanted.ok_or_else(|| InputError::new(format!("dump {frames}: how many frames, 1 to {FRAMES_MAX}?")))?;
+    let snapshots = Cable::open(args)?.dump(wanted)?;
+    if snapshots.is_empty() {
+        warn("no frames came");
+        return Ok(ExitCode::from(1));
+    }
+    Recording::of(&snapshots).write(out)?;
+    let frames = snapshots.len();
+    say(&if cli.json {
+        json_line(&Dumped { frames, out })?
+    } else {
+        format!("{frames} frames of {wanted} in {}\n", out.display())
+    });
+    Ok(ExitCode::from(u8::from(frames < usize::from(wanted))))
+}
+
+/// Says what there is to say, if anything, and prints the texts that come.
+fn listen(cli: &Cli, args: &PortCommand, command: &str) -> Result<ExitCode, InputError> {
+    let mut cable = Cable::open(args)?;
+    let asks = !command.is_empty();
+    if asks {
+        cable.say(command);
+    }
+    let patience_s = args.seconds.or(asks.then_some(PATIENCE.as_secs_f64()));
     let begin = Instant::now();
     let mut heard_at = None;
-    let mut deframer = Box::new(Deframer::new());
     loop {
-        let bytes = line.read();
-        if let Some(log) = &mut log {
-            log.write_all(&bytes).map_err(failed)?;
-        }
-        for byte in &bytes {
-            let Some(frame) = deframer.push(*byte) else { continue };
-            if let Some(Record::Text(text)) = Record::of(&frame) {
+        for heard in cable.hear()? {
+            if let Heard::Text(text) = heard {
                 heard_at = Some(Instant::now());
-                say(&if cli.json { json_line(&Said { text })? } else { format!("{text}\n") });
+                say(&if cli.json { json_line(&Said { text: &text })? } else { format!("{text}\n") });
             }
         }
-        let is_answered = asks && heard_at.is_some_and(|at| at.elapsed() > SILENCE);
+        let is_answered = asks && heard_at.is_some_and(|at: Instant| at.elapsed() > SILENCE);
         if is_answered && args.seconds.is_none() {
             return Ok(ExitCode::SUCCESS);
         }
