@@ -10,6 +10,7 @@
 //! | [`circular`] | reading a ring that DMA writes |
 //! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
 //! | [`log`] | what goes into a flight, written down so that the host can fly it again |
+//! | [`part`] | what the part refuses: kept by the drivers, checked by the twin |
 //! | [`port`] | the maintenance port: lines in, words out |
 //! | [`frozen`] | whether the converters still convert |
 //! | [`sampling`] | sample rates that a timer can have |
@@ -18,7 +19,6 @@
 //! | [`tone`] | the test tone of a board that can make one |
 //! | [`restart`] | why the computer has restarted: what is kept over a reset |
 //! | [`store`] | what is kept while the power is off |
-//! | [`transfer`] | what a DMA transfer takes: kept by the drivers, checked by the twin |
 #![no_std]
 
 #[cfg(test)]
@@ -30,6 +30,7 @@ pub mod deadline;
 pub mod flight;
 pub mod frozen;
 pub mod log;
+pub mod part;
 pub mod port;
 pub mod restart;
 pub mod sampling;
@@ -37,7 +38,6 @@ pub mod selftest;
 pub mod store;
 pub mod timing;
 pub mod tone;
-pub mod transfer;
 
 /// Samples of one channel in one snapshot.
 pub const SAMPLES_PER_CHANNEL: usize = 256;

@@ -5,27 +5,17 @@
 //! is struck out by anything else. Every bit
 //! lies there turned round, so that a new file, which is full of zeros, is a blank flash.
 
-use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use foxhound_computer::part::{self, BLANK, Refused};
 use foxhound_computer::store::PAGES;
 use foxhound_link::mailbox;
 
 const PAGE_BYTES: usize = 2048;
 const BYTES: u32 = PAGES * PAGE_BYTES as u32;
-const BLANK: u64 = u64::MAX;
 
 /// What is kept while the power is off.
 #[derive(Debug)]
 pub struct Flash(());
-
-/// It does not take this, or not there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refused;
-
-impl NorFlashError for Refused {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
 
 impl Flash {
     /// The only one.
@@ -54,12 +44,6 @@ impl Flash {
     }
 }
 
-/// Whether it is inside, and in whole units.
-fn check(from: u32, bytes: usize, unit: u32) -> Result<(), Refused> {
-    let fits = u32::try_from(bytes).ok().and_then(|bytes| from.checked_add(bytes)).is_some_and(|to| to <= BYTES);
-    if fits && from.is_multiple_of(unit) && (bytes as u32).is_multiple_of(unit) { Ok(()) } else { Err(Refused) }
-}
-
 impl ErrorType for Flash {
     type Error = Refused;
 }
@@ -68,7 +52,7 @@ impl ReadNorFlash for Flash {
     const READ_SIZE: usize = 8;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Refused> {
-        check(offset, bytes.len(), 8)?;
+        part::flash(offset, bytes.len(), 8, BYTES)?;
         for (at, bytes) in (offset..).step_by(8).zip(bytes.as_chunks_mut().0) {
             *bytes = Self::read_word(at).to_le_bytes();
         }
@@ -85,18 +69,18 @@ impl NorFlash for Flash {
     const ERASE_SIZE: usize = PAGE_BYTES;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Refused> {
-        check(from, to.saturating_sub(from) as usize, PAGE_BYTES as u32)?;
+        part::flash(from, to.saturating_sub(from) as usize, PAGE_BYTES as u32, BYTES)?;
         (from..to).step_by(8).for_each(|at| Self::write_word(at, BLANK));
         Ok(())
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Refused> {
-        check(offset, bytes.len(), 8)?;
+        part::flash(offset, bytes.len(), 8, BYTES)?;
         for (at, bytes) in (offset..).step_by(8).zip(bytes.as_chunks().0) {
             let word = u64::from_le_bytes(*bytes);
-            if word != 0 && Self::read_word(at) != BLANK {
+            if let Err(refused) = part::program(Self::read_word(at), word) {
                 Self::write_word(at, 0);
-                return Err(Refused);
+                return Err(refused);
             }
             Self::write_word(at, word);
         }

@@ -4,8 +4,9 @@
 //! byte stays in the receiver, where QEMU lets the sender wait.
 
 use core::future::{Future as _, poll_fn};
+use core::ops::Range;
 use core::pin::Pin;
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::task::{Poll, Waker};
 
 use cortex_m::peripheral::NVIC;
@@ -13,6 +14,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::waitqueue::AtomicWaker;
 
+use foxhound_computer::part::{self, Refused};
 use foxhound_computer::port::Waiting;
 
 use super::interrupt::{Interrupt, unmask};
@@ -36,6 +38,12 @@ const DIVIDER: u32 = 27;
 /// What comes in a step of 20 ms at 921 600 baud.
 const RING_BYTES: usize = 2048;
 static RING: Pipe<CriticalSectionRawMutex, RING_BYTES> = Pipe::new();
+/// As on the NUCLEO-G474RE.
+const PIECE_BYTES: usize = 128;
+/// What its DMA would reach of the twin: program and data.
+const DMA_REACHES: [Range<usize>; 2] = [0..0x0008_0000, 0x2000_0000..0x2002_0000];
+static IS_SENDING: AtomicBool = AtomicBool::new(false);
+static PORT_IS_SENDING: AtomicBool = AtomicBool::new(false);
 static BELL: Pipe<CriticalSectionRawMutex, 16> = Pipe::new();
 static TYPED: Pipe<CriticalSectionRawMutex, 64> = Pipe::new();
 static ROOM: AtomicWaker = AtomicWaker::new();
@@ -129,11 +137,33 @@ impl Receiver {
 impl Transmitter {
     /// Sends bytes; returns when the last one has been taken.
     pub async fn write(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            send(UART0, Interrupt::Uart0Tx, &ROOM, *byte).await;
-            SENT.fetch_add(1, Ordering::Relaxed);
+        for piece in part::pieces(bytes, PIECE_BYTES) {
+            let transfer = Transfer::begin(&IS_SENDING, piece);
+            for byte in piece {
+                send(UART0, Interrupt::Uart0Tx, &ROOM, *byte).await;
+                SENT.fetch_add(1, Ordering::Relaxed);
+            }
+            transfer.end();
         }
         DRAINED.wake();
+    }
+}
+
+/// Stands for a transfer by DMA: what the part refuses ends the program here.
+struct Transfer(&'static AtomicBool);
+
+impl Transfer {
+    fn begin(is_sending: &'static AtomicBool, piece: &[u8]) -> Self {
+        let is_busy = is_sending.swap(true, Ordering::Relaxed);
+        let taken = part::transfer(piece.as_ptr().addr(), piece.len(), &DMA_REACHES);
+        if let Err(refused) = if is_busy { Err(Refused::Busy) } else { taken } {
+            super::halt(format_args!("the part refuses {}", refused.words()));
+        }
+        Self(is_sending)
+    }
+
+    fn end(self) {
+        self.0.store(false, Ordering::Relaxed);
     }
 }
 
@@ -168,8 +198,12 @@ impl PortReceiver {
 impl PortTransmitter {
     /// Sends bytes; returns when the last one has been taken.
     pub async fn write(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            send(UART2, Interrupt::Uart2Tx, &PORT_ROOM, *byte).await;
+        for piece in part::pieces(bytes, PIECE_BYTES) {
+            let transfer = Transfer::begin(&PORT_IS_SENDING, piece);
+            for byte in piece {
+                send(UART2, Interrupt::Uart2Tx, &PORT_ROOM, *byte).await;
+            }
+            transfer.end();
         }
     }
 }

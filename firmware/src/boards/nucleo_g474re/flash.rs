@@ -22,7 +22,8 @@ use embassy_stm32::Peri;
 use embassy_stm32::flash::{self, Blocking};
 use embassy_stm32::pac::FLASH;
 use embassy_stm32::peripherals;
-use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
+use foxhound_computer::part::{self, Refused};
 use foxhound_computer::restart::End;
 use foxhound_computer::store::PAGES;
 
@@ -42,22 +43,6 @@ static IS_DAMAGED: AtomicBool = AtomicBool::new(false);
 /// What is kept while the power is off; nothing where the banks are not as they should be.
 pub struct Flash(Option<flash::Flash<'static, Blocking>>);
 
-/// The chip does not do it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refused;
-
-impl NorFlashError for Refused {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
-
-impl From<flash::Error> for Refused {
-    fn from(_: flash::Error) -> Self {
-        Self
-    }
-}
-
 impl Flash {
     /// The flash of the chip.
     pub(super) fn new(flash: Peri<'static, peripherals::FLASH>) -> Self {
@@ -65,7 +50,7 @@ impl Flash {
     }
 
     fn driver(&mut self) -> Result<&mut flash::Flash<'static, Blocking>, Refused> {
-        self.0.as_mut().ok_or(Refused)
+        self.0.as_mut().ok_or(Refused::Failed)
     }
 }
 
@@ -74,7 +59,7 @@ fn read_word(at: u32) -> Option<[u8; 8]> {
     let word = (FLASH_AT + (FROM + at) as usize) as *const u32;
     IS_DAMAGED.store(false, Ordering::SeqCst);
     IS_READING.store(true, Ordering::SeqCst);
-    // SAFETY: aligned, and inside the flash, behind the program; `check` has looked. A damaged word does not fault.
+    // SAFETY: aligned, and inside the flash, behind the program; `part::flash` has looked. A damaged word does not fault.
     let [low, high] = [word, word.wrapping_add(1)].map(|half| unsafe { half.read_volatile() });
     // The NMI has come through by then.
     asm::dsb();
@@ -97,12 +82,6 @@ unsafe fn NonMaskableInt() {
     IS_DAMAGED.store(true, Ordering::SeqCst);
 }
 
-/// Whether it is inside, and in whole units.
-fn check(from: u32, bytes: usize, unit: u32) -> Result<(), Refused> {
-    let fits = u32::try_from(bytes).ok().and_then(|bytes| from.checked_add(bytes)).is_some_and(|to| to <= BYTES);
-    if fits && from.is_multiple_of(unit) && (bytes as u32).is_multiple_of(unit) { Ok(()) } else { Err(Refused) }
-}
-
 impl ErrorType for Flash {
     type Error = Refused;
 }
@@ -111,7 +90,7 @@ impl ReadNorFlash for Flash {
     const READ_SIZE: usize = 8;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Refused> {
-        check(offset, bytes.len(), 8)?;
+        part::flash(offset, bytes.len(), 8, BYTES)?;
         let driver = self.driver()?;
         FLASH.acr().modify(|w| w.set_dcen(false));
         for (at, bytes) in (offset..).step_by(8).zip(bytes.as_chunks_mut().0) {
@@ -138,18 +117,18 @@ impl NorFlash for Flash {
     const ERASE_SIZE: usize = PAGE_BYTES;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Refused> {
-        check(from, to.saturating_sub(from) as usize, PAGE_BYTES as u32)?;
-        Ok(self.driver()?.blocking_erase(FROM + from, FROM + to)?)
+        part::flash(from, to.saturating_sub(from) as usize, PAGE_BYTES as u32, BYTES)?;
+        self.driver()?.blocking_erase(FROM + from, FROM + to).map_err(|_| Refused::Failed)
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Refused> {
-        check(offset, bytes.len(), 8)?;
+        part::flash(offset, bytes.len(), 8, BYTES)?;
         let driver = self.driver()?;
         for (at, word) in (offset..).step_by(8).zip(bytes.as_chunks::<8>().0) {
-            if let Err(error) = driver.blocking_write(FROM + at, word) {
+            if driver.blocking_write(FROM + at, word).is_err() {
                 // A word that looks blank and is not: struck out, or it would be tried again and again.
                 let _ = driver.blocking_write(FROM + at, &[0; 8]);
-                return Err(error.into());
+                return Err(Refused::Failed);
             }
         }
         Ok(())

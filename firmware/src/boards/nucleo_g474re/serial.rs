@@ -26,6 +26,7 @@ use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::pac::{DMA1, DMAMUX1, GPIOA, LPUART1, RCC, USART1};
 use embassy_sync::waitqueue::AtomicWaker;
 use foxhound_computer::circular::{self, Counts, Cursor};
+use foxhound_computer::part;
 use foxhound_computer::port::Waiting;
 
 use super::CLOCK_MHZ;
@@ -219,6 +220,15 @@ impl Line {
         })
     }
 
+    /// Waits until nothing is being sent.
+    async fn idle(&self) {
+        poll_fn(|context| {
+            self.sent.register(context.waker());
+            if self.is_sending.load(Ordering::Acquire) { Poll::Pending } else { Poll::Ready(()) }
+        })
+        .await;
+    }
+
     fn on_uart(&self) {
         let flags = self.uart.isr().read();
         self.uart.icr().write(|w| {
@@ -314,7 +324,9 @@ impl Transmitter {
         let line = self.0;
         let channel = line.sends.index;
         let dma = DMA1.ch(channel);
-        for piece in bytes.chunks(line.piece.len()) {
+        for piece in part::pieces(bytes, line.piece.len()) {
+            // One whose future was dropped is still under way.
+            line.idle().await;
             for (slot, byte) in line.piece.iter().zip(piece) {
                 slot.store(*byte, Ordering::Relaxed);
             }
@@ -336,11 +348,7 @@ impl Transmitter {
                 w.set_teie(true);
                 w.set_en(true);
             });
-            poll_fn(|context| {
-                line.sent.register(context.waker());
-                if line.is_sending.load(Ordering::Acquire) { Poll::Pending } else { Poll::Ready(()) }
-            })
-            .await;
+            line.idle().await;
         }
     }
 }

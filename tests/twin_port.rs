@@ -1,0 +1,186 @@
+//! The maintenance port of the image in QEMU: bring-up, raw frames, and a line of the autopilot that carries noise.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::thread::{sleep, spawn};
+use std::time::{Duration, Instant as WallInstant};
+
+use foxhound_core::adc::Snapshot;
+use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::time::Instant;
+use foxhound_link::dialect::MavMessage;
+use foxhound_link::framer::Framer;
+use foxhound_link::mailbox::Setup;
+use foxhound_sim::antennas::{Antennas, Pose};
+use foxhound_sim::frames::Recording;
+use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::random::Random;
+use foxhound_sim::transport::{Address, Line, Listen};
+use foxhound_tests::{foxhound, qemu_image, run, run_json};
+use rand_core::{Rng as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+/// QEMU alone: the autopilot's line is a socket, the maintenance port a pseudo-terminal.
+struct Alone {
+    qemu: Child,
+    line: TcpStream,
+    terminal: String,
+    _folder: tempfile::TempDir,
+}
+
+impl Alone {
+    fn start() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let words = folder.path().join("stdout");
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let qemu = Command::new("qemu-system-arm")
+            .args(["-M", "mps2-an386", "-display", "none", "-monitor", "none", "-icount", "shift=8"])
+            .args(["-semihosting-config", "enable=on,target=native", "-serial"])
+            .arg(format!("tcp:{}", listener.local_addr().unwrap()))
+            .args(["-serial", "null", "-serial", "pty", "-kernel", &qemu_image()])
+            .stdout(std::fs::File::create(&words).unwrap())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let (line, _) = listener.accept().unwrap();
+        // QEMU says on its output which terminal it has opened.
+        let terminal = (0..200).find_map(|_| {
+            sleep(Duration::from_millis(20));
+            let said = std::fs::read_to_string(&words).unwrap();
+            said.split_whitespace().find(|word| word.starts_with("/dev/pts/")).map(str::to_owned)
+        });
+        Self { qemu, line, terminal: terminal.unwrap(), _folder: folder }
+    }
+}
+
+impl Drop for Alone {
+    fn drop(&mut self) {
+        // It may be gone already.
+        let _ = self.qemu.kill();
+        let _ = self.qemu.wait();
+    }
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn bring_up_finds_what_works_and_what_is_missing() {
+    let alone = Alone::start();
+    let mut line = alone.line.try_clone().unwrap();
+    // The wire from TX to RX.
+    spawn(move || {
+        let mut bytes = [0; 256];
+        while let Ok(count @ 1..) = line.read(&mut bytes) {
+            if line.write_all(&bytes[..count]).is_err() {
+                return;
+            }
+        }
+    });
+    let (code, report) = run_json(&["port", "--json", "--serial", &alone.terminal, "bringup"]);
+    let verdict = |name: &str| {
+        let checks = report["checks"].as_array().unwrap();
+        let check = checks.iter().find(|check| check["check"] == name);
+        check.unwrap_or_else(|| panic!("{report:#}"))["verdict"].as_str().unwrap().to_owned()
+    };
+    for name in ["port", "clock", "steps", "autopilot's line", "flash", "watchdog"] {
+        assert_eq!(verdict(name), "passed", "{name}: {report:#}");
+    }
+    // It runs freely, without antennas.
+    assert_eq!((verdict("frames"), verdict("tone"), code), ("failed".into(), "not_checked".into(), 1), "{report:#}");
+    let answers = report["answers"].as_array().unwrap();
+    assert!(answers.iter().any(|line| line.as_str().unwrap().starts_with("step: ")), "{report:#}");
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn frames_come_out_of_the_port_as_they_went_in() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("frames.npy");
+    let setup = Setup { guidance: guidance::Config::default() };
+    let mut twin = QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap();
+    twin.keep_port();
+    let (mut terminal, address) = Line::listen(&Listen::Pty).unwrap();
+    let Address::Serial { device, .. } = address else { panic!("{address:?}") };
+    let mut port = foxhound()
+        .args(["port", "--serial"])
+        .arg(&device)
+        .args(["dump", "12", "--out"])
+        .arg(&out)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let antennas = Antennas { snr_db: Some(20.0), ..Antennas::default() };
+    let (mut random, mut sent) = (Random::new(3, 7), Vec::new());
+    let begin = WallInstant::now();
+    while port.try_wait().unwrap().is_none() {
+        assert!(begin.elapsed() < Duration::from_secs(60), "{} steps", sent.len());
+        let now = Instant(sent.len() as u64 * 20_000);
+        let frame: Snapshot<256> = antennas.frame(now, &Pose::default(), [300.0, 300.0, 0.0], &mut random);
+        twin.type_on_port(&terminal.read()).unwrap();
+        twin.step(now, FrontEnd::Snapshot(&frame), None, &[]).unwrap();
+        terminal.write(&twin.take_port());
+        sent.push(frame);
+    }
+    assert!(port.wait().unwrap().success());
+    let dumped = Recording::read(&out).unwrap();
+    let first = sent.iter().position(|frame| Recording::of(std::slice::from_ref(frame)) == first_of(&dumped)).unwrap();
+    assert_eq!(dumped, Recording::of(&sent[first..first + 12]), "from step {first} on, one after another");
+    // What `foxhound bearing` makes of them.
+    let array = dir.path().join("array.toml");
+    std::fs::write(&array, "wavelength_m = 0.345\nside_m = 0.138\nsample_rate_hz = 102400.0\n").unwrap();
+    let output = run(&["bearing", "--json", "--adc", &out.to_string_lossy(), "--array", &array.to_string_lossy()]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = String::from_utf8_lossy(&output.stdout);
+    let last: serde_json::Value = serde_json::from_str(said.lines().last().unwrap()).unwrap();
+    let azimuth_deg = last["azimuth_deg"].as_f64().unwrap_or_else(|| panic!("{last}"));
+    assert!((azimuth_deg - 45.0).abs() < 3.0, "{last}");
+}
+
+fn first_of(recording: &Recording) -> Recording {
+    let mut snapshot = Snapshot::<256>::zeroed();
+    let codes = recording.frames().next().unwrap();
+    snapshot.codes.as_flattened_mut().copy_from_slice(codes);
+    Recording::of(&[snapshot])
+}
+
+#[test]
+#[ignore = "needs QEMU and the image: cargo xtask test"]
+fn noise_and_breaks_on_the_autopilots_line_stop_nothing() {
+    let alone = Alone::start();
+    let mut line = alone.line.try_clone().unwrap();
+    // As fast as it is taken: bytes of any value, and between them a line that is held low.
+    spawn(move || {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(6);
+        loop {
+            let mut bytes = [0; 512];
+            random.fill_bytes(&mut bytes[..256]);
+            if line.write_all(&bytes).is_err() {
+                return;
+            }
+        }
+    });
+    let mut heard = alone.line.try_clone().unwrap();
+    heard.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    let (mut framer, mut beats, begin) = (Framer::new(), 0, WallInstant::now());
+    while begin.elapsed() < Duration::from_secs(5) {
+        let mut bytes = [0; 256];
+        let count = heard.read(&mut bytes).unwrap_or(0);
+        let mut bytes = &bytes[..count];
+        while !bytes.is_empty() {
+            bytes = &bytes[framer.push(bytes)..];
+            while let Some(frame) = framer.next_frame() {
+                beats += u32::from(matches!(frame.message(), Some(MavMessage::HEARTBEAT(_))));
+            }
+        }
+    }
+    // One a second, on a machine that may be busy.
+    assert!((3..=7).contains(&beats), "{beats} heartbeats");
+    let output = run(&["port", "--serial", &alone.terminal, "status"]);
+    let status = String::from_utf8_lossy(&output.stdout).into_owned();
+    for words in ["restart: power", "; start 1\n", ", late 0", "received: at most 2048 of 2048 bytes"] {
+        assert!(status.contains(words), "{words}: {status}");
+    }
+}
