@@ -364,8 +364,9 @@ impl Companion {
             self.ground = None;
             self.scan = None;
             self.points = None;
+            // Whatever was known of its mode: only a heartbeat out of the mode that is heard from now on lifts it.
+            self.entry_needed = true;
             if let Some(autopilot) = &mut self.autopilot {
-                self.entry_needed = autopilot.obeys();
                 autopilot.armed = false;
             }
             self.requests.restart(now);

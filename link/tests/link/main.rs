@@ -5,6 +5,7 @@ mod bench;
 mod carriers;
 mod core_reader;
 mod dialect;
+mod entry;
 mod exam;
 mod failsafes;
 mod keys;

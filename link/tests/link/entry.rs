@@ -1,0 +1,116 @@
+//! After every restart, of the autopilot or of ourselves, nothing moves before the mode is entered afresh.
+
+use foxhound_core::mission::Control;
+use foxhound_link::companion::Config;
+use foxhound_link::dialect::*;
+use foxhound_link::failsafe::Cause;
+use rand_core::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro128PlusPlus;
+
+use crate::bench::*;
+
+/// More than messages may overtake each other by, milliseconds.
+const RESTART_MS: u32 = 1_500;
+
+#[test]
+fn two_restarts_of_the_autopilot_within_one_heartbeat_still_need_a_fresh_entry() {
+    for (autopilot, mode) in [(ARDUPILOT, GUIDED), (PX4, OFFBOARD)] {
+        let mut bench = Bench::new(Config::default());
+        let in_mode = MavMessage::HEARTBEAT(heartbeat(autopilot, mode, ARMED));
+        bench.say(&in_mode);
+        bench.step(10_000);
+        for time_boot_ms in [60_000, 20_000, 1_000] {
+            bench.say(&position(time_boot_ms));
+            bench.step(10_000);
+        }
+        assert_eq!(bench.companion.counters().reboots, 2);
+        bench.say(&in_mode);
+        assert_eq!(bench.companion.cause(bench.now()), Cause::EntryNeeded);
+        bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, mode, DISARMED)));
+        bench.say(&in_mode);
+        assert_eq!(bench.companion.cause(bench.now()), Cause::None, "entered afresh");
+    }
+}
+
+/// The autopilot's mode, as its pilot and its restarts make it, and whether the companion may move the vehicle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Model {
+    in_mode: bool,
+    /// A heartbeat out of the mode was heard since the last restart, or there was none.
+    may_enter: bool,
+    /// A heartbeat in the mode was heard after that.
+    has_entered: bool,
+}
+
+impl Model {
+    fn beat(&mut self) {
+        self.may_enter |= !self.in_mode;
+        self.has_entered = self.may_enter && self.in_mode;
+    }
+
+    fn restart(&mut self) {
+        (self.may_enter, self.has_entered) = (false, false);
+    }
+}
+
+#[test]
+fn whatever_order_heartbeats_and_restarts_come_in_nothing_moves_without_a_fresh_entry() {
+    let (mut granted, mut refused, mut restarts) = (0, 0, 0);
+    for seed in 0..200 {
+        let mut random = Xoshiro128PlusPlus::seed_from_u64(seed);
+        let (autopilot, mode) = if seed % 2 == 0 { (ARDUPILOT, GUIDED) } else { (PX4, OFFBOARD) };
+        let mut bench = Bench::new(Config::default());
+        let mut model = Model { may_enter: true, ..Model::default() };
+        let mut boot_ms = 100_000;
+        bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, mode, DISARMED)));
+        bench.say(&position(boot_ms));
+        let mut history = Vec::new();
+        for _ in 0..400 {
+            let deed = random.next_u32() % 16;
+            history.push(deed);
+            match deed {
+                // The pilot.
+                0 | 1 => model.in_mode = !model.in_mode,
+                // The autopilot restarts, in a mode of its own choice. No restart is seen so soon after another one.
+                2..=4 if boot_ms > 2 * RESTART_MS => {
+                    boot_ms = RESTART_MS + random.next_u32() % (boot_ms - 2 * RESTART_MS);
+                    bench.say(&position(boot_ms));
+                    if deed == 4 {
+                        model.in_mode = random.next_u32().is_multiple_of(2);
+                    }
+                    model.restart();
+                    restarts += 1;
+                }
+                5 => {
+                    bench.companion.require_entry();
+                    model.restart();
+                    restarts += 1;
+                }
+                6..=9 => {
+                    boot_ms += random.next_u32() % 5_000;
+                    bench.say(&position(boot_ms));
+                }
+                _ => {
+                    let base_mode = if model.in_mode { ARMED } else { DISARMED };
+                    bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, mode, base_mode)));
+                    model.beat();
+                }
+            }
+            bench.step(u64::from(random.next_u32() % 100_000));
+            let control = bench.companion.control(bench.now());
+            if model.has_entered {
+                granted += u32::from(control == Control::Granted);
+            } else {
+                refused += 1;
+                assert_ne!(control, Control::Granted, "seed {seed}: {history:?}");
+            }
+        }
+        // It is never refused for ever.
+        for base_mode in [DISARMED, ARMED] {
+            bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, mode, base_mode)));
+            bench.step(10_000);
+        }
+        assert_eq!(bench.companion.control(bench.now()), Control::Granted, "seed {seed}");
+    }
+    assert!(granted > 5_000 && refused > 20_000 && restarts > 5_000, "{granted} {refused} {restarts}");
+}
