@@ -13,10 +13,10 @@
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one for want of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because directions could not be told apart | hold |
 //! | `NoSignal` | the same, for any other reason | hold; search, where `guidance::Config::explore` says how, then hold |
-//! | `GoalUnreachable` | no path for 15 s, or no progress beyond 1 m in 20 s | hold until a fresh entry |
+//! | `GoalUnreachable` | no path for 15 s, or no progress beyond 1 m in 20 s; while a plan is late neither time runs | hold until a fresh entry |
 //! | `Fault` | a stage reported what must not happen (a demand that is not finite) | hold |
 //! | `NoPath` | the planner answered with a brake plan | hold, ask again every 0.5 s |
-//! | `PlanLate` | the plan has run out, or there is none, and the next is not there | hold |
+//! | `PlanLate` | the plan has run out, or there is none, and the next is not there; or it brakes, or is braked, and the next was not there in time | hold, ask again at once |
 //! | `GuardBrake` | the guard replaced the command by a brake | hold, ask for a new plan at once |
 //! | `HandedOver` | the beacon or the pad is reached as far as it can be ([`crate::landing::Reason`]) | hover there, until a fresh entry |
 //! | `Landed` | the vehicle has come down onto the ground | none; zero velocity is asked for until the autopilot lets go |
@@ -199,6 +199,8 @@ pub struct Facts {
     pub bearing: Option<Instant>,
     /// Flags of the last bearing, usable or not.
     pub bearing_flags: Flags,
+    /// The planner has not answered the last request in time.
+    pub is_plan_late: bool,
     /// The beacon is reached, and the landing flies.
     pub is_arriving: bool,
     /// Where the vehicle is.
@@ -208,9 +210,23 @@ pub struct Facts {
 /// What the mission remembers.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
+    /// The last step in control.
+    looked: Instant,
     no_path_since: Option<Instant>,
     stall_since: Option<(Instant, Horizontal)>,
     given_up: bool,
+}
+
+impl State {
+    /// The planner's delay says nothing of the goal: neither clock counts it.
+    fn wait(&mut self, micros: u64) {
+        if let Some(since) = &mut self.no_path_since {
+            *since = since.plus_micros(micros);
+        }
+        if let Some((since, _)) = &mut self.stall_since {
+            *since = since.plus_micros(micros);
+        }
+    }
 }
 
 /// What became of the plan in a step, once the mission has said [`Behaviour::Follow`].
@@ -220,7 +236,7 @@ pub enum Progress {
     Following,
     /// The plan says brake.
     NoPath,
-    /// There is no plan, or it has run out.
+    /// There is no plan, or it has run out, or it goes no further and the next one is late.
     RanOut,
     /// The guard braked.
     GuardBraked,
@@ -248,6 +264,10 @@ impl Mission {
                 *state = State::default();
                 return if withheld == Control::LinkLost { Outcome::LinkLost } else { Outcome::NotInControl };
             }
+        }
+        let step_us = facts.now.micros_since(core::mem::replace(&mut state.looked, facts.now));
+        if facts.is_plan_late {
+            state.wait(step_us);
         }
         if old(facts.position, c.position_age_max_s) || old(facts.attitude, c.attitude_age_max_s) {
             return Outcome::StaleOwnship;
@@ -322,6 +342,7 @@ mod tests {
             obstacles: ago(0.1),
             bearing: ago(0.02),
             bearing_flags: Flags::default(),
+            is_plan_late: false,
             is_arriving: false,
             place_ned_m: Horizontal::default(),
         }
@@ -423,6 +444,30 @@ mod tests {
         assert_eq!(mission.admit(&mut state, &later(17)), Outcome::GoalUnreachable, "not by itself");
         mission.admit(&mut state, &Facts { control: Control::NotInControl, ..later(18) });
         assert_eq!(mission.admit(&mut state, &later(19)), Outcome::Nominal);
+    }
+
+    #[test]
+    fn the_time_that_a_plan_is_late_counts_neither_as_no_path_nor_as_no_progress() {
+        let mission = Config::default().build().unwrap();
+        for (progress, late_steps, expected_s) in [
+            (Progress::NoPath, 0, 15.0),
+            (Progress::NoPath, 2_000, 55.0),
+            (Progress::Following, 0, 20.0),
+            (Progress::Following, 5_000, 120.0),
+        ] {
+            let mut state = State::default();
+            let given_up = (0..10_000).find(|step| {
+                let at = Some(Instant(NOW.0 + step * 20_000));
+                let is_plan_late = (100..100 + late_steps).contains(step);
+                let facts = Facts { now: Instant(NOW.0 + step * 20_000), is_plan_late, ..fresh() };
+                let facts = Facts { position: at, attitude: at, obstacles: at, bearing: at, ..facts };
+                let outcome = mission.admit(&mut state, &facts);
+                mission.conclude(&mut state, facts.now, if is_plan_late { Progress::RanOut } else { progress });
+                outcome == Outcome::GoalUnreachable
+            });
+            let given_up_s = given_up.unwrap() as f32 * 0.02;
+            assert!((given_up_s - expected_s).abs() < 0.05, "{progress:?}, {late_steps} late: {given_up_s}");
+        }
     }
 
     #[test]

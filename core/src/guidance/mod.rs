@@ -422,6 +422,8 @@ pub struct State<const N: usize> {
     /// When the active plan took effect.
     activated: u32,
     plans_late: u32,
+    /// The last plan that was asked for did not come in time.
+    is_plan_late: bool,
     trace: Trace,
 }
 
@@ -473,6 +475,7 @@ impl<const N: usize> Default for State<N> {
             active: None,
             activated: 0,
             plans_late: 0,
+            is_plan_late: false,
             trace: Trace::default(),
         }
     }
@@ -575,9 +578,10 @@ impl<const N: usize> Guidance<N> {
             active,
             activated,
             plans_late,
+            is_plan_late,
             trace,
         } = state;
-        (*tick, *activated, *plans_late) = (0, 0, 0);
+        (*tick, *activated, *plans_late, *is_plan_late) = (0, 0, 0, false);
         *phase = phase::State::default();
         *map = Map::default();
         *intake = Intake::default();
@@ -1044,7 +1048,9 @@ impl<const N: usize> Guidance<N> {
             return false;
         }
         state.due = None;
-        let Some(plan) = state.pending.take() else {
+        let answer = state.pending.take();
+        state.is_plan_late = answer.is_none();
+        let Some(plan) = answer else {
             state.plans_late = state.plans_late.saturating_add(1);
             return false;
         };
@@ -1112,6 +1118,7 @@ impl<const N: usize> Guidance<N> {
             obstacles: state.map.updated(),
             // The last metres are not flown by bearings.
             bearing: if is_landing(state) { Some(input.now) } else { state.goal.updated() },
+            is_plan_late: state.is_plan_late,
             is_arriving: is_landing(state),
             bearing_flags: state.last_flags,
             place_ned_m: situation.position_ned_m,
@@ -1175,6 +1182,7 @@ impl<const N: usize> Guidance<N> {
         state.due = None;
         state.pending = None;
         state.active = None;
+        state.is_plan_late = false;
     }
 
     /// Whether what is known by now stands in the way of the active plan's next waypoints.
@@ -1299,13 +1307,18 @@ fn looked_at(ownship: &Ownship, time: Instant) -> Pose {
 
 /// What became of the plan in this step.
 fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: guard::Action) -> Progress {
-    match (&state.active, demand) {
+    let progress = match (&state.active, demand) {
         (Some(_), Some(demand)) if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
         (Some(plan), Some(_)) if plan.verdict == Verdict::Brake => Progress::NoPath,
         (Some(_), Some(_)) if state.track.passed >= WAYPOINTS => Progress::RanOut,
         (Some(_), Some(_)) if action == guard::Action::Braked => Progress::GuardBraked,
         (Some(_), Some(_)) => Progress::Following,
         _ => Progress::RanOut,
+    };
+    match progress {
+        // It waits for the planner, not for a way.
+        Progress::NoPath | Progress::GuardBraked if state.is_plan_late => Progress::RanOut,
+        progress => progress,
     }
 }
 

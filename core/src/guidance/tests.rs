@@ -185,6 +185,52 @@ fn a_planner_that_is_always_late_means_hold_and_is_counted() {
 }
 
 #[test]
+fn a_plan_that_is_late_is_told_as_such_however_long_it_lasts_and_never_as_a_goal_that_cannot_be_reached() {
+    // Ready so many steps after it was asked for; it takes effect after 5.
+    for planning in [6, 10, 11, 15, 50] {
+        let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
+        flight.planning = planning;
+        let report = flight.run(45.0, |_, _| {});
+        let late = report.outputs.iter().skip(5).filter(|output| output.outcome != Outcome::PlanLate).count();
+        assert_eq!(late, 0, "{planning} steps: {:?}", report.outputs.last().map(|output| output.outcome));
+    }
+}
+
+#[test]
+fn plans_that_come_late_from_some_time_on_are_what_a_vehicle_waits_for_that_can_go_no_further() {
+    // In the open, and in a ring of pillars without a gap.
+    let ring = |at: u32| {
+        let (sin, cos) = (at as f32 * 0.25).sin_cos();
+        (1.5 * cos, 1.5 * sin, 0.25)
+    };
+    let ring: StdVec<_> = (0..26).map(ring).collect();
+    for pillars in [&[][..], &ring] {
+        let mut flight = Flight::new(pillars, (60.0, 0.5));
+        let report = flight.run(60.0, |step, input| {
+            if step > 250 {
+                input.plan = None;
+            }
+        });
+        let end = report.outputs.last().unwrap();
+        assert_eq!((end.outcome, report.closest_m > 0.0), (Outcome::PlanLate, true));
+        assert!(report.outputs.iter().all(|output| output.outcome != Outcome::GoalUnreachable));
+    }
+}
+
+#[test]
+fn a_late_plan_now_and_then_does_not_keep_a_sealed_vehicle_from_giving_up() {
+    let ring: StdVec<_> =
+        (0..26).map(|at| ((at as f32 * 0.25).cos() * 1.5, (at as f32 * 0.25).sin() * 1.5, 0.25)).collect();
+    let mut flight = Flight::new(&ring, (60.0, 0.5));
+    let report = flight.run(90.0, |step, input| {
+        if step % 200 < 60 {
+            input.plan = None;
+        }
+    });
+    assert_eq!(report.outputs.last().unwrap().outcome, Outcome::GoalUnreachable);
+}
+
+#[test]
 fn the_altitude_held_is_the_first_one_heard_even_when_control_comes_before_it() {
     let mut flight = Flight::new(&[], (30.0, 0.0));
     let report = flight.run(8.0, |step, input| {

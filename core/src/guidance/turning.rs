@@ -558,6 +558,7 @@ mod tests {
                 obstacles: Some(now),
                 bearing: Some(Instant(now.0 - (age_s * 1e6) as u64)),
                 bearing_flags: Flags::NO_SIGNAL,
+                is_plan_late: false,
                 is_arriving: false,
                 place_ned_m: Horizontal::default(),
             };
