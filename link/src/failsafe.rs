@@ -20,6 +20,8 @@ pub enum Cause {
     NotInMode,
     /// The vehicle stands on the ground or takes off.
     OnGround,
+    /// What was stored is damaged.
+    StoreDamaged,
     /// The mode has to be entered afresh.
     EntryNeeded,
     /// The pilot's switch is off.
@@ -58,6 +60,7 @@ pub(crate) struct Facts {
     pub(crate) is_quiet: bool,
     pub(crate) obeys: bool,
     pub(crate) on_ground: bool,
+    pub(crate) store_damaged: bool,
     pub(crate) entry_needed: bool,
     pub(crate) switched_off: bool,
     pub(crate) paused: bool,
@@ -72,13 +75,14 @@ pub(crate) struct Facts {
 impl Facts {
     /// The first row that applies.
     pub(crate) fn cause(&self) -> Cause {
-        static CAUSES: [Cause; 14] = [
+        static CAUSES: [Cause; 15] = [
             Cause::Unfit,
             Cause::NoAutopilot,
             Cause::LinkLost,
             Cause::LinkQuiet,
             Cause::NotInMode,
             Cause::OnGround,
+            Cause::StoreDamaged,
             Cause::EntryNeeded,
             Cause::SwitchedOff,
             Cause::Paused,
@@ -95,6 +99,7 @@ impl Facts {
             self.is_quiet,
             !self.obeys,
             self.on_ground,
+            self.store_damaged,
             self.entry_needed,
             self.switched_off,
             self.paused,
@@ -129,7 +134,12 @@ impl Cause {
     pub(crate) fn is_critical(self) -> bool {
         matches!(
             self,
-            Self::BatteryCritical | Self::BatteryLow | Self::FenceBreached | Self::LinkNoisy | Self::OwnshipLost
+            Self::StoreDamaged
+                | Self::BatteryCritical
+                | Self::BatteryLow
+                | Self::FenceBreached
+                | Self::LinkNoisy
+                | Self::OwnshipLost
         )
     }
 
@@ -142,6 +152,7 @@ impl Cause {
             Self::LinkLost | Self::LinkQuiet => Some("Foxhound: autopilot is silent"),
             Self::NotInMode => Some("Foxhound: waits for GUIDED or OFFBOARD, armed"),
             Self::OnGround => Some("Foxhound: waits for take-off"),
+            Self::StoreDamaged => Some("Foxhound: stored record damaged, does not move"),
             Self::EntryNeeded => Some("Foxhound: enter the mode again"),
             Self::SwitchedOff => Some("Foxhound: switched off by RC"),
             Self::Paused => Some("Foxhound: paused"),
@@ -167,6 +178,7 @@ mod tests {
             is_lost: true,
             is_quiet: true,
             on_ground: true,
+            store_damaged: true,
             entry_needed: true,
             switched_off: true,
             paused: true,
@@ -178,14 +190,15 @@ mod tests {
             ..Facts::default()
         };
         type Lift = fn(&mut Facts);
-        let lift: [(Lift, Cause); 14] = [
+        let lift: [(Lift, Cause); 15] = [
             (|_| {}, Cause::Unfit),
             (|facts| facts.unfit = false, Cause::NoAutopilot),
             (|facts| facts.has_autopilot = true, Cause::LinkLost),
             (|facts| facts.is_lost = false, Cause::LinkQuiet),
             (|facts| facts.is_quiet = false, Cause::NotInMode),
             (|facts| facts.obeys = true, Cause::OnGround),
-            (|facts| facts.on_ground = false, Cause::EntryNeeded),
+            (|facts| facts.on_ground = false, Cause::StoreDamaged),
+            (|facts| facts.store_damaged = false, Cause::EntryNeeded),
             (|facts| facts.entry_needed = false, Cause::SwitchedOff),
             (|facts| facts.switched_off = false, Cause::Paused),
             (|facts| facts.paused = false, Cause::BatteryCritical),

@@ -1,5 +1,7 @@
 //! What the records hold, byte by byte; everything is little-endian. The map adds a CRC-32 to each.
 //!
+//! Each begins with its number, 2 bytes: the records of one name count up (0 for the starts, which have none). Then:
+//!
 //! | record | bytes |
 //! |---|---|
 //! | any that was taken away | 0 |
@@ -7,9 +9,9 @@
 //! | calibration | as in [`foxhound_core::calibration::record`] |
 //! | key | 1; 32 bytes |
 //! | timestamp | 1; CRC-32 of the key that it belongs to; 6 bytes |
-//! | starts | 1; which records were ever kept, a bit each; count, 4 bytes |
+//! | starts | 2; count, 4 bytes; the number of the newest record of each name, 2 bytes each, 0 where there never was one |
 //!
-//! The first byte is the version of the format. Parameters go by their names, of which only a hash (FNV-1a, 32 bits) is kept:
+//! The first byte of these is the version of the format. Parameters go by their names, of which only a hash (FNV-1a, 32 bits) is kept:
 //! a firmware with other parameters, or the same in another order, takes out of them what it knows. No two names of the
 //! table have the same hash (a test).
 
@@ -17,14 +19,17 @@ use foxhound_core::calibration::record::{RECORD_BYTES, crc32};
 use foxhound_core::param::{COUNT, Id, Values};
 use sequential_storage::map::{SerializationError, Value};
 
+use super::{NAMES, Name};
+
 /// Parameters that there is room for.
 const PARAMETERS_MAX: usize = 70;
 /// The longest record and its key, in whole words.
-pub(super) const RECORD_MAX: usize = (2 + 8 * PARAMETERS_MAX).next_multiple_of(8);
-const _: () = assert!(COUNT <= PARAMETERS_MAX && RECORD_BYTES < RECORD_MAX, "the records have room");
+pub(super) const RECORD_MAX: usize = (4 + 8 * PARAMETERS_MAX).next_multiple_of(8);
+const _: () = assert!(COUNT <= PARAMETERS_MAX && 3 + RECORD_BYTES <= RECORD_MAX, "the records have room");
 
 const GONE: u8 = 0;
 const VERSION: u8 = 1;
+const STARTS_VERSION: u8 = 2;
 
 /// What is to be written.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +42,40 @@ pub(super) enum Content<'a> {
     Calibration(&'a [u8; RECORD_BYTES]),
     /// Bytes behind the version.
     Bytes(&'a [u8]),
+    /// The count of starts, and the marks.
+    Starts(&'a [u8; STARTS_BYTES]),
+}
+
+/// A record: its number, and what it holds.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Record<'a>(pub(super) u16, pub(super) Content<'a>);
+
+impl Record<'_> {
+    /// The bytes, one after the other.
+    fn bytes(&self) -> impl Iterator<Item = u8> {
+        self.0.to_le_bytes().into_iter().chain(self.1.bytes())
+    }
+
+    /// Whether that is what was read.
+    pub(super) fn is(&self, read: &[u8]) -> bool {
+        self.bytes().eq(read.iter().copied())
+    }
+}
+
+/// The number of a record that was read, and what it holds.
+pub(super) fn numbered(read: &[u8]) -> Option<(u16, &[u8])> {
+    read.split_first_chunk().map(|(number, held)| (u16::from_le_bytes(*number), held))
+}
+
+/// The number of the record that follows; none has 0.
+pub(super) const fn next(number: u16) -> u16 {
+    if number == u16::MAX { 1 } else { number + 1 }
+}
+
+/// Whether a record is older than another one. They are never so far apart that it could be the other way round: the flash has
+/// room for hundreds.
+pub(super) const fn is_older(number: u16, than: u16) -> bool {
+    (number.wrapping_sub(than) as i16) < 0
 }
 
 impl Content<'_> {
@@ -47,6 +86,7 @@ impl Content<'_> {
             Self::Parameters(values) => (Some(VERSION), &[][..], Some(values)),
             Self::Calibration(record) => (None, &record[..], None),
             Self::Bytes(bytes) => (Some(VERSION), bytes, None),
+            Self::Starts(bytes) => (Some(STARTS_VERSION), &bytes[..], None),
         };
         let entry = |(id, values): (Id, &Values)| {
             let ([a, b, c, d], [e, f, g, h]) = (hash(id).to_le_bytes(), values.get(id).to_le_bytes());
@@ -55,15 +95,10 @@ impl Content<'_> {
         let parameters = values.into_iter().flat_map(move |values| Id::all().map(move |id| (id, values)));
         first.into_iter().chain(bytes.iter().copied()).chain(parameters.flat_map(entry))
     }
-
-    /// Whether that is what was read.
-    pub(super) fn is(&self, read: &[u8]) -> bool {
-        self.bytes().eq(read.iter().copied())
-    }
 }
 
 /// For the map, which wants one type for both ways.
-impl<'a> Value<'a> for Content<'_> {
+impl<'a> Value<'a> for Record<'_> {
     fn serialize_into(&self, buffer: &mut [u8]) -> Result<usize, SerializationError> {
         let mut count = 0;
         for byte in self.bytes() {
@@ -130,22 +165,47 @@ pub(super) fn timestamp(record: &[u8], key: &[u8; 32]) -> Option<u64> {
     (u32::from_le_bytes([a, b, c, d]) == crc32(key)).then_some(timestamp)
 }
 
-/// How often the computer was started, and what was ever kept.
+/// Bytes of a count of starts behind its version.
+const STARTS_BYTES: usize = 4 + 2 * NAMES;
+
+/// How often the computer was started, and the number of the newest record of each name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Starts {
-    pub(super) kept: u8,
     pub(super) count: u32,
+    pub(super) marks: [u16; NAMES],
 }
 
 impl Starts {
-    pub(super) fn encode(self) -> [u8; 5] {
-        let [a, b, c, d] = self.count.to_le_bytes();
-        [self.kept, a, b, c, d]
+    /// The mark of a name.
+    pub(super) const fn mark(&mut self, name: Name) -> &mut u16 {
+        let [parameters, calibration, key, timestamp] = &mut self.marks;
+        match name {
+            Name::Parameters => parameters,
+            Name::Calibration => calibration,
+            Name::Key => key,
+            Name::Timestamp => timestamp,
+        }
+    }
+
+    pub(super) fn encode(self) -> [u8; STARTS_BYTES] {
+        let mut bytes = [0; STARTS_BYTES];
+        let (count, marks) = bytes.split_at_mut(4);
+        count.copy_from_slice(&self.count.to_le_bytes());
+        for (bytes, mark) in marks.as_chunks_mut().0.iter_mut().zip(self.marks) {
+            *bytes = mark.to_le_bytes();
+        }
+        bytes
     }
 
     pub(super) fn decode(record: &[u8]) -> Option<Self> {
-        let &[kept, a, b, c, d] = body(record)? else { return None };
-        Some(Self { kept, count: u32::from_le_bytes([a, b, c, d]) })
+        let (version, bytes) = record.split_first()?;
+        let bytes: &[u8; STARTS_BYTES] = bytes.try_into().ok().filter(|_| *version == STARTS_VERSION)?;
+        let (count, marks) = bytes.split_first_chunk()?;
+        let mut starts = Self { count: u32::from_le_bytes(*count), marks: [0; NAMES] };
+        for (mark, bytes) in starts.marks.iter_mut().zip(marks.as_chunks().0) {
+            *mark = u16::from_le_bytes(*bytes);
+        }
+        Some(starts)
     }
 }
 
@@ -187,6 +247,22 @@ mod tests {
         record[0] = 2;
         assert_eq!(parameters(&record), None, "another format");
         assert_eq!(parameters(&[1, 0]), None, "cut off");
+    }
+
+    #[test]
+    fn numbers_go_round_without_zero_and_the_older_one_is_told_wherever_they_are() {
+        for (older, newer) in [(1, 2), (0x7ffe, 0x8001), (u16::MAX, 1), (u16::MAX - 3, 300), (0, 1)] {
+            assert!(is_older(older, newer) && !is_older(newer, older) && !is_older(newer, newer));
+        }
+        assert_eq!((next(0), next(7), next(u16::MAX)), (1, 8, 1));
+    }
+
+    #[test]
+    fn the_count_of_starts_comes_back_with_its_marks() {
+        let starts = Starts { count: 70_000, marks: [1, 0, 65_535, 258] };
+        let bytes: Vec<u8> = Content::Starts(&starts.encode()).bytes().collect();
+        assert_eq!(Starts::decode(&bytes), Some(starts));
+        assert_eq!(Starts::decode(&bytes[..bytes.len() - 1]), None);
     }
 
     #[test]

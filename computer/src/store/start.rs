@@ -4,9 +4,14 @@
 //! |---|---|
 //! | parameters, all of them known and in range | flies with them |
 //! | parameters, some unknown or out of range by now | flies with the others and the defaults of those, and says so |
-//! | parameters that do not fit each other, or cannot be read | says so, and holds with the outcome `Uncalibrated`: with the defaults, without a calibration, and with `FH_CAL_REQ` on, until somebody has looked at the parameters and switched it off or stored them and restarted |
-//! | a calibration that cannot be read | says so; flies without, unless `FH_CAL_REQ` is on: then `Uncalibrated` |
-//! | a key that cannot be read | says so; neither signs nor asks for signatures |
+//! | parameters that do not fit each other | says so, and holds with the outcome `Uncalibrated`: with the defaults, without a calibration, and with `FH_CAL_REQ` on, until somebody has looked at the parameters and switched it off or stored them and restarted |
+//! | parameters whose newest record is damaged | the same; and does not move before parameters were stored, or everything was reset |
+//! | a calibration whose newest record is damaged | says so, and does not move before a calibration was stored, or everything was reset |
+//! | a key, or its timestamp, whose newest record is damaged | says so, and does not move before a key was set or taken away, or everything was reset; without the key it neither signs nor asks for signatures |
+//! | a flash that refuses to be read | as with parameters that do not fit; and as without a calibration and a key |
+//!
+//! What does not move has the cause [`foxhound_link::failsafe::Cause::StoreDamaged`]. An older record is never taken in place of a
+//! damaged one.
 //!
 //! Nothing of this is said, or done, where nothing was ever kept.
 
@@ -19,7 +24,7 @@ use foxhound_link::companion::Companion;
 use foxhound_link::signing::Signing;
 use heapless::String;
 
-use super::{Kept, Store};
+use super::{Kept, Name, RECORDS, Store, Trouble};
 use crate::flight::Flight;
 
 /// Which of our links signs.
@@ -34,16 +39,18 @@ enum News {
     ParametersDropped,
     CalibrationLost,
     KeyLost,
+    TimestampLost,
     KeyNotKept,
 }
 
 impl News {
-    const ALL: [Self; 6] = [
+    const ALL: [Self; 7] = [
         Self::ParametersLost,
         Self::ParametersRefused,
         Self::ParametersDropped,
         Self::CalibrationLost,
         Self::KeyLost,
+        Self::TimestampLost,
         Self::KeyNotKept,
     ];
 
@@ -55,6 +62,7 @@ impl News {
             Self::ParametersDropped => "Foxhound: some stored parameters are defaults",
             Self::CalibrationLost => "Foxhound: stored calibration lost",
             Self::KeyLost => "Foxhound: stored key lost: signs nothing",
+            Self::TimestampLost => "Foxhound: stored time of the key lost",
             Self::KeyNotKept => "Foxhound: the key cannot be stored",
         }
     }
@@ -84,7 +92,7 @@ impl<F: NorFlash> Store<F> {
     pub fn calibrate(&mut self, config: &mut guidance::Config) {
         match self.calibration() {
             Kept::Found(calibration) => config.array.calibration = Some(calibration.table),
-            Kept::Lost => self.untold.add(News::CalibrationLost),
+            Kept::Lost => self.miss(Name::Calibration, News::CalibrationLost),
             Kept::Nothing => {}
         }
     }
@@ -103,7 +111,7 @@ impl<F: NorFlash> Store<F> {
                 fall_back(flight);
             }
             Kept::Lost => {
-                self.untold.add(News::ParametersLost);
+                self.miss(Name::Parameters, News::ParametersLost);
                 fall_back(flight);
             }
             Kept::Nothing => {}
@@ -114,8 +122,21 @@ impl<F: NorFlash> Store<F> {
                 signing.restore(now, timestamp);
                 flight.companion.sign_with(Some(signing));
             }
-            Kept::Lost => self.untold.add(News::KeyLost),
+            Kept::Lost => self.miss(Name::Key, News::KeyLost),
             Kept::Nothing => {}
+        }
+        if self.read(Name::Timestamp, |_| Some(())) == Kept::Lost {
+            self.miss(Name::Timestamp, News::TimestampLost);
+        }
+        flight.companion.note_store(self.is_damaged());
+    }
+
+    /// What was kept under a name is damaged, unless the flash has nothing to read at all.
+    #[inline(never)]
+    fn miss(&mut self, name: Name, news: News) {
+        self.untold.add(news);
+        if !matches!(self.get(RECORDS, name as u8), Err(Trouble::Refused)) {
+            self.damaged |= name.bit();
         }
     }
 
@@ -126,6 +147,7 @@ impl<F: NorFlash> Store<F> {
         if companion.control(now) != Control::Granted {
             self.keep_signing(now, companion);
         }
+        companion.note_store(self.is_damaged());
         if !companion.has_notice()
             && let Some(news) = self.untold.take()
         {
@@ -133,9 +155,10 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// A simulator sets everything up: what waits to be told holds no more.
+    /// A simulator sets everything up: what waits to be told holds no more, nor does what was damaged.
     pub const fn overrule(&mut self) {
         self.untold = Untold::NOTHING;
+        self.damaged = 0;
     }
 
     #[inline(never)]
@@ -144,6 +167,10 @@ impl<F: NorFlash> Store<F> {
         let mut is_kept = true;
         if is_other {
             is_kept = self.keep_key(companion.signing().map(|signing| signing.key()));
+        }
+        // The time of a key goes on from what is kept; where that is damaged, only a key that is set anew has one.
+        if self.damaged & Name::Timestamp.bit() != 0 && !is_other {
+            return;
         }
         if let Some(signing) = companion.signing()
             && let Some(timestamp) = signing.timestamp_to_store(now)

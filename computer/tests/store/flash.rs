@@ -34,6 +34,8 @@ pub(crate) struct Flash {
     /// Words and pages that are written and erased before the power goes.
     pub(crate) until_cut: Option<u64>,
     pub(crate) is_off: bool,
+    /// It refuses everything, whatever the power does.
+    pub(crate) is_broken: bool,
     /// What was written and erased since the beginning.
     pub(crate) operations: u64,
     pub(crate) reads: u64,
@@ -57,6 +59,7 @@ impl Flash {
             weak: vec![false; WORDS],
             until_cut: None,
             is_off: false,
+            is_broken: false,
             operations: 0,
             reads: 0,
             erased: [0; PAGES as usize],
@@ -66,7 +69,7 @@ impl Flash {
 
     /// The power comes again.
     pub(crate) fn restart(&mut self) {
-        (self.until_cut, self.is_off) = (None, false);
+        (self.until_cut, self.is_off) = (None, self.is_broken);
     }
 
     /// Counts an operation; true where the power goes in it.

@@ -13,6 +13,7 @@ use foxhound_link::companion::{self, Companion};
 use foxhound_link::dialect::{
     ATTITUDE_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavMessage, SETUP_SIGNING_DATA,
 };
+use foxhound_link::failsafe::Cause;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use foxhound_link::signing::Key;
 use foxhound_link::{CharArray, MessageData};
@@ -22,6 +23,7 @@ use crate::model::{calibration, parameters};
 
 const AUTOPILOT: Header = Header { system_id: 1, component_id: 1, sequence: 0 };
 const ARMED_AND_GUIDED: u8 = 128 | 1;
+const CRITICAL: u8 = 5;
 
 /// A computer that was just switched on, as the firmware has it.
 struct Computer<'a> {
@@ -38,6 +40,9 @@ struct Computer<'a> {
     words: Vec<String>,
     acks: Vec<u8>,
     has_written_in_control: bool,
+    /// The state in the last heartbeat, and whether any setpoint moved the vehicle.
+    status: Option<u8>,
+    has_moved: bool,
 }
 
 impl<'a> Computer<'a> {
@@ -63,6 +68,8 @@ impl<'a> Computer<'a> {
             words: Vec::new(),
             acks: Vec::new(),
             has_written_in_control: false,
+            status: None,
+            has_moved: false,
         };
         let (mut flight, store) = computer.parts();
         store.resume(Instant(0), &mut flight);
@@ -97,6 +104,10 @@ impl<'a> Computer<'a> {
                 match message {
                     MavMessage::STATUSTEXT(text) => self.words.push(words(&text.text)),
                     MavMessage::COMMAND_ACK(ack) => self.acks.push(ack.result),
+                    MavMessage::HEARTBEAT(heartbeat) => self.status = Some(heartbeat.system_status),
+                    MavMessage::SET_POSITION_TARGET_LOCAL_NED(target) => {
+                        self.has_moved |= [target.vx, target.vy, target.vz, target.yaw_rate] != [0.0; 4];
+                    }
                     _ => {}
                 }
             }
@@ -128,6 +139,13 @@ impl<'a> Computer<'a> {
             heard.extend(frame(&ATTITUDE_DATA { time_boot_ms, ..Default::default() }));
             self.step(&heard);
         }
+    }
+
+    /// From now on; an autopilot of these tests cannot sign.
+    fn believe_unsigned(&mut self) {
+        let mut values = *self.companion.parameters();
+        values.set(param::FH_SIGN, 0.0).unwrap();
+        self.companion.set_parameters(values).unwrap();
     }
 
     fn said(&self, part: &str) -> bool {
@@ -202,7 +220,8 @@ fn lost_parameters_are_told_and_the_vehicle_holds_uncalibrated_until_somebody_lo
     flash.words[first + 7] ^= 1;
     let mut again = Computer::on(&mut flash, false);
     again.live(10.0, true);
-    assert!(again.said("parameters lost"), "{:?}", again.words);
+    assert!(again.said("parameters lost") && again.said("stored record damaged"), "{:?}", again.words);
+    assert_eq!(again.companion.cause(again.now), Cause::StoreDamaged);
     assert!(again.config.array.require_calibration && again.config.array.calibration.is_none());
     assert_eq!(again.companion.parameters().get(param::FH_CAL_REQ), 1.0);
     assert_eq!(again.companion.parameters().get(param::FH_SPD_MAX), Values::DEFAULT.get(param::FH_SPD_MAX));
@@ -226,22 +245,85 @@ fn parameters_that_do_not_fit_each_other_any_more_are_defaults_and_told() {
     assert!(again.config.array.require_calibration);
 }
 
-#[test]
-fn a_lost_calibration_is_told_and_holds_the_vehicle_only_where_one_is_required() {
-    for required in [false, true] {
-        let mut flash = Flash::new(7);
-        let mut values = fast();
-        values.set(param::FH_CAL_REQ, f32::from(u8::from(required))).unwrap();
-        let mut computer = Computer::on(&mut flash, false);
-        assert!(computer.store.keep_calibration(&calibration(&mut Random(8))) && computer.store.save(&values));
-        drop(computer);
-        flash.words[3 * PAGE_BYTES / 8 + 5] ^= 1 << 40;
-        let mut again = Computer::on(&mut flash, false);
-        again.live(10.0, false);
-        assert!(again.said("calibration lost"), "{:?}", again.words);
-        assert_eq!(again.config.array.require_calibration, required);
-        assert_eq!(again.companion.parameters(), &values);
+/// What is kept: parameters, a calibration, a key and its time, each twice.
+fn fill(flash: &mut Flash) {
+    let mut computer = Computer::on(flash, true);
+    for round in 0..2 {
+        let key = Key::new([3 + round; 32]).unwrap();
+        let store = &mut computer.store;
+        assert!(store.keep_calibration(&calibration(&mut Random(8 + u64::from(round)))) && store.save(&fast()));
+        assert!(store.keep_key(Some(&key)) && store.keep_timestamp(&key, 1_000_000 + u64::from(round)));
     }
+}
+
+/// The words that a deed writes into the pages of the records.
+fn written_by(flash: &Flash, deed: impl FnOnce(&mut Store<&mut Flash>) -> bool) -> (Flash, Vec<usize>) {
+    let mut written = flash.clone();
+    let mut store = Store::new(&mut written);
+    assert!(store.begin() > 0 && deed(&mut store));
+    let changed = (3 * PAGE_BYTES / 8..flash.words.len()).filter(|at| written.words[*at] != flash.words[*at]);
+    let changed = changed.collect();
+    (written, changed)
+}
+
+#[test]
+fn a_damaged_record_of_any_name_is_told_and_keeps_the_vehicle_where_it_is_until_it_is_kept_anew() {
+    type Deed = fn(&mut Store<&mut Flash>) -> bool;
+    let deeds: [(&str, Deed); 4] = [
+        ("parameters lost", |store| store.save(&fast())),
+        ("calibration lost", |store| store.keep_calibration(&calibration(&mut Random(8)))),
+        ("stored key lost", |store| store.keep_key(Key::new([5; 32]).as_ref())),
+        ("time of the key lost", |store| store.keep_timestamp(&Key::new([4; 32]).unwrap(), 2_000_000)),
+    ];
+    for (part, deed) in deeds {
+        let mut flash = Flash::new(7);
+        fill(&mut flash);
+        let (mut written, changed) = written_by(&flash, deed);
+        written.words[changed[changed.len() / 2]] ^= 1 << 40;
+        // Again and again.
+        for _ in 0..2 {
+            let mut again = Computer::on(&mut written, true);
+            again.believe_unsigned();
+            again.live(10.0, false);
+            assert!(again.said(part), "{part}: {:?}", again.words);
+            assert_eq!(again.companion.cause(again.now), Cause::NotInMode, "{part}");
+            assert_eq!(again.status, Some(CRITICAL), "{part}");
+            again.live(10.0, true);
+            assert_eq!(again.companion.cause(again.now), Cause::StoreDamaged, "{part}");
+            assert_eq!(again.companion.control(again.now), Control::NotInControl, "{part}");
+            assert!(again.said("stored record damaged, does not move"), "{part}: {:?}", again.words);
+            assert_eq!((again.status, again.has_moved), (Some(CRITICAL), false), "{part}");
+        }
+        let mut again = Computer::on(&mut written, true);
+        assert!(again.store.is_damaged());
+        if part == "time of the key lost" {
+            assert!(again.store.keep_key(Key::new([6; 32]).as_ref()) && again.store.is_damaged());
+            assert!(again.store.keep_timestamp(&Key::new([6; 32]).unwrap(), 7));
+        } else {
+            assert!(deed(&mut again.store));
+        }
+        assert!(!again.store.is_damaged());
+        again.believe_unsigned();
+        again.live(1.0, false);
+        again.live(3.0, true);
+        assert_ne!(again.companion.cause(again.now), Cause::StoreDamaged, "{part}");
+        let mut mended = Computer::on(&mut written, true);
+        mended.believe_unsigned();
+        mended.live(10.0, false);
+        assert!(!mended.said(part) && !mended.store.is_damaged(), "{part}: {:?}", mended.words);
+    }
+}
+
+#[test]
+fn a_flash_that_refuses_is_told_as_a_loss_but_holds_no_record_that_is_damaged() {
+    let mut flash = Flash::new(9);
+    let mut computer = Computer::on(&mut flash, false);
+    assert!(computer.store.save(&fast()));
+    flash.is_broken = true;
+    let mut again = Computer::on(&mut flash, false);
+    again.live(10.0, false);
+    assert!(again.said("parameters lost") && !again.store.is_damaged(), "{:?}", again.words);
+    assert!(again.config.array.require_calibration);
 }
 
 #[test]

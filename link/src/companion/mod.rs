@@ -155,6 +155,7 @@ pub struct Companion {
     now: Instant,
 
     autopilot: Option<Autopilot>,
+    store_damaged: bool,
     entry_needed: bool,
     paused: bool,
     failed: bool,
@@ -227,6 +228,7 @@ impl Companion {
             counters: Counters::default(),
             now: Instant::default(),
             autopilot: None,
+            store_damaged: false,
             entry_needed: false,
             paused: false,
             failed: false,
@@ -338,6 +340,7 @@ impl Companion {
             is_quiet: silent(self.config.heartbeat_timeout_s),
             obeys: self.obeys(),
             on_ground: self.is_on_ground(),
+            store_damaged: self.store_damaged,
             entry_needed: self.entry_needed,
             switched_off: self.config.switch_channel > 0 && !self.health.is_switched_on(now),
             paused: self.paused,
@@ -516,6 +519,11 @@ impl Companion {
     /// We have been restarted in flight: the mode gives control only when it is entered afresh.
     pub fn require_entry(&mut self) {
         self.entry_needed = true;
+    }
+
+    /// Whether the newest record of something that the application had stored is damaged: then the vehicle is not moved.
+    pub const fn note_store(&mut self, is_damaged: bool) {
+        self.store_damaged = is_damaged;
     }
 
     /// The application has found itself unfit to fly: no setpoints and no heartbeats from now on, until a restart.

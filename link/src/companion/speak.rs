@@ -214,7 +214,7 @@ impl Companion {
                 MavState::MAV_STATE_ACTIVE
             }
             (Cause::None, _) => MavState::MAV_STATE_CRITICAL,
-            (cause, _) if cause.is_critical() => MavState::MAV_STATE_CRITICAL,
+            (cause, _) if cause.is_critical() || self.store_damaged => MavState::MAV_STATE_CRITICAL,
             _ => MavState::MAV_STATE_STANDBY,
         };
         HEARTBEAT_DATA {

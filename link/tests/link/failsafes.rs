@@ -626,3 +626,14 @@ fn a_hole_in_the_autopilots_own_failsafe_is_told_of() {
     let told: Vec<String> = texts(&mut bench).into_iter().map(|(_, text)| text).collect();
     assert!(told.contains(&"Foxhound: GUID_TIMEOUT is long, set 1".to_owned()), "{told:?}");
 }
+
+#[test]
+fn store_damaged_nothing_moves_until_what_was_stored_is_whole_again() {
+    for autopilot in BOTH {
+        let mut flight = Flight::of(autopilot);
+        flight.bench.companion.note_store(true);
+        flight.assert_zero(Cause::StoreDamaged);
+        flight.bench.companion.note_store(false);
+        flight.assert_flies();
+    }
+}
