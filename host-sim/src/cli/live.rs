@@ -91,7 +91,7 @@ impl Watched {
 
     fn show(&mut self) {
         self.lines.extend(self.recorder.take_lines());
-        if let Some(live) = &self.live {
+        if let Some(live) = &mut self.live {
             live.show(&self.lines);
         }
     }

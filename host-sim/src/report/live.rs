@@ -9,31 +9,65 @@
 //! A page asks ten times a second until it has the last record. So a browser that comes late has the whole flight so far, and
 //! one that falls behind misses nothing. Whoever asks by another name than that of this machine is refused: a foreign page
 //! could have its own name lead here.
+//!
+//! Whoever asks must not matter to the flight, whatever he sends and however slowly he reads. The pages are served by a thread
+//! of a lower priority, which waits for nobody and for which nobody waits: the flight hands its records over by a channel
+//! without a bound. Only GET is answered, once on a connection, and no body is read. So much there is for a connection:
+//!
+//! | what | at most |
+//! |---|---|
+//! | connections that are open; more wait to be accepted | [`CONNECTIONS`] |
+//! | bytes of the head of a request | [`HEAD_BYTES`] |
+//! | headers | [`HEADERS`] |
+//! | time until the head is there | [`HEAD_TIME`] |
+//! | time until the answer is taken | [`LIFE`] |
+//! | bytes of the answer that are copied before they are taken | [`CHUNK_BYTES`] |
 
+use std::cell::RefCell;
+use std::convert::Infallible;
 use std::io;
 use std::net::{Ipv4Addr, TcpListener};
+use std::pin::Pin;
+use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
+use std::task::{Context, Poll};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use tiny_http::{Header, Method, Request, Response, Server};
+use hyper::body::{Body, Bytes, Frame, SizeHint};
+use hyper::header::{CACHE_CONTROL, CONTENT_TYPE, HOST, HeaderValue, X_CONTENT_TYPE_OPTIONS};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::net::TcpStream;
+use tokio::runtime::{self, Runtime};
+use tokio::task::{JoinSet, LocalSet};
+use tokio::time::{sleep, timeout};
 
 use super::Contact;
 use crate::input::InputError;
 
-/// Browsers that are answered at the same time.
-const WORKERS: usize = 4;
+/// Connections that are open at the same time.
+const CONNECTIONS: usize = 128;
+const HEAD_BYTES: usize = 8 * 1024;
+const HEADERS: usize = 32;
+const HEAD_TIME: Duration = Duration::from_secs(2);
+const LIFE: Duration = Duration::from_secs(10);
+const CHUNK_BYTES: usize = 16 * 1024;
+/// How often the server looks whether it is still wanted.
+const ROUND: Duration = Duration::from_millis(100);
 /// How long the last records are offered after everybody has been told to stop: some rounds of a page's questions.
 const GRACE: Duration = Duration::from_millis(500);
 const PAGE: &str = "text/html; charset=utf-8";
 const LINES: &str = "application/x-ndjson";
 const TEXT: &str = "text/plain; charset=utf-8";
 
-/// A served flight. Its last owner ends the service.
+/// A served flight. With it the service ends.
 pub struct Live {
-    server: Arc<Server>,
-    records: Arc<Mutex<Vec<String>>>,
+    records: Sender<String>,
+    shown: usize,
     port: u16,
 }
 
@@ -43,7 +77,7 @@ impl Live {
     /// # Errors
     /// The port is taken, or not ours to take.
     pub fn open(port: u16) -> Result<Self, InputError> {
-        let refused = |error: &io::Error| {
+        let refused = |error: io::Error| {
             let why = match error.kind() {
                 io::ErrorKind::AddrInUse => {
                     "is taken by another program; give another, or 0 for any that is free".to_owned()
@@ -55,20 +89,15 @@ impl Live {
             };
             InputError::new(format!("--port {port}: it {why}"))
         };
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(|error| refused(&error))?;
-        let port = listener.local_addr().map_err(|error| refused(&error))?.port();
-        let server = Server::from_listener(listener, None)
-            .map_err(|error| InputError::new(format!("--port {port}: {error}")))?;
-        let (server, records) = (Arc::new(server), Arc::default());
-        for _ in 0..WORKERS {
-            let (server, records) = (Arc::clone(&server), Arc::clone(&records));
-            thread::spawn(move || {
-                while let Ok(request) = server.recv() {
-                    answer(request, port, &records);
-                }
-            });
-        }
-        Ok(Self { server, records, port })
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(refused)?;
+        let port = listener.local_addr().map_err(refused)?.port();
+        listener.set_nonblocking(true).map_err(refused)?;
+        let runtime = runtime::Builder::new_current_thread().enable_io().enable_time().build().map_err(refused)?;
+        let (records, new) = mpsc::channel();
+        let served = Served { port, page: Bytes::from(super::page_of(&[], Contact::Live)), new, lines: Vec::new() };
+        let name = "live".to_owned();
+        thread::Builder::new().name(name).spawn(move || serve(&runtime, listener, served)).map_err(refused)?;
+        Ok(Self { records, shown: 0, port })
     }
 
     /// Where the page is.
@@ -78,10 +107,12 @@ impl Live {
     }
 
     /// Offers the records that are new among all those so far.
-    pub fn show(&self, lines: &[String]) {
-        let mut records = hold(&self.records);
-        let known = records.len().min(lines.len());
-        records.extend_from_slice(&lines[known..]);
+    pub fn show(&mut self, lines: &[String]) {
+        for line in lines.iter().skip(self.shown) {
+            // Where nobody serves any more nobody is shown anything, and the flight goes on.
+            let _ = self.records.send(line.clone());
+        }
+        self.shown = self.shown.max(lines.len());
     }
 
     /// Goes on serving until told to stop; for a moment longer where that was before.
@@ -93,54 +124,140 @@ impl Live {
     }
 }
 
-impl Drop for Live {
-    fn drop(&mut self) {
-        for _ in 0..WORKERS {
-            self.server.unblock();
+/// What there is to be served.
+struct Served {
+    port: u16,
+    page: Bytes,
+    new: Receiver<String>,
+    lines: Vec<String>,
+}
+
+impl Served {
+    /// Takes over what is new; false when there will be no more, and nobody is to be served.
+    fn follow(&mut self) -> bool {
+        loop {
+            match self.new.try_recv() {
+                Ok(line) => self.lines.push(line),
+                Err(TryRecvError::Empty) => return true,
+                Err(TryRecvError::Disconnected) => return false,
+            }
         }
     }
 }
 
-/// A list of lines is whole whoever left it.
-fn hold(records: &Mutex<Vec<String>>) -> MutexGuard<'_, Vec<String>> {
-    records.lock().unwrap_or_else(PoisonError::into_inner)
+/// Serves as long as the flight has its [`Live`].
+fn serve(runtime: &Runtime, listener: TcpListener, served: Served) {
+    // Of this thread alone; elsewhere it would be that of the whole process.
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::setpriority_process(None, 10);
+    let served = Rc::new(RefCell::new(served));
+    LocalSet::new().block_on(runtime, async {
+        let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+        let mut connections = JoinSet::new();
+        while served.borrow_mut().follow() {
+            while connections.try_join_next().is_some() {}
+            if connections.len() >= CONNECTIONS {
+                let _ = timeout(ROUND, connections.join_next()).await;
+                continue;
+            }
+            match timeout(ROUND, listener.accept()).await {
+                Ok(Ok((stream, _))) => {
+                    connections.spawn_local(converse(stream, Rc::clone(&served)));
+                }
+                // Too many files are open, say.
+                Ok(Err(_)) => sleep(ROUND).await,
+                Err(_) => {}
+            }
+        }
+    });
 }
 
-fn answer(request: Request, port: u16, records: &Mutex<Vec<String>>) {
-    let is_host = |header: &&Header| header.field.equiv("Host");
-    let host = request.headers().iter().find(is_host).map(|header| header.value.as_str());
+/// Answers the one request of a connection.
+async fn converse(stream: TcpStream, served: Rc<RefCell<Served>>) {
+    let service = service_fn(|request: Request<_>| {
+        let response = answer(&request, &served);
+        async { Ok::<_, Infallible>(response) }
+    });
+    let mut builder = http1::Builder::new();
+    builder.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).max_buf_size(HEAD_BYTES).max_headers(HEADERS);
+    let connection = builder.keep_alive(false).serve_connection(TokioIo::new(stream), service);
+    // Who asked may have gone, may have sent nonsense, or may not read.
+    let _ = timeout(LIFE, connection).await;
+}
+
+fn answer<B>(request: &Request<B>, served: &Rc<RefCell<Served>>) -> Response<Answer> {
+    let port = served.borrow().port;
+    let host = request.headers().get(HOST).map(HeaderValue::as_bytes);
     let ours = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
-    let (path, query) = request.url().split_once('?').unwrap_or((request.url(), ""));
-    let (status, kind, body) = if !host.is_some_and(|host| ours.iter().any(|name| name == host)) {
-        (403, TEXT, "this page is for browsers on this machine\n".to_owned())
-    } else if !matches!(request.method(), Method::Get | Method::Head) {
-        (405, TEXT, "there is nothing here but to be read\n".to_owned())
+    let (path, query) = (request.uri().path(), request.uri().query().unwrap_or_default());
+    let text = |status, text: &'static str| (status, TEXT, Answer::Whole(Bytes::from_static(text.as_bytes())));
+    let (status, kind, body) = if !host.is_some_and(|host| ours.iter().any(|name| name.as_bytes() == host)) {
+        text(StatusCode::FORBIDDEN, "this page is for browsers on this machine\n")
+    } else if request.method() != Method::GET {
+        text(StatusCode::METHOD_NOT_ALLOWED, "there is nothing here but to be read\n")
     } else {
         match (path, query.strip_prefix("from=").map(str::parse::<usize>)) {
-            ("/", _) => (200, PAGE, super::page_of(&[], Contact::Live)),
-            ("/records", Some(Ok(from))) => (200, LINES, lines_from(&hold(records), from)),
-            ("/records", _) => (400, TEXT, "expected /records?from=N\n".to_owned()),
-            _ => (404, TEXT, "there are / and /records?from=N\n".to_owned()),
+            ("/", _) => (StatusCode::OK, PAGE, Answer::Whole(served.borrow().page.clone())),
+            ("/records", Some(Ok(from))) => (StatusCode::OK, LINES, Answer::lines(served, from)),
+            ("/records", _) => text(StatusCode::BAD_REQUEST, "expected /records?from=N\n"),
+            _ => text(StatusCode::NOT_FOUND, "there are / and /records?from=N\n"),
         }
     };
-    let mut response = Response::from_string(body).with_status_code(status);
-    let headers = [("Content-Type", kind), ("Cache-Control", "no-store"), ("X-Content-Type-Options", "nosniff")];
-    for (name, value) in headers {
-        if let Ok(header) = Header::from_bytes(name, value) {
-            response.add_header(header);
-        }
-    }
-    // Who asked may have gone.
-    let _ = request.respond(response);
+    let mut response = Response::new(body);
+    *response.status_mut() = status;
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(kind));
+    headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    response
 }
 
-fn lines_from(records: &[String], from: usize) -> String {
-    let mut text = String::new();
-    for line in records.iter().skip(from) {
-        text.push_str(line);
-        text.push('\n');
+/// The body of an answer. Records are copied as they are taken: so a slow reader costs no more than a fast one.
+enum Answer {
+    Whole(Bytes),
+    Lines { served: Rc<RefCell<Served>>, next: usize, end: usize, left_bytes: u64 },
+}
+
+impl Answer {
+    /// The records so far, from one of them on.
+    fn lines(served: &Rc<RefCell<Served>>, from: usize) -> Self {
+        let mut all = served.borrow_mut();
+        all.follow();
+        let left_bytes = all.lines.iter().skip(from).map(|line| line.len() as u64 + 1).sum();
+        Self::Lines { served: Rc::clone(served), next: from, end: all.lines.len(), left_bytes }
     }
-    text
+}
+
+impl Body for Answer {
+    type Data = Bytes;
+    type Error = Infallible;
+
+    fn poll_frame(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
+        let chunk = match self.get_mut() {
+            Self::Whole(bytes) => std::mem::take(bytes),
+            Self::Lines { served, next, end, left_bytes } => {
+                let mut chunk = Vec::new();
+                for line in served.borrow().lines.get(*next..*end).unwrap_or_default() {
+                    if chunk.len() >= CHUNK_BYTES {
+                        break;
+                    }
+                    chunk.extend_from_slice(line.as_bytes());
+                    chunk.push(b'\n');
+                    *next += 1;
+                }
+                *left_bytes -= chunk.len() as u64;
+                Bytes::from(chunk)
+            }
+        };
+        Poll::Ready((!chunk.is_empty()).then(|| Ok(Frame::data(chunk))))
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        SizeHint::with_exact(match self {
+            Self::Whole(bytes) => bytes.len() as u64,
+            Self::Lines { left_bytes, .. } => *left_bytes,
+        })
+    }
 }
 
 #[cfg(test)]
@@ -170,13 +287,13 @@ mod tests {
 
     #[test]
     fn whoever_asks_is_told_the_records_that_he_has_not() {
-        let live = Live::open(0).unwrap();
+        let mut live = Live::open(0).unwrap();
         assert_eq!(get(&live, "/records?from=0").1, "");
         live.show(&lines(0..3));
         live.show(&lines(0..5));
         live.show(&lines(0..5));
         let (head, body) = get(&live, "/records?from=0");
-        assert!(head.starts_with("HTTP/1.1 200") && head.contains("Content-Type: application/x-ndjson"), "{head}");
+        assert!(head.starts_with("HTTP/1.1 200") && head.contains("content-type: application/x-ndjson"), "{head}");
         assert_eq!(body.lines().collect::<Vec<_>>(), lines(0..5));
         assert_eq!(get(&live, "/records?from=3").1.lines().collect::<Vec<_>>(), lines(3..5));
         assert_eq!(get(&live, "/records?from=5").1, "");
@@ -187,7 +304,7 @@ mod tests {
     fn the_page_may_ask_the_one_that_it_came_from_and_nobody_else() {
         let live = Live::open(0).unwrap();
         let (head, body) = get(&live, "/");
-        assert!(head.starts_with("HTTP/1.1 200") && head.contains("Content-Type: text/html"), "{head}");
+        assert!(head.starts_with("HTTP/1.1 200") && head.contains("content-type: text/html"), "{head}");
         assert!(body.contains("default-src 'none';") && body.contains("connect-src 'self'"));
     }
 

@@ -1,7 +1,10 @@
 // A flight under way: asks for the records that are not here yet, until the last one is.
 
 const ASK_EVERY_MS = 100;
+/** So often in a row it may be refused or cut off before that is the end. */
+const TRIES = 10;
 let known = 0;
+let failed = 0;
 /** How long it took to draw what came last. */
 let drawing_ms = 0;
 
@@ -11,8 +14,11 @@ async function ask() {
     if (!answer.ok) throw new Error(answer.statusText);
     const lines = (await answer.text()).split("\n").filter(Boolean);
     known += lines.length;
+    failed = 0;
     lines.forEach((line) => add(JSON.parse(line)));
   } catch {
+    failed += 1;
+    if (failed < TRIES) return void setTimeout(ask, ASK_EVERY_MS);
     // Whoever flies has ended, or was ended: what is here stays.
     flight.cut = true;
     if (flight.begin) showResult();
