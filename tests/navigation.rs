@@ -2,8 +2,14 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+use std::fs::File;
+use std::path::Path;
+
+use flate2::read::GzDecoder;
 use foxhound_tests::{root, run_json};
-use serde_json::Value;
+use rand_core::{Rng as _, SeedableRng as _};
+use rand_xoshiro::SplitMix64;
+use serde_json::{Map, Value, json};
 
 /// Every file of `tests/traps`, flown with `seeds` seeds, ends as it says, without a collision.
 #[test]
@@ -66,4 +72,67 @@ fn eight_hundred_flights_through_pillar_forests_all_arrive_and_none_touches() {
 fn a_wider_hull_arrives_as_well() {
     let dir = tempfile::tempdir().unwrap();
     check(&suite(dir.path(), "32", "40", "0.20"), &[], 0.995, 1.06);
+}
+
+/// Flies a suite file; how many flights there are, how many arrive and how many collide.
+fn fly_suite(dir: &Path, suite: &Value) -> (u64, u64, u64) {
+    let file = dir.join("suite.json");
+    std::fs::write(&file, suite.to_string()).unwrap();
+    let (_, report) = run_json(&["suite", "--json", &file.to_string_lossy()]);
+    let count = |key: &str| report["all"][key].as_u64().unwrap();
+    (count("runs"), count("success"), count("collisions"))
+}
+
+/// Six rows of thin pillars across a corridor, 15 cm apart as in BARN, with a gap of 0.9 m somewhere in each: the way leads
+/// through all of them, and most of each row is first seen at close range.
+fn rows_of_pillars(seed: u64) -> Vec<[f64; 3]> {
+    let mut rng = SplitMix64::seed_from_u64(seed);
+    let mut pillars = Vec::new();
+    for row in 0..6 {
+        let gap_m = -1.5 + 3.0 * (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        let across = (0..31).map(|k| 0.15 * f64::from(k) - 2.25).filter(|x| (x - gap_m).abs() > 0.45 + 0.075);
+        pillars.extend(across.map(|x| [x, 2.0 + 1.7 * f64::from(row), 0.075]));
+    }
+    pillars
+}
+
+#[test]
+fn rows_of_pillars_by_scan_and_waveforms_are_passed_and_none_is_touched() {
+    let dir = tempfile::tempdir().unwrap();
+    let maps: Vec<Value> = (0..40)
+        .map(|seed| {
+            json!({"row": 0, "instance": seed, "obstacles": rows_of_pillars(seed),
+                   "pairs": [[0.0, 0.0, 0.0, 12.5, 12.5]]})
+        })
+        .collect();
+    for (fov_deg, range_m) in [(90, 3), (120, 4), (270, 5), (360, 4)] {
+        for vehicle in ["point", "arducopter"] {
+            let suite = json!({
+                "name": "rows of pillars", "bounds": [-3.0, -1.0, 3.0, 14.0], "goal_tolerance": 0.5, "max_time_s": 120,
+                "drone_radius": 0.15, "sensor": {"model": "scan", "fov_deg": fov_deg, "range_m": range_m},
+                "bearing": {"snr_db": 20}, "vehicle": {"model": vehicle}, "maps": maps,
+            });
+            assert_eq!(fly_suite(dir.path(), &suite), (40, 40, 0), "{fov_deg} deg, {range_m} m, {vehicle}");
+        }
+    }
+}
+
+/// BARN's worlds lie beside the repository, where they lie at all: their origin and licence are with them.
+#[test]
+fn barns_worlds_by_scan_and_waveforms_are_passed_and_none_is_touched() {
+    let folder = root().join("../shared/data/barn");
+    let Ok(worlds) = File::open(folder.join("worlds-dev.json.gz")) else {
+        eprintln!("SKIPPED: there is no {}: BARN's worlds are not flown", folder.display());
+        return;
+    };
+    let worlds: Map<String, Value> = serde_json::from_reader(GzDecoder::new(worlds)).unwrap();
+    let settings: Map<String, Value> =
+        serde_json::from_reader(File::open(folder.join("settings.json")).unwrap()).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    for (name, setting) in settings {
+        let mut suite = worlds.clone();
+        suite.extend(setting.as_object().unwrap().clone());
+        let (runs, reached, collisions) = fly_suite(dir.path(), &Value::Object(suite));
+        assert!(runs == 150 && reached >= 149 && collisions == 0, "{name}: {runs} {reached} {collisions}");
+    }
 }
