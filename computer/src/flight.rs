@@ -344,9 +344,6 @@ impl Flight<'_> {
             plan: step.plan,
         };
         let output = self.guidance.step(self.state, &input);
-        if let FrontEnd::Snapshot(snapshot) = front_end {
-            self.guidance.work_off(self.state, snapshot);
-        }
         let taken = ticks().wrapping_sub(begin);
         self.companion.publish(step.now, &output);
         if self.companion.wants_surroundings(step.now) {

@@ -48,7 +48,6 @@ pub mod rng;
 pub mod time;
 pub mod trace;
 pub mod units;
-pub mod work;
 
 pub mod adc;
 pub mod phase;

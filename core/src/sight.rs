@@ -3,8 +3,7 @@
 //! A nose with a narrow view does not see what stands beside it, and a disc that moves comes nearer to everything up to 90
 //! degrees off its way. So the places that the obstacle sensor has seen are remembered, in a grid of bits around the
 //! vehicle that scrolls along with it (64 x 64 cells of 5 cm; what scrolls in has not been seen), and the latest look is
-//! kept as it is for what lies farther, and until it is drawn: a look counts at once, and is drawn into the grid in the
-//! steps that follow, a few rays at a time.
+//! kept as it is for what lies farther.
 //!
 //! The question asked is not "is this cell empty" but "could an obstacle stand here unseen": one of at least
 //! [`Config::smallest_obstacle_m`] radius cannot, if somewhere in it a ray has passed. So a place counts as seen when one
@@ -24,7 +23,6 @@ use crate::frame::Horizontal;
 use crate::kernel::sqrt;
 use crate::scan::{Pose, Ranges, SECTORS_MAX, Scan};
 use crate::units::{between, wrap_pi};
-use crate::work::Work;
 
 /// Cells on a side of the grid; a power of two.
 const SIDE: i32 = 64;
@@ -37,10 +35,6 @@ const DRAWN_M: f32 = 1.52;
 const STEP_M: f32 = 0.07;
 /// Rays over the field of view of a sensor that delivers circles are at most this far apart.
 const RAY_STEP_RAD: f32 = 0.045;
-/// Prices, in instructions: of scrolling the grid, of a ray, of a mark along it.
-const SCROLL: u32 = 2_000;
-const RAY: u32 = 120;
-const MARK: u32 = 27;
 /// Positions beyond this are no place for a grid.
 const PLACE_MAX_M: f32 = 1e5;
 
@@ -138,8 +132,6 @@ pub struct Sight {
     /// The cell that it stands in, if the ground under it is marked.
     stood: Option<(i32, i32)>,
     latest: Profile,
-    /// So many of its rays are still to be drawn, from the first on.
-    undrawn: u8,
 }
 
 impl Default for Sight {
@@ -159,7 +151,6 @@ impl Default for Sight {
                 range_m: 0.0,
                 ranges: Ranges::new(),
             },
-            undrawn: 0,
         }
     }
 }
@@ -267,7 +258,8 @@ impl Looker {
         latest.closes = scan.turn().is_some();
         latest.range_m = scan.range_max_m;
         latest.ranges.take(scan);
-        self.begin_drawing(sight, pose);
+        sight.latest.origin_ned_m = pose.position_ned_m;
+        self.draw(sight);
     }
 
     /// Takes in that a sensor has delivered circles: it saw its whole field of view, up to the obstacles that are known.
@@ -313,26 +305,15 @@ impl Looker {
         for (index, seen_m) in seen_m.into_iter().enumerate() {
             latest.ranges.set_m(index, seen_m);
         }
-        self.begin_drawing(sight, pose);
-    }
-
-    /// Has the latest look drawn into the grid: it answers for itself until then.
-    fn begin_drawing(&self, sight: &mut Sight, pose: &Pose) {
         sight.latest.origin_ned_m = pose.position_ned_m;
-        sight.undrawn = if cell(pose.position_ned_m).is_some() { sight.latest.rays } else { 0 };
+        self.draw(sight);
     }
 
-    /// Draws the latest look into the grid, as far as there is time.
-    pub fn work_off(&self, sight: &mut Sight, work: &mut Work) {
-        if sight.undrawn == 0 {
-            return;
-        }
+    /// Draws the latest look into the grid.
+    fn draw(&self, sight: &mut Sight) {
         let Some((north, east)) = cell(sight.latest.origin_ned_m) else { return };
-        if !work.take(SCROLL) {
-            return;
-        }
         sight.center(north, east);
-        let Sight { seen, hidden, corner, latest, undrawn, .. } = sight;
+        let Sight { seen, hidden, corner, latest, .. } = sight;
 
         // A wide view is drawn less far, so that every look costs the same, and no farther than its rays are dense.
         let step_rad = libm::fabsf(latest.step_rad);
@@ -344,15 +325,10 @@ impl Looker {
         // In cells from the corner, which is never negative.
         let from_north = latest.origin_ned_m.north * CELLS_PER_M - corner.0 as f32;
         let from_east = latest.origin_ned_m.east * CELLS_PER_M - corner.1 as f32;
-        while let Some(index) = undrawn.checked_sub(1).map(usize::from) {
+        for index in 0..usize::from(latest.rays) {
             // Near the sensor the rays are denser than needed: there only every second, fourth, eighth is drawn.
             let stride = if index == 0 { 8 } else { 1 << index.trailing_zeros().min(3) };
             let mut at_m = if stride == 8 { STEP_M } else { STEP_M / (step_rad * (2 * stride) as f32) };
-            let marks = if at_m < drawn_m { ((drawn_m - at_m) / STEP_M) as u32 + 1 } else { 0 };
-            if !work.take(RAY + MARK * marks) {
-                return;
-            }
-            *undrawn = index as u8;
             let seen_m = latest.seen_m(index);
             if !(seen_m >= 0.0) {
                 continue;
@@ -461,16 +437,6 @@ mod tests {
         Config::default().build(core::f32::consts::FRAC_PI_2).unwrap()
     }
 
-    fn look_scan(looker: &Looker, sight: &mut Sight, scan: &Scan, pose: &Pose) {
-        looker.note_scan(sight, scan, pose);
-        looker.work_off(sight, &mut Work::unlimited());
-    }
-
-    fn look_circles(looker: &Looker, sight: &mut Sight, obstacles: &[Obstacle], vehicle_radius_m: f32, pose: &Pose) {
-        looker.note_circles(sight, obstacles, vehicle_radius_m, pose);
-        looker.work_off(sight, &mut Work::unlimited());
-    }
-
     fn pose(north: f32, east: f32, yaw_rad: f32) -> Pose {
         Pose { position_ned_m: at(north, east), yaw_rad }
     }
@@ -492,7 +458,7 @@ mod tests {
         assert!(!sight.has_looked());
         // A wall on the right half, one metre off.
         let sectors = core::array::from_fn(|k| if k < 36 { Sector::Clear } else { Sector::Hit(1.0) });
-        look_scan(&looker, &mut sight, &scan(sectors), &pose(20.0, -7.0, 0.3));
+        looker.note_scan(&mut sight, &scan(sectors), &pose(20.0, -7.0, 0.3));
         assert!(sight.has_looked());
         let cover = |azimuth_deg: f32, distance_m: f32| {
             let place = Horizontal::from_bearing(0.3 + azimuth_deg.to_radians()).times(distance_m);
@@ -518,7 +484,7 @@ mod tests {
         for _ in 0..300 {
             let mut sight = Sight::default();
             let here = pose(10.0 * rng.uniform(), 10.0 * rng.uniform(), 6.0 * rng.uniform());
-            look_scan(&looker, &mut sight, &scan([Sector::Clear; SECTORS_MAX]), &here);
+            looker.note_scan(&mut sight, &scan([Sector::Clear; SECTORS_MAX]), &here);
             for _ in 0..100 {
                 let azimuth = core::f32::consts::TAU * rng.uniform() - core::f32::consts::PI;
                 let distance = 0.25 + 1.2 * rng.uniform();
@@ -554,8 +520,8 @@ mod tests {
     fn what_was_seen_is_remembered_while_it_is_near_and_forgotten_far_away() {
         let (looker, mut sight) = (looker(), Sight::default());
         let clear = scan([Sector::Clear; SECTORS_MAX]);
-        look_scan(&looker, &mut sight, &clear, &pose(0.0, 0.0, 0.0));
-        look_scan(&looker, &mut sight, &clear, &pose(0.0, 0.0, 3.0));
+        looker.note_scan(&mut sight, &clear, &pose(0.0, 0.0, 0.0));
+        looker.note_scan(&mut sight, &clear, &pose(0.0, 0.0, 3.0));
         assert_eq!(looker.cover(&sight, at(0.8, 0.1)), Cover::Seen);
         // Away to the south and west and back: what has scrolled out is unseen again, and nothing wraps round.
         for step in 0..=60 {
@@ -573,7 +539,7 @@ mod tests {
     fn circles_throw_shadows() {
         let (looker, mut sight) = (looker(), Sight::default());
         let post = Obstacle { center_ned_m: at(1.0, 0.0), reach_m: 0.35, ..Obstacle::default() };
-        look_circles(&looker, &mut sight, &[post], 0.15, &pose(0.0, 0.0, 0.0));
+        looker.note_circles(&mut sight, &[post], 0.15, &pose(0.0, 0.0, 0.0));
         assert_eq!(looker.cover(&sight, at(0.6, 0.0)), Cover::Seen);
         assert_eq!(looker.cover(&sight, at(1.4, 0.0)), Cover::Hidden);
         assert_eq!(looker.cover(&sight, at(2.5, 0.0)), Cover::Hidden);
@@ -584,7 +550,7 @@ mod tests {
     fn a_sensor_that_sees_all_round_leaves_nothing_unseen() {
         let looker = Config::default().build(core::f32::consts::TAU).unwrap();
         let mut sight = Sight::default();
-        look_circles(&looker, &mut sight, &[], 0.15, &pose(3.0, 3.0, 1.0));
+        looker.note_circles(&mut sight, &[], 0.15, &pose(3.0, 3.0, 1.0));
         for degree in 0..360 {
             for distance_m in [0.3, 1.0, 2.0, 2.9] {
                 let place = at(3.0, 3.0).plus(Horizontal::from_bearing((degree as f32).to_radians()).times(distance_m));
@@ -601,9 +567,9 @@ mod tests {
             for east in wild {
                 let mut absurd = scan([Sector::Hit(north); SECTORS_MAX]);
                 absurd.first_azimuth_rad = east;
-                look_scan(&looker, &mut sight, &absurd, &pose(north, east, north));
+                looker.note_scan(&mut sight, &absurd, &pose(north, east, north));
                 let circle = Obstacle { center_ned_m: at(north, east), reach_m: east, ..Obstacle::default() };
-                look_circles(&looker, &mut sight, &[circle], 0.15, &pose(east, 0.0, 0.0));
+                looker.note_circles(&mut sight, &[circle], 0.15, &pose(east, 0.0, 0.0));
                 looker.stand(&mut sight, at(north, east), 0.15);
                 let _ = looker.cover(&sight, at(north, east));
             }

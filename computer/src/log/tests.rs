@@ -114,7 +114,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     let step =
         flight::Step { now, front_end: FrontEnd::Snapshot(&snapshot), circles: Some(&circles), look: None, plan: None };
     let mut came = parts.flight().step(&step, || 0);
-    let heard = Heard { bearing: bearing(), phasors: None, spent: 11_500, wants: 13_500 };
+    let heard = Heard { bearing: bearing(), phasors: None };
     came.heard = Some(heard);
     log.step(step.front_end, step.circles, step.look.as_ref(), &came, true);
     log.deadlines(Counts { steps: 9, late: 2, longest_us: 20_000 });

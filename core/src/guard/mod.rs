@@ -30,10 +30,10 @@ use crate::field::Obstacle;
 use crate::frame::{Horizontal, Ned};
 use crate::kernel::sqrt;
 use crate::map::Circle;
+use crate::scan::{Pose, Scan};
 use crate::sight::{self, Cover, Looker, Sight};
 use crate::track::Demand;
 use crate::units::{between, sin_cos};
-use crate::work::Work;
 
 mod fence;
 pub use fence::{CORNERS_MAX, Fence};
@@ -209,10 +209,6 @@ pub struct Ruling {
     pub action: Action,
     /// Where to look before going on, from north, clockwise.
     pub look_ned_rad: Option<f32>,
-    /// So many obstacles were looked at closely.
-    pub close: u8,
-    /// Gusts wanted more room than there is, which takes longer.
-    pub evened: bool,
 }
 
 /// Where the vehicle is and where it would come to rest.
@@ -269,8 +265,6 @@ pub struct State {
     change_ned_mps: Horizontal,
     sight: Sight,
     counts: Counts,
-    /// Gusts wanted more room in this step than there is.
-    evened: bool,
 }
 
 impl State {
@@ -332,31 +326,14 @@ impl Guard {
         Obstacle::of(circle, self.config.vehicle_radius_m)
     }
 
-    /// Takes in what a scan has looked at; [`Self::work_off`] remembers it.
-    pub fn note_scan(&self, state: &mut State, scan: &crate::scan::Scan, pose: &crate::scan::Pose) {
+    /// Takes in what a scan has looked at.
+    pub fn look_scan(&self, state: &mut State, scan: &Scan, pose: &Pose) {
         self.looker.note_scan(&mut state.sight, scan, pose);
     }
 
-    /// Takes in that a sensor has delivered circles; [`Self::work_off`] remembers it.
-    pub fn note_circles(&self, state: &mut State, obstacles: &[Obstacle], pose: &crate::scan::Pose) {
-        self.looker.note_circles(&mut state.sight, obstacles, self.config.vehicle_radius_m, pose);
-    }
-
-    /// Takes in what a scan has looked at, and remembers it.
-    pub fn look_scan(&self, state: &mut State, scan: &crate::scan::Scan, pose: &crate::scan::Pose) {
-        self.note_scan(state, scan, pose);
-        self.work_off(state, &mut Work::unlimited());
-    }
-
     /// Takes in that a sensor has delivered circles; `obstacles` are all that are known near the vehicle.
-    pub fn look_circles(&self, state: &mut State, obstacles: &[Obstacle], pose: &crate::scan::Pose) {
-        self.note_circles(state, obstacles, pose);
-        self.work_off(state, &mut Work::unlimited());
-    }
-
-    /// Remembers what was looked at, as far as there is time; the latest look counts at once all the same.
-    pub fn work_off(&self, state: &mut State, work: &mut Work) {
-        self.looker.work_off(&mut state.sight, work);
+    pub fn look_circles(&self, state: &mut State, obstacles: &[Obstacle], pose: &Pose) {
+        self.looker.note_circles(&mut state.sight, obstacles, self.config.vehicle_radius_m, pose);
     }
 
     /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits whatever comes in.
@@ -379,14 +356,8 @@ impl Guard {
 
         let last = state.command_ned_mps;
         let braked = (limited(last, Horizontal::default(), c.a_max_mps2 * dt_s), Action::Braked, None);
-        // Filled where they lie: to return them would copy them.
-        let mut near = Near::new();
-        state.evened = false;
-        let (velocity, action, look_ned_rad) = if sane {
-            self.horizontal(state, demand, situation, obstacles, &mut near, dt_s).unwrap_or(braked)
-        } else {
-            braked
-        };
+        let (velocity, action, look_ned_rad) =
+            if sane { self.horizontal(state, demand, situation, obstacles, dt_s).unwrap_or(braked) } else { braked };
 
         let counts = &mut state.counts;
         counts.beats = counts.beats.wrapping_add(1);
@@ -400,13 +371,7 @@ impl Guard {
         state.change_ned_mps = velocity.minus(last);
         (state.command_ned_mps, state.down_mps) = (velocity, down);
         let velocity_ned_mps = Ned { north: velocity.north, east: velocity.east, down };
-        Ruling {
-            setpoint: Setpoint { velocity_ned_mps, yaw_rate_radps },
-            action,
-            look_ned_rad,
-            close: near.len() as u8,
-            evened: state.evened,
-        }
+        Ruling { setpoint: Setpoint { velocity_ned_mps, yaw_rate_radps }, action, look_ned_rad }
     }
 
     /// The horizontal command; `None` is a brake.
@@ -416,20 +381,20 @@ impl Guard {
         demand: &Demand,
         situation: &Situation,
         obstacles: &[Obstacle],
-        near: &mut Near,
         dt_s: f32,
     ) -> Option<(Horizontal, Action, Option<f32>)> {
         let c = &self.config;
         self.looker.stand(&mut state.sight, situation.position_ned_m, c.vehicle_radius_m);
-        let mut half_spaces = HalfSpaces::new();
-        let v_max_mps = self.gather_near(state.command_ned_mps, situation, obstacles, near)?;
+        // Filled where they lie: to return them would copy them.
+        let (mut near, mut half_spaces) = (Near::new(), HalfSpaces::new());
+        let v_max_mps = self.gather_near(state.command_ned_mps, situation, obstacles, &mut near)?;
+        let near = &near;
         let is_threatened = self.bound(situation, near, v_max_mps, &mut half_spaces);
 
         let wanted = demand.velocity_ned_mps.clamped(v_max_mps);
         let granted = if is_threatened { wanted } else { wanted.times(self.view_share(wanted, situation.yaw_rad)) };
         let mut agreed = nearest_allowed(granted, &half_spaces);
         if agreed.is_none() && situation.gust_margin_m > 0.0 && half_spaces.len() <= EVENED_SPACES_MAX {
-            state.evened = true;
             agreed = evened_out(granted, &mut half_spaces);
         }
         let agreed = agreed.or_else(|| {

@@ -17,66 +17,28 @@ use crate::frame::Horizontal;
 use crate::goal::posterior::Estimate;
 use crate::guard::{self, Setpoint, Situation};
 use crate::landing::{Advice, Lander, pad};
-use crate::link_state::{self, Classifier, Look, Sightline};
-use crate::map::{Absorption, Circle, Hits, Judging, Map, View};
+use crate::link_state::{self, Classifier, Sightline};
+use crate::map::{Circle, Map};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::ownship::Ownship;
-use crate::phase::{Phasors, Tone};
+use crate::phase::Phasors;
 use crate::planner::{Learn, Plan, PlanRequest, Search, Searched, Verdict};
 use crate::rollout::WAYPOINTS;
-use crate::scan::{Intake, Points, Pose, Scan};
+use crate::scan::{Look, Points, Pose, Refusal, Scan};
+use crate::sight::Sight;
+use crate::source::Sighting;
 use crate::source::bank::{self, Mode, Way};
 use crate::source::gather::Gathering;
 use crate::time::Instant;
 use crate::trace::Trace;
 use crate::track::Demand;
-use crate::work::Work;
 use crate::{array, bearing, goal, gust, landing, map, mission, phase, planner, response, scan, track};
 
 mod near;
 pub mod turning;
 
-/// Instructions of a step (design, section 6), less what no room and no price below accounts for.
-const STEP_INSTRUCTIONS: u32 = 45_000 - 10_000;
-/// A bearing from phasors.
-const BEARING_PRICE: u32 = 2_300;
-/// What is made of a bearing in each step, and of none; of classifying its link.
-const HEARD_PRICE: u32 = 1_900;
-const UNHEARD_PRICE: u32 = 500;
-const CLASSIFY_PRICE: u32 = 4_800;
-/// To take in circles: each of them, with each that is known.
-const CIRCLE_PRICE: u32 = 60;
-const CIRCLE_KNOWN_PRICE: u32 = 12;
-/// A look for the guard, with each obstacle where circles were delivered; the beginning of a scan, and of single points.
-const LOOK_PRICE: u32 = 2_000;
-const LOOK_OBSTACLE_PRICE: u32 = 250;
-const SCAN_PRICE: u32 = 8_000;
-const POINTS_PRICE: u32 = 13_500;
-/// To list what is near, with each circle that is known.
-const GATHER_PRICE: u32 = 700;
-const KNOWN_PRICE: u32 = 75;
-/// The guard, with each obstacle on that list, and each that it looks at closely.
-const GUARD_PRICE: u32 = 5_000;
-const NEAR_PRICE: u32 = 60;
-const CLOSE_PRICE: u32 = 420;
-/// A step of the landing.
-const LANDING_PRICE: u32 = 2_500;
-/// What gusts add to it: more is near, and a margin to all of it.
-const GUSTY_PRICE: u32 = 3_000;
-/// That gusts want more room than there is.
-const EVENED_PRICE: u32 = 4_000;
-/// To take over a plan; to ask for one.
-const TAKE_OVER_PRICE: u32 = 2_000;
-const ASK_PRICE: u32 = 4_000;
-/// The list of what is near is no older than this.
-const NEAR_AGE_MAX: u8 = 4;
-/// So many steps in a row may be taken up by deliveries of hits; the next one asks for a plan if one is wanted.
-const UNASKED_MAX: u8 = 2;
-/// For so many steps the spectrum waits for room, and for as many again where something is delivered with each of them: that
-/// is then left out once.
-const WAITED_MAX: u8 = 5;
-/// A frame that took more than this was one of a new tone.
-const SETTLING: u16 = 12_500;
+/// Where the vehicle was when a sensor looked is known from positions and attitudes that are no farther away in time.
+const POSE_AGE_MAX_S: f32 = 0.3;
 /// The fast loop heeds so many of the nearest ones; the planner is told all.
 pub const OBSTACLES_MAX: usize = 64;
 /// What tells a reflected link from a direct one, and how many of the links are reflected for each that is direct.
@@ -106,10 +68,38 @@ pub struct Heard {
     pub bearing: Bearing,
     /// What it made that of, where the vehicle may seek by turning.
     pub phasors: Option<Phasors>,
-    /// What that took of the step's instructions, by the price ([`Work`]).
-    pub spent: u16,
-    /// What the next piece of the spectrum will take; 0 where none is due.
-    pub wants: u16,
+}
+
+/// Deliveries of obstacle sensors of which nothing was taken into the map, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Refused {
+    /// [`Refusal::NoOwnship`].
+    pub no_ownship: u32,
+    /// [`Refusal::TimesApart`].
+    pub times_apart: u32,
+    /// [`Refusal::Geometry`].
+    pub geometry: u32,
+    /// [`Refusal::Absurd`].
+    pub absurd: u32,
+}
+
+impl Refused {
+    /// All of them.
+    #[must_use]
+    pub fn total(&self) -> u32 {
+        [self.times_apart, self.geometry, self.absurd].iter().fold(self.no_ownship, |sum, n| sum.saturating_add(*n))
+    }
+
+    fn note(&mut self, taken: Result<(), Refusal>) {
+        let count = match taken {
+            Ok(()) => return,
+            Err(Refusal::NoOwnship) => &mut self.no_ownship,
+            Err(Refusal::TimesApart) => &mut self.times_apart,
+            Err(Refusal::Geometry) => &mut self.geometry,
+            Err(Refusal::Absurd) => &mut self.absurd,
+        };
+        *count = count.saturating_add(1);
+    }
 }
 
 /// Everything that one step of the fast loop may know.
@@ -366,24 +356,7 @@ pub struct State<const N: usize> {
     tick: u32,
     phase: phase::State<N>,
     map: Map,
-    /// The delivery of hits that is worked off, since when, and what of it is on its way into the map.
-    intake: Intake,
-    intake_was_scan: bool,
-    taken_in: Instant,
-    absorption: Absorption,
-    judging: Judging,
-    /// Steps in a row that were taken up by deliveries, and the obstacle that is the first to be held against the plan.
-    unasked: u8,
-    unchecked: u8,
-    /// Steps since what is near was listed, and since circles were delivered and looked at.
-    near_age: u8,
-    looked_age: u8,
-    /// The guard has not looked at the circles that came with the last step.
-    is_look_due: bool,
-    /// Steps that the spectrum has waited for its turn.
-    waited: u8,
-    /// What the last step has left of its instructions.
-    left: Work,
+    refused: Refused,
     gathering: Gathering,
     link: link_state::State,
     /// How likely the link is reflected, as of the last bearing.
@@ -434,18 +407,7 @@ impl<const N: usize> Default for State<N> {
             tick: 0,
             phase: phase::State::default(),
             map: Map::default(),
-            intake: Intake::default(),
-            intake_was_scan: false,
-            taken_in: Instant(0),
-            absorption: Absorption::default(),
-            judging: Judging::default(),
-            unasked: 0,
-            unchecked: 0,
-            near_age: u8::MAX,
-            looked_age: u8::MAX,
-            is_look_due: false,
-            waited: 0,
-            left: Work::new(0),
+            refused: Refused::default(),
             gathering: Gathering::default(),
             link: link_state::State::new(),
             reflected: 0.0,
@@ -494,6 +456,24 @@ impl<const N: usize> State<N> {
         &self.map
     }
 
+    /// Deliveries of obstacle sensors that were refused.
+    #[must_use]
+    pub const fn refused(&self) -> &Refused {
+        &self.refused
+    }
+
+    /// Obstacles near the vehicle, as the guard took them in the last step.
+    #[must_use]
+    pub fn near(&self) -> &[Obstacle] {
+        &self.near
+    }
+
+    /// What the obstacle sensors have looked at.
+    #[must_use]
+    pub fn sight(&self) -> &Sight {
+        self.guard.sight()
+    }
+
     /// How high the vehicle is over the ground, where that is known.
     #[must_use]
     pub const fn height_m(&self) -> Option<f32> {
@@ -537,18 +517,7 @@ impl<const N: usize> Guidance<N> {
             tick,
             phase,
             map,
-            intake,
-            intake_was_scan,
-            taken_in,
-            absorption,
-            judging,
-            unasked,
-            unchecked,
-            near_age,
-            looked_age,
-            is_look_due,
-            waited,
-            left,
+            refused,
             gathering,
             link,
             reflected,
@@ -584,13 +553,7 @@ impl<const N: usize> Guidance<N> {
         (*tick, *activated, *plans_late, *is_plan_late) = (0, 0, 0, false);
         *phase = phase::State::default();
         *map = Map::default();
-        *intake = Intake::default();
-        (*intake_was_scan, *taken_in) = (false, Instant(0));
-        *absorption = Absorption::default();
-        *judging = Judging::default();
-        (*unasked, *unchecked) = (0, 0);
-        (*near_age, *looked_age, *left) = (u8::MAX, u8::MAX, Work::new(0));
-        (*is_look_due, *waited) = (false, 0);
+        *refused = Refused::default();
         *gathering = Gathering::default();
         *link = link_state::State::new();
         *reflected = 0.0;
@@ -617,60 +580,17 @@ impl<const N: usize> Guidance<N> {
         *trace = Trace::default();
     }
 
-    /// One step of the fast loop.
+    /// One step of the fast loop: all that came in is taken in, and nothing is left for the next step.
     pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
-        let heard = self.listen(state, input.front_end);
-        let mut work = Work::new(STEP_INSTRUCTIONS);
-        work.spend(heard.map_or(0, |heard| heard.spent.into()));
-        let is_delivery = input.scan.is_some() || input.points.is_some() || input.circles.is_some();
-        let has_waited = state.waited >= if is_delivery { 2 * WAITED_MAX } else { WAITED_MAX };
-        let undisturbed;
-        let input = if has_waited {
-            // What is delivered will be delivered again.
-            undisturbed = Input { scan: None, points: None, circles: None, ..input.clone() };
-            &undisturbed
-        } else {
-            input
-        };
-        let output = self.react(state, input, heard.as_ref(), &mut work);
-        self.weigh(state, &mut work);
-        // By turns, so that neither waits for the other for ever: the spectrum where what is near was not listed.
-        let is_spectrums_turn =
-            has_waited || if state.map.is_still() { state.near_age > 0 } else { state.tick % 2 == 1 };
-        let wanted = heard.map_or(0, |heard| heard.wants.into());
-        let kept = if is_spectrums_turn && work.take(wanted) { wanted } else { 0 };
-        state.waited = if kept == wanted || has_waited { 0 } else { state.waited.saturating_add(1) };
-        self.take_in(state, &mut work);
-        work.give_back(kept);
-        state.left = work;
-        if let FrontEnd::Snapshot(snapshot) = input.front_end {
-            self.work_off(state, snapshot);
-        }
-        output
-    }
-
-    /// What cannot wait: everything from the frame to the setpoint.
-    fn react(&self, state: &mut State<N>, input: &Input<'_, N>, heard: Option<&Heard>, work: &mut Work) -> Output {
         state.tick = state.tick.wrapping_add(1);
-        state.looked_age = state.looked_age.saturating_add(1);
-        state.near_age = state.near_age.saturating_add(1);
-        // A step with a delivery of hits, or a new tone, or one in which the spectrum has its turn at last, does not do what can
-        // be done in the next one as well.
-        let is_busy = input.scan.is_some() || input.points.is_some() || state.waited >= WAITED_MAX;
-        let is_settling = heard.is_some_and(|heard| heard.spent > SETTLING);
-        let is_quiet = !is_settling && (!is_busy || state.unasked >= UNASKED_MAX);
-        state.unasked = if is_quiet { 0 } else { state.unasked.saturating_add(1) };
         if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
             state.ownship = Some(ownship);
         }
-        let circles = input.circles.unwrap_or_default();
-        let (bearing, bearing_ned_rad) = self.hear(state, heard, circles, is_quiet, work).unzip();
+        let heard = self.listen(state, input.front_end);
+        let (bearing, bearing_ned_rad) = heard.and_then(|heard| self.hear(state, &heard)).unzip();
         let bearing_ned_rad = bearing_ned_rad.flatten();
-        self.look(state, input, is_quiet, work);
+        self.look(state, input);
         let plan_activated = self.take_over(state, input.plan);
-        if plan_activated || input.plan.is_some() {
-            work.spend(TAKE_OVER_PRICE);
-        }
 
         if let Some(ownship) = &state.ownship {
             let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
@@ -678,7 +598,7 @@ impl<const N: usize> Guidance<N> {
             self.gust.step(&mut state.gust, &state.response, velocity_ned_mps, ownship.position_time);
         }
         let was_landing = is_landing(state);
-        self.land(state, input, bearing.as_ref(), work);
+        self.land(state, input, bearing.as_ref());
         if was_landing && !is_landing(state) {
             // It seeks again, from where it is now.
             state.active = None;
@@ -714,7 +634,7 @@ impl<const N: usize> Guidance<N> {
                 if let Some(look_ned_rad) = state.look_ned_rad {
                     demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
                 }
-                (setpoint, guard_action) = self.command(state, &demand, &situation, work);
+                (setpoint, guard_action) = self.command(state, &demand, &situation);
                 let progress = match guard_action {
                     _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
                     guard::Action::Braked => Progress::GuardBraked,
@@ -728,19 +648,19 @@ impl<const N: usize> Guidance<N> {
             Behaviour::Hold if !state.is_searching => {
                 let stay = Demand::default();
                 let demand = turning.map_or(stay, |turning| turning.turn(stay));
-                (setpoint, _) = self.command(state, &demand, &situation, work);
+                (setpoint, _) = self.command(state, &demand, &situation);
             }
             Behaviour::Hold | Behaviour::Follow => {
                 let demand = self.demand(state, &situation);
                 let demanded = demand.unwrap_or_default();
                 let demanded = turning.map_or(demanded, |turning| turning.turn(demanded));
-                (setpoint, guard_action) = self.command(state, &demanded, &situation, work);
+                (setpoint, guard_action) = self.command(state, &demanded, &situation);
                 let progress = progress(state, demand, guard_action);
                 let concluded = mission.conclude(&mut state.mission, input.now, progress);
                 if !state.is_searching {
                     outcome = concluded;
                 }
-                plan_requested = is_quiet && self.ask(state, input.now, &situation, progress, work);
+                plan_requested = self.ask(state, input.now, &situation, progress);
             }
         }
         state.is_blocked = guard_action == guard::Action::Braked;
@@ -775,85 +695,6 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
-    /// What can wait of the codes of a step, as far as the step has left room for it: called with them once the step is done,
-    /// where that took [`FrontEnd::Heard`]. It counts from the next frame on.
-    pub fn work_off(&self, state: &mut State<N>, snapshot: &Snapshot<N>) {
-        let mut work = core::mem::replace(&mut state.left, Work::new(0));
-        self.phase.work_off(&mut state.phase, snapshot, &mut work);
-    }
-
-    /// Works off the last delivery of hits: what the sensor sees through, then the circles, one by one, into the map.
-    fn take_in(&self, state: &mut State<N>, work: &mut Work) {
-        self.guard.work_off(&mut state.guard, work);
-        let State { intake, absorption, judging, map, taken_in, guard, .. } = state;
-        let latest = guard.sight().latest();
-        let view = View {
-            origin_ned_m: latest.origin_ned_m,
-            first_ned_rad: latest.first_ned_rad,
-            step_rad: latest.step_rad,
-            range_max_m: latest.range_m,
-            turn: latest.closes.then_some(latest.rays),
-            ranges: &latest.ranges,
-        };
-        if !self.map.judge(map, judging, &view, work) {
-            return;
-        }
-        loop {
-            if let Some(seen) = absorption.seen() {
-                let hits =
-                    Hits { now: *taken_in, origin_ned_m: intake.origin_ned_m(), points_m: intake.points_of(seen) };
-                if !self.map.absorb(map, absorption, &hits, work) {
-                    return;
-                }
-            }
-            match self.scan.next(intake, work) {
-                scan::Progress::Found(seen) => *absorption = Absorption::of(seen),
-                scan::Progress::Paused | scan::Progress::Done => return,
-            }
-        }
-    }
-
-    /// Begins with a delivery of hits, unless one is being worked off: what the sensor sees it will see again.
-    fn begin_intake(&self, state: &mut State<N>, input: &Input<'_, N>, ownship: &Ownship, work: &mut Work) {
-        let is_done = state.intake.is_done() && state.absorption.is_done() && state.judging.is_done();
-        // What the guard mostly takes must be left: it takes all of its price among very many obstacles only.
-        let reserve = guard_price(state) / 2;
-        let may_begin = |work: &Work, price: u32| is_done && work.has(price + reserve);
-        // Where both come, by turns.
-        let points_first = state.intake_was_scan && input.points.is_some();
-        if let Some(scan) = input.scan {
-            let pose = looked_at(ownship, scan.time);
-            self.guard.note_scan(&mut state.guard, scan, &pose);
-            // What it was asked about is not there any more.
-            state.judging = Judging::default();
-            work.spend(LOOK_PRICE);
-            if may_begin(work, SCAN_PRICE) && !points_first {
-                work.spend(SCAN_PRICE);
-                self.scan.begin_scan(&mut state.intake, scan, &pose);
-                if self.map.hear(&mut state.map, input.now, state.intake.refused(), state.intake.is_usable()) {
-                    self.map.begin_look(&mut state.map, input.now);
-                    state.judging = Judging::begin();
-                }
-                (state.taken_in, state.intake_was_scan) = (input.now, true);
-                return;
-            }
-            self.map.hear(&mut state.map, input.now, 0, scan.is_plausible() && pose.is_plausible());
-        }
-        if let Some(points) = input.points {
-            let pose = looked_at(ownship, points.time);
-            if !may_begin(work, POINTS_PRICE) {
-                self.map.hear(&mut state.map, input.now, 0, pose.is_plausible());
-                return;
-            }
-            work.spend(POINTS_PRICE);
-            self.scan.begin_points(&mut state.intake, points, &pose);
-            if self.map.hear(&mut state.map, input.now, state.intake.refused(), state.intake.is_usable()) {
-                self.map.begin_look(&mut state.map, input.now);
-            }
-            (state.taken_in, state.intake_was_scan) = (input.now, false);
-        }
-    }
-
     /// The phasors of a frame that the chain is not to go by, as when the receiver is examined; a step that comes with it gets
     /// [`FrontEnd::Nothing`]. What is known of the tone is forgotten before and after ([`Self::forget_tone`]).
     pub fn phasors(&self, state: &mut State<N>, snapshot: &Snapshot<N>) -> Phasors {
@@ -871,58 +712,34 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Frame -> phasors -> bearing: the part of a step that has to do with codes. Whoever wants to keep what was heard calls
-    /// it before the step, which then takes [`FrontEnd::Heard`], and [`Self::work_off`] after it.
+    /// it before the step, which then takes [`FrontEnd::Heard`].
     pub fn listen(&self, state: &mut State<N>, front_end: FrontEnd<'_, N>) -> Option<Heard> {
         match front_end {
             FrontEnd::Snapshot(snapshot) => {
-                let mut work = Work::new(STEP_INSTRUCTIONS);
-                let phasors = self.phase.listen(&mut state.phase, snapshot, &mut work);
-                work.spend(if phasors.tone == Tone::Present { BEARING_PRICE } else { 0 });
-                Some(Heard {
-                    bearing: self.bearing.find(&phasors),
-                    phasors: self.turning.is_some().then_some(phasors),
-                    spent: work.spent(STEP_INSTRUCTIONS),
-                    wants: self.phase.wants(&state.phase),
-                })
+                let phasors = self.phase.step(&mut state.phase, snapshot);
+                Some(Heard { bearing: self.bearing.find(&phasors), phasors: self.turning.is_some().then_some(phasors) })
             }
             FrontEnd::Heard(heard) => Some(*heard),
-            FrontEnd::Bearing(bearing) => Some(Heard { bearing, phasors: None, spent: 0, wants: 0 }),
+            FrontEnd::Bearing(bearing) => Some(Heard { bearing, phasors: None }),
             FrontEnd::Nothing => None,
         }
     }
 
-    /// Frame -> phasors -> bearing -> direction of the source.
-    fn hear(
-        &self,
-        state: &mut State<N>,
-        heard: Option<&Heard>,
-        circles: &[Circle],
-        is_quiet: bool,
-        work: &mut Work,
-    ) -> Option<(Bearing, Option<f32>)> {
-        let Heard { bearing, phasors, .. } = *heard?;
+    /// Bearing -> direction of the source, and where it is.
+    fn hear(&self, state: &mut State<N>, heard: &Heard) -> Option<(Bearing, Option<f32>)> {
+        let Heard { bearing, phasors } = *heard;
         if let Some(turning) = &self.turning
             && turning.notice(&mut state.turning, &bearing)
         {
-            return self.hear_by_turning(turning, state, &bearing, phasors.as_ref(), work);
+            return self.hear_by_turning(turning, state, &bearing, phasors.as_ref());
         }
         state.last_flags = bearing.flags;
         let sane =
             libm::fabsf(bearing.azimuth_rad) <= 100.0 && bearing.sigma_rad.is_finite() && bearing.sigma_rad > 0.0;
         let usable = state.ownship.filter(|_| bearing.valid && sane);
         let bearing_ned_rad = usable.map(|ownship| self.goal.observe(&mut state.goal, &bearing, &ownship));
-        work.spend(if usable.is_some() { HEARD_PRICE } else { UNHEARD_PRICE });
-        // The steps between have more room.
-        let circles = if state.looked_age > 1 { circles } else { &[] };
-        let gathering = if self.must_gather(state) || state.is_look_due { gather_price(state) } else { 0 };
-        let looking = if state.is_look_due { look_price(state) } else { 0 };
-        let needed = gathering + looking + intake_price(state, circles) + guard_price(state);
-        if let Some(ownship) =
-            state.ownship.filter(|_| self.reflections && is_quiet && work.has(CLASSIFY_PRICE + needed))
-        {
-            let before = state.reflected;
+        if let Some(ownship) = state.ownship.filter(|_| self.reflections) {
             self.classify(state, &bearing, bearing_ned_rad, &ownship);
-            work.spend(if state.reflected.to_bits() == before.to_bits() { 0 } else { CLASSIFY_PRICE });
         }
         if let (Some(ownship), Some(bearing_ned_rad)) = (usable, bearing_ned_rad) {
             self.gather(state, &bearing, bearing_ned_rad, &ownship);
@@ -937,17 +754,16 @@ impl<const N: usize> Guidance<N> {
         state: &mut State<N>,
         bearing: &Bearing,
         phasors: Option<&Phasors>,
-        work: &mut Work,
     ) -> Option<(Bearing, Option<f32>)> {
         state.reflected = 0.0;
         let ownship = state.ownship?;
         let depression_rad = state.goal.depression_rad();
-        let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad, work)?;
+        let turned = turning.step(&mut state.turning, bearing, phasors, &ownship, depression_rad)?;
         state.last_flags = turned.bearing.flags;
         let observed = Some(turned.bearing).filter(|bearing| bearing.valid);
         let bearing_ned_rad = observed.map(|bearing| self.goal.observe(&mut state.goal, &bearing, &ownship));
         if let Some(sighting) = &turned.sighting {
-            self.source.begin(&mut state.source, sighting);
+            self.weigh(state, sighting);
         }
         Some((turned.bearing, bearing_ned_rad))
     }
@@ -965,7 +781,7 @@ impl<const N: usize> Guidance<N> {
             ([], _) | (_, None) => Sightline::Unknown,
             (walls, Some(bearing_ned_rad)) => Sightline::among(walls, place_ned_m, bearing_ned_rad, self.slack_m),
         };
-        let look = Look { place_ned_m, bearing, bearing_ned_rad, sightline };
+        let look = link_state::Look { place_ned_m, bearing, bearing_ned_rad, sightline };
         state.reflected = CLASSIFIER.step(&mut state.link, &look).reflected(REFLECTED_PRIOR);
     }
 
@@ -974,16 +790,17 @@ impl<const N: usize> Guidance<N> {
         let (at, place) = (bearing.time, ownship.position_ned_m.horizontal());
         let direction = Horizontal::from_bearing(bearing_ned_rad);
         let Some(sighting) = state.gathering.add(at, direction, place, bearing.sigma_rad) else { return };
-        // Not while the last one is being weighed: they are many times slower than steps.
-        self.source.begin(&mut state.source, &sighting);
+        self.weigh(state, &sighting);
     }
 
-    /// Sightings -> filters, as far as there is time. A sighting that came by way of a wall is handed on as the vehicle's mirror
-    /// image would have had it, directly.
-    fn weigh(&self, state: &mut State<N>, work: &mut Work) {
+    /// Sighting -> filters. One that came by way of a wall is handed on as the vehicle's mirror image would have had it,
+    /// directly.
+    fn weigh(&self, state: &mut State<N>, sighting: &Sighting) {
+        if !sighting.is_plausible() {
+            return;
+        }
         let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
-        let weighed = self.source.work_off(&mut state.source, state.reflected, lines, work);
-        let Some(bank::Weighed { sighting, answer }) = weighed else { return };
+        let answer = self.source.step(&mut state.source, sighting, state.reflected, lines);
         // A reflection is worth following when it is known where it leads.
         let sure = |answer: &bank::Answer| answer.mode == Mode::Go && answer.share > SURE;
         let answer =
@@ -993,47 +810,61 @@ impl<const N: usize> Guidance<N> {
         // What has been taken for the source was its image.
         state.misled |= was_direct && way != Way::Direct;
         state.belief = answer;
-        state.goal.push_sighting(way.straightened(&sighting));
+        state.goal.push_sighting(way.straightened(sighting));
     }
 
-    /// Scan -> circles -> map -> what is near.
-    fn look(&self, state: &mut State<N>, input: &Input<'_, N>, is_quiet: bool, work: &mut Work) {
-        let Some(ownship) = state.ownship else { return };
-        let place = ownship.position_ned_m.horizontal();
-        let looked = Pose { position_ned_m: place, yaw_rad: ownship.yaw_rad };
-        if !is_quiet {
-            self.begin_intake(state, input, &ownship, work);
+    /// What obstacle sensors delivered -> map and guard -> what is near. The scan comes last: what it says of a place holds.
+    fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
+        let (now, ownship) = (input.now, state.ownship);
+        let pose = |time: Instant| pose_at(ownship.as_ref(), time);
+        self.map.advance(&mut state.map, now);
+        if let Some(circles) = input.circles {
+            let taken = pose(now).and_then(|pose| self.take_circles(state, now, circles, &pose));
+            state.refused.note(taken);
         }
-        let mut look_from = None;
-        if core::mem::take(&mut state.is_look_due) {
-            look_from = Some(Pose { yaw_rad: ownship.yaw_rad - ownship.yaw_rate_radps * self.tick_s, ..looked });
+        if let Some(points) = input.points {
+            let taken = pose(points.time).and_then(|pose| self.take_points(state, now, points, &pose));
+            state.refused.note(taken);
         }
-        // Of deliveries with every step, every second: the steps between have room for other things, as below.
-        if let Some(circles) = input.circles.filter(|_| state.looked_age > 1) {
-            work.spend(intake_price(state, circles));
-            self.map.observe_circles(&mut state.map, input.now, place, circles);
-            state.looked_age = 0;
-            // A large delivery leaves no room for a look at it: that is for the next step.
-            state.is_look_due = !work.has(gather_price(state) + look_price(state) + GUARD_PRICE);
-            look_from = (!state.is_look_due).then_some(looked);
+        if let Some(scan) = input.scan {
+            let taken = pose(scan.time).and_then(|pose| self.take_scan(state, now, scan, &pose));
+            state.refused.note(taken);
         }
-        self.map.advance(&mut state.map, input.now);
-        let may_gather = (is_quiet && !state.is_look_due) || state.near_age >= NEAR_AGE_MAX;
-        if look_from.is_some() || (self.must_gather(state) && may_gather) {
-            work.spend(gather_price(state));
-            near::gather(&self.guard, &state.map, place, &mut state.near);
-            state.near_age = 0;
-        }
-        if let Some(pose) = look_from {
-            work.spend(look_price(state));
-            self.guard.note_circles(&mut state.guard, &state.near, &pose);
-            state.judging = Judging::default();
+        self.list_near(state);
+    }
+
+    fn list_near(&self, state: &mut State<N>) {
+        if let Some(ownship) = &state.ownship {
+            near::gather(&self.guard, &state.map, ownship.position_ned_m.horizontal(), &mut state.near);
         }
     }
 
-    /// Every second step, unless something moves: the steps between have room for other things.
-    fn must_gather(&self, state: &State<N>) -> bool {
-        state.near_age >= 2 || !state.map.is_still()
+    /// Circles -> map, and how far the sensor looked between them -> guard.
+    #[inline(never)]
+    fn take_circles(&self, state: &mut State<N>, now: Instant, circles: &[Circle], pose: &Pose) -> Result<(), Refusal> {
+        self.map.observe_circles(&mut state.map, now, pose.position_ned_m, circles)?;
+        self.list_near(state);
+        self.guard.look_circles(&mut state.guard, &state.near, pose);
+        Ok(())
+    }
+
+    /// Scan -> circles -> map, and what was looked at -> guard.
+    #[inline(never)]
+    fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
+        let mut look = Look::default();
+        self.scan.fit_into(&mut look, scan, pose)?;
+        self.map.observe_scan(&mut state.map, now, scan, pose, &look);
+        self.guard.look_scan(&mut state.guard, scan, pose);
+        Ok(())
+    }
+
+    /// Single points -> circles -> map. They do not say what was looked at.
+    #[inline(never)]
+    fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: &Pose) -> Result<(), Refusal> {
+        let mut look = Look::default();
+        self.scan.fit_points_into(&mut look, points, pose)?;
+        self.map.observe_points(&mut state.map, now, &look);
+        Ok(())
     }
 
     /// Takes in the planner's answer and lets it take effect at its step; true if one did.
@@ -1083,12 +914,11 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// What the landing says of this step; nothing before the vehicle is in control, and nothing after, unless it has landed.
-    fn land(&self, state: &mut State<N>, input: &Input<'_, N>, bearing: Option<&Bearing>, work: &mut Work) {
+    fn land(&self, state: &mut State<N>, input: &Input<'_, N>, bearing: Option<&Bearing>) {
         let Some(lander) = &self.lander else { return };
         if input.control != Control::Granted && !(input.is_landed && is_landing(state)) {
             return;
         }
-        work.spend(LANDING_PRICE);
         let is_direct = state.reflected < self.reflected_min;
         let believed = state.belief.filter(|belief| belief.way == Way::Direct);
         let estimate = believed.map(|belief| belief.estimate);
@@ -1115,7 +945,7 @@ impl<const N: usize> Guidance<N> {
             control: input.control,
             position: heard.map(|ownship| ownship.position_time),
             attitude: heard.map(|ownship| ownship.attitude_time),
-            obstacles: state.map.updated(),
+            obstacles: state.map.taken(),
             // The last metres are not flown by bearings.
             bearing: if is_landing(state) { Some(input.now) } else { state.goal.updated() },
             is_plan_late: state.is_plan_late,
@@ -1145,13 +975,7 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// The demand, with the altitude held, through the guard.
-    fn command(
-        &self,
-        state: &mut State<N>,
-        demand: &Demand,
-        situation: &Situation,
-        work: &mut Work,
-    ) -> (Setpoint, guard::Action) {
+    fn command(&self, state: &mut State<N>, demand: &Demand, situation: &Situation) -> (Setpoint, guard::Action) {
         // The altitude of the first word heard in control; before it there is none to hold.
         let mut demand = *demand;
         let mut situation = *situation;
@@ -1165,9 +989,6 @@ impl<const N: usize> Guidance<N> {
         }
         let ruling = self.guard.step(&mut state.guard, &demand, &situation, &state.near, self.tick_s);
         state.look_ned_rad = ruling.look_ned_rad;
-        work.spend(GUARD_PRICE + NEAR_PRICE * state.near.len() as u32 + CLOSE_PRICE * u32::from(ruling.close));
-        work.spend(if state.gust.is_gusty() { GUSTY_PRICE } else { 0 });
-        work.spend(if ruling.evened { EVENED_PRICE } else { 0 });
         (ruling.setpoint, ruling.action)
     }
 
@@ -1186,22 +1007,15 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Whether what is known by now stands in the way of the active plan's next waypoints.
-    fn is_invalid(&self, state: &mut State<N>, situation: &Situation, work: &mut Work) -> bool {
-        let State { active: Some(plan), near, unchecked, track, .. } = state else { return false };
+    fn is_invalid(&self, state: &State<N>, situation: &Situation) -> bool {
+        let State { active: Some(plan), near, track, .. } = state else { return false };
         let from = track.passed.min(WAYPOINTS);
         let next = plan.waypoints_ned_m.get(from..(from + 6).min(WAYPOINTS)).unwrap_or_default();
-        near::stands_in_the_way(near, unchecked, situation.rest_ned_m, next, self.plan_margin_m, work)
+        near::stands_in_the_way(near, situation.rest_ned_m, next, self.plan_margin_m)
     }
 
     /// Asks for a plan where one is wanted; true if it did.
-    fn ask(
-        &self,
-        state: &mut State<N>,
-        now: Instant,
-        situation: &Situation,
-        progress: Progress,
-        work: &mut Work,
-    ) -> bool {
+    fn ask(&self, state: &mut State<N>, now: Instant, situation: &Situation, progress: Progress) -> bool {
         let since = state.tick.wrapping_sub(state.activated);
         let wanted = match progress {
             Progress::RanOut => true,
@@ -1210,10 +1024,10 @@ impl<const N: usize> Guidance<N> {
             Progress::Following => {
                 state.track.passed >= self.replan_at_waypoint
                     || since >= self.replan_ticks
-                    || self.is_invalid(state, situation, work)
+                    || self.is_invalid(state, situation)
             }
         };
-        if !wanted || state.due.is_some() || !work.take(ASK_PRICE) {
+        if !wanted || state.due.is_some() {
             return false;
         }
         // The rest point obeys at once, so that is where it will be when the plan takes effect.
@@ -1275,34 +1089,20 @@ fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>)
     (Demand { velocity_ned_mps, down_mps, ..Demand::default() }, ends)
 }
 
-/// What it costs to take in circles.
-fn intake_price<const N: usize>(state: &State<N>, circles: &[Circle]) -> u32 {
-    let known = state.map.circles().count() as u32;
-    (CIRCLE_PRICE + CIRCLE_KNOWN_PRICE * known) * circles.len().min(map::DELIVERY_MAX) as u32
-}
-
-/// What it costs to look at circles that were delivered.
-fn look_price<const N: usize>(state: &State<N>) -> u32 {
-    LOOK_PRICE + LOOK_OBSTACLE_PRICE * state.near.len() as u32
-}
-
-/// What it costs to list what is near.
-fn gather_price<const N: usize>(state: &State<N>) -> u32 {
-    GATHER_PRICE + KNOWN_PRICE * state.map.circles().count() as u32
-}
-
-/// What the guard costs at most.
-fn guard_price<const N: usize>(state: &State<N>) -> u32 {
-    let gusty = if state.gust.is_gusty() { GUSTY_PRICE } else { 0 };
-    let close = state.near.len().min(guard::CLOSE_MAX) as u32;
-    GUARD_PRICE + gusty + NEAR_PRICE * state.near.len() as u32 + CLOSE_PRICE * close
-}
-
-/// Where the vehicle was when it looked, carried on from the last word about it.
-fn looked_at(ownship: &Ownship, time: Instant) -> Pose {
+/// Where the vehicle was when a sensor looked, carried on from the last word about it.
+///
+/// # Errors
+/// That is not known.
+fn pose_at(ownship: Option<&Ownship>, time: Instant) -> Result<Pose, Refusal> {
+    let ownship = ownship.ok_or(Refusal::NoOwnship)?;
+    let is_apart =
+        |heard: Instant| time.seconds_since(heard) > POSE_AGE_MAX_S || heard.seconds_since(time) > POSE_AGE_MAX_S;
+    if is_apart(ownship.position_time) || is_apart(ownship.attitude_time) {
+        return Err(Refusal::TimesApart);
+    }
     let since_s = time.seconds_since(ownship.position_time);
     let moved = ownship.velocity_ned_mps.horizontal().times(since_s.clamp(0.0, 0.1));
-    Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad: ownship.yaw_at(time) }
+    Ok(Pose { position_ned_m: ownship.position_ned_m.horizontal().plus(moved), yaw_rad: ownship.yaw_at(time) })
 }
 
 /// What became of the plan in this step.
@@ -1322,5 +1122,7 @@ fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: gu
     }
 }
 
+#[cfg(test)]
+mod taken;
 #[cfg(test)]
 mod tests;

@@ -9,16 +9,11 @@ use crate::frame::Horizontal;
 use crate::guard::Guard;
 use crate::map::{CIRCLES_MAX, Circle, Map};
 use crate::rollout::swept_clearance_m;
-use crate::work::Work;
 
 /// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
 pub(super) const NEAR_M: f32 = 4.0;
 /// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
 pub(super) const FAR: u8 = 64;
-/// So many obstacles are held against the plan in one step; more have their turn in the next.
-const CHECKED_MAX: usize = 16;
-/// Price of one of them.
-const CHECK: u32 = 400;
 
 /// Lists what is near the vehicle: the nearest, where there is no room for all of it.
 #[inline(never)]
@@ -54,15 +49,13 @@ pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec
 }
 
 /// Whether an obstacle comes nearer to the way from where the vehicle would come to rest along the next waypoints than it is
-/// there, and than the margin. `unchecked` is the first that has not had its turn.
+/// there, and than the margin.
 #[inline(never)]
 pub(super) fn stands_in_the_way(
     near: &[Obstacle],
-    unchecked: &mut u8,
     rest_ned_m: Horizontal,
     next_ned_m: &[Horizontal],
     margin_m: f32,
-    work: &mut Work,
 ) -> bool {
     // No waypoint is farther away, and no point between two of them.
     let squared_m2 = next_ned_m
@@ -70,26 +63,15 @@ pub(super) fn stands_in_the_way(
         .map(|next| next.minus(rest_ned_m).norm_squared())
         .fold(0.0, |a: f32, b| if b > a { b } else { a });
     let far_m = squared_m2 * inverse_root(squared_m2 + 1e-6) + margin_m + 0.02;
-    let begin = usize::from(*unchecked).min(near.len());
-    let mut checked = 0;
-    *unchecked = 0;
-    for (index, obstacle) in near.iter().enumerate().skip(begin) {
+    near.iter().any(|obstacle| {
         let limit_m = obstacle.reach_m + far_m;
         if obstacle.center_ned_m.minus(rest_ned_m).norm_squared() > limit_m * limit_m {
-            continue;
+            return false;
         }
-        if checked == CHECKED_MAX || !work.take(CHECK) {
-            *unchecked = index as u8;
-            break;
-        }
-        checked += 1;
         let at_rest = obstacle.clearance_m(rest_ned_m) - 0.01;
         let least = if at_rest < margin_m { at_rest } else { margin_m };
-        if swept_clearance_m(rest_ned_m, next_ned_m, core::slice::from_ref(obstacle)) < least {
-            return true;
-        }
-    }
-    false
+        swept_clearance_m(rest_ned_m, next_ned_m, core::slice::from_ref(obstacle)) < least
+    })
 }
 
 /// Copies what is known.

@@ -24,7 +24,6 @@ use crate::rss::{self, Outcome, Rotation, direction, pursuit};
 use crate::source::{Estimate, Sighting};
 use crate::time::Instant;
 use crate::track::Demand;
-use crate::work::Work;
 
 /// For so many turns a bearing stands.
 pub const MISSION_TURNS: f32 = 2.2;
@@ -40,9 +39,6 @@ const SIGMA_MAX_RAD: f32 = 0.5;
 const OUTLIER_RATE: f32 = 0.1;
 /// Channels that an array needs.
 const LIVING_MIN: usize = 3;
-/// Prices: of what a rotation is, and of what it adds to those before.
-const ROTATION_PRICE: u32 = 14_500;
-const PURSUIT_PRICE: u32 = 15_500;
 /// `10 / ln 10`.
 const DB: f32 = 4.342_945;
 
@@ -160,8 +156,6 @@ pub struct State {
     from_ned_m: Option<Horizontal>,
     /// The middle of the last rotation that was heard.
     heard: Option<Instant>,
-    /// A rotation that ended with the last frame, and the middle of where it was flown.
-    ended: Option<(Rotation, Horizontal)>,
 }
 
 /// What a rotation is worth.
@@ -216,8 +210,7 @@ impl Turning {
         }
     }
 
-    /// Takes in the power of a frame, or what else was heard of it; says what the rotation came to with the frame after the one
-    /// that ended it: one step has no room for all that is made of it.
+    /// Takes in the power of a frame, or what else was heard of it; says what the rotation came to that it ends.
     pub fn step(
         &self,
         state: &mut State,
@@ -225,7 +218,6 @@ impl Turning {
         phasors: Option<&Phasors>,
         ownship: &Ownship,
         depression_rad: f32,
-        work: &mut Work,
     ) -> Option<Turned> {
         let time = bearing.time;
         if time.seconds_since(ownship.attitude_time) > ATTITUDE_AGE_MAX_S {
@@ -237,14 +229,7 @@ impl Turning {
         let power_db = phasors.map_or(bearing.quality.snr_db, |phasors| power_db(phasors, channel));
         let boresight_rad = self.boresights_rad.get(channel).copied().unwrap_or(0.0);
         let antenna_rad = ownship.yaw_at(time) + boresight_rad;
-        let outcome = self.seeker.step(&mut state.rss, time, antenna_rad, power_db);
-        if let Some((rotation, place_ned_m)) = state.ended.take() {
-            // A rotation takes many frames: none ends here.
-            work.spend(PURSUIT_PRICE);
-            return self.pursue(state, &rotation, place_ned_m, ownship, depression_rad);
-        }
-        let outcome = outcome?;
-        work.spend(ROTATION_PRICE);
+        let outcome = self.seeker.step(&mut state.rss, time, antenna_rad, power_db)?;
         state.from_ned_m = Some(here);
         let nothing = |flags: Flags| Turned {
             bearing: Bearing { valid: false, azimuth_rad: 0.0, sigma_rad: core::f32::consts::PI, flags, ..*bearing },
@@ -259,8 +244,7 @@ impl Turning {
             state.rss = rss::State::new();
             return Some(nothing(Flags::NO_SIGNAL));
         }
-        state.ended = Some((rotation, from.plus(here).times(0.5)));
-        None
+        self.pursue(state, &rotation, from.plus(here).times(0.5), ownship, depression_rad)
     }
 
     /// A rotation -> the course to the source, and a sighting.
@@ -411,12 +395,8 @@ mod tests {
                 flags,
             };
             let is_used = self.turning.notice(&mut self.state, &bearing);
-            let turned = is_used
-                .then(|| {
-                    let work = &mut Work::unlimited();
-                    self.turning.step(&mut self.state, &bearing, Some(&phasors), &ownship, 0.0, work)
-                })
-                .flatten();
+            let turned =
+                is_used.then(|| self.turning.step(&mut self.state, &bearing, Some(&phasors), &ownship, 0.0)).flatten();
             (is_used, turned)
         }
 
@@ -462,10 +442,8 @@ mod tests {
         let mut flight = Flight::new(&alone(), Horizontal { north: 6.0, east: 6.0 });
         flight.speed_mps = 0.25;
         let (mut carried, mut stale, mut count) = (0.0, 0.0, 0.0);
-        let mut from_ned_m = None;
         for _ in 0..1500 {
-            // It is told with the frame after the one that ended it.
-            let before = core::mem::replace(&mut from_ned_m, flight.state.from_ned_m);
+            let before = flight.state.from_ned_m;
             let Some(turned) = flight.frame(&[0], true).1 else { continue };
             let (here, sighting) = (flight.ownship().position_ned_m.horizontal(), turned.sighting.unwrap());
             let middle = before.unwrap_or_default().plus(here).times(0.5);

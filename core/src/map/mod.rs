@@ -12,9 +12,7 @@
 //! those are carried along and forgotten when unseen for a while. A circle moves when its filter says so with four sigma
 //! for several looks in a row, so that the change of the view of a standing pillar does not set it in motion.
 //!
-//! The cost of a look is bounded: circles meet only what lies near them (`places`), 32 are asked whether they are seen through
-//! and the others have their turn in the next look, and when the store is crowded the nearest few are added and the rest
-//! counted.
+//! The cost of a look is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` say what it is.
 //!
 //! The radius that is told is the measured one plus [`Config::inflation_sigmas`] of its sigma, nothing for exact circles.
 
@@ -23,15 +21,14 @@ use heapless::Vec;
 use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
 use crate::kernel::sqrt;
-use crate::scan::{Detection, Kind, Look, Pose, Ranges, Scan};
+use crate::scan::{Detection, Kind, Look, Pose, Refusal, Scan};
 use crate::time::Instant;
-use crate::work::Work;
 
 mod absorb;
+mod index;
 mod motion;
 
-pub use absorb::{Absorption, Hits, Judging, View};
-
+use index::Index;
 use motion::{Motion, Sighting};
 
 /// Most circles that are remembered.
@@ -154,46 +151,29 @@ impl Known {
     fn is_round(&self) -> bool {
         self.origin != Origin::Seen(Kind::Patch)
     }
-
-    /// Where it was a while ago, local NED.
-    fn center_before(&self, ago_s: f32) -> Horizontal {
-        self.circle.center_ned_m.minus(self.circle.velocity_ned_mps.times(ago_s))
-    }
 }
 
 /// The store.
 #[derive(Clone, Debug, Default)]
 pub struct Map {
     known: Vec<Known, CIRCLES_MAX>,
-    updated: Option<Instant>,
+    taken: Option<Instant>,
     /// Until when the moving circles have been carried along.
     carried: Instant,
     overflow_count: u32,
     refused_count: u32,
-    /// The circle that is the first to be asked in the next look whether it is seen through.
-    resume: u8,
-    /// None of the circles moves.
-    is_still: bool,
-    /// Changes when circles change their places in the store.
-    generation: u16,
 }
 
 impl Map {
-    /// Whether nothing in it moves.
-    #[must_use]
-    pub fn is_still(&self) -> bool {
-        self.is_still
-    }
-
     /// The remembered circles.
     pub fn circles(&self) -> impl Iterator<Item = &Circle> + Clone {
         self.known.iter().map(|known| &known.circle)
     }
 
-    /// When a sensor last reported, even if it saw nothing.
+    /// When the newest look was measured that has been taken in, even if it saw nothing.
     #[must_use]
-    pub fn updated(&self) -> Option<Instant> {
-        self.updated
+    pub fn taken(&self) -> Option<Instant> {
+        self.taken
     }
 
     /// Circles that gave way because the store was full or their delivery too long.
@@ -212,102 +192,100 @@ impl Map {
         self.refused_count = self.refused_count.saturating_add(count);
     }
 
+    /// A look has been taken in. What is newer than now was stamped by a clock that has been set back since.
+    fn note_taken(&mut self, time: Instant, now: Instant) {
+        if self.taken.is_none_or(|taken| taken <= time || taken > now) {
+            self.taken = Some(time);
+        }
+    }
+
     /// Forgets what is to be forgotten.
     fn sweep(&mut self) {
-        let mut index = self.known.len();
-        while index > 0 {
-            index -= 1;
-            if self.known.get(index).is_some_and(|known| known.clear_looks == DOOMED) {
-                self.known.swap_remove(index);
-                self.generation = self.generation.wrapping_add(1);
+        let mut at = self.known.len();
+        while at > 0 {
+            at -= 1;
+            if self.known.get(at).is_some_and(|known| known.clear_looks == DOOMED) {
+                self.known.swap_remove(at);
             }
         }
     }
 
-    /// Adds a circle; the farthest from the vehicle gives way when the store is full.
-    fn add(&mut self, known: Known, vehicle_ned_m: Horizontal) {
-        if let Err(known) = self.known.push(known) {
+    /// Adds a circle. When the store is full one that is to be forgotten gives way, or else the farthest from the vehicle.
+    fn add(&mut self, index: &mut Index, known: Known) {
+        let at = self.known.len();
+        let Err(known) = self.known.push(known) else { return index.place(at, &known) };
+        let doomed = self.known.iter().position(|known| known.clear_looks == DOOMED);
+        if doomed.is_none() {
             self.overflow_count = self.overflow_count.saturating_add(1);
-            let squared = |k: &Known| k.circle.center_ned_m.minus(vehicle_ned_m).norm_squared();
-            let mut most = squared(&known);
-            let mut far: Option<&mut Known> = None;
-            for candidate in &mut self.known {
-                let distance = squared(candidate);
-                if distance > most {
-                    (far, most) = (Some(candidate), distance);
-                }
-            }
-            if let Some(far) = far {
-                *far = known;
-            }
+        }
+        if let Some(at) = doomed.or_else(|| index.farther_than(&known))
+            && let Some(old) = self.known.get_mut(at)
+        {
+            index.place(at, &known);
+            *old = known;
         }
     }
 }
 
 impl Keeper {
-    /// A sensor has reported; whether what it said may be believed.
-    pub fn hear(&self, map: &mut Map, now: Instant, refused: u16, is_usable: bool) -> bool {
-        map.refuse(u32::from(refused));
-        if is_usable {
-            map.updated = Some(now);
-        }
-        is_usable
+    /// Takes in what was fitted to a scan: what it sees through is forgotten in time.
+    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, look: &Look) {
+        self.begin_look(map, now);
+        self.judge(map, scan, pose);
+        self.take_in(map, now, look);
     }
 
-    /// A look begins, as of now.
-    pub fn begin_look(&self, map: &mut Map, now: Instant) {
+    /// Takes in what was fitted to points. Nothing is forgotten for it: points do not say where there is nothing.
+    pub fn observe_points(&self, map: &mut Map, now: Instant, look: &Look) {
+        self.begin_look(map, now);
+        self.take_in(map, now, look);
+    }
+
+    fn begin_look(&self, map: &mut Map, now: Instant) {
         self.advance(map, now);
         for known in map.known.iter_mut().filter(|known| known.clear_looks == AVERAGED) {
             known.clear_looks = 0;
         }
     }
 
-    /// Takes in what was fitted to one scan, all at once.
-    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, look: &Look) {
-        if look.is_usable() {
-            self.begin_look(map, now);
-            let mut ranges = Ranges::new();
-            ranges.take(scan);
-            let view = View {
-                origin_ned_m: pose.position_ned_m,
-                first_ned_rad: pose.yaw_rad + scan.first_azimuth_rad,
-                step_rad: scan.step_rad,
-                range_max_m: scan.range_max_m,
-                turn: scan.turn().map(|turn| turn as u8),
-                ranges: &ranges,
-            };
-            self.judge(map, &mut Judging::begin(), &view, &mut Work::unlimited());
-        }
-        self.observe_look(map, now, look);
-    }
-
-    /// Takes in what was fitted to points, all at once. Nothing is forgotten for it: points do not say where there is
-    /// nothing.
-    pub fn observe_look(&self, map: &mut Map, now: Instant, look: &Look) {
-        if !self.hear(map, now, look.refused, look.is_usable()) {
-            return;
-        }
-        self.begin_look(map, now);
+    #[inline(never)]
+    fn take_in(&self, map: &mut Map, now: Instant, look: &Look) {
+        map.refuse(u32::from(look.refused));
+        map.note_taken(look.time, now);
+        let mut index = Index::new(look.origin_ned_m);
+        index.place_all(&map.known);
         for seen in &look.detections {
-            // Relative to the local origin.
-            let hits = Hits { now, origin_ned_m: Horizontal::default(), points_m: look.points_of(seen) };
-            self.absorb(map, &mut Absorption::of(*seen), &hits, &mut Work::unlimited());
+            self.absorb(map, &mut index, now, look, seen);
         }
+        map.sweep();
     }
 
-    /// Takes in circles from a sensor that delivers circles: what it says replaces what was known.
-    pub fn observe_circles(&self, map: &mut Map, now: Instant, vehicle_ned_m: Horizontal, circles: &[Circle]) {
+    /// Takes in circles from a sensor that delivers circles, as of now: what it says replaces what was known.
+    ///
+    /// # Errors
+    /// There are some, and none is plausible.
+    pub fn observe_circles(
+        &self,
+        map: &mut Map,
+        now: Instant,
+        vehicle_ned_m: Horizontal,
+        circles: &[Circle],
+    ) -> Result<(), Refusal> {
         self.advance(map, now);
-        map.updated = Some(now);
         let (taken, left) = circles.split_at(circles.len().min(DELIVERY_MAX));
         map.overflow_count = map.overflow_count.saturating_add(left.len() as u32);
+        let plausible = taken.iter().filter(|circle| circle.is_plausible());
+        let refused = taken.len() - plausible.clone().count();
+        map.refuse(refused as u32);
+        if refused > 0 && refused == taken.len() {
+            return Err(Refusal::Absurd);
+        }
+        map.note_taken(now, now);
         let now_ms = millis(now);
+        let mut index = Index::new(vehicle_ned_m);
+        index.place_all(&map.known);
         let mut next = 0;
-        for circle in taken {
-            if !circle.is_plausible() {
-                map.refuse(1);
-                continue;
-            }
+        for circle in plausible {
             let known = Known {
                 circle: *circle,
                 radius_m: circle.radius_m,
@@ -318,34 +296,33 @@ impl Keeper {
                 origin: Origin::Given,
                 clear_looks: 0,
             };
-            let found = seen_before(&map.known, circle, next).or_else(|| seen_nearby(&map.known, circle, now_ms));
-            match found.and_then(|index| Some((index, map.known.get_mut(index)?))) {
-                Some((index, old)) => {
-                    *old = known;
-                    next = index + 1;
+            // What was pieced together from hits is superseded where the sensor names the whole.
+            for at in index.near(circle.center_ned_m, circle.radius_m + STICK_OUT_M) {
+                if let Some(pieced) = map.known.get_mut(at).filter(|k| k.origin != Origin::Given && holds(circle, k)) {
+                    pieced.clear_looks = DOOMED;
                 }
-                None => map.add(known, vehicle_ned_m),
+            }
+            let found = seen_before(&map.known, &index, circle, next);
+            match found.or_else(|| seen_nearby(&map.known, &index, circle, now_ms)) {
+                Some(at) => {
+                    if let Some(old) = map.known.get_mut(at) {
+                        *old = known;
+                    }
+                    index.place(at, &known);
+                    next = at + 1;
+                }
+                None => map.add(&mut index, known),
             }
         }
-        // What was pieced together from hits is superseded where the sensor names the whole.
-        if map.known.iter().any(|k| k.origin != Origin::Given) {
-            for circle in taken {
-                map.known.retain(|k| k.origin == Origin::Given || !holds(circle, k));
-            }
-            map.generation = map.generation.wrapping_add(1);
-        }
+        map.sweep();
+        Ok(())
     }
 
     /// Carries moving circles along and forgets those that were unseen for too long.
     pub fn advance(&self, map: &mut Map, now: Instant) {
         let dt_s = now.seconds_since(map.carried);
         map.carried = now;
-        map.is_still = map.known.iter().all(|known| known.circle.velocity_ned_mps == Horizontal::default());
-        if map.is_still {
-            return;
-        }
         let (memory_s, now_ms) = (self.config.moving_memory_s, millis(now));
-        let count = map.known.len();
         map.known.retain_mut(|known| {
             let velocity = known.circle.velocity_ned_mps;
             if velocity.norm_squared() == 0.0 {
@@ -354,20 +331,24 @@ impl Keeper {
             known.circle.center_ned_m = known.circle.center_ned_m.plus(velocity.times(dt_s));
             seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle.is_plausible()
         });
-        if map.known.len() != count {
-            map.generation = map.generation.wrapping_add(1);
-        }
     }
 
     /// Averages a pillar into the known one that it is.
-    fn refine(&self, known: &mut Known, seen: &Detection, hits: &Hits<'_>) {
-        let now_ms = millis(hits.now);
+    fn refine(
+        &self,
+        known: &mut Known,
+        now: Instant,
+        seen: &Detection,
+        points_m: &[Horizontal],
+        origin_ned_m: Horizontal,
+    ) {
+        let now_ms = millis(now);
         known.clear_looks = AVERAGED;
         let margin_m = self.config.cover_m;
         let covers = |known: &Known| {
-            let center = known.circle.center_ned_m.minus(hits.origin_ned_m);
+            let center = known.circle.center_ned_m.minus(origin_ned_m);
             let reach_m = known.radius_m + margin_m;
-            hits.points_m.iter().all(|point| point.minus(center).norm_squared() <= reach_m * reach_m)
+            points_m.iter().all(|point| point.minus(center).norm_squared() <= reach_m * reach_m)
         };
         let is_glimpse = seen.sigma_m > 2.0 * known.sigma_m && covers(known);
         if !is_glimpse {
@@ -417,26 +398,23 @@ impl Keeper {
 }
 
 /// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
-/// order each time: the search begins behind the last one that was found.
-fn seen_before(known: &[Known], circle: &Circle, next: usize) -> Option<usize> {
-    let next = next.min(known.len());
-    let (before, behind) = known.split_at(next);
-    let is_it = |k: &Known| k.circle == *circle;
-    behind.iter().position(is_it).map(|index| next + index).or_else(|| before.iter().position(is_it))
+/// order each time: it is looked for behind the last one that was found first.
+fn seen_before(known: &[Known], index: &Index, circle: &Circle, next: usize) -> Option<usize> {
+    let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle == *circle && k.clear_looks != DOOMED);
+    Some(next).filter(is_it).or_else(|| index.near(circle.center_ned_m, 0.0).find(is_it))
 }
 
 /// The place of what a circle is another measurement of.
-fn seen_nearby(known: &[Known], circle: &Circle, now_ms: u32) -> Option<usize> {
+fn seen_nearby(known: &[Known], index: &Index, circle: &Circle, now_ms: u32) -> Option<usize> {
     let near_m = 0.05 + 0.25 * circle.radius_m;
-    known.iter().position(|k| {
+    index.near(circle.center_ned_m, near_m).find(|at| {
+        let Some(k) = known.get(*at) else { return false };
         // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
-        if k.seen_ms == now_ms && k.origin == Origin::Given {
+        if k.clear_looks == DOOMED || (k.seen_ms == now_ms && k.origin == Origin::Given) {
             return false;
         }
         let away = k.circle.center_ned_m.minus(circle.center_ned_m);
-        libm::fabsf(away.north) < near_m
-            && away.norm_squared() < near_m * near_m
-            && libm::fabsf(k.radius_m - circle.radius_m) < 0.05
+        away.norm_squared() < near_m * near_m && libm::fabsf(k.radius_m - circle.radius_m) < 0.05
     })
 }
 

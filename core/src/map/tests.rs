@@ -12,7 +12,7 @@ fn pillar(north: f32, east: f32, radius_m: f32, sigma_m: f32) -> Look {
     let center_ned_m = Horizontal { north, east };
     let face_ned_m = center_ned_m.times(1.0 - radius_m / center_ned_m.norm());
     let mut look = Look::default();
-    look.points_ned_m.push(face_ned_m).unwrap();
+    look.points_m.push(face_ned_m).unwrap();
     let seen = Detection { kind: Kind::Pillar, center_ned_m, radius_m, sigma_m, face_ned_m, from: 0, to: 1 };
     look.detections.push(seen).unwrap();
     look
@@ -64,7 +64,7 @@ fn the_farthest_circle_gives_way_when_the_store_is_full() {
     let (keeper, mut map) = (keeper(), Map::default());
     for k in 0..CIRCLES_MAX as i32 + 10 {
         let far = circle(100.0 - k as f32, 0.0, 0.2);
-        keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[far]);
+        keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[far]).unwrap();
     }
     assert_eq!(map.circles().count(), CIRCLES_MAX);
     assert_eq!(map.overflow_count(), 10);
@@ -74,12 +74,9 @@ fn the_farthest_circle_gives_way_when_the_store_is_full() {
 #[test]
 fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
     let (keeper, mut map) = (keeper(), Map::default());
-    keeper.observe_circles(
-        &mut map,
-        Instant(1),
-        Horizontal::default(),
-        &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)],
-    );
+    keeper
+        .observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)])
+        .unwrap();
     let scan = Scan { sectors: [Sector::Clear; SECTORS_MAX], ..unknown_scan() };
     for look in 0..3 {
         assert_eq!(map.circles().count(), 2, "{look}");
@@ -92,7 +89,7 @@ fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
 fn moving_circles_move_and_are_forgotten_when_unseen() {
     let (keeper, mut map) = (keeper(), Map::default());
     let mover = Circle { velocity_ned_mps: Horizontal { north: 0.5, east: 0.0 }, ..circle(1.0, 0.0, 0.2) };
-    keeper.observe_circles(&mut map, Instant(0), Horizontal::default(), &[mover]);
+    keeper.observe_circles(&mut map, Instant(0), Horizontal::default(), &[mover]).unwrap();
     keeper.advance(&mut map, Instant(1_000_000));
     let north = map.circles().next().unwrap().center_ned_m.north;
     assert!((north - 1.5).abs() < 1e-3, "{north}");
@@ -106,19 +103,23 @@ fn circles_of_one_delivery_that_stand_close_together_are_all_kept_and_a_repeated
     let wall: [Circle; 20] = core::array::from_fn(|k| circle(1.0 + 0.1 * (k / 5) as f32, 0.1 * (k % 5) as f32, 0.3));
     for delivery in 0..5 {
         let now = Instant(delivery * 100_000);
-        keeper.observe_circles(&mut map, now, Horizontal::default(), &[wall, wall].concat());
+        keeper.observe_circles(&mut map, now, Horizontal::default(), &[wall, wall].concat()).unwrap();
         assert!(wall.iter().all(|circle| map.circles().any(|known| known == circle)), "delivery {delivery}");
         assert_eq!(map.circles().count(), wall.len());
     }
 }
 
 #[test]
-fn absurd_circles_are_refused_at_the_door() {
+fn absurd_circles_are_refused() {
     let (keeper, mut map) = (keeper(), Map::default());
     let bad =
         [circle(f32::NAN, 0.0, 0.2), circle(0.0, 0.0, -1.0), circle(0.0, 0.0, f32::INFINITY), circle(0.0, 0.0, 1e9)];
-    keeper.observe_circles(&mut map, Instant(0), Horizontal::default(), &bad);
-    assert_eq!((map.circles().count(), map.refused_count()), (0, 4));
+    keeper.observe_circles(&mut map, Instant(0), Horizontal::default(), &bad).unwrap_err();
+    assert_eq!((map.circles().count(), map.refused_count(), map.taken()), (0, 4, None));
+    // One good one among them is taken.
+    let one = [bad[0], circle(1.0, 0.0, 0.2)];
+    keeper.observe_circles(&mut map, Instant(3), Horizontal::default(), &one).unwrap();
+    assert_eq!((map.circles().count(), map.refused_count(), map.taken()), (1, 5, Some(Instant(3))));
 }
 
 #[test]
@@ -130,8 +131,8 @@ fn the_store_stays_within_six_kilobytes() {
 fn a_circle_is_told_larger_by_its_sigma_and_an_exact_one_is_not() {
     let keeper = Config { inflation_sigmas: 2.0, ..Config::default() }.build().unwrap();
     let mut map = Map::default();
-    keeper.observe_look(&mut map, Instant(1), &pillar(2.0, 0.0, 0.3, 0.02));
-    keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(-2.0, 0.0, 0.3)]);
+    keeper.observe_points(&mut map, Instant(1), &pillar(2.0, 0.0, 0.3, 0.02));
+    keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(-2.0, 0.0, 0.3)]).unwrap();
     let radii: StdVec<f32> = map.circles().map(|c| c.radius_m).collect();
     assert!((radii[0] - 0.34).abs() < 1e-6 && radii[1] == 0.3, "{radii:?}");
 }
@@ -140,35 +141,24 @@ fn a_circle_is_told_larger_by_its_sigma_and_an_exact_one_is_not() {
 fn a_delivery_longer_than_allowed_is_cut_and_counted() {
     let (keeper, mut map) = (keeper(), Map::default());
     let many: StdVec<Circle> = (0..10_000).map(|k| circle(k as f32, 0.0, 0.2)).collect();
-    keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &many);
+    keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &many).unwrap();
     assert_eq!((map.circles().count(), map.overflow_count()), (DELIVERY_MAX, 10_000 - DELIVERY_MAX as u32));
-    keeper.observe_circles(&mut map, Instant(2), Horizontal::default(), &many);
+    keeper.observe_circles(&mut map, Instant(2), Horizontal::default(), &many).unwrap();
     assert_eq!(map.circles().count(), DELIVERY_MAX, "duplicates are one");
 }
 
 #[test]
-fn an_absurd_scan_or_pose_is_refused_counted_and_keeps_the_map_stale() {
-    let (fitter, keeper, mut map) = (scan::Config::default().build().unwrap(), keeper(), Map::default());
-    let good = Scan { sectors: [Sector::Hit(1.0); SECTORS_MAX], ..unknown_scan() };
-    let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
-    let bad = [
-        (Scan { step_rad: 0.0, ..good.clone() }, Pose::default()),
-        (Scan { step_rad: f32::NAN, ..good.clone() }, Pose::default()),
-        (Scan { first_azimuth_rad: f32::INFINITY, ..good.clone() }, Pose::default()),
-        (Scan { range_max_m: -1.0, ..good.clone() }, Pose::default()),
-        (Scan { range_max_m: f32::NAN, ..good.clone() }, Pose::default()),
-        (Scan { sectors: [Sector::Hit(f32::NAN); SECTORS_MAX], ..good.clone() }, Pose::default()),
-        (good.clone(), Pose { position_ned_m: nowhere, yaw_rad: 0.0 }),
-        (good.clone(), Pose { yaw_rad: f32::NAN, ..Pose::default() }),
-    ];
-    for (index, (scan, pose)) in bad.iter().enumerate() {
-        let refused = map.refused_count();
-        keeper.observe_scan(&mut map, Instant(5), scan, pose, &fitter.fit(scan, pose));
-        assert!(map.refused_count() > refused && map.updated().is_none(), "{index}");
-        assert_eq!(map.circles().count(), 0, "{index}");
-    }
-    keeper.observe_scan(&mut map, Instant(5), &good, &Pose::default(), &fitter.fit(&good, &Pose::default()));
-    assert!(map.updated().is_some() && map.circles().count() > 0);
+fn the_newest_look_counts_and_a_clock_that_was_set_back_does_not_keep_an_old_one_new() {
+    let (keeper, mut map) = (keeper(), Map::default());
+    let mut take = |now: u64, measured: u64| {
+        let look = Look { time: Instant(measured), ..Look::default() };
+        keeper.observe_points(&mut map, Instant(now), &look);
+        map.taken()
+    };
+    assert_eq!(take(500, 400), Some(Instant(400)));
+    assert_eq!(take(510, 390), Some(Instant(400)), "one that was under way for longer");
+    assert_eq!(take(520, 450), Some(Instant(450)));
+    assert_eq!(take(100, 90), Some(Instant(90)), "the clock was set back");
 }
 
 /// Straight walls (north, east, north, east) and pillars (north, east, radius), as a scanner sees them.
@@ -229,10 +219,11 @@ impl World {
 /// How far the worst point of a look lies out of the nearest circle.
 fn uncovered_m(map: &Map, look: &Look) -> f32 {
     let out = |point: &Horizontal| {
-        let depth = |c: &Circle| point.minus(c.center_ned_m).norm() - c.radius_m;
+        let point_ned_m = point.plus(look.origin_ned_m);
+        let depth = |c: &Circle| point_ned_m.minus(c.center_ned_m).norm() - c.radius_m;
         map.circles().map(depth).fold(f32::INFINITY, f32::min)
     };
-    look.points_ned_m.iter().map(out).fold(f32::NEG_INFINITY, f32::max)
+    look.points_m.iter().map(out).fold(f32::NEG_INFINITY, f32::max)
 }
 
 fn rooms() -> StdVec<(&'static str, World)> {
@@ -275,7 +266,7 @@ fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres() {
                     let place = (0.9 * f64::from(rng.uniform()), 1.4 * f64::from(rng.uniform()) - 0.7);
                     let yaw = 1.2 * (f64::from(rng.uniform()) - 0.5);
                     let (scan, pose) = world.scan(place, yaw, fov_deg.to_radians(), noise, &mut rng);
-                    let seen = fitter.fit(&scan, &pose);
+                    let seen = fitter.fit(&scan, &pose).unwrap();
                     let overflows = map.overflow_count();
                     keeper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &seen);
                     assert!(map.circles().all(Circle::is_plausible));
@@ -314,7 +305,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                             ..circle(number(3.0), number(3.0), number(0.5))
                         })
                         .collect();
-                    keeper.observe_circles(&mut map, Instant(now), pose.position_ned_m, &circles);
+                    _ = keeper.observe_circles(&mut map, Instant(now), pose.position_ned_m, &circles);
                     None
                 }
                 kind if kind > -1.0 => {
@@ -330,16 +321,20 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                         range_max_m: 3.0,
                         sectors,
                     };
-                    let look = fitter.fit(&scan, &pose);
-                    keeper.observe_scan(&mut map, Instant(now), &scan, &pose, &look);
-                    Some(look)
+                    let look = fitter.fit(&scan, &pose).ok();
+                    if let Some(look) = &look {
+                        keeper.observe_scan(&mut map, Instant(now), &scan, &pose, look);
+                    }
+                    look
                 }
                 _ => {
                     let points_m = (0..72).map(|_| Horizontal { north: number(3.0), east: number(3.0) }).collect();
                     let points = scan::Points { points_m, ..scan::Points::default() };
-                    let look = fitter.fit_points(&points, &pose);
-                    keeper.observe_look(&mut map, Instant(now), &look);
-                    Some(look)
+                    let look = fitter.fit_points(&points, &pose).ok();
+                    if let Some(look) = &look {
+                        keeper.observe_points(&mut map, Instant(now), look);
+                    }
+                    look
                 }
             };
             assert!(map.circles().all(Circle::is_plausible));
@@ -350,7 +345,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
             }
         }
     }
-    assert!(covered > 100, "{covered}");
+    assert!(covered > 50, "{covered}");
 }
 
 #[test]
@@ -368,7 +363,7 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
                 let yaw = 0.6 * (0.15 * f64::from(look) + f64::from(flight)).sin();
                 let (scan, pose) = world.scan(place, yaw, 1.571, 0.003, &mut rng);
                 let now = Instant(look as u64 * 100_000);
-                keeper.observe_scan(&mut map, now, &scan, &pose, &fitter.fit(&scan, &pose));
+                keeper.observe_scan(&mut map, now, &scan, &pose, &fitter.fit(&scan, &pose).unwrap());
                 told += map.circles().filter(|c| c.velocity_ned_mps.norm_squared() > 0.0).count();
                 looks += map.circles().count();
             }
@@ -388,7 +383,7 @@ fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_gh
             let world = World { pillars: std::vec![[2.2 + vn * time, -0.3 + ve * time, 0.25]], ..World::default() };
             let (scan, pose) = world.scan((0.0, 0.0), 0.0, 1.571, 0.003, &mut rng);
             let now = Instant(look as u64 * 100_000);
-            keeper.observe_scan(&mut map, now, &scan, &pose, &fitter.fit(&scan, &pose));
+            keeper.observe_scan(&mut map, now, &scan, &pose, &fitter.fit(&scan, &pose).unwrap());
             if look >= 15 {
                 let nearest = map.circles().find(|c| c.velocity_ned_mps.norm_squared() > 0.0);
                 let nearest = nearest.unwrap_or_else(|| panic!("{vn} {ve} after {time} s: {map:?}"));
@@ -409,10 +404,10 @@ fn what_was_seen_once_is_remembered_when_the_view_has_turned_away() {
     for look in 0..600_u64 {
         let yaw = if look < 5 { 0.2 } else { 3.0 };
         let (scan, pose) = world.scan((0.0, 0.0), yaw, 1.571, 0.0, &mut rng);
-        keeper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &fitter.fit(&scan, &pose));
+        keeper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &fitter.fit(&scan, &pose).unwrap());
     }
     let (scan, pose) = world.scan((0.0, 0.0), 0.2, 1.571, 0.0, &mut rng);
-    assert!(uncovered_m(&map, &fitter.fit(&scan, &pose)) < 0.02);
+    assert!(uncovered_m(&map, &fitter.fit(&scan, &pose).unwrap()) < 0.02);
 }
 
 #[test]
@@ -423,7 +418,7 @@ fn a_single_scan_of_a_wall_with_a_gap_of_83_centimetres_leaves_the_gap_open() {
     let (keeper, mut map) = (keeper(), Map::default());
     for look in 0..10 {
         let (scan, pose) = world.scan((0.1 * f64::from(look), 0.0), 0.0, 1.571, 0.003, &mut rng);
-        keeper.observe_scan(&mut map, Instant(look as u64 * 100_000), &scan, &pose, &fitter.fit(&scan, &pose));
+        keeper.observe_scan(&mut map, Instant(look as u64 * 100_000), &scan, &pose, &fitter.fit(&scan, &pose).unwrap());
     }
     // The vehicle, 15 cm in radius, in the middle of the gap, and before and behind it.
     for north in [1.5, 1.8, 1.9, 2.0, 2.1, 2.2, 2.5] {

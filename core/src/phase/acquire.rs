@@ -1,4 +1,4 @@
-//! The tone, looked for in the whole spectrum: at once, or in pieces over the snapshots of a stream ([`super::stream`]).
+//! The tone, looked for in the whole spectrum.
 
 use super::fit::{Fit, Level, fit, left_over, tune};
 use super::floor::{MEDIAN_OF_MEAN, hann_gain, median, power_of_two, under_the_tone};

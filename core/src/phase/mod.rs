@@ -46,7 +46,6 @@ mod follow;
 mod lines;
 #[cfg(test)]
 mod scene;
-mod stream;
 #[cfg(test)]
 mod tests;
 
@@ -54,7 +53,6 @@ pub use complex::Complex;
 
 use fit::{Fit, Level, Solver, left_over_changed, level};
 use follow::{Frequency, REFINEMENTS};
-use stream::Progress;
 
 /// Whether a frame holds the tone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -189,7 +187,6 @@ pub struct State<const N: usize> {
     interferer: bool,
     /// Variance of a phasor that is the interferers', per channel, in squared codes.
     leakage: [f32; CHANNELS],
-    progress: Progress,
 }
 
 impl<const N: usize> Default for State<N> {
@@ -205,7 +202,6 @@ impl<const N: usize> Default for State<N> {
             floor_due_in: 0,
             interferer: false,
             leakage: [0.0; CHANNELS],
-            progress: Progress::default(),
         }
     }
 }
@@ -216,7 +212,6 @@ impl<const N: usize> State<N> {
         self.tracked = None;
         self.floor_due_in = 0;
         self.interferer = false;
-        self.progress = Progress::default();
     }
 }
 

@@ -24,9 +24,7 @@ use crate::units::{between, sin_cos};
 
 mod chain;
 mod circle;
-mod intake;
-
-pub use intake::{Intake, Progress};
+mod segment;
 
 use circle::root;
 
@@ -256,30 +254,55 @@ pub struct Detection {
     pub to: u8,
 }
 
+/// Why nothing of what an obstacle sensor delivered can be believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// Where the vehicle was is not known.
+    NoOwnship,
+    /// The vehicle's position or attitude is of another time: where the sensor looked from is not known.
+    TimesApart,
+    /// Its angles and its range are no sensor's.
+    Geometry,
+    /// There is something in it, and none of it is finite and sane.
+    Absurd,
+}
+
 /// What one scan or delivery of points came to.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Look {
+    /// When it was measured, as well as known.
+    pub time: Instant,
     /// Where it was taken from, local NED.
     pub origin_ned_m: Horizontal,
-    /// The hits, local NED, neighbours in order.
-    pub points_ned_m: Vec<Horizontal, POINTS_MAX>,
+    /// The hits, north and east of there, neighbours in order.
+    pub points_m: Vec<Horizontal, POINTS_MAX>,
     /// The circles behind them.
     pub detections: Vec<Detection, DETECTIONS_MAX>,
-    /// Hits refused because they were not finite or absurd; all of them, and at least one, if the delivery was.
+    /// Hits refused because they were not finite or absurd.
     pub refused: u16,
 }
 
 impl Look {
-    /// Whether anything in it may be believed. A look that saw nothing may.
-    #[must_use]
-    pub fn is_usable(&self) -> bool {
-        self.refused == 0 || !self.points_ned_m.is_empty()
-    }
-
     /// The points of one of its detections.
     #[must_use]
     pub fn points_of(&self, detection: &Detection) -> &[Horizontal] {
-        self.points_ned_m.get(usize::from(detection.from)..usize::from(detection.to)).unwrap_or_default()
+        self.points_m.get(usize::from(detection.from)..usize::from(detection.to)).unwrap_or_default()
+    }
+
+    /// Whether anything in it may be believed. A look that saw nothing may.
+    fn check(&self) -> Result<(), Refusal> {
+        if self.refused > 0 && self.points_m.is_empty() { Err(Refusal::Absurd) } else { Ok(()) }
+    }
+
+    /// Adds a circle that is given from where the look was taken.
+    fn push(&mut self, seen: Detection) {
+        // Cannot fail: no more circles than hits.
+        let _ = self.detections.push(Detection {
+            center_ned_m: seen.center_ned_m.plus(self.origin_ned_m),
+            face_ned_m: seen.face_ned_m.plus(self.origin_ned_m),
+            ..seen
+        });
     }
 }
 
@@ -361,22 +384,6 @@ impl Turned {
 }
 
 impl Fitter {
-    /// The circles behind the hits of a scan taken at `pose`, all at once.
-    #[must_use]
-    pub fn fit(&self, scan: &Scan, pose: &Pose) -> Look {
-        let mut intake = Intake::default();
-        self.begin_scan(&mut intake, scan, pose);
-        self.finish(&mut intake)
-    }
-
-    /// The circles behind single hits seen from `pose`, all at once.
-    #[must_use]
-    pub fn fit_points(&self, points: &Points, pose: &Pose) -> Look {
-        let mut intake = Intake::default();
-        self.begin_points(&mut intake, points, pose);
-        self.finish(&mut intake)
-    }
-
     /// The circle that fills the angle of a few hits, if both its sides are free and it covers them:
     /// `r / (nearest + r) = sin(half of the angle)`.
     fn thin(&self, piece: &Run<'_>) -> Verdict {

@@ -31,7 +31,7 @@ fn cast(circles: &[(f64, f64, f64)]) -> Scan {
 }
 
 fn fit(circles: &[(f64, f64, f64)]) -> StdVec<Detection> {
-    Config::default().build().unwrap().fit(&cast(circles), &Pose::default()).detections.into_iter().collect()
+    Config::default().build().unwrap().fit(&cast(circles), &Pose::default()).unwrap().detections.into_iter().collect()
 }
 
 #[test]
@@ -79,19 +79,53 @@ fn a_wall_becomes_a_chain_of_circles_that_leaves_no_gap_to_slip_through() {
 fn the_pose_turns_and_shifts_what_is_seen() {
     let scan = cast(&[(1.5, 0.0, 0.25)]);
     let pose = Pose { position_ned_m: Horizontal { north: 10.0, east: -4.0 }, yaw_rad: core::f32::consts::FRAC_PI_2 };
-    let found = Config::default().build().unwrap().fit(&scan, &pose).detections;
+    let found = Config::default().build().unwrap().fit(&scan, &pose).unwrap().detections;
     assert_eq!(found.len(), 1);
     assert!((found[0].center_ned_m.north - 10.0).abs() < 0.05, "{found:?}");
     assert!((found[0].center_ned_m.east + 2.5).abs() < 0.05, "{found:?}");
 }
 
 #[test]
-fn garbage_in_sectors_yields_finite_circles_or_none() {
-    for value in [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e-20, 1e30] {
-        let mut scan = cast(&[]);
+fn garbage_in_sectors_is_refused() {
+    let fitter = Config::default().build().unwrap();
+    for value in [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e30] {
+        let mut scan = cast(&[(2.0, 0.0, 0.3)]);
+        let good = fitter.fit(&scan, &Pose::default()).unwrap();
+        scan.sectors[0] = Sector::Hit(value);
+        let one = fitter.fit(&scan, &Pose::default()).unwrap();
+        assert_eq!((one.refused, one.points_m.len()), (1, good.points_m.len()), "{value}");
         scan.sectors = [Sector::Hit(value); SECTORS_MAX];
-        for detection in Config::default().build().unwrap().fit(&scan, &Pose::default()).detections {
-            assert!(detection.center_ned_m.is_finite() && detection.radius_m.is_finite(), "{value}");
-        }
+        assert_eq!(fitter.fit(&scan, &Pose::default()), Err(Refusal::Absurd), "{value}");
+    }
+}
+
+#[test]
+fn a_hit_that_touches_the_sensor_yields_finite_circles() {
+    let mut scan = cast(&[]);
+    scan.sectors = [Sector::Hit(1e-20); SECTORS_MAX];
+    for detection in Config::default().build().unwrap().fit(&scan, &Pose::default()).unwrap().detections {
+        assert!(detection.center_ned_m.is_finite() && detection.radius_m.is_finite());
+    }
+}
+
+#[test]
+fn what_is_no_sensor_or_looks_from_nowhere_is_refused() {
+    let fitter = Config::default().build().unwrap();
+    let good = Scan { sectors: [Sector::Hit(1.0); SECTORS_MAX], ..cast(&[]) };
+    for bad in [
+        Scan { step_rad: 0.0, ..good.clone() },
+        Scan { step_rad: f32::NAN, ..good.clone() },
+        Scan { first_azimuth_rad: f32::INFINITY, ..good.clone() },
+        Scan { range_max_m: -1.0, ..good.clone() },
+        Scan { range_max_m: f32::NAN, ..good.clone() },
+    ] {
+        assert_eq!(fitter.fit(&bad, &Pose::default()), Err(Refusal::Geometry), "{bad:?}");
+    }
+    let points = Points { points_m: [Horizontal::default()].into_iter().collect(), ..Points::default() };
+    assert_eq!(fitter.fit_points(&points, &Pose::default()), Err(Refusal::Absurd));
+    let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
+    for pose in [Pose { position_ned_m: nowhere, ..Pose::default() }, Pose { yaw_rad: f32::NAN, ..Pose::default() }] {
+        assert_eq!(fitter.fit(&good, &pose), Err(Refusal::NoOwnship));
+        assert_eq!(fitter.fit_points(&points, &pose), Err(Refusal::NoOwnship));
     }
 }

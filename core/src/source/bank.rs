@@ -13,17 +13,12 @@
 //!   there are never more than [`FILTERS`].
 //! - The leading filter says whether it is time to learn or to go: [`Mode`], by the mean of its innovations' Mahalanobis
 //!   distance (the paper's switch) and by what it knows of the range.
-//!
-//! A sighting is weighed belief by belief, by [`Bank::work_off`], so that a fast loop can spread it over steps; [`Bank::step`]
-//! does all of it at once, to the same bits.
 
 use super::polar::{self, Resting};
 use super::reflected::fold::is_line;
 use super::{Estimate, Heard, Sighting};
 use crate::error::{ConfigError, check};
-use crate::frame::Horizontal;
 use crate::lor::Line;
-use crate::work::Work;
 
 /// Filters at most.
 pub const FILTERS: usize = 4;
@@ -41,11 +36,6 @@ const NOTHING: f32 = -5.0;
 const SWITCH_MAX: f32 = 0.1;
 /// Memory of the mean innovation, in sightings.
 const INNOVATION_MEMORY: f32 = 10.0;
-
-/// Prices: which line a ray meets, for each line; a sighting tried both ways on a belief; what is made of the weights.
-const NEAREST: u32 = 150;
-const WEIGH: u32 = 3_200;
-const CONCLUDE: u32 = 4_000;
 
 /// What the bank needs to know.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -184,22 +174,6 @@ struct Belief {
 pub struct State {
     beliefs: [Belief; FILTERS],
     unexplained: u8,
-    /// The sighting that is being weighed, the belief whose turn it is, and whether one before it has explained it.
-    sighting: Sighting,
-    next: u8,
-    explained: bool,
-}
-
-/// In place of a belief whose turn it is: nothing is being weighed.
-const IDLE: u8 = u8::MAX;
-
-/// A sighting that has been weighed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Weighed {
-    /// The sighting.
-    pub sighting: Sighting,
-    /// What the bank says now; `None` when nothing is left to believe.
-    pub answer: Option<Answer>,
 }
 
 impl Default for State {
@@ -214,13 +188,7 @@ impl State {
     pub const fn new() -> Self {
         const NONE: Belief =
             Belief { filter: Resting::new(), way: Way::Direct, log_weight: 0.0, distance: 0.0, alive: false };
-        let sighting = Sighting {
-            place_ned_m: Horizontal { north: 0.0, east: 0.0 },
-            direction_ned: Horizontal { north: 0.0, east: 0.0 },
-            sigma_rad: 0.0,
-            since_s: 0.0,
-        };
-        Self { beliefs: [NONE; FILTERS], unexplained: 0, sighting, next: IDLE, explained: false }
+        Self { beliefs: [NONE; FILTERS], unexplained: 0 }
     }
 
     /// Filters in use.
@@ -260,44 +228,16 @@ impl Bank {
     /// Takes in a sighting. `reflected` is the probability that the link is, `lines` are the walls that are known.
     /// `None` when the sighting is refused, or nothing is left to believe.
     pub fn step(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Line]) -> Option<Answer> {
-        if !self.begin(state, sighting) {
-            return None;
-        }
-        self.work_off(state, reflected, lines, &mut Work::unlimited())?.answer
-    }
-
-    /// Begins to weigh a sighting. False when it is refused, or another one is being weighed still.
-    pub fn begin(&self, state: &mut State, sighting: &Sighting) -> bool {
-        let is_free = state.next == IDLE && sighting.is_plausible();
-        if is_free {
-            (state.sighting, state.next, state.explained) = (*sighting, 0, false);
-        }
-        is_free
-    }
-
-    /// Goes on with the sighting that is being weighed, as far as there is time; what came of it, once that is known.
-    pub fn work_off(&self, state: &mut State, reflected: f32, lines: &[Line], work: &mut Work) -> Option<Weighed> {
-        let State { beliefs, sighting, next, explained, .. } = state;
-        if *next == IDLE || !work.take(NEAREST * lines.len() as u32) {
+        if !sighting.is_plausible() {
             return None;
         }
         let reflected = if reflected > 0.0 && reflected <= 1.0 { reflected } else { 0.0 };
         let wall = self.nearest(sighting, lines);
-        while let Some(belief) = beliefs.get_mut(usize::from(*next)) {
-            if belief.alive {
-                if !work.take(WEIGH) {
-                    return None;
-                }
-                *explained |= self.weigh(belief, sighting, reflected, wall);
-            }
-            *next += 1;
+        let mut explained = false;
+        for belief in state.beliefs.iter_mut().filter(|belief| belief.alive) {
+            explained |= self.weigh(belief, sighting, reflected, wall);
         }
-        if !work.take(CONCLUDE) {
-            return None;
-        }
-        let (sighting, explained) = (*sighting, *explained);
-        *next = IDLE;
-        Some(Weighed { sighting, answer: self.conclude(state, &sighting, explained, reflected, wall) })
+        self.conclude(state, sighting, explained, reflected, wall)
     }
 
     /// What is to be believed once all beliefs have been held against a sighting.
@@ -478,6 +418,7 @@ fn agree(a: &Resting, b: &Resting) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Horizontal;
     use crate::rng::Rng;
 
     const SIGMA_RAD: f32 = 0.03;

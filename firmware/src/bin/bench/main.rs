@@ -41,7 +41,6 @@ use foxhound_core::spectrum::{Backend, Spectrum};
 use foxhound_core::time::Instant;
 use foxhound_core::track::Demand;
 use foxhound_core::units::{sin_cos, wrap_pi};
-use foxhound_core::work::Work;
 use foxhound_firmware::app::SAMPLES_PER_CHANNEL as N;
 use foxhound_firmware::boards::board;
 use foxhound_link::mailbox::instructions;
@@ -398,22 +397,18 @@ fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>)
     };
     let mut state = phase::State::default();
     let mut phasors = None;
-    // Nothing is known, a piece of the spectrum at a time is worked off, a tone is settled on, followed.
-    let (mut listening, mut settling, mut piece) = (0, 0, 0);
-    for _ in 0..24 {
-        let was_there = phasors.is_some_and(|phasors: Phasors| phasors.tone == phase::Tone::Present);
-        let mut work = Work::unlimited();
-        listening = measure(&mut || phasors = Some(extractor.listen(&mut state, black_box(snapshot), &mut work)));
-        if !was_there {
-            settling = settling.max(listening);
+    // Nothing is known, then the tone is followed; every eighth frame the floor is measured anew.
+    let (mut first, mut tracking, mut renewing) = (0, u32::MAX, 0);
+    for frame in 0..24 {
+        let count = measure(&mut || phasors = Some(extractor.step(&mut state, black_box(snapshot))));
+        match frame {
+            0 => first = count,
+            _ => (tracking, renewing) = (tracking.min(count), renewing.max(count)),
         }
-        // Enough for any one of them, and not for two.
-        let mut work = Work::new(14_400);
-        piece = piece.max(measure(&mut || extractor.work_off(&mut state, black_box(snapshot), &mut work)));
     }
-    row("phase_settling", settling, 13_500);
-    row("phase_tracking", listening, 7_600);
-    row("phase_piece", piece, 14_300);
+    row("phase_first", first, 0);
+    row("phase_tracking", tracking, 7_600);
+    row("phase_renewing", renewing, 0);
     let Some(mut phasors) = phasors else { return };
     let mut rng = Rng::new(5, 5);
     let mut worst = 0;
@@ -459,7 +454,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
         board::halt(format_args!("the built-in estimator does not build"))
     };
     // Of a silent snapshot, for the parts that no look here changes.
-    let silence = extractor.listen(&mut phase::State::default(), &Snapshot::zeroed(), &mut Work::unlimited());
+    let silence = extractor.step(&mut phase::State::default(), &Snapshot::zeroed());
     let mut state = multipath::State::default();
     let paths = [(); 2].map(|()| TAU * rng.uniform());
     let mut turns = [(); 2].map(|()| TAU * rng.uniform());
@@ -514,7 +509,7 @@ fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let scan = ranges(world, &pose, noise_m, &mut rng);
             let now = Instant(100_000 * look);
             let mut seen = None;
-            let fit = measure(&mut || seen = Some(fitter.fit(black_box(&scan), &pose)));
+            let fit = measure(&mut || seen = fitter.fit(black_box(&scan), &pose).ok());
             let Some(seen) = seen else { return (0, 0) };
             worst_fit = worst_fit.max(fit);
             let take = measure(&mut || keeper.observe_scan(&mut map, now, &scan, &pose, black_box(&seen)));
@@ -539,7 +534,6 @@ fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         semihosting::println!("count fit_{name} {fit} 0");
         semihosting::println!("count look_{name} {all} 0");
     }
-    // All at once; in flight a look is worked off over some steps.
     row("look_pillars", rows.iter().take(2).map(|(_, (_, all))| *all).max().unwrap_or(0), 0);
     row("look_worst", rows.iter().map(|(_, (_, all))| *all).max().unwrap_or(0), 0);
 }

@@ -1,0 +1,269 @@
+//! At the end of a step the newest look that was handed in is in the map and with the guard, or was refused with a reason
+//! that is counted; and `StaleObstacles` goes by when the newest look was measured that is in the map. Over 120 000 steps of
+//! random sequences: sensors at any rate, with gaps and bursts, by turns and together, with and without frames, stamps of any
+//! age, telemetry that stands still, and clocks that jump.
+
+use super::*;
+use crate::frame::Ned;
+use crate::rng::Rng;
+use crate::scan::{Frame, POINTS_MAX, Ranges, SECTORS_MAX, Sector};
+use crate::units::wrap_pi;
+
+const EPISODES: u64 = 240;
+const STEPS: u32 = 500;
+/// `mission::Config`'s default.
+const STALE_S: f32 = 0.5;
+
+/// What the fast loop should have made of what came in so far.
+#[derive(Default)]
+struct Expected {
+    ownship: Option<Ownship>,
+    taken: Option<Instant>,
+    refused: Refused,
+}
+
+impl Expected {
+    fn pose(&self, time: Instant) -> Result<(), Refusal> {
+        let ownship = self.ownship.ok_or(Refusal::NoOwnship)?;
+        let apart_us = |heard: Instant| time.0.abs_diff(heard.0);
+        if apart_us(ownship.position_time) > 300_000 || apart_us(ownship.attitude_time) > 300_000 {
+            return Err(Refusal::TimesApart);
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, now: Instant, time: Instant, taken: Result<(), Refusal>) -> bool {
+        match taken {
+            Ok(()) => {
+                let before = self.taken.filter(|before| *before <= now);
+                self.taken = before.max(Some(time));
+            }
+            Err(Refusal::NoOwnship) => self.refused.no_ownship += 1,
+            Err(Refusal::TimesApart) => self.refused.times_apart += 1,
+            Err(Refusal::Geometry) => self.refused.geometry += 1,
+            Err(Refusal::Absurd) => self.refused.absurd += 1,
+        }
+        taken.is_ok()
+    }
+}
+
+fn below(rng: &mut Rng, count: u32) -> u32 {
+    ((rng.uniform() * count as f32) as u32).min(count - 1)
+}
+
+/// A stamp of mostly a moment ago, sometimes of any time.
+fn stamp(now: Instant, rng: &mut Rng) -> Instant {
+    match below(rng, 20) {
+        0 => Instant(now.0.saturating_sub(u64::from(below(rng, 2_000_000)))),
+        1 => now.plus_micros(u64::from(below(rng, 1_000_000))),
+        _ => Instant(now.0.saturating_sub(u64::from(below(rng, 60_000)))),
+    }
+}
+
+/// What stands around, the same for an episode; in a wild one there is something else everywhere each time.
+struct World {
+    is_wild: bool,
+    wall_m: f32,
+    beams_m: Vec<Horizontal, 8>,
+    pillars: Vec<Circle, 64>,
+}
+
+impl World {
+    fn new(is_wild: bool, rng: &mut Rng) -> Self {
+        let mut world = Self { is_wild, wall_m: 0.5 + 2.0 * rng.uniform(), beams_m: Vec::new(), pillars: Vec::new() };
+        world.beams_m = (0..8).map(|_| away(rng)).collect();
+        world.pillars = (0..below(rng, 12)).map(|_| pillar(Horizontal::default(), rng)).collect();
+        world
+    }
+
+    /// A scan, and whether it should be taken.
+    fn scan(&self, now: Instant, rng: &mut Rng) -> (Scan, Result<(), Refusal>) {
+        const STEPS_RAD: [f32; 4] = [0.0218, 0.0291, 0.0654, core::f32::consts::TAU / 72.0];
+        let (kind, step_rad) = (below(rng, 12), STEPS_RAD[below(rng, 4) as usize]);
+        let sectors = core::array::from_fn(|index| match kind {
+            0 => Sector::Hit(f32::NAN),
+            1 => Sector::Clear,
+            2..5 if self.is_wild => Sector::Hit(0.3 + 2.6 * rng.uniform()),
+            2..5 => Sector::Hit(self.wall_m),
+            5 if index % 10 == 0 => Sector::Hit(f32::INFINITY),
+            _ if index / 6 % 2 == 0 => Sector::Hit(self.wall_m + 0.1 * (index / 12) as f32),
+            _ if rng.uniform() < 0.1 => Sector::Unknown,
+            _ => Sector::Clear,
+        });
+        let first_azimuth_rad = -35.5 * step_rad;
+        let mut scan = Scan { time: stamp(now, rng), first_azimuth_rad, step_rad, range_max_m: 3.0, sectors };
+        let mut told = if kind == 0 { Err(Refusal::Absurd) } else { Ok(()) };
+        if below(rng, 30) == 0 {
+            scan.step_rad = [0.0, f32::NAN, 9.0][below(rng, 3) as usize];
+            told = Err(Refusal::Geometry);
+        }
+        (scan, told)
+    }
+
+    /// Single points, and whether they should be taken.
+    fn points(&self, now: Instant, rng: &mut Rng) -> (Points, Result<(), Refusal>) {
+        let is_bad = below(rng, 10) == 0;
+        let mut points = Points { time: stamp(now, rng), frame: Frame::Body, ..Points::default() };
+        let count = below(rng, if self.is_wild { POINTS_MAX as u32 + 1 } else { 9 });
+        for index in 0..count as usize {
+            let beam_m = self.beams_m.get(index).copied().filter(|_| !self.is_wild).unwrap_or_else(|| away(rng));
+            let _ = points.points_m.push(if is_bad { Horizontal { north: f32::NAN, ..beam_m } } else { beam_m });
+        }
+        (points, if is_bad && count > 0 { Err(Refusal::Absurd) } else { Ok(()) })
+    }
+
+    fn circles(&self, place: Horizontal, rng: &mut Rng) -> Vec<Circle, 64> {
+        if self.is_wild { (0..below(rng, 65)).map(|_| pillar(place, rng)).collect() } else { self.pillars.clone() }
+    }
+}
+
+fn away(rng: &mut Rng) -> Horizontal {
+    Horizontal::from_bearing(wrap_pi(3.0 * rng.gaussian())).times(0.3 + 2.5 * rng.uniform())
+}
+
+fn pillar(place: Horizontal, rng: &mut Rng) -> Circle {
+    Circle { center_ned_m: place.plus(away(rng)), radius_m: 0.1, ..Circle::default() }
+}
+
+/// How far a hit lies out of what surrounds it.
+fn out_m(hit: Horizontal, circles: impl Iterator<Item = (Horizontal, f32)>) -> f32 {
+    circles.map(|(center, radius_m)| hit.minus(center).norm() - radius_m).fold(f32::INFINITY, f32::min)
+}
+
+#[test]
+fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() {
+    let guidance = Config { reflections: false, ..Config::default() }.build::<64>().unwrap();
+    let radius_m = Config::default().guard.vehicle_radius_m;
+    let mut snapshot = Snapshot::<64>::zeroed();
+    let (mut steps, mut scans_in_map, mut hits_in_map, mut hits_near) = (0_u32, 0_u32, 0_u32, 0_u32);
+    let (mut stale, mut fresh) = (0_u32, 0_u32);
+    let mut refused = Refused::default();
+    for episode in 0..EPISODES {
+        let mut rng = Rng::new(episode, 77);
+        let (mut state, mut expected) = (guidance.start(), Expected::default());
+        let world = World::new(episode.is_multiple_of(4), &mut rng);
+        // Of so many steps one has a delivery of each kind.
+        let mut one_of = |of: [u32; 6]| of[below(&mut rng, 6) as usize];
+        let (scan_every, points_every) = (one_of([1, 1, 2, 5, 12, 40]), one_of([1, 5, 9, 90, 900, 900]));
+        let (circles_every, frame_every) = (one_of([2, 5, 900, 900, 900, 900]), one_of([1, 1, 2, 3, 9, 50]));
+        let (mut now, mut gap, mut silence) = (Instant(10_000_000), 0, 20);
+        let (mut place, mut yaw_rad) = (Horizontal::default(), 0.0_f32);
+        for _ in 0..STEPS {
+            steps += 1;
+            now = match below(&mut rng, 400) {
+                0 => Instant(now.0.saturating_sub(u64::from(below(&mut rng, 4_000_000)))),
+                1 => now.plus_micros(u64::from(below(&mut rng, 4_000_000))),
+                2..20 => now.plus_micros(u64::from(below(&mut rng, 100_000))),
+                _ => now.plus_micros(20_000),
+            };
+            // Deliveries and telemetry fail for a while.
+            gap = if below(&mut rng, 150) == 0 { below(&mut rng, 60) } else { u32::saturating_sub(gap, 1) };
+            silence = if below(&mut rng, 200) == 0 { below(&mut rng, 40) } else { u32::saturating_sub(silence, 1) };
+            place = place.plus(Horizontal { north: 0.02 * rng.uniform(), east: 0.01 * rng.gaussian() });
+            yaw_rad = wrap_pi(yaw_rad + 0.02 * rng.gaussian());
+            if silence == 0 {
+                let time = Instant(now.0.saturating_sub(u64::from(below(&mut rng, 80_000))));
+                expected.ownship = Some(Ownship {
+                    position_time: time,
+                    position_ned_m: Ned { north: place.north, east: place.east, down: -3.0 },
+                    attitude_time: time,
+                    yaw_rad,
+                    ..Ownship::default()
+                });
+            }
+            let comes = |every: u32, rng: &mut Rng| gap == 0 && below(rng, every) == 0;
+            let scan = comes(scan_every, &mut rng).then(|| world.scan(now, &mut rng));
+            let points = comes(points_every, &mut rng).then(|| world.points(now, &mut rng));
+            let circles = comes(circles_every, &mut rng).then(|| world.circles(place, &mut rng));
+            let frame = below(&mut rng, frame_every) == 0;
+            if frame {
+                snapshot.time = now;
+                let amplitude = if below(&mut rng, 4) == 0 { 0.0 } else { 900.0 };
+                for (n, code) in snapshot.codes.as_flattened_mut().iter_mut().enumerate() {
+                    let turns = 9.3 * (n % 64) as f32 / 64.0;
+                    *code = (amplitude * libm::cosf(core::f32::consts::TAU * turns) + 30.0 * rng.gaussian()) as i16;
+                }
+            }
+            let overflown = state.map().overflow_count();
+            let output = guidance.step(
+                &mut state,
+                &Input {
+                    now,
+                    front_end: if frame { FrontEnd::Snapshot(&snapshot) } else { FrontEnd::Nothing },
+                    ownship: expected.ownship,
+                    scan: scan.as_ref().map(|(scan, _)| scan),
+                    points: points.as_ref().map(|(points, _)| points),
+                    circles: circles.as_deref(),
+                    look: None,
+                    height_m: None,
+                    is_landed: false,
+                    control: Control::Granted,
+                    plan: None,
+                },
+            );
+
+            if circles.is_some() {
+                let taken = expected.pose(now);
+                expected.take(now, now, taken);
+            }
+            if let Some((points, told)) = &points {
+                let taken = expected.pose(points.time).and(*told);
+                expected.take(now, points.time, taken);
+            }
+            let is_scan_taken = scan.as_ref().is_some_and(|(scan, told)| {
+                let taken = expected.pose(scan.time).and(*told);
+                expected.take(now, scan.time, taken)
+            });
+            assert_eq!((state.map().taken(), state.refused()), (expected.taken, &expected.refused), "{episode}");
+
+            if let Some((scan, _)) = scan.as_ref().filter(|_| is_scan_taken) {
+                scans_in_map += 1;
+                let ownship = expected.ownship.unwrap();
+                let yaw_rad = ownship.yaw_at(scan.time);
+                let latest = state.sight().latest();
+                let mut ranges = Ranges::new();
+                ranges.take(scan);
+                assert_eq!((&latest.ranges, latest.step_rad), (&ranges, scan.step_rad), "{episode}: the guard's look");
+                assert!(libm::fabsf(wrap_pi(latest.first_ned_rad - yaw_rad - scan.first_azimuth_rad)) < 1e-4);
+                let is_full = state.map().overflow_count() != overflown;
+                for index in (0..SECTORS_MAX).filter(|_| !is_full) {
+                    let Sector::Hit(range_m) = scan.sectors[index] else { continue };
+                    if !(range_m <= scan.range_max_m) {
+                        continue;
+                    }
+                    let bearing_rad = yaw_rad + scan.first_azimuth_rad + scan.step_rad * index as f32;
+                    let away = Horizontal::from_bearing(wrap_pi(bearing_rad)).times(range_m);
+                    let hit = ownship.position_ned_m.horizontal().plus(away);
+                    let out = out_m(hit, state.map().circles().map(|c| (c.center_ned_m, c.radius_m)));
+                    assert!(out < 0.021, "{episode}: a hit lies {out} m out of the map");
+                    hits_in_map += 1;
+                    if state.near().len() < OBSTACLES_MAX {
+                        let out = out_m(hit, state.near().iter().map(|o| (o.center_ned_m, o.reach_m - radius_m)));
+                        assert!(out < 0.021, "{episode}: a hit lies {out} m out of what the guard heeds");
+                        hits_near += 1;
+                    }
+                }
+            }
+            let is_heard = |at: Instant, limit_us: u64| now.0.abs_diff(at.0) <= limit_us;
+            if let Some(ownship) = expected.ownship
+                && is_heard(ownship.position_time, 190_000)
+                && is_heard(ownship.attitude_time, 190_000)
+            {
+                let is_stale = expected.taken.is_none_or(|at| now.0.abs_diff(at.0) as f32 * 1e-6 > STALE_S);
+                assert_eq!(output.outcome == Outcome::StaleObstacles, is_stale, "{episode}: {output:?}");
+                if is_stale { stale += 1 } else { fresh += 1 }
+            }
+        }
+        let of = state.refused();
+        refused.no_ownship += of.no_ownship;
+        refused.times_apart += of.times_apart;
+        refused.geometry += of.geometry;
+        refused.absurd += of.absurd;
+    }
+    // All of it has happened, and often.
+    let counts = [steps, scans_in_map, hits_in_map, hits_near, stale, fresh];
+    let least = [100_000, 20_000, 300_000, 20_000, 5_000, 40_000];
+    assert!(counts.iter().zip(least).all(|(count, least)| *count >= least), "{counts:?}");
+    let Refused { no_ownship, times_apart, geometry, absurd } = refused;
+    assert!([no_ownship, times_apart, geometry, absurd].iter().all(|count| *count > 500), "{refused:?}");
+}
