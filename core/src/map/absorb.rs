@@ -138,7 +138,7 @@ impl Keeper {
         let mut met: Vec<u8, MET_MAX> = Vec::new();
         let mut nearest: Option<(usize, f32)> = None;
         for at in index.near(seen.center_ned_m, beyond_m) {
-            let Some(known) = map.known.get_mut(at).filter(|known| known.clear_looks != DOOMED) else { continue };
+            let Some(known) = map.known.get_mut(at) else { continue };
             let away = known.circle.center_ned_m.minus(origin);
             let squared = away.minus(center).norm_squared();
             let reach_m = known.radius_m + beyond_m;
@@ -150,6 +150,7 @@ impl Keeper {
                     let inside_m = seen.radius_m + STICK_OUT_M - known.radius_m;
                     if inside_m > 0.0 && squared < inside_m * inside_m {
                         known.clear_looks = DOOMED;
+                        index.doom(at);
                         continue;
                     }
                 } else if known.clear_looks != AVERAGED && is_gated(known, seen, squared) && met.push(at as u8).is_ok()

@@ -214,11 +214,11 @@ impl Map {
     fn add(&mut self, index: &mut Index, known: Known) {
         let at = self.known.len();
         let Err(known) = self.known.push(known) else { return index.place(at, &known) };
-        let doomed = self.known.iter().position(|known| known.clear_looks == DOOMED);
-        if doomed.is_none() {
+        let (place, is_doomed) = index.give_way(&known);
+        if !is_doomed {
             self.overflow_count = self.overflow_count.saturating_add(1);
         }
-        if let Some(at) = doomed.or_else(|| index.farther_than(&known))
+        if let Some(at) = place
             && let Some(old) = self.known.get_mut(at)
         {
             index.place(at, &known);
@@ -232,6 +232,7 @@ impl Keeper {
     pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, look: &Look) {
         self.begin_look(map, now);
         self.judge(map, scan, pose);
+        map.sweep();
         self.take_in(map, now, look);
     }
 
@@ -300,6 +301,7 @@ impl Keeper {
             for at in index.near(circle.center_ned_m, circle.radius_m + STICK_OUT_M) {
                 if let Some(pieced) = map.known.get_mut(at).filter(|k| k.origin != Origin::Given && holds(circle, k)) {
                     pieced.clear_looks = DOOMED;
+                    index.doom(at);
                 }
             }
             let found = seen_before(&map.known, &index, circle, next);
@@ -400,7 +402,7 @@ impl Keeper {
 /// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
 /// order each time: it is looked for behind the last one that was found first.
 fn seen_before(known: &[Known], index: &Index, circle: &Circle, next: usize) -> Option<usize> {
-    let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle == *circle && k.clear_looks != DOOMED);
+    let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle == *circle && k.origin == Origin::Given);
     Some(next).filter(is_it).or_else(|| index.near(circle.center_ned_m, 0.0).find(is_it))
 }
 
@@ -410,7 +412,7 @@ fn seen_nearby(known: &[Known], index: &Index, circle: &Circle, now_ms: u32) -> 
     index.near(circle.center_ned_m, near_m).find(|at| {
         let Some(k) = known.get(*at) else { return false };
         // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
-        if k.clear_looks == DOOMED || (k.seen_ms == now_ms && k.origin == Origin::Given) {
+        if k.seen_ms == now_ms && k.origin == Origin::Given {
             return false;
         }
         let away = k.circle.center_ned_m.minus(circle.center_ned_m);
