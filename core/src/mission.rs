@@ -9,7 +9,7 @@
 //! | `LinkLost` | no heartbeat of the autopilot | none; the mission starts over when it is back |
 //! | `NotInControl` | not in GUIDED / OFFBOARD, or disarmed | none; the mission starts over on a fresh entry |
 //! | `StaleOwnship` | position older than 0.3 s, attitude older than 0.2 s, or not finite | hold |
-//! | `StaleObstacles` | no word from an obstacle sensor for 0.5 s, and one is required | hold |
+//! | `StaleObstacles` | the newest look in the map is older than 0.5 s, and one is required | hold |
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one for want of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because directions could not be told apart | hold |
 //! | `NoSignal` | the same, for any other reason | hold; search, where `guidance::Config::explore` says how, then hold |
@@ -136,7 +136,7 @@ pub struct Config {
     pub position_age_max_s: f32,
     /// Oldest attitude.
     pub attitude_age_max_s: f32,
-    /// Oldest word of an obstacle sensor.
+    /// Oldest look that may be the newest in the map.
     pub obstacles_age_max_s: f32,
     /// Whether there must be an obstacle sensor at all.
     pub obstacles_required: bool,
@@ -193,7 +193,7 @@ pub struct Facts {
     pub position: Option<Instant>,
     /// When the attitude was heard; `None` if never, or not finite.
     pub attitude: Option<Instant>,
-    /// When an obstacle sensor last reported.
+    /// When the newest look was measured that is in the map.
     pub obstacles: Option<Instant>,
     /// When the last usable bearing was measured.
     pub bearing: Option<Instant>,
