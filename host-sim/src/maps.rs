@@ -13,6 +13,7 @@
 mod density;
 mod picture;
 mod route;
+pub mod thicket;
 
 pub use density::{Density, densities, density};
 pub use picture::draw;

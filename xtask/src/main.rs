@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | fresh | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak | gusts | landings>`.
+//! Developer commands: `cargo xtask <test | fresh | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak | gusts | campaign | landings>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
@@ -6,13 +6,11 @@
 mod bench;
 mod build;
 mod fresh;
-mod gusts;
-mod landings;
 mod panics;
 mod parity;
 mod size;
-mod soak;
 mod stack;
+mod study;
 mod test;
 mod thumb;
 mod twin;
@@ -103,6 +101,8 @@ enum Task {
         #[arg(long, default_value_t = 200)]
         flights: u32,
     },
+    /// Fly forests and dense corridors in every setting of sensor, bearings, vehicle and hull: docs/results/matrix.md
+    Campaign,
     /// Fly to the very end, onto the pad or above the beacon, scene by scene
     Landings {
         /// Flights of each scene
@@ -217,9 +217,10 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Qemu(Twin::Faults { missions, faults, record, seed }) => twin::faults(*missions, *faults, record, *seed),
         Task::Bench { json } => bench::run(*json),
         Task::Parity { flights } => parity::run(*flights),
-        Task::Soak { hours } => soak::run(*hours),
-        Task::Gusts { flights } => gusts::run(*flights),
-        Task::Landings { flights } => landings::run(*flights),
+        Task::Soak { hours } => study::run("soak", &[&hours.to_string()]),
+        Task::Gusts { flights } => study::run("gusts", &[&flights.to_string()]),
+        Task::Landings { flights } => study::run("landings", &[&flights.to_string()]),
+        Task::Campaign => study::run("matrix", &[]),
     }
 }
 
