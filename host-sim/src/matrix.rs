@@ -180,10 +180,10 @@ fn pillars(pillars: &[maps::Pillar]) -> Vec<Obstacle> {
 /// Dense corridors ([`thicket`]), one for each seed.
 ///
 /// # Errors
-/// The hull is too wide for them.
+/// One of the seeds has no world.
 pub fn thickets(setting: &Setting, seeds: impl IntoIterator<Item = u64>) -> Result<Vec<World>, InputError> {
     let world = |seed| {
-        let (obstacles, [x0, y0, x1, y1, shortest_m]) = thicket::thicket(setting.hull_m(), seed)?;
+        let (obstacles, [x0, y0, x1, y1, shortest_m]) = thicket::thicket(seed)?;
         let scenario = Scenario {
             name: "thicket".to_owned(),
             bounds: thicket::BOUNDS,

@@ -2,10 +2,11 @@
 //! (Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", 2020).
 //!
 //! Cells of 0.15 m are filled at random, then smoothed: a cell with five full neighbours or more becomes full, one with at most one
-//! becomes empty. Every full cell holds a pillar as wide as the cell. Worlds without a path for the hull are drawn again.
+//! becomes empty. Every full cell holds a pillar as wide as the cell. As there, a world has a path for a hull of 0.25 m; those that
+//! have none are drawn again.
 
 use super::route::Forest;
-use super::{Pair, Pillar, REFERENCE_CLEARANCE_M};
+use super::{Pair, Pillar};
 use crate::input::InputError;
 use crate::random::Random;
 
@@ -23,7 +24,9 @@ const BIRTH: usize = 5;
 const DEATH: usize = 1;
 /// The field begins so far north of the start, and the goal is as far north of its end.
 const MARGIN_M: f64 = 2.0;
-/// Worlds that are drawn before the hull counts as too wide.
+/// Radius of the hull for which there is a path.
+const PASSAGE_M: f64 = 0.25;
+/// Worlds that are drawn before a seed counts as one without a path.
 const DRAWS: u64 = 200;
 
 /// West, south, east, north of the world.
@@ -32,19 +35,19 @@ pub const BOUNDS: [f64; 4] = [-0.5, -1.0, COLUMNS as f64 * CELL_M + 0.5, ROWS as
 /// The pillars of a world, and the start, the goal and the length of the shortest path between them.
 ///
 /// # Errors
-/// The hull is too wide for all worlds that were drawn.
-pub fn thicket(vehicle_radius_m: f64, seed: u64) -> Result<(Vec<Pillar>, Pair), InputError> {
+/// None of the worlds that were drawn has a path.
+pub fn thicket(seed: u64) -> Result<(Vec<Pillar>, Pair), InputError> {
     let middle = COLUMNS as f64 * CELL_M / 2.0;
     let (start, goal) = ([middle, 0.0], [middle, ROWS as f64 * CELL_M + 2.0 * MARGIN_M]);
     for draw in 0..DRAWS {
         let mut random = Random::new(seed, 64 + draw);
         let pillars: Vec<Pillar> = field(&mut random).into_iter().chain(walls()).collect();
-        let forest = Forest::new(BOUNDS, &pillars, vehicle_radius_m + REFERENCE_CLEARANCE_M);
+        let forest = Forest::new(BOUNDS, &pillars, PASSAGE_M);
         if let Some(length_m) = forest.shortest_m(start, goal) {
             return Ok((pillars, [start[0], start[1], goal[0], goal[1], length_m]));
         }
     }
-    Err(InputError::new(format!("drone-radius = {vehicle_radius_m}: no thicket of seed {seed} lets it through")))
+    Err(InputError::new(format!("seed = {seed}: no thicket has a path")))
 }
 
 /// The clumps between the walls.
@@ -90,12 +93,11 @@ mod tests {
     #[test]
     fn a_thicket_is_dense_has_a_path_and_depends_on_its_seed_alone() {
         for seed in 0..5 {
-            let (pillars, [x0, y0, x1, y1, length_m]) = thicket(0.15, seed).unwrap();
+            let (pillars, [x0, y0, x1, y1, length_m]) = thicket(seed).unwrap();
             assert!((150..=400).contains(&pillars.len()), "{}", pillars.len());
             assert!(length_m >= (x1 - x0).hypot(y1 - y0) - 1e-9);
-            assert_eq!(thicket(0.15, seed).unwrap().0, pillars);
-            assert_ne!(thicket(0.15, seed + 1).unwrap().0, pillars);
+            assert_eq!(thicket(seed).unwrap().0, pillars);
+            assert_ne!(thicket(seed + 1).unwrap().0, pillars);
         }
-        assert!(thicket(2.3, 0).unwrap_err().to_string().contains("drone-radius = 2.3"));
     }
 }
