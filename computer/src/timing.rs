@@ -19,7 +19,7 @@ pub enum Task {
     Receive,
     /// A step of guidance and link.
     Step,
-    /// A plan, from its order on.
+    /// A plan, from its begin to its end.
     Plan,
     /// Bytes to the autopilot: an activation.
     Transmit,

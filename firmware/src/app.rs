@@ -253,7 +253,10 @@ pub async fn guide(
     loop {
         pacer.follow(flight.config);
         pacer.sound(flight.receiver.test().wants_tone());
-        if let Some(trouble) = pacer.trouble() {
+        // One that waits is not to be lost by it.
+        if !flight.companion.has_notice()
+            && let Some(trouble) = pacer.trouble()
+        {
             flight.companion.notify(trouble.chars().collect());
         }
         match pacer.next().await {
