@@ -30,8 +30,6 @@ use crate::timing::{self, BINS, Feeds, Task};
 pub const LINE_MAX: usize = 40;
 /// Longest answer in one piece.
 pub const ANSWER_MAX: usize = 96;
-/// What is said before the codes of a `dump`.
-pub const DUMP_BEGINS: &str = "the codes follow";
 /// Most frames of one `dump`: 200 s.
 pub const FRAMES_MAX: u16 = 10_000;
 

@@ -391,7 +391,7 @@ fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>
         Command::SelfTest { own_tone: true } => examine(Exam::SelfTest(Tone::Board)),
         Command::Calibrate => examine(Exam::Calibrate { azimuth_rad: None }),
         Command::Dump { frames } => {
-            log.text(port::DUMP_BEGINS);
+            log.text("the codes follow");
             log.dump(frames);
         }
         Command::Watchdog { is_sure: false } => log.text("lets the watchdog restart the computer: `watchdog yes`"),

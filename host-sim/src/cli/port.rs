@@ -11,7 +11,7 @@ use clap::Args;
 use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::log::Record;
 use foxhound_computer::log::frame::Deframer;
-use foxhound_computer::port::{DUMP_BEGINS, FRAMES_MAX};
+use foxhound_computer::port::FRAMES_MAX;
 use foxhound_core::adc::Snapshot;
 use foxhound_sim::frames::Recording;
 use foxhound_sim::input::{InputError, MAX_TIME_S, check_within};
@@ -139,22 +139,32 @@ impl Cable {
         Ok(heard_at.is_some())
     }
 
-    /// Has the codes of so many frames sent; fewer where no more come for [`PATIENCE`].
+    /// Has the codes of so many frames sent, and asks again for those that were lost on the way; fewer where none come.
     ///
     /// # Errors
     /// The computer refuses it.
     fn dump(&mut self, frames: u16) -> Result<Vec<Snapshot<SAMPLES_PER_CHANNEL>>, InputError> {
-        self.say(&format!("dump {frames}"));
-        let (mut snapshots, mut is_begun, mut heard_at) = (Vec::new(), false, Instant::now());
-        while heard_at.elapsed() < PATIENCE && snapshots.len() < usize::from(frames) {
+        let mut snapshots = Vec::new();
+        loop {
+            let before = snapshots.len();
+            self.dump_once(frames, &mut snapshots)?;
+            if snapshots.len() == before || snapshots.len() >= usize::from(frames) {
+                return Ok(snapshots);
+            }
+        }
+    }
+
+    fn dump_once(&mut self, frames: u16, snapshots: &mut Vec<Snapshot<SAMPLES_PER_CHANNEL>>) -> Result<(), InputError> {
+        let wanted = usize::from(frames);
+        self.say(&format!("dump {}", wanted - snapshots.len()));
+        let mut heard_at = Instant::now();
+        while heard_at.elapsed() < PATIENCE && snapshots.len() < wanted {
             for heard in self.hear()? {
                 match heard {
-                    Heard::Text(text) if text == DUMP_BEGINS => (is_begun, heard_at) = (true, Instant::now()),
                     Heard::Text(text) if text.starts_with("error") || text.starts_with("refused") => {
                         return Err(InputError::new(text));
                     }
-                    // One that came before is of the log.
-                    Heard::Frame(snapshot) if is_begun && snapshots.len() < usize::from(frames) => {
+                    Heard::Frame(snapshot) if snapshots.len() < wanted => {
                         heard_at = Instant::now();
                         snapshots.push(*snapshot);
                     }
@@ -163,7 +173,7 @@ impl Cable {
             }
             sleep(READ_EVERY);
         }
-        Ok(snapshots)
+        Ok(())
     }
 }
 
