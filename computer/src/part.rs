@@ -123,7 +123,7 @@ mod tests {
         assert_eq!(transfer(0x2001_7ffc, 4, &MEMORY), Ok(()));
         assert_eq!(transfer(0x2001_7ffd, 4, &MEMORY), Err(Refused::Unreachable));
         assert_eq!(transfer(0x1fff_ffff, 4, &MEMORY), Err(Refused::Unreachable));
-        assert_eq!(transfer(usize::MAX, 4, &[0..usize::MAX]), Err(Refused::Unreachable));
+        assert_eq!(transfer(usize::MAX, 4, &[0..4, 4..usize::MAX]), Err(Refused::Unreachable));
     }
 
     #[test]
