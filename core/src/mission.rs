@@ -8,7 +8,8 @@
 //! |---|---|---|
 //! | `LinkLost` | no heartbeat of the autopilot | none; the mission starts over when it is back |
 //! | `NotInControl` | not in GUIDED / OFFBOARD, or disarmed | none; the mission starts over on a fresh entry |
-//! | `StaleOwnship` | position older than 0.3 s, attitude older than 0.2 s, or not finite | hold |
+//! | `StaleOwnship` | position older than 0.3 s, attitude older than 0.2 s, or not finite ([`Stale::PositionOld`], [`Stale::AttitudeOld`]) | hold |
+//! | `StaleOwnship` | positions go another way than the velocity says, or stand still while it says that the vehicle moves ([`Stale::VelocityContradicts`], [`Stale::PositionFrozen`]; [`crate::ownship::Agreement`]) | hold until a fresh entry |
 //! | `StaleObstacles` | the newest look in the map is older than 0.5 s, and one is required | hold |
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one for want of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because directions could not be told apart | hold |
@@ -27,6 +28,7 @@
 use crate::bearing::Flags;
 use crate::error::{ConfigError, check};
 use crate::frame::Horizontal;
+use crate::ownship::Stale;
 use crate::time::Instant;
 
 /// What a guidance step came to.
@@ -44,7 +46,7 @@ pub enum Outcome {
     Ambiguous,
     /// The array needs a calibration that is missing or does not apply.
     Uncalibrated,
-    /// Position or attitude too old, or not finite.
+    /// Position or attitude too old, not finite, or or the velocity contradicts the positions ([`Stale`]).
     StaleOwnship,
     /// Obstacle data too old.
     StaleObstacles,
@@ -193,6 +195,8 @@ pub struct Facts {
     pub position: Option<Instant>,
     /// When the attitude was heard; `None` if never, or not finite.
     pub attitude: Option<Instant>,
+    /// What positions and velocities contradict each other in.
+    pub contradiction: Option<Stale>,
     /// When the newest look was measured that is in the map.
     pub obstacles: Option<Instant>,
     /// When the last usable bearing was measured.
@@ -254,10 +258,7 @@ impl Mission {
     /// Before the chain: may the plan be followed at all? [`Outcome::Nominal`] if so.
     pub fn admit(&self, state: &mut State, facts: &Facts) -> Outcome {
         let c = &self.config;
-        let old = |heard: Option<Instant>, limit_s: f32| match heard {
-            Some(at) => facts.now.seconds_since(at) > limit_s || at.seconds_since(facts.now) > limit_s,
-            None => true,
-        };
+        let old = |heard, limit_s| is_old(facts.now, heard, limit_s);
         match facts.control {
             Control::Granted => {}
             withheld => {
@@ -269,7 +270,7 @@ impl Mission {
         if facts.is_plan_late {
             state.wait(step_us);
         }
-        if old(facts.position, c.position_age_max_s) || old(facts.attitude, c.attitude_age_max_s) {
+        if self.stale(facts).is_some() {
             return Outcome::StaleOwnship;
         }
         if c.obstacles_required && old(facts.obstacles, c.obstacles_age_max_s) {
@@ -289,6 +290,18 @@ impl Mission {
             return Outcome::Nominal;
         }
         if self.gives_up(state, facts) { Outcome::GoalUnreachable } else { Outcome::Nominal }
+    }
+
+    /// Why ownship is of no use, if it is not: the first reason that applies.
+    #[must_use]
+    pub fn stale(&self, facts: &Facts) -> Option<Stale> {
+        if is_old(facts.now, facts.position, self.config.position_age_max_s) {
+            Some(Stale::PositionOld)
+        } else if is_old(facts.now, facts.attitude, self.config.attitude_age_max_s) {
+            Some(Stale::AttitudeOld)
+        } else {
+            facts.contradiction
+        }
     }
 
     /// After the chain: what became of the plan.
@@ -323,6 +336,11 @@ impl Mission {
     }
 }
 
+/// Whether a word is older than that, or of a clock that went back by as much, or was never heard.
+fn is_old(now: Instant, heard: Option<Instant>, limit_s: f32) -> bool {
+    heard.is_none_or(|at| now.seconds_since(at) > limit_s || at.seconds_since(now) > limit_s)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -339,6 +357,7 @@ mod tests {
             control: Control::Granted,
             position: ago(0.02),
             attitude: ago(0.02),
+            contradiction: None,
             obstacles: ago(0.1),
             bearing: ago(0.02),
             bearing_flags: Flags::default(),
@@ -379,6 +398,19 @@ mod tests {
             let outcome = admit(&facts);
             assert_eq!((outcome, outcome.behaviour()), (Outcome::StaleOwnship, Behaviour::Hold), "{facts:?}");
         }
+    }
+
+    #[test]
+    fn ownship_that_contradicts_itself_holds_and_says_in_what() {
+        let mission = Config::default().build().unwrap();
+        for stale in [Stale::VelocityContradicts, Stale::PositionFrozen] {
+            let facts = Facts { contradiction: Some(stale), ..fresh() };
+            assert_eq!((admit(&facts), mission.stale(&facts)), (Outcome::StaleOwnship, Some(stale)));
+            let old = Facts { attitude: ago(0.21), ..facts };
+            assert_eq!(mission.stale(&old), Some(Stale::AttitudeOld));
+            assert_eq!(mission.stale(&Facts { position: None, ..old }), Some(Stale::PositionOld));
+        }
+        assert_eq!(mission.stale(&fresh()), None);
     }
 
     #[test]

@@ -1,8 +1,106 @@
 //! What the autopilot tells us of our own vehicle.
 
-use crate::frame::Ned;
+use crate::frame::{Horizontal, Ned};
 use crate::time::Instant;
 use crate::units::{sin_cos, wrap_pi};
+
+/// How far positions and velocities lead apart is forgotten with this time constant.
+const FORGOTTEN_S: f32 = 1.0;
+/// They contradict each other when they are farther apart than this, and the way of so long at the speed that is told. The first
+/// is what corrections of an estimate come to within a second, the second what its messages are late by.
+const APART_M: f32 = 0.22;
+const APART_S: f32 = 0.05;
+/// A position that is the same to the bit stands still when the velocity led so far in the meantime. The second is for
+/// autopilots that tell a position several times.
+const FROZEN_M: f32 = 0.15;
+const FROZEN_S: f32 = 0.1;
+/// Over a longer gap nobody knows how the velocity went.
+const GAP_MAX_S: f32 = 0.3;
+
+/// Why ownship is of no use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Stale {
+    /// The position is too old, or was never heard, or is not finite.
+    PositionOld,
+    /// The same of the attitude.
+    AttitudeOld,
+    /// The positions go another way than the velocity says.
+    VelocityContradicts,
+    /// The position stands still while the velocity says that the vehicle moves.
+    PositionFrozen,
+}
+
+impl Stale {
+    /// Its name as it stands in logs and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::PositionOld => "position_old",
+            Self::AttitudeOld => "attitude_old",
+            Self::VelocityContradicts => "velocity_contradicts",
+            Self::PositionFrozen => "position_frozen",
+        }
+    }
+}
+
+/// Whether the positions of an autopilot agree with its velocities, in the plane. What an estimator corrects in one step is no
+/// contradiction: the link takes it out of both.
+///
+/// With `d` the way from position to position less the way that the velocities led, the two are apart by `s`, the sum of all `d`,
+/// forgotten with a time constant of 1 s. A velocity that is off by `u` comes to `s = u (1 s) (1 - exp(-t / 1 s))`: 0.27 m, the
+/// limit at 1 m/s, are passed after 0.32 s by 1 m/s, and never by less than 0.27 m/s.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Agreement {
+    apart_m: Horizontal,
+    /// How far the velocity led since the position last changed, forgotten likewise.
+    frozen_m: f32,
+    found: Option<Stale>,
+}
+
+impl Agreement {
+    /// Goes on from what was heard last to what is heard now, which may be the same. What is found stays until
+    /// [`Self::release`].
+    pub fn follow(&mut self, last: Option<&Ownship>, heard: &Ownship) {
+        let speed_mps = heard.velocity_ned_mps.horizontal().norm();
+        if let Some(last) = last.filter(|last| last.position_time != heard.position_time) {
+            self.add(last, heard);
+        }
+        let is_frozen = self.frozen_m > FROZEN_M + FROZEN_S * speed_mps;
+        if is_frozen || self.apart_m.norm() > APART_M + APART_S * speed_mps {
+            let stands = self.frozen_m > FROZEN_M;
+            self.found.get_or_insert(if stands { Stale::PositionFrozen } else { Stale::VelocityContradicts });
+        }
+    }
+
+    fn add(&mut self, last: &Ownship, heard: &Ownship) {
+        let dt_s = heard.position_time.seconds_since(last.position_time);
+        if dt_s <= 0.0 || dt_s > GAP_MAX_S {
+            // A clock that was set, or too long a silence.
+            *self = Self { found: self.found, ..Self::default() };
+            return;
+        }
+        let (from_m, to_m) = (last.position_ned_m.horizontal(), heard.position_ned_m.horizontal());
+        let led_m = last.velocity_ned_mps.horizontal().plus(heard.velocity_ned_mps.horizontal()).times(0.5 * dt_s);
+        let off_m = to_m.minus(from_m).minus(led_m);
+        let stays = 1.0 - dt_s / FORGOTTEN_S;
+        self.apart_m = self.apart_m.times(stays).plus(off_m);
+        self.frozen_m = if to_m == from_m { stays * self.frozen_m + led_m.norm() } else { 0.0 };
+    }
+
+    /// What was found since the last release.
+    #[must_use]
+    pub const fn found(&self) -> Option<Stale> {
+        self.found
+    }
+
+    /// The pilot has the vehicle: what was found counts no more, and what lasts is found again.
+    pub const fn release(&mut self) {
+        self.found = None;
+    }
+}
 
 /// Position, velocity and attitude of the vehicle, as last heard.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -104,6 +202,122 @@ impl Ownship {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What is found, and when, of an autopilot that tells truly what a vehicle does for 2 s, and something else from then on.
+    /// The vehicle's way and velocity are those of a turn of 0.5 rad/s at a speed.
+    fn found(hz: u64, speed_mps: f32, tell: impl Fn(&mut Ownship, &Ownship)) -> Option<(Stale, f32)> {
+        let mut agreement = Agreement::default();
+        let (mut last, mut before) = (None, Ownship::default());
+        for tick in 0..30 * hz {
+            let at_us = tick * 1_000_000 / hz;
+            let (sin, cos) = sin_cos(at_us as f32 * 0.5e-6);
+            let mut heard = Ownship {
+                position_time: Instant(at_us),
+                position_ned_m: Ned { north: speed_mps * sin / 0.5, east: speed_mps * (1.0 - cos) / 0.5, down: -5.0 },
+                velocity_ned_mps: Ned { north: speed_mps * cos, east: speed_mps * sin, down: 0.0 },
+                ..Ownship::default()
+            };
+            if at_us <= 2_000_000 {
+                before = heard;
+            } else {
+                tell(&mut heard, &before);
+            }
+            agreement.follow(last.as_ref(), &heard);
+            if let Some(found) = agreement.found() {
+                assert!(at_us > 2_000_000, "{found:?} at {at_us}");
+                return Some((found, at_us as f32 * 1e-6 - 2.0));
+            }
+            last = Some(heard);
+        }
+        None
+    }
+
+    #[test]
+    fn what_contradicts_is_found_within_half_a_second_and_by_its_name() {
+        for hz in [10, 20, 30, 50] {
+            for speed_mps in [1.0, 1.5, 2.5] {
+                let (name, after_s) = found(hz, speed_mps, |heard, before| {
+                    heard.position_ned_m = before.position_ned_m;
+                    heard.velocity_ned_mps = before.velocity_ned_mps;
+                })
+                .unwrap();
+                assert!(name == Stale::PositionFrozen && after_s < 0.45, "{hz} {speed_mps}: {name:?} {after_s}");
+                type Tell = fn(&mut Ned);
+                let tells: [Tell; 4] = [
+                    |v| (v.north, v.east) = (-v.north, -v.east),
+                    |v| (v.north, v.east) = (-v.east, v.north),
+                    |v| (v.north, v.east) = (0.0, 0.0),
+                    |v| (v.north, v.east) = (2.0 * v.north, 2.0 * v.east),
+                ];
+                for (at, tell) in tells.iter().enumerate() {
+                    let (name, after_s) = found(hz, speed_mps, |heard, _| tell(&mut heard.velocity_ned_mps)).unwrap();
+                    let is_in_time = name == Stale::VelocityContradicts && after_s <= 0.5;
+                    assert!(is_in_time, "{hz} {speed_mps}, {at}: {name:?} {after_s}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_sane_estimator_does_is_no_contradiction() {
+        for hz in [4, 10, 50] {
+            for speed_mps in [0.0, 0.3, 1.0, 2.5] {
+                assert_eq!(found(hz, speed_mps, |_, _| {}), None);
+                // A correction of 15 cm, a velocity that is off by 15 cm/s, a position that is told late by 40 ms.
+                assert_eq!(found(hz, speed_mps, |heard, _| heard.position_ned_m.north += 0.15), None);
+                assert_eq!(found(hz, speed_mps, |heard, _| heard.velocity_ned_mps.east += 0.15), None);
+                let late = |heard: &mut Ownship, _: &Ownship| {
+                    let (position_m, mps) = (&mut heard.position_ned_m, heard.velocity_ned_mps);
+                    (position_m.north, position_m.east) =
+                        (position_m.north - 0.04 * mps.north, position_m.east - 0.04 * mps.east);
+                };
+                assert_eq!(found(hz, speed_mps, late), None);
+            }
+        }
+    }
+
+    #[test]
+    fn positions_that_are_told_five_times_each_stand_for_a_vehicle_that_moves() {
+        let mut agreement = Agreement::default();
+        let mut last = None;
+        for tick in 0..500_u64 {
+            let heard = Ownship {
+                position_time: Instant(tick * 20_000),
+                position_ned_m: Ned { north: (tick / 5) as f32 * 0.2, ..Ned::default() },
+                velocity_ned_mps: Ned { north: 2.0, ..Ned::default() },
+                ..Ownship::default()
+            };
+            agreement.follow(last.as_ref(), &heard);
+            last = Some(heard);
+        }
+        assert_eq!(agreement.found(), None);
+    }
+
+    #[test]
+    fn what_was_found_stays_until_it_is_released_and_is_found_again_while_it_lasts() {
+        let mut agreement = Agreement::default();
+        let told = |tick: u64, north: f32| Ownship {
+            position_time: Instant(tick * 20_000),
+            velocity_ned_mps: Ned { north, ..Ned::default() },
+            ..Ownship::default()
+        };
+        for tick in 1..50 {
+            agreement.follow(Some(&told(tick - 1, 1.0)), &told(tick, 1.0));
+        }
+        assert_eq!(agreement.found(), Some(Stale::PositionFrozen));
+        agreement.release();
+        agreement.follow(Some(&told(49, 1.0)), &told(50, 1.0));
+        assert_eq!(agreement.found(), Some(Stale::PositionFrozen));
+        for tick in 51..500 {
+            agreement.follow(Some(&told(tick - 1, 0.0)), &told(tick, 0.0));
+        }
+        assert!(agreement.found().is_some());
+        // A gap, after which nobody knows.
+        agreement.follow(Some(&told(499, 0.0)), &told(600, 0.0));
+        agreement.release();
+        agreement.follow(Some(&told(600, 0.0)), &told(601, 0.0));
+        assert_eq!(agreement.found(), None);
+    }
 
     #[test]
     fn what_is_finite_and_absurd_is_not_plausible() {

@@ -1,5 +1,6 @@
 //! The rows of the table in `foxhound_link::failsafe` that an autopilot, a pilot or a wire can bring about.
 
+use foxhound_link::dialect::MavMessage;
 use foxhound_sim::autopilot::{Battery, Software, Start, Wire};
 use foxhound_sim::trial::{Step, parameter};
 
@@ -362,5 +363,42 @@ fn stale_obstacles_stop_it_until_something_is_seen_again() {
         assert_eq!((stand.stream_now(), stand.status()), (Stream::Zero, Some(CRITICAL)));
         stand.trial.obstacles_are_silent = false;
         stand.expect_beacon("obstacles seen");
+    }
+}
+
+/// What the pilot was told since a step, of ownship.
+fn told(stand: &Stand, from: usize) -> Vec<String> {
+    let messages = stand.steps[from..].iter().flat_map(|step| &step.sent);
+    let texts = messages.filter_map(|(_, message)| match message {
+        MavMessage::STATUSTEXT(text) => Some(text.text.to_str().unwrap().to_owned()),
+        _ => None,
+    });
+    texts.filter(|text| text.contains("position") || text.contains("velocity")).collect()
+}
+
+#[test]
+fn stale_ownship_a_position_that_stands_still_and_a_velocity_that_contradicts_it_hold_and_are_told_once() {
+    for software in BOTH {
+        for is_frozen in [true, false] {
+            let mut stand = Stand::under_way(software);
+            let from = stand.steps.len();
+            if is_frozen {
+                let position_ned_m = stand.trial.motion().pose.position_ned_m.map(|metres| metres as f32);
+                stand.trial.autopilot.faults.position_ned_m = Some(position_ned_m);
+            } else {
+                stand.trial.autopilot.faults.velocity_is_backwards = true;
+            }
+            stand.expect_stand(0.5 + BRAKES_S, 0.5 + BRAKES_M, 20.0, "contradiction");
+            assert_eq!((stand.stream_now(), stand.status()), (Stream::Zero, Some(CRITICAL)));
+            let why = if is_frozen { "position stands still" } else { "velocity contradicts position" };
+            assert_eq!(told(&stand, from), [format!("Foxhound: {why}, holds")]);
+            // What was found holds until the mode is entered afresh, in which time it may have been mended.
+            let faults = &mut stand.trial.autopilot.faults;
+            (faults.position_ned_m, faults.velocity_is_backwards) = (None, false);
+            stand.run(2.0);
+            assert_eq!(stand.stream_now(), Stream::Zero);
+            stand.enter_afresh();
+            stand.expect_beacon("mended");
+        }
     }
 }

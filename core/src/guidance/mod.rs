@@ -20,7 +20,7 @@ use crate::landing::{Advice, Lander, pad};
 use crate::link_state::{self, Classifier, Sightline};
 use crate::map::{Circle, Map};
 use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
-use crate::ownship::Ownship;
+use crate::ownship::{Agreement, Ownship, Stale};
 use crate::phase::Phasors;
 use crate::planner::{Learn, Plan, PlanRequest, Search, Searched, Verdict};
 use crate::rollout::WAYPOINTS;
@@ -138,6 +138,8 @@ pub struct Output {
     pub time: Instant,
     /// What it came to.
     pub outcome: Outcome,
+    /// Why, where that is [`Outcome::StaleOwnship`].
+    pub stale: Option<Stale>,
     /// The command; always finite and inside the limits.
     pub setpoint: Setpoint,
     /// A bearing measured in this step (it may be invalid; see its flags).
@@ -385,6 +387,7 @@ pub struct State<const N: usize> {
     /// Obstacles near the vehicle, as of this step.
     near: Vec<Obstacle, OBSTACLES_MAX>,
     ownship: Option<Ownship>,
+    agreement: Agreement,
     last_flags: Flags,
     hold_down_m: Option<f32>,
     request: PlanRequest,
@@ -429,6 +432,7 @@ impl<const N: usize> Default for State<N> {
             height_m: None,
             near: Vec::new(),
             ownship: None,
+            agreement: Agreement::default(),
             last_flags: Flags::default(),
             hold_down_m: None,
             request: PlanRequest::default(),
@@ -539,6 +543,7 @@ impl<const N: usize> Guidance<N> {
             height_m,
             near,
             ownship,
+            agreement,
             last_flags,
             hold_down_m,
             request,
@@ -572,6 +577,7 @@ impl<const N: usize> Guidance<N> {
         (*advice, *is_blocked, *height_m) = (None, false, None);
         near.clear();
         *ownship = None;
+        *agreement = Agreement::default();
         *last_flags = Flags::default();
         *request = PlanRequest::default();
         *due = None;
@@ -584,6 +590,7 @@ impl<const N: usize> Guidance<N> {
     pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
         state.tick = state.tick.wrapping_add(1);
         if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
+            state.agreement.follow(state.ownship.as_ref(), &ownship);
             state.ownship = Some(ownship);
         }
         let heard = self.listen(state, input.front_end);
@@ -608,6 +615,7 @@ impl<const N: usize> Guidance<N> {
         let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
         let mission = turning.map_or(&self.mission, |turning| &turning.mission);
         let mut outcome = mission.admit(&mut state.mission, &facts);
+        let stale = mission.stale(&facts).filter(|_| outcome == Outcome::StaleOwnship);
         // It turns to hear something, and not for anything else that makes it hold.
         let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
         let may_search = turning.is_none() || state.last_flags.contains(Flags::NO_SIGNAL);
@@ -678,6 +686,7 @@ impl<const N: usize> Guidance<N> {
         Output {
             time: input.now,
             outcome,
+            stale,
             setpoint,
             bearing,
             bearing_ned_rad,
@@ -945,6 +954,7 @@ impl<const N: usize> Guidance<N> {
             control: input.control,
             position: heard.map(|ownship| ownship.position_time),
             attitude: heard.map(|ownship| ownship.attitude_time),
+            contradiction: state.agreement.found(),
             obstacles: state.map.taken(),
             // The last metres are not flown by bearings.
             bearing: if is_landing(state) { Some(input.now) } else { state.goal.updated() },
@@ -996,6 +1006,7 @@ impl<const N: usize> Guidance<N> {
     fn let_go(&self, state: &mut State<N>) {
         state.guard.release();
         state.gust.release();
+        state.agreement.release();
         state.is_searching = false;
         state.look_ned_rad = None;
         state.track = track::State::default();

@@ -247,6 +247,58 @@ fn the_altitude_held_is_the_first_one_heard_even_when_control_comes_before_it() 
     assert!((down_mps - 0.4).abs() < 1e-5, "0.8 a second of half a metre: {down_mps}");
 }
 
+/// Flies for 4 s, hears something else of itself from then on, and says how far it went after that, in how many steps it
+/// held, and by what name.
+fn told_otherwise(every: u32, tell: impl Fn(&mut Ownship, &Ownship)) -> (f32, u32, Option<Stale>) {
+    use std::cell::Cell;
+    let mut flight = Flight::new(&[], (60.0, 0.5));
+    let (before, heard, at) = (Cell::new(None), Cell::new(None), Cell::new(0.0));
+    let report = flight.run(12.0, |step, input| {
+        let mut now = input.ownship.unwrap();
+        if step <= 200 {
+            before.set(Some(now));
+            at.set(now.position_ned_m.north);
+        } else {
+            tell(&mut now, &before.get().unwrap());
+        }
+        // An autopilot that says so with every step, or seldomer.
+        if step % every == 0 || heard.get().is_none() {
+            heard.set(Some(now));
+        }
+        input.ownship =
+            heard.get().map(|heard| Ownship { attitude_time: now.attitude_time, yaw_rad: now.yaw_rad, ..heard });
+    });
+    let held = report.outputs.iter().position(|output| output.outcome == Outcome::StaleOwnship);
+    let stale = report.outputs.last().unwrap().stale;
+    (flight.position.north - at.get(), held.map_or(u32::MAX, |held| held as u32 - 200), stale)
+}
+
+#[test]
+fn an_autopilot_whose_velocity_contradicts_its_positions_is_not_flown_by() {
+    for every in [1, 5] {
+        assert_eq!(told_otherwise(every, |_, _| {}).1, u32::MAX, "it tells the truth");
+        let frozen = |heard: &mut Ownship, before: &Ownship| {
+            heard.position_ned_m = before.position_ned_m;
+        };
+        let backwards = |heard: &mut Ownship, _: &Ownship| {
+            let v = &mut heard.velocity_ned_mps;
+            (v.north, v.east) = (-v.north, -v.east);
+        };
+        let across = |heard: &mut Ownship, _: &Ownship| {
+            let v = &mut heard.velocity_ned_mps;
+            (v.north, v.east) = (-v.east, v.north);
+        };
+        for (expected, (flown_m, steps, stale)) in [
+            (Stale::PositionFrozen, told_otherwise(every, frozen)),
+            (Stale::VelocityContradicts, told_otherwise(every, backwards)),
+            (Stale::VelocityContradicts, told_otherwise(every, across)),
+        ] {
+            assert!(steps <= 25 && stale == Some(expected), "every {every}: {steps} steps, {stale:?}");
+            assert!(flown_m < 2.5, "every {every}, {expected:?}: {flown_m}");
+        }
+    }
+}
+
 #[test]
 fn losing_the_mode_stops_at_once_and_a_fresh_entry_goes_on() {
     let mut flight = Flight::new(&[], (30.0, 0.0));
@@ -392,9 +444,9 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
 fn the_navigation_half_keeps_within_48_kilobytes() {
     // Everything but the antennas: the planner's memory, and what guidance carries without the phases, and without the
     // powers of an antenna that turns. What the landing remembers, and what it said last, have bounds
-    // of their own (`landing::tests`).
+    // of their own (`landing::tests`). The cross-check of the autopilot's word is no part of navigation.
     let landing = size_of::<landing::State>() + size_of::<Option<Advice>>();
-    let others = size_of::<phase::State<256>>() + size_of::<turning::State>() + landing;
+    let others = size_of::<phase::State<256>>() + size_of::<turning::State>() + size_of::<Agreement>() + landing;
     let carried = size_of::<State<256>>() - others;
     let bytes = size_of::<Scratch>() + size_of::<planner::Planner>() + carried;
     assert!(bytes <= 48 * 1024, "{bytes}");

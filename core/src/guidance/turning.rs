@@ -533,6 +533,7 @@ mod tests {
                 control: mission::Control::Granted,
                 position: Some(now),
                 attitude: Some(now),
+                contradiction: None,
                 obstacles: Some(now),
                 bearing: Some(Instant(now.0 - (age_s * 1e6) as u64)),
                 bearing_flags: Flags::NO_SIGNAL,

@@ -39,6 +39,10 @@ pub struct Faults {
     pub fence_is_breached: bool,
     /// The filter has neither place nor velocity; the numbers keep coming.
     pub filter_is_bad: bool,
+    /// `LOCAL_POSITION_NED` tells this position, metres, whatever the filter has; its velocity goes on.
+    pub position_ned_m: Option<[f32; 3]>,
+    /// `LOCAL_POSITION_NED` tells the velocity with the other sign.
+    pub velocity_is_backwards: bool,
     /// The remote control is not heard.
     pub rc_is_lost: bool,
     /// Pulses of the remote control, microseconds.
@@ -60,6 +64,8 @@ impl Default for Faults {
             battery: Battery::default(),
             fence_is_breached: false,
             filter_is_bad: false,
+            position_ned_m: None,
+            velocity_is_backwards: false,
             rc_is_lost: false,
             rc_us: [1500; 18],
             signing_required: false,

@@ -46,6 +46,17 @@ pub(super) const fn is_ownship(message_id: u32) -> bool {
 }
 
 impl Autopilot {
+    fn position(&self, time_boot_ms: u32, estimate: &Motion) -> LOCAL_POSITION_NED_DATA {
+        let mut told = position(time_boot_ms, estimate);
+        if let Some(position_ned_m) = self.faults.position_ned_m {
+            [told.x, told.y, told.z] = position_ned_m;
+        }
+        if self.faults.velocity_is_backwards {
+            (told.vx, told.vy) = (-told.vx, -told.vy);
+        }
+        told
+    }
+
     /// A message now, if it has it.
     pub(super) fn message(&self, now_us: u64, message_id: u32) -> Option<MavMessage> {
         let estimate = self.flight.estimate();
@@ -53,7 +64,7 @@ impl Autopilot {
         let is_px4 = self.software == Software::Px4;
         Some(match message_id {
             HEARTBEAT_DATA::ID => MavMessage::HEARTBEAT(self.heartbeat()),
-            LOCAL_POSITION_NED_DATA::ID => MavMessage::LOCAL_POSITION_NED(position(time_boot_ms, &estimate)),
+            LOCAL_POSITION_NED_DATA::ID => MavMessage::LOCAL_POSITION_NED(self.position(time_boot_ms, &estimate)),
             ATTITUDE_DATA::ID => MavMessage::ATTITUDE(attitude(time_boot_ms, &estimate)),
             ATTITUDE_QUATERNION_DATA::ID => {
                 let [q1, q2, q3, q4] = quaternion(&estimate);

@@ -26,8 +26,9 @@ const LINK_ID: u8 = 0;
 
 /// North-aligned obstacles need a yaw at most this old.
 const YAW_AGE_MAX_S: f32 = 0.5;
-/// After a jump of this the vehicle holds.
+/// After a jump of this the vehicle holds, or after jumps that add up to it, forgotten with a time constant.
 const JUMP_MIN_M: f32 = 0.4;
+const JUMPS_S: f32 = 1.0;
 /// A yaw rate may rise by this between two words of it.
 const YAW_RATE_MARGIN_RADPS: f32 = 2.0;
 /// Messages of one autopilot may overtake each other by less than this; more is a restart.
@@ -270,9 +271,14 @@ impl Companion {
                 to_mps: position.velocity_ned_mps,
                 dt_s,
             };
-            // What is less is followed on the way.
-            if self.continuity.follow_place(&way).is_some_and(|jumped_m| jumped_m > JUMP_MIN_M) {
-                self.unsettle();
+            // What is less is followed on the way, unless there is much of it: then it is not the estimate that jumps.
+            self.jumped_m *= 1.0 - way.dt_s.min(JUMPS_S) / JUMPS_S;
+            if let Some(jumped_m) = self.continuity.follow_place(&way) {
+                self.jumped_m += jumped_m;
+                if self.jumped_m > JUMP_MIN_M {
+                    self.jumped_m = 0.0;
+                    self.unsettle();
+                }
             }
         }
         self.position = Some(position);
@@ -355,6 +361,7 @@ impl Companion {
             self.continuity = Continuity::new();
             self.clock = PeerClock::new();
             self.position = None;
+            self.jumped_m = 0.0;
             self.attitude = None;
             self.world_is_lost = true;
             self.landed_state = 0;

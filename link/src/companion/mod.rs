@@ -164,6 +164,8 @@ pub struct Companion {
     world_is_lost: bool,
     /// As the autopilot says it.
     position: Option<Position>,
+    /// What its jumps of the last second add up to.
+    jumped_m: f32,
     attitude: Option<Attitude>,
     origin: Option<[i32; 3]>,
     reset_counter: Option<u8>,
@@ -235,6 +237,7 @@ impl Companion {
             boot_ms: None,
             world_is_lost: false,
             position: None,
+            jumped_m: 0.0,
             attitude: None,
             origin: None,
             reset_counter: None,

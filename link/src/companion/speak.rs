@@ -5,7 +5,7 @@ use foxhound_core::guard::Setpoint;
 use foxhound_core::guidance;
 use foxhound_core::map::Circle;
 use foxhound_core::mission::Outcome;
-use foxhound_core::ownship::Ownship;
+use foxhound_core::ownship::{Ownship, Stale};
 use foxhound_core::time::Instant;
 use foxhound_core::units::{DEG_PER_RAD, sin_cos, wrap_pi};
 use heapless::{Deque, String};
@@ -68,6 +68,7 @@ pub(super) struct Telemetry {
     /// The last valid bearing: when, SNR in dB, sigma and elevation in degrees.
     bearing: Option<(Instant, f32, f32, Option<f32>)>,
     outcome: Option<(Outcome, Instant)>,
+    stale: Option<Stale>,
     lasting_told: bool,
     /// What somebody else wants told, once there is somebody to hear it.
     notice: Option<String<NOTICE_BYTES>>,
@@ -91,6 +92,7 @@ impl Telemetry {
             turn: 0,
             bearing: None,
             outcome: None,
+            stale: None,
             lasting_told: false,
             notice: None,
             announced: None,
@@ -286,6 +288,7 @@ impl Companion {
             self.telemetry.outcome = Some((output.outcome, now));
             self.telemetry.lasting_told = false;
         }
+        self.telemetry.stale = output.stale;
         self.report_landing(output);
         if !is_due(now, &mut self.telemetry.due, TELEMETRY_PERIOD_US) {
             return;
@@ -407,7 +410,8 @@ impl Companion {
             return;
         }
         let outcome = self.telemetry.outcome;
-        let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome)));
+        let stale = self.telemetry.stale;
+        let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome, stale)));
         // In turns, so that neither hides the other.
         let text = text.filter(|text| self.telemetry.announced != Some(*text));
         let warns_first = text.is_none() || !self.telemetry.warned_last;
@@ -510,8 +514,12 @@ fn severity(cause: Cause, outcome: Option<Outcome>) -> MavSeverity {
     }
 }
 
-fn text(outcome: Outcome) -> &'static str {
+fn text(outcome: Outcome, stale: Option<Stale>) -> &'static str {
     match outcome {
+        Outcome::StaleOwnship if stale == Some(Stale::VelocityContradicts) => {
+            "Foxhound: velocity contradicts position, holds"
+        }
+        Outcome::StaleOwnship if stale == Some(Stale::PositionFrozen) => "Foxhound: position stands still, holds",
         Outcome::Nominal => "Foxhound: seeking",
         Outcome::NoSignal => "Foxhound: no signal",
         Outcome::Ambiguous => "Foxhound: bearing is ambiguous",

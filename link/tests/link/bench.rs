@@ -171,6 +171,7 @@ pub(crate) fn output([north, east, down]: [f32; 3], yaw_rate_radps: f32) -> Outp
     Output {
         time: Instant(0),
         outcome: Outcome::Nominal,
+        stale: None,
         setpoint: Setpoint { velocity_ned_mps: Ned { north, east, down }, yaw_rate_radps },
         bearing: None,
         bearing_ned_rad: None,

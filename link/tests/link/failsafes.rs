@@ -1,6 +1,7 @@
 //! The rows of the table in `foxhound_link::failsafe`, one by one, against both autopilots, and jumps of the estimate.
 
 use foxhound_core::mission::{Control, Outcome};
+use foxhound_core::ownship::Stale;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;
 use foxhound_link::failsafe::Cause;
@@ -635,5 +636,50 @@ fn store_damaged_nothing_moves_until_what_was_stored_is_whole_again() {
         flight.assert_zero(Cause::StoreDamaged);
         flight.bench.companion.note_store(false);
         flight.assert_flies();
+    }
+}
+
+#[test]
+fn small_jumps_that_go_on_and_on_are_no_jumps_of_an_estimate_and_take_ownship_away() {
+    // 0.2 m ten times a second, while the velocity says 5 cm/s.
+    let mut bench = Bench::flying();
+    let mut lost = 0;
+    for step in 0..100_u32 {
+        let data = LOCAL_POSITION_NED_DATA {
+            time_boot_ms: 1_000 + step * 100,
+            x: step as f32 * 0.2,
+            vx: 0.05,
+            ..LOCAL_POSITION_NED_DATA::DEFAULT
+        };
+        bench.run(0.1);
+        bench.say(&MavMessage::LOCAL_POSITION_NED(data));
+        bench.say(&attitude(1_000 + step * 100, 0.25));
+        lost += u32::from(bench.companion.ownship().is_none());
+        assert!(step < 5 || bench.companion.ownship().is_none(), "{step}");
+    }
+    assert!(lost > 90, "{lost}");
+    // Two that are far apart are followed.
+    let mut flight = Flight::of(PX4);
+    for _ in 0..2 {
+        flight.position[1] += 0.3;
+        flight.run(3.0);
+        assert!(flight.bench.companion.ownship().is_some());
+    }
+    assert_eq!(flight.bench.companion.counters().jumps, 0);
+}
+
+#[test]
+fn ownship_that_contradicts_itself_is_told_by_its_name_and_once() {
+    for (stale, text) in [
+        (Stale::VelocityContradicts, "Foxhound: velocity contradicts position, holds"),
+        (Stale::PositionFrozen, "Foxhound: position stands still, holds"),
+        (Stale::PositionOld, "Foxhound: position or attitude is stale"),
+    ] {
+        let mut flight = Flight::of(ARDUPILOT);
+        flight.run(2.0);
+        flight.bench.take_sent();
+        let output = flight.bench.output.as_mut().unwrap();
+        (output.outcome, output.stale) = (Outcome::StaleOwnship, Some(stale));
+        assert_eq!(flight.texts(20.0), [text]);
     }
 }

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use crate::bench::{Bench, output};
 use foxhound_core::mission::Control;
+use foxhound_core::ownship::Agreement;
 use foxhound_core::time::Instant;
 use foxhound_core::units::wrap_pi;
 use foxhound_link::companion::{Config, Software};
@@ -212,6 +213,28 @@ fn a_real_flight_is_told_without_a_gap_or_a_jump_while_we_are_in_control() {
     // Only while the filter was settling, before take-off.
     assert!(jumps.iter().all(|at_us| *at_us < 13_700_000), "{jumps:?}");
     assert_eq!((bench.companion.counters().reboots, bench.companion.counters().rejected), (0, 0));
+}
+
+#[test]
+fn the_velocity_of_a_real_autopilot_agrees_with_its_positions() {
+    let mut bench = Bench::new(Config::default());
+    let (mut agreement, mut last, mut samples) = (Agreement::default(), None, 0);
+    for (at_us, frame) in records() {
+        bench.now_us = at_us;
+        bench.companion.receive(Instant(at_us), frame);
+        bench.companion.poll(bench.now());
+        let Some(ownship) = bench.companion.ownship() else { continue };
+        agreement.follow(last.as_ref(), &ownship);
+        last = Some(ownship);
+        if bench.companion.landed() == Some(true) {
+            // The filter settles.
+            agreement.release();
+        } else {
+            samples += 1;
+        }
+        assert_eq!(agreement.found(), None, "{at_us}");
+    }
+    assert!(samples > 4_000, "{samples}");
 }
 
 #[test]
