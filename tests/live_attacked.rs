@@ -303,6 +303,8 @@ fn expect(source: &str, least_s: f64) {
         println!("{outcome:?}");
         assert_eq!((outcome.ended, outcome.result.as_str()), (None, "reached"), "{outcome:?}");
         assert!(outcome.flight_s > least_s && outcome.requests > 500 && outcome.answers > 2, "{outcome:?}");
+        // A page that behaves waits for its turn, and not for ever.
+        assert!(outcome.setpoints > 50 && outcome.slowest_answer_s < 10.0, "{outcome:?}");
         assert!(outcome.memory_most_kb < outcome.memory_before_kb + GROWTH_MAX_KB, "{outcome:?}");
         if outcome.longest_gap_s <= GAP_MAX_S {
             return;
