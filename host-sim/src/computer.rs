@@ -86,6 +86,16 @@ pub trait Computer {
     /// The computer does not take them.
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError>;
 
+    /// When its next step will be, in seconds since its start, where it keeps its own time: the simulation follows.
+    fn next_step_s(&self) -> Option<f64> {
+        None
+    }
+
+    /// Whether the mode that gives it control has to be entered after its start.
+    fn needs_entry(&self) -> bool {
+        false
+    }
+
     /// Keeps its flight log from now on, where it has one.
     fn log_flight(&mut self) {}
 

@@ -1,4 +1,5 @@
-//! One closed-loop flight at a fixed step of 20 ms: world, sensor, autopilot, computer, autopilot, vehicle, and again.
+//! One closed-loop flight at a fixed step of 20 ms: world, sensor, autopilot, computer, autopilot, vehicle, and again. A
+//! computer that keeps its own time ([`Computer::next_step_s`]) says when the steps are.
 //!
 //! The truth decides what the flight came to: *reached* within the goal tolerance (horizontally), *collision* when the
 //! hull meets a pillar, *hold* when the vehicle stands still and says why, *timeout* otherwise. Simulated time is the only
@@ -46,6 +47,8 @@ const CHECKS_PER_TICK: usize = 4;
 const SENSOR_TICKS: u64 = 5;
 /// Steps from one try of the pilot to give control to the next.
 const PILOT_TICKS: u64 = 25;
+/// Steps that a computer hears of another mode, where the mode that gives it control has to be entered after its start.
+const ENTRY_TICKS: u64 = 100;
 /// A vehicle that moved less than this within the last while stands still.
 const STILL_M: f64 = 0.1;
 const STILL_TICKS: usize = 150;
@@ -302,7 +305,8 @@ pub fn fly_watched(
     let start = Horizontal::from_xy(scenario.start);
     let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose_at_start(scenario, &world, start));
     let mut downward = Downward::new(scenario, &world, mission.seed);
-    let mut autopilot = autopilot_at_start(scenario.vehicle.autopilot);
+    let mut autopilot = autopilot_at_start(scenario.vehicle.autopilot, computer.needs_entry());
+    let entry_tick = if computer.needs_entry() { ENTRY_TICKS } else { 0 };
     let mut control_is_due = autopilot.custom_mode != autopilot.companion_mode();
     let mut air = scenario.wind.map(|wind| Air::new(wind, Random::new(mission.seed, 3)));
     let mut drift = scenario.position.map(|position| Drift::new(position, Random::new(mission.seed, 4)));
@@ -317,12 +321,12 @@ pub fn fly_watched(
     let ticks = libm::ceil(scenario.max_time_s / TICK_S) as u64;
     let mut ending = None;
     let mut tick = 0;
-    while tick < ticks && ending.is_none() {
-        let now_us = tick * TICK_US;
-        let time_s = now_us as f64 * 1e-6;
+    let mut clock = Clock::at(computer, 0);
+    while clock.time_s < scenario.max_time_s && tick < ticks && ending.is_none() {
+        let Clock { now_us, time_s } = clock;
 
         // The pilot gives control as soon as the autopilot lets him, once.
-        if control_is_due && tick % PILOT_TICKS == 0 {
+        if control_is_due && tick >= entry_tick && tick % PILOT_TICKS == 0 {
             control_is_due = !autopilot.select_mode(now_us, autopilot.companion_mode());
         }
 
@@ -382,17 +386,19 @@ pub fn fly_watched(
         let picture = downward.as_ref().and_then(|downward| downward.fresh(time_s));
         watch(&Moment { world: &world, motion: &motion, sample: &sample, output, computer, picture });
 
-        // What the vehicle does.
+        // What the vehicle does until the next step.
+        clock = Clock::at(computer, tick + 1);
+        let step_s = if computer.next_step_s().is_some() { clock.time_s - time_s } else { TICK_S };
         autopilot.receive(now_us, &believed, &report.tx);
         if let Some(air) = &mut air {
-            vehicle.push = air.step(TICK_S);
+            vehicle.push = air.step(step_s);
         }
         for part in 1..=CHECKS_PER_TICK {
-            vehicle.step(autopilot.command(now_us), TICK_S / CHECKS_PER_TICK as f64);
+            vehicle.step(autopilot.command(now_us), step_s / CHECKS_PER_TICK as f64);
             if let Some(downward) = &mut downward {
                 downward.touch(vehicle.touch_ground());
             }
-            let at_s = time_s + TICK_S * part as f64 / CHECKS_PER_TICK as f64;
+            let at_s = time_s + step_s * part as f64 / CHECKS_PER_TICK as f64;
             if hull.collides(&world, horizontal(&vehicle.motion.pose), at_s) {
                 ending = Some(Ending::Collision);
                 break;
@@ -401,7 +407,8 @@ pub fn fly_watched(
         let position_now = horizontal(&vehicle.motion.pose);
         path_length_m += position_now.minus(position).norm();
         tick += 1;
-        let to_goal_m = world.source_at(tick as f64 * TICK_S).minus(position_now).norm();
+        let end_s = if computer.next_step_s().is_some() { clock.time_s } else { tick as f64 * TICK_S };
+        let to_goal_m = world.source_at(end_s).minus(position_now).norm();
         let is_over = match &mut downward {
             Some(downward) => downward.follow(time_s, &report.output),
             None => to_goal_m <= scenario.goal_tolerance,
@@ -416,7 +423,7 @@ pub fn fly_watched(
         }
     }
 
-    let time_s = tick as f64 * TICK_US as f64 / 1e6;
+    let time_s = if computer.next_step_s().is_some() { clock.time_s } else { tick as f64 * TICK_US as f64 / 1e6 };
     let last_outcome = path.last().map_or(Outcome::Nominal, |sample| sample.outcome);
     let (result, reason) = match ending {
         // What the last step was about explains nothing where the mission is done.
@@ -448,11 +455,27 @@ pub fn fly_watched(
     Ok(Record { scenario: scenario.clone(), report, path, replans, remembered: computer.remembered() })
 }
 
-/// PX4 cannot begin in OFFBOARD: it needs the companion's stream first.
-fn autopilot_at_start(software: Software) -> Autopilot {
+/// When a step is.
+#[derive(Clone, Copy)]
+struct Clock {
+    now_us: u64,
+    time_s: f64,
+}
+
+impl Clock {
+    fn at(computer: &dyn Computer, tick: u64) -> Self {
+        match computer.next_step_s() {
+            Some(time_s) => Self { now_us: (time_s * 1e6) as u64, time_s },
+            None => Self { now_us: tick * TICK_US, time_s: (tick * TICK_US) as f64 * 1e-6 },
+        }
+    }
+}
+
+/// PX4 cannot begin in OFFBOARD: it needs the companion's stream first. A computer may need the mode to be entered.
+fn autopilot_at_start(software: Software, needs_entry: bool) -> Autopilot {
     let start = match software {
-        Software::ArduCopter => Start::InControl,
-        Software::Px4 => Start::Hovering,
+        Software::ArduCopter if !needs_entry => Start::InControl,
+        _ => Start::Hovering,
     };
     Autopilot::new(software, start)
 }

@@ -21,6 +21,7 @@ pub mod computer;
 pub mod deviation;
 pub mod flight;
 pub mod frames;
+pub mod g474;
 pub mod gusts;
 pub mod input;
 pub mod landings;

@@ -12,17 +12,19 @@
 use std::collections::VecDeque;
 
 use foxhound_computer::flight::{Flight, Keeper, Receiver, Step};
-use foxhound_computer::log::frame::Deframer;
+use foxhound_computer::log::frame::{Deframer, Frame};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
 use foxhound_core::adc::Snapshot;
-use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard};
+use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Output};
 use foxhound_core::landing::pad::Look;
 use foxhound_core::map::Circle;
 use foxhound_core::param::{self, Values};
 use foxhound_core::planner::{Plan, Planner, Scratch};
+use foxhound_core::time::Instant;
 use foxhound_core::units::wrap_pi;
 use foxhound_link::companion::{self, Companion};
+use foxhound_link::mailbox::Planned;
 use serde::Serialize;
 
 use crate::computer::BLOCK;
@@ -31,6 +33,8 @@ use crate::input::InputError;
 /// Plans that may wait: one that nobody wants any more, and the next.
 const PLANS: usize = 2;
 const SIGMAS: f32 = 3.0;
+/// A frame is known by the time of its middle; from one to the next are 20 ms.
+const MIDDLE_OFF_MAX_US: u64 = 1_000;
 
 /// What came of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -79,12 +83,8 @@ pub fn replay(bytes: &[u8]) -> Result<Summary, InputError> {
     let mut replay = Replay::default();
     let mut deframer = Deframer::new();
     for byte in bytes {
-        let Some(frame) = deframer.push(*byte) else { continue };
-        replay.summary.frames += 1;
-        let record = Record::of(&frame);
-        replay.follow(frame.number, matches!(record, Some(Record::Begin(_))));
-        if let Some(record) = record {
-            replay.take(record)?;
+        if let Some(frame) = deframer.push(*byte) {
+            replay.read(&frame)?;
         }
     }
     let mut summary = replay.summary;
@@ -98,6 +98,64 @@ pub fn replay(bytes: &[u8]) -> Result<Summary, InputError> {
     }
 }
 
+/// A step of a log that is flown along with.
+#[derive(Clone, Debug)]
+pub(crate) struct Followed {
+    /// Counted from 0 at the beginning of its flight.
+    pub(crate) number: u64,
+    /// What it came to here.
+    pub(crate) output: Output,
+    /// The hash that the log has.
+    pub(crate) trace_hash: u64,
+    /// A plan that was ordered in it.
+    pub(crate) plan: Option<Planned>,
+    /// Bytes of the autopilot that were heard before it.
+    pub(crate) bytes: Vec<u8>,
+    /// The frame that it took.
+    pub(crate) snapshot: Option<Box<Snapshot<BLOCK>>>,
+}
+
+/// Flies along with a log while it is written, the front end included: the codes of its frames are at hand.
+#[derive(Default)]
+pub(crate) struct Follower {
+    replay: Replay,
+    deframer: Box<Deframer>,
+}
+
+impl Follower {
+    /// A frame that the computer was given; the time of its middle need not be exact.
+    pub(crate) fn offer(&mut self, snapshot: Snapshot<BLOCK>) {
+        self.replay.offered.push_back(snapshot);
+    }
+
+    /// Takes in bytes of the log; the steps that they end.
+    ///
+    /// # Errors
+    /// The log is one of another version, has a gap, or takes a frame that was not offered.
+    pub(crate) fn hear(&mut self, bytes: &[u8]) -> Result<Vec<Followed>, InputError> {
+        self.replay.follows = true;
+        for byte in bytes {
+            if let Some(frame) = self.deframer.push(*byte) {
+                self.replay.read(&frame)?;
+            }
+        }
+        match self.replay.summary.frames_missing {
+            0 => Ok(std::mem::take(&mut self.replay.followed)),
+            missing => Err(InputError::new(format!("the flight log lacks {missing} frames"))),
+        }
+    }
+
+    /// The parameters that hold.
+    pub(crate) fn parameters(&self) -> Option<&Values> {
+        self.replay.flown.as_ref().map(|flown| flown.companion.parameters())
+    }
+
+    /// The configuration with which the flight began.
+    pub(crate) fn begun_with(&self) -> Option<&guidance::Config> {
+        self.replay.flown.as_ref().map(|flown| &flown.begun_with)
+    }
+}
+
 #[derive(Default)]
 struct Replay {
     summary: Summary,
@@ -105,9 +163,31 @@ struct Replay {
     flown: Option<Box<Flown>>,
     /// The planner's memory outlives a flight, as in the firmware.
     scratch: Box<Scratch>,
+    /// Its steps are wanted, made from the codes that were offered.
+    follows: bool,
+    offered: VecDeque<Snapshot<BLOCK>>,
+    followed: Vec<Followed>,
 }
 
 impl Replay {
+    fn read(&mut self, frame: &Frame<'_>) -> Result<(), InputError> {
+        self.summary.frames += 1;
+        let record = Record::of(frame);
+        self.follow(frame.number, matches!(record, Some(Record::Begin(_))));
+        record.map_or(Ok(()), |record| self.take(record))
+    }
+
+    /// The frame that was offered and whose middle is at this time.
+    fn offered_at(&mut self, time: Instant) -> Result<Box<Snapshot<BLOCK>>, InputError> {
+        while let Some(mut snapshot) = self.offered.pop_front() {
+            if snapshot.time.0.abs_diff(time.0) < MIDDLE_OFF_MAX_US {
+                snapshot.time = time;
+                return Ok(Box::new(snapshot));
+            }
+        }
+        Err(InputError::new(format!("the frame of {:.6} s is none that was given", time.0 as f64 * 1e-6)))
+    }
+
     /// Follows the numbers of the frames; a gap ends the flight, which nobody knows any more.
     fn follow(&mut self, number: u32, is_beginning: bool) {
         let expected = self.next.replace(number.wrapping_add(1));
@@ -132,9 +212,22 @@ impl Replay {
             }
             Record::Late(late) => self.summary.late_steps = late.late,
             Record::Text(_) => {}
+            Record::Step(step) => {
+                let taken = step.heard.as_ref().filter(|_| self.follows).map(|heard| heard.bearing.time);
+                let snapshot = taken.map(|time| self.offered_at(time)).transpose()?;
+                if let Some(flown) = &mut self.flown {
+                    let bytes = if self.follows { flown.bytes.concat() } else { Vec::new() };
+                    let number = flown.steps;
+                    let (output, plan) = flown.step(&step, snapshot.as_deref(), &mut self.scratch, &mut self.summary);
+                    if self.follows {
+                        let trace_hash = u64::from_le_bytes(step.trace_hash);
+                        self.followed.push(Followed { number, output, trace_hash, plan, bytes, snapshot });
+                    }
+                }
+            }
             other => {
                 if let Some(flown) = &mut self.flown {
-                    flown.take(other, &mut self.scratch, &mut self.summary);
+                    flown.take(other, &mut self.summary);
                 }
             }
         }
@@ -144,6 +237,7 @@ impl Replay {
 
 /// A flight that is flown again.
 struct Flown {
+    begun_with: guidance::Config,
     config: guidance::Config,
     guidance: Guidance<BLOCK>,
     state: guidance::State<BLOCK>,
@@ -178,6 +272,7 @@ impl Flown {
             companion.require_entry();
         }
         Ok(Box::new(Self {
+            begun_with: begin.config,
             config: begin.config,
             state: guidance.start(),
             guidance,
@@ -195,7 +290,7 @@ impl Flown {
         }))
     }
 
-    fn take(&mut self, record: Record<'_>, scratch: &mut Scratch, summary: &mut Summary) {
+    fn take(&mut self, record: Record<'_>, summary: &mut Summary) {
         match record {
             Record::Bytes(bytes) => self.bytes.push(bytes.to_vec()),
             Record::Circles(circles) => self.circles = Some(circles.to_vec()),
@@ -210,12 +305,18 @@ impl Flown {
             Record::Loaded(values) => self.answers.loaded.push_back(
                 values.and_then(|values| values.as_slice().try_into().ok().map(|values| Values::restore(values).0)),
             ),
-            Record::Step(step) => self.step(&step, scratch, summary),
-            Record::Begin(_) | Record::Late(_) | Record::Text(_) => {}
+            Record::Begin(_) | Record::Step(_) | Record::Late(_) | Record::Text(_) => {}
         }
     }
 
-    fn step(&mut self, step: &log::Step<Heard>, scratch: &mut Scratch, summary: &mut Summary) {
+    /// One step, by what was made of its frame, or by the frame itself.
+    fn step(
+        &mut self,
+        step: &log::Step<Heard>,
+        snapshot: Option<&Snapshot<BLOCK>>,
+        scratch: &mut Scratch,
+        summary: &mut Summary,
+    ) -> (Output, Option<Planned>) {
         self.heard = step.heard;
         let plan = step.plan.and_then(|id| self.plans.iter().rev().find(|plan| plan.id == id).cloned());
         let (circles, look) = (self.circles.take(), self.look.take());
@@ -225,13 +326,22 @@ impl Flown {
             flight.hear(step.now, piece);
         }
         flight.serve(&mut answers);
-        let front_end = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard);
+        let heard = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard);
+        let front_end = snapshot.map_or(heard, FrontEnd::Snapshot);
         let now = Step { now: step.now, front_end, circles: circles.as_deref(), look, plan: plan.as_ref() };
         let output = flight.step(&now, || 0).output;
         // What it says goes nowhere.
         while self.companion.transmit(&mut [0; 512]) > 0 {}
+        let mut planned = None;
         if step.ordered {
-            self.plans.push_back(self.planner.plan(scratch, self.state.request()));
+            let plan = self.planner.plan(scratch, self.state.request());
+            planned = Some(Planned {
+                id: plan.id,
+                waypoints_ned_m: plan.waypoints_ned_m,
+                samples_ned_m: scratch.samples,
+                ticks: 0,
+            });
+            self.plans.push_back(plan);
             if self.plans.len() > PLANS {
                 self.plans.pop_front();
             }
@@ -247,6 +357,7 @@ impl Flown {
         summary.trace_hash = format!("{:016x}", output.trace_hash);
         self.steps += 1;
         summary.steps += 1;
+        (output, planned)
     }
 
     fn flight(&mut self) -> Flight<'_> {

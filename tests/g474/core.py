@@ -79,11 +79,11 @@ class Core:
         self.active = []
         self.own_units = 0
         self.is_asleep = False
-        self.mask_is_known = False
+        self.is_stuck = False
         self.vector_table = 0
         self.fault_status = [0, 0, 0, 0]
-        self.units = {}
-        self.busy = {}
+        # Units of time by who runs, and cycles of each activation.
+        self.units, self.busy = {}, {}
         self.set_clock(16_000_000)
         self.is_running = False
         self.interrupted = None
@@ -381,6 +381,9 @@ class Core:
             event = self.next_event()
             if event is not None and event <= self.time:
                 heapq.heappop(self.events)[2]()
+                continue
+            if self.is_stuck:
+                self.time = until if event is None else min(event, until)
                 continue
             number = self.takeable()
             if number is not None and not self.is_masked(number):

@@ -47,8 +47,9 @@ class Machine:
         self.codes = None
         self.frames = 0
         self.touched = set()
+        # Units of time by who runs, and cycles of each activation.
+        self.units, self.busy = {}, {}
         self.core = None
-        self.statistics = {}
         self.power_on("power")
 
     def power_on(self, cause):
@@ -59,11 +60,9 @@ class Machine:
 
     def boot(self, cause):
         """Everything but the memories begins anew."""
-        if self.core is not None:
-            self.keep_statistics()
         self.core = core = Core(self.flash, self.ram, self.core.time if self.core is not None else 0)
+        core.units, core.busy = self.units, self.busy
         self.blocks, self.channels = {}, {}
-        self.origin = None
         flags = FLAGS[cause] | (self.rcc.value["CSR"] & 0xFF00_0000 if cause in ("software", "watchdog", "pin") else 0)
         self.rcc = Rcc(self, HSE_HZ if self.has_crystal else None, flags)
         self.iwdg = Iwdg(self)
@@ -116,15 +115,7 @@ class Machine:
     def sampling_ends(self):
         self.sampling_at = None
 
-    def timer_begins(self, timer):
-        """embassy's time begins."""
-        if self.origin is None:
-            self.origin = self.core.now()
-
     # Running
-
-    def keep_statistics(self):
-        pass
 
     def run(self, until):
         """Runs until then; a reset on the way begins anew and is noted."""
@@ -133,7 +124,20 @@ class Machine:
                 self.core.run(until)
             except Reset as reset:
                 self.resets.append((self.core.time, reset.cause))
-                if reset.cause in ("brown-out", "cut"):
-                    self.power_on(reset.cause) if reset.cause == "brown-out" else self.boot(reset.cause)
+                if reset.cause in ("power", "cut"):
+                    self.power_on(reset.cause)
                 else:
                     self.boot(reset.cause)
+
+    # What goes wrong
+
+    def reset_in(self, us, cause):
+        def happen():
+            raise Reset(cause)
+        self.core.at(self.core.time + us * US, happen)
+
+    def hang_in(self, us):
+        """The core executes nothing any more."""
+        def happen():
+            self.core.is_stuck = True
+        self.core.at(self.core.time + us * US, happen)

@@ -95,8 +95,6 @@ class Timer(Block):
         self.value["CR1"] = value
         if (value ^ old) & 1:
             self.rebase(count)
-            if value & 1:
-                self.machine.timer_begins(self)
         self.update()
 
     def write_EGR(self, value, old):

@@ -180,6 +180,11 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let mut qemu = match &args.via {
         Via::Host => None,
         Via::Qemu(elf) => Some(QemuComputer::start(elf, &Setup { guidance }).map_err(refused)?),
+        Via::G474(_) => {
+            return Err(InputError::new(
+                "--via: g474 keeps the board's time, which is slower than this one; `fly` takes it",
+            ));
+        }
     };
     let failed = |error: io::Error| InputError::new(format!("--autopilot {}: {error}", args.autopilot));
     let mut line = Line::open(&args.autopilot).map_err(failed)?;

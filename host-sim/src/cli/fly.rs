@@ -12,11 +12,12 @@ use foxhound_core::planner;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{self, Ending, Mission, Record};
+use foxhound_sim::g474::{self, G474Computer, Needs};
 use foxhound_sim::input::{InputError, SNR_DB, SPEED, check_within, read_text};
 use foxhound_sim::params::Given;
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::report::{Beside, Recorder};
-use foxhound_sim::scenario::{BearingModel, Scenario};
+use foxhound_sim::scenario::{BearingModel, Scenario, SensorModel};
 use foxhound_sim::{mcap, plot, tlog};
 
 use super::companion::stop_flag;
@@ -71,7 +72,8 @@ pub(super) struct Fly {
     /// Which angle-of-arrival estimator.
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
-    /// Which computer flies: `host`, or `qemu:ELF` for a firmware image in QEMU.
+    /// Which computer flies: `host`, `qemu:ELF` for a firmware image in QEMU, `g474:ELF` for that of the NUCLEO-G474RE
+    /// in an instruction emulator (docs/measuring.md).
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
     /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrules the scenario.
@@ -156,6 +158,7 @@ pub(super) enum Via {
     #[default]
     Host,
     Qemu(PathBuf),
+    G474(PathBuf),
 }
 
 impl std::str::FromStr for Via {
@@ -165,7 +168,8 @@ impl std::str::FromStr for Via {
         match text.split_once(':') {
             None if text == "host" => Ok(Self::Host),
             Some(("qemu", elf)) if !elf.is_empty() => Ok(Self::Qemu(elf.into())),
-            _ => Err("expected `host` or `qemu:ELF`".to_owned()),
+            Some(("g474", elf)) if !elf.is_empty() => Ok(Self::G474(elf.into())),
+            _ => Err("expected `host`, `qemu:ELF` or `g474:ELF`".to_owned()),
         }
     }
 }
@@ -186,7 +190,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if args.live.is_on() {
         check_within("--speed", args.speed, &SPEED)?;
     }
-    let mission = Mission { scenario, seed: cli.seed, planner: args.planner, estimator: args.estimator.into() };
+    let mut mission = Mission { scenario, seed: cli.seed, planner: args.planner, estimator: args.estimator.into() };
     let plot_path = args.plot.clone().or_else(|| {
         let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")))?;
         Some(folder.join("flight.svg"))
@@ -216,6 +220,15 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             let qemu = qemu.map_err(|error| InputError::new(format!("--via: {error}")))?;
             let looks_inside = watched.is_some() || args.mcap.is_some();
             if looks_inside { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
+        }
+        Via::G474(elf) => {
+            if mission.scenario.sensor.model != SensorModel::Scan {
+                cli.note("the sensor's circles travel to the board as scans");
+            }
+            let needs = Needs::of(&mut mission, &config)?;
+            let options = g474::Options { seed: mission.seed, ..g474::Options::default() };
+            let board = G474Computer::start(elf, options, &needs);
+            Box::new(board.map_err(|error| InputError::new(format!("--via: {error}")))?)
         }
     };
     let watcher = |path: &PathBuf| mcap::Log::create(path, &mission, &config, command_line());
