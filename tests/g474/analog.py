@@ -91,7 +91,7 @@ class Adc(Block):
 
     def __getattr__(self, name):
         # Registers that only an idle converter takes.
-        if name in ("write_CFGR", "write_CFGR2", "write_SMPR1", "write_SMPR2", "write_SQR1", "write_DIFSEL"):
+        if name in ("write_CFGR", "write_CFGR2", "write_SMPR1", "write_SMPR2", "write_SQR1"):
             return self.idle(name[6:])
         raise AttributeError(name)
 

@@ -2,17 +2,11 @@
 
 import core as processor
 from blocks import Block
+from registers import REQUESTS
 from rules import Broken, require
 
 CHANNELS = 8
 IRQS = {"DMA1": (11, 12, 13, 14, 15, 16, 17, 96), "DMA2": (56, 57, 58, 59, 60, 97, 98, 99)}
-# RM0440, table of the DMAMUX inputs: request, the register that its peripheral has for it, whether DMA writes that.
-REQUESTS = {
-    5: ("ADC1", "DR", False), 36: ("ADC2", "DR", False), 37: ("ADC3", "DR", False), 38: ("ADC4", "DR", False),
-    6: ("DAC1", "DHR12R1", True),
-    24: ("USART1", "RDR", False), 25: ("USART1", "TDR", True),
-    34: ("LPUART1", "RDR", False), 35: ("LPUART1", "TDR", True),
-}
 EN, TCIE, HTIE, TEIE, DIR, CIRC = 1, 2, 4, 8, 16, 32
 # What is read-only while a channel is enabled.
 LOCKED = 0x7FF0
@@ -175,9 +169,6 @@ class Dmamux(Block):
     def request_of(self, channel):
         number = channel.index + (0 if channel.dma.name == "DMA1" else CHANNELS)
         return self.value[f"C{number}CR"] & 0x7F
-
-    def write_CFR(self, value, old):
-        pass
 
 
 def mux_writer(number):

@@ -75,7 +75,7 @@ class Machine:
                 Pwr(self, "PWR"), Dac(self, "DAC1"), AdcCommon(self, "ADC12_COMMON"), AdcCommon(self, "ADC345_COMMON")]
         made += [Adc(self, f"ADC{n}") for n in (1, 2, 3, 4)]
         made += [Timer(self, "TIM15")]
-        made += [Block(self, name) for name in ("SYSCFG", "EXTI", "GPIOA", "GPIOB", "GPIOC", "DBGMCU")]
+        made += [Block(self, name) for name in ("GPIOA", "GPIOB", "DBGMCU")]
         self.blocks = {block.name: block for block in made}
         self.system = System(self)
         self.sampling_at = None

@@ -110,11 +110,6 @@ class Uart(Block):
     def write_TDR(self, value, old):
         self.send(bytes([value & 0xFF]))
 
-    def write_RQR(self, value, old):
-        if value >> 3 & 1:
-            self.value["ISR"] &= ~RXNE
-            self.update()
-
     def write_CR1(self, value, old):
         self.sync()
         # All but UE, TE, RE, UESM and the interrupt enables.

@@ -72,6 +72,18 @@ pub fn qemu_image() -> String {
     }
 }
 
+/// The image for the NUCLEO-G474RE, which `cargo xtask test` builds and names.
+///
+/// # Panics
+/// When it is not named.
+#[must_use]
+pub fn g474_image() -> String {
+    match std::env::var("FOXHOUND_G474_ELF") {
+        Ok(path) => path,
+        Err(_) => fail("FOXHOUND_G474_ELF names no image; `cargo xtask test` builds one and runs this test"),
+    }
+}
+
 /// A Python with pymavlink, which `cargo xtask test` installs and names.
 ///
 /// # Panics

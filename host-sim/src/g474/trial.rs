@@ -1,0 +1,70 @@
+//! One mission by the image, beside the desktop and QEMU.
+
+use std::path::Path;
+
+use foxhound_core::bearing::Estimator;
+use foxhound_core::guidance::FrontEnd;
+use foxhound_core::planner;
+use foxhound_link::mailbox::Setup;
+use serde_json::Value;
+
+use super::{G474Computer, Heard, Needs, Options};
+use crate::flight::{self, Mission};
+use crate::qemu::QemuComputer;
+use crate::replay::{self, Summary};
+use crate::scenario::Scenario;
+
+/// What it came to. That the desktop's hash was the image's at every step goes without saying: a flight ends where it is not.
+#[derive(Debug)]
+pub struct Trial {
+    /// The flight.
+    pub report: flight::Report,
+    /// Its log, flown again.
+    pub replayed: Summary,
+    /// Steps that QEMU's twin made of the same inputs, with the same hash at every one.
+    pub twin_steps: usize,
+    /// Steps of the flight.
+    pub steps: usize,
+    /// What the board's time was spent on.
+    pub timing: Value,
+}
+
+/// Flies the built-in mission by the image and, on what that heard, by the twin, where there is one.
+///
+/// # Errors
+/// What went wrong, or the first step that came to something else.
+pub fn fly(elf: &Path, twin: Option<&Path>, seed: u64) -> Result<Trial, String> {
+    let (planner, estimator) = (planner::Config::default(), Estimator::default());
+    let mut mission = Mission { scenario: Scenario::built_in(), seed, planner, estimator };
+    let config = mission.guidance();
+    let needs = Needs::of(&mut mission, &config).map_err(|error| error.to_string())?;
+    let options = Options { seed, ..Options::default() };
+    let mut computer = G474Computer::start(elf, options, &needs).map_err(|error| error.to_string())?;
+    computer.keep_heard();
+    let record = flight::fly(&mission, &mut computer, None, |_| ()).map_err(|error| error.to_string())?;
+    let heard = computer.take_heard();
+    let log = crate::computer::Computer::take_flight_log(&mut computer);
+    let replayed = replay::replay(&log).map_err(|error| error.to_string())?;
+    let guidance = *computer.config().ok_or("the flight log has no beginning")?;
+    let timing = computer.board().timing().map_err(|error| error.to_string())?;
+    drop(computer);
+    let twin_steps = match twin {
+        Some(twin) => repeat(twin, &Setup { guidance }, &heard)?,
+        None => 0,
+    };
+    Ok(Trial { report: record.report, replayed, twin_steps, steps: heard.len(), timing })
+}
+
+/// The same inputs, in the twin.
+fn repeat(twin: &Path, setup: &Setup, heard: &[Heard]) -> Result<usize, String> {
+    let mut twin = QemuComputer::start(twin, setup).map_err(|error| error.to_string())?;
+    for (number, step) in heard.iter().enumerate() {
+        let front_end = step.snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Snapshot);
+        let report = twin.step(step.now, front_end, None, &step.rx).map_err(|error| error.to_string())?;
+        let (here, there) = (report.output.trace_hash, step.trace_hash);
+        if here != there {
+            return Err(format!("QEMU and the image part at step {number}: trace {here:016x} and {there:016x}"));
+        }
+    }
+    Ok(heard.len())
+}

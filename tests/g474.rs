@@ -1,0 +1,567 @@
+//! The shipped image for the NUCLEO-G474RE, unchanged, in an instruction emulator with a strict model of the part
+//! (`tests/g474`): it boots, flies, survives floods and faults; and what the model knows of registers is what others know.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::path::Path;
+
+use foxhound_core::adc::Snapshot;
+use foxhound_core::guidance::FrontEnd;
+use foxhound_core::map::Circle;
+use foxhound_core::param;
+use foxhound_core::time::Instant;
+use foxhound_link::CharArray;
+use foxhound_link::MessageData;
+use foxhound_link::dialect::{ATTITUDE_DATA, COMMAND_LONG_DATA, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA};
+use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
+use foxhound_sim::antennas::{Antennas, Pose};
+use foxhound_sim::autopilot::{Autopilot, Software, Start};
+use foxhound_sim::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
+use foxhound_sim::flight::{self, Ending, Mission};
+use foxhound_sim::g474::{Board, G474Error, Options, Report, Restarted, trial};
+use foxhound_sim::random::Random;
+use foxhound_sim::scenario::Scenario;
+use foxhound_sim::vehicle::Motion;
+use foxhound_tests::{g474_image, python, qemu_image, root, run};
+use serde_json::{Value, json};
+use stm32_metapac::metadata::METADATA;
+use stm32_metapac::metadata::ir::{Array, BitOffset, BlockItemInner, IR};
+
+const COMPANION: u8 = 191;
+const STATION: Header = Header { system_id: 255, component_id: 190, sequence: 0 };
+
+/// A board, an autopilot that hovers, and what the board says.
+struct Bench {
+    board: Board,
+    report: Report,
+    autopilot: Autopilot,
+    framer: Framer,
+    random: Random,
+    texts: Vec<String>,
+    heartbeats_s: Vec<f64>,
+    parameters: Vec<f32>,
+    resets: Vec<Restarted>,
+}
+
+impl Bench {
+    fn start(options: Options) -> Self {
+        let (board, report) = Board::start(Path::new(&g474_image()), options).unwrap();
+        Self {
+            board,
+            report,
+            autopilot: Autopilot::new(Software::ArduCopter, Start::Hovering),
+            framer: Framer::new(),
+            random: Random::new(1, 1),
+            texts: Vec::new(),
+            heartbeats_s: Vec::new(),
+            parameters: Vec::new(),
+            resets: Vec::new(),
+        }
+    }
+
+    fn seconds(&mut self, seconds: f64) {
+        let until_us = self.report.now_us + seconds * 1e6;
+        while self.report.now_us < until_us {
+            self.step(&[]);
+        }
+    }
+
+    /// One frame; the autopilot speaks, and somebody else may.
+    fn step(&mut self, more: &[u8]) {
+        self.autopilot.telemetry(self.report.frame_us as u64, &Motion::default(), false);
+        let mut rx = self.autopilot.transmit();
+        rx.extend_from_slice(more);
+        let snapshot = self.noise();
+        let report = self.board.step(&rx, &[], Some(&snapshot)).unwrap();
+        self.listen(report);
+    }
+
+    /// No beacon.
+    fn noise(&mut self) -> Snapshot<BLOCK> {
+        let antennas = Antennas { channel_gain: [0.0; 4], snr_db: Some(20.0), ..Antennas::default() };
+        antennas.frame(Instant(0), &Pose::default(), [9.0, 0.0, 0.0], &mut self.random)
+    }
+
+    fn listen(&mut self, report: Report) {
+        let mut bytes = &report.tx[..];
+        while !bytes.is_empty() {
+            let taken = self.framer.push(bytes);
+            bytes = &bytes[taken..];
+            while let Some(frame) = self.framer.next_frame() {
+                match frame.message() {
+                    Some(MavMessage::STATUSTEXT(text)) => self.texts.push(text.text.to_str().unwrap().to_owned()),
+                    Some(MavMessage::HEARTBEAT(_)) => self.heartbeats_s.push(report.now_us * 1e-6),
+                    Some(MavMessage::PARAM_VALUE(value)) => self.parameters.push(value.param_value),
+                    _ => {}
+                }
+            }
+        }
+        self.resets.extend_from_slice(&report.resets);
+        self.report = report;
+    }
+
+    fn fault(&mut self, fault: &Value) {
+        let report = self.board.fault(fault).unwrap();
+        self.listen(report);
+    }
+
+    fn causes(&self) -> Vec<&str> {
+        self.resets.iter().map(|reset| reset.cause.as_str()).collect()
+    }
+
+    fn has_said(&self, words: &str) -> bool {
+        self.texts.iter().any(|text| text.contains(words))
+    }
+
+    /// Beats once a second, in this last while.
+    fn assert_beats(&self, seconds: f64) {
+        let from_s = self.report.now_us * 1e-6 - seconds;
+        let beats: Vec<f64> = self.heartbeats_s.iter().copied().filter(|at_s| *at_s > from_s).collect();
+        assert!((beats.len() as f64 - seconds).abs() <= 1.5, "{} beats in {seconds} s", beats.len());
+        assert!(beats.windows(2).all(|pair| (pair[1] - pair[0] - 1.0).abs() < 0.1), "{beats:?}");
+    }
+
+    fn set_speed(&mut self, value: f32) {
+        let set = PARAM_SET_DATA {
+            target_system: 1,
+            target_component: COMPANION,
+            param_id: CharArray::new(*param::FH_SPD_MAX.padded_name()),
+            param_type: 9,
+            param_value: value,
+        };
+        self.step(&frame(&set));
+    }
+
+    fn save(&mut self) {
+        let save = COMMAND_LONG_DATA {
+            target_system: 1,
+            target_component: COMPANION,
+            command: 245,
+            param1: 1.0,
+            ..COMMAND_LONG_DATA::DEFAULT
+        };
+        self.step(&frame(&save));
+    }
+
+    fn speed(&mut self) -> f32 {
+        let read = PARAM_REQUEST_READ_DATA {
+            target_system: 1,
+            target_component: COMPANION,
+            param_id: CharArray::new(*param::FH_SPD_MAX.padded_name()),
+            param_index: -1,
+        };
+        self.parameters.clear();
+        for _ in 0..50 {
+            self.step(&frame(&read));
+            if let Some(value) = self.parameters.last() {
+                return *value;
+            }
+        }
+        panic!("the board does not tell its parameters");
+    }
+}
+
+fn frame<D: MessageData>(message: &D) -> Vec<u8> {
+    let mut bytes = [0; FRAME_MAX];
+    let length = encode_data(STATION, message, &mut bytes);
+    bytes[..length].to_vec()
+}
+
+#[test]
+fn it_boots_and_runs_for_a_minute_without_a_restart() {
+    let mut bench = Bench::start(Options { seed: 1, ..Options::default() });
+    bench.seconds(61.0);
+    assert_eq!(bench.causes(), [""; 0], "{:?}", bench.texts);
+    bench.assert_beats(60.0);
+    assert!(!bench.has_said("restart"), "{:?}", bench.texts);
+}
+
+#[test]
+fn it_flies_to_the_beacon_with_the_hash_of_the_desktop_and_of_qemu() {
+    let flown = trial::fly(Path::new(&g474_image()), Some(Path::new(&qemu_image())), 1).unwrap();
+    assert_eq!(flown.report.result, Ending::Reached, "{:?}", flown.report);
+    assert!(flown.report.time_s >= 13.0, "{}", flown.report.time_s);
+    assert!(flown.steps > 600 && flown.twin_steps == flown.steps, "{} {}", flown.steps, flown.twin_steps);
+    assert!(flown.replayed.is_identical(), "{:?}", flown.replayed);
+    assert_eq!(flown.replayed.trace_hash, flown.report.trace_hash);
+    assert!(flown.replayed.codes_checked > 10);
+    let most = |name: &str| flown.timing["per_activation"][name]["most"].as_f64().unwrap() / 170e3;
+    assert!(most("guidance") < 20.0, "the longest step takes {} ms", most("guidance"));
+}
+
+/// The image flies, its line full of telemetry, noise and breaks; what flies beside it only says what guidance would have said.
+struct Flooded {
+    board: Board,
+    report: Report,
+    beside: HostComputer,
+    framer: Framer,
+    attitude: Vec<u8>,
+    step: u64,
+    heartbeats_s: Vec<f64>,
+    setpoints_s: Vec<f64>,
+    resets: Vec<Restarted>,
+}
+
+/// Of the 1 843 bytes that the line carries in a step.
+const FLOOD_BYTES: usize = 1_800;
+
+impl Computer for Flooded {
+    fn step(
+        &mut self,
+        now: Instant,
+        front_end: FrontEnd<'_, BLOCK>,
+        circles: Option<&[Circle]>,
+        rx: &[u8],
+    ) -> Result<StepReport, ComputerError> {
+        let FrontEnd::Snapshot(snapshot) = front_end else { panic!("it flies by waves") };
+        let output = self.beside.step(now, front_end, circles, rx)?.output;
+        // A byte in a thousand is damaged.
+        let error = if self.step.is_multiple_of(2) { "noise" } else { "break" };
+        self.board.fault(&json!({ "kind": error, "bytes": 2 })).unwrap();
+        let mut line = rx.to_vec();
+        while line.len() + self.attitude.len() < FLOOD_BYTES {
+            line.extend_from_slice(&self.attitude);
+        }
+        self.step += 1;
+        let report = self.board.step(&line, &[], Some(snapshot)).unwrap();
+        let mut bytes = &report.tx[..];
+        while !bytes.is_empty() {
+            let taken = self.framer.push(bytes);
+            bytes = &bytes[taken..];
+            while let Some(frame) = self.framer.next_frame() {
+                match frame.message() {
+                    Some(MavMessage::HEARTBEAT(_)) => self.heartbeats_s.push(report.now_us * 1e-6),
+                    Some(MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)) => self.setpoints_s.push(report.now_us * 1e-6),
+                    _ => {}
+                }
+            }
+        }
+        self.resets.extend_from_slice(&report.resets);
+        let tx = report.tx.clone();
+        self.report = report;
+        Ok(StepReport { output, plan: None, tx })
+    }
+
+    fn see(&mut self, _bytes: &[u8]) -> Result<(), ComputerError> {
+        Ok(())
+    }
+
+    fn next_step_s(&self) -> Option<f64> {
+        Some(self.report.frame_us * 1e-6)
+    }
+
+    fn needs_entry(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn a_line_that_is_full_of_telemetry_noise_and_breaks_starves_nothing() {
+    let scenario = Scenario { max_time_s: 9.0, ..Scenario::built_in() };
+    let mission = Mission { scenario, seed: 2, planner: Default::default(), estimator: Default::default() };
+    let (board, report) = Board::start(Path::new(&g474_image()), Options { seed: 2, ..Options::default() }).unwrap();
+    // From a component that is not the autopilot: parsed, and of no use.
+    let mut attitude = [0; FRAME_MAX];
+    let header = Header { system_id: 1, component_id: 100, sequence: 0 };
+    let length = encode_data(header, &ATTITUDE_DATA::DEFAULT, &mut attitude);
+    let mut flooded = Flooded {
+        board,
+        report,
+        beside: HostComputer::new(&mission.guidance()).unwrap(),
+        framer: Framer::new(),
+        attitude: attitude[..length].to_vec(),
+        step: 0,
+        heartbeats_s: Vec::new(),
+        setpoints_s: Vec::new(),
+        resets: Vec::new(),
+    };
+    let record = flight::fly(&mission, &mut flooded, None, |_| ()).unwrap();
+    assert_eq!(flooded.resets, []);
+    assert_eq!(record.report.collisions, 0);
+    let [beats, setpoints] = [&flooded.heartbeats_s, &flooded.setpoints_s];
+    assert!(beats.len() >= 7 && beats.windows(2).all(|pair| (pair[1] - pair[0] - 1.0).abs() < 0.1), "{beats:?}");
+    let (first_s, last_s) = (setpoints[0], setpoints[setpoints.len() - 1]);
+    assert!(first_s < 3.5 && last_s > 8.8, "from {first_s} s to {last_s} s");
+    let rate_hz = (setpoints.len() - 1) as f64 / (last_s - first_s);
+    assert!((10.0..30.0).contains(&rate_hz), "{rate_hz} Hz");
+    let gap_s = setpoints.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    assert!(gap_s <= 0.1, "{gap_s} s without a setpoint");
+    assert!(record.report.path_length_m > 3.0, "it flies: {} m", record.report.path_length_m);
+}
+
+#[test]
+fn without_a_crystal_it_runs_on_the_internal_oscillator_and_says_so() {
+    let mut bench = Bench::start(Options { seed: 3, no_crystal: true });
+    bench.seconds(5.0);
+    assert_eq!(bench.causes(), [""; 0]);
+    bench.assert_beats(4.0);
+    assert!(bench.has_said("no crystal"), "{:?}", bench.texts);
+}
+
+#[test]
+fn after_an_overrun_of_a_converter_frames_come_again() {
+    let mut bench = Bench::start(Options { seed: 4, ..Options::default() });
+    bench.seconds(1.0);
+    for channel in 0..4 {
+        bench.fault(&json!({ "kind": "adc-overrun", "channel": channel, "after_us": 3_000 }));
+        bench.seconds(0.5);
+        assert!(bench.report.is_sampling, "ADC{} has stopped", channel + 1);
+    }
+    assert_eq!(bench.causes(), [""; 0]);
+    bench.assert_beats(2.0);
+    assert!(!bench.has_said("does not"), "{:?}", bench.texts);
+}
+
+#[test]
+fn noise_and_breaks_on_the_line_cost_the_bytes_that_they_hit() {
+    let mut bench = Bench::start(Options { seed: 5, ..Options::default() });
+    bench.seconds(2.0);
+    for round in 0..50 {
+        let kind = if round % 2 == 0 { "noise" } else { "break" };
+        bench.fault(&json!({ "kind": kind, "bytes": 1 + round % 3, "after_us": 37 * round }));
+        bench.step(&[]);
+    }
+    bench.set_speed(0.8);
+    assert_eq!(bench.speed(), 0.8, "it hears");
+    assert_eq!(bench.causes(), [""; 0]);
+    assert!(!bench.has_said("autopilot has restarted"), "old bytes were read as new: {:?}", bench.texts);
+    bench.assert_beats(2.0);
+}
+
+#[test]
+fn a_save_that_the_power_cuts_off_leaves_the_old_value_or_the_new_one() {
+    let mut values = Vec::new();
+    for operation in [0, 1, 2, 5, 12] {
+        let mut bench = Bench::start(Options { seed: 6 + operation, ..Options::default() });
+        bench.seconds(0.5);
+        bench.set_speed(0.7);
+        bench.seconds(0.5);
+        bench.fault(&json!({ "kind": "flash-cut", "operation": operation }));
+        bench.save();
+        bench.seconds(2.0);
+        assert_eq!(bench.causes(), ["cut"], "operation {operation}: {:?}", bench.texts);
+        values.push(bench.speed());
+        bench.assert_beats(1.0);
+    }
+    assert!(values.iter().all(|value| [1.0, 0.7].contains(value)), "{values:?}");
+}
+
+#[test]
+fn what_was_saved_is_there_after_every_kind_of_restart() {
+    let mut bench = Bench::start(Options { seed: 20, ..Options::default() });
+    bench.seconds(0.5);
+    bench.set_speed(0.6);
+    bench.save();
+    bench.seconds(2.0);
+    for (kind, cause, words) in [
+        ("brown-out", "brown-out", Some("brown-out")),
+        ("stuck", "watchdog", Some("watchdog")),
+        ("pin", "pin", None),
+        ("power", "power", None),
+    ] {
+        bench.texts.clear();
+        bench.fault(&json!({ "kind": kind, "after_us": 1_234 }));
+        bench.seconds(2.5);
+        assert_eq!(bench.causes().last(), Some(&cause), "{:?}", bench.resets);
+        assert!(words.is_none_or(|words| bench.has_said(words)), "{kind}: {:?}", bench.texts);
+        assert_eq!(bench.speed(), 0.6, "{kind}");
+        bench.assert_beats(1.0);
+    }
+    assert_eq!(bench.resets.len(), 4);
+    // The watchdog bites within its time.
+    let [before, bitten] = [&bench.resets[0], &bench.resets[1]].map(|reset| reset.time_us);
+    assert!(bitten - before < 4e6, "{:?}", bench.resets);
+}
+
+#[test]
+fn memory_that_starts_as_noise_starts_no_other_way() {
+    for seed in 30..34 {
+        let mut bench = Bench::start(Options { seed, ..Options::default() });
+        bench.seconds(1.5);
+        assert_eq!(bench.causes(), [""; 0]);
+        assert!(!bench.has_said("restart"), "seed {seed}: {:?}", bench.texts);
+    }
+}
+
+#[test]
+fn an_image_of_another_board_is_refused_and_so_is_what_cannot_be_flown() {
+    let elf = g474_image();
+    let other = format!("g474:{}", qemu_image());
+    let via = format!("g474:{elf}");
+    let paper = ["fly", "--json", "--planner", "paper", "--via", &via];
+    for (arguments, words) in [
+        (&["fly", "--json", "--via", &other][..], "it is for the board mps2_an386"),
+        (&["fly", "--json", "--via", "g474:Cargo.toml"], "it is not an ELF file"),
+        (&paper, "--planner: no parameter of the image sets it"),
+    ] {
+        let output = run(arguments);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(words), "{errors}");
+    }
+    let error = Board::start(Path::new("/nonexistent"), Options::default()).unwrap_err();
+    assert!(matches!(error, G474Error::Image(_)), "{error}");
+}
+
+/// A register in which the model and stm32-metapac differ, by its bits; and what `stm32g4`, which is made from ST's SVD file,
+/// has in that place.
+struct Difference {
+    register: &'static str,
+    bits: u32,
+    file: &'static str,
+    has: &'static str,
+    lacks: &'static str,
+}
+
+const fn differs(register: &'static str, bits: u32, file: &'static str, has: &'static str) -> Difference {
+    Difference { register, bits, file, has, lacks: "\0" }
+}
+
+/// metapac gives a low-power UART what an UART has.
+const fn lacks(register: &'static str, bits: u32, file: &'static str, lacks: &'static str) -> Difference {
+    Difference { register, bits, file, has: "", lacks }
+}
+
+const DIFFERENCES: [Difference; 17] = [
+    // The one that left the regulator's boost off.
+    differs("PWR.CR5", 0x101, "pwr/cr5.rs", "R1MODE_W::new(self, 8)"),
+    differs("TIM6.ARR", 0xF_0000, "tim6/arr.rs", "ARR_R::new(self.bits & 0x000f_ffff)"),
+    differs("TIM6.CR2", 0x80, "tim6/cr2.rs", "MMS_R::new(((self.bits >> 4) & 7) as u8)"),
+    differs("TIM15.ARR", 0xF_0000, "tim15/arr.rs", "ARR_R::new(self.bits & 0x000f_ffff)"),
+    differs("TIM15.CCR", 0xF_0000, "tim15/ccr.rs", "0x000f_ffff"),
+    differs("TIM15.DIER", 0x404, "tim15/dier.rs", "CC2IE"),
+    differs("DMAMUX1.CCR", 0x80, "dmamux/ccr.rs", "DMAREQ_ID_R::new((self.bits & 0x7f) as u8)"),
+    differs("USART1.CR2", 0x9, "usart1/cr2.rs", "SLVEN"),
+    differs("USART1.CR3", 0x100_0000, "usart1/cr3.rs", "TCBGTIE"),
+    differs("USART1.ISR", 0x200_2000, "usart1/isr.rs", "UDR"),
+    differs("USART1.ICR", 0x20A0, "usart1/icr.rs", "UDRCF"),
+    lacks("LPUART1.CR1", 0xC00_8000, "lpuart1/cr1.rs", "OVER8_W"),
+    lacks("LPUART1.CR2", 0xF0_4F60, "lpuart1/cr2.rs", "LINEN_W"),
+    lacks("LPUART1.CR3", 0xE_0836, "lpuart1/cr3.rs", "SCEN_W"),
+    lacks("LPUART1.ISR", 0xD900, "lpuart1/isr.rs", "RTOF_R"),
+    lacks("LPUART1.ICR", 0x1900, "lpuart1/icr.rs", "RTOCF_W"),
+    differs("LPUART1.BRR", 0xF_0000, "lpuart1/brr.rs", "0x000f_ffff"),
+];
+
+/// The bits that metapac knows of the registers at this place of a block; several registers may lie there.
+fn known_bits(ir: &IR, block: &str, offset: u32) -> Vec<u32> {
+    let same = |a: &str, b: &str| a.replace('_', "").eq_ignore_ascii_case(&b.replace('_', ""));
+    let Some(block) = ir.blocks.iter().find(|known| same(known.name, block)) else { return Vec::new() };
+    let mut found = block.extends.map_or_else(Vec::new, |base| known_bits(ir, base, offset));
+    for item in block.items {
+        for shift in places(item.array.as_ref()) {
+            let at = item.byte_offset + shift;
+            match &item.inner {
+                BlockItemInner::Block(inner) if at <= offset => found.extend(known_bits(ir, inner.block, offset - at)),
+                BlockItemInner::Register(register) if at == offset => {
+                    found.push(register.fieldset.map_or(u32::MAX >> (32 - register.bit_size), |name| fields(ir, name)));
+                }
+                _ => {}
+            }
+        }
+    }
+    found
+}
+
+fn fields(ir: &IR, name: &str) -> u32 {
+    let same = |a: &str, b: &str| a.replace('_', "").eq_ignore_ascii_case(&b.replace('_', ""));
+    let Some(set) = ir.fieldsets.iter().find(|set| same(set.name, name)) else { return 0 };
+    let mut bits = set.extends.map_or(0, |base| fields(ir, base));
+    for field in set.fields {
+        for shift in places(field.array.as_ref()) {
+            let ranges = match &field.bit_offset {
+                BitOffset::Regular(at) => vec![at.offset..=at.offset + field.bit_size - 1],
+                BitOffset::Cursed(at) => at.ranges.to_vec(),
+            };
+            bits |= ranges.into_iter().flatten().map(|bit| 1 << (bit + shift)).sum::<u32>();
+        }
+    }
+    bits
+}
+
+fn places(array: Option<&Array>) -> Vec<u32> {
+    match array {
+        None => vec![0],
+        Some(Array::Regular(array)) => (0..array.len).map(|at| at * array.stride).collect(),
+        Some(Array::Cursed(array)) => array.offsets.to_vec(),
+    }
+}
+
+/// The folder of `stm32g4`'s sources for this part.
+fn third_source() -> std::path::PathBuf {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = std::process::Command::new(cargo);
+    let output = command.current_dir(root()).args(["metadata", "--format-version", "1", "--offline"]).output().unwrap();
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let package = metadata["packages"].as_array().unwrap().iter().find(|package| package["name"] == "stm32g4").unwrap();
+    Path::new(package["manifest_path"].as_str().unwrap()).parent().unwrap().join("src/stm32g474")
+}
+
+/// `CCR3` and `C3CR` are of one kind.
+fn kind_of(block: &str, register: &str) -> String {
+    let kind: String = register.chars().filter(|letter| block != "DMAMUX1" || !letter.is_ascii_digit()).collect();
+    match (block, kind.as_str()) {
+        ("DMAMUX1", _) => format!("{block}.CCR"),
+        ("TIM15", "CCR1" | "CCR2") => format!("{block}.CCR"),
+        _ => format!("{block}.{register}"),
+    }
+}
+
+#[test]
+fn the_registers_of_the_model_are_those_of_two_other_sources() {
+    let output = python().arg("-B").arg(root().join("tests/g474/registers.py")).output().unwrap();
+    let table: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let (third, mut used, mut registers) = (third_source(), Vec::new(), 0);
+    for block in table["blocks"].as_array().unwrap() {
+        let name = block["name"].as_str().unwrap();
+        let known = METADATA.peripherals.iter().find(|peripheral| peripheral.name == name).unwrap();
+        assert_eq!(block["address"].as_u64().unwrap(), known.address, "{name}");
+        if let (Some(clock), Some(enable)) =
+            (block["clock"].as_str(), known.rcc.as_ref().and_then(|rcc| rcc.enable.as_ref()))
+        {
+            assert_eq!(clock, format!("{}.{}", enable.register, enable.field).to_uppercase(), "{name}");
+        }
+        if let Some(number) = block["interrupt"].as_u64() {
+            let is_its = |name: &str| {
+                METADATA.interrupts.iter().any(|known| known.name == name && u64::from(known.number) == number)
+            };
+            assert!(known.interrupts.iter().any(|of| is_its(of.interrupt)), "{name}: interrupt {number}");
+        }
+        let of = known.registers.as_ref().unwrap();
+        for register in block["registers"].as_array().unwrap() {
+            let (text, offset) = (register["name"].as_str().unwrap(), register["offset"].as_u64().unwrap() as u32);
+            let number = |value: &Value| value.as_u64().unwrap() as u32;
+            let fields = register["fields"].as_array().unwrap().iter();
+            let ours: u32 =
+                fields.map(|field| (u32::MAX >> (32 - number(&field["width"]))) << number(&field["bit"])).sum();
+            let theirs = known_bits(of.ir, of.block, offset);
+            registers += 1;
+            if theirs.contains(&ours) {
+                continue;
+            }
+            let kind = kind_of(name, text);
+            let difference = DIFFERENCES.iter().find(|difference| difference.register == kind);
+            let difference = difference.unwrap_or_else(|| panic!("{kind}: {ours:#x} here, {theirs:x?} there"));
+            assert!(theirs.iter().any(|theirs| theirs ^ ours == difference.bits), "{kind}: {ours:#x}, {theirs:x?}");
+            let source = std::fs::read_to_string(third.join(difference.file)).unwrap();
+            assert!(
+                source.contains(difference.has) && !source.contains(difference.lacks),
+                "{kind}: {}",
+                difference.file
+            );
+            used.push(kind);
+        }
+    }
+    assert!(registers > 150, "{registers}");
+    for difference in &DIFFERENCES {
+        assert!(used.iter().any(|kind| kind == difference.register), "{} agrees by now", difference.register);
+    }
+    for request in table["requests"].as_array().unwrap() {
+        let (number, name) = (request["number"].as_u64().unwrap(), request["peripheral"].as_str().unwrap());
+        let known = METADATA.peripherals.iter().find(|peripheral| peripheral.name == name).unwrap();
+        assert!(
+            known.dma_channels.iter().any(|channel| channel.request.map(u64::from) == Some(number)),
+            "{name}: {number}"
+        );
+    }
+}
