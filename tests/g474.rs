@@ -429,7 +429,7 @@ const DIFFERENCES: [Difference; 17] = [
     differs("TIM6.CR2", 0x80, "tim6/cr2.rs", "MMS_R::new(((self.bits >> 4) & 7) as u8)"),
     differs("TIM15.ARR", 0xF_0000, "tim15/arr.rs", "ARR_R::new(self.bits & 0x000f_ffff)"),
     differs("TIM15.CCR", 0xF_0000, "tim15/ccr.rs", "0x000f_ffff"),
-    differs("TIM15.DIER", 0x404, "tim15/dier.rs", "CC2IE"),
+    differs("TIM15.DIER", 0x404, "tim15/dier.rs", "CCIE_W::new(self, 2)"),
     differs("DMAMUX1.CCR", 0x80, "dmamux/ccr.rs", "DMAREQ_ID_R::new((self.bits & 0x7f) as u8)"),
     differs("USART1.CR2", 0x9, "usart1/cr2.rs", "SLVEN"),
     differs("USART1.CR3", 0x100_0000, "usart1/cr3.rs", "TCBGTIE"),

@@ -104,6 +104,11 @@ pub trait Computer {
         Vec::new()
     }
 
+    /// What it spent its time on since its start, for people, where it counts that.
+    fn time_spent(&mut self) -> Option<String> {
+        None
+    }
+
     /// The obstacles that it remembers, where one can look into it.
     fn remembered(&self) -> Vec<Circle> {
         Vec::new()

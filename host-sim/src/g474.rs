@@ -18,6 +18,7 @@ use serde_json::{Value, json};
 
 mod computer;
 mod mission;
+pub mod timing;
 pub mod trial;
 
 pub use computer::{G474Computer, Heard};

@@ -24,6 +24,8 @@ FLASH_STALL_PER_INSTRUCTION = 0.25
 EXCEPTION_CYCLES = 12
 
 FLASH_AT, FLASH_BYTES = 0x0800_0000, 512 << 10
+# While it is written or erased, what fetches from there waits; the store is in it.
+BANK_2_AT = 0x0804_0000
 STORE_BYTES = 16 << 10
 STORE_AT = FLASH_AT + FLASH_BYTES - STORE_BYTES
 RAM_AT, RAM_BYTES = 0x2000_0000, 128 << 10
@@ -80,6 +82,7 @@ class Core:
         self.own_units = 0
         self.is_asleep = False
         self.is_stuck = False
+        self.bank_2_busy_until = 0
         self.vector_table = 0
         self.fault_status = [0, 0, 0, 0]
         # Units of time by who runs, and cycles of each activation.
@@ -403,8 +406,11 @@ class Core:
             self.execute(1 if number is not None else max(1, -(-(end - self.time) // self.instruction)))
 
     def execute(self, count):
-        """One slice of at most so many instructions."""
+        """One slice of at most so many instructions. One that begins in a bank that is busy waits for that."""
         uc = self.uc
+        if self.time < self.bank_2_busy_until and BANK_2_AT <= self.pc < STORE_AT:
+            self.spend(self.bank_2_busy_until - self.time)
+            return
         self.slice_instruction = self.instruction
         self.slice_end = self.time + count * self.instruction
         self.interrupted = self.fault_address = None

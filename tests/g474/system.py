@@ -252,7 +252,8 @@ class Flash(Block):
 
     def stall(self, us):
         """The operation runs; whoever reads or fetches from this bank waits, and whoever asks for BSY sees it."""
-        self.busy_until = self.core.now() + us * US
+        self.busy_until = self.core.bank_2_busy_until = self.core.now() + us * US
+        self.core.end_slice()
         if self.value["CR"] & self.mask("CR", "EOPIE"):
             self.change("SR", "EOP", 1)
 

@@ -260,6 +260,9 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     });
     progress.finish_and_clear();
     let record = flown.map_err(|error| InputError::new(error.to_string()))?;
+    if let Some(table) = computer.time_spent() {
+        cli.note(&table);
+    }
     if let Some(log) = log {
         log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
     }

@@ -11,7 +11,7 @@ use foxhound_link::CharArray;
 use foxhound_link::dialect::PARAM_SET_DATA;
 use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
 
-use super::{Board, G474Error, Needs, Options, Report};
+use super::{Board, G474Error, Needs, Options, Report, timing};
 use crate::computer::{BLOCK, Computer, ComputerError, StepReport};
 use crate::replay::{Followed, Follower};
 
@@ -210,6 +210,10 @@ impl Computer for G474Computer {
 
     fn needs_entry(&self) -> bool {
         true
+    }
+
+    fn time_spent(&mut self) -> Option<String> {
+        self.board.timing().ok().as_ref().map(timing::table)
     }
 
     fn take_flight_log(&mut self) -> Vec<u8> {
