@@ -1,15 +1,12 @@
 //! The image in an instruction emulator: `host-sim/examples/g474.rs`, in release.
 
-use std::process::Command;
-
-use crate::build::{Image, workspace};
+use crate::build::{Image, cargo};
 use crate::{Board, Failure, attend};
 
 /// Flies so many missions by the image, the desktop and QEMU, and prints `docs/results/g474.md`.
 pub(crate) fn run(seeds: u32) -> Result<(), Failure> {
     let image = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
     let twin = Image::build(Board::Mps2An386, "foxhound-firmware")?;
-    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    cargo.current_dir(workspace()).args(["run", "--release", "--package", "foxhound-sim", "--example", "g474", "--"]);
-    attend(cargo.args([&image.elf, &twin.elf]).arg(seeds.to_string()))
+    let example = ["run", "--release", "--package", "foxhound-sim", "--example", "g474", "--"];
+    attend(cargo().args(example).args([&image.elf, &twin.elf]).arg(seeds.to_string()))
 }
