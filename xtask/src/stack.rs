@@ -27,13 +27,25 @@ const LEVELS: [(&str, &[&str]); 4] = [
     ("thread: planner", &["Reset"]),
     ("link", &["FMAC"]),
     ("guidance", &["CORDIC"]),
-    ("DMA, time, serial line", &["DMA1_CHANNEL1", "DMA1_CHANNEL2", "DMA2_CHANNEL4", "TIM1_BRK_TIM15", "USART1"]),
+    (
+        "DMA, time, serial lines",
+        &[
+            "DMA1_CHANNEL1",
+            "DMA1_CHANNEL2",
+            "DMA1_CHANNEL3",
+            "DMA1_CHANNEL4",
+            "DMA2_CHANNEL4",
+            "TIM1_BRK_TIM15",
+            "USART1",
+            "LPUART1",
+        ],
+    ),
 ];
 
 /// What the thread does before guidance and the planner run.
 const START_UP: &str = "foxhound_firmware::start";
 /// The levels that pre-empt it.
-const AROUND_START_UP: [&str; 2] = ["link", "DMA, time, serial line"];
+const AROUND_START_UP: [&str; 2] = ["link", "DMA, time, serial lines"];
 
 /// A task's polling, whoever's; which task it is says what it reaches.
 const POLL: &str = "embassy_executor::raw::TaskStorage<F>::poll";
@@ -57,6 +69,8 @@ const INDIRECT: &[(&str, &[&str])] = &[
     ("DMA2_CHANNEL4", &["embassy_executor::raw::waker::*"]),
     ("TIM1_BRK_TIM15", &["embassy_executor::raw::waker::*"]),
     ("USART1", &["embassy_executor::raw::waker::*"]),
+    ("LPUART1", &["embassy_executor::raw::waker::*"]),
+    ("DMA1_CHANNEL*", &["embassy_executor::raw::waker::*"]),
     ("_embassy_time_schedule_wake", &["embassy_executor::raw::waker::*"]),
     // What the store keeps is its own.
     ("sequential_storage::*", &["<foxhound_computer::store::record::Content as *"]),
