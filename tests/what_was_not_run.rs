@@ -17,7 +17,7 @@ fn main() -> std::io::Result<()> {
     for name in CRATES {
         count(&root().join(name), &mut needs)?;
     }
-    println!("\n{} tests were left out, because they", needs.values().sum::<u32>());
+    println!("\n{} tests were left out:", needs.values().sum::<u32>());
     for (need, tests) in needs {
         println!("{tests:>4}  {need}");
     }
