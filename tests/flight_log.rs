@@ -284,15 +284,13 @@ fn rubbish_around_frames_changes_nothing_and_a_log_can_end_anywhere() {
 fn codes_that_are_others_are_told() {
     let mut log = pieces(&log());
     let mut deframer = Deframer::new();
-    // Of a frame that was not heard from straight ahead, where the two hear the same.
     let codes = log.iter_mut().filter(|piece| piece.kind == 4).nth(2).unwrap();
     for byte in &codes.bytes.clone() {
         if let Some(frame) = deframer.push(*byte) {
             let Some(Record::Codes(Codes { time, packed })) = Record::of(&frame) else { panic!("no codes") };
-            // Two channels change places: another direction.
-            let (first, rest) = packed.split_at(384);
-            let (second, rest) = rest.split_at(384);
-            let packed = &[second, first, rest].concat()[..];
+            // The antennas in front and behind change places: what is ahead seems to be behind.
+            let channels: Vec<&[u8]> = packed.chunks(384).rev().collect();
+            let packed = &channels.concat()[..];
             let mut content = [0; 2000];
             let record = Codes { time, packed };
             let length = postcard::to_slice(&(4_u8, codes.number, &record), &mut content).unwrap().len();
