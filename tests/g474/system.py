@@ -247,8 +247,11 @@ class Flash(Block):
         """Whether the power goes away in this operation."""
         if self.machine.cut_in is None:
             return False
+        if self.machine.cut_in == 0:
+            self.machine.cut_in = None
+            return True
         self.machine.cut_in -= 1
-        return self.machine.cut_in < 0
+        return False
 
     def stall(self, us):
         """The operation runs; whoever reads or fetches from this bank waits, and whoever asks for BSY sees it."""
