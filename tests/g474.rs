@@ -1,7 +1,7 @@
 //! The shipped image for the NUCLEO-G474RE, unchanged, in an instruction emulator with a strict model of the part
 //! (`tests/g474`): it boots, flies, survives floods and faults; and what the model knows of registers is what others know.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
 use std::path::Path;
 

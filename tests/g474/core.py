@@ -23,6 +23,9 @@ FLASH_STALL_PER_INSTRUCTION = 0.25
 # Cortex-M4 Technical Reference Manual, 3.9.2: 12 cycles to stack and fetch the vector, as many to return.
 EXCEPTION_CYCLES = 12
 
+# A wake of the thread that takes no more than this finds nothing to do.
+IDLE_WAKE_CYCLES = 10_000
+
 FLASH_AT, FLASH_BYTES = 0x0800_0000, 512 << 10
 # While it is written or erased, what fetches from there waits; the store is in it.
 BANK_2_AT = 0x0804_0000
@@ -447,7 +450,9 @@ class Core:
         if FLASH_AT + 2 <= pc < STORE_AT and self.flash[pc - FLASH_AT - 2:pc - FLASH_AT] == b"\x30\xbf":
             self.is_asleep = True
             if not self.active:
-                self.busy.setdefault(THREAD, Statistic()).add(self.own_units // self.cycle)
+                cycles = self.own_units // self.cycle
+                if cycles > IDLE_WAKE_CYCLES:
+                    self.busy.setdefault(THREAD, Statistic()).add(cycles)
                 self.own_units = 0
 
     def on_error(self, error, pc):

@@ -16,6 +16,7 @@ RULES = {
     "boost": ("HCLK is above 150 MHz in range 1 without boost: PWR_CR5.R1MODE (bit 8) is set", "6.1.5"),
     "wait-states": ("HCLK is too fast for the flash wait states", "3.3.3"),
     "clock-not-ready": ("a clock is selected that is not ready", "7.2.7"),
+    "hse-wait": ("a crystal that does not start is waited for, with no watchdog to end it", "7.2.1"),
     "pll-locked": ("the PLL's source or factors are changed while it runs", "7.4.4"),
     "pll-range": ("the PLL's input or output is outside its range", "DS12288 5.3.9"),
     "clock-in-use": ("a clock is switched off that SYSCLK is made from", "7.4.1"),
@@ -36,6 +37,7 @@ RULES = {
     # USART
     "uart-locked": ("a UART register is written that only a disabled UART takes", "37.8"),
     "uart-baud": ("a UART's bit rate is more than 2 % off its line's", "37.5.8"),
+    "uart-pins": ("a UART is used whose pins are not its own, or whose input floats", "9.3.10"),
     # Timers, watchdog, DAC
     "iwdg-locked": ("an IWDG register is written without its key", "42.3.5"),
     "iwdg-busy": ("an IWDG register is written while its last value is under way", "42.4.4"),

@@ -13,6 +13,9 @@ HSI_HZ = 16_000_000
 PE, FE, NE, ORE, IDLE, RXNE, TC, TXE = (1 << bit for bit in range(8))
 ENABLES = {"IDLE": 4, "RXNE": 5, "TC": 6, "TXE": 7}
 NOISE, BREAK = "noise", "break"
+# Pins of port A and their alternate function (DS12288, pin definitions): those of the NUCLEO's connectors.
+PINS = {"USART1": (9, 10, 7), "LPUART1": (2, 3, 12)}
+PULL_UP = 1
 
 
 class Uart(Block):
@@ -77,6 +80,12 @@ class Uart(Block):
         else:
             baud = kernel_hz / max(brr, 1)
         require(abs(baud / LINE_BAUD - 1) < 0.02, "uart-baud", f"{self.name}: {baud:.0f} baud")
+        port = self.machine.blocks["GPIOA"]
+        *pins, function = PINS[self.name]
+        for pin in pins:
+            mode, of = port.field("MODER", f"MODER{pin}"), port.field("AFRL" if pin < 8 else "AFRH", f"AFR{pin}")
+            require(mode == 2 and of == function, "uart-pins", f"{self.name}, PA{pin}: mode {mode}, function {of}")
+        require(port.field("PUPDR", f"PUPDR{pins[1]}") == PULL_UP, "uart-pins", f"{self.name}, PA{pins[1]} has no pull-up")
 
     def is_on(self, bit):
         return self.value["CR1"] & 1 and self.value["CR1"] >> bit & 1

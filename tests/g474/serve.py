@@ -102,7 +102,10 @@ class Session:
         frame = self.next_frame()
         if frame is not None:
             self.machine.run(frame - AHEAD_BLOCKS * SAMPLES * self.machine.sampler.period())
-        self.count()
+        # What the start takes is not what a frame takes.
+        self.machine.busy.clear()
+        self.core.own_units = 0
+        self.before = dict(self.machine.units)
 
     def step(self, line):
         codes = bytes.fromhex(line.get("codes", ""))

@@ -7,6 +7,8 @@ from rules import Broken, require
 
 US = UNITS_PER_S // 1_000_000
 LSI_HZ = 32_000
+# Nobody waits longer for a crystal.
+HSE_WAIT_MAX_US = 500_000
 # DS12288: start-up of HSI16 and HSI48, typical start-up of a crystal, the PLL's lock time.
 HSI_US, HSE_US, PLL_US, LSI_US = 4, 2000, 40, 130
 HSI_HZ = 16_000_000
@@ -20,7 +22,7 @@ class Rcc(Block):
         self.hse_hz = hse_hz
         self.ready_at = {}
         self.halved_at = None
-        self.was_fast = False
+        self.hse_from = None
         self.value["CSR"] |= flags
 
     def has_clock(self, clock):
@@ -42,6 +44,12 @@ class Rcc(Block):
         self.ready_at.setdefault("HSI", 0) if self.field("CR", "HSION") else None
         self.follow("CR", "HSION", "HSIRDY", "HSI", HSI_US)
         self.follow("CR", "HSEON", "HSERDY", "HSE", HSE_US, works=self.hse_hz is not None)
+        if not self.field("CR", "HSEON"):
+            self.hse_from = None
+        elif self.hse_hz is None:
+            self.hse_from = self.core.now() if self.hse_from is None else self.hse_from
+            require(self.core.now() - self.hse_from < HSE_WAIT_MAX_US * US or self.machine.iwdg.event is not None, "hse-wait",
+                    self.core.where)
         self.follow("CR", "PLLON", "PLLRDY", "PLL", PLL_US)
         return self.value["CR"]
 
