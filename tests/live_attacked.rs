@@ -213,7 +213,7 @@ fn begin_all(attack: &Attack) -> Vec<thread::JoinHandle<()>> {
         attack.begin(idle),
         attack.begin(slow),
         attack.begin(|attack, _| {
-            attack.endless("GET / HTTP/1.1\r\nHost: HOST\r\n", b"X-More: aaaaaaaaaaaaaaaaaaaaaaaa\r\n")
+            attack.endless("GET / HTTP/1.1\r\nHost: HOST\r\n", b"X-More: aaaaaaaaaaaaaaaaaaaaaaaa\r\n");
         }),
         attack.begin(|attack, _| attack.endless("GET /", &[b'a'; 1000])),
         attack.begin(|attack, _| attack.endless("", &[b'\n'; 1000])),

@@ -90,12 +90,6 @@ impl Setting {
         HULLS_M[self.hull]
     }
 
-    /// Whether the bearings come from waveforms.
-    #[must_use]
-    pub fn has_waveforms(&self) -> bool {
-        SNR_DB[self.bearings].is_some()
-    }
-
     /// The scenario flown in this setting, but with the hull it has.
     #[must_use]
     pub fn equip(&self, scenario: &Scenario) -> Scenario {
