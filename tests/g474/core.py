@@ -296,7 +296,6 @@ class Core:
         require(control & 2 == 0, "unknown-register", "the process stack, which the model does not have")
         has_floats = control & 4 != 0
         values[6] = self.pc & ~1
-        values[7] &= ~IT_BITS
         if stack & 4:
             values[7] |= 1 << 9
         size = 104 if has_floats else 32
@@ -316,7 +315,7 @@ class Core:
         require(vector & 1 and FLASH_AT <= vector < STORE_AT, "vector", lambda: f"{number} -> {vector:#010x}")
         uc.reg_write(arm.UC_ARM_REG_SP, frame)
         uc.reg_write(arm.UC_ARM_REG_LR, link)
-        uc.reg_write(arm.UC_ARM_REG_XPSR, values[7] & ~0x3FF | 1 << 24 | number)
+        uc.reg_write(arm.UC_ARM_REG_XPSR, values[7] & ~(0x3FF | IT_BITS) | 1 << 24 | number)
         uc.reg_write(arm.UC_ARM_REG_IPSR, number)
         uc.reg_write(arm.UC_ARM_REG_PC, vector)
         self.pc = vector
@@ -440,10 +439,6 @@ class Core:
             self.on_trap(self.interrupted, pc)
         elif executed < self.limit.value:
             self.look_for_sleep(pc)
-        status = uc.reg_read(arm.UC_ARM_REG_XPSR)
-        if status & IT_BITS:
-            # What the last `it` left: Unicorn ends no run inside such a block.
-            uc.reg_write(arm.UC_ARM_REG_XPSR, status & ~IT_BITS)
 
     def look_for_sleep(self, pc):
         """Unicorn ends a run behind a `wfi`."""
