@@ -47,6 +47,8 @@ FRAME = (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_R2, arm.UC_ARM_REG
          arm.UC_ARM_REG_LR, arm.UC_ARM_REG_PC, arm.UC_ARM_REG_XPSR)
 FLOATS = tuple(arm.UC_ARM_REG_D0 + at for at in range(8))
 IT_BITS = 0x0600_FC00
+# CONTROL: FPCA and, as Unicorn's M4 has it, SFPA; without both it begins a new context, with other flags.
+HAS_FLOATS = 12
 
 
 class Reset(Exception):
@@ -343,7 +345,7 @@ class Core:
         # In this order: the program status says whether this is a handler, which decides what else may be written.
         uc.reg_write(arm.UC_ARM_REG_XPSR, values[7] & ~(1 << 9))
         uc.reg_write(arm.UC_ARM_REG_IPSR, values[7] & 0x1FF)
-        uc.reg_write(arm.UC_ARM_REG_CONTROL, uc.reg_read(arm.UC_ARM_REG_CONTROL) & 3 | (0 if link & 0x10 else 4))
+        uc.reg_write(arm.UC_ARM_REG_CONTROL, uc.reg_read(arm.UC_ARM_REG_CONTROL) & 3 | (0 if link & 0x10 else HAS_FLOATS))
         if not link & 0x10:
             uc.reg_write(arm.UC_ARM_REG_FPSCR, status)
         for register, value in zip(FRAME[:6], values):
