@@ -73,7 +73,7 @@ const INDIRECT: &[(&str, &[&str])] = &[
     ("DMA1_CHANNEL*", &["embassy_executor::raw::waker::*"]),
     ("_embassy_time_schedule_wake", &["embassy_executor::raw::waker::*"]),
     // What the store keeps is its own.
-    ("sequential_storage::*", &["<foxhound_computer::store::record::Content as *"]),
+    ("sequential_storage::*", &["<foxhound_computer::store::record::Record as *"]),
     // The log writes into a buffer, one way or the other.
     ("_defmt_acquire", &["defmt_rtt::channel::Channel::*"]),
     ("_defmt_write", &["defmt_rtt::channel::Channel::*"]),

@@ -170,8 +170,11 @@ impl Fitter {
     #[inline(never)]
     fn put_in_order(&self, look: &mut Look, marks: &mut Marks) {
         let points_m = &mut look.points_m;
-        let mut keyed: Vec<(f32, Horizontal), POINTS_MAX> =
-            points_m.iter().map(|point| (around(*point), *point)).collect();
+        let mut keyed: Vec<(f32, Horizontal), POINTS_MAX> = Vec::new();
+        for point in points_m.iter() {
+            // Cannot fail: as many places.
+            let _ = keyed.push((around(*point), *point));
+        }
         sort_by_key(&mut keyed, |(around, _)| *around);
         for (point, (_, sorted)) in points_m.iter_mut().zip(&keyed) {
             *point = *sorted;
