@@ -3,8 +3,6 @@
 //! Every two values of sensor, bearings, vehicle and hull meet at least once, on held-out seeds ([`foxhound_sim::seeds`]). The
 //! whole product, and dense corridors: `cargo xtask campaign`.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
-
 use foxhound_sim::matrix::{fly, forests, pairwise};
 use foxhound_sim::seeds;
 
