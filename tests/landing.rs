@@ -15,8 +15,12 @@ use foxhound_sim::scenario::Scenario;
 const FLIGHTS: u64 = 24;
 
 fn flown(name: &str) -> Row {
+    flown_times(name, FLIGHTS)
+}
+
+fn flown_times(name: &str, flights: u64) -> Row {
     let scene = SCENES.iter().find(|scene| scene.name == name).unwrap();
-    let row = row(scene, 2001..2001 + FLIGHTS).unwrap();
+    let row = row(scene, 2001..2001 + flights).unwrap();
     assert!(row.collided.is_empty() && row.unfinished.is_empty(), "{row:?}");
     row
 }
@@ -53,11 +57,13 @@ fn without_a_camera_it_hovers_above_the_beacon_and_hands_over() {
 
 #[test]
 fn where_there_is_no_pad_it_hands_over_mostly_above_the_beacon() {
-    let row = flown("camera, no pad there");
+    // Of 100 flights 93 do (`cargo xtask landings`); of the first 24 only 19.
+    let flights = 2 * FLIGHTS;
+    let row = flown_times("camera, no pad there", flights);
     assert_eq!((row.on_pad, row.beside.len()), (0, 0), "{row:?}");
     // Pillars stand on some of the ways back.
     let [all, near] = row.handed_over["no_pad"];
-    assert!(u64::from(all) == FLIGHTS && f64::from(near) >= 0.8 * FLIGHTS as f64, "{row:?}");
+    assert!(u64::from(all) == flights && f64::from(near) >= 0.8 * flights as f64, "{row:?}");
 }
 
 fn mission(text: &str) -> Mission {

@@ -1,5 +1,5 @@
-//! Every setting of sensor, bearings, vehicle and hull over forests, dense corridors and traps; prints the table of
-//! `docs/results/matrix.md`. `cargo xtask campaign` runs it. All seeds are held out (`foxhound_sim::seeds`).
+//! Every setting of sensor, bearings, vehicle and hull over forests, dense corridors and traps; prints a table.
+//! `cargo xtask campaign` runs it. All seeds are held out (`foxhound_sim::seeds`).
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "it prints")]
 

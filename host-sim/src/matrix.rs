@@ -1,7 +1,7 @@
 //! Every setting that a vehicle is flown in, crossed with the others: obstacle sensor, bearings, vehicle, hull.
 //!
 //! Tests fly [`pairwise`], in which every two values of different factors meet at least once. `cargo xtask campaign` flies
-//! [`product`], all of them, and writes `docs/results/matrix.md`.
+//! [`product`], all of them, and prints a table.
 
 use rayon::prelude::*;
 

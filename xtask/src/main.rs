@@ -102,7 +102,7 @@ enum Task {
         #[arg(long, default_value_t = 200)]
         flights: u32,
     },
-    /// Fly forests and dense corridors in every setting of sensor, bearings, vehicle and hull: docs/results/matrix.md
+    /// Fly forests and dense corridors in every setting of sensor, bearings, vehicle and hull
     Campaign,
     /// Fly the image of the NUCLEO-G474RE in an instruction emulator, beside the desktop and QEMU
     G474 {
