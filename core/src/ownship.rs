@@ -8,7 +8,7 @@ use crate::units::{sin_cos, wrap_pi};
 const FORGOTTEN_S: f32 = 1.0;
 /// They contradict each other when they are farther apart than this, and the way of so long at the speed that is told. The first
 /// is what corrections of an estimate come to within a second, the second what its messages are late by.
-const APART_M: f32 = 0.22;
+const APART_M: f32 = 0.27;
 const APART_S: f32 = 0.05;
 /// A position that is the same to the bit stands still when the velocity led so far in the meantime. The second is for
 /// autopilots that tell a position several times.
@@ -50,8 +50,8 @@ impl Stale {
 /// contradiction: the link takes it out of both.
 ///
 /// With `d` the way from position to position less the way that the velocities led, the two are apart by `s`, the sum of all `d`,
-/// forgotten with a time constant of 1 s. A velocity that is off by `u` comes to `s = u (1 s) (1 - exp(-t / 1 s))`: 0.27 m, the
-/// limit at 1 m/s, are passed after 0.32 s by 1 m/s, and never by less than 0.27 m/s.
+/// forgotten with a time constant of 1 s. A velocity that is off by `u` comes to `s = u (1 s) (1 - exp(-t / 1 s))`: 0.32 m, the
+/// limit at 1 m/s, are passed after 0.4 s by 1 m/s, and never by less than 0.32 m/s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Agreement {
     apart_m: Horizontal,

@@ -1,4 +1,4 @@
-//! Every setting of sensor, bearings, vehicle and hull over forests, dense corridors and traps; prints a table.
+//! Every setting of sensor, bearings, vehicle and hull over forests and dense corridors; prints a table.
 //! `cargo xtask campaign` runs it. All seeds are held out (`foxhound_sim::seeds`).
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "it prints")]

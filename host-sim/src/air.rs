@@ -170,8 +170,9 @@ mod tests {
             let circle = flown(&text).remembered[0].center_ned_m;
             libm::hypotf(circle.east - 5.0, circle.north - 1.5)
         };
-        let (still_m, drifted_m) = (off_m("0"), off_m("1.5"));
-        assert!(still_m < 1e-3 && drifted_m > 0.15, "{still_m} {drifted_m}");
+        // A drift of 1.5 m in 20 s is more than guidance believes: it holds.
+        let (still_m, drifted_m) = (off_m("0"), off_m("0.3"));
+        assert!(still_m < 1e-3 && drifted_m > 0.03, "{still_m} {drifted_m}");
     }
 
     #[test]
