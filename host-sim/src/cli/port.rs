@@ -27,8 +27,8 @@ use super::{Cli, json_line};
 const PORT_HELP: &str = "Examples:
   foxhound port --serial /dev/ttyACM0 status
   foxhound port --serial /dev/ttyACM0 --log flight.log    until Ctrl-C
-  foxhound port --serial /dev/ttyACM0 dump 64 --out F.npy    raw frames
-  foxhound port --serial /dev/ttyACM0 bringup    checks a board that runs for the first time
+  foxhound port --serial /dev/ttyACM0 dump 64 --out F.npy
+  foxhound port --serial /dev/ttyACM0 bringup
 
 Exit status: 0 done as asked; 1 nobody answered, frames are missing, or a check has failed; 2 bad usage, or no such port.";
 
