@@ -10,8 +10,8 @@
 //! of the 3 x 3 cells around it has been, and rays need not be denser than cells.
 //!
 //! - [`Cover::Seen`]: a ray has passed.
-//! - [`Cover::Hidden`]: it was in the field of view, behind something. Looking again does not help, only going there slowly.
-//! - [`Cover::Unseen`]: never looked at.
+//! - [`Cover::Hidden`]: it is in the view of the latest look, behind something. Looking again does not help, only going there slowly.
+//! - [`Cover::Unseen`]: neither. What was hidden from elsewhere is this, too: from here it may be in sight.
 //!
 //! Cost: bench rows `look_64` for a look, `guard_64` for a step with all its questions.
 
@@ -85,9 +85,9 @@ pub struct Looker {
 pub enum Cover {
     /// A ray of the sensor has passed.
     Seen,
-    /// In the field of view, but behind something.
+    /// In the view of the latest look, but behind something.
     Hidden,
-    /// Never looked at.
+    /// Not looked at, or not from here.
     Unseen,
 }
 
@@ -124,7 +124,6 @@ type Bits = [[u32; 2]; SIDE as usize];
 #[derive(Clone, Debug)]
 pub struct Sight {
     seen: Bits,
-    hidden: Bits,
     /// The cell at the south-west corner of the grid, counted from the origin.
     corner: (i32, i32),
     /// Where the vehicle stood when it was first asked to move.
@@ -138,7 +137,6 @@ impl Default for Sight {
     fn default() -> Self {
         Self {
             seen: [[0; 2]; SIDE as usize],
-            hidden: [[0; 2]; SIDE as usize],
             corner: (0, 0),
             home_ned_m: None,
             stood: None,
@@ -198,13 +196,12 @@ impl Sight {
         let (rows, columns) = (corner.0 - self.corner.0, corner.1 - self.corner.1);
         if rows.abs() >= SIDE || columns.abs() >= SIDE {
             self.seen = [[0; 2]; SIDE as usize];
-            self.hidden = [[0; 2]; SIDE as usize];
         } else {
             // Ahead, the rows that come in are those past the old end; behind, those before the old beginning.
             let first = if rows > 0 { self.corner.0 } else { corner.0 };
             for row in first..first + rows.abs() {
                 let (row, ..) = bit(row, 0);
-                (self.seen[row], self.hidden[row]) = ([0; 2], [0; 2]);
+                self.seen[row] = [0; 2];
             }
             let first = if columns > 0 { self.corner.1 } else { corner.1 };
             let mut stay = [u32::MAX; 2];
@@ -213,7 +210,7 @@ impl Sight {
                 stay[word] &= !mask;
             }
             if columns != 0 {
-                for row in self.seen.iter_mut().chain(&mut self.hidden) {
+                for row in &mut self.seen {
                     *row = [row[0] & stay[0], row[1] & stay[1]];
                 }
             }
@@ -313,7 +310,7 @@ impl Looker {
     fn draw(&self, sight: &mut Sight) {
         let Some((north, east)) = cell(sight.latest.origin_ned_m) else { return };
         sight.center(north, east);
-        let Sight { seen, hidden, corner, latest, .. } = sight;
+        let Sight { seen, corner, latest, .. } = sight;
 
         // A wide view is drawn less far, so that every look costs the same, and no farther than its rays are dense.
         let step_rad = libm::fabsf(latest.step_rad);
@@ -334,15 +331,11 @@ impl Looker {
                 continue;
             }
             let direction = Horizontal::from_bearing(latest.first_ned_rad + latest.step_rad * index as f32);
-            while at_m < drawn_m {
+            while at_m < drawn_m && at_m <= seen_m + CELL_M {
                 let row = (from_north + at_m * CELLS_PER_M * direction.north) as i32 + corner.0;
                 let column = (from_east + at_m * CELLS_PER_M * direction.east) as i32 + corner.1;
                 let (row, word, mask) = bit(row, column);
-                if at_m <= seen_m + CELL_M {
-                    seen[row][word] |= mask;
-                } else {
-                    hidden[row][word] |= mask;
-                }
+                seen[row][word] |= mask;
                 at_m += STEP_M;
             }
         }
@@ -374,18 +367,11 @@ impl Looker {
     /// What is known of a place.
     #[must_use]
     pub fn cover(&self, sight: &Sight, place: Horizontal) -> Cover {
-        let mut is_hidden = false;
-        if let Some((north, east)) = cell(place)
-            && sight.contains(north, east)
-        {
-            if is_marked_around(&sight.seen, north, east) {
-                return Cover::Seen;
+        match cell(place) {
+            Some((north, east)) if sight.contains(north, east) && is_marked_around(&sight.seen, north, east) => {
+                Cover::Seen
             }
-            is_hidden = is_marked_around(&sight.hidden, north, east);
-        }
-        match self.in_latest(&sight.latest, place) {
-            Cover::Unseen if is_hidden => Cover::Hidden,
-            cover => cover,
+            _ => self.in_latest(&sight.latest, place),
         }
     }
 

@@ -16,8 +16,8 @@
 //! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must not
 //!    touch a circle or leave the fence, or the command is cut down, in the end to a brake.
 //! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at ([`sight`]).
-//!    Otherwise it is cut down or held, and the ruling says where to look first. Behind something seen, where
-//!    looking does not help, it goes slowly. One threat is worse than what might be there: an obstacle that comes at
+//!    Otherwise it is cut down or held, and the ruling says where to look first. Behind something that the latest look has
+//!    seen, where looking does not help, it goes slowly. One threat is worse than what might be there: an obstacle that comes at
 //!    the vehicle.
 //!
 //! Within limits a brake is always granted. Everything is counted, and the count of steps tells that the guard is alive.
@@ -652,9 +652,10 @@ impl Guard {
                     continue;
                 }
                 let cover = self.looker.cover(sight, place);
+                // What could stand there unseen is inside of what is known, but for the margin that is kept from it.
                 let is_known = |obstacle: &Obstacle| {
-                    let limit_m = obstacle.reach_m - radius_m + 0.5 * smallest_m;
-                    obstacle.center_ned_m.minus(place).norm_squared() < limit_m * limit_m
+                    let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;
+                    limit_m > 0.0 && obstacle.center_ned_m.minus(place).norm_squared() < limit_m * limit_m
                 };
                 if cover == Cover::Seen || near.iter().any(is_known) {
                     continue;

@@ -309,6 +309,33 @@ fn it_does_not_set_off_into_what_it_has_not_looked_at_and_yet_sets_off() {
     assert!(pairs().count() > 30 && stuck == 0, "{stuck} of {} are stuck", pairs().count());
 }
 
+/// What a pillar hid from where it was first seen stands in the open beside it. The nose looks elsewhere when the vehicle gets there.
+#[test]
+fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
+    let guard = Config::default().build().unwrap();
+    let mut state = State::default();
+    let screen = pillar(1.0, 0.0, 0.1);
+    let look = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
+        guard.look_circles(state, &[screen], &crate::scan::Pose { position_ned_m, yaw_rad });
+    };
+    let rule = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
+        let situation = Situation { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..Situation::default() };
+        guard.step(state, &demand(0.0, 0.3), &situation, &[screen], DT)
+    };
+    look(&mut state, Horizontal::default(), 0.0);
+    rule(&mut state, Horizontal::default(), 0.0);
+    // Behind the screen as seen from the start; from beside it nothing is in between.
+    let beside = at(1.3, -0.25);
+    look(&mut state, beside, 3.1);
+    let ruling = rule(&mut state, beside, 3.1);
+    assert_eq!((ruling.action, ruling.setpoint.velocity_ned_mps.east), (Action::Looking, 0.0));
+    let east_rad = core::f32::consts::FRAC_PI_2;
+    assert!((ruling.look_ned_rad.unwrap() - east_rad).abs() < 1.3, "{ruling:?}");
+    look(&mut state, beside, east_rad);
+    let ruling = rule(&mut state, beside, east_rad);
+    assert!(ruling.look_ned_rad.is_none() && ruling.setpoint.velocity_ned_mps.east > 0.0, "{ruling:?}");
+}
+
 #[test]
 fn it_passes_a_gap_that_is_little_wider_than_itself() {
     let guard = Config::default().build().unwrap();
