@@ -217,6 +217,7 @@ impl Keeper {
 /// Whether a known pillar may be the one that is seen.
 fn is_gated(known: &Known, seen: &Detection, squared: f32) -> bool {
     let larger_m = if known.radius_m > seen.radius_m { known.radius_m } else { seen.radius_m };
-    let gate_m = GATE_M + GATE * larger_m;
+    let doubt_m = 2.0 * (known.sigma_m + seen.sigma_m);
+    let gate_m = GATE * larger_m + if doubt_m < GATE_M { doubt_m } else { GATE_M };
     squared < gate_m * gate_m
 }

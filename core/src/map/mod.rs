@@ -4,7 +4,7 @@
 //!
 //! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_looks`] looks is forgotten.
 //! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
-//!    a poor glimpse of a better known one. If the average leaves out what was just seen, the look replaces it.
+//!    a poor glimpse of a better known one. If the average leaves out what was just seen, that is added beside what was known.
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
 //!
 //! So after each look every hit is covered, however wrong the store was, unless the store is full: then the circle farthest
@@ -352,6 +352,7 @@ impl Keeper {
             let reach_m = known.radius_m + margin_m;
             points_m.iter().all(|point| point.minus(center).norm_squared() <= reach_m * reach_m)
         };
+        let before = *known;
         let is_glimpse = seen.sigma_m > 2.0 * known.sigma_m && covers(known);
         if !is_glimpse {
             let dt_s = seconds_between(known.seen_ms, now_ms);
@@ -363,9 +364,9 @@ impl Keeper {
             let sigma_m = known.sigma_m * sqrt(1.0 - share);
             known.sigma_m = if sigma_m > SIGMA_MIN_M { sigma_m } else { SIGMA_MIN_M };
             if !covers(known) {
-                known.circle.center_ned_m = seen.center_ned_m;
-                known.radius_m = seen.radius_m;
-                known.sigma_m = seen.sigma_m;
+                // It is something else, too, or was taken for something else: what is known stays until it is seen through.
+                *known = before;
+                return;
             }
             known.origin = Origin::Seen(Kind::Pillar);
             known.circle.radius_m = known.radius_m + self.config.inflation_sigmas * known.sigma_m;

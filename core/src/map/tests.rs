@@ -60,6 +60,23 @@ fn a_glimpse_of_a_pillars_edge_adds_no_ghost_before_or_after_the_pillar_itself()
 }
 
 #[test]
+fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_more() {
+    let (keeper, mut map) = (keeper(), Map::default());
+    for _ in 0..3 {
+        let look = pillar(2.0, 0.0, 0.075, 0.01);
+        keeper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &look);
+    }
+    // Seen as far too large as a part of a row may look, then better, then well.
+    for (radius_m, sigma_m) in [(0.15, 0.05), (0.09, 0.04), (0.075, 0.01)] {
+        let look = pillar(2.0, 0.15, radius_m, sigma_m);
+        keeper.observe_scan(&mut map, Instant(2), &unknown_scan(), &Pose::default(), &look);
+        let far_side = Horizontal { north: 2.0, east: -0.07 };
+        let knows = map.circles().any(|c| c.center_ned_m.minus(far_side).norm() < c.radius_m + 0.02);
+        assert!(knows, "{radius_m} {sigma_m}: {:?}", map.circles().collect::<StdVec<_>>());
+    }
+}
+
+#[test]
 fn the_farthest_circle_gives_way_when_the_store_is_full() {
     let (keeper, mut map) = (keeper(), Map::default());
     for k in 0..CIRCLES_MAX as i32 + 10 {
