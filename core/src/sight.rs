@@ -11,7 +11,8 @@
 //!
 //! - [`Cover::Seen`]: a ray has passed.
 //! - [`Cover::Hidden`]: it is in the view of the latest look, behind something. Looking again does not help, only going there slowly.
-//! - [`Cover::Unseen`]: neither. What was hidden from elsewhere is this, too: from here it may be in sight.
+//! - [`Cover::WasHidden`]: it was so in an earlier look, from elsewhere. Whether looking helps depends on what is before it now.
+//! - [`Cover::Unseen`]: never looked at.
 //!
 //! Cost: bench rows `look_64` for a look, `guard_64` for a step with all its questions.
 
@@ -52,7 +53,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { smallest_obstacle_m: 0.10, start_clearance_m: 0.03, range_m: 3.0 }
+        Self { smallest_obstacle_m: 0.075, start_clearance_m: 0.03, range_m: 3.0 }
     }
 }
 
@@ -87,7 +88,9 @@ pub enum Cover {
     Seen,
     /// In the view of the latest look, but behind something.
     Hidden,
-    /// Not looked at, or not from here.
+    /// In the view of an earlier look, behind something from there.
+    WasHidden,
+    /// Never looked at.
     Unseen,
 }
 
@@ -124,6 +127,7 @@ type Bits = [[u32; 2]; SIDE as usize];
 #[derive(Clone, Debug)]
 pub struct Sight {
     seen: Bits,
+    hidden: Bits,
     /// The cell at the south-west corner of the grid, counted from the origin.
     corner: (i32, i32),
     /// Where the vehicle stood when it was first asked to move.
@@ -137,6 +141,7 @@ impl Default for Sight {
     fn default() -> Self {
         Self {
             seen: [[0; 2]; SIDE as usize],
+            hidden: [[0; 2]; SIDE as usize],
             corner: (0, 0),
             home_ned_m: None,
             stood: None,
@@ -159,12 +164,12 @@ fn bit(north: i32, east: i32) -> (usize, usize, u32) {
     ((north & (SIDE - 1)) as usize, (column / 32) as usize, 1 << (column % 32))
 }
 
-/// Whether one of the 3 x 3 cells around a cell is marked.
-fn is_marked_around(bits: &Bits, north: i32, east: i32) -> bool {
+/// Whether one of four cells is marked: this one and its neighbours to the north and the east.
+fn is_one_marked(bits: &Bits, north: i32, east: i32) -> bool {
     let row = |north: i32| bits[(north & (SIDE - 1)) as usize];
-    let (below, at, above) = (row(north - 1), row(north), row(north + 1));
-    let [low, high] = [0, 1].map(|word| u64::from(below[word] | at[word] | above[word]));
-    (low | high << 32).rotate_right((east - 1) as u32 % SIDE as u32) & 0b111 != 0
+    let (at, above) = (row(north), row(north + 1));
+    let [low, high] = [0, 1].map(|word| u64::from(at[word] | above[word]));
+    (low | high << 32).rotate_right(east as u32 % SIDE as u32) & 0b11 != 0
 }
 
 impl Sight {
@@ -196,12 +201,13 @@ impl Sight {
         let (rows, columns) = (corner.0 - self.corner.0, corner.1 - self.corner.1);
         if rows.abs() >= SIDE || columns.abs() >= SIDE {
             self.seen = [[0; 2]; SIDE as usize];
+            self.hidden = [[0; 2]; SIDE as usize];
         } else {
             // Ahead, the rows that come in are those past the old end; behind, those before the old beginning.
             let first = if rows > 0 { self.corner.0 } else { corner.0 };
             for row in first..first + rows.abs() {
                 let (row, ..) = bit(row, 0);
-                self.seen[row] = [0; 2];
+                (self.seen[row], self.hidden[row]) = ([0; 2], [0; 2]);
             }
             let first = if columns > 0 { self.corner.1 } else { corner.1 };
             let mut stay = [u32::MAX; 2];
@@ -210,7 +216,7 @@ impl Sight {
                 stay[word] &= !mask;
             }
             if columns != 0 {
-                for row in &mut self.seen {
+                for row in self.seen.iter_mut().chain(&mut self.hidden) {
                     *row = [row[0] & stay[0], row[1] & stay[1]];
                 }
             }
@@ -310,7 +316,7 @@ impl Looker {
     fn draw(&self, sight: &mut Sight) {
         let Some((north, east)) = cell(sight.latest.origin_ned_m) else { return };
         sight.center(north, east);
-        let Sight { seen, corner, latest, .. } = sight;
+        let Sight { seen, hidden, corner, latest, .. } = sight;
 
         // A wide view is drawn less far, so that every look costs the same, and no farther than its rays are dense.
         let step_rad = libm::fabsf(latest.step_rad);
@@ -331,11 +337,15 @@ impl Looker {
                 continue;
             }
             let direction = Horizontal::from_bearing(latest.first_ned_rad + latest.step_rad * index as f32);
-            while at_m < drawn_m && at_m <= seen_m + CELL_M {
+            while at_m < drawn_m {
                 let row = (from_north + at_m * CELLS_PER_M * direction.north) as i32 + corner.0;
                 let column = (from_east + at_m * CELLS_PER_M * direction.east) as i32 + corner.1;
                 let (row, word, mask) = bit(row, column);
-                seen[row][word] |= mask;
+                if at_m <= seen_m + CELL_M {
+                    seen[row][word] |= mask;
+                } else {
+                    hidden[row][word] |= mask;
+                }
                 at_m += STEP_M;
             }
         }
@@ -367,11 +377,20 @@ impl Looker {
     /// What is known of a place.
     #[must_use]
     pub fn cover(&self, sight: &Sight, place: Horizontal) -> Cover {
-        match cell(place) {
-            Some((north, east)) if sight.contains(north, east) && is_marked_around(&sight.seen, north, east) => {
-                Cover::Seen
+        let mut was_hidden = false;
+        // Of the four cells whose common corner is nearest.
+        let first = place.minus(Horizontal { north: 0.5 * CELL_M, east: 0.5 * CELL_M });
+        if let Some((north, east)) = cell(first)
+            && sight.contains(north, east)
+        {
+            if is_one_marked(&sight.seen, north, east) {
+                return Cover::Seen;
             }
-            _ => self.in_latest(&sight.latest, place),
+            was_hidden = is_one_marked(&sight.hidden, north, east);
+        }
+        match self.in_latest(&sight.latest, place) {
+            Cover::Unseen if was_hidden => Cover::WasHidden,
+            cover => cover,
         }
     }
 
@@ -395,8 +414,8 @@ impl Looker {
         let middle = 0.5 * f32::from(latest.rays - 1);
         let off_rad = wrap_pi(bearing_rad(away) - latest.first_ned_rad - middle * latest.step_rad);
         let index = off_rad / latest.step_rad + middle;
-        // As far out of the view as the smallest obstacle still reaches into it.
-        let slack = self.config.smallest_obstacle_m / (distance_m * libm::fabsf(latest.step_rad));
+        // As far out of the view as the grid remembers it.
+        let slack = 0.5 * CELL_M / (distance_m * libm::fabsf(latest.step_rad));
         let last = f32::from(latest.rays - 1);
         if !latest.closes && (index < -slack || index > last + slack) {
             return Cover::Unseen;

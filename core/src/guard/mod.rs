@@ -54,8 +54,10 @@ const OUT_MPS: f32 = 0.3;
 const GUSTY_OUT: f32 = 2.0;
 /// Fastest towards what is hidden behind something.
 const HIDDEN_MPS: f32 = 0.4;
-/// Slower than this nothing need be looked at.
+/// What comes at the vehicle slower than this is no threat.
 const STILL_MPS: f32 = 0.02;
+/// Slower than this nothing need be looked at.
+const CREEP_MPS: f32 = 0.001;
 /// Share of the altitude that is left to a limit that may be used up a second.
 const ALTITUDE_RATE_PER_S: f32 = 0.5;
 /// Half a way shorter than this is not looked at by itself: what is asked of a place holds for 7 cm around it.
@@ -629,7 +631,7 @@ impl Guard {
     /// What has been seen of the places where an obstacle would touch the hull on its way.
     fn way(&self, sight: &Sight, velocity: Horizontal, situation: &Situation, near: &[Obstacle]) -> Way {
         let speed = velocity.norm();
-        if speed < STILL_MPS {
+        if speed < CREEP_MPS {
             return Way::Seen;
         }
         let (radius_m, smallest_m) = (self.config.vehicle_radius_m, self.looker.smallest_obstacle_m());
@@ -660,7 +662,13 @@ impl Guard {
                 if cover == Cover::Seen || near.iter().any(is_known) {
                     continue;
                 }
-                if cover == Cover::Hidden {
+                // What was hidden from elsewhere can be looked at by now, unless something known stands before it.
+                let is_before = |obstacle: &Obstacle| {
+                    let place_m =
+                        Horizontal::distance_to_segment(obstacle.center_ned_m, situation.position_ned_m, place);
+                    place_m < obstacle.reach_m - radius_m
+                };
+                if cover == Cover::Hidden || cover == Cover::WasHidden && near.iter().any(is_before) {
                     if way == Way::Seen {
                         way = Way::Hidden;
                     }

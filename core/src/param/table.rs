@@ -54,7 +54,7 @@ pub const TABLE: &[Param] = &[
     // What it sees.
     real("FH_OBS_FOV", "deg", 90.0, [5.73, 360.0], "Full angle of the obstacle sensor's view, centred on the nose."),
     real("FH_OBS_RANGE", "m", 3.0, [0.1, 100.0], "How far the obstacle sensor sees."),
-    real("FH_OBS_MIN", "m", 0.1, [0.05, 1.0], "Radius of the smallest obstacle that must not be overlooked."),
+    real("FH_OBS_MIN", "m", 0.075, [0.05, 1.0], "Radius of the smallest obstacle that must not be overlooked."),
     real(
         "FH_OBS_SIDE",
         "",
