@@ -2,9 +2,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_sim::gusts::{Row, SCENES, Scene, WEATHERS, Weather, row};
+use foxhound_sim::gusts::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
+use foxhound_sim::seeds;
 
-/// Of the hundred flights of `docs/gusts.md` so many are flown here.
+/// Of the hundred flights of `docs/results/gusts.md` so many are flown here, by the same seeds.
 const FLIGHTS: u64 = 60;
 
 fn scene(name: &str) -> &'static Scene {
@@ -16,7 +17,7 @@ fn weather(name: &str) -> &'static Weather {
 }
 
 fn flown(scene_name: &str, weather_name: &str) -> Row {
-    row(scene(scene_name), weather(weather_name), 1..FLIGHTS + 1).unwrap()
+    row(scene(scene_name), weather(weather_name), seeds::test(FLIGHTS), |_| ()).unwrap()
 }
 
 #[test]
@@ -29,6 +30,15 @@ fn in_gusts_of_one_and_of_one_and_a_half_metres_a_second_nothing_is_touched_and_
             assert!(row.reached as f64 >= 0.95 * FLIGHTS as f64, "{row:?}");
         }
     }
+}
+
+/// What has room for the margin, beside ArduCopter; what PX4 makes of it is in `tests/matrix.rs`.
+#[test]
+fn in_gusts_of_two_and_a_half_metres_a_second_walls_gaps_and_pillars_are_passed() {
+    let rows: Vec<Row> = roomy().map(|scene| flown(scene.name, STRONG.name)).collect();
+    assert!(rows.iter().all(|row| row.collided.is_empty()), "{rows:?}");
+    let reached: u32 = rows.iter().map(|row| row.reached).sum();
+    assert!(f64::from(reached) >= 0.97 * (FLIGHTS * rows.len() as u64) as f64, "{rows:?}");
 }
 
 #[test]

@@ -10,8 +10,9 @@ use foxhound_sim::flight::{self, Ending, Mission, Record};
 use foxhound_sim::landings::{Row, SCENES, row};
 use foxhound_sim::replay::replay;
 use foxhound_sim::scenario::Scenario;
+use foxhound_sim::seeds;
 
-/// Of the two hundred flights of `docs/landing.md` so many are flown here, by the same seeds.
+/// Of the two hundred flights of `docs/results/landings.md` so many are flown here, by the same seeds.
 const FLIGHTS: u64 = 24;
 
 fn flown(name: &str) -> Row {
@@ -20,7 +21,7 @@ fn flown(name: &str) -> Row {
 
 fn flown_times(name: &str, flights: u64) -> Row {
     let scene = SCENES.iter().find(|scene| scene.name == name).unwrap();
-    let row = row(scene, 2001..2001 + flights).unwrap();
+    let row = row(scene, seeds::test(flights), |_| ()).unwrap();
     assert!(row.collided.is_empty() && row.unfinished.is_empty(), "{row:?}");
     row
 }

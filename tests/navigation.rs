@@ -6,48 +6,35 @@ use std::fs::File;
 use std::path::Path;
 
 use flate2::read::GzDecoder;
+use foxhound_sim::maps::rows::{Rows, rows};
+use foxhound_sim::{matrix, seeds};
 use foxhound_tests::{root, run_json};
-use rand_core::{Rng as _, SeedableRng as _};
-use rand_xoshiro::SplitMix64;
 use serde_json::{Map, Value, json};
 
-/// Every file of `tests/traps`, flown with `seeds` seeds, ends as it says, without a collision.
+/// The traps as their files have them; `tests/matrix.rs` flies them in every setting.
 #[test]
 fn every_trap_ends_as_it_should_for_twenty_of_twenty_seeds() {
-    let mut files: Vec<_> = std::fs::read_dir(root().join("tests/traps")).unwrap().map(|e| e.unwrap().path()).collect();
-    files.sort();
-    assert!(files.len() >= 22);
-    let fly = |file: &std::path::PathBuf| {
-        let path = file.to_string_lossy().into_owned();
-        let expect = serde_json::from_str::<Value>(&std::fs::read_to_string(file).unwrap()).unwrap()["expect"].clone();
-        for seed in 0..20 {
-            let (_, report) = run_json(&["fly", "--json", "--scenario", &path, "--seed", &seed.to_string()]);
-            assert_eq!(report["result"], expect["result"], "{path} seed {seed}: {report}");
-            assert_eq!(report["collisions"], 0, "{path} seed {seed}: {report}");
-            if let Some(reason) = expect.get("reason") {
-                assert_eq!(&report["reason"], reason, "{path} seed {seed}: {report}");
-                let within_s = expect["within_s"].as_f64().unwrap_or(60.0);
-                assert!(report["time_s"].as_f64().unwrap() < within_s, "{path} seed {seed}: {report}");
-            }
-        }
-    };
-    let half = files.len().div_ceil(2);
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = files.chunks(half).map(|part| scope.spawn(move || part.iter().for_each(fly))).collect();
-        workers.into_iter().for_each(|worker| worker.join().unwrap());
-    });
+    let worlds = matrix::traps(&root().join("tests/traps"), &seeds::test(20)).unwrap();
+    assert!(worlds.len() >= 22 * 20);
+    let row = matrix::fly(&worlds).unwrap();
+    assert_eq!((row.as_expected, row.collided.len()), (row.flights, 0), "{row:?}");
+}
+
+/// The first held-out seed, for the commands that draw all others from one.
+fn seed() -> String {
+    seeds::TEST.start.to_string()
 }
 
 /// A suite of Table I's five densities, four maps each, `pairs` pairs a map.
-fn suite(dir: &std::path::Path, seed: &str, pairs: &str, radius: &str) -> String {
+fn suite(dir: &std::path::Path, pairs: &str, radius: &str) -> String {
     let out = dir.to_string_lossy().into_owned();
-    let arguments = ["maps", "--json", "--seed", seed, "--pairs", pairs, "--drone-radius", radius, "--out", &out];
+    let arguments = ["maps", "--json", "--seed", &seed(), "--pairs", pairs, "--drone-radius", radius, "--out", &out];
     assert_eq!(run_json(&arguments).0, 0);
     dir.join("suite.json").to_string_lossy().into_owned()
 }
 
 fn check(suite: &str, extra: &[&str], success: f64, ratio: f64) {
-    let (_, report) = run_json(&[&["suite", suite, "--json"], extra].concat());
+    let (_, report) = run_json(&[&["suite", suite, "--json", "--seed", &seed()], extra].concat());
     let all = &report["all"];
     let rate = |row: &Value| row["success"].as_f64().unwrap() / row["runs"].as_f64().unwrap();
     assert!(rate(all) >= success, "{extra:?}: {report}");
@@ -60,7 +47,7 @@ fn check(suite: &str, extra: &[&str], success: f64, ratio: f64) {
 #[test]
 fn eight_hundred_flights_through_pillar_forests_all_arrive_and_none_touches() {
     let dir = tempfile::tempdir().unwrap();
-    let suite = suite(dir.path(), "31", "40", "0.15");
+    let suite = suite(dir.path(), "40", "0.15");
     check(&suite, &[], 0.9975, 1.06);
     check(&suite, &["--bearing-sigma-deg", "5"], 0.995, 1.06);
     check(&suite, &["--bearing-sigma-deg", "20"], 0.99, 1.10);
@@ -71,37 +58,36 @@ fn eight_hundred_flights_through_pillar_forests_all_arrive_and_none_touches() {
 #[test]
 fn a_wider_hull_arrives_as_well() {
     let dir = tempfile::tempdir().unwrap();
-    check(&suite(dir.path(), "32", "40", "0.20"), &[], 0.995, 1.06);
+    check(&suite(dir.path(), "40", "0.20"), &[], 0.995, 1.06);
 }
 
 /// Flies a suite file; how many flights there are, how many arrive and how many collide.
 fn fly_suite(dir: &Path, suite: &Value) -> (u64, u64, u64) {
     let file = dir.join("suite.json");
     std::fs::write(&file, suite.to_string()).unwrap();
-    let (_, report) = run_json(&["suite", "--json", &file.to_string_lossy()]);
+    let (_, report) = run_json(&["suite", "--json", "--seed", &seed(), &file.to_string_lossy()]);
     let count = |key: &str| report["all"][key].as_u64().unwrap();
     (count("runs"), count("success"), count("collisions"))
 }
 
 /// Six rows of thin pillars across a corridor, 15 cm apart as in BARN, with a gap of 0.9 m somewhere in each: the way leads
 /// through all of them, and most of each row is first seen at close range.
-fn rows_of_pillars(seed: u64) -> Vec<[f64; 3]> {
-    let mut rng = SplitMix64::seed_from_u64(seed);
-    let mut pillars = Vec::new();
-    for row in 0..6 {
-        let gap_m = -1.5 + 3.0 * (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-        let across = (0..31).map(|k| 0.15 * f64::from(k) - 2.25).filter(|x| (x - gap_m).abs() > 0.45 + 0.075);
-        pillars.extend(across.map(|x| [x, 2.0 + 1.7 * f64::from(row), 0.075]));
-    }
-    pillars
-}
+const ROWS: Rows = Rows {
+    count: 6,
+    first_m: 2.0,
+    apart_m: 1.7,
+    radius_m: 0.075,
+    half_m: [2.25, 2.25],
+    aside_m: 1.5,
+    gap_m: [0.9, 0.9],
+};
 
 #[test]
 fn rows_of_pillars_by_scan_and_waveforms_are_passed_and_none_is_touched() {
     let dir = tempfile::tempdir().unwrap();
-    let maps: Vec<Value> = (0..40)
+    let maps: Vec<Value> = seeds::test(40)
         .map(|seed| {
-            json!({"row": 0, "instance": seed, "obstacles": rows_of_pillars(seed),
+            json!({"row": 0, "instance": seed, "obstacles": rows(&ROWS, seed),
                    "pairs": [[0.0, 0.0, 0.0, 12.5, 12.5]]})
         })
         .collect();

@@ -1,55 +1,97 @@
 //! Many flights in gusts, scene by scene: how many touch something, how many arrive.
 //!
-//! All fly with the whole chain from the antennas' codes on, at 20 dB, and a vehicle as slow as a
-//! real autopilot, ArduCopter unless the scene says PX4 ([`crate::deviation`]). The scenes: the pillars
-//! of `scenarios/gusts_strong.json`, forests that every seed plants anew, seen by a scan or told as circles, a thicket with gaps
-//! down to half a metre, the corridor of `tests/scenarios`. The air: a mean wind of 3 m/s with Dryden's gusts on top of it.
+//! All fly with the whole chain from the antennas' codes on, at 20 dB, and a vehicle as slow as a real autopilot, ArduCopter
+//! unless the scene says PX4 ([`crate::deviation`]). The air: a mean wind of 3 m/s with Dryden's gusts on top of it.
 
-use foxhound_core::bearing::Estimator;
-use foxhound_core::planner;
+use foxhound_core::guidance;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::computer::HostComputer;
-use crate::flight::{self, Ending, Mission, Report};
-use crate::scenario::{Scenario, Wind};
+use crate::flight::{Ending, Report};
+use crate::input::InputError;
+use crate::maps::rows::{self, Rows};
+use crate::matrix;
+use crate::scenario::{Obstacle, Scenario, VehicleModel, Wind};
 
 /// A kind of world to fly through.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Scene {
     /// Its name.
     pub name: &'static str,
     /// The scenario, without its wind.
     #[serde(skip)]
-    pub scenario: &'static str,
+    text: &'static str,
+    /// Rows of pillars besides, by the seed.
+    #[serde(skip)]
+    rows: Option<Rows>,
 }
 
+const fn scene(name: &'static str, text: &'static str) -> Scene {
+    Scene { name, text, rows: None }
+}
+
+/// Twelve metres north past two rows.
+const NORTH: &str = r#"{"start":[0,0],"goal":[0,12],"bounds":[-6,-1,6,13],"sensor":{"model":"scan"},
+    "bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"max_time_s":120}"#;
+const WALLS: Rows =
+    Rows { count: 2, first_m: 4.0, apart_m: 4.0, radius_m: 0.15, half_m: [1.0, 2.5], aside_m: 1.0, gap_m: [0.0, 0.0] };
+const GAPS: Rows = Rows { half_m: [5.0, 5.0], aside_m: 2.0, gap_m: [1.5, 2.5], ..WALLS };
+
 /// The scenes.
-pub const SCENES: [Scene; 6] = [
-    Scene { name: "pillars, scan", scenario: include_str!("../../scenarios/gusts_strong.json") },
-    Scene {
-        name: "pillars, scan, PX4",
-        scenario: r#"{"obstacles":[{"x":2.5,"y":2.7,"r":0.3},{"x":4.2,"y":2.3,"r":0.33},{"x":4.3,"y":4.4,"r":0.34},
+pub const SCENES: [Scene; 8] = [
+    // The pillars of `scenarios/gusts_strong.json`.
+    scene("pillars, scan", include_str!("../../scenarios/gusts_strong.json")),
+    scene(
+        "pillars, scan, PX4",
+        r#"{"obstacles":[{"x":2.5,"y":2.7,"r":0.3},{"x":4.2,"y":2.3,"r":0.33},{"x":4.3,"y":4.4,"r":0.34},
             {"x":2.9,"y":5.9,"r":0.28},{"x":6.2,"y":3.6,"r":0.28},{"x":5.6,"y":6.1,"r":0.32},{"x":7.1,"y":7.3,"r":0.33},
             {"x":8.4,"y":5.2,"r":0.3}],"sensor":{"model":"scan"},"bearing":{"snr_db":20},
             "vehicle":{"model":"arducopter","autopilot":"px4"}}"#,
-    },
-    Scene {
-        name: "forest, scan",
-        scenario: r#"{"random":{"count":24},"sensor":{"model":"scan"},"bearing":{"snr_db":20},
+    ),
+    // Every seed plants its own.
+    scene(
+        "forest, scan",
+        r#"{"random":{"count":24},"sensor":{"model":"scan"},"bearing":{"snr_db":20},
             "vehicle":{"model":"arducopter"},"max_time_s":120}"#,
-    },
-    Scene {
-        name: "forest, circles",
-        scenario: r#"{"random":{"count":24},"bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"max_time_s":120}"#,
-    },
-    Scene {
-        name: "thicket, scan",
-        scenario: r#"{"random":{"count":62,"radius":[0.15,0.33],"gap":0.5,"clear":0.6},"sensor":{"model":"scan"},
+    ),
+    scene(
+        "forest, circles",
+        r#"{"random":{"count":24},"bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"max_time_s":120}"#,
+    ),
+    // Two walls of 2 to 5 m across the way, to fly around.
+    Scene { rows: Some(WALLS), ..scene("walls, scan", NORTH) },
+    // Two walls of 10 m, each with a gap of 1.5 to 2.5 m.
+    Scene { rows: Some(GAPS), ..scene("gaps, scan", NORTH) },
+    // Gaps down to half a metre.
+    scene(
+        "thicket, scan",
+        r#"{"random":{"count":62,"radius":[0.15,0.33],"gap":0.5,"clear":0.6},"sensor":{"model":"scan"},
             "bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"max_time_s":120}"#,
-    },
-    Scene { name: "corridor", scenario: include_str!("../../tests/scenarios/corridor.json") },
+    ),
+    scene("corridor", include_str!("../../tests/scenarios/corridor.json")),
 ];
+
+/// Those that have room for the margin: walls, gaps and random pillars, by scan.
+pub fn roomy() -> impl Iterator<Item = &'static Scene> {
+    SCENES.iter().filter(|scene| ["walls, scan", "gaps, scan", "forest, scan"].contains(&scene.name))
+}
+
+impl Scene {
+    /// The world of a seed in that weather.
+    ///
+    /// # Errors
+    /// The scenario is refused, or there is no room for its pillars.
+    pub fn scenario(&self, weather: &Weather, seed: u64) -> Result<Scenario, InputError> {
+        let mut scenario = Scenario::parse(self.text)?;
+        scenario.wind = weather.wind;
+        scenario.vehicle.model = VehicleModel::Arducopter;
+        if let Some(recipe) = &self.rows {
+            let pillars = rows::rows(recipe, seed).into_iter();
+            scenario.obstacles = pillars.map(|[x, y, r]| Obstacle { x, y, r, ..Obstacle::default() }).collect();
+        }
+        scenario.drawn(seed)
+    }
+}
 
 /// What the air does.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -60,17 +102,22 @@ pub struct Weather {
     pub wind: Option<Wind>,
 }
 
-const fn gusts(gust_mps: f64) -> Option<Wind> {
-    Some(Wind { vx: 3.0, vy: 0.0, gust_mps, gust_s: 2.0 })
+const fn gusts(name: &'static str, gust_mps: f64) -> Weather {
+    Weather { name, wind: Some(Wind { vx: 3.0, vy: 0.0, gust_mps, gust_s: 2.0 }) }
 }
 
+/// The gusts that what has room for the margin should stand.
+pub const STRONG: Weather = gusts("gusts, sigma 2.5 m/s", 2.5);
+
 /// The weathers.
-pub const WEATHERS: [Weather; 5] = [
+pub const WEATHERS: [Weather; 7] = [
     Weather { name: "calm", wind: None },
-    Weather { name: "gusts, sigma 0.4 m/s", wind: gusts(0.4) },
-    Weather { name: "gusts, sigma 1 m/s", wind: gusts(1.0) },
-    Weather { name: "gusts, sigma 1.5 m/s", wind: gusts(1.5) },
-    Weather { name: "gusts, sigma 3 m/s", wind: gusts(3.0) },
+    gusts("gusts, sigma 0.5 m/s", 0.5),
+    gusts("gusts, sigma 1 m/s", 1.0),
+    gusts("gusts, sigma 1.5 m/s", 1.5),
+    gusts("gusts, sigma 2 m/s", 2.0),
+    STRONG,
+    gusts("gusts, sigma 3 m/s", 3.0),
 ];
 
 /// What the flights of one scene in one weather came to.
@@ -92,28 +139,18 @@ pub struct Row {
     pub clearance_m: [f64; 2],
 }
 
-/// One flight.
+/// The flights with these seeds, by a computer whose configuration may be changed before.
 ///
 /// # Errors
-/// The scenario is refused, or the flight cannot be flown.
-pub fn fly(scene: &Scene, weather: &Weather, seed: u64) -> Result<Report, String> {
-    let mut scenario = Scenario::parse(scene.scenario).map_err(|error| error.to_string())?;
-    scenario.wind = weather.wind;
-    scenario.vehicle.model = crate::scenario::VehicleModel::Arducopter;
-    let scenario = scenario.drawn(seed).map_err(|error| error.to_string())?;
-    let mission = Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
-    let mut computer = HostComputer::new(&mission.guidance()).map_err(|error| error.to_string())?;
-    let record = flight::fly(&mission, &mut computer, None, |_| ()).map_err(|error| error.to_string())?;
-    Ok(record.report)
-}
-
-/// The flights with these seeds.
-///
-/// # Errors
-/// See [`fly`].
-pub fn row(scene: &Scene, weather: &Weather, seeds: std::ops::Range<u64>) -> Result<Row, String> {
-    let reports: Vec<Report> =
-        seeds.into_par_iter().map(|seed| fly(scene, weather, seed)).collect::<Result<_, String>>()?;
+/// The scenario is refused, or a flight cannot be flown.
+pub fn row(
+    scene: &Scene,
+    weather: &Weather,
+    seeds: std::ops::Range<u64>,
+    tune: impl Fn(&mut guidance::Config) + Sync,
+) -> Result<Row, InputError> {
+    let fly = |seed| matrix::report(scene.scenario(weather, seed)?, seed, &tune);
+    let reports: Vec<Report> = seeds.into_par_iter().map(fly).collect::<Result<_, InputError>>()?;
     let of = |ending: Ending| reports.iter().filter(move |report| report.result == ending);
     let reached = of(Ending::Reached).count();
     let mut clearances_m: Vec<f64> = reports.iter().filter_map(|report| report.min_clearance_m).collect();

@@ -6,14 +6,14 @@
 
 use std::collections::BTreeMap;
 
-use foxhound_core::bearing::Estimator;
+use foxhound_core::guidance;
 use foxhound_core::landing::Stage;
-use foxhound_core::planner;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::computer::HostComputer;
-use crate::flight::{self, Ending, Landing, Mission, Report};
+use crate::flight::{Ending, Landing, Report};
+use crate::input::InputError;
+use crate::matrix;
 use crate::scenario::Scenario;
 
 /// A touchdown within this of the pad's middle is one on the pad.
@@ -99,30 +99,32 @@ pub struct Row {
     pub time_s: f64,
 }
 
-/// One flight.
+/// One flight, by a computer whose configuration may be changed before.
 ///
 /// # Errors
 /// The scenario is refused, or the flight cannot be flown.
-pub fn fly(scene: &Scene, seed: u64) -> Result<Report, String> {
-    let mut scenario = Scenario::parse(&scene.scenario()).map_err(|error| error.to_string())?;
+pub fn fly(scene: &Scene, seed: u64, tune: impl Fn(&mut guidance::Config)) -> Result<Report, InputError> {
+    let mut scenario = Scenario::parse(&scene.scenario())?;
     if let Some(landing) = &mut scenario.landing {
         // All round the beacon, by the golden angle, and evenly over the disc.
         let (turn, part) = (seed as f64 * 2.399_963, libm::sqrt((seed as f64 * 0.618_034) % 1.0));
         landing.pad = [PAD_M * part * libm::cos(turn), PAD_M * part * libm::sin(turn)];
     }
-    let scenario = scenario.drawn(seed).map_err(|error| error.to_string())?;
-    let mission = Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
-    let mut computer = HostComputer::new(&mission.guidance()).map_err(|error| error.to_string())?;
-    let record = flight::fly(&mission, &mut computer, None, |_| ()).map_err(|error| error.to_string())?;
-    Ok(record.report)
+    let scenario = scenario.drawn(seed)?;
+    matrix::report(scenario, seed, tune)
 }
 
 /// The flights with these seeds.
 ///
 /// # Errors
 /// See [`fly`].
-pub fn row(scene: &Scene, seeds: std::ops::Range<u64>) -> Result<Row, String> {
-    let reports: Vec<Report> = seeds.into_par_iter().map(|seed| fly(scene, seed)).collect::<Result<_, String>>()?;
+pub fn row(
+    scene: &Scene,
+    seeds: std::ops::Range<u64>,
+    tune: impl Fn(&mut guidance::Config) + Sync,
+) -> Result<Row, InputError> {
+    let fly = |seed| fly(scene, seed, &tune);
+    let reports: Vec<Report> = seeds.into_par_iter().map(fly).collect::<Result<_, InputError>>()?;
     let mut row = Row { scene: scene.name, flights: reports.len() as u32, ..Row::default() };
     let (mut distances_m, mut times_s) = (Vec::new(), Vec::new());
     for report in &reports {

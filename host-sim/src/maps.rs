@@ -13,6 +13,7 @@
 mod density;
 mod picture;
 mod route;
+pub mod rows;
 pub mod thicket;
 
 pub use density::{Density, densities, density};

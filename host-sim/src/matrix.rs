@@ -3,16 +3,22 @@
 //! Tests fly [`pairwise`], in which every two values of different factors meet at least once. `cargo xtask campaign` flies
 //! [`product`], all of them, and prints a table.
 
+mod worlds;
+
+use std::fmt;
+
+use foxhound_core::bearing::Estimator;
+use foxhound_core::{guidance, planner};
 use rayon::prelude::*;
+use serde_json::Value;
 
 use crate::autopilot::Software;
 use crate::computer::HostComputer;
-use crate::flight::{self, Ending, Mission};
+use crate::flight::{self, Ending, Mission, Report};
 use crate::input::InputError;
-use crate::maps::{self, Recipe, thicket};
-use crate::scenario::{Bearing, Obstacle, Scenario, Sensor, SensorModel, Vehicle, VehicleModel};
-use foxhound_core::bearing::Estimator;
-use foxhound_core::planner;
+use crate::scenario::{Bearing, Scenario, Sensor, SensorModel, Vehicle, VehicleModel};
+
+pub use worlds::{World, barn, forests, gusty, pillars, thickets, traps};
 
 /// Model, field of view in degrees, range in metres.
 const SENSORS: [(SensorModel, f64, f64); 5] = [
@@ -30,7 +36,8 @@ const VEHICLES: [(VehicleModel, Software); 3] = [
     (VehicleModel::Arducopter, Software::ArduCopter),
     (VehicleModel::Arducopter, Software::Px4),
 ];
-const HULLS_M: [f64; 2] = [0.15, 0.215];
+/// Radii of the hull.
+pub const HULLS_M: [f64; 2] = [0.15, 0.215];
 
 /// One value of each factor, by its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,6 +76,18 @@ pub fn pairwise() -> Vec<Setting> {
         .collect()
 }
 
+/// Its corners: every two extreme values of sensor, vehicle and hull meet once; waveforms beside PX4.
+#[must_use]
+pub fn corners() -> [Setting; 4] {
+    let (sensors, vehicles) = (SENSORS.len() - 1, VEHICLES.len() - 1);
+    [(0, 0, 0), (0, vehicles, 1), (sensors, 0, 1), (sensors, vehicles, 0)].map(|(sensor, vehicle, hull)| Setting {
+        sensor,
+        bearings: vehicle.min(1),
+        vehicle,
+        hull,
+    })
+}
+
 impl Setting {
     /// What it is, for tables.
     #[must_use]
@@ -90,17 +109,28 @@ impl Setting {
         HULLS_M[self.hull]
     }
 
-    /// The scenario flown in this setting, but with the hull it has.
+    /// A world as it is flown in this setting.
     #[must_use]
-    pub fn equip(&self, scenario: &Scenario) -> Scenario {
+    pub fn equip(&self, world: &World) -> World {
         let (model, fov_deg, range_m) = SENSORS[self.sensor];
         let (vehicle, autopilot) = VEHICLES[self.vehicle];
-        Scenario {
+        let scenario = &world.scenario;
+        let scenario = Scenario {
+            drone_radius: self.hull_m(),
             sensor: Sensor { model, fov_deg, range_m, ..scenario.sensor },
             bearing: Bearing { snr_db: SNR_DB[self.bearings], model: None, ..scenario.bearing },
             vehicle: Vehicle { model: vehicle, autopilot, ..scenario.vehicle },
             ..scenario.clone()
-        }
+        };
+        World { scenario, ..world.clone() }
+    }
+
+    /// Flies worlds in this setting.
+    ///
+    /// # Errors
+    /// See [`report`].
+    pub fn fly(&self, worlds: &[World]) -> Result<Row, InputError> {
+        fly(&worlds.iter().map(|world| self.equip(world)).collect::<Vec<_>>())
     }
 }
 
@@ -109,119 +139,90 @@ impl Setting {
 pub struct Row {
     /// Flights.
     pub flights: u32,
-    /// Those that reached the goal.
-    pub reached: u32,
-    /// Those that touched something: name and seed.
-    pub collided: Vec<(String, u64)>,
-    /// The others: name, seed and outcome.
-    pub others: Vec<(String, u64, String)>,
+    /// Those that ended as expected: at the goal, or as the scenario's `expect` says.
+    pub as_expected: u32,
+    /// Those that touched something.
+    pub collided: Vec<Failure>,
+    /// Those that did not, and ended otherwise than expected.
+    pub others: Vec<Failure>,
     /// Mean of path flown, with what was left to the goal, over the shortest path, of those that reached it.
     pub length_ratio: Option<f64>,
     /// Least clearance of all.
     pub clearance_m: Option<f64>,
 }
 
-/// Flies worlds, each with its seed and the length of its shortest path, in parallel.
+/// A flight that did not end as expected.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failure {
+    /// Its world.
+    pub world: String,
+    /// Its seed.
+    pub seed: u64,
+    /// How it ended.
+    pub outcome: String,
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, seed {}: {}", self.world, self.seed, self.outcome)
+    }
+}
+
+/// Flies a scenario with the desktop's computer, whose configuration may be changed before.
 ///
 /// # Errors
-/// A configuration is refused, or a flight cannot be flown.
+/// A configuration is refused, or the flight cannot be flown.
+pub fn report(scenario: Scenario, seed: u64, tune: impl Fn(&mut guidance::Config)) -> Result<Report, InputError> {
+    let mission = Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
+    let mut config = mission.guidance();
+    tune(&mut config);
+    let mut computer = HostComputer::new(&config)?;
+    let record = flight::fly(&mission, &mut computer, None, |_| ())
+        .map_err(|error| InputError::new(format!("{}: {error}", mission.scenario.name)))?;
+    Ok(record.report)
+}
+
+/// Flies worlds, in parallel.
+///
+/// # Errors
+/// See [`report`].
 pub fn fly(worlds: &[World]) -> Result<Row, InputError> {
-    let reports = worlds.par_iter().map(|world| {
-        let mission = Mission {
-            scenario: world.scenario.clone(),
-            seed: world.seed,
-            planner: planner::Config::default(),
-            estimator: Estimator::CrossSpectrum,
-        };
-        let mut computer = HostComputer::new(&mission.guidance())?;
-        let record = flight::fly(&mission, &mut computer, None, |_| ())
-            .map_err(|error| InputError::new(format!("{}: {error}", world.scenario.name)))?;
-        Ok(record.report)
-    });
+    let reports = worlds.par_iter().map(|world| report(world.scenario.clone(), world.seed, |_| ()));
     let reports = reports.collect::<Result<Vec<_>, InputError>>()?;
     let mut row = Row { flights: reports.len() as u32, ..Row::default() };
     let mut ratios = Vec::new();
     for (world, report) in worlds.iter().zip(reports) {
         row.clearance_m = report.min_clearance_m.into_iter().chain(row.clearance_m).min_by(f64::total_cmp);
-        match report.result {
-            Ending::Reached => {
-                row.reached += 1;
-                ratios.extend(world.shortest_m.map(|m| (report.path_length_m + world.scenario.goal_tolerance) / m));
-            }
-            Ending::Collision => row.collided.push((report.name, report.seed)),
-            Ending::Hold | Ending::Timeout => row.others.push((report.name, report.seed, report.reason.to_owned())),
+        if report.result == Ending::Reached {
+            ratios.extend(world.shortest_m.map(|m| (report.path_length_m + world.scenario.goal_tolerance) / m));
+        }
+        let failure = |outcome| Failure { world: report.name.clone(), seed: report.seed, outcome };
+        if report.result == Ending::Collision {
+            let depth_mm = -1000.0 * report.min_clearance_m.unwrap_or(f64::NAN);
+            row.collided.push(failure(format!("collision, {depth_mm:.2} mm deep")));
+        } else if ends_as_expected(&report) && is_in_time(&report) {
+            row.as_expected += 1;
+        } else {
+            let how = format!("{:?}", report.result).to_lowercase();
+            let late = if ends_as_expected(&report) { ", late" } else { "" };
+            row.others.push(failure(format!("{how}, {}{late}", report.reason)));
         }
     }
     row.length_ratio = (!ratios.is_empty()).then(|| ratios.iter().sum::<f64>() / ratios.len() as f64);
     Ok(row)
 }
 
-/// A world to fly through.
-#[derive(Clone, Debug)]
-pub struct World {
-    /// It, and everything that flies.
-    pub scenario: Scenario,
-    /// Seed of the flight.
-    pub seed: u64,
-    /// Length of the shortest path, where it is known.
-    pub shortest_m: Option<f64>,
+/// As the scenario's `expect` says, or at the goal where it says nothing.
+fn ends_as_expected(report: &Report) -> bool {
+    let Some(expect) = &report.expect else { return report.result == Ending::Reached };
+    let result = serde_json::to_value(report.result).ok();
+    expect.get("result") == result.as_ref() && expect.get("reason").is_none_or(|reason| reason == report.reason)
 }
 
-fn pillars(pillars: &[maps::Pillar]) -> Vec<Obstacle> {
-    pillars.iter().map(|[x, y, r]| Obstacle { x: *x, y: *y, r: *r, ..Obstacle::default() }).collect()
-}
-
-/// Dense corridors ([`thicket`]), one for each seed.
-///
-/// # Errors
-/// One of the seeds has no world.
-pub fn thickets(setting: &Setting, seeds: impl IntoIterator<Item = u64>) -> Result<Vec<World>, InputError> {
-    let world = |seed| {
-        let (obstacles, [x0, y0, x1, y1, shortest_m]) = thicket::thicket(seed)?;
-        let scenario = Scenario {
-            name: "thicket".to_owned(),
-            bounds: thicket::BOUNDS,
-            drone_radius: setting.hull_m(),
-            start: [x0, y0],
-            goal: [x1, y1],
-            obstacles: pillars(&obstacles),
-            max_time_s: 100.0,
-            ..Scenario::default()
-        };
-        Ok(World { scenario: setting.equip(&scenario), seed, shortest_m: Some(shortest_m) })
-    };
-    seeds.into_iter().map(world).collect()
-}
-
-/// Forests of the main paper's densities (Table I), by turns, with so many pairs of start and goal in each.
-///
-/// # Errors
-/// A forest cannot be drawn.
-pub fn forests(
-    setting: &Setting,
-    seeds: impl IntoIterator<Item = u64>,
-    pairs: usize,
-) -> Result<Vec<World>, InputError> {
-    let mut worlds = Vec::new();
-    for (row, seed) in (1..=maps::TABLE_I.len() as u32).cycle().zip(seeds) {
-        let Some(recipe) = Recipe::of_row(row) else { continue };
-        let obstacles = maps::generate(&recipe, seed)?;
-        let drawn = maps::pairs(recipe.bounds, &obstacles, setting.hull_m(), pairs, seed)?;
-        for (k, [x0, y0, x1, y1, shortest_m]) in (0..).zip(drawn.pairs) {
-            let scenario = Scenario {
-                name: format!("forest {row}, pair {k}"),
-                bounds: recipe.bounds,
-                drone_radius: setting.hull_m(),
-                start: [x0, y0],
-                goal: [x1, y1],
-                obstacles: pillars(&obstacles),
-                ..Scenario::default()
-            };
-            let scenario = setting.equip(&scenario);
-            worlds.push(World { scenario, seed: seed + k, shortest_m: Some(shortest_m) });
-        }
-    }
-    Ok(worlds)
+/// A hold has to come within a minute, unless the scenario says otherwise.
+fn is_in_time(report: &Report) -> bool {
+    let within_s = report.expect.as_ref().and_then(|expect| expect.get("within_s")).and_then(Value::as_f64);
+    report.result == Ending::Reached || report.time_s < within_s.unwrap_or(60.0)
 }
 
 #[cfg(test)]

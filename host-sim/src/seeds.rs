@@ -9,6 +9,12 @@ pub const DEVELOPMENT: Range<u64> = 0..1_000_000;
 /// Held out: for tests and for the numbers in the documentation.
 pub const TEST: Range<u64> = 1_000_000..2_000_000;
 
+/// The first `count` development seeds.
+#[must_use]
+pub fn development(count: u64) -> Range<u64> {
+    DEVELOPMENT.start..DEVELOPMENT.start + count
+}
+
 /// The first `count` held-out seeds.
 #[must_use]
 pub fn test(count: u64) -> Range<u64> {
