@@ -96,25 +96,38 @@ enum Task {
         #[arg(long, default_value_t = 24.0)]
         hours: f64,
     },
-    /// Fly in calm air and in gusts, scene by scene
+    /// Fly in calm air and in gusts, scene by scene: docs/results/gusts.md
     Gusts {
-        /// Flights in each scene and weather
-        #[arg(long, default_value_t = 200)]
+        /// Flights past walls, gaps and pillars each, in strong gusts; of the others at most 100
+        #[arg(long, default_value_t = 240)]
         flights: u32,
+        /// Fly development seeds alone, and print
+        #[arg(long)]
+        development: bool,
     },
-    /// Fly forests and dense corridors in every setting of sensor, bearings, vehicle and hull
-    Campaign,
+    /// Fly every kind of world in every setting of sensor, bearings, vehicle and hull: docs/results/matrix.md
+    Campaign {
+        /// So many times as many flights, but for BARN's worlds
+        #[arg(long, default_value_t = 1)]
+        times: u32,
+        /// Only settings whose name has this in it, printed
+        #[arg(long)]
+        only: Option<String>,
+    },
     /// Fly the image of the NUCLEO-G474RE in an instruction emulator, beside the desktop and QEMU
     G474 {
         /// How many missions
         #[arg(long, default_value_t = 5)]
         seeds: u32,
     },
-    /// Fly to the very end, onto the pad or above the beacon, scene by scene
+    /// Fly to the very end, onto the pad or above the beacon, scene by scene: docs/results/landings.md
     Landings {
-        /// Flights of each scene
+        /// Flights of each scene; of each value of a constant at most 60
         #[arg(long, default_value_t = 200)]
         flights: u32,
+        /// Try the constants alone, on development seeds, and print
+        #[arg(long)]
+        development: bool,
     },
 }
 
@@ -225,9 +238,9 @@ fn run(task: &Task) -> Result<(), Failure> {
         Task::Bench { json } => bench::run(*json),
         Task::Parity { flights } => parity::run(*flights),
         Task::Soak { hours } => study::run("soak", &[&hours.to_string()]),
-        Task::Gusts { flights } => study::run("gusts", &[&flights.to_string()]),
-        Task::Landings { flights } => study::run("landings", &[&flights.to_string()]),
-        Task::Campaign => study::run("matrix", &[]),
+        Task::Gusts { flights, development } => study::write("gusts", *flights, "gusts", *development),
+        Task::Landings { flights, development } => study::write("landings", *flights, "landings", *development),
+        Task::Campaign { times, only } => study::matrix(*times, only.as_deref()),
         Task::G474 { seeds } => g474::run(*seeds),
     }
 }

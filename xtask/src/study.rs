@@ -1,10 +1,30 @@
-//! Long campaigns of flights: the programs in `host-sim/examples`, in release. Each prints the table of a page in `docs`.
+//! Long campaigns of flights: the programs in `host-sim/examples`, in release. Each writes or prints a page of `docs`.
 
-use crate::build::cargo;
+use std::path::PathBuf;
+
+use crate::build::{cargo, workspace};
 use crate::{Failure, attend};
 
 /// Runs one of them with its arguments.
 pub(crate) fn run(example: &str, arguments: &[&str]) -> Result<(), Failure> {
     let example = ["run", "--release", "--package", "foxhound-sim", "--example", example, "--"];
     attend(cargo().args(example).args(arguments))
+}
+
+/// Runs one that writes a page of `docs/results`, or prints what development seeds come to.
+pub(crate) fn write(example: &str, flights: u32, page: &str, is_development: bool) -> Result<(), Failure> {
+    let page = path(&format!("docs/results/{page}.md"));
+    let development: &[&str] = if is_development { &["development"] } else { &[] };
+    run(example, &[&[&flights.to_string(), page.as_str()][..], development].concat())
+}
+
+/// Flies every setting, or those that are named so, and writes `docs/results/matrix.md`.
+pub(crate) fn matrix(times: u32, only: Option<&str>) -> Result<(), Failure> {
+    let (times, barn, page) = (times.to_string(), path("../shared/data/barn"), path("docs/results/matrix.md"));
+    run("matrix", &[&[times.as_str(), &barn, &page][..], only.as_slice()].concat())
+}
+
+fn path(of: &str) -> String {
+    let path: PathBuf = workspace().join(of);
+    path.to_string_lossy().into_owned()
 }
