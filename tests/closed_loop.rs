@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+use foxhound_sim::seeds;
 use foxhound_tests::{root, run_json};
 use serde_json::Value;
 
@@ -30,8 +31,8 @@ fn fly_all(flights: Vec<Vec<String>>) -> Vec<(i32, Value)> {
 
 #[test]
 fn the_built_in_mission_is_reached_without_a_collision_by_twenty_of_twenty_seeds() {
-    let flights = (0..20).map(|seed| vec!["--seed".into(), seed.to_string()]).collect();
-    for (seed, (code, report)) in fly_all(flights).iter().enumerate() {
+    let flights = seeds::test(20).map(|seed| vec!["--seed".into(), seed.to_string()]).collect();
+    for (seed, (code, report)) in seeds::test(20).zip(&fly_all(flights)) {
         assert_eq!((*code, report["result"].as_str()), (0, Some("reached")), "seed {seed}: {report}");
         assert_eq!((&report["collisions"], &report["reason"]), (&0.into(), &"nominal".into()), "seed {seed}: {report}");
         assert!(report["min_clearance_m"].as_f64().unwrap() > 0.0, "seed {seed}: {report}");
@@ -58,7 +59,7 @@ fn every_scenario_ends_as_it_expects() {
     files.sort();
     for file in files {
         let scenario: Value = serde_json::from_str(&std::fs::read_to_string(&file).unwrap()).unwrap();
-        for seed in 0..4 {
+        for seed in seeds::test(4) {
             let path = file.to_string_lossy().into_owned();
             flights.push(vec!["--scenario".into(), path.clone(), "--seed".into(), seed.to_string()]);
             expected.push((path, seed, scenario["expect"].clone()));

@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+use foxhound_sim::seeds;
 use foxhound_tests::{root, run_json};
 use serde_json::{Value, json};
 
@@ -13,13 +14,13 @@ fn scenario(name: &str) -> Value {
 }
 
 /// Flies a scenario with many seeds on two threads.
-fn fly(scenario: &Value, seeds: u64) -> Vec<(i32, Value)> {
+fn fly(scenario: &Value, count: u64) -> Vec<(i32, Value)> {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("scenario.json");
     std::fs::write(&file, scenario.to_string()).unwrap();
     let path = file.to_string_lossy();
-    let fly_from = |first: u64| {
-        let seeds = (first..seeds).step_by(2).map(|seed| seed.to_string());
+    let fly_from = |first: usize| {
+        let seeds = seeds::test(count).skip(first).step_by(2).map(|seed| seed.to_string());
         seeds.map(|seed| run_json(&["fly", "--json", "--scenario", &path, "--seed", &seed])).collect::<Vec<_>>()
     };
     std::thread::scope(|scope| {

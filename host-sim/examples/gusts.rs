@@ -105,8 +105,8 @@ const HEAD: &str = "| scene | weather | flights | collisions | reached | mean ti
                     |---|---|---|---|---|---|---|\n";
 
 fn line(text: &mut String, scene: &Scene, weather: &Weather, seeds: Range<u64>) -> Result<Row, Box<dyn Error>> {
-    eprintln!("{}, {}", scene.name, weather.name);
     let row = row(scene, weather, seeds, |_| ())?;
+    eprintln!("{row:?}");
     let ([least_m, tenth_m], collided) = (row.clearance_m, row.collided.len());
     let what = format!("{} | {collided} | {} | {:.1}", row.flights, row.reached, row.time_s);
     writeln!(text, "| {} | {} | {what} | {least_m:.3}, {tenth_m:.3} |", row.scene, row.weather)?;
