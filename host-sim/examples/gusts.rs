@@ -128,7 +128,9 @@ fn value(
         for weather in WEATHERS.iter().filter(|weather| weather.wind.is_some_and(|wind| wind.gust_mps >= 2.5)) {
             let row = row(scene, weather, seeds.clone(), tune)?;
             (collided, reached) = (collided + row.collided.len(), reached + row.reached);
-            time_s += f64::from(row.reached) * row.time_s;
+            if row.reached > 0 {
+                time_s += f64::from(row.reached) * row.time_s;
+            }
         }
     }
     writeln!(text, "| {name} | {value} | {collided} | {reached} | {:.1} |", time_s / f64::from(reached))?;
