@@ -58,7 +58,7 @@ pub struct Config {
 }
 
 impl Default for Config {
-    /// Found among those that collide least in `docs/gusts.md`; floor and slack are what keeps it at zero in calm air, of ArduCopter's
+    /// Compared with others in `docs/results/gusts.md`; floor and slack are what keeps it at zero in calm air, of ArduCopter's
     /// answer as of a point mass with a lag of 0.15 s.
     fn default() -> Self {
         Self {
