@@ -17,7 +17,7 @@
 //! | `GoalUnreachable` | no path for 15 s, or no progress beyond 1 m in 20 s; while a plan is late neither time runs | hold until a fresh entry |
 //! | `Fault` | a stage reported what must not happen (a demand that is not finite) | hold |
 //! | `NoPath` | the planner answered with a brake plan | hold, ask again every 0.5 s |
-//! | `PlanLate` | the plan has run out, or there is none, and the next is not there; or it brakes, or is braked, and the next was not there in time | hold, ask again at once |
+//! | `PlanLate` | the plan has run out, or there is none, or it brakes, or is braked, and the next was not there in time | hold, ask again at once |
 //! | `GuardBrake` | the guard replaced the command by a brake | hold, ask for a new plan at once |
 //! | `HandedOver` | the beacon or the pad is reached as far as it can be ([`crate::landing::Reason`]) | hover there, until a fresh entry |
 //! | `Landed` | the vehicle has come down onto the ground | none; zero velocity is asked for until the autopilot lets go |
@@ -240,8 +240,10 @@ pub enum Progress {
     Following,
     /// The plan says brake.
     NoPath,
-    /// There is no plan, or it has run out, or it goes no further and the next one is late.
+    /// There is no plan, or it has run out, and the next one is on its way.
     RanOut,
+    /// There is no plan, or it goes no further, and the next one is late.
+    Late,
     /// The guard braked.
     GuardBraked,
     /// The demand was not finite.
@@ -312,9 +314,9 @@ impl Mission {
             state.no_path_since = None;
         }
         match progress {
-            Progress::Following => Outcome::Nominal,
+            Progress::Following | Progress::RanOut => Outcome::Nominal,
             Progress::NoPath => Outcome::NoPath,
-            Progress::RanOut => Outcome::PlanLate,
+            Progress::Late => Outcome::PlanLate,
             Progress::GuardBraked => Outcome::GuardBrake,
             Progress::NotFinite => Outcome::Fault,
         }
@@ -443,7 +445,7 @@ mod tests {
         let mission = Config::default().build().unwrap();
         for (progress, expected) in [
             (Progress::NoPath, Outcome::NoPath),
-            (Progress::RanOut, Outcome::PlanLate),
+            (Progress::Late, Outcome::PlanLate),
             (Progress::GuardBraked, Outcome::GuardBrake),
             (Progress::NotFinite, Outcome::Fault),
         ] {
@@ -494,7 +496,7 @@ mod tests {
                 let facts = Facts { now: Instant(NOW.0 + step * 20_000), is_plan_late, ..fresh() };
                 let facts = Facts { position: at, attitude: at, obstacles: at, bearing: at, ..facts };
                 let outcome = mission.admit(&mut state, &facts);
-                mission.conclude(&mut state, facts.now, if is_plan_late { Progress::RanOut } else { progress });
+                mission.conclude(&mut state, facts.now, if is_plan_late { Progress::Late } else { progress });
                 outcome == Outcome::GoalUnreachable
             });
             let given_up_s = given_up.unwrap() as f32 * 0.02;

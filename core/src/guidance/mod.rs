@@ -1029,7 +1029,7 @@ impl<const N: usize> Guidance<N> {
     fn ask(&self, state: &mut State<N>, now: Instant, situation: &Situation, progress: Progress) -> bool {
         let since = state.tick.wrapping_sub(state.activated);
         let wanted = match progress {
-            Progress::RanOut => true,
+            Progress::RanOut | Progress::Late => true,
             Progress::NoPath => since >= self.retry_ticks,
             Progress::GuardBraked | Progress::NotFinite => since >= self.handover_ticks,
             Progress::Following => {
@@ -1128,7 +1128,7 @@ fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: gu
     };
     match progress {
         // It waits for the planner, not for a way.
-        Progress::NoPath | Progress::GuardBraked if state.is_plan_late => Progress::RanOut,
+        Progress::RanOut | Progress::NoPath | Progress::GuardBraked if state.is_plan_late => Progress::Late,
         progress => progress,
     }
 }
