@@ -8,12 +8,12 @@
 
 use std::f64::consts::{PI, TAU};
 
-use foxhound_core::adc::{CHANNELS, Snapshot};
-use foxhound_core::array;
-use foxhound_core::bearing::{self, Bearing, Finder, Flags};
-use foxhound_core::multipath;
-use foxhound_core::phase::{self, Phasors, Tone};
-use foxhound_core::time::Instant;
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::array;
+use foxhound_core::doa::bearing::{self, Bearing, Finder, Flags};
+use foxhound_core::doa::multipath;
+use foxhound_core::signal::phase::{self, Phasors, Tone};
 use foxhound_tests::run;
 use npyz::WriterBuilder as _;
 use rand_core::{Rng as _, SeedableRng as _};

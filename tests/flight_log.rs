@@ -7,12 +7,12 @@ use std::process::{Command, Stdio};
 
 use foxhound_computer::log::frame::Deframer;
 use foxhound_computer::log::{Codes, Record};
-use foxhound_core::bearing::Estimator;
-use foxhound_core::calibration::record::crc32;
-use foxhound_core::guidance::FrontEnd;
-use foxhound_core::map::Circle;
-use foxhound_core::time::Instant;
-use foxhound_core::{param, planner};
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::doa::calibration::record::crc32;
+use foxhound_core::guidance::{FrontEnd, param};
+use foxhound_core::mapping::map::Circle;
+use foxhound_core::planning::planner;
 use foxhound_link::CharArray;
 use foxhound_link::dialect::PARAM_SET_DATA;
 use foxhound_link::framer::{FRAME_MAX, Header, encode_data};

@@ -2,9 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_core::bearing::Estimator;
+use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::landing::Stage;
-use foxhound_core::planner;
+use foxhound_core::planning::planner;
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{self, Ending, Mission, Record};
 use foxhound_sim::landings::{Row, SCENES, row};

@@ -6,9 +6,9 @@
 use std::io::{BufRead, BufReader, Write};
 use std::process::Stdio;
 
+use foxhound_core::base::time::Instant;
 use foxhound_core::guidance;
-use foxhound_core::param::Values;
-use foxhound_core::time::Instant;
+use foxhound_core::guidance::param::Values;
 use foxhound_link::framer::{Content, FRAME_MAX, Framer, Header, encode_data};
 use foxhound_link::params::{Params, Reply, Storage};
 use foxhound_tests::{python, root, run, run_json};

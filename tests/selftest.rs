@@ -4,10 +4,10 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use foxhound_computer::selftest::{Check, Report, Verdict};
-use foxhound_core::adc::Snapshot;
-use foxhound_core::bearing::Bearing;
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::time::Instant;
 use foxhound_link::dialect::{COMMAND_LONG_DATA, MavMessage};
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use foxhound_sim::antennas::{Antennas, Fault, Pose, square};

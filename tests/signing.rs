@@ -4,7 +4,7 @@
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::process::{Child, ChildStdin, ChildStdout, Stdio};
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use foxhound_link::dialect::{
     HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavMessage, NAMED_VALUE_FLOAT_DATA, OBSTACLE_DISTANCE_DATA,
     SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,

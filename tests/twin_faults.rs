@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use foxhound_computer::deadline;
-use foxhound_core::mission::Behaviour;
+use foxhound_core::guidance::mission::Behaviour;
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::mailbox::{Fault, Setup};
 use foxhound_sim::autopilot::{Software, Start};

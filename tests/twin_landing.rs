@@ -4,9 +4,9 @@
 
 use std::path::Path;
 
-use foxhound_core::bearing::Estimator;
+use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::landing::Stage;
-use foxhound_core::planner;
+use foxhound_core::planning::planner;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::computer::HostComputer;
 use foxhound_sim::flight::{self, Mission};

@@ -9,9 +9,9 @@ use std::process::{Child, Command, Stdio};
 use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant as WallInstant};
 
-use foxhound_core::adc::Snapshot;
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::time::Instant;
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
 use foxhound_link::mailbox::Setup;

@@ -16,8 +16,8 @@
 //! After a zero a record is expected, after the zero that ends a good one text. A zero that ends anything else begins a
 //! record, so that one that got lost costs no more than the record that it belongs to.
 
+use foxhound_core::base::time::Instant;
 use foxhound_core::landing::pad::{Bad, Detector, Format, Header, Look, Seen, State, WIDTH_MAX};
-use foxhound_core::time::Instant;
 
 use crate::log::frame::{Finder, Frame, stuffed_bytes};
 

@@ -13,16 +13,16 @@
 //! next step.
 
 use foxhound_core::ConfigError;
-use foxhound_core::adc::Snapshot;
-use foxhound_core::array::{Entry, Table};
-use foxhound_core::calibration::deviation::Deviation;
-use foxhound_core::calibration::record::Calibration;
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::array::{Entry, Table};
+use foxhound_core::doa::calibration::deviation::Deviation;
+use foxhound_core::doa::calibration::record::Calibration;
+use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Input, Output};
 use foxhound_core::landing::pad::Look;
-use foxhound_core::map::Circle;
-use foxhound_core::param::{Id, Values};
-use foxhound_core::planner::{Plan, Planner};
-use foxhound_core::time::Instant;
+use foxhound_core::mapping::map::Circle;
+use foxhound_core::planning::planner::{Plan, Planner};
 use foxhound_link::companion::{self, Companion, Exam, Examined};
 use foxhound_link::params::Storage;
 

@@ -8,7 +8,7 @@
 //! Every twelfth code of a channel is looked at: 22 of 256, as a polynomial in 32 bits. Two frames of a working receiver
 //! agree in it once in 4 10^9, and by their codes only where the noise is far below one code.
 
-use foxhound_core::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
 
 /// Of so many codes, one is looked at.
 const STRIDE: usize = 12;
@@ -66,7 +66,7 @@ fn mark<const N: usize>(row: &[i16; N]) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::rng::Rng;
+    use foxhound_core::base::rng::Rng;
 
     /// Noise of so many codes, and a tone.
     fn frame(rng: &mut Rng, sigma_codes: f32) -> Snapshot<256> {

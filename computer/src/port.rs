@@ -17,7 +17,7 @@
 
 use core::fmt;
 
-use foxhound_core::mission::{Control, Outcome};
+use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion;
 use heapless::{String, Vec};
 

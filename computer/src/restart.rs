@@ -9,7 +9,7 @@
 
 use core::fmt::{self, Write as _};
 
-use foxhound_core::calibration::record::crc32;
+use foxhound_core::doa::calibration::record::crc32;
 use heapless::String;
 
 /// Words of a record in the memory that a reset leaves alone.

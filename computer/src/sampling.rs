@@ -4,7 +4,7 @@
 //! is the one that the timer has, not the one that was asked for: it goes back into the configuration, and every frequency
 //! after it is right.
 
-use foxhound_core::error::{ConfigError, Why, check};
+use foxhound_core::base::error::{ConfigError, Why, check};
 use foxhound_core::guidance;
 
 use crate::SAMPLES_PER_CHANNEL as N;

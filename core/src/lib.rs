@@ -10,8 +10,8 @@
 //! ```
 //!
 //! One file (or folder) is one room; a room uses the output types of earlier rooms only. Two doors lead in:
-//! [`guidance`], stepped at every snapshot, and [`planner`], asked now and then. Each room has the same parts in the
-//! same order: what it does and after whom, `Config` with defaults in SI units, `build` which checks it, the immutable
+//! [`guidance`], stepped at every snapshot, and [`planning::planner`], asked now and then. Each room has the same parts in
+//! the same order: what it does and after whom, `Config` with defaults in SI units, `build` which checks it, the immutable
 //! stage, its `State` and outputs, `step`, tests.
 //!
 //! ## Frames and units
@@ -21,9 +21,9 @@
 //!
 //! ## Same bits everywhere
 //!
-//! Only `+ - * /`, comparisons, the square root of [`kernel`] and the free functions of `libm` on `f32`, and integers, so that host and target agree
-//! bit for bit; [`trace`] hashes what came out. Float *methods* of the standard library are never used: they would be
-//! other functions on the host.
+//! Only `+ - * /`, comparisons, the square root of [`base::kernel`] and the free functions of `libm` on `f32`, and integers,
+//! so that host and target agree bit for bit; [`base::trace`] hashes what came out. Float *methods* of the standard library
+//! are never used: they would be other functions on the host.
 //!
 //! ## Sources
 //!
@@ -31,60 +31,22 @@
 //! Real-time Modified Artificial Potential Fields in Unknown Environments", IIT Madras. Equation numbers in the docs of
 //! the rooms are that paper's unless another is named.
 //!
-//! *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (rooms [`source`],
-//! [`lor`], [`belief`]). *Rotating vehicle's paper*: RF source seeking with a single-wing rotating micro aerial vehicle
-//! (room [`rss`]).
+//! *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (rooms
+//! [`localize::source`], [`mapping::lor`], [`planning::belief`]). *Rotating vehicle's paper*: RF source seeking with a
+//! single-wing rotating micro aerial vehicle (room [`doa::rss`]).
 #![no_std]
 
 #[cfg(test)]
 extern crate std;
 
-pub mod error;
-pub mod frame;
-pub mod kernel;
-mod order;
-pub mod ownship;
-pub mod rng;
-pub mod time;
-pub mod trace;
-pub mod units;
-
-pub mod adc;
-pub mod phase;
-pub mod spectrum;
-
-pub mod array;
-pub mod bearing;
-pub mod calibration;
-pub mod multipath;
-
-pub mod map;
-pub mod scan;
-
-pub mod explore;
-pub mod link_state;
-pub mod lor;
-pub mod rss;
-pub mod source;
-
-pub mod belief;
-pub mod field;
-pub mod goal;
-pub mod planner;
-pub mod rollout;
-pub mod wavefront;
-
-pub mod gust;
-pub mod response;
-pub mod sight;
-
-pub mod guard;
-pub mod landing;
-pub mod mission;
-pub mod track;
-
+pub mod base;
+pub mod control;
+pub mod doa;
 pub mod guidance;
+pub mod landing;
+pub mod localize;
+pub mod mapping;
+pub mod planning;
+pub mod signal;
 
-pub mod param;
-
-pub use error::ConfigError;
+pub use base::error::ConfigError;

@@ -33,13 +33,13 @@ use foxhound_computer::selftest::{self, Refused};
 use foxhound_computer::store::Store;
 use foxhound_computer::timing::{Feeds, Task};
 use foxhound_core::ConfigError;
-use foxhound_core::frame::Horizontal;
+use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::{self, Guidance};
 use foxhound_core::landing::pad::{Detector, Look};
-use foxhound_core::param::Values;
-use foxhound_core::planner::{Plan, PlanRequest, Planner, Scratch};
-use foxhound_core::rollout::WAYPOINTS;
-use foxhound_core::time::Instant;
+use foxhound_core::planning::planner::{Plan, PlanRequest, Planner, Scratch};
+use foxhound_core::planning::rollout::WAYPOINTS;
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
 use static_cell::{ConstStaticCell, StaticCell};
 

@@ -14,8 +14,8 @@ use foxhound_computer::log::ring::{Consumer, Ring};
 use foxhound_computer::log::{Log, State};
 use foxhound_computer::port::{Command, Lines, Status, Waiting};
 use foxhound_computer::timing::Task;
+use foxhound_core::guidance::mission::Control;
 use foxhound_core::landing::pad::{Detector, Look};
-use foxhound_core::mission::Control;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 

@@ -13,14 +13,14 @@
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::OnceLock;
 
-use foxhound_core::adc::{CHANNELS, Snapshot};
-use foxhound_core::array;
-use foxhound_core::bearing::{self, Bearing, Estimator, Flags};
-use foxhound_core::frame::Ned;
-use foxhound_core::multipath::{self, Look, Method};
-use foxhound_core::phase::{self, Complex, Phasors, Tone};
-use foxhound_core::spectrum::Backend;
-use foxhound_core::time::Instant;
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::frame::Ned;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::array;
+use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
+use foxhound_core::doa::multipath::{self, Look, Method};
+use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
+use foxhound_core::signal::spectrum::Backend;
 
 mod filters;
 mod link;

@@ -6,13 +6,13 @@ mod rules;
 
 use std::collections::VecDeque;
 
-use foxhound_core::frame::Horizontal;
-use foxhound_core::guard::Setpoint;
-use foxhound_core::map::Circle;
-use foxhound_core::mission::Control;
-use foxhound_core::param::{Id, Values};
-use foxhound_core::scan::Sector;
-use foxhound_core::time::Instant;
+use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::time::Instant;
+use foxhound_core::control::guard::Setpoint;
+use foxhound_core::guidance::mission::Control;
+use foxhound_core::guidance::param::{Id, Values};
+use foxhound_core::mapping::map::Circle;
+use foxhound_core::mapping::scan::Sector;
 use foxhound_link::companion::{self, Companion, ObstacleFrame, Storage, Yaw};
 use foxhound_link::framer::{FRAME_MAX, Framer};
 use foxhound_link::signing::{Signing, Unsigned};

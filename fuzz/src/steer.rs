@@ -2,21 +2,21 @@
 
 use std::f32::consts::PI;
 
-use foxhound_core::bearing::{Bearing, Flags, Quality};
-use foxhound_core::field::{self, Obstacle};
-use foxhound_core::frame::{Horizontal, Ned};
-use foxhound_core::guard::{self, Action, Fence, Setpoint, Situation};
+use foxhound_core::base::frame::{Horizontal, Ned};
+use foxhound_core::base::ownship::Ownship;
+use foxhound_core::base::time::Instant;
+use foxhound_core::control::guard::{self, Action, Fence, Setpoint, Situation};
+use foxhound_core::control::track::Demand;
+use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
+use foxhound_core::guidance::mission::{Behaviour, Control, Outcome};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::landing;
 use foxhound_core::landing::pad::{Bad, Look, Nothing, Pad, Seen};
-use foxhound_core::map::{CIRCLES_MAX, Circle};
-use foxhound_core::mission::{Behaviour, Control, Outcome};
-use foxhound_core::ownship::Ownship;
-use foxhound_core::planner::{self, Kind, Offsets, Plan, Planner, Scratch, Verdict};
-use foxhound_core::rollout::Reading;
-use foxhound_core::scan::{Frame, Points, Pose, SECTORS_MAX, Scan, Sector};
-use foxhound_core::time::Instant;
-use foxhound_core::track::Demand;
+use foxhound_core::mapping::map::{CIRCLES_MAX, Circle};
+use foxhound_core::mapping::scan::{Frame, Points, Pose, SECTORS_MAX, Scan, Sector};
+use foxhound_core::planning::field::{self, Obstacle};
+use foxhound_core::planning::planner::{self, Kind, Offsets, Plan, Planner, Scratch, Verdict};
+use foxhound_core::planning::rollout::Reading;
 
 use super::{Draw, Noise, Reached};
 

@@ -1,6 +1,6 @@
-//! Flights in gusts, on held-out seeds, and the constants of `core/src/gust.rs`, each around its value, on development seeds;
-//! writes `docs/results/gusts.md`. `cargo xtask gusts` runs it: how many flights in each scene, the page. With `development`
-//! behind them the flights are on development seeds too, and the page goes onto standard output.
+//! Flights in gusts, on held-out seeds, and the constants of `core/src/control/gust.rs`, each around its value, on
+//! development seeds; writes `docs/results/gusts.md`. `cargo xtask gusts` runs it: how many flights in each scene, the page.
+//! With `development` behind them the flights are on development seeds too, and the page goes onto standard output.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "it prints")]
 
@@ -89,7 +89,7 @@ fn written(flights: u64, is_development: bool) -> Result<String, Box<dyn Error>>
     write!(
         text,
         "\n## The constants\n\n\
-         Each constant of `core/src/gust.rs` at other values, the others as they are: {} flights for each value on development seeds, past\n\
+         Each constant of `core/src/control/gust.rs` at other values, the others as they are: {} flights for each value on development seeds, past\n\
          walls, gaps and random pillars, through the corridor, and beside PX4 past pillars, in gusts of 2.5 and of 3 m/s.\n\n\
          | constant | value | collisions | reached | mean time, s |\n|---|---|---|---|---|\n",
         10 * flown,

@@ -12,10 +12,12 @@ use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant as Clock;
 
-use foxhound_core::adc::Snapshot;
-use foxhound_core::bearing::Estimator;
-use foxhound_core::time::Instant;
-use foxhound_core::{array, bearing, phase, planner};
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::array;
+use foxhound_core::doa::bearing::{self, Estimator};
+use foxhound_core::planning::planner;
+use foxhound_core::signal::phase;
 use foxhound_sim::antennas::{Antennas, Pose};
 use foxhound_sim::maps::{self, Recipe};
 use foxhound_sim::random::Random;

@@ -8,8 +8,8 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use foxhound_core::bearing::Estimator;
-use foxhound_core::planner;
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::planning::planner;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::flight::{self, Mission};
 use foxhound_sim::qemu::{QemuComputer, Worst};

@@ -79,7 +79,7 @@ impl Drift {
 
 #[cfg(test)]
 mod tests {
-    use foxhound_core::mission::Outcome;
+    use foxhound_core::guidance::mission::Outcome;
 
     use super::*;
     use crate::computer::HostComputer;
@@ -143,8 +143,9 @@ mod tests {
 
     fn flown(text: &str) -> Record {
         let scenario = scenario::Scenario::parse(text).unwrap();
-        let estimator = foxhound_core::bearing::Estimator::CrossSpectrum;
-        let mission = Mission { scenario, seed: 1, planner: foxhound_core::planner::Config::default(), estimator };
+        let estimator = foxhound_core::doa::bearing::Estimator::CrossSpectrum;
+        let mission =
+            Mission { scenario, seed: 1, planner: foxhound_core::planning::planner::Config::default(), estimator };
         let mut computer = HostComputer::new(&mission.guidance()).unwrap();
         flight::fly(&mission, &mut computer, None, |_| ()).unwrap()
     }

@@ -16,8 +16,8 @@
 
 use std::f64::consts::TAU;
 
-use foxhound_core::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
-use foxhound_core::time::Instant;
+use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
+use foxhound_core::base::time::Instant;
 
 use crate::random::Random;
 

@@ -2,7 +2,7 @@
 //!
 //! `looks` frames make one answer: the azimuth in the body frame of the last of them.
 //!
-//! - **Four looks and more** are resolved together by [`foxhound_core::multipath`], which keeps a reflection apart from
+//! - **Four looks and more** are resolved together by [`foxhound_core::doa::multipath`], which keeps a reflection apart from
 //!   the direct path: forward-backward MUSIC where the yaw does not change, alternating projection where it does, then a
 //!   fit of both. It takes the array and the source to be level and the channels to be calibrated to one degree, and it
 //!   knows no positions; the looks are meant to be a quarter of a wavelength and more apart. It holds
@@ -14,11 +14,11 @@
 
 use std::f64::consts::PI;
 
-use foxhound_core::adc::{CHANNELS, Snapshot};
-use foxhound_core::bearing::{self, Bearing, Estimator, Flags};
-use foxhound_core::multipath;
-use foxhound_core::phase::{self, Phasors};
-use foxhound_core::time::Instant;
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
+use foxhound_core::doa::multipath;
+use foxhound_core::signal::phase::{self, Phasors};
 use serde::{Serialize, Serializer};
 
 use crate::frames::{ArrayDescription, Recording};
@@ -294,7 +294,7 @@ mod tests {
     use super::*;
     use crate::antennas::{Antennas, Impairments, Pose, Reflection};
     use crate::random::Random;
-    use foxhound_core::array;
+    use foxhound_core::doa::array;
 
     fn look(azimuth_deg: f32, sigma_deg: f32) -> Bearing {
         Bearing {

@@ -5,15 +5,15 @@
 //! channels is checked as well, and once the circle is closed the deviation is fitted to what the calibrated array makes
 //! of the frames. A frame that tells nothing about some channel is refused, and nothing is written.
 
-use foxhound_core::adc::{CHANNELS, Snapshot};
-use foxhound_core::array::{self, Entry, TABLE_ENTRIES, Table};
-use foxhound_core::bearing;
-use foxhound_core::calibration::deviation::{Deviation, Spin};
-use foxhound_core::calibration::order::{Check, Order};
-use foxhound_core::calibration::record::Calibration;
-use foxhound_core::calibration::{Calibrator, Source, Taken, take_skew};
-use foxhound_core::phase::{self, Phasors};
-use foxhound_core::time::Instant;
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::array::{self, Entry, TABLE_ENTRIES, Table};
+use foxhound_core::doa::bearing;
+use foxhound_core::doa::calibration::deviation::{Deviation, Spin};
+use foxhound_core::doa::calibration::order::{Check, Order};
+use foxhound_core::doa::calibration::record::Calibration;
+use foxhound_core::doa::calibration::{Calibrator, Source, Taken, take_skew};
+use foxhound_core::signal::phase::{self, Phasors};
 use serde::Serialize;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Value};
 

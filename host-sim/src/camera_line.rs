@@ -1,7 +1,7 @@
 //! Frames of a camera as they travel on the maintenance port: the layout is in [`foxhound_computer::camera`].
 
 use foxhound_computer::camera::{BEGIN, END, LINE};
-use foxhound_core::calibration::record::crc32;
+use foxhound_core::doa::calibration::record::crc32;
 use foxhound_core::landing::pad::{Format, Header};
 
 /// All records of one frame, whose pixels are line after line, with its age when its last byte has been sent.
@@ -44,9 +44,9 @@ pub fn record(kind: u8, number: u32, content: &[u8]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use foxhound_computer::camera::{Came, Camera, Sighted};
+    use foxhound_core::base::time::Instant;
     use foxhound_core::landing::Config;
     use foxhound_core::landing::pad::{Bad, Seen};
-    use foxhound_core::time::Instant;
 
     use super::*;
     use crate::camera::{self, Size, random};

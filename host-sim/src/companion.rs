@@ -18,11 +18,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
 
 use foxhound_core::ConfigError;
-use foxhound_core::bearing::Estimator;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::guidance::mission::{Behaviour, Outcome};
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::mission::{Behaviour, Outcome};
-use foxhound_core::planner;
-use foxhound_core::time::Instant;
+use foxhound_core::planning::planner;
 use foxhound_link::companion::Autopilot;
 use foxhound_link::signing::Key;
 use serde::{Deserialize, Serialize};

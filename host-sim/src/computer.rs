@@ -8,12 +8,12 @@ use foxhound_computer::camera::{Came, Camera, Sighted};
 use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
 use foxhound_computer::selftest::{self, Report};
 use foxhound_core::ConfigError;
-use foxhound_core::calibration::record::Calibration;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::calibration::record::Calibration;
+use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
-use foxhound_core::map::Circle;
-use foxhound_core::param::Values;
-use foxhound_core::planner::{Plan, PlanRequest, Planner, Scratch};
-use foxhound_core::time::Instant;
+use foxhound_core::mapping::map::Circle;
+use foxhound_core::planning::planner::{Plan, PlanRequest, Planner, Scratch};
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::mailbox::Planned;
 use foxhound_link::signing::Signing;
@@ -298,8 +298,8 @@ mod tests {
     use crate::autopilot::Autopilot;
     use crate::scenario::Scenario;
     use crate::vehicle::Vehicle;
-    use foxhound_core::bearing::{Bearing, Flags, Quality};
-    use foxhound_core::mission::Outcome;
+    use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
+    use foxhound_core::guidance::mission::Outcome;
     use foxhound_link::dialect::DISTANCE_SENSOR_DATA;
     use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
 

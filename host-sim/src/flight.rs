@@ -11,12 +11,14 @@
 use std::fmt;
 use std::io;
 
-use foxhound_core::bearing::{self, Estimator, Flags};
+use foxhound_core::base::time::Instant;
+use foxhound_core::control::response;
+use foxhound_core::doa::bearing::{self, Estimator, Flags};
+use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::guidance::{self, FrontEnd, turning};
-use foxhound_core::map::Circle;
-use foxhound_core::mission::Outcome;
-use foxhound_core::time::Instant;
-use foxhound_core::{explore, landing as core_landing, planner, response};
+use foxhound_core::landing as core_landing;
+use foxhound_core::mapping::map::Circle;
+use foxhound_core::planning::{explore, planner};
 use foxhound_link::mailbox::Planned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -90,7 +92,7 @@ impl Mission {
         let moves = scenario.goal_velocity.iter().any(|speed| *speed != 0.0);
         if !scenario.bearing.only && !moves {
             let [east, north] = scenario.goal.map(|metres| metres as f32);
-            config.goal.known_source_ned_m = Some(foxhound_core::frame::Horizontal { north, east });
+            config.goal.known_source_ned_m = Some(foxhound_core::base::frame::Horizontal { north, east });
         }
         config.guard.sight.range_m = scenario.sensor.range_m as f32;
         // The others are flown as they are.
@@ -504,7 +506,7 @@ fn horizontal(pose: &Pose) -> Horizontal {
 
 /// From the core's single precision.
 #[must_use]
-pub fn from_core(vector: foxhound_core::frame::Horizontal) -> Horizontal {
+pub fn from_core(vector: foxhound_core::base::frame::Horizontal) -> Horizontal {
     Horizontal { north: f64::from(vector.north), east: f64::from(vector.east) }
 }
 
@@ -529,7 +531,7 @@ struct Ears<'a> {
 
 /// What it received in one step.
 enum Heard {
-    Snapshot(Box<foxhound_core::adc::Snapshot<BLOCK>>),
+    Snapshot(Box<foxhound_core::base::adc::Snapshot<BLOCK>>),
     Bearing(bearing::Bearing),
     Nothing,
 }

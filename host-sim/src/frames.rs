@@ -28,11 +28,11 @@ use std::fs::File;
 use std::io::{BufWriter, Cursor};
 use std::path::Path;
 
-use foxhound_core::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
-use foxhound_core::array::{self, Entry, Table};
-use foxhound_core::calibration::deviation::{Deviation, ORDER};
-use foxhound_core::calibration::record::Calibration;
-use foxhound_core::phase::{self, Complex};
+use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
+use foxhound_core::doa::array::{self, Entry, Table};
+use foxhound_core::doa::calibration::deviation::{Deviation, ORDER};
+use foxhound_core::doa::calibration::record::Calibration;
+use foxhound_core::signal::phase::{self, Complex};
 use npyz::{NpyFile, Order, WriterBuilder as _};
 use serde::Deserialize;
 

@@ -11,7 +11,7 @@ use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-use foxhound_core::adc::Snapshot;
+use foxhound_core::base::adc::Snapshot;
 use object::{Object as _, ObjectSection as _};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};

@@ -15,8 +15,8 @@ pub use legs::NONE_BELOW_DB;
 pub use writing::{DOCUMENT_FILE, WEIGHTS_FILE, document, measured, source};
 
 use foxhound_core::ConfigError;
-use foxhound_core::link_state::weights::WEIGHTS;
-use foxhound_core::link_state::{Classifier, HIDDEN, Weights};
+use foxhound_core::localize::link_state::weights::WEIGHTS;
+use foxhound_core::localize::link_state::{Classifier, HIDDEN, Weights};
 use rayon::prelude::*;
 
 use legs::{Chain, Sample};
@@ -45,7 +45,7 @@ pub struct Ablation {
     pub with_map: f64,
 }
 
-/// Groups of features, by name and place in `foxhound_core::link_state::NAMES`.
+/// Groups of features, by name and place in `foxhound_core::localize::link_state::NAMES`.
 const GROUPS: [(&str, &[usize]); 7] = [
     ("without the level", &[0]),
     ("without its slope", &[1]),

@@ -7,8 +7,9 @@ mod worlds;
 
 use std::fmt;
 
-use foxhound_core::bearing::Estimator;
-use foxhound_core::{guidance, planner};
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::guidance;
+use foxhound_core::planning::planner;
 use rayon::prelude::*;
 use serde_json::Value;
 

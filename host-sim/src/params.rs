@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use foxhound_core::guidance;
-use foxhound_core::param::{self, Id, Kind, Param, TABLE, Values};
+use foxhound_core::guidance::param::{self, Id, Kind, Param, TABLE, Values};
 use foxhound_link::companion;
 
 use crate::input::{InputError, read_text};

@@ -36,10 +36,10 @@ pub use experiment::{Experiment, Outcome, Settings};
 pub use kinematic::{Rules, Sight};
 
 use foxhound_core::ConfigError;
-use foxhound_core::adc::Snapshot;
-use foxhound_core::array;
-use foxhound_core::bearing::{self, Bearing, Estimator, Finder};
-use foxhound_core::phase::{self, Extractor, Phasors};
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::doa::array;
+use foxhound_core::doa::bearing::{self, Bearing, Estimator, Finder};
+use foxhound_core::signal::phase::{self, Extractor, Phasors};
 
 use crate::world::wrap_pi;
 

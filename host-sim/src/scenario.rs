@@ -3,7 +3,7 @@
 //! Map axes: x east, y north, metres; degrees, seconds. Every key may be missing; a key that is not known, or a value out
 //! of range, is refused with its full path.
 
-use foxhound_core::adc::CHANNELS;
+use foxhound_core::base::adc::CHANNELS;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

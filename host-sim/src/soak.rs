@@ -14,11 +14,11 @@
 //! After each the pilot enters the mode afresh, and the stream must be guidance's again.
 
 use foxhound_core::ConfigError;
-use foxhound_core::frame::Ned;
-use foxhound_core::guard::Setpoint;
+use foxhound_core::base::frame::Ned;
+use foxhound_core::base::time::Instant;
+use foxhound_core::control::guard::Setpoint;
+use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_core::guidance::{self, FrontEnd, Input, Output};
-use foxhound_core::mission::{Control, Outcome};
-use foxhound_core::time::Instant;
 use foxhound_link::MessageData;
 use foxhound_link::companion::{self, Companion, Counters};
 use foxhound_link::dialect::{MavMessage, PARAM_REQUEST_LIST_DATA, REQUEST_DATA_STREAM_DATA, TIMESYNC_DATA};

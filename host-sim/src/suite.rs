@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use foxhound_core::bearing::Estimator;
-use foxhound_core::planner;
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::planning::planner;
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::SplitMix64;
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};

@@ -6,11 +6,11 @@
 //! autopilot believes.
 
 use foxhound_core::ConfigError;
-use foxhound_core::adc::Snapshot;
-use foxhound_core::bearing::Estimator;
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::{self, FrontEnd, Output};
-use foxhound_core::planner;
-use foxhound_core::time::Instant;
+use foxhound_core::planning::planner;
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{
     COMMAND_LONG_DATA, MavMessage, PARAM_SET_DATA, PARAM_VALUE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,

@@ -4,7 +4,7 @@
 //! answer, or does not know the name, is left alone. Nothing is ever set. `ArduPilot` sends whole numbers as floats, PX4 the
 //! bytes of whole numbers in the place of a float, and the message says which is which.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 
 use crate::CharArray;
 use crate::autopilot::Software;

@@ -4,10 +4,10 @@
 //! mode 4 of ArduPilot's copters (4 means other things on its planes and rovers, which are never in control here);
 //! OFFBOARD is main mode 6 of PX4.
 
-use foxhound_core::frame::Ned;
-use foxhound_core::kernel::sqrt;
-use foxhound_core::time::Instant;
-use foxhound_core::units::sin_cos;
+use foxhound_core::base::frame::Ned;
+use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::sin_cos;
 
 use crate::dialect::{
     ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavModeFlag,

@@ -6,7 +6,7 @@
 //! between two clocks while nothing comes. Its middle is used once it is known to 5 ms; until then a message was made when
 //! it was received.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 
 /// Crystals differ by less than 100 parts in a million: by a microsecond in so many.
 const US_PER_DRIFT: u32 = 10_000;

@@ -2,7 +2,7 @@
 //!
 //! Each is heard or it is not; what was never heard is not held against the vehicle.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 
 use crate::clock::is_over;
 use crate::dialect::{

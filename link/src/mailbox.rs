@@ -30,14 +30,14 @@
 //! ([`Step::camera_expected`]), by UART2 or by its ring; and a report says how many it has sent ([`Report::tx_total`]):
 //! that makes every step, and with it the whole flight, repeatable.
 
-use foxhound_core::adc::{CHANNELS, Snapshot};
-use foxhound_core::bearing::Bearing;
-use foxhound_core::frame::Horizontal;
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::map::{Circle, DELIVERY_MAX};
-use foxhound_core::planner::SAMPLES;
-use foxhound_core::rollout::WAYPOINTS;
-use foxhound_core::time::Instant;
+use foxhound_core::mapping::map::{Circle, DELIVERY_MAX};
+use foxhound_core::planning::planner::SAMPLES;
+use foxhound_core::planning::rollout::WAYPOINTS;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -473,7 +473,7 @@ impl core::fmt::Write for Text<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::bearing::{Flags, Quality};
+    use foxhound_core::doa::bearing::{Flags, Quality};
 
     const N: usize = 256;
 

@@ -27,11 +27,11 @@
 
 use core::f32::consts::{FRAC_PI_4, PI};
 
-use foxhound_core::frame::Horizontal;
-use foxhound_core::kernel::sqrt;
-use foxhound_core::scan::{SECTORS_MAX, Scan, Sector};
-use foxhound_core::time::Instant;
-use foxhound_core::units::{sin_cos, wrap_pi};
+use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::{sin_cos, wrap_pi};
+use foxhound_core::mapping::scan::{SECTORS_MAX, Scan, Sector};
 
 use crate::dialect::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA};
 

@@ -3,7 +3,7 @@
 //! What waits is the message; its frame is made when the wire is free, so that sequence numbers and signatures rise in the
 //! order of sending and a setpoint is the newest one.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use heapless::Deque;
 
 use crate::MessageData;

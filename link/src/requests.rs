@@ -9,7 +9,7 @@
 //! A message that comes at less than 60 % of the wish over 3 s is asked for again. What guidance cannot do without is asked
 //! for without end; for the rest, which an autopilot may not have, we wait twice as long after each time in vain, up to 48 s.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use heapless::{Deque, Vec};
 
 use crate::dialect::{COMMAND_LONG_DATA, MavCmd};

@@ -34,7 +34,7 @@ mod setup;
 
 use core::fmt;
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use mavlink_core::calculate_crc;
 use sha2::{Digest as _, Sha256};
 

@@ -1,6 +1,6 @@
 //! Who reports obstacles, and how long ago: a source is a component, its message and its sensor.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 
 /// Sources that are told apart; one more takes the place of the one that has been silent longest.
 const SOURCES: usize = 4;

@@ -5,10 +5,10 @@
 
 use core::f32::consts::PI;
 
-use foxhound_core::kernel::sqrt;
-use foxhound_core::map::Circle;
-use foxhound_core::ownship::Ownship;
-use foxhound_core::units::wrap_pi;
+use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::ownship::Ownship;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::mapping::map::Circle;
 
 use crate::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA};
 
@@ -62,7 +62,7 @@ pub(crate) fn message(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::frame::{Horizontal, Ned};
+    use foxhound_core::base::frame::{Horizontal, Ned};
 
     fn circle(north: f32, east: f32, radius_m: f32) -> Circle {
         Circle { center_ned_m: Horizontal { north, east }, radius_m, velocity_ned_mps: Horizontal::default() }

@@ -1,9 +1,9 @@
 //! Pictures of the simulated camera, each alone: shown twice to a new detector, and the second look counts.
 
+use foxhound_core::base::time::Instant;
 use foxhound_core::landing::pad::{
     Bad, Camera, Config, Detector, Format, HEIGHT_MAX, Header, Look, Seen, State, WIDTH_MAX,
 };
-use foxhound_core::time::Instant;
 use foxhound_sim::camera::random::{Recipe, shot};
 use foxhound_sim::camera::watch::alone;
 use foxhound_sim::camera::{Ground, Lighting, PAD_RED, Pose, Scene, Size, Target, render};

@@ -259,7 +259,7 @@ mod tests {
             assert!(!stuffed.contains(&0));
             let mut plain = [0; 3000];
             let plain = &*postcard::to_slice(&(7_u8, number, &record[..]), &mut plain).unwrap();
-            let check = foxhound_core::calibration::record::crc32(plain);
+            let check = foxhound_core::doa::calibration::record::crc32(plain);
             let mut read = std::vec![0; stuffed.len()];
             let length = cobs::decode(stuffed, &mut read).unwrap().frame_size();
             assert_eq!(read[..length], [plain, &check.to_le_bytes()].concat());

@@ -25,10 +25,10 @@
 //! exchanged and nobody sees it; 30 degrees beside the nose is symmetric about nothing. Two inputs that are one by a bridge
 //! of solder, before two converters, have noises of their own, and are not found by [`Check::Same`].
 //!
-//! A constant is no fault of the phases: [`foxhound_core::phase`] projects it out. It only costs room.
+//! A constant is no fault of the phases: [`foxhound_core::signal::phase`] projects it out. It only costs room.
 //!
-//! Source of the numbers: the codes, and the phasors of [`foxhound_core::phase`] with its noise floor; phases and gains relative
-//! to each other are those of [`foxhound_core::calibration::Calibrator`]. Only sums are kept, no frames.
+//! Source of the numbers: the codes, and the phasors of [`foxhound_core::signal::phase`] with its noise floor; phases and
+//! gains relative to each other are those of [`foxhound_core::doa::calibration::Calibrator`]. Only sums are kept, no frames.
 
 mod report;
 mod run;
@@ -38,11 +38,11 @@ mod tests;
 use core::f32::consts::PI;
 
 use foxhound_core::ConfigError;
-use foxhound_core::adc::{CHANNELS, Snapshot};
-use foxhound_core::array::{Array, Entry};
-use foxhound_core::error::check;
-use foxhound_core::phase::Phasors;
-use foxhound_core::units::DEG_PER_RAD;
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::error::check;
+use foxhound_core::base::units::DEG_PER_RAD;
+use foxhound_core::doa::array::{Array, Entry};
+use foxhound_core::signal::phase::Phasors;
 use foxhound_link::companion::{Exam, Tone};
 use heapless::String;
 

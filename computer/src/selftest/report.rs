@@ -1,6 +1,6 @@
 //! What was measured, in whole numbers: to write floats takes more flash than there is.
 
-use foxhound_core::adc::CHANNELS;
+use foxhound_core::base::adc::CHANNELS;
 use foxhound_link::companion::Exam;
 
 use super::Verdict;

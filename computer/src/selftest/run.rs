@@ -1,13 +1,13 @@
 //! What is summed up frame by frame, and what it says.
 
-use foxhound_core::adc::{CHANNELS, Snapshot};
-use foxhound_core::array::{Array, Entry};
-use foxhound_core::calibration::order::{self, Order};
-use foxhound_core::calibration::{Calibrator, Source, Taken};
-use foxhound_core::kernel::sqrt;
-use foxhound_core::phase::{self, Complex, Phasors};
-use foxhound_core::time::Instant;
-use foxhound_core::units::DEG_PER_RAD;
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::DEG_PER_RAD;
+use foxhound_core::doa::array::{Array, Entry};
+use foxhound_core::doa::calibration::order::{self, Order};
+use foxhound_core::doa::calibration::{Calibrator, Source, Taken};
+use foxhound_core::signal::phase::{self, Complex, Phasors};
 use foxhound_link::companion::{Exam, Tone};
 
 use super::report::{Reading, Report};

@@ -1,7 +1,7 @@
 use super::*;
-use foxhound_core::array;
-use foxhound_core::phase;
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::array;
+use foxhound_core::signal::phase;
 use std::string::ToString as _;
 
 #[test]
@@ -83,7 +83,7 @@ fn frames_that_do_not_come_end_it_and_one_that_runs_is_not_begun_again() {
 fn whatever_codes_come_it_ends_after_its_frames() {
     let array = array::Config::default().build().unwrap();
     let extractor = phase::Config::default().build::<N>().unwrap();
-    let mut rng = foxhound_core::rng::Rng::new(3, 1);
+    let mut rng = foxhound_core::base::rng::Rng::new(3, 1);
     for kind in 0..6 {
         let mut test = Config::default().build().unwrap();
         test.begin(Exam::Calibrate { azimuth_rad: Some(1.0) }).unwrap();

@@ -30,8 +30,8 @@ mod start;
 use core::ops::Range;
 
 use embedded_storage::nor_flash::NorFlash;
-use foxhound_core::calibration::record::{Calibration, RECORD_BYTES};
-use foxhound_core::param::Values;
+use foxhound_core::doa::calibration::record::{Calibration, RECORD_BYTES};
+use foxhound_core::guidance::param::Values;
 use foxhound_link::signing::Key;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};

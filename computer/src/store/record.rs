@@ -6,7 +6,7 @@
 //! |---|---|
 //! | any that was taken away | 0 |
 //! | parameters | 1; for each a hash of its name and its value, 4 bytes each |
-//! | calibration | as in [`foxhound_core::calibration::record`] |
+//! | calibration | as in [`foxhound_core::doa::calibration::record`] |
 //! | key | 1; 32 bytes |
 //! | timestamp | 1; CRC-32 of the key that it belongs to; 6 bytes |
 //! | starts | 2; count, 4 bytes; the number of the newest record of each name, 2 bytes each, 0 where there never was one |
@@ -15,8 +15,8 @@
 //! a firmware with other parameters, or the same in another order, takes out of them what it knows. No two names of the
 //! table have the same hash (a test).
 
-use foxhound_core::calibration::record::{RECORD_BYTES, crc32};
-use foxhound_core::param::{COUNT, Id, Values};
+use foxhound_core::doa::calibration::record::{RECORD_BYTES, crc32};
+use foxhound_core::guidance::param::{COUNT, Id, Values};
 use sequential_storage::map::{SerializationError, Value};
 
 use super::{NAMES, Name};
@@ -212,7 +212,7 @@ impl Starts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::param;
+    use foxhound_core::guidance::param;
     use std::vec::Vec;
 
     #[test]

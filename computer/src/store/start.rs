@@ -16,10 +16,10 @@
 //! Nothing of this is said, or done, where nothing was ever kept.
 
 use embedded_storage::nor_flash::NorFlash;
+use foxhound_core::base::time::Instant;
 use foxhound_core::guidance;
-use foxhound_core::mission::Control;
-use foxhound_core::param::{self, Values};
-use foxhound_core::time::Instant;
+use foxhound_core::guidance::mission::Control;
+use foxhound_core::guidance::param::{self, Values};
 use foxhound_link::companion::Companion;
 use foxhound_link::signing::Signing;
 use heapless::String;

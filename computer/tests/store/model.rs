@@ -2,10 +2,10 @@
 
 use foxhound_computer::flight::Keeper as _;
 use foxhound_computer::store::{Kept, Store};
-use foxhound_core::array::{Entry, Table};
-use foxhound_core::calibration::deviation::Deviation;
-use foxhound_core::calibration::record::Calibration;
-use foxhound_core::param::{Id, Values};
+use foxhound_core::doa::array::{Entry, Table};
+use foxhound_core::doa::calibration::deviation::Deviation;
+use foxhound_core::doa::calibration::record::Calibration;
+use foxhound_core::guidance::param::{Id, Values};
 use foxhound_link::signing::Key;
 
 use crate::flash::{Flash, Random};

@@ -4,11 +4,11 @@ use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::flight::{Flight, Keeper as _, Receiver, Step};
 use foxhound_computer::selftest;
 use foxhound_computer::store::{Kept, Store};
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::mission::Control;
+use foxhound_core::guidance::param::{self, Values};
 use foxhound_core::guidance::{self, FrontEnd, Guidance};
-use foxhound_core::mission::Control;
-use foxhound_core::param::{self, Values};
-use foxhound_core::planner::Planner;
-use foxhound_core::time::Instant;
+use foxhound_core::planning::planner::Planner;
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::dialect::{
     ATTITUDE_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavMessage, SETUP_SIGNING_DATA,

@@ -1,40 +1,45 @@
 //! The fast door: one step takes in a frame and the telemetry, and gives out one setpoint. Here the rooms are wired, in the
-//! order of the data; this is the only file that knows them all.
+//! order of the data; this is the only file that knows them all. It is the uppermost floor, with the state machine
+//! ([`mission`]) and the parameters ([`param`]), and may import every other.
 //!
 //! The planner is not called from here. A step that wants a plan says so ([`Output::plan_requested`]); whoever drives the
-//! step lets [`crate::planner`] answer [`State::request`], now or on a slower task, and hands the answer to any later step.
-//! It takes effect [`Config::handover_ticks`] steps after the request, neither earlier nor later, so that the flight does
-//! not depend on how fast the planner ran. An answer that comes later than that is dropped and counted; the old plan goes
-//! on while it lasts.
+//! step lets [`crate::planning::planner`] answer [`State::request`], now or on a slower task, and hands the answer to any
+//! later step. It takes effect [`Config::handover_ticks`] steps after the request, neither earlier nor later, so that the
+//! flight does not depend on how fast the planner ran. An answer that comes later than that is dropped and counted; the old
+//! plan goes on while it lasts.
 
 use heapless::Vec;
 
-use crate::adc::Snapshot;
-use crate::bearing::{Bearing, Flags};
-use crate::error::{ConfigError, Why, check};
-use crate::field::Obstacle;
-use crate::frame::Horizontal;
-use crate::goal::posterior::Estimate;
-use crate::guard::{self, Setpoint, Situation};
-use crate::landing::{Advice, Lander, pad};
-use crate::link_state::{self, Classifier, Sightline};
-use crate::map::{Circle, Map};
-use crate::mission::{Behaviour, Control, Facts, Outcome, Progress};
-use crate::ownship::{Agreement, Ownship, Stale};
-use crate::phase::Phasors;
-use crate::planner::{Learn, Plan, PlanRequest, Search, Searched, Verdict};
-use crate::rollout::WAYPOINTS;
-use crate::scan::{Look, Points, Pose, Refusal, Scan};
-use crate::sight::Sight;
-use crate::source::Sighting;
-use crate::source::bank::{self, Mode, Way};
-use crate::source::gather::Gathering;
-use crate::time::Instant;
-use crate::trace::Trace;
-use crate::track::Demand;
-use crate::{array, bearing, goal, gust, landing, map, mission, phase, planner, response, scan, track};
+use crate::base::adc::Snapshot;
+use crate::base::error::{ConfigError, Why, check};
+use crate::base::frame::Horizontal;
+use crate::base::ownship::{Agreement, Ownship, Stale};
+use crate::base::time::Instant;
+use crate::base::trace::Trace;
+use crate::control::guard::{self, Setpoint, Situation};
+use crate::control::track::{self, Demand};
+use crate::control::{gust, response};
+use crate::doa::array;
+use crate::doa::bearing::{self, Bearing, Flags};
+use crate::guidance::mission::{Behaviour, Control, Facts, Outcome, Progress};
+use crate::landing::{self, Advice, Lander, pad};
+use crate::localize::goal;
+use crate::localize::goal::posterior::Estimate;
+use crate::localize::link_state::{self, Classifier, Sightline};
+use crate::localize::source::Sighting;
+use crate::localize::source::bank::{self, Mode, Way};
+use crate::localize::source::gather::Gathering;
+use crate::mapping::map::{self, Circle, Map};
+use crate::mapping::scan::{self, Look, Points, Pose, Refusal, Scan};
+use crate::mapping::sight::Sight;
+use crate::planning::field::Obstacle;
+use crate::planning::planner::{self, Learn, Plan, PlanRequest, Search, Searched, Verdict};
+use crate::planning::rollout::WAYPOINTS;
+use crate::signal::phase::{self, Phasors};
 
+pub mod mission;
 mod near;
+pub mod param;
 pub mod turning;
 
 /// Where the vehicle was when a sensor looked is known from positions and attitudes that are no farther away in time.

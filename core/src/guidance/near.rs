@@ -4,11 +4,11 @@
 use heapless::Vec;
 
 use super::OBSTACLES_MAX;
-use crate::field::{Obstacle, inverse_root};
-use crate::frame::Horizontal;
-use crate::guard::Guard;
-use crate::map::{CIRCLES_MAX, Circle, Map};
-use crate::rollout::swept_clearance_m;
+use crate::base::frame::Horizontal;
+use crate::control::guard::Guard;
+use crate::mapping::map::{CIRCLES_MAX, Circle, Map};
+use crate::planning::field::{Obstacle, inverse_root};
+use crate::planning::rollout::swept_clearance_m;
 
 /// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
 pub(super) const NEAR_M: f32 = 4.0;

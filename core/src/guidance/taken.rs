@@ -4,10 +4,10 @@
 //! age, telemetry that stands still, and clocks that jump.
 
 use super::*;
-use crate::frame::Ned;
-use crate::rng::Rng;
-use crate::scan::{Frame, POINTS_MAX, Ranges, SECTORS_MAX, Sector};
-use crate::units::wrap_pi;
+use crate::base::frame::Ned;
+use crate::base::rng::Rng;
+use crate::base::units::wrap_pi;
+use crate::mapping::scan::{Frame, POINTS_MAX, Ranges, SECTORS_MAX, Sector};
 
 const EPISODES: u64 = 240;
 const STEPS: u32 = 500;

@@ -1,10 +1,10 @@
 //! Flights of the fast loop and the planner together, without a simulator.
 
 use super::*;
-use crate::bearing::Quality;
-use crate::frame::Ned;
-use crate::planner::Scratch;
-use crate::units::wrap_pi;
+use crate::base::frame::Ned;
+use crate::base::units::wrap_pi;
+use crate::doa::bearing::Quality;
+use crate::planning::planner::Scratch;
 use std::vec::Vec as StdVec;
 
 const DT: f32 = 0.02;
@@ -354,7 +354,7 @@ fn garbage_on_every_input_never_reaches_the_setpoint() {
 #[test]
 fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_are_near() {
     let guidance = Config::default().build::<64>().unwrap();
-    let mut rng = crate::rng::Rng::new(6, 0);
+    let mut rng = crate::base::rng::Rng::new(6, 0);
     for crowd in [0, 10, 64, 65, 100, 128] {
         let mut state = guidance.start();
         let circles: StdVec<Circle> = (0..crowd)
@@ -466,7 +466,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
     let guidance = Config::default().build::<256>().unwrap();
     let (planner, mut scratch) = (Config::default().planner.build().unwrap(), Scratch::default());
     let (mut whole, mut parted, mut again) = (guidance.start(), guidance.start(), guidance.start());
-    let mut rng = crate::rng::Rng::new(31, 0);
+    let mut rng = crate::base::rng::Rng::new(31, 0);
     let mut plan = None;
     let mut heard_count = 0;
     for step in 0..500_u64 {
@@ -529,7 +529,7 @@ fn however_much_is_delivered_with_it_a_tone_is_heard_in_its_first_frame() {
         [(0, 0.0, false), (1, 0.3, false), (12, 0.0, false), (12, 0.3, true), (40, 0.0, true)]
     {
         let mut state = guidance.start();
-        let mut rng = crate::rng::Rng::new(32, 0);
+        let mut rng = crate::base::rng::Rng::new(32, 0);
         let missed = (0..100_u64).find(|step| {
             let now = Instant(1_000_000 + step * 20_000);
             let mut snapshot = Snapshot::<256>::zeroed();

@@ -12,18 +12,18 @@
 //! The obstacle sensor on the nose sweeps the whole circle with every turn, so that the guard finds everything looked at
 //! that it asks for within one, and the nose need not be led to it.
 
-use crate::adc::CHANNELS;
-use crate::bearing::{Bearing, Flags};
-use crate::error::{ConfigError, Why, check};
-use crate::frame::Horizontal;
-use crate::kernel::sqrt;
-use crate::mission::{self, Mission};
-use crate::ownship::Ownship;
-use crate::phase::{HOLD_THRESHOLD, Phasors, Tone};
-use crate::rss::{self, Outcome, Rotation, direction, pursuit};
-use crate::source::{Estimate, Sighting};
-use crate::time::Instant;
-use crate::track::Demand;
+use crate::base::adc::CHANNELS;
+use crate::base::error::{ConfigError, Why, check};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::base::ownship::Ownship;
+use crate::base::time::Instant;
+use crate::control::track::Demand;
+use crate::doa::bearing::{Bearing, Flags};
+use crate::doa::rss::{self, Outcome, Rotation, direction, pursuit};
+use crate::guidance::mission::{self, Mission};
+use crate::localize::source::{Estimate, Sighting};
+use crate::signal::phase::{HOLD_THRESHOLD, Phasors, Tone};
 
 /// For so many turns a bearing stands.
 pub const MISSION_TURNS: f32 = 2.2;
@@ -302,11 +302,11 @@ fn bearing_from(source: &Estimate, place_ned_m: Horizontal) -> Option<(f32, f32)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bearing::Quality;
-    use crate::frame::Ned;
-    use crate::phase::Complex;
-    use crate::rng::Rng;
-    use crate::units::wrap_pi;
+    use crate::base::frame::Ned;
+    use crate::base::rng::Rng;
+    use crate::base::units::wrap_pi;
+    use crate::doa::bearing::Quality;
+    use crate::signal::phase::Complex;
     use std::vec::Vec;
 
     const DT_S: f32 = 0.02;

@@ -23,13 +23,13 @@
 //! Cost: in the bench's `landing_step`.
 
 use super::pose::Pose;
-use crate::bearing::{Bearing, Flags};
-use crate::error::{ConfigError, check};
-use crate::frame::{Horizontal, Ned};
-use crate::kernel::sqrt;
-use crate::source::Estimate;
-use crate::time::Instant;
-use crate::units::{between, sin_cos};
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::{Horizontal, Ned};
+use crate::base::kernel::sqrt;
+use crate::base::time::Instant;
+use crate::base::units::{between, sin_cos};
+use crate::doa::bearing::{Bearing, Flags};
+use crate::localize::source::Estimate;
 
 /// An elevation that is no better known than this is not known.
 const ELEVATION_SIGMA_MAX_RAD: f32 = 0.9;

@@ -14,11 +14,11 @@
 
 use super::pad::Pad;
 use super::pose::Pose;
-use crate::error::{ConfigError, check};
-use crate::frame::{Horizontal, Ned};
-use crate::kernel::sqrt;
-use crate::time::Instant;
-use crate::units::between;
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::{Horizontal, Ned};
+use crate::base::kernel::sqrt;
+use crate::base::time::Instant;
+use crate::base::units::between;
 
 /// Error of a tangent, and of a place that is exactly known.
 const TANGENT_SIGMA: f32 = 0.02;

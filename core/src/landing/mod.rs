@@ -1,4 +1,5 @@
-//! The last metres: is this the beacon, where is the pad, and down onto it.
+//! The last metres: is this the beacon, where is the pad, and down onto it. A floor of its own, which may import `base`,
+//! `doa` and `localize`.
 //!
 //! The planner brings the vehicle near; [`arrival`] says when it is there, or cannot say; [`search`] looks for what is not found,
 //! within limits; [`centring`] goes above the pad and down. What is seen of the pad is [`pad`]'s. [`Lander::step`] is asked
@@ -52,13 +53,13 @@
 //!
 //! Cost: the bench's `landing_step`, which has a bearing in every step and looks in some.
 
-use crate::bearing::Bearing;
-use crate::error::{ConfigError, check};
-use crate::frame::{Horizontal, Ned};
-use crate::ownship::Ownship;
-use crate::source::Estimate;
-use crate::time::Instant;
-use crate::units::between;
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::{Horizontal, Ned};
+use crate::base::ownship::Ownship;
+use crate::base::time::Instant;
+use crate::base::units::between;
+use crate::doa::bearing::Bearing;
+use crate::localize::source::Estimate;
 
 pub mod arrival;
 pub mod centring;

@@ -1,9 +1,9 @@
 //! Where the vehicle was, and how it leaned, when a frame was exposed or a bearing measured: the last fifth of a second.
 
-use crate::frame::{Horizontal, Ned};
-use crate::ownship::Ownship;
-use crate::time::Instant;
-use crate::units::{sin_cos, wrap_pi};
+use crate::base::frame::{Horizontal, Ned};
+use crate::base::ownship::Ownship;
+use crate::base::time::Instant;
+use crate::base::units::{sin_cos, wrap_pi};
 
 /// Poses that are kept.
 const KEPT: usize = 10;

@@ -5,9 +5,9 @@
 //! bearings another angle. A leg that the guard blocks, or on which the vehicle comes no nearer, is left out. However it ends, the vehicle flies
 //! back to where it began, if it can: nothing is nearer to what was not found.
 
-use crate::error::{ConfigError, check};
-use crate::frame::Horizontal;
-use crate::time::Instant;
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::time::Instant;
 
 /// A corner is passed this near to it.
 const PASSED_M: f32 = 0.35;
@@ -132,7 +132,7 @@ impl Search {
 
     /// Begins around a place.
     pub fn begin(&self, state: &mut State, center_ned_m: Horizontal, pitch_m: f32, now: Instant) {
-        let pitch_m = crate::units::between(pitch_m, PITCH_MIN_M, PITCH_MAX_M);
+        let pitch_m = crate::base::units::between(pitch_m, PITCH_MIN_M, PITCH_MAX_M);
         let pitch_m = if pitch_m.is_finite() { pitch_m } else { PITCH_MIN_M };
         *state = State { center_ned_m, corner_ned_m: center_ned_m, pitch_m, began: now, ..State::default() };
         state.set_out(center_ned_m, now);

@@ -3,10 +3,10 @@
 use super::arrival::Verdict;
 use super::search::{self, End, Search};
 use super::{Facts, Here, Lander, Reason, Stage, State, Wish};
-use crate::frame::Horizontal;
-use crate::source::Estimate;
-use crate::time::Instant;
-use crate::units::between;
+use crate::base::frame::Horizontal;
+use crate::base::time::Instant;
+use crate::base::units::between;
+use crate::localize::source::Estimate;
 
 /// Above the beacon: this near, this slow, for this long.
 const ABOVE_M: f32 = 0.4;

@@ -34,8 +34,8 @@ use embassy_time::{Duration, Timer};
 use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, End, Record, Restart};
 use foxhound_core::ConfigError;
+use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::time::Instant;
 use foxhound_link::mailbox::{self, Arrivals, Block};
 use static_cell::ConstStaticCell;
 
@@ -52,7 +52,7 @@ pub use uart::{PortReceiver, PortTransmitter, Receiver, Transmitter};
 pub use watchdog::Watchdog;
 
 /// Samples of a plan that are kept for somebody to see: the simulator.
-pub const SAMPLES_KEPT: usize = foxhound_core::planner::SAMPLES;
+pub const SAMPLES_KEPT: usize = foxhound_core::planning::planner::SAMPLES;
 
 /// The name of this board.
 pub const NAME: &str = "mps2_an386";

@@ -34,9 +34,9 @@ use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::sampling::Timer;
 use foxhound_core::ConfigError;
-use foxhound_core::adc::Snapshot;
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::time::Instant;
 use static_cell::ConstStaticCell;
 
 use super::{Call, Done, Step, Watermark, last_words, stack};

@@ -3,15 +3,15 @@
 use std::f32::consts::PI;
 use std::sync::OnceLock;
 
-use foxhound_core::bearing::{Bearing, Flags, Quality};
-use foxhound_core::error::{ConfigError, Why};
-use foxhound_core::frame::Horizontal;
-use foxhound_core::goal::posterior::Estimate;
+use foxhound_core::base::error::{ConfigError, Why};
+use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ownship::Ownship;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
+use foxhound_core::guidance::mission::{Control, Outcome};
+use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
-use foxhound_core::mission::{Control, Outcome};
-use foxhound_core::ownship::Ownship;
-use foxhound_core::param::{Id, Values};
-use foxhound_core::time::Instant;
+use foxhound_core::localize::goal::posterior::Estimate;
 
 use super::Draw;
 

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use foxhound_link::Message as _;
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{

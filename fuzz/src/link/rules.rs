@@ -3,13 +3,13 @@
 use std::collections::VecDeque;
 use std::f32::consts::PI;
 
-use foxhound_core::guard::Setpoint;
+use foxhound_core::base::ownship::Ownship;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance::Output;
-use foxhound_core::mission::Control;
-use foxhound_core::ownship::Ownship;
-use foxhound_core::param::{Id, Values};
-use foxhound_core::time::Instant;
-use foxhound_core::units::wrap_pi;
+use foxhound_core::guidance::mission::Control;
+use foxhound_core::guidance::param::{Id, Values};
 use foxhound_link::companion::{self, Autopilot, Companion, Software, TYPE_MASK, TYPE_MASK_YAW, Yaw};
 use foxhound_link::dialect::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use foxhound_link::failsafe::Cause;

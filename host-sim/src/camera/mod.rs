@@ -13,8 +13,8 @@ pub mod watch;
 
 use std::f32::consts::TAU;
 
+use foxhound_core::base::time::Instant;
 use foxhound_core::landing::pad::{Format, Header};
-use foxhound_core::time::Instant;
 
 pub use foxhound_core::landing::pad::Camera;
 pub use ground::Ground;

@@ -1,7 +1,7 @@
 //! Frames through the detector.
 
+use foxhound_core::base::time::Instant;
 use foxhound_core::landing::pad::{Bad, Detector, Look, Seen, State};
-use foxhound_core::time::Instant;
 
 use super::Frame;
 

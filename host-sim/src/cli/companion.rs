@@ -8,8 +8,8 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args;
-use foxhound_core::planner;
-use foxhound_core::time::Instant as Time;
+use foxhound_core::base::time::Instant as Time;
+use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::companion::{self, Config, News};

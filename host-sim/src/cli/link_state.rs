@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_core::link_state::Classifier;
+use foxhound_core::localize::link_state::Classifier;
 use foxhound_sim::input::InputError;
 use foxhound_sim::link_state::{self, DOCUMENT_FILE, EXAMINATION_SCENES, SEED, WEIGHTS_FILE};
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_core::param::{Id, Kind, TABLE};
+use foxhound_core::guidance::param::{Id, Kind, TABLE};
 use foxhound_sim::input::InputError;
 use foxhound_sim::params::{Given, page, range};
 use serde::Serialize;

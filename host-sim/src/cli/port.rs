@@ -12,7 +12,7 @@ use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::log::Record;
 use foxhound_computer::log::frame::Deframer;
 use foxhound_computer::port::FRAMES_MAX;
-use foxhound_core::adc::Snapshot;
+use foxhound_core::base::adc::Snapshot;
 use foxhound_sim::frames::Recording;
 use foxhound_sim::input::{InputError, MAX_TIME_S, check_within};
 use foxhound_sim::transport::{Address, BAUDS, Line};

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use foxhound_core::planner;
+use foxhound_core::planning::planner;
 use foxhound_sim::computer::HostComputer;
 use foxhound_sim::flight::Ending;
 use foxhound_sim::input::{DRONE_RADIUS_M, InputError, SIGMA_DEG, SNR_DB, check_within};

@@ -2,7 +2,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use foxhound_link::signing::{Key, Signing};
 
 use crate::input::InputError;

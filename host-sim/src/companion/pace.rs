@@ -3,7 +3,7 @@
 use std::thread::sleep;
 use std::time::{Duration, Instant as WallInstant};
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 
 /// A beat on a fixed grid of time. What is missed while the machine is busy is left out: the step after a stall comes at
 /// once, the next one on the grid again, never two in a row to catch up.

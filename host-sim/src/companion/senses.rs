@@ -5,10 +5,10 @@
 //! by velocity and yaw rate. Without telemetry there are no waves and no obstacles.
 
 use foxhound_core::ConfigError;
-use foxhound_core::adc::Snapshot;
-use foxhound_core::map::Circle;
-use foxhound_core::mission::{Control, Outcome};
-use foxhound_core::time::Instant;
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::mission::{Control, Outcome};
+use foxhound_core::mapping::map::Circle;
 use foxhound_link::companion::{self, Autopilot, Companion};
 use foxhound_link::signing::Signing;
 

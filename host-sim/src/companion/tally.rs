@@ -2,9 +2,9 @@
 
 use crate::flight::{Ending, Report};
 use crate::world::{Horizontal, Hull, World, wrap_pi};
+use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::Output;
-use foxhound_core::mission::Outcome;
-use foxhound_core::time::Instant;
+use foxhound_core::guidance::mission::Outcome;
 
 use super::senses::Fix;
 

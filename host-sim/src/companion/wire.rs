@@ -4,7 +4,7 @@
 //! works for every computer, and is one that a pilot has, too. Where no computer is left to obey, the driver sends zero
 //! velocity in its place.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use foxhound_link::MessageData;
 use foxhound_link::companion::{Autopilot, TYPE_MASK};
 use foxhound_link::dialect::{COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use foxhound_computer::flight::Keeper;
 use foxhound_core::guidance;
-use foxhound_core::param::Values;
+use foxhound_core::guidance::param::Values;
 
 use super::HostComputer;
 use crate::input::InputError;
@@ -60,9 +60,9 @@ impl Keeper for Store {
 mod tests {
     use super::*;
     use crate::computer::Computer as _;
+    use foxhound_core::base::time::Instant;
     use foxhound_core::guidance::FrontEnd;
-    use foxhound_core::param::{self, Id};
-    use foxhound_core::time::Instant;
+    use foxhound_core::guidance::param::{self, Id};
     use foxhound_link::dialect::{COMMAND_LONG_DATA, MavMessage, PARAM_SET_DATA};
     use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
     use foxhound_link::{CharArray, MessageData};

@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 use std::f32::consts::TAU;
 
+use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::Output;
 use foxhound_core::landing::pad::Format;
 use foxhound_core::landing::{Advice, Stage};
-use foxhound_core::time::Instant;
 use foxhound_link::dialect::DISTANCE_SENSOR_DATA;
 use serde::Serialize;
 

@@ -1,7 +1,7 @@
 //! Which missions the image can be sent on: it has the configuration that it was built with, and what FH_ parameters change.
 
 use foxhound_core::guidance;
-use foxhound_core::param::{Id, Values};
+use foxhound_core::guidance::param::{Id, Values};
 
 use crate::flight::Mission;
 use crate::input::InputError;
@@ -81,8 +81,9 @@ fn first_difference(wanted: &guidance::Config, reached: &guidance::Config) -> Op
 mod tests {
     use super::*;
     use crate::scenario::Scenario;
-    use foxhound_core::bearing::Estimator;
-    use foxhound_core::{param, planner};
+    use foxhound_core::doa::bearing::Estimator;
+    use foxhound_core::guidance::param;
+    use foxhound_core::planning::planner;
 
     fn mission(text: Option<&str>) -> Mission {
         let scenario = text.map_or_else(Scenario::built_in, |text| Scenario::parse(text).unwrap());

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use foxhound_core::bearing::Estimator;
+use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::FrontEnd;
-use foxhound_core::planner;
+use foxhound_core::planning::planner;
 use foxhound_link::mailbox::Setup;
 use serde_json::Value;
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use foxhound_core::link_state::{CLASSES, Classifier, FEATURES, LinkState};
+use foxhound_core::localize::link_state::{CLASSES, Classifier, FEATURES, LinkState};
 use serde::Serialize;
 
 use super::legs::Sample;

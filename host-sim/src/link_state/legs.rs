@@ -2,13 +2,14 @@
 
 use std::f64::consts::{PI, TAU};
 
-use foxhound_core::bearing::Finder;
-use foxhound_core::link_state::{Classifier, FEATURES, Look, Sightline, State};
-use foxhound_core::lor::Line;
-use foxhound_core::multipath::{self, Looks};
-use foxhound_core::phase::Extractor;
-use foxhound_core::time::Instant;
-use foxhound_core::{ConfigError, array, bearing, phase};
+use foxhound_core::ConfigError;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::array;
+use foxhound_core::doa::bearing::{self, Finder};
+use foxhound_core::doa::multipath::{self, Looks};
+use foxhound_core::localize::link_state::{Classifier, FEATURES, Look, Sightline, State};
+use foxhound_core::mapping::lor::Line;
+use foxhound_core::signal::phase::{self, Extractor};
 
 use super::scenes::{Scene, within};
 use crate::antennas::{Antennas, Impairments, Pose, Reflection};
@@ -30,7 +31,7 @@ const LOOKS: usize = 80;
 const EVERY: usize = 6;
 /// Legs of a scene.
 const LEGS: usize = 4;
-/// Numbers that several looks in two directions would add (`foxhound_core::multipath`).
+/// Numbers that several looks in two directions would add (`foxhound_core::doa::multipath`).
 pub(super) const MUSIC: usize = 3;
 
 /// A moment of a leg.
@@ -106,7 +107,7 @@ impl Chain {
             let _ = Classifier::TRAINED.step(&mut blind, &look(Sightline::Unknown));
             let _ = Classifier::TRAINED.step(&mut mapped, &look(seen));
             let position_ned_m =
-                Some(foxhound_core::frame::Ned { north: place_ned_m.north, east: place_ned_m.east, down: 0.0 });
+                Some(foxhound_core::base::frame::Ned { north: place_ned_m.north, east: place_ned_m.east, down: 0.0 });
             let _ = self.resolver.take(
                 &mut pairs,
                 &multipath::Look { phasors: &phasors, bearing: &bearing, yaw_rad: told_yaw_rad, position_ned_m },
@@ -116,8 +117,9 @@ impl Chain {
             if index % EVERY == 0
                 && let (Some(blind), Some(mapped)) = (blind.features(), mapped.features())
             {
-                let is_fresh =
-                    truths[index.saturating_sub(foxhound_core::link_state::WINDOW)..].iter().any(|c| *c != class);
+                let is_fresh = truths[index.saturating_sub(foxhound_core::localize::link_state::WINDOW)..]
+                    .iter()
+                    .any(|c| *c != class);
                 samples.push(Sample { blind, mapped, music: self.music(&pairs), class, lead_db, is_fresh });
             }
         }
@@ -204,7 +206,7 @@ fn receive(
     pose: &Pose,
     time: Instant,
     random: &mut Random,
-) -> foxhound_core::adc::Snapshot<N> {
+) -> foxhound_core::base::adc::Snapshot<N> {
     let image = |path: &Path| [path.image.north, path.image.east, -scene.source_above_m];
     let loss_db = paths.first().map_or(200.0, |path| path.loss_db);
     let reflections = paths.iter().skip(1).filter(|path| path.loss_db < loss_db + 40.0);

@@ -1,7 +1,7 @@
 //! Training of a small network: Adam (Kingma and Ba 2015) on mini-batches, in `f64`, the same numbers from the same seed on
 //! every machine.
 
-use foxhound_core::link_state::{CLASSES, FEATURES, HIDDEN, Weights};
+use foxhound_core::localize::link_state::{CLASSES, FEATURES, HIDDEN, Weights};
 
 use crate::random::Random;
 

@@ -2,13 +2,13 @@
 
 use std::fmt::Write as _;
 
-use foxhound_core::link_state::{NAMES, Weights};
+use foxhound_core::localize::link_state::{NAMES, Weights};
 
 use super::examination::{CLASS_NAMES, Confusion};
 use super::{Ablation, Report, TRAINING_SCENES};
 
 /// Where the weights are, in the repository.
-pub const WEIGHTS_FILE: &str = "core/src/link_state/weights.rs";
+pub const WEIGHTS_FILE: &str = "core/src/localize/link_state/weights.rs";
 /// Where the document is.
 pub const DOCUMENT_FILE: &str = "docs/link-state.md";
 
@@ -97,10 +97,10 @@ fn confusion(text: &mut String, counts: &Confusion, recall: &[f64]) {
 
 const INTRODUCTION: &str = "# Link state: how the beacon's wave gets here
 
-A network of 12 hidden neurons (`core/src/link_state`) tells from the last 24 looks whether the strongest wave comes straight
+A network of 12 hidden neurons (`core/src/localize/link_state`) tells from the last 24 looks whether the strongest wave comes straight
 from the beacon, by one reflection, by several, or not at all. This file and the weights are made by
 
-    cargo run --release -- link-state --train     # writes core/src/link_state/weights.rs and this file
+    cargo run --release -- link-state --train     # writes core/src/localize/link_state/weights.rs and this file
     cargo run --release -- link-state --check     # trains anew and compares the weights byte for byte
     cargo run --release -- link-state --seed 7    # examines the weights with fresh scenes
 

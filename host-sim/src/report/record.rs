@@ -5,10 +5,10 @@
 //! to what a picture can show, a millimetre and a hundredth of a degree; a number that there is not is left out, so that a
 //! record never holds NaN.
 
-use foxhound_core::bearing::Flags;
-use foxhound_core::frame;
-use foxhound_core::guard::Action;
-use foxhound_core::map::Circle;
+use foxhound_core::base::frame;
+use foxhound_core::control::guard::Action;
+use foxhound_core::doa::bearing::Flags;
+use foxhound_core::mapping::map::Circle;
 use serde::Serialize;
 use serde_json::Value;
 

@@ -9,9 +9,9 @@ use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use foxhound_core::adc::Snapshot;
-use foxhound_core::phase::{self, Complex, Phasors, Tone};
-use foxhound_core::time::Instant;
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::time::Instant;
+use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use serde::Serialize;
 
 use super::chart::{Axis, Chart, Panel, Series};

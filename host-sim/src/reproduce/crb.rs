@@ -12,9 +12,9 @@ use std::sync::mpsc;
 use std::thread;
 
 use foxhound_core::ConfigError;
-use foxhound_core::bearing::{Estimator, Finder};
-use foxhound_core::phase;
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::{Estimator, Finder};
+use foxhound_core::signal::phase;
 use serde::Serialize;
 
 use super::chart::{Axis, Chart, Panel, Series};

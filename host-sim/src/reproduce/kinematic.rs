@@ -6,8 +6,8 @@
 //!
 //! What the paper leaves open is in [`Rules`].
 
-use foxhound_core::map::{CIRCLES_MAX, Circle};
-use foxhound_core::planner::{PlanRequest, Planner, Scratch};
+use foxhound_core::mapping::map::{CIRCLES_MAX, Circle};
+use foxhound_core::planning::planner::{PlanRequest, Planner, Scratch};
 use serde::Serialize;
 
 use crate::flight::{Ending, from_core};
@@ -173,7 +173,7 @@ pub(super) fn fly(scenario: &Scenario, planner: &Planner, rules: Rules, seed: u6
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::planner;
+    use foxhound_core::planning::planner;
 
     fn fly_past(obstacles: &str, rules: Rules) -> Flown {
         let text = format!(

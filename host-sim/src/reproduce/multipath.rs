@@ -11,8 +11,9 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use foxhound_core::ConfigError;
-use foxhound_core::bearing::Estimator;
-use foxhound_core::{guidance, planner};
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::guidance;
+use foxhound_core::planning::planner;
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 

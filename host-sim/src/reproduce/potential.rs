@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use foxhound_core::field::{Field, Obstacle};
+use foxhound_core::planning::field::{Field, Obstacle};
 use plotters::coord::Shift;
 use plotters::prelude::{
     ChartBuilder, Circle, DrawingArea, DrawingBackend, IntoFont as _, PathElement, Polygon, RGBColor, Rectangle,

@@ -1,10 +1,11 @@
 //! `apf-variants`: four potential fields in four scenes with local minima, as the variants paper compares them on a
 //! quadrotor (its fig. 2 to 5 and Table I).
 //!
-//! The forces are [`foxhound_core::field`]'s, to the letter. The paper gives the force to a controller as a set-point and
-//! prints neither gains nor limits; here a point flows along the force, `dx/dt = F`, with `k_a = 1`, which makes the times
-//! comparable (21 m to within 5 cm take 6.05 s without an obstacle, the paper's fields take 3 to 13 s). Its obstacles are
-//! points; a hull of the default radius that reaches one has collided. The dynamic obstacle's speed is not printed.
+//! The forces are [`foxhound_core::planning::field`]'s, to the letter. The paper gives the force to a controller as a
+//! set-point and prints neither gains nor limits; here a point flows along the force, `dx/dt = F`, with `k_a = 1`, which
+//! makes the times comparable (21 m to within 5 cm take 6.05 s without an obstacle, the paper's fields take 3 to 13 s). Its
+//! obstacles are points; a hull of the default radius that reaches one has collided. The dynamic obstacle's speed is not
+//! printed.
 //!
 //! All scenes but the last are symmetric about the line from start to goal, on which a force without a sideways part never
 //! leaves it. So everything is run twice: from the printed start, and from 5 cm beside it. The gains are common to the four
@@ -14,7 +15,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use foxhound_core::field::{Field, Gains, Kind, Law, Obstacle};
+use foxhound_core::planning::field::{Field, Gains, Kind, Law, Obstacle};
 use serde::Serialize;
 
 use super::potential::{Scene as Pictured, draw_heat, draw_surface};

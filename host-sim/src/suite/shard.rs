@@ -11,8 +11,8 @@
 use std::fmt;
 use std::str::FromStr;
 
-use foxhound_core::bearing::Estimator;
-use foxhound_core::planner;
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::planning::planner;
 use serde::{Deserialize, Serialize};
 
 use super::{Flown, Selection, Suite};

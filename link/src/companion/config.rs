@@ -1,7 +1,7 @@
 //! What can be set about the link.
 
-use foxhound_core::error::{ConfigError, Why, check};
-use foxhound_core::param::{self, Values};
+use foxhound_core::base::error::{ConfigError, Why, check};
+use foxhound_core::guidance::param::{self, Values};
 
 use super::Companion;
 use crate::signing::Unsigned;

@@ -16,8 +16,8 @@
 //! The answer comes twice: `IN_PROGRESS` at once, and what it came to; `TEMPORARILY_REJECTED` while the vehicle is armed, in
 //! control, or examined already; `DENIED` where the parameters say nothing known.
 
-use foxhound_core::mission::Control;
-use foxhound_core::units::{DEG_PER_RAD, wrap_pi};
+use foxhound_core::base::units::{DEG_PER_RAD, wrap_pi};
+use foxhound_core::guidance::mission::Control;
 
 use super::Companion;
 use crate::dialect::{COMMAND_ACK_DATA, MavCmd, MavResult};

@@ -1,8 +1,8 @@
 //! The listening half: what each message changes.
 
-use foxhound_core::mission::Control;
-use foxhound_core::scan::{Frame, Points};
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::mission::Control;
+use foxhound_core::mapping::scan::{Frame, Points};
 
 use super::{Companion, ObstacleFrame, UNSETTLED_US, count};
 use crate::MessageData;

@@ -18,16 +18,16 @@ mod exam;
 mod hear;
 mod speak;
 
-use foxhound_core::error::ConfigError;
-use foxhound_core::guard::Setpoint;
+use foxhound_core::base::error::ConfigError;
+use foxhound_core::base::ownship::Ownship;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::sin_cos;
+use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance;
-use foxhound_core::map::Circle;
-use foxhound_core::mission::{Behaviour, Control, Outcome};
-use foxhound_core::ownship::Ownship;
-use foxhound_core::param::{Id, Values};
-use foxhound_core::scan::{Points, Scan};
-use foxhound_core::time::Instant;
-use foxhound_core::units::sin_cos;
+use foxhound_core::guidance::mission::{Behaviour, Control, Outcome};
+use foxhound_core::guidance::param::{Id, Values};
+use foxhound_core::mapping::map::Circle;
+use foxhound_core::mapping::scan::{Points, Scan};
 
 use crate::MessageData;
 use crate::advice::Advice;

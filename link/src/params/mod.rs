@@ -1,4 +1,4 @@
-//! The parameter protocol: a ground station lists, reads and sets the parameters of [`foxhound_core::param`].
+//! The parameter protocol: a ground station lists, reads and sets the parameters of [`foxhound_core::guidance::param`].
 //!
 //! After <https://mavlink.io/en/services/parameter.html>. Messages go in by [`Params::hear`], answers come out of
 //! [`Params::next`], one every 50 ms at most: they can wait, setpoints cannot. What waits is not an answer but a mark that the
@@ -21,9 +21,9 @@
 //! All parameters are `REAL32`. Another type is refused: integers are packed into the float in one of two ways, and nobody
 //! says which.
 
-use foxhound_core::error::ConfigError;
-use foxhound_core::param::{COUNT, Id, Refusal, Values};
-use foxhound_core::time::Instant;
+use foxhound_core::base::error::ConfigError;
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::param::{COUNT, Id, Refusal, Values};
 use heapless::Deque;
 
 use crate::dialect::{

@@ -1,8 +1,8 @@
 //! What was refused, in words, and numbers in at most three decimals: the formatter of the standard library prints any
 //! float to the last digit and costs 17 KB of flash.
 
-use foxhound_core::error::{ConfigError, Why};
-use foxhound_core::param::{Id, NAME_MAX};
+use foxhound_core::base::error::{ConfigError, Why};
+use foxhound_core::guidance::param::{Id, NAME_MAX};
 
 use crate::CharArray;
 use crate::dialect::{MavSeverity, STATUSTEXT_DATA};
@@ -223,7 +223,7 @@ fn fixed_point(value: f32) -> (u32, u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::param::{Kind, TABLE};
+    use foxhound_core::guidance::param::{Kind, TABLE};
     use rand_core::Rng;
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;

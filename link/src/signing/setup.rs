@@ -1,6 +1,6 @@
 //! Keys that come over the link.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 
 use super::{Key, Signing, TIMESTAMP_MAX};
 use crate::dialect::SETUP_SIGNING_DATA;

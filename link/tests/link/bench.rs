@@ -1,11 +1,11 @@
 //! A companion on the bench: a test plays its autopilot, moves its clock and reads what it sends.
 
-use foxhound_core::bearing::{Bearing, Flags, Quality};
-use foxhound_core::frame::Ned;
-use foxhound_core::guard::{Action, Setpoint};
+use foxhound_core::base::frame::Ned;
+use foxhound_core::base::time::Instant;
+use foxhound_core::control::guard::{Action, Setpoint};
+use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::guidance::Output;
-use foxhound_core::mission::Outcome;
-use foxhound_core::time::Instant;
+use foxhound_core::guidance::mission::Outcome;
 use foxhound_link::companion::{Companion, Config};
 use foxhound_link::dialect::*;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode};
@@ -181,7 +181,7 @@ pub(crate) fn output([north, east, down]: [f32; 3], yaw_rate_radps: f32) -> Outp
         source_share_and_nis: None,
         landing: None,
         guard: Action::Passed,
-        guard_counts: foxhound_core::guard::Counts::default(),
+        guard_counts: foxhound_core::control::guard::Counts::default(),
         plan_requested: false,
         plan_activated: false,
         plans_late: 0,

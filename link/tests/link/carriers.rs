@@ -1,7 +1,7 @@
 //! Frames inside frames: what travels in another message's payload is not traffic.
 
 use crate::bench::{ARDUPILOT, ARMED, Bench, GUIDED, heartbeat};
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode, known, known_ids};

@@ -1,6 +1,6 @@
 //! After every restart, of the autopilot or of ourselves, nothing moves before the mode is entered afresh.
 
-use foxhound_core::mission::Control;
+use foxhound_core::guidance::mission::Control;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;
 use foxhound_link::failsafe::Cause;

@@ -1,7 +1,7 @@
 //! The rows of the table in `foxhound_link::failsafe`, one by one, against both autopilots, and jumps of the estimate.
 
-use foxhound_core::mission::{Control, Outcome};
-use foxhound_core::ownship::Stale;
+use foxhound_core::base::ownship::Stale;
+use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;
 use foxhound_link::failsafe::Cause;
@@ -599,7 +599,7 @@ fn an_autopilot_without_rates_may_turn_as_fast_as_it_was_told_to() {
     let mut flight = Flight::of(ARDUPILOT);
     // 10 Hz, 20 degrees from one to the next, and never a word of the rate.
     for _ in 0..36 {
-        flight.yaw = foxhound_core::units::wrap_pi(flight.yaw + 20.0_f32.to_radians());
+        flight.yaw = foxhound_core::base::units::wrap_pi(flight.yaw + 20.0_f32.to_radians());
         flight.bench.now_us += 80_000;
         flight.run(0.02);
     }

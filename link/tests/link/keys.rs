@@ -1,7 +1,7 @@
 //! The companion with a key: what it believes, what it sends, and where a key may come from.
 
-use foxhound_core::mission::Control;
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::mission::Control;
 use foxhound_link::companion::{Companion, Config};
 use foxhound_link::dialect::*;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode};

@@ -1,9 +1,9 @@
 //! How high the vehicle is over the ground, and when the autopilot is asked to land.
 
-use foxhound_core::frame::Ned;
+use foxhound_core::base::frame::Ned;
 use foxhound_core::guidance::Output;
+use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::landing::{Advice, Reason, Stage, Target};
-use foxhound_core::mission::Outcome;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;
 

@@ -1,6 +1,6 @@
 //! Who the autopilot is, and what our own heartbeat says.
 
-use foxhound_core::mission::{Control, Outcome};
+use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion::{Config, Software};
 use foxhound_link::dialect::*;
 

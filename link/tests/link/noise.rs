@@ -1,7 +1,7 @@
 //! Damaged and hostile streams. Everything random is seeded.
 
 use crate::bench::{ARDUPILOT, ARMED, AUTOPILOT, Bench, GUIDED, heartbeat, output, velocity};
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use foxhound_link::Message;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;

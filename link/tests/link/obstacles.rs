@@ -1,7 +1,7 @@
 //! What others see in the way.
 
-use foxhound_core::scan::{Frame, Sector};
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
+use foxhound_core::mapping::scan::{Frame, Sector};
 use foxhound_link::companion::{Config, ObstacleFrame};
 use foxhound_link::dialect::*;
 

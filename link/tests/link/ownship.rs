@@ -1,6 +1,6 @@
 //! What the autopilot says of the vehicle.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use foxhound_link::dialect::*;
 
 use crate::bench::*;

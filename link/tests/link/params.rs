@@ -1,9 +1,9 @@
 //! The parameter protocol from a ground station's side: frames in, frames out.
 
-use foxhound_core::error::{ConfigError, Why};
+use foxhound_core::base::error::{ConfigError, Why};
+use foxhound_core::base::time::Instant;
 use foxhound_core::guidance;
-use foxhound_core::param::{self, COUNT, Id, TABLE, Values};
-use foxhound_core::time::Instant;
+use foxhound_core::guidance::param::{self, COUNT, Id, TABLE, Values};
 use foxhound_link::CharArray;
 use foxhound_link::companion;
 use foxhound_link::dialect::*;

@@ -6,10 +6,10 @@
 use std::collections::BTreeMap;
 
 use crate::bench::{Bench, output};
-use foxhound_core::mission::Control;
-use foxhound_core::ownship::Agreement;
-use foxhound_core::time::Instant;
-use foxhound_core::units::wrap_pi;
+use foxhound_core::base::ownship::Agreement;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::guidance::mission::Control;
 use foxhound_link::companion::{Config, Software};
 use foxhound_link::dialect::*;
 use foxhound_link::failsafe::Cause;

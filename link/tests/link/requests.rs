@@ -1,6 +1,6 @@
 //! What we ask of the autopilot, and what others ask of us.
 
-use foxhound_core::mission::Control;
+use foxhound_core::guidance::mission::Control;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;
 

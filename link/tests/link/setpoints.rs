@@ -1,8 +1,8 @@
 //! Which setpoints leave, when, and with what in them.
 
-use foxhound_core::error::Why;
-use foxhound_core::mission::Control;
-use foxhound_core::time::Instant;
+use foxhound_core::base::error::Why;
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::mission::Control;
 use foxhound_link::companion::{Config, Yaw};
 use foxhound_link::dialect::*;
 

@@ -1,6 +1,6 @@
 //! Signing, rule by rule. The frame of pymavlink is the oracle here; `tests/signing.rs` has pymavlink itself.
 
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
 use foxhound_link::dialect::{ATTITUDE_DATA, HEARTBEAT_DATA, MavMessage, SETUP_SIGNING_DATA};
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode};
 use foxhound_link::signing::{

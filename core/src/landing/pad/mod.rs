@@ -26,9 +26,9 @@ mod score;
 mod tests;
 mod weights;
 
-use crate::error::{ConfigError, check};
-use crate::kernel::sqrt;
-use crate::time::Instant;
+use crate::base::error::{ConfigError, check};
+use crate::base::kernel::sqrt;
+use crate::base::time::Instant;
 
 use fit::Prior;
 use light::Light;

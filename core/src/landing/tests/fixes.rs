@@ -3,9 +3,9 @@
 use super::super::arrival::{Arrival, Fix};
 use super::super::*;
 use super::model::{Flight, World, towards_beacon};
-use crate::bearing::{Flags, Quality};
-use crate::rng::Rng;
-use crate::units::wrap_pi;
+use crate::base::rng::Rng;
+use crate::base::units::wrap_pi;
+use crate::doa::bearing::{Flags, Quality};
 
 /// Bearings of a beacon from where the vehicle hovers, 2 m above it, for some seconds.
 fn hovering(beacon: Horizontal, yaw_rad: f32, roll_rad: f32, flags: Flags) -> Option<Fix> {

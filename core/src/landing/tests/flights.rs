@@ -2,7 +2,7 @@
 
 use super::super::*;
 use super::model::{Answer, Flight, World, restless, towards_beacon};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 /// How near to the pad's middle it must come down, and to the beacon without a camera.
 const ON_PAD_M: f32 = 0.15;

@@ -3,8 +3,8 @@
 use super::super::pad::{Bad, Look, Nothing, Pad, Seen};
 use super::super::*;
 use super::{TICK_US, nothing};
-use crate::bearing::{Bearing, Flags, Quality};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
+use crate::doa::bearing::{Bearing, Flags, Quality};
 
 const WILD: [f32; 12] = [
     f32::NAN,

@@ -6,9 +6,9 @@ use std::vec::Vec;
 use super::super::pad::{Bad, Look, Nothing, Pad, Seen};
 use super::super::*;
 use super::{TICK_US, nothing};
-use crate::bearing::{Bearing, Flags, Quality};
+use crate::base::rng::Rng;
+use crate::doa::bearing::{Bearing, Flags, Quality};
 use crate::landing::pose::Axes;
-use crate::rng::Rng;
 
 const TICK_S: f32 = 0.02;
 const GRAVITY_MPS2: f32 = 9.81;
@@ -320,7 +320,7 @@ impl Flight {
             return Bearing {
                 time,
                 valid: true,
-                azimuth_rad: crate::units::wrap_pi(bearing + off + world.bias_rad * libm::sinf(9.0 * north + a)),
+                azimuth_rad: crate::base::units::wrap_pi(bearing + off + world.bias_rad * libm::sinf(9.0 * north + a)),
                 sigma_rad: if sigma > 1e-3 { sigma } else { 1e-3 },
                 elevation_rad: 0.0,
                 elevation_sigma_rad: core::f32::consts::FRAC_PI_2,

@@ -3,11 +3,11 @@
 
 use core::hint::black_box;
 
-use foxhound_core::belief::{Bound, Config, Guess, Outcome, Problem, Scratch};
-use foxhound_core::field::Obstacle;
-use foxhound_core::frame::Horizontal;
-use foxhound_core::lor::Line;
-use foxhound_core::rng::Rng;
+use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::rng::Rng;
+use foxhound_core::mapping::lor::Line;
+use foxhound_core::planning::belief::{Bound, Config, Guess, Outcome, Problem, Scratch};
+use foxhound_core::planning::field::Obstacle;
 use foxhound_firmware::boards::board;
 
 use super::{OBSTACLES, forest, row};

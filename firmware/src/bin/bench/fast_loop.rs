@@ -3,17 +3,17 @@
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::hint::black_box;
 
-use foxhound_core::adc::Snapshot;
-use foxhound_core::frame::{Horizontal, Ned};
+use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::frame::{Horizontal, Ned};
+use foxhound_core::base::ownship::Ownship;
+use foxhound_core::base::rng::Rng;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
-use foxhound_core::map::{Circle, DELIVERY_MAX};
-use foxhound_core::mission::Control;
-use foxhound_core::ownship::Ownship;
-use foxhound_core::planner::{Plan, Planner, Scratch};
-use foxhound_core::rng::Rng;
-use foxhound_core::scan::{Frame, POINTS_MAX, Points, Pose, Scan};
-use foxhound_core::time::Instant;
-use foxhound_core::units::wrap_pi;
+use foxhound_core::mapping::map::{Circle, DELIVERY_MAX};
+use foxhound_core::mapping::scan::{Frame, POINTS_MAX, Points, Pose, Scan};
+use foxhound_core::planning::planner::{Plan, Planner, Scratch};
 use static_cell::StaticCell;
 
 use crate::{N, ranges, receive, row};

@@ -2,14 +2,14 @@
 
 use core::hint::black_box;
 
-use foxhound_core::bearing::{Bearing, Flags, Quality};
-use foxhound_core::frame::{Horizontal, Ned};
-use foxhound_core::kernel::sqrt;
+use foxhound_core::base::frame::{Horizontal, Ned};
+use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::ownship::Ownship;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::sin_cos;
+use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::landing::pad::{Look, Pad, Seen};
 use foxhound_core::landing::{Config, Facts, Stage, State};
-use foxhound_core::ownship::Ownship;
-use foxhound_core::time::Instant;
-use foxhound_core::units::sin_cos;
 use foxhound_firmware::boards::board;
 
 use crate::row;

@@ -2,8 +2,8 @@
 
 use core::hint::black_box;
 
-use foxhound_core::param::Values;
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
+use foxhound_core::guidance::param::Values;
 use foxhound_firmware::boards::board;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::{

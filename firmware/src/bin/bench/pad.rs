@@ -2,9 +2,9 @@
 
 use core::hint::black_box;
 
+use foxhound_core::base::rng::Rng;
+use foxhound_core::base::time::Instant;
 use foxhound_core::landing::pad::{Config, Format, Header, Seen, State};
-use foxhound_core::rng::Rng;
-use foxhound_core::time::Instant;
 use foxhound_firmware::boards::board;
 use static_cell::ConstStaticCell;
 

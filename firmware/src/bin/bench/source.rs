@@ -4,20 +4,19 @@
 use core::f32::consts::TAU;
 use core::hint::black_box;
 
-use foxhound_core::bearing::{Bearing, Flags, Quality};
-use foxhound_core::explore;
-use foxhound_core::frame::Horizontal;
-use foxhound_core::link_state::{self, Classifier, Look, Sightline};
-use foxhound_core::lor::{self, Line, Method};
-use foxhound_core::map::{CIRCLES_MAX, Circle};
-use foxhound_core::planner;
-use foxhound_core::rng::Rng;
-use foxhound_core::rss;
-use foxhound_core::scan::Pose;
-use foxhound_core::source::reflected::{Known, unknown};
-use foxhound_core::source::{Sighting, bank, polar};
-use foxhound_core::time::Instant;
-use foxhound_core::units::{sin_cos, wrap_pi};
+use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::rng::Rng;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::{sin_cos, wrap_pi};
+use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
+use foxhound_core::doa::rss;
+use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
+use foxhound_core::localize::source::reflected::{Known, unknown};
+use foxhound_core::localize::source::{Sighting, bank, polar};
+use foxhound_core::mapping::lor::{self, Line, Method};
+use foxhound_core::mapping::map::{CIRCLES_MAX, Circle};
+use foxhound_core::mapping::scan::Pose;
+use foxhound_core::planning::{explore, planner};
 use foxhound_firmware::boards::board;
 
 use super::row;

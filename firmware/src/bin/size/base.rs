@@ -5,9 +5,9 @@
 
 use core::hint::black_box;
 
-use foxhound_core::frame::Horizontal;
-use foxhound_core::time::Instant;
-use foxhound_core::units::{sin_cos, wrap_pi};
+use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_firmware as _;
 
 #[cortex_m_rt::entry]

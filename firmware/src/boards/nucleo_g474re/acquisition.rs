@@ -24,7 +24,7 @@
 //! - **Time.** 92.5 cycles of sampling and 12.5 of conversion, 2.5 us of the 9.8 us between two triggers, and a few to
 //!   begin: 432 cycles of 170 MHz are the shortest that is taken.
 //! - **Offset.** The codes are made signed by half scale and nothing else. A constant, whatever it is, is projected out where the
-//!   tone is fitted (`foxhound_core::phase`).
+//!   tone is fitted (`foxhound_core::signal::phase`).
 //! - **Overrun.** When DMA does not fetch a result in time the converter sets OVR and sends no more requests; the rings
 //!   would then be out of step with each other. It is looked for at every block that is handed over, and everything is
 //!   started anew: timer off, ADSTP until ADSTART is clear, DMAEN off (it may be written then only), channel off, DR read, flags
@@ -50,8 +50,8 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, block_for};
 use foxhound_computer::sampling::{Sampling, Timer};
-use foxhound_core::adc::{CHANNELS, Snapshot};
-use foxhound_core::time;
+use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::time;
 
 use super::CLOCK_MHZ;
 use crate::app::SAMPLES_PER_CHANNEL as N;

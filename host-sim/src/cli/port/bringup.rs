@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::selftest::Config;
-use foxhound_core::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
+use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
 use foxhound_sim::frames::Recording;
 use foxhound_sim::input::InputError;
 use serde::Serialize;

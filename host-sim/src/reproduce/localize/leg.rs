@@ -11,10 +11,10 @@
 
 use std::f64::consts::PI;
 
-use foxhound_core::belief::{Config, Guess, Outcome, Planner, Problem, Scratch};
-use foxhound_core::frame::Horizontal as Core;
-use foxhound_core::source::polar::{self, Filter, Resting};
-use foxhound_core::source::{Heard, Sighting};
+use foxhound_core::base::frame::Horizontal as Core;
+use foxhound_core::localize::source::polar::{self, Filter, Resting};
+use foxhound_core::localize::source::{Heard, Sighting};
+use foxhound_core::planning::belief::{Config, Guess, Outcome, Planner, Problem, Scratch};
 use serde::Serialize;
 
 use crate::random::Random;

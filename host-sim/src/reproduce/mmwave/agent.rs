@@ -1,10 +1,10 @@
 //! Who looks for the transmitter: goals for the navigation that all agents share.
 
 use foxhound_core::ConfigError;
-use foxhound_core::lor::{self, Line, Lines};
-use foxhound_core::source::Sighting;
-use foxhound_core::source::bank::{self, Answer, Bank, Way};
-use foxhound_core::source::polar;
+use foxhound_core::localize::source::Sighting;
+use foxhound_core::localize::source::bank::{self, Answer, Bank, Way};
+use foxhound_core::localize::source::polar;
+use foxhound_core::mapping::lor::{self, Line, Lines};
 use serde::Serialize;
 
 use super::bend::Bend;
@@ -328,7 +328,7 @@ impl Ear {
     }
 }
 
-pub(super) fn from_core(point: foxhound_core::frame::Horizontal) -> Horizontal {
+pub(super) fn from_core(point: foxhound_core::base::frame::Horizontal) -> Horizontal {
     Horizontal { north: point.north.into(), east: point.east.into() }
 }
 

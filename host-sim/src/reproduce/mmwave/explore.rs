@@ -4,10 +4,10 @@
 //! of that has been looked at.
 
 use foxhound_core::ConfigError;
-use foxhound_core::explore::{self, Explored};
-use foxhound_core::map::Circle;
-use foxhound_core::scan::Pose;
-use foxhound_core::time::Instant;
+use foxhound_core::base::time::Instant;
+use foxhound_core::mapping::map::Circle;
+use foxhound_core::mapping::scan::Pose;
+use foxhound_core::planning::explore::{self, Explored};
 
 use super::known::{Known, RANGE_M};
 use crate::world::Horizontal;

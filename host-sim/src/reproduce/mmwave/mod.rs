@@ -10,7 +10,7 @@
 //! - the baseline, reference 11 of the paper (M. Yin et al., "Millimeter Wave Wireless Assisted Robot Navigation With Link State
 //!   Classification", 2022): a target 0.6 m ahead along the raw angle of arrival while the link is direct or reflected once,
 //!   exploration otherwise, and for a while when it stays in one place; offset and patience are those of its published code;
-//! - the paper's switch between exploration and what the filters say, [`foxhound_core::source::bank`];
+//! - the paper's switch between exploration and what the filters say, [`foxhound_core::localize::source::bank`];
 //! - ours, which in addition goes from one point of reflection to the next at higher orders: at the point of reflection
 //!   the link is of one order less;
 //! - the same with covariance minimisation (`bend`).

@@ -1,6 +1,6 @@
 //! The walls found so far: lines of one scan after another, joined where they are the same.
 
-use foxhound_core::lor::Line;
+use foxhound_core::mapping::lor::Line;
 
 /// Lines.
 #[derive(Clone, Debug, Default)]

@@ -2,9 +2,9 @@
 
 use std::f64::consts::{PI, TAU};
 
-use foxhound_core::rss::{direction, pursuit};
-use foxhound_core::time::Instant;
-use foxhound_core::{ConfigError, rss};
+use foxhound_core::ConfigError;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::rss::{self, direction, pursuit};
 
 use crate::random::Random;
 use crate::world::{Horizontal, wrap_pi};
@@ -128,7 +128,7 @@ impl Walk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::rss::lemma;
+    use foxhound_core::doa::rss::lemma;
 
     #[test]
     fn a_step_is_that_of_the_core() {

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use foxhound_core::source::{Estimate, Sighting};
+use foxhound_core::localize::source::{Estimate, Sighting};
 
 use super::super::super::chart::{Axis, Chart, Panel, Series};
 use super::Report;

@@ -1,8 +1,8 @@
 //! The experiments, each with the paper's filter and ours on the same courses.
 
 use foxhound_core::ConfigError;
-use foxhound_core::source::reflected::{Degenerate, Known, Unknown, literal, unknown};
-use foxhound_core::source::{Estimate, Heard, Sighting, cartesian, polar};
+use foxhound_core::localize::source::reflected::{Degenerate, Known, Unknown, literal, unknown};
+use foxhound_core::localize::source::{Estimate, Heard, Sighting, cartesian, polar};
 
 use super::picture::Figure;
 use super::scene::{Scene, around, draw_before, draw_range, draw_slanted};
@@ -193,7 +193,7 @@ impl Stage {
             let lines = [0, 1].map(|k| course.walls[k].to_core());
             let reached = |k: usize| {
                 let ends = [source, course.robot[k]].map(Horizontal::to_core);
-                foxhound_core::source::reflected::fold::points(&lines, ends[0], ends[1]).is_ok()
+                foxhound_core::localize::source::reflected::fold::points(&lines, ends[0], ends[1]).is_ok()
             };
             if !(0..SIGHTINGS).all(reached) {
                 continue;
@@ -269,7 +269,7 @@ impl Stage {
                 let heard = paper.step(&mut state, sighting);
                 (heard, state.estimate())
             });
-            let line = foxhound_core::lor::Line::of_slope_intercept(state.slope_intercept());
+            let line = foxhound_core::mapping::lor::Line::of_slope_intercept(state.slope_intercept());
             let image = places.last().copied().flatten().map(|estimate| line.mirror(estimate.place_ned_m));
             self.paper.judge(&course, image.map(from_core), initial_m);
         }

@@ -1,0 +1,536 @@
+//! Tests of the guard.
+
+use super::*;
+use crate::base::rng::Rng;
+use std::vec::Vec;
+
+const DT: f32 = 0.02;
+
+fn wall(north: f32, reach_m: f32) -> Obstacle {
+    Obstacle { center_ned_m: Horizontal { north, east: 0.0 }, reach_m, ..Obstacle::default() }
+}
+
+fn demand(north: f32, east: f32) -> Demand {
+    Demand { velocity_ned_mps: Horizontal { north, east }, ..Demand::default() }
+}
+
+/// Flies a demand with an ideal vehicle (rest point = position) and returns the smallest clearance and the end.
+fn fly(demand: Demand, obstacles: &[Obstacle], yaw_rad: f32) -> (f32, Horizontal) {
+    let (guard, mut state) = (Config::default().build().unwrap(), State::default());
+    let mut at = Horizontal::default();
+    let mut closest = f32::INFINITY;
+    for _ in 0..1000 {
+        let situation = Situation { position_ned_m: at, rest_ned_m: at, yaw_rad, ..Situation::default() };
+        let setpoint = guard.step(&mut state, &demand, &situation, obstacles, DT).setpoint;
+        at = at.plus(setpoint.velocity_ned_mps.horizontal().times(DT));
+        closest = obstacles.iter().map(|o| o.clearance_m(at)).fold(closest, f32::min);
+    }
+    (closest, at)
+}
+
+#[test]
+fn full_speed_at_a_wall_ends_before_it() {
+    let (closest, at) = fly(demand(5.0, 0.0), &[wall(4.0, 1.0)], 0.0);
+    assert!(closest > 0.0 && closest < 0.2, "{closest} {at:?}");
+}
+
+#[test]
+fn a_glancing_demand_slides_along() {
+    let (closest, at) = fly(demand(0.5, 0.3), &[wall(2.0, 0.6)], 0.4);
+    assert!(closest > 0.0 && at.north > 3.0, "{closest} {at:?}");
+}
+
+#[test]
+fn outside_the_field_of_view_it_is_slower() {
+    let (_, ahead) = fly(demand(1.0, 0.0), &[], 0.0);
+    let (_, behind) = fly(demand(1.0, 0.0), &[], 3.0);
+    assert!(behind.north < 0.51 * ahead.north && behind.north > 0.0, "{ahead:?} {behind:?}");
+}
+
+#[test]
+fn from_inside_a_circle_it_may_leave_but_not_go_deeper() {
+    let obstacle = wall(-0.3, 0.4);
+    let (_, out) = fly(demand(1.0, 0.0), &[obstacle], 0.0);
+    assert!(out.north > 5.0, "{out:?}");
+    let (closest, _) = fly(demand(-1.0, 0.0), &[obstacle], 3.1);
+    assert!(closest > -0.101, "{closest}");
+}
+
+#[test]
+fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
+    let config = Config::default();
+    let (guard, mut state) = (config.build().unwrap(), State::default());
+    let mut rng = Rng::new(11, 0);
+    let wild = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30, 0.0, 1e-30];
+    let mut last = Horizontal::default();
+    for _ in 0..20_000 {
+        let mut number = || {
+            let pick = (rng.uniform() * 20.0) as usize;
+            wild.get(pick).copied().unwrap_or(4.0 * rng.gaussian())
+        };
+        let mut vector = || Horizontal { north: number(), east: number() };
+        let demand = Demand { velocity_ned_mps: vector(), down_mps: vector().north, yaw_rate_radps: vector().east };
+        let situation = Situation {
+            position_ned_m: vector(),
+            rest_ned_m: vector(),
+            yaw_rad: vector().north,
+            ..Situation::default()
+        };
+        let obstacles: Vec<_> =
+            (0..4).map(|_| Obstacle { center_ned_m: vector(), reach_m: 0.3, velocity_ned_mps: vector() }).collect();
+        let setpoint = guard.step(&mut state, &demand, &situation, &obstacles, DT).setpoint;
+        let velocity = setpoint.velocity_ned_mps;
+        assert!(velocity.is_finite() && setpoint.yaw_rate_radps.is_finite());
+        assert!(velocity.horizontal().norm() <= config.v_max_mps * 1.0001);
+        assert!(velocity.down.abs() <= config.v_down_max_mps);
+        assert!(setpoint.yaw_rate_radps.abs() <= config.yaw_rate_max_radps);
+        assert!(velocity.horizontal().minus(last).norm() <= config.a_max_mps2 * DT * 1.001 + 1e-6);
+        last = velocity.horizontal();
+    }
+}
+
+/// Where an ideal vehicle ends after 20 s under a demand, with a gust margin.
+fn ends(from: Horizontal, demand: Demand, gust_margin_m: f32, obstacles: &[Obstacle]) -> Horizontal {
+    let (guard, mut state) = (Config::default().build().unwrap(), State::default());
+    let mut at = from;
+    for _ in 0..1000 {
+        let situation = Situation { position_ned_m: at, rest_ned_m: at, gust_margin_m, ..Situation::default() };
+        let setpoint = guard.step(&mut state, &demand, &situation, obstacles, DT).setpoint;
+        at = at.plus(setpoint.velocity_ned_mps.horizontal().times(DT));
+    }
+    at
+}
+
+#[test]
+fn gusts_keep_it_farther_away_and_let_it_go_away_by_itself() {
+    let wall = wall(4.0, 1.0);
+    let calm = ends(Horizontal::default(), demand(1.0, 0.0), 0.0, &[wall]);
+    let gusty = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[wall]);
+    assert!((calm.north - gusty.north - 0.4).abs() < 0.01, "{calm:?} {gusty:?}");
+    // In gusts what seems to go away is no farther than it is.
+    let leaving = Obstacle { velocity_ned_mps: at(0.2, 0.1), ..wall };
+    let near = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[leaving]);
+    assert!((near.north - gusty.north).abs() < 0.01, "{near:?} {gusty:?}");
+    // A vehicle that holds where gusts could carry it into the wall does not stay.
+    let left = ends(Horizontal { north: 2.9, east: 0.0 }, demand(0.0, 0.0), 0.4, &[wall]);
+    assert!((wall.clearance_m(left) - 0.43).abs() < 0.02, "{left:?}");
+}
+
+#[test]
+fn where_gusts_want_more_room_than_there_is_it_keeps_to_the_middle() {
+    // Half a metre between two pillars, of which the vehicle needs 0.3 m, and a gust margin that neither side can have.
+    let sides = [pillar(0.0, -0.55, 0.3), pillar(0.0, 0.55, 0.3)];
+    for off_m in [-0.08, 0.08] {
+        let end = ends(at(0.0, off_m), demand(0.0, 0.0), 0.5, &sides);
+        assert!(sides.iter().all(|side| side.clearance_m(end) > 0.06), "from {off_m}: {end:?}");
+    }
+    // Calm, it stays where it is.
+    assert_eq!(ends(at(0.0, 0.05), demand(0.0, 0.0), 0.0, &sides), at(0.0, 0.05));
+}
+
+#[test]
+fn bad_limits_are_refused_by_name() {
+    let refused = |change: &dyn Fn(&mut Config)| {
+        let mut config = Config::default();
+        change(&mut config);
+        config.build().unwrap_err().field
+    };
+    assert_eq!(refused(&|c| c.v_max_mps = 0.0), "guard.v_max_mps");
+    assert_eq!(refused(&|c| c.a_max_mps2 = f32::NAN), "guard.a_max_mps2");
+    assert_eq!(refused(&|c| c.fov_rad = 10.0), "guard.fov_rad");
+}
+
+fn at(north: f32, east: f32) -> Horizontal {
+    Horizontal { north, east }
+}
+
+fn pillar(north: f32, east: f32, radius_m: f32) -> Obstacle {
+    Obstacle { center_ned_m: at(north, east), reach_m: radius_m + 0.15, ..Obstacle::default() }
+}
+
+/// A vehicle that follows commands after a dead time and with a lag, as `response` thinks of it.
+struct Vehicle {
+    position: Horizontal,
+    velocity: Horizontal,
+    yaw_rad: f32,
+    line: std::collections::VecDeque<Horizontal>,
+    lag_s: f32,
+}
+
+impl Vehicle {
+    fn new(position: Horizontal, steps: usize, lag_s: f32) -> Self {
+        let line = std::vec![Horizontal::default(); steps].into();
+        Self { position, velocity: Horizontal::default(), yaw_rad: 0.0, line, lag_s }
+    }
+
+    fn situation(&self) -> Situation {
+        let pending = self.line.iter().fold(Horizontal::default(), |sum, v| sum.plus(*v));
+        Situation {
+            position_ned_m: self.position,
+            rest_ned_m: self.position.plus(self.velocity.times(self.lag_s)).plus(pending.times(DT)),
+            yaw_rad: self.yaw_rad,
+            delay_s: self.lag_s + self.line.len() as f32 * DT,
+            ..Situation::default()
+        }
+    }
+
+    fn follow(&mut self, setpoint: &Setpoint) {
+        self.line.push_back(setpoint.velocity_ned_mps.horizontal());
+        let acting = self.line.pop_front().unwrap();
+        self.velocity = self.velocity.plus(acting.minus(self.velocity).times(DT / self.lag_s.max(DT)));
+        self.position = self.position.plus(self.velocity.times(DT));
+        self.yaw_rad = crate::base::units::wrap_pi(self.yaw_rad + setpoint.yaw_rate_radps * DT);
+    }
+}
+
+/// The monitor: distance in f64 from a braking path to an obstacle's boundary, by the distance of a point to a segment
+/// written apart from the guard's.
+fn monitored_clearance_m(rest: Horizontal, command: Horizontal, a_max_mps2: f32, obstacle: &Obstacle) -> f64 {
+    let f = |v: Horizontal| (f64::from(v.north), f64::from(v.east));
+    let ((x, y), (vx, vy), (cx, cy)) = (f(rest), f(command), f(obstacle.center_ned_m));
+    let speed = vx.hypot(vy);
+    // One more step at this command, then the brake.
+    let seconds = f64::from(DT) + speed / (2.0 * f64::from(a_max_mps2));
+    let nearest =
+        if speed > 0.0 { (((cx - x) * vx + (cy - y) * vy) / (speed * speed)).clamp(0.0, seconds) } else { 0.0 };
+    (x + nearest * vx - cx).hypot(y + nearest * vy - cy) - f64::from(obstacle.reach_m)
+}
+
+#[test]
+fn an_independent_monitor_finds_every_braking_path_clear() {
+    let config = Config::default();
+    let guard = config.build().unwrap();
+    let (mut ticks, mut limited) = (0, 0);
+    for seed in 0..60 {
+        let mut rng = Rng::new(seed, 3);
+        let field: Vec<_> = (0..40)
+            .map(|_| pillar(8.0 * rng.uniform() - 4.0, 8.0 * rng.uniform() - 4.0, 0.1 + 0.2 * rng.uniform()))
+            .filter(|o| o.clearance_m(Horizontal::default()) > 0.02)
+            .collect();
+        let (steps, lag_s) = if seed % 2 == 0 { (0, 0.15) } else { (16, 0.5) };
+        let mut vehicle = Vehicle::new(Horizontal::default(), steps, lag_s);
+        let mut state = State::default();
+        let mut wish = demand(0.0, 0.0);
+        for step in 0..1000 {
+            if step % 30 == 0 {
+                wish = demand(1.5 * rng.gaussian(), 1.5 * rng.gaussian());
+            }
+            let situation = vehicle.situation();
+            let ruling = guard.step(&mut state, &wish, &situation, &field, DT);
+            let command = ruling.setpoint.velocity_ned_mps.horizontal();
+            for obstacle in &field {
+                let clearance_m = monitored_clearance_m(situation.rest_ned_m, command, config.a_max_mps2, obstacle);
+                assert!(clearance_m > 0.0, "seed {seed} step {step}: {clearance_m} {ruling:?}");
+            }
+            vehicle.follow(&ruling.setpoint);
+            assert!(field.iter().all(|o| o.clearance_m(vehicle.position) > 0.0), "seed {seed} step {step}");
+            ticks += 1;
+            limited += u32::from(ruling.action == Action::Limited);
+        }
+    }
+    assert!(limited > ticks / 10, "the guard must have been asked: {limited} of {ticks}");
+}
+
+/// Pillars whose surface a ray of the view meets first, in f64.
+fn visible(pillars: &[Obstacle], from: Horizontal, yaw_rad: f32) -> Vec<usize> {
+    let first_hit = |degree: i32| {
+        let angle = f64::from(yaw_rad) + f64::from(degree).to_radians();
+        let hit = |o: &Obstacle| {
+            let away = o.center_ned_m.minus(from);
+            let (x, y, r) = (f64::from(away.north), f64::from(away.east), f64::from(o.reach_m - 0.15));
+            let along = x * angle.cos() + y * angle.sin();
+            let depth = along * along - (x * x + y * y - r * r);
+            (along > 0.0 && depth >= 0.0).then(|| along - depth.sqrt()).filter(|distance_m| *distance_m < 3.0)
+        };
+        let hits = pillars.iter().enumerate().filter_map(|(index, o)| Some((index, hit(o)?)));
+        hits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index)
+    };
+    (-45..=45).filter_map(first_hit).collect()
+}
+
+/// Sets off among pillars that it does not know, in a direction that has nothing to do with where the nose points; returns
+/// the smallest clearance and how far it came.
+fn set_off(seed: u64, looks: bool) -> (f32, f32) {
+    let guard = Config::default().build().unwrap();
+    let mut rng = Rng::new(seed, 4);
+    // Close pillars all round, some of them touching the way.
+    let mut pillars: Vec<Obstacle> = Vec::new();
+    for _ in 0..100 {
+        if pillars.len() == 5 {
+            break;
+        }
+        let bearing_rad = core::f32::consts::TAU * rng.uniform();
+        let radius_m = 0.1 + 0.2 * rng.uniform();
+        let place = Horizontal::from_bearing(bearing_rad).times(radius_m + 0.17 + 0.6 * rng.uniform());
+        let new = pillar(place.north, place.east, radius_m);
+        if pillars.iter().all(|o| o.center_ned_m.minus(place).norm() > o.reach_m + new.reach_m + 0.15) {
+            pillars.push(new);
+        }
+    }
+    let heading_rad = core::f32::consts::TAU * rng.uniform();
+    let wish = Demand { velocity_ned_mps: Horizontal::from_bearing(heading_rad).times(0.9), ..Demand::default() };
+    let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), 0, 0.15), State::default());
+    let mut known = [false; 5];
+    let (mut closest_m, mut came_m) = (f32::INFINITY, 0.0_f32);
+    let mut look = None;
+    for step in 0..400 {
+        if step % 5 == 0 {
+            for index in visible(&pillars, vehicle.position, vehicle.yaw_rad) {
+                known[index] = true;
+            }
+        }
+        let near: Vec<_> = pillars.iter().zip(known).filter(|(_, known)| *known).map(|(o, _)| *o).collect();
+        if looks && step % 5 == 0 {
+            let pose = crate::mapping::scan::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
+            guard.look_circles(&mut state, &near, &pose);
+        }
+        let towards = look.unwrap_or(heading_rad);
+        let yaw_rate_radps = 2.5 * crate::base::units::wrap_pi(towards - vehicle.yaw_rad);
+        let ruling = guard.step(&mut state, &Demand { yaw_rate_radps, ..wish }, &vehicle.situation(), &near, DT);
+        look = ruling.look_ned_rad;
+        vehicle.follow(&ruling.setpoint);
+        closest_m = pillars.iter().map(|o| o.clearance_m(vehicle.position)).fold(closest_m, f32::min);
+        came_m = came_m.max(vehicle.position.norm());
+    }
+    (closest_m, came_m)
+}
+
+#[test]
+fn it_does_not_set_off_into_what_it_has_not_looked_at_and_yet_sets_off() {
+    let flights: Vec<_> = (0..200).map(|seed| set_off(seed, true)).collect();
+    for (seed, (closest_m, _)) in flights.iter().enumerate() {
+        assert!(*closest_m > 0.0, "seed {seed}: {closest_m}");
+    }
+    let blind: Vec<_> = (0..200).map(|seed| set_off(seed, false)).collect();
+    assert!(blind.iter().filter(|(closest_m, _)| *closest_m < 0.0).count() > 10, "the test must be able to fail");
+    // Where one who does not look gets away unharmed, so does one who looks.
+    let pairs = || flights.iter().zip(&blind).filter(|(_, blind)| blind.0 > 0.02 && blind.1 > 2.0);
+    let stuck = pairs().filter(|(flight, _)| flight.1 < 1.0).count();
+    assert!(pairs().count() > 30 && stuck == 0, "{stuck} of {} are stuck", pairs().count());
+}
+
+/// What a pillar hid from where it was first seen stands in the open beside it. The nose looks elsewhere when the vehicle gets there.
+#[test]
+fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
+    let guard = Config::default().build().unwrap();
+    let mut state = State::default();
+    let screen = pillar(1.0, 0.0, 0.1);
+    let look = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
+        guard.look_circles(state, &[screen], &crate::mapping::scan::Pose { position_ned_m, yaw_rad });
+    };
+    let rule = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
+        let situation = Situation { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..Situation::default() };
+        guard.step(state, &demand(0.0, 0.3), &situation, &[screen], DT)
+    };
+    look(&mut state, Horizontal::default(), 0.0);
+    rule(&mut state, Horizontal::default(), 0.0);
+    // Behind the screen as seen from the start; from beside it nothing is in between.
+    let beside = at(1.3, -0.25);
+    look(&mut state, beside, 3.1);
+    let ruling = rule(&mut state, beside, 3.1);
+    assert_eq!((ruling.action, ruling.setpoint.velocity_ned_mps.east), (Action::Looking, 0.0));
+    // The nose turns to where it is asked to, and then the vehicle may go.
+    let mut look_rad = ruling.look_ned_rad;
+    for _ in 0..3 {
+        let Some(yaw_rad) = look_rad else { break };
+        look(&mut state, beside, yaw_rad);
+        look_rad = rule(&mut state, beside, yaw_rad).look_ned_rad;
+    }
+    let ruling = rule(&mut state, beside, look_rad.unwrap_or(1.0));
+    assert!(look_rad.is_none() && ruling.setpoint.velocity_ned_mps.east > 0.0, "{ruling:?}");
+}
+
+#[test]
+fn it_passes_a_gap_that_is_little_wider_than_itself() {
+    let guard = Config::default().build().unwrap();
+    // 0.42 m between two walls of pillars.
+    let wall: Vec<_> =
+        (0..8).flat_map(|k| [1.0, -1.0].map(|side| pillar(1.5, side * (0.36 + 0.25 * k as f32), 0.15))).collect();
+    let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), 0, 0.15), State::default());
+    let mut look_rad = 0.0;
+    for step in 0..500 {
+        if step % 5 == 0 {
+            let pose = crate::mapping::scan::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
+            guard.look_circles(&mut state, &wall, &pose);
+        }
+        let yaw_rate_radps = 2.5 * (look_rad - vehicle.yaw_rad);
+        let wish = Demand { yaw_rate_radps, ..demand(1.0, 0.0) };
+        let ruling = guard.step(&mut state, &wish, &vehicle.situation(), &wall, DT);
+        look_rad = ruling.look_ned_rad.unwrap_or(0.0);
+        vehicle.follow(&ruling.setpoint);
+        assert!(wall.iter().all(|o| o.clearance_m(vehicle.position) > 0.0));
+    }
+    assert!(vehicle.position.north > 3.0, "{:?}", vehicle.position);
+}
+
+#[test]
+fn what_comes_at_it_is_evaded_from_a_standstill_even_into_the_unseen() {
+    let guard = Config::default().build().unwrap();
+    for (steps, lag_s) in [(0, 0.15), (16, 0.5)] {
+        for offset_m in [0.0, 0.05, -0.2] {
+            let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), steps, lag_s), State::default());
+            let mut closest_m = f32::INFINITY;
+            for step in 0..1000 {
+                let mover = Obstacle {
+                    center_ned_m: at(3.0 - 0.3 * DT * step as f32, offset_m),
+                    reach_m: 0.45,
+                    velocity_ned_mps: at(-0.3, 0.0),
+                };
+                if step % 5 == 0 {
+                    let pose = crate::mapping::scan::Pose { position_ned_m: vehicle.position, yaw_rad: 0.0 };
+                    guard.look_circles(&mut state, &[mover], &pose);
+                }
+                let ruling = guard.step(&mut state, &Demand::default(), &vehicle.situation(), &[mover], DT);
+                vehicle.follow(&ruling.setpoint);
+                closest_m = closest_m.min(mover.clearance_m(vehicle.position));
+            }
+            assert!(closest_m > 0.0, "delay of {steps} steps, offset {offset_m}: {closest_m}");
+        }
+    }
+}
+
+#[test]
+fn the_fence_is_never_left_and_from_outside_it_comes_back() {
+    let fences =
+        [Fence::rectangle(at(-3.0, -2.0), at(4.0, 5.0)), Fence::Circle { center_ned_m: at(0.5, 0.5), radius_m: 3.0 }];
+    for (seed, fence) in (0..40).zip(fences.into_iter().cycle()) {
+        let guard = Config { fence, v_max_mps: 2.0, ..Config::default() }.build().unwrap();
+        let mut rng = Rng::new(seed, 5);
+        let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), 16, 0.5), State::default());
+        let mut wish = demand(0.0, 0.0);
+        for step in 0..1500 {
+            if step % 60 == 0 {
+                wish = demand(3.0 * rng.gaussian(), 3.0 * rng.gaussian());
+            }
+            let ruling = guard.step(&mut state, &wish, &vehicle.situation(), &[], DT);
+            vehicle.follow(&ruling.setpoint);
+            assert!(fence.depth_m(vehicle.position) > 0.2, "seed {seed}: {:?}", vehicle.position);
+        }
+        let mut outside = Vehicle::new(at(9.0, 0.0), 16, 0.5);
+        let mut state = State::default();
+        for _ in 0..1500 {
+            let ruling = guard.step(&mut state, &demand(1.0, 0.0), &outside.situation(), &[], DT);
+            outside.follow(&ruling.setpoint);
+            assert!(outside.position.north < 9.01);
+        }
+        assert!(fence.depth_m(outside.position) > 0.2, "{:?}", outside.position);
+    }
+}
+
+#[test]
+fn the_altitude_stays_in_its_band_and_inside_the_limits() {
+    for (held_m, lowest_m, highest_m) in [(-5.0, -3.0, -7.0), (-2.5, -1.0, -4.5), (-29.0, -27.0, -30.0)] {
+        let guard = Config { down_min_m: -30.0, down_max_m: -1.0, ..Config::default() }.build().unwrap();
+        for wish in [5.0, -5.0] {
+            let (mut state, mut down_m, mut speed_mps) = (State::default(), held_m, 0.0_f32);
+            for _ in 0..3000 {
+                let demand = Demand { down_mps: wish, ..Demand::default() };
+                let situation = Situation { down_m: Some(down_m), held_down_m: Some(held_m), ..Situation::default() };
+                let commanded = guard.step(&mut state, &demand, &situation, &[], DT).setpoint.velocity_ned_mps.down;
+                assert!((commanded - speed_mps).abs() <= 2.0 * DT * 1.001 && commanded.abs() <= 0.5);
+                speed_mps = commanded;
+                down_m += speed_mps * DT;
+                assert!(down_m <= lowest_m + 0.01 && down_m >= highest_m - 0.01, "{held_m}: {down_m}");
+            }
+            let end_m = if wish > 0.0 { lowest_m } else { highest_m };
+            assert!((down_m - end_m).abs() < 0.1, "{held_m}: {down_m}");
+        }
+    }
+}
+
+#[test]
+fn limits_of_altitude_that_meet_by_a_rounding_are_no_panic() {
+    let mut rng = Rng::new(5, 5);
+    for _ in 0..20_000 {
+        let down_max_m = 4.0 * rng.uniform() - 2.0;
+        let guard = Config { down_max_m, ..Config::default() }.build().unwrap();
+        let situation = Situation { down_m: Some(down_max_m), held_down_m: Some(5.0), ..Situation::default() };
+        let demand = Demand { down_mps: 1.0, ..Demand::default() };
+        let down_mps = guard.step(&mut State::default(), &demand, &situation, &[], DT).setpoint.velocity_ned_mps.down;
+        assert!(down_mps.abs() < 1e-6, "{down_mps}");
+    }
+}
+
+#[test]
+fn an_acceleration_builds_up_no_faster_than_the_jerk_limit_but_a_brake_is_at_once() {
+    let config = Config::default();
+    let guard = config.build().unwrap();
+    let mut rng = Rng::new(3, 6);
+    let (mut state, situation) = (State::default(), Situation::default());
+    let (mut last, mut change) = (Horizontal::default(), Horizontal::default());
+    let mut grew = 0;
+    let mut wish = demand(0.0, 0.0);
+    for step in 0..5000 {
+        if step % 40 == 0 {
+            wish = demand(rng.gaussian(), rng.gaussian());
+        }
+        let velocity = guard.step(&mut state, &wish, &situation, &[], DT).setpoint.velocity_ned_mps.horizontal();
+        let now = velocity.minus(last);
+        if velocity.norm() > last.norm() + 1e-6 && wish.velocity_ned_mps.norm() > last.norm() {
+            let built_up = now.norm() - change.norm();
+            assert!(built_up <= config.jerk_max_mps3 * DT * DT * 1.001 + 1e-6, "{built_up}");
+            grew += 1;
+        }
+        (last, change) = (velocity, now);
+    }
+    assert!(grew > 500, "{grew}");
+
+    let mut state = State::default();
+    for _ in 0..100 {
+        guard.step(&mut state, &demand(1.0, 0.0), &situation, &[], DT);
+    }
+    guard.step(&mut state, &demand(0.0, 0.0), &situation, &[], DT);
+    assert!((state.command_ned_mps().north - (1.0 - 2.0 * DT)).abs() < 1e-5, "{:?}", state.command_ned_mps());
+}
+
+#[test]
+fn the_nearest_allowed_velocity_is_allowed_and_none_is_nearer() {
+    let mut rng = Rng::new(9, 7);
+    let (mut found, mut none) = (0, 0);
+    for _ in 0..2000 {
+        let half_spaces: Vec<_> = (0..1 + (6.0 * rng.uniform()) as usize)
+            .map(|_| HalfSpace {
+                outwards: Horizontal::from_bearing(core::f32::consts::TAU * rng.uniform()),
+                least_mps: 0.4 * rng.gaussian() - 0.1,
+                oncoming_mps: 0.0,
+            })
+            .collect();
+        let wanted = at(rng.gaussian(), rng.gaussian());
+        let answer = nearest_allowed(wanted, &half_spaces);
+        let keeps = |v: Horizontal, by: f32| half_spaces.iter().all(|h| h.outwards.dot(v) >= h.least_mps + by);
+        let allowed: Vec<_> =
+            (0..400).map(|_| at(2.0 * rng.gaussian(), 2.0 * rng.gaussian())).filter(|v| keeps(*v, 1e-3)).collect();
+        match answer {
+            Some(velocity) => {
+                assert!(keeps(velocity, -2e-3), "{velocity:?} {half_spaces:?}");
+                let distance = velocity.minus(wanted).norm();
+                assert!(allowed.iter().all(|v| v.minus(wanted).norm() > distance - 2e-3), "{half_spaces:?}");
+                found += 1;
+            }
+            None => {
+                assert!(allowed.is_empty(), "{half_spaces:?}");
+                none += 1;
+            }
+        }
+    }
+    assert!(found > 500 && none > 50, "{found} {none}");
+}
+
+#[test]
+fn half_spaces_that_do_not_agree_brake_and_are_counted() {
+    let guard = Config::default().build().unwrap();
+    let mut state = State::default();
+    let jaw = |north: f32| Obstacle {
+        center_ned_m: at(north, 0.0),
+        reach_m: 0.45,
+        velocity_ned_mps: at(-0.5 * north.signum(), 0.0),
+    };
+    let jaws = [jaw(0.5), jaw(-0.5)];
+    let ruling = guard.step(&mut state, &demand(0.0, 0.0), &Situation::default(), &jaws, DT);
+    assert_eq!((ruling.action, state.counts().not_converged), (Action::Braked, 1));
+    state.release();
+    let ruling = guard.step(&mut state, &demand(1.0, 0.0), &Situation::default(), &[], DT);
+    let counts = state.counts();
+    assert_eq!(ruling.action, Action::Passed);
+    assert_eq!((counts.beats, counts.passed, counts.braked), (3, 1, 1), "it beats out of control as well");
+}

@@ -1,0 +1,304 @@
+//! How hard gusts push: how much faster the vehicle has lately been than its commands alone would have made it.
+//!
+//! What they would have made it says the delay of [`crate::control::response`], as a dead time and two equal lags one after
+//! the other: the shape of a real autopilot's answer, which is nearly a critically damped second order.
+//!
+//! ```text
+//!     s1' = (command a dead time ago - s1) / tau,    s2' = (s1 - s2) / tau,    excess = |measured - s2| - floor - slack |s2'|
+//! ```
+//!
+//! What is left over is the wind's. Its largest value of late, fading with [`Config::memory_s`], times [`Config::margin_s`] is
+//! the **gust margin**: how far, about, such gusts carry the vehicle away from where it would be before its autopilot has
+//! brought it back. (A controller that holds a position at a bandwidth of 1 rad/s, as ArduCopter's does, is off by about as
+//! many metres as it is metres a second too fast.) Who has seen few gusts has not seen the largest: at first the margin is
+//! taken [`Config::unsure`] times larger on top of it. The guard and the planner keep it beyond their own margins, from what stands still. In calm air
+//! there is no excess, and the margin is exactly zero.
+//!
+//! A vehicle that stands in the air when control begins and leans, leans against the wind, and a wind has gusts: a part of
+//! that counts as a gust that was seen. Less than two degrees are the vehicle's own.
+//!
+//! It is learned under our own commands only: out of control it stays, and for a second afterwards.
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::base::time::Instant;
+use crate::control::response::{self, Response};
+
+/// Not compared for so long after control was taken.
+const SETTLING_S: f32 = 1.0;
+
+/// Steps after which the vehicle may lean because of what it was told.
+const BEGINNING: u8 = 5;
+/// Standing in the air: no faster than this.
+const STANDING_MPS: f32 = 0.3;
+/// A lean that the vehicle may have by itself.
+const LEAN_MIN_RAD: f32 = 0.035;
+
+/// What is made of the wind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Margin for each metre a second that the wind has made the vehicle faster; zero: gusts are not heeded.
+    pub margin_s: f32,
+    /// No more margin than this.
+    pub margin_max_m: f32,
+    /// How long a gust is remembered.
+    pub memory_s: f32,
+    /// How much more, as a share, is taken before any has been seen.
+    pub unsure: f32,
+    /// How long it takes to have seen enough of them.
+    pub unsure_s: f32,
+    /// Less than this is noise.
+    pub floor_mps: f32,
+    /// Error of the response's model, in time.
+    pub slack_s: f32,
+    /// What a lean at the beginning counts for; zero: nothing.
+    pub lean_mps_per_rad: f32,
+}
+
+impl Default for Config {
+    /// Compared with others in `docs/results/gusts.md`; floor and slack are what keeps it at zero in calm air, of ArduCopter's
+    /// answer as of a point mass with a lag of 0.15 s.
+    fn default() -> Self {
+        Self {
+            margin_s: 1.3,
+            margin_max_m: 1.0,
+            memory_s: 40.0,
+            unsure: 2.0,
+            unsure_s: 4.0,
+            floor_mps: 0.05,
+            slack_s: 0.06,
+            lean_mps_per_rad: 1.4,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration, for a vehicle that answers like that.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self, response: &Response, tick_s: f32) -> Result<Gauge, ConfigError> {
+        check("gust.margin_s", self.margin_s, 0.0, 10.0)?;
+        check("gust.margin_max_m", self.margin_max_m, 0.0, 5.0)?;
+        check("gust.memory_s", self.memory_s, 0.1, 1000.0)?;
+        check("gust.unsure", self.unsure, 0.0, 10.0)?;
+        check("gust.unsure_s", self.unsure_s, 0.1, 1000.0)?;
+        check("gust.floor_mps", self.floor_mps, 0.0, 10.0)?;
+        check("gust.slack_s", self.slack_s, 0.0, 10.0)?;
+        check("gust.lean_mps_per_rad", self.lean_mps_per_rad, 0.0, 100.0)?;
+        let (dead_steps, tau_s) = response.twice_lagged();
+        Ok(Gauge {
+            config: *self,
+            dead_steps,
+            per_tau: 1.0 / tau_s,
+            share: tick_s / (tau_s + 0.5 * tick_s),
+            stays: libm::expf(-tick_s / self.memory_s),
+            learned: 1.0 - libm::expf(-tick_s / self.unsure_s),
+            settling: libm::ceilf(SETTLING_S / tick_s) as u8,
+        })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gauge {
+    config: Config,
+    dead_steps: usize,
+    per_tau: f32,
+    /// Of the way that a lag goes in a step.
+    share: f32,
+    stays: f32,
+    learned: f32,
+    settling: u8,
+}
+
+/// How fast the vehicle should be, and the largest excess of late.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    first_mps: Horizontal,
+    second_mps: Horizontal,
+    excess_mps: f32,
+    /// From 0, nothing has been seen, to 1.
+    sure: f32,
+    /// Steps in control, up to the end of the settling.
+    since: u8,
+    /// When the velocity was heard: the lower bits, which tell it from the one before.
+    heard_us: u32,
+}
+
+impl State {
+    /// Whether there is a margin at all.
+    #[must_use]
+    pub fn is_gusty(&self) -> bool {
+        self.excess_mps > 0.0
+    }
+
+    /// Out of control; what was learned of the wind stays.
+    pub fn release(&mut self) {
+        self.since = 0;
+    }
+}
+
+impl Gauge {
+    /// What the vehicle's lean says where control has just begun.
+    pub fn begin(&self, state: &mut State, roll_rad: f32, pitch_rad: f32, velocity_ned_mps: Horizontal) {
+        if state.since > BEGINNING || velocity_ned_mps.norm_squared() > STANDING_MPS * STANDING_MPS {
+            return;
+        }
+        let lean_rad = sqrt(roll_rad * roll_rad + pitch_rad * pitch_rad);
+        let excess_mps = self.config.lean_mps_per_rad * (lean_rad - LEAN_MIN_RAD);
+        // False too for what is not a number.
+        if excess_mps > state.excess_mps {
+            state.excess_mps = excess_mps;
+        }
+    }
+
+    /// One step in control: `commands` are those before this step's; the velocity is what was heard last, and when.
+    pub fn step(&self, state: &mut State, commands: &response::State, velocity_ned_mps: Horizontal, heard: Instant) {
+        let c = &self.config;
+        if state.since == 0 {
+            (state.first_mps, state.second_mps) = (velocity_ned_mps, velocity_ned_mps);
+        }
+        state.since = state.since.saturating_add(1).min(self.settling);
+        let command = commands.ago(self.dead_steps);
+        state.first_mps = state.first_mps.plus(command.minus(state.first_mps).times(self.share));
+        let change = state.first_mps.minus(state.second_mps);
+        state.second_mps = state.second_mps.plus(change.times(self.share));
+        state.excess_mps *= self.stays;
+        // What was not heard anew has nothing to say.
+        let heard_us = heard.0 as u32;
+        if state.since >= self.settling && heard_us != state.heard_us {
+            state.sure += self.learned * (1.0 - state.sure);
+            let off_mps = sqrt(velocity_ned_mps.minus(state.second_mps).norm_squared());
+            let excess_mps = off_mps - c.floor_mps - c.slack_s * self.per_tau * sqrt(change.norm_squared());
+            // False too for what is not a number.
+            if excess_mps > state.excess_mps {
+                state.excess_mps = excess_mps;
+            }
+        }
+        state.heard_us = heard_us;
+    }
+
+    /// The gust margin.
+    #[must_use]
+    pub fn margin_m(&self, state: &State) -> f32 {
+        let c = &self.config;
+        let margin_m = c.margin_s * (1.0 + c.unsure * (1.0 - state.sure)) * state.excess_mps;
+        if margin_m < c.margin_max_m { margin_m } else { c.margin_max_m }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::Rng;
+
+    const TICK_S: f32 = 0.02;
+
+    /// ArduCopter's measured answer: 0.22 s, then critically damped at 3.1 rad/s; what `wind` says is added to it. Commands turn and
+    /// change at the guard's limit of 2 m/s^2. The margin after each step.
+    fn margins(duration_s: f32, wind: impl Fn(f32) -> Horizontal) -> std::vec::Vec<f32> {
+        let response = response::Config::default().build(TICK_S).unwrap();
+        let gauge = Config::default().build(&response, TICK_S).unwrap();
+        let (mut commands, mut state) = (response::State::default(), State::default());
+        let mut line = std::collections::VecDeque::from(std::vec![Horizontal::default(); 11]);
+        let (mut velocity, mut acceleration) = (Horizontal::default(), Horizontal::default());
+        let (mut command, mut wanted) = (Horizontal::default(), Horizontal::default());
+        let mut rng = Rng::new(5, 1);
+        let steps = (duration_s / TICK_S) as u64;
+        (0..steps)
+            .map(|step| {
+                if step % 60 == 0 {
+                    wanted = Horizontal::from_bearing(6.3 * rng.uniform()).times(rng.uniform());
+                }
+                let heard = velocity.plus(wind(step as f32 * TICK_S));
+                gauge.step(&mut state, &commands, heard, Instant(1 + step * 20_000));
+                command = command.plus(wanted.minus(command).clamped(2.0 * TICK_S));
+                response.command(&mut commands, command);
+                line.push_back(command);
+                let acting = line.pop_front().unwrap();
+                for _ in 0..10 {
+                    let jerk = acting.minus(velocity).times(3.1 * 3.1).minus(acceleration.times(2.0 * 3.1));
+                    acceleration = acceleration.plus(jerk.times(0.002));
+                    velocity = velocity.plus(acceleration.times(0.002));
+                }
+                gauge.margin_m(&state)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn in_calm_air_the_margin_is_exactly_zero_whatever_is_flown() {
+        assert!(margins(300.0, |_| Horizontal::default()).into_iter().all(|margin_m| margin_m == 0.0));
+    }
+
+    #[test]
+    fn who_stands_in_the_air_and_leans_expects_gusts_and_who_flies_does_not() {
+        let response = response::Config::default().build(TICK_S).unwrap();
+        let gauge = Config::default().build(&response, TICK_S).unwrap();
+        let margin_m = |pitch_rad: f32, north: f32| {
+            let mut state = State::default();
+            gauge.begin(&mut state, 0.0, pitch_rad, Horizontal { north, east: 0.0 });
+            gauge.margin_m(&state)
+        };
+        // Against 3 m/s: 0.3 1/s of it over gravity.
+        assert!((0.2..0.4).contains(&margin_m(-0.092, 0.0)), "{}", margin_m(-0.092, 0.0));
+        assert_eq!([margin_m(0.03, 0.0), margin_m(-0.092, 0.5), margin_m(f32::NAN, 0.0)], [0.0; 3]);
+        assert_eq!(margin_m(-0.8, 0.0), Config::default().margin_max_m);
+    }
+
+    #[test]
+    fn a_gust_of_so_many_metres_a_second_is_found_and_fades() {
+        // 0.4 m/s for two seconds, late in the flight.
+        let margins = margins(100.0, |at_s| Horizontal {
+            north: if (50.0..52.0).contains(&at_s) { 0.4 } else { 0.0 },
+            east: 0.0,
+        });
+        let at = |at_s: f32| margins[(at_s / TICK_S) as usize];
+        assert_eq!(at(49.9), 0.0);
+        // Less floor, at most; more by the model's error, which may add to it.
+        assert!((0.9 * 0.35..1.1 * 0.45).contains(&(at(52.0) / 1.3)), "{}", at(52.0));
+        assert!((at(92.0) / at(52.0) - (-1.0_f32).exp()).abs() < 0.02);
+    }
+
+    #[test]
+    fn the_first_gust_counts_for_more() {
+        let first = |from_s: f32| {
+            let gust = move |at_s| Horizontal { north: 0.0, east: if at_s > from_s { 0.15 } else { 0.0 } };
+            margins(from_s + 0.5, gust).pop().unwrap()
+        };
+        assert!(first(1.5) > 1.8 * first(40.0), "{} {}", first(1.5), first(40.0));
+    }
+
+    #[test]
+    fn it_is_bounded_and_learns_nothing_from_silence_or_out_of_control() {
+        let response = response::Config::default().build(TICK_S).unwrap();
+        let gauge = Config::default().build(&response, TICK_S).unwrap();
+        let commands = response::State::default();
+        let mut state = State::default();
+        let mut flown = |north: f32, heard_us: u64, released: bool| {
+            if released {
+                state.release();
+            }
+            gauge.step(&mut state, &commands, Horizontal { north, east: 0.0 }, Instant(heard_us));
+            gauge.margin_m(&state)
+        };
+        // A pilot flies it about, and then a velocity that stands still in the wire, and one that is none.
+        assert!((0..500).all(|k| flown((0.1 * k as f32).sin(), 1 + k, true) == 0.0));
+        assert!((0..500).all(|k| flown(0.0, 1000 + k, false) == 0.0));
+        assert!((0..500).all(|_| flown(3.0, 1499, false) == 0.0));
+        assert_eq!(flown(f32::NAN, 2000, false), 0.0);
+        assert_eq!(flown(1e30, 2001, false), 1.0);
+        assert_eq!(flown(f32::INFINITY, 2002, false), 1.0);
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_refused_by_name() {
+        let response = response::Config::default().build(TICK_S).unwrap();
+        let refused = |config: Config| config.build(&response, TICK_S).unwrap_err().field;
+        assert_eq!(refused(Config { margin_s: -1.0, ..Config::default() }), "gust.margin_s");
+        assert_eq!(refused(Config { memory_s: f32::NAN, ..Config::default() }), "gust.memory_s");
+    }
+}

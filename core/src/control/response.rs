@@ -1,0 +1,141 @@
+//! How the vehicle answers to a velocity setpoint, and from it the rest point: where it would stop if told to stop now.
+//!
+//! An autopilot follows a velocity setpoint after a dead time `T` and with a first-order lag `tau`. What is on its way
+//! already moves the vehicle by `v tau` and by the commands of the last `T` seconds, whatever is said now; so
+//!
+//! ```text
+//!     rest = p + v tau + integral of the commands over the last T seconds,     d rest / dt = command
+//! ```
+//!
+//! The rest point obeys at once. It is the particle that the planner plans for, the tracker steers and the guard keeps
+//! clear; the vehicle itself follows it, never outside of where it has been.
+
+use heapless::Deque;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+
+/// Most commands that can be on their way.
+const PENDING_MAX: usize = 56;
+
+/// What is known of the vehicle's answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Dead time from a setpoint to the first motion.
+    pub dead_time_s: f32,
+    /// Time constant of the velocity after that.
+    pub lag_s: f32,
+}
+
+impl Default for Config {
+    /// ArduCopter in GUIDED as measured in software-in-the-loop: 5 % of a step after 0.34 s, 90 % after 1.47 s.
+    fn default() -> Self {
+        Self { dead_time_s: 0.32, lag_s: 0.50 }
+    }
+}
+
+impl Config {
+    /// Checks the configuration for a loop of the given period.
+    ///
+    /// # Errors
+    /// The field that is out of range; a dead time of more steps than can be remembered.
+    pub fn build(&self, tick_s: f32) -> Result<Response, ConfigError> {
+        check("response.dead_time_s", self.dead_time_s, 0.0, tick_s * PENDING_MAX as f32)?;
+        check("response.lag_s", self.lag_s, 0.0, 5.0)?;
+        let steps = libm::roundf(self.dead_time_s / tick_s) as usize;
+        Ok(Response { lag_s: self.lag_s, pending: steps.min(PENDING_MAX), tick_s })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Response {
+    lag_s: f32,
+    pending: usize,
+    tick_s: f32,
+}
+
+/// The commands that are on their way.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    commands: Deque<Horizontal, PENDING_MAX>,
+}
+
+impl State {
+    /// The command of so many steps ago, of which there is one for each of the last `pending` steps.
+    #[must_use]
+    pub fn ago(&self, steps: usize) -> Horizontal {
+        let index = self.commands.len().checked_sub(steps + 1);
+        index.and_then(|index| self.commands.get(index)).copied().unwrap_or_default()
+    }
+}
+
+impl Response {
+    /// Mean delay of the vehicle behind its rest point.
+    #[must_use]
+    pub fn delay_s(&self) -> f32 {
+        self.lag_s + self.pending as f32 * self.tick_s
+    }
+
+    /// The same delay as a shorter dead time, in steps, and two equal lags one after the other.
+    #[must_use]
+    pub fn twice_lagged(&self) -> (usize, f32) {
+        let dead_steps = (0.7 * self.pending as f32) as usize;
+        let tau_s = 0.5 * (self.delay_s() - dead_steps as f32 * self.tick_s);
+        (dead_steps, if tau_s > self.tick_s { tau_s } else { self.tick_s })
+    }
+
+    /// Notes the command of this step.
+    pub fn command(&self, state: &mut State, velocity_ned_mps: Horizontal) {
+        if self.pending == 0 {
+            return;
+        }
+        while state.commands.len() >= self.pending {
+            state.commands.pop_front();
+        }
+        // Cannot fail: there is room now.
+        let _ = state.commands.push_back(velocity_ned_mps);
+    }
+
+    /// Where the vehicle would come to rest.
+    #[must_use]
+    pub fn rest_point(&self, state: &State, position_ned_m: Horizontal, velocity_ned_mps: Horizontal) -> Horizontal {
+        let pending = state.commands.iter().fold(Horizontal::default(), |sum, command| sum.plus(*command));
+        position_ned_m.plus(velocity_ned_mps.times(self.lag_s)).plus(pending.times(self.tick_s))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_vehicle_with_dead_time_and_lag_stops_where_the_rest_point_said() {
+        let (tick, dead, lag) = (0.02, 0.32, 0.5);
+        let response = Config { dead_time_s: dead, lag_s: lag }.build(tick as f32).unwrap();
+        let mut state = State::default();
+        let (mut position, mut velocity) = (0.0_f64, 0.0_f64);
+        let mut line = std::collections::VecDeque::from(std::vec![0.0_f64; 16]);
+        let mut run = |command: f64, state: &mut State| {
+            response.command(state, Horizontal { north: command as f32, east: 0.0 });
+            line.push_back(command);
+            let acting = line.pop_front().unwrap();
+            for _ in 0..20 {
+                velocity += (acting - velocity) * (tick / 20.0) / f64::from(lag);
+                position += velocity * tick / 20.0;
+            }
+            (position, velocity)
+        };
+        let mut at = (0.0, 0.0);
+        for step in 0..70 {
+            at = run(if step < 30 { 1.0 } else { 0.4 }, &mut state);
+        }
+        let north = |value: f64| Horizontal { north: value as f32, east: 0.0 };
+        let rest = response.rest_point(&state, north(at.0), north(at.1));
+        for _ in 0..300 {
+            at = run(0.0, &mut state);
+        }
+        assert!((f64::from(rest.north) - at.0).abs() < 0.02, "said {rest:?}, stopped at {at:?}");
+    }
+}

@@ -1,0 +1,556 @@
+//! Calibration: how the [`crate::doa::array::Table`] of the channels' gains and phases, their sampling delays and the
+//! airframe's deviation are measured, checked and stored.
+//!
+//! **Channels.** A source whose direction is known, or a splitter, gives the phasors that the channels should show,
+//! `a_m = e^{j k u . p_m}` or all the same. With `y_m = z_m / a_m`, every look is `y_m = c g_m + noise`: its own amplitude and
+//! phase `c`, and the gains `g_m` that are looked for. A look's `c = sum g* y / sum |g|^2` and its share `|c|^2 / noise` in the
+//! weighted mean of `y / c`, look by look (B. P. Welford, Technometrics 4, 1962): looks count by their signal-to-noise ratio.
+//! What is left, `sum |y - c g|^2 / noise` with three complex degrees of freedom a look but the first, widens the standard
+//! deviation of the mean when it is more than noise. One look of 256 samples at 40 dB leaves 0.036 deg a channel, a tenth
+//! of the noise of a look at 20 dB.
+//!
+//! **Sampling delays** turn the phases in proportion to the frequency: two entries or more, in one carrier, give them as the
+//! slope `2 pi tau_m`, relative to their mean. The steps of the phases from one entry to the next must stay below half a turn.
+//!
+//! **Order of the channels**: [`order`]. **Deviation**: [`deviation`]. **Storage**: [`record`].
+//!
+//! Which frequency: that of the tone in the converters' samples, and the carrier by its wavelength; see
+//! [`crate::doa::array`].
+
+pub mod deviation;
+pub mod order;
+pub mod record;
+
+use crate::base::adc::CHANNELS;
+use crate::base::kernel::sqrt;
+use crate::base::units::{sin_cos, wrap_pi};
+use crate::doa::array::{Array, Entry, phase_steps};
+use crate::signal::phase::{Complex, Phasors, Tone};
+
+/// A channel this much below the strongest, in power, is dead.
+const DEAD_POWER_RATIO: f32 = 0.01;
+/// A look whose frequency is further from the others', as a part of it, does not belong to the same entry.
+const SAME_FREQUENCY: f32 = 0.02;
+/// Complex degrees of freedom of a look: its channels but for their common amplitude and phase.
+const LOOK_FREEDOM: f32 = CHANNELS as f32 - 1.0;
+
+/// Where the known signal comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Source {
+    /// The same signal in all channels.
+    Splitter,
+    /// A source in a known direction.
+    Direction {
+        /// Azimuth from the nose, clockwise positive.
+        azimuth_rad: f32,
+        /// Elevation, up or down.
+        elevation_rad: f32,
+        /// Distance to the middle of the array, where the wavefront's curvature matters; `None` for a plane wave.
+        range_m: Option<f32>,
+    },
+}
+
+impl Source {
+    /// A plane wave at our height.
+    #[must_use]
+    pub fn ahead_at(azimuth_rad: f32) -> Self {
+        Self::Direction { azimuth_rad, elevation_rad: 0.0, range_m: None }
+    }
+
+    /// What the array's channels show of it when they are all alike, each of magnitude one.
+    #[must_use]
+    pub fn phasors(&self, array: &Array) -> [Complex; CHANNELS] {
+        let Self::Direction { azimuth_rad, elevation_rad, range_m } = *self else {
+            return [Complex { re: 1.0, im: 0.0 }; CHANNELS];
+        };
+        let (sine, cosine) = sin_cos(wrap_pi(azimuth_rad));
+        let (_, level) = sin_cos(wrap_pi(elevation_rad));
+        array.steering.map(|[x, y]| {
+            let plane = level * (cosine * x + sine * y);
+            let phase = match range_m {
+                None => plane,
+                // |r u - p| from r, multiplied out so that large distances do not cancel.
+                Some(range_m) => {
+                    let r = array.wavenumber * range_m;
+                    let squared = x * x + y * y;
+                    let distance = sqrt((r * r - 2.0 * r * plane + squared).max(0.0));
+                    (2.0 * r * plane - squared) / (r + distance)
+                }
+            };
+            let (im, re) = sin_cos(phase);
+            Complex { re, im }
+        })
+    }
+}
+
+/// What became of a look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Taken {
+    /// It counts.
+    Yes,
+    /// There is no tone in it.
+    NoTone,
+    /// A channel is clipped.
+    Clipped,
+    /// This channel, 0..4, is dead.
+    Dead(usize),
+    /// Its tone is at another frequency than those of the looks before.
+    OtherFrequency,
+}
+
+/// The weighted mean of looks, up to the amplitude and phase of each.
+#[derive(Clone, Copy, Debug, Default)]
+struct Mean {
+    gain: [Complex; CHANNELS],
+    weight: f32,
+    /// What the gains do not explain, in units of the noise.
+    scatter: f32,
+    looks: u32,
+}
+
+impl Mean {
+    /// Gains that are known.
+    const EQUAL: Self = Self { gain: [Complex { re: 1.0, im: 0.0 }; CHANNELS], weight: 0.0, scatter: 0.0, looks: 0 };
+
+    /// Splits a look into its own amplitude and what the gains do not explain of it.
+    fn split(&self, y: &[Complex; CHANNELS]) -> (Complex, [Complex; CHANNELS]) {
+        let power: f32 = self.gain.iter().map(|g| g.norm_squared()).sum();
+        let sum = y.iter().zip(self.gain).fold(Complex::default(), |sum, (y, g)| sum.plus(y.times_conj(g)));
+        let scale = if power > 0.0 { 1.0 / power } else { 0.0 };
+        let c = Complex { re: sum.re * scale, im: sum.im * scale };
+        let rest = core::array::from_fn(|m| {
+            let expected = c.times(self.gain[m]);
+            Complex { re: y[m].re - expected.re, im: y[m].im - expected.im }
+        });
+        (c, rest)
+    }
+
+    /// Takes a look into the mean.
+    fn learn(&mut self, y: &[Complex; CHANNELS], noise: f32) {
+        if self.looks == 0 {
+            let power = 0.25 * y.iter().map(|y| y.norm_squared()).sum::<f32>();
+            let scale = 1.0 / sqrt(power);
+            *self = Self {
+                gain: y.map(|y| Complex { re: y.re * scale, im: y.im * scale }),
+                weight: power / noise,
+                scatter: 0.0,
+                looks: 1,
+            };
+            return;
+        }
+        let (c, rest) = self.split(y);
+        let before = self.weight;
+        self.weight += c.norm_squared() / noise;
+        for (gain, rest) in self.gain.iter_mut().zip(rest) {
+            let step = rest.times_conj(c);
+            let share = 1.0 / (noise * self.weight);
+            *gain = gain.plus(Complex { re: step.re * share, im: step.im * share });
+        }
+        self.scatter += before / self.weight * rest.iter().map(|rest| rest.norm_squared()).sum::<f32>() / noise;
+        self.looks += 1;
+    }
+
+    /// Compares a look with the gains as they are.
+    fn compare(&mut self, y: &[Complex; CHANNELS], noise: f32) {
+        let (c, rest) = self.split(y);
+        self.weight += c.norm_squared() / noise;
+        self.scatter += rest.iter().map(|rest| rest.norm_squared()).sum::<f32>() / noise;
+        self.looks += 1;
+    }
+}
+
+/// Measures the channels at one frequency, look by look.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Calibrator {
+    mean: Mean,
+    frequency_hz: f32,
+}
+
+impl Calibrator {
+    /// Takes a look, whose phasors are as the extractor made them. A refused look changes nothing.
+    pub fn step(&mut self, array: &Array, source: Source, phasors: &Phasors) -> Taken {
+        let refused = usable(phasors);
+        if refused != Taken::Yes {
+            return refused;
+        }
+        let away_hz = libm::fabsf(phasors.frequency_hz - self.frequency_hz);
+        if self.mean.looks > 0 && away_hz > SAME_FREQUENCY * self.frequency_hz {
+            return Taken::OtherFrequency;
+        }
+        let expected = source.phasors(array);
+        let y = core::array::from_fn(|m| phasors.z[m].times_conj(expected[m]));
+        let before = self.mean.weight;
+        self.mean.learn(&y, mean_noise(phasors));
+        self.frequency_hz += (phasors.frequency_hz - self.frequency_hz) * (1.0 - before / self.mean.weight);
+        Taken::Yes
+    }
+
+    /// What the looks say, and how well; `None` before the first.
+    #[must_use]
+    pub fn entry(&self, temperature_c: Option<f32>) -> Option<Entry> {
+        let mean = &self.mean;
+        if mean.looks == 0 {
+            return None;
+        }
+        let magnitude = mean.gain.map(|g| sqrt(g.norm_squared()));
+        let scale = CHANNELS as f32 / magnitude.iter().sum::<f32>();
+        let gain = magnitude.map(|magnitude| magnitude * scale);
+        let sum = mean.gain.iter().fold(Complex::default(), |sum, g| sum.plus(*g));
+        // Channels that cancel each other have no common phase: then that of the first.
+        let common = if sum.norm_squared() > 0.01 { sum } else { mean.gain[0] };
+        let phase_rad = mean.gain.map(|g| g.times_conj(common).arg());
+        let freedom = LOOK_FREEDOM * (mean.looks - 1) as f32;
+        let widening = if freedom > 0.0 { (mean.scatter / freedom).max(1.0) } else { 1.0 };
+        // A weak channel's phase is the more uncertain.
+        let weakness = gain.iter().map(|gain| 1.0 / (gain * gain)).sum::<f32>() / CHANNELS as f32;
+        let residual_rad = sqrt(0.5 * widening * weakness / mean.weight);
+        Some(Entry { frequency_hz: self.frequency_hz, gain, phase_rad, residual_rad, temperature_c })
+    }
+}
+
+/// Mean variance of the phasors.
+fn mean_noise(phasors: &Phasors) -> f32 {
+    (0.25 * phasors.noise.iter().sum::<f32>()).max(1e-12)
+}
+
+/// Whether all four channels of a look can be used.
+fn usable(phasors: &Phasors) -> Taken {
+    if phasors.tone == Tone::Absent {
+        return Taken::NoTone;
+    }
+    if phasors.clipped {
+        return Taken::Clipped;
+    }
+    let powers = phasors.z.map(Complex::norm_squared);
+    let strongest = powers.iter().fold(0.0_f32, |a, b| if *b > a { *b } else { a });
+    let lives = |m: usize| powers[m] > DEAD_POWER_RATIO * strongest && powers[m] > 2.0 * phasors.noise[m];
+    (0..CHANNELS).find(|m| !lives(*m)).map_or(Taken::Yes, Taken::Dead)
+}
+
+/// The channels' sampling delays relative to their mean, from entries by rising frequency and of one carrier, whose phases
+/// are rid of them; add them to [`crate::signal::phase::Config::skew_s`]. `None` with fewer than two entries.
+pub fn take_skew(entries: &mut [Entry]) -> Option<[f32; CHANNELS]> {
+    let [first, .., last] = entries else { return None };
+    if !(last.frequency_hz > first.frequency_hz) {
+        return None;
+    }
+    // Least squares of the phases, made continuous, over the frequency.
+    let origin = *first;
+    let n = entries.len() as f32;
+    let (mut phases, mut before) = ([0.0_f32; CHANNELS], origin);
+    let (mut f, mut ff) = (0.0, 0.0);
+    let (mut p, mut fp) = ([0.0_f32; CHANNELS], [0.0_f32; CHANNELS]);
+    for entry in entries.iter() {
+        let steps = phase_steps(&before, entry);
+        let away_hz = entry.frequency_hz - origin.frequency_hz;
+        (f, ff) = (f + away_hz, ff + away_hz * away_hz);
+        for m in 0..CHANNELS {
+            phases[m] += steps[m];
+            p[m] += phases[m];
+            fp[m] += away_hz * phases[m];
+        }
+        before = *entry;
+    }
+    let slope: [f32; CHANNELS] = core::array::from_fn(|m| (n * fp[m] - f * p[m]) / (n * ff - f * f));
+    let common = slope.iter().sum::<f32>() / CHANNELS as f32;
+    let skew_s = slope.map(|slope| (slope - common) / core::f32::consts::TAU);
+    for entry in entries {
+        for (phase_rad, skew_s) in entry.phase_rad.iter_mut().zip(skew_s) {
+            *phase_rad = wrap_pi(*phase_rad - core::f32::consts::TAU * entry.frequency_hz * skew_s);
+        }
+    }
+    Some(skew_s)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::base::adc::Snapshot;
+    use crate::base::rng::Rng;
+    use crate::base::time::Instant;
+    use crate::doa::array::{self, Table};
+    use crate::doa::bearing::{self, Flags};
+    use crate::signal::phase;
+    use std::f64::consts::{PI, TAU};
+    use std::vec::Vec;
+
+    const N: usize = 256;
+    const RATE: f64 = 102_400.0;
+    const SIDE: f64 = 0.40;
+
+    /// A receiver of four different channels, before a source on the horizon.
+    #[derive(Clone, Copy)]
+    pub(crate) struct Receiver {
+        pub(crate) gain: [f64; 4],
+        pub(crate) phase_rad: [f64; 4],
+        pub(crate) delay_samples: [f64; 4],
+        pub(crate) bins: f64,
+        pub(crate) snr_db: f64,
+    }
+
+    impl Receiver {
+        pub(crate) const IDEAL: Self =
+            Self { gain: [1.0; 4], phase_rad: [0.0; 4], delay_samples: [0.0; 4], bins: 37.3, snr_db: 20.0 };
+
+        /// 3 dB and tens of degrees; the noise of all channels is the same.
+        fn uneven() -> Self {
+            let phase_rad = [0.0, 47.0, -31.0, 68.0].map(f64::to_radians);
+            Self { gain: [1.0, 0.708, 1.0, 0.85], phase_rad, ..Self::IDEAL }
+        }
+
+        /// The frame of a source in a direction, or on a splitter, in f64 and 12-bit codes.
+        pub(crate) fn frame(&self, azimuth: Option<f64>, rng: &mut Rng) -> Snapshot<N> {
+            let ratio = (2.0 * 10_f64.powf(self.snr_db / 10.0)).sqrt();
+            let sigma = 1800.0 / (ratio + 4.0);
+            let start = TAU * f64::from(rng.uniform());
+            let mut snapshot = Snapshot::zeroed();
+            snapshot.time = Instant(0);
+            let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)];
+            for (m, row) in snapshot.codes.iter_mut().enumerate() {
+                let (x, y) = corners[m];
+                let wave = azimuth.map_or(0.0, |a| PI * SIDE * (x * a.cos() + y * a.sin()));
+                for (n, code) in row.iter_mut().enumerate() {
+                    let t = n as f64 - (N as f64 - 1.0) / 2.0 + self.delay_samples[m];
+                    let phase = TAU * self.bins / N as f64 * t + start + wave + self.phase_rad[m];
+                    let value = ratio * sigma * self.gain[m] * phase.cos() + sigma * f64::from(rng.gaussian());
+                    *code = value.round().clamp(-2048.0, 2047.0) as i16;
+                }
+            }
+            snapshot
+        }
+
+        pub(crate) fn phasors(&self, azimuth: Option<f64>, rng: &mut Rng) -> Phasors {
+            self.phasors_with(phase::Config::default(), azimuth, rng)
+        }
+
+        fn phasors_with(&self, config: phase::Config, azimuth: Option<f64>, rng: &mut Rng) -> Phasors {
+            config.build::<N>().unwrap().step(&mut phase::State::default(), &self.frame(azimuth, rng))
+        }
+
+        fn at_snr(self, snr_db: f64) -> Self {
+            Self { snr_db, ..self }
+        }
+    }
+
+    pub(crate) fn square() -> array::Config {
+        array::Config::default()
+    }
+
+    fn array() -> Array {
+        square().build().unwrap()
+    }
+
+    fn entry(receiver: &Receiver, frames: usize, azimuth: Option<f64>, rng: &mut Rng) -> Entry {
+        let mut calibrator = Calibrator::default();
+        let source = azimuth.map_or(Source::Splitter, |azimuth| Source::ahead_at(azimuth as f32));
+        for _ in 0..frames {
+            assert_eq!(calibrator.step(&array(), source, &receiver.phasors(azimuth, rng)), Taken::Yes);
+        }
+        calibrator.entry(None).unwrap()
+    }
+
+    pub(crate) fn error_rad(found: f32, truth: f64) -> f64 {
+        let difference = f64::from(found) - truth;
+        difference.sin().atan2(difference.cos())
+    }
+
+    /// Errors of the entry's phases, without the common one.
+    fn phase_errors(entry: &Entry, receiver: &Receiver) -> [f64; 4] {
+        let errors: [f64; 4] = core::array::from_fn(|m| error_rad(entry.phase_rad[m], receiver.phase_rad[m]));
+        let first = errors[0];
+        let errors = errors.map(|error| (error - first).sin().atan2((error - first).cos()));
+        let mean = errors.iter().sum::<f64>() / 4.0;
+        errors.map(|error| error - mean)
+    }
+
+    fn bound(snr_db: f64) -> f64 {
+        1.0 / (TAU * SIDE * (N as f64 * 10_f64.powf(snr_db / 10.0)).sqrt())
+    }
+
+    /// rms over 360 azimuths x 8, in units of the bound, each group of eight azimuths' calibration made anew.
+    fn rms_over_bound(receiver: &Receiver, snr_db: f64, frames: usize, seed: u64) -> f64 {
+        let mut rng = Rng::new(seed, 1);
+        let mut squares = 0.0;
+        for round in 0..8 {
+            let known = Some(f64::from(round) * 0.77);
+            let table = Table::new(0.345, &[entry(&receiver.at_snr(40.0), frames, known, &mut rng)]).unwrap();
+            let config = array::Config { calibration: Some(table), require_calibration: true, ..square() };
+            let finder = bearing::Config::default().build(config.build().unwrap()).unwrap();
+            for degree in 0..360 {
+                let truth = f64::from(degree).to_radians();
+                let bearing = finder.find(&receiver.at_snr(snr_db).phasors(Some(truth), &mut rng));
+                assert!(bearing.valid, "{degree}: {bearing:?}");
+                squares += error_rad(bearing.azimuth_rad, truth).powi(2);
+            }
+        }
+        (squares / 2880.0).sqrt() / bound(snr_db)
+    }
+
+    #[test]
+    fn one_frame_at_40_db_calibrates_channels_tens_of_degrees_and_3_db_apart() {
+        let receiver = Receiver::uneven();
+        let at_20_db = rms_over_bound(&receiver, 20.0, 1, 1);
+        assert!(at_20_db <= 1.30, "{at_20_db} of the bound at 20 dB");
+        // The bound of these channels themselves, two of which are weak, is 1.15 of that of equal ones: reached at 20 dB. At
+        // 30 dB one frame's own noise, a third of the look's, begins to show (1.23); 16 frames take it away (1.15).
+        let at_30_db = rms_over_bound(&receiver, 30.0, 1, 2);
+        assert!(at_30_db <= 1.30, "{at_30_db} of the bound at 30 dB");
+        let averaged = rms_over_bound(&receiver, 30.0, 16, 3);
+        assert!(averaged <= 1.20 && averaged < at_30_db, "{averaged} of the bound at 30 dB after 16 frames");
+    }
+
+    #[test]
+    fn before_it_every_frame_is_uncalibrated_where_a_calibration_is_demanded() {
+        let config = array::Config { require_calibration: true, ..square() };
+        let finder = bearing::Config::default().build(config.build().unwrap()).unwrap();
+        let mut rng = Rng::new(4, 1);
+        for degree in 0..360 {
+            let truth = f64::from(degree).to_radians();
+            let bearing = finder.find(&Receiver::uneven().phasors(Some(truth), &mut rng));
+            assert!(!bearing.valid && bearing.flags.contains(Flags::UNCALIBRATED));
+        }
+    }
+
+    #[test]
+    fn configured_sampling_delays_of_three_quarters_of_a_sample_cost_nothing() {
+        let delay_samples = [0.0, 0.75, -0.75, 0.4];
+        let receiver = Receiver { delay_samples, snr_db: 30.0, ..Receiver::IDEAL };
+        let config =
+            phase::Config { skew_s: delay_samples.map(|delay| (delay / RATE) as f32), ..phase::Config::default() };
+        let finder = bearing::Config::default().build(array()).unwrap();
+        let mut rng = Rng::new(5, 1);
+        let mut squares = 0.0;
+        for k in 0..2880 {
+            let truth = f64::from(k % 360).to_radians();
+            let receiver = Receiver { bins: 20.0 + 0.011 * f64::from(k), ..receiver };
+            let bearing = finder.find(&receiver.phasors_with(config, Some(truth), &mut rng));
+            squares += error_rad(bearing.azimuth_rad, truth).powi(2);
+        }
+        let ratio = (squares / 2880.0).sqrt() / bound(30.0);
+        assert!(ratio <= 1.10, "{ratio} of the bound");
+    }
+
+    #[test]
+    fn the_residual_is_the_error_that_is_left() {
+        for (snr_db, frames) in [(40.0, 1), (20.0, 1), (20.0, 10)] {
+            let receiver = Receiver::uneven().at_snr(snr_db);
+            let mut rng = Rng::new(6, frames as u64);
+            let (mut errors, mut said) = (0.0, 0.0);
+            for _ in 0..200 {
+                let entry = entry(&receiver, frames, None, &mut rng);
+                // Three degrees of freedom: the common phase does not count.
+                errors += phase_errors(&entry, &receiver).iter().map(|error| error * error).sum::<f64>() / 3.0;
+                said += f64::from(entry.residual_rad).powi(2);
+                for (gain, truth) in entry.gain.iter().zip(receiver.gain) {
+                    assert!((f64::from(*gain) - truth / 0.8895).abs() < 0.03, "{gain}");
+                }
+            }
+            let ratio = errors / said;
+            assert!((0.8..1.25).contains(&ratio), "{snr_db} dB, {frames} frames: {ratio}");
+        }
+    }
+
+    #[test]
+    fn looks_that_disagree_by_more_than_their_noise_widen_the_residual() {
+        let mut rng = Rng::new(7, 1);
+        let mut calibrator = Calibrator::default();
+        for k in 0..20 {
+            // The direction is not what it is said to be, by 3 deg rms.
+            let truth = 0.05 * f64::from(rng.gaussian());
+            let phasors = Receiver::uneven().at_snr(40.0).phasors(Some(truth), &mut rng);
+            assert_eq!(calibrator.step(&array(), Source::ahead_at(0.0), &phasors), Taken::Yes, "{k}");
+        }
+        let residual_rad = calibrator.entry(None).unwrap().residual_rad;
+        // 0.05 rad of direction are 0.063 of phase, over the root of 20.
+        assert!((0.007..0.02).contains(&residual_rad), "{residual_rad}");
+    }
+
+    #[test]
+    fn a_weak_look_counts_for_little() {
+        let mut rng = Rng::new(8, 1);
+        let receiver = Receiver::uneven();
+        let mut calibrator = Calibrator::default();
+        calibrator.step(&array(), Source::Splitter, &receiver.at_snr(0.0).phasors(None, &mut rng));
+        calibrator.step(&array(), Source::Splitter, &receiver.at_snr(40.0).phasors(None, &mut rng));
+        calibrator.step(&array(), Source::Splitter, &receiver.at_snr(0.0).phasors(None, &mut rng));
+        let errors = phase_errors(&calibrator.entry(None).unwrap(), &receiver);
+        assert!(errors.iter().all(|error| error.to_degrees().abs() < 0.25), "{errors:?}");
+    }
+
+    #[test]
+    fn frames_that_tell_nothing_are_refused_and_named() {
+        let mut rng = Rng::new(9, 1);
+        let phasors = Receiver::IDEAL.phasors(None, &mut rng);
+        let mut calibrator = Calibrator::default();
+        let mut step = |phasors: Phasors| calibrator.step(&array(), Source::Splitter, &phasors);
+        assert_eq!(step(Phasors { tone: Tone::Absent, ..phasors }), Taken::NoTone);
+        assert_eq!(step(Phasors { clipped: true, ..phasors }), Taken::Clipped);
+        let mut dead = phasors;
+        dead.z[2] = Complex::default();
+        assert_eq!(step(dead), Taken::Dead(2));
+        assert_eq!(step(phasors), Taken::Yes);
+        assert_eq!(step(Phasors { frequency_hz: phasors.frequency_hz * 1.05, ..phasors }), Taken::OtherFrequency);
+        assert_eq!(calibrator.mean.looks, 1);
+        assert!(Calibrator::default().entry(None).is_none());
+    }
+
+    #[test]
+    fn elevation_and_range_are_taken_from_the_known_direction() {
+        // Distances in f64, from the definition.
+        let config = square();
+        let (azimuth, elevation, k) = (1.1_f64, 0.6_f64, TAU / 0.345);
+        for range in [0.7, 5.0, 3000.0_f64] {
+            let source =
+                [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()].map(|u| range * u);
+            let truth: Vec<f64> = config
+                .antennas_m
+                .iter()
+                .map(|p| {
+                    let (x, y) = (source[0] - f64::from(p[0]), source[1] - f64::from(p[1]));
+                    k * (range - (x * x + y * y + source[2] * source[2]).sqrt())
+                })
+                .collect();
+            let known = Source::Direction {
+                azimuth_rad: azimuth as f32,
+                elevation_rad: elevation as f32,
+                range_m: Some(range as f32),
+            };
+            for (z, truth) in known.phasors(&array()).iter().zip(&truth) {
+                assert!(error_rad(z.arg(), *truth).abs() < 1e-4, "{range} m");
+            }
+            let plane =
+                Source::Direction { azimuth_rad: azimuth as f32, elevation_rad: elevation as f32, range_m: None };
+            let worst = plane
+                .phasors(&array())
+                .iter()
+                .zip(&truth)
+                .map(|(z, t)| error_rad(z.arg(), *t).abs())
+                .fold(0.0, f64::max);
+            assert_eq!(worst < 1e-3, range > 100.0, "{range} m: {worst}");
+        }
+    }
+
+    #[test]
+    fn two_tones_tell_the_sampling_delays_and_leave_the_phases_without_them() {
+        let mut rng = Rng::new(10, 1);
+        let delay_samples = [0.0, 0.75, -0.60, 0.31];
+        let receiver = Receiver { delay_samples, snr_db: 40.0, ..Receiver::uneven() };
+        for bins in [&[20.3, 75.6][..], &[15.0, 47.0, 80.2, 110.4]] {
+            let mut entries: Vec<Entry> =
+                bins.iter().map(|bins| entry(&Receiver { bins: *bins, ..receiver }, 1, Some(0.4), &mut rng)).collect();
+            let skew_s = take_skew(&mut entries).unwrap();
+            let mean = delay_samples.iter().sum::<f64>() / 4.0;
+            for (skew_s, truth) in skew_s.iter().zip(delay_samples) {
+                let error_samples = f64::from(*skew_s) * RATE - (truth - mean);
+                // One frame each at 40 dB: 0.0006 rad, over 2 pi 55 / 256 rad a sample.
+                assert!(error_samples.abs() < 0.003, "{bins:?}: {error_samples}");
+            }
+            for entry in entries {
+                assert!(phase_errors(&entry, &receiver).iter().all(|error| error.abs() < 0.006), "{bins:?}");
+            }
+        }
+        let mut one = [entry(&receiver, 1, None, &mut rng)];
+        assert!(take_skew(&mut one).is_none());
+    }
+}

@@ -1,0 +1,8 @@
+//! Phasors become a bearing with a standard deviation: the array, its calibration, the estimators, and the antenna that
+//! turns. It may import `base` and `signal`.
+
+pub mod array;
+pub mod bearing;
+pub mod calibration;
+pub mod multipath;
+pub mod rss;

@@ -1,0 +1,532 @@
+//! The state machine above the chain: what a step came to, and what the vehicle does about it.
+//!
+//! A bad world is never an error: it has one of these outcomes, the first that applies from the top. "Hold" is velocity
+//! zero within the acceleration limit, altitude kept, the setpoint stream going on; "none" leaves the stream to the link,
+//! which sends no motion outside of the mode and falls silent with the autopilot.
+//!
+//! | outcome | when | what the vehicle does |
+//! |---|---|---|
+//! | `LinkLost` | no heartbeat of the autopilot | none; the mission starts over when it is back |
+//! | `NotInControl` | not in GUIDED / OFFBOARD, or disarmed | none; the mission starts over on a fresh entry |
+//! | `StaleOwnship` | position older than 0.3 s, attitude older than 0.2 s, or not finite ([`Stale::PositionOld`], [`Stale::AttitudeOld`]) | hold |
+//! | `StaleOwnship` | positions go another way than the velocity says, or stand still while it says that the vehicle moves ([`Stale::VelocityContradicts`], [`Stale::PositionFrozen`]; [`crate::base::ownship::Agreement`]) | hold until a fresh entry |
+//! | `StaleObstacles` | the newest look in the map is older than 0.5 s, and one is required | hold |
+//! | `Uncalibrated` | no usable bearing for 1 s, the last one for want of a calibration | hold |
+//! | `Ambiguous` | the same, the last one because directions could not be told apart | hold |
+//! | `NoSignal` | the same, for any other reason | hold; search, where `guidance::Config::explore` says how, then hold |
+//! | `GoalUnreachable` | no path for 15 s, or no progress beyond 1 m in 20 s; while a plan is late neither time runs | hold until a fresh entry |
+//! | `Fault` | a stage reported what must not happen (a demand that is not finite) | hold |
+//! | `NoPath` | the planner answered with a brake plan | hold, ask again every 0.5 s |
+//! | `PlanLate` | the plan has run out, or there is none, or it brakes, or is braked, and the next was not there in time | hold, ask again at once |
+//! | `GuardBrake` | the guard replaced the command by a brake | hold, ask for a new plan at once |
+//! | `HandedOver` | the beacon or the pad is reached as far as it can be ([`crate::landing::Reason`]) | hover there, until a fresh entry |
+//! | `Landed` | the vehicle has come down onto the ground | none; zero velocity is asked for until the autopilot lets go |
+//! | `Nominal` | none of these | follow the plan, or the landing ([`crate::landing`]) |
+//!
+//! Limits are of [`Config`]; the numbers above are its defaults. There is a test for each row.
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::ownship::Stale;
+use crate::base::time::Instant;
+use crate::doa::bearing::Flags;
+
+/// What a guidance step came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+#[repr(u8)]
+pub enum Outcome {
+    /// Seeking, everything fresh.
+    Nominal = 0,
+    /// No bearing for too long.
+    NoSignal,
+    /// Bearings that cannot tell directions apart.
+    Ambiguous,
+    /// The array needs a calibration that is missing or does not apply.
+    Uncalibrated,
+    /// Position or attitude too old, not finite, or or the velocity contradicts the positions ([`Stale`]).
+    StaleOwnship,
+    /// Obstacle data too old.
+    StaleObstacles,
+    /// The planner found nothing safe.
+    NoPath,
+    /// No path for long, or no progress: given up until the pilot enters the mode afresh.
+    GoalUnreachable,
+    /// The plan ran out before the next one came.
+    PlanLate,
+    /// The guard overruled the plan and braked.
+    GuardBrake,
+    /// The autopilot is silent.
+    LinkLost,
+    /// The autopilot is not in GUIDED or OFFBOARD, or not armed.
+    NotInControl,
+    /// A stage reported what must not happen.
+    Fault,
+    /// Arrived: hovers over the beacon, or where it could not go on, until somebody else takes over.
+    HandedOver,
+    /// Stands on the ground, and is done.
+    Landed,
+}
+
+impl Outcome {
+    /// The outcome's name as it stands in logs and reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nominal => "nominal",
+            Self::NoSignal => "no_signal",
+            Self::Ambiguous => "ambiguous",
+            Self::Uncalibrated => "uncalibrated",
+            Self::StaleOwnship => "stale_ownship",
+            Self::StaleObstacles => "stale_obstacles",
+            Self::NoPath => "no_path",
+            Self::GoalUnreachable => "goal_unreachable",
+            Self::PlanLate => "plan_late",
+            Self::GuardBrake => "guard_brake",
+            Self::LinkLost => "link_lost",
+            Self::NotInControl => "not_in_control",
+            Self::Fault => "fault",
+            Self::HandedOver => "handed_over",
+            Self::Landed => "landed",
+        }
+    }
+
+    /// What the vehicle does about it.
+    #[must_use]
+    pub fn behaviour(self) -> Behaviour {
+        match self {
+            Self::Nominal => Behaviour::Follow,
+            Self::LinkLost | Self::NotInControl | Self::Landed => Behaviour::None,
+            _ => Behaviour::Hold,
+        }
+    }
+}
+
+/// What the vehicle does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Behaviour {
+    /// Follow the plan.
+    Follow,
+    /// Brake, stay, keep the altitude.
+    Hold,
+    /// Not ours to say.
+    None,
+}
+
+/// Whether the autopilot has given us control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Control {
+    /// No heartbeat of the autopilot.
+    LinkLost,
+    /// Heard, but not in GUIDED / OFFBOARD or not armed.
+    NotInControl,
+    /// In the mode and armed.
+    Granted,
+}
+
+/// The limits of the table above.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Oldest position.
+    pub position_age_max_s: f32,
+    /// Oldest attitude.
+    pub attitude_age_max_s: f32,
+    /// Oldest look that may be the newest in the map.
+    pub obstacles_age_max_s: f32,
+    /// Whether there must be an obstacle sensor at all.
+    pub obstacles_required: bool,
+    /// Oldest bearing.
+    pub bearing_age_max_s: f32,
+    /// How long the planner may find nothing.
+    pub no_path_max_s: f32,
+    /// Time without progress after which the goal counts as unreachable.
+    pub stall_s: f32,
+    /// Progress: having been this far from where the time started.
+    pub stall_radius_m: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            position_age_max_s: 0.3,
+            attitude_age_max_s: 0.2,
+            obstacles_age_max_s: 0.5,
+            obstacles_required: true,
+            bearing_age_max_s: 1.0,
+            no_path_max_s: 15.0,
+            stall_s: 20.0,
+            stall_radius_m: 1.0,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Mission, ConfigError> {
+        check("mission.position_age_max_s", self.position_age_max_s, 0.02, 5.0)?;
+        check("mission.attitude_age_max_s", self.attitude_age_max_s, 0.02, 5.0)?;
+        check("mission.obstacles_age_max_s", self.obstacles_age_max_s, 0.05, 10.0)?;
+        check("mission.bearing_age_max_s", self.bearing_age_max_s, 0.05, 60.0)?;
+        check("mission.no_path_max_s", self.no_path_max_s, 0.5, 600.0)?;
+        check("mission.stall_s", self.stall_s, 1.0, 600.0)?;
+        check("mission.stall_radius_m", self.stall_radius_m, 0.1, 100.0)?;
+        Ok(Mission { config: *self })
+    }
+}
+
+/// What the mission looks at in a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts {
+    /// The time of the step.
+    pub now: Instant,
+    /// Whether we are in control.
+    pub control: Control,
+    /// When the position was heard; `None` if never, or not finite.
+    pub position: Option<Instant>,
+    /// When the attitude was heard; `None` if never, or not finite.
+    pub attitude: Option<Instant>,
+    /// What positions and velocities contradict each other in.
+    pub contradiction: Option<Stale>,
+    /// When the newest look was measured that is in the map.
+    pub obstacles: Option<Instant>,
+    /// When the last usable bearing was measured.
+    pub bearing: Option<Instant>,
+    /// Flags of the last bearing, usable or not.
+    pub bearing_flags: Flags,
+    /// The planner has not answered the last request in time.
+    pub is_plan_late: bool,
+    /// The beacon is reached, and the landing flies.
+    pub is_arriving: bool,
+    /// Where the vehicle is.
+    pub place_ned_m: Horizontal,
+}
+
+/// What the mission remembers.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct State {
+    /// The last step in control.
+    looked: Instant,
+    no_path_since: Option<Instant>,
+    stall_since: Option<(Instant, Horizontal)>,
+    given_up: bool,
+}
+
+impl State {
+    /// The planner's delay says nothing of the goal: neither clock counts it.
+    fn wait(&mut self, micros: u64) {
+        if let Some(since) = &mut self.no_path_since {
+            *since = since.plus_micros(micros);
+        }
+        if let Some((since, _)) = &mut self.stall_since {
+            *since = since.plus_micros(micros);
+        }
+    }
+}
+
+/// What became of the plan in a step, once the mission has said [`Behaviour::Follow`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Following.
+    Following,
+    /// The plan says brake.
+    NoPath,
+    /// There is no plan, or it has run out, and the next one is on its way.
+    RanOut,
+    /// There is no plan, or it goes no further, and the next one is late.
+    Late,
+    /// The guard braked.
+    GuardBraked,
+    /// The demand was not finite.
+    NotFinite,
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mission {
+    config: Config,
+}
+
+impl Mission {
+    /// Before the chain: may the plan be followed at all? [`Outcome::Nominal`] if so.
+    pub fn admit(&self, state: &mut State, facts: &Facts) -> Outcome {
+        let c = &self.config;
+        let old = |heard, limit_s| is_old(facts.now, heard, limit_s);
+        match facts.control {
+            Control::Granted => {}
+            withheld => {
+                *state = State::default();
+                return if withheld == Control::LinkLost { Outcome::LinkLost } else { Outcome::NotInControl };
+            }
+        }
+        let step_us = facts.now.micros_since(core::mem::replace(&mut state.looked, facts.now));
+        if facts.is_plan_late {
+            state.wait(step_us);
+        }
+        if self.stale(facts).is_some() {
+            return Outcome::StaleOwnship;
+        }
+        if c.obstacles_required && old(facts.obstacles, c.obstacles_age_max_s) {
+            return Outcome::StaleObstacles;
+        }
+        if old(facts.bearing, c.bearing_age_max_s) {
+            return if facts.bearing_flags.contains(Flags::UNCALIBRATED) {
+                Outcome::Uncalibrated
+            } else if facts.bearing_flags.contains(Flags::AMBIGUOUS) {
+                Outcome::Ambiguous
+            } else {
+                Outcome::NoSignal
+            };
+        }
+        if facts.is_arriving {
+            *state = State::default();
+            return Outcome::Nominal;
+        }
+        if self.gives_up(state, facts) { Outcome::GoalUnreachable } else { Outcome::Nominal }
+    }
+
+    /// Why ownship is of no use, if it is not: the first reason that applies.
+    #[must_use]
+    pub fn stale(&self, facts: &Facts) -> Option<Stale> {
+        if is_old(facts.now, facts.position, self.config.position_age_max_s) {
+            Some(Stale::PositionOld)
+        } else if is_old(facts.now, facts.attitude, self.config.attitude_age_max_s) {
+            Some(Stale::AttitudeOld)
+        } else {
+            facts.contradiction
+        }
+    }
+
+    /// After the chain: what became of the plan.
+    pub fn conclude(&self, state: &mut State, now: Instant, progress: Progress) -> Outcome {
+        if progress == Progress::NoPath {
+            state.no_path_since.get_or_insert(now);
+        } else if progress == Progress::Following {
+            state.no_path_since = None;
+        }
+        match progress {
+            Progress::Following | Progress::RanOut => Outcome::Nominal,
+            Progress::NoPath => Outcome::NoPath,
+            Progress::Late => Outcome::PlanLate,
+            Progress::GuardBraked => Outcome::GuardBrake,
+            Progress::NotFinite => Outcome::Fault,
+        }
+    }
+
+    /// Whether the goal has to be given up: no retry goes on for ever.
+    fn gives_up(&self, state: &mut State, facts: &Facts) -> bool {
+        let c = &self.config;
+        let (since, from) = *state.stall_since.get_or_insert((facts.now, facts.place_ned_m));
+        if facts.place_ned_m.minus(from).norm() > c.stall_radius_m {
+            state.stall_since = Some((facts.now, facts.place_ned_m));
+        } else if facts.now.seconds_since(since) > c.stall_s {
+            state.given_up = true;
+        }
+        if state.no_path_since.is_some_and(|since| facts.now.seconds_since(since) > c.no_path_max_s) {
+            state.given_up = true;
+        }
+        state.given_up
+    }
+}
+
+/// Whether a word is older than that, or of a clock that went back by as much, or was never heard.
+fn is_old(now: Instant, heard: Option<Instant>, limit_s: f32) -> bool {
+    heard.is_none_or(|at| now.seconds_since(at) > limit_s || at.seconds_since(now) > limit_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW: Instant = Instant(100_000_000);
+
+    fn ago(seconds: f32) -> Option<Instant> {
+        Some(Instant(NOW.0 - (seconds * 1e6) as u64))
+    }
+
+    fn fresh() -> Facts {
+        Facts {
+            now: NOW,
+            control: Control::Granted,
+            position: ago(0.02),
+            attitude: ago(0.02),
+            contradiction: None,
+            obstacles: ago(0.1),
+            bearing: ago(0.02),
+            bearing_flags: Flags::default(),
+            is_plan_late: false,
+            is_arriving: false,
+            place_ned_m: Horizontal::default(),
+        }
+    }
+
+    fn admit(facts: &Facts) -> Outcome {
+        Config::default().build().unwrap().admit(&mut State::default(), facts)
+    }
+
+    #[test]
+    fn fresh_inputs_are_nominal_and_followed() {
+        assert_eq!(admit(&fresh()), Outcome::Nominal);
+        assert_eq!(Outcome::Nominal.behaviour(), Behaviour::Follow);
+    }
+
+    #[test]
+    fn without_a_link_or_the_mode_nothing_is_said() {
+        let outcome = admit(&Facts { control: Control::LinkLost, ..fresh() });
+        assert_eq!((outcome, outcome.behaviour()), (Outcome::LinkLost, Behaviour::None));
+        let outcome = admit(&Facts { control: Control::NotInControl, ..fresh() });
+        assert_eq!((outcome, outcome.behaviour()), (Outcome::NotInControl, Behaviour::None));
+    }
+
+    #[test]
+    fn stale_or_missing_ownship_holds() {
+        for facts in [
+            Facts { position: ago(0.31), ..fresh() },
+            Facts { attitude: ago(0.21), ..fresh() },
+            Facts { position: None, ..fresh() },
+            Facts { attitude: None, ..fresh() },
+            // A clock that went back is as bad as an old word.
+            Facts { position: Some(Instant(NOW.0 + 5_000_000)), ..fresh() },
+        ] {
+            let outcome = admit(&facts);
+            assert_eq!((outcome, outcome.behaviour()), (Outcome::StaleOwnship, Behaviour::Hold), "{facts:?}");
+        }
+    }
+
+    #[test]
+    fn ownship_that_contradicts_itself_holds_and_says_in_what() {
+        let mission = Config::default().build().unwrap();
+        for stale in [Stale::VelocityContradicts, Stale::PositionFrozen] {
+            let facts = Facts { contradiction: Some(stale), ..fresh() };
+            assert_eq!((admit(&facts), mission.stale(&facts)), (Outcome::StaleOwnship, Some(stale)));
+            let old = Facts { attitude: ago(0.21), ..facts };
+            assert_eq!(mission.stale(&old), Some(Stale::AttitudeOld));
+            assert_eq!(mission.stale(&Facts { position: None, ..old }), Some(Stale::PositionOld));
+        }
+        assert_eq!(mission.stale(&fresh()), None);
+    }
+
+    #[test]
+    fn stale_obstacles_hold_unless_none_are_required() {
+        let facts = Facts { obstacles: ago(0.6), ..fresh() };
+        assert_eq!((admit(&facts), admit(&facts).behaviour()), (Outcome::StaleObstacles, Behaviour::Hold));
+        assert_eq!(admit(&Facts { obstacles: None, ..fresh() }), Outcome::StaleObstacles);
+        let free = Config { obstacles_required: false, ..Config::default() }.build().unwrap();
+        assert_eq!(free.admit(&mut State::default(), &facts), Outcome::Nominal);
+    }
+
+    #[test]
+    fn a_lost_bearing_holds_and_says_why() {
+        for (flags, expected) in [
+            (Flags::NO_SIGNAL, Outcome::NoSignal),
+            (Flags::default(), Outcome::NoSignal),
+            (Flags::AMBIGUOUS, Outcome::Ambiguous),
+            (Flags::UNCALIBRATED, Outcome::Uncalibrated),
+        ] {
+            for bearing in [ago(1.1), None] {
+                let outcome = admit(&Facts { bearing, bearing_flags: flags, ..fresh() });
+                assert_eq!((outcome, outcome.behaviour()), (expected, Behaviour::Hold));
+            }
+            assert_eq!(admit(&Facts { bearing_flags: flags, ..fresh() }), Outcome::Nominal, "one bad frame is no loss");
+        }
+    }
+
+    #[test]
+    fn plan_trouble_holds_by_name() {
+        let mission = Config::default().build().unwrap();
+        for (progress, expected) in [
+            (Progress::NoPath, Outcome::NoPath),
+            (Progress::Late, Outcome::PlanLate),
+            (Progress::GuardBraked, Outcome::GuardBrake),
+            (Progress::NotFinite, Outcome::Fault),
+        ] {
+            let outcome = mission.conclude(&mut State::default(), NOW, progress);
+            assert_eq!((outcome, outcome.behaviour()), (expected, Behaviour::Hold));
+        }
+    }
+
+    #[test]
+    fn no_path_for_long_is_given_up_until_a_fresh_entry() {
+        let (mission, mut state) = (Config::default().build().unwrap(), State::default());
+        mission.conclude(&mut state, NOW, Progress::NoPath);
+        let later = |s: u64| {
+            let at = Instant(NOW.0 + s * 1_000_000);
+            let place_ned_m = Horizontal { north: s as f32 * 2.0, east: 0.0 };
+            Facts {
+                now: at,
+                position: Some(at),
+                attitude: Some(at),
+                obstacles: Some(at),
+                bearing: Some(at),
+                place_ned_m,
+                ..fresh()
+            }
+        };
+        assert_eq!(mission.admit(&mut state, &later(14)), Outcome::Nominal);
+        let outcome = mission.admit(&mut state, &later(16));
+        assert_eq!((outcome, outcome.behaviour()), (Outcome::GoalUnreachable, Behaviour::Hold));
+        mission.conclude(&mut state, NOW, Progress::Following);
+        assert_eq!(mission.admit(&mut state, &later(17)), Outcome::GoalUnreachable, "not by itself");
+        mission.admit(&mut state, &Facts { control: Control::NotInControl, ..later(18) });
+        assert_eq!(mission.admit(&mut state, &later(19)), Outcome::Nominal);
+    }
+
+    #[test]
+    fn the_time_that_a_plan_is_late_counts_neither_as_no_path_nor_as_no_progress() {
+        let mission = Config::default().build().unwrap();
+        for (progress, late_steps, expected_s) in [
+            (Progress::NoPath, 0, 15.0),
+            (Progress::NoPath, 2_000, 55.0),
+            (Progress::Following, 0, 20.0),
+            (Progress::Following, 5_000, 120.0),
+        ] {
+            let mut state = State::default();
+            let given_up = (0..10_000).find(|step| {
+                let at = Some(Instant(NOW.0 + step * 20_000));
+                let is_plan_late = (100..100 + late_steps).contains(step);
+                let facts = Facts { now: Instant(NOW.0 + step * 20_000), is_plan_late, ..fresh() };
+                let facts = Facts { position: at, attitude: at, obstacles: at, bearing: at, ..facts };
+                let outcome = mission.admit(&mut state, &facts);
+                mission.conclude(&mut state, facts.now, if is_plan_late { Progress::Late } else { progress });
+                outcome == Outcome::GoalUnreachable
+            });
+            let given_up_s = given_up.unwrap() as f32 * 0.02;
+            assert!((given_up_s - expected_s).abs() < 0.05, "{progress:?}, {late_steps} late: {given_up_s}");
+        }
+    }
+
+    #[test]
+    fn standing_still_for_long_is_given_up_and_slow_progress_is_not() {
+        let mission = Config::default().build().unwrap();
+        let run = |speed_mps: f32| {
+            let mut state = State::default();
+            (0..100_u64)
+                .map(|s| {
+                    let at = Instant(NOW.0 + s * 1_000_000);
+                    let place_ned_m = Horizontal { north: speed_mps * s as f32, east: 0.0 };
+                    let facts = Facts {
+                        now: at,
+                        position: Some(at),
+                        attitude: Some(at),
+                        obstacles: Some(at),
+                        bearing: Some(at),
+                        place_ned_m,
+                        ..fresh()
+                    };
+                    mission.admit(&mut state, &facts)
+                })
+                .position(|outcome| outcome == Outcome::GoalUnreachable)
+        };
+        assert_eq!(run(0.0), Some(21));
+        assert_eq!(run(0.1), None);
+    }
+}

@@ -1,0 +1,305 @@
+use std::vec;
+use std::vec::Vec;
+
+use super::*;
+use crate::base::error::Why;
+use crate::control::guard::Fence;
+use crate::guidance::{self, turning};
+
+type Place = fn(&guidance::Config) -> f32;
+
+/// Where each parameter of guidance ends up, written down a second time; in degrees where the table is.
+const PLACES: &[(Id, Place)] = &[
+    (FH_SPD_MAX, |c| c.guard.v_max_mps),
+    (FH_SPD_Z_MAX, |c| c.guard.v_down_max_mps),
+    (FH_ACC_MAX, |c| c.guard.a_max_mps2),
+    (FH_JERK_MAX, |c| c.guard.jerk_max_mps3),
+    (FH_YAWR_MAX, |c| c.guard.yaw_rate_max_radps),
+    (FH_DEAD_TIME, |c| c.response.dead_time_s),
+    (FH_LAG, |c| c.response.lag_s),
+    (FH_RADIUS, |c| c.guard.vehicle_radius_m),
+    (FH_RADIUS, |c| c.planner.vehicle_radius_m),
+    (FH_MARGIN, |c| c.planner.margin_m),
+    (FH_MARGIN_TGT, |c| c.planner.tight_margin_m),
+    (FH_MARGIN_GRD, |c| c.guard.margin_m),
+    (FH_APPR_RATE, |c| c.guard.approach_rate_per_s),
+    (FH_ALT_BAND, |c| c.guard.altitude_band_m),
+    (FH_FENCE_MRG, |c| c.guard.fence_margin_m),
+    (FH_FENCE_R, |c| match c.guard.fence {
+        Fence::Circle { radius_m, .. } => radius_m,
+        _ => 0.0,
+    }),
+    (FH_OBS_FOV, |c| c.guard.fov_rad.to_degrees()),
+    (FH_OBS_FOV, |c| c.planner.sees_rad.to_degrees()),
+    (FH_OBS_RANGE, |c| c.guard.sight.range_m),
+    (FH_OBS_RANGE, |c| c.planner.sees_m),
+    (FH_OBS_MIN, |c| c.guard.sight.smallest_obstacle_m),
+    (FH_OBS_SIDE, |c| c.guard.out_of_view_share),
+    (FH_START_CLR, |c| c.guard.sight.start_clearance_m),
+    (FH_TGT_DIST, |c| c.goal.target_distance_m),
+    (FH_RPL_TIME, |c| c.replan_after_s),
+    (FH_RPL_WPT, |c| f32::from(c.replan_at_waypoint)),
+    (FH_BENDS, |c| f32::from(u8::from(c.planner.bends))),
+    (FH_REFLECT, |c| f32::from(u8::from(c.reflections))),
+    (FH_SRCH_TIME, |c| c.planner.explore.map_or(0.0, |explore| explore.limit_s)),
+    (FH_SRCH_R, |c| c.planner.explore.unwrap_or_default().radius_m),
+    (FH_POS_AGE, |c| c.mission.position_age_max_s),
+    (FH_ATT_AGE, |c| c.mission.attitude_age_max_s),
+    (FH_OBS_AGE, |c| c.mission.obstacles_age_max_s),
+    (FH_OBS_REQ, |c| f32::from(u8::from(c.mission.obstacles_required))),
+    (FH_BRG_AGE, |c| c.mission.bearing_age_max_s),
+    (FH_NOPATH_T, |c| c.mission.no_path_max_s),
+    (FH_STALL_T, |c| c.mission.stall_s),
+    (FH_STALL_R, |c| c.mission.stall_radius_m),
+    (FH_WAVELEN, |c| c.array.wavelength_m),
+    (FH_ARR_SIDE, |c| c.array.antennas_m[0][1] - c.array.antennas_m[1][1]),
+    (FH_ARR_SIDE, |c| c.array.antennas_m[0][0] - c.array.antennas_m[3][0]),
+    (FH_CAL_REQ, |c| f32::from(u8::from(c.array.require_calibration))),
+    (FH_CH_SIGMA, |c| c.bearing.channel_sigma_rad),
+    (FH_SMP_RATE, |c| c.phase.sample_rate_hz),
+    (FH_TONE, |c| c.phase.tone_hz.unwrap_or(0.0)),
+    (FH_TONE_LO, |c| c.phase.tone_band_hz[0]),
+    (FH_TONE_HI, |c| c.phase.tone_band_hz[1]),
+    (FH_TURN, |c| match c.turning.map(|turning| turning.role) {
+        None => 0.0,
+        Some(turning::Role::Fallback) => 1.0,
+        Some(turning::Role::Alone(_)) => 2.0,
+    }),
+    (FH_TURN_RATE, |c| c.turning.unwrap_or_default().yaw_rate_radps),
+    (FH_TURN_CH, |c| match c.turning.map(|turning| turning.role) {
+        Some(turning::Role::Alone(channel)) => f32::from(channel),
+        _ => 0.0,
+    }),
+    (FH_LND_MODE, |c| c.landing.map_or(0.0, |landing| 1.0 + f32::from(u8::from(landing.has_camera)))),
+    (FH_LND_REQ, |c| f32::from(u8::from(c.landing.unwrap_or_default().request_land))),
+    (FH_PAD_R, |c| c.landing.unwrap_or_default().pad_radius_m),
+    (FH_CAM_FOCAL, |c| c.landing.unwrap_or_default().focal_widths),
+];
+
+fn applied(values: &Values) -> guidance::Config {
+    let mut config = guidance::Config::default();
+    values.apply(&mut config);
+    config
+}
+
+/// Others that must change along with a parameter for it to take effect, or to use its whole range.
+fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
+    match id {
+        FH_MARGIN => vec![(FH_MARGIN_TGT, 0.0)],
+        FH_MARGIN_TGT => vec![(FH_MARGIN, value)],
+        FH_SRCH_R => vec![(FH_SRCH_TIME, 60.0)],
+        FH_WAVELEN => vec![(FH_ARR_SIDE, 0.4 * value)],
+        FH_ARR_SIDE => vec![(FH_WAVELEN, if value > 1.0 { 10.0 } else { 2.5 * value })],
+        FH_SMP_RATE => vec![(FH_TONE_LO, 0.0), (FH_TONE_HI, 0.5 * value)],
+        FH_TONE => vec![(FH_SMP_RATE, 1e7), (FH_TONE_HI, 5e6)],
+        FH_TONE_LO => vec![(FH_SMP_RATE, 1e7), (FH_TONE_HI, 5e6)],
+        FH_TONE_HI => vec![(FH_SMP_RATE, if value > 1e3 { 1e7 } else { 1e3 }), (FH_TONE_LO, 0.0)],
+        FH_TURN_RATE => vec![(FH_TURN, 1.0), (FH_YAWR_MAX, 6.3)],
+        FH_TURN_CH => vec![(FH_TURN, 2.0)],
+        FH_LND_REQ | FH_PAD_R | FH_CAM_FOCAL => vec![(FH_LND_MODE, 2.0)],
+        _ => vec![],
+    }
+}
+
+/// The configuration with that value, in its range or not.
+fn forced(id: Id, value: f32) -> guidance::Config {
+    let mut values = Values::DEFAULT;
+    for (other, value) in company(id, value) {
+        values.0[other.index()] = value;
+    }
+    values.0[id.index()] = value;
+    applied(&values)
+}
+
+#[test]
+fn the_defaults_of_the_table_are_those_of_guidance() {
+    let default = guidance::Config::default();
+    for (id, place) in PLACES.iter().filter(|(id, _)| !matches!(*id, FH_OBS_FOV | FH_ARR_SIDE)) {
+        assert_eq!(id.default().to_bits(), place(&default).to_bits(), "{}", id.name());
+    }
+    // Those of the whole configuration, bit for bit, also where the table counts in degrees.
+    assert_eq!(applied(&Values::DEFAULT), default);
+}
+
+#[test]
+fn every_parameter_before_those_of_the_link_arrives_where_it_belongs_and_nowhere_else() {
+    for id in Id::all() {
+        let places: Vec<_> = PLACES.iter().filter(|(place, _)| *place == id).collect();
+        assert_eq!(places.is_empty(), id >= FH_SP_AGE, "{}", id.name());
+        let (min, max) = id.range();
+        let value = if TABLE[id.index()].kind == Kind::Whole {
+            if id.default() == max { min } else { max }
+        } else {
+            // No two parameters get the same one.
+            min + (max - min) * (0.3 + 0.001 * id.index() as f32)
+        };
+        let config = forced(id, value);
+        for (_, place) in &places {
+            let arrived = place(&config);
+            assert!((arrived - value).abs() <= 1e-5 * value.abs(), "{}: {value} became {arrived}", id.name());
+        }
+        let alone = company(id, value);
+        for (other, place) in PLACES.iter().filter(|(other, _)| *other != id && alone.iter().all(|(c, _)| c != other)) {
+            assert_eq!(place(&config), place(&guidance::Config::default()), "{} moves {}", id.name(), other.name());
+        }
+    }
+}
+
+#[test]
+fn what_was_applied_is_read_back_and_what_no_parameter_can_say_is_the_default() {
+    let mut values = Values::DEFAULT;
+    assert_eq!(Values::of(&guidance::Config::default()), values);
+    for id in Id::all().filter(|id| *id < FH_SP_AGE) {
+        let (min, max) = id.range();
+        let value = if TABLE[id.index()].kind == Kind::Whole { max } else { min + (max - min) * 0.25 };
+        values.set(id, value).unwrap();
+    }
+    let read = Values::of(&applied(&values));
+    for id in Id::all() {
+        let (was, is) = (values.get(id), read.get(id));
+        assert!((was - is).abs() <= 1e-5 * was.abs(), "{}: {was} became {is}", id.name());
+    }
+    let mut odd = guidance::Config::default();
+    odd.guard.v_max_mps = f32::NAN;
+    odd.guard.fence = Fence::rectangle(Default::default(), crate::base::frame::Horizontal { north: 5.0, east: 5.0 });
+    assert_eq!(Values::of(&odd), Values::DEFAULT);
+}
+
+#[test]
+fn both_ends_of_every_range_build() {
+    for id in Id::all() {
+        let (min, max) = id.range();
+        for value in [min, max] {
+            let built = forced(id, value).build::<256>();
+            assert!(built.is_ok(), "{} = {value}: {}", id.name(), built.err().unwrap());
+        }
+    }
+}
+
+#[test]
+fn nothing_beyond_a_range_would_build() {
+    // Switches and choices have nothing beyond. The others end before guidance does: where antennas can be
+    // built, where a search's grid is fine enough, and where the widest band that fits into the highest rate ends.
+    let narrower = [
+        (FH_ARR_SIDE, 0),
+        (FH_ARR_SIDE, 1),
+        (FH_SRCH_R, 1),
+        (FH_TONE, 1),
+        (FH_TONE_LO, 1),
+        (FH_TONE_HI, 0),
+        (FH_FENCE_R, 1),
+    ];
+    for (id, _) in PLACES {
+        let (min, max) = id.range();
+        let kind = TABLE[id.index()].kind;
+        if kind == Kind::Whole && (max == 1.0 || [FH_TURN, FH_LND_MODE].contains(id)) {
+            continue;
+        }
+        let step = |end: f32| if kind == Kind::Whole { 1.0 } else { (0.003 * end.abs()).max(1e-4) };
+        for (side, value) in [min - step(min), max + step(max)].into_iter().enumerate() {
+            if narrower.contains(&(*id, side)) || (kind == Kind::Whole && value < 0.0) {
+                continue;
+            }
+            let built = forced(*id, value).build::<256>();
+            let refused = built.err().map(|error| error.why);
+            assert!(matches!(refused, Some(Why::OutOfRange { .. } | Why::Inconsistent(_))), "{} = {value}", id.name());
+        }
+    }
+}
+
+#[test]
+fn values_that_do_not_fit_together_are_seen_by_the_build_and_named() {
+    for (id, value, field) in [
+        (FH_ARR_SIDE, 0.2, "side_m"),
+        (FH_WAVELEN, 0.125, "side_m"),
+        (FH_MARGIN_TGT, 0.06, "planner.tight_margin_m"),
+        (FH_TONE_HI, 60_000.0, "phase.tone_band_hz"),
+        (FH_SRCH_TIME, 0.5, "explore.limit_s"),
+    ] {
+        let mut values = Values::DEFAULT;
+        values.set(id, value).unwrap();
+        assert_eq!(applied(&values).build::<256>().unwrap_err().field, field);
+    }
+    let mut values = Values::DEFAULT;
+    values.set(FH_TURN, 1.0).unwrap();
+    values.set(FH_TURN_RATE, 0.1).unwrap();
+    assert_eq!(applied(&values).build::<256>().unwrap_err().field, "turning.yaw_rate_radps");
+}
+
+#[test]
+fn a_search_keeps_the_margin_of_the_plans_in_whatever_order_they_are_set() {
+    for order in [[FH_SRCH_TIME, FH_RADIUS, FH_MARGIN], [FH_MARGIN, FH_RADIUS, FH_SRCH_TIME]] {
+        let mut values = Values::DEFAULT;
+        let mut config = guidance::Config::default();
+        for id in order {
+            values.set(id, if id == FH_SRCH_TIME { 60.0 } else { 0.25 }).unwrap();
+            values.apply_one(id, &mut config);
+        }
+        assert_eq!(config.planner.explore.unwrap().clearance_m, 0.5);
+    }
+}
+
+#[test]
+fn rows_are_what_a_ground_station_can_show() {
+    for (row, param) in TABLE.iter().enumerate() {
+        let name = param.name;
+        assert!(name.len() <= NAME_MAX && name.starts_with("FH_"), "{name}");
+        assert!(name.bytes().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == b'_'), "{name}");
+        assert_eq!(TABLE.iter().position(|other| other.name == name), Some(row), "{name} is there twice");
+        assert!(param.min < param.max, "{name}");
+        let id = Id::at(row).unwrap();
+        for value in [param.default, param.min, param.max] {
+            assert_eq!(id.check(value), Ok(()), "{name} = {value}");
+        }
+        assert!(param.doc.ends_with('.') && param.doc.is_ascii() && !param.doc.contains('|'), "{name}");
+        assert_eq!((id.name(), id.default(), id.range()), (name, param.default, (param.min, param.max)));
+    }
+    // A set of waiting answers is one word.
+    const { assert!(COUNT <= 64) };
+}
+
+#[test]
+fn names_are_found_whole_and_only_whole() {
+    for id in Id::all() {
+        assert_eq!(Id::named(id.padded_name()), Some(id));
+        assert_eq!(Id::named(id.name().as_bytes()), Some(id));
+    }
+    for name in [&b""[..], b"\0", b"FH_SPD_MA", b"FH_SPD_MAXX", b"fh_spd_max", b"FH_SPD_MAXXXXXXXXXXXX", b"\xff\xfe"] {
+        assert_eq!(Id::named(name), None);
+    }
+    assert_eq!(Id::named(b"FH_SPD_MAX\0rubbish"), Some(FH_SPD_MAX));
+    assert_eq!((Id::at(0), Id::at(COUNT)), (Some(FH_SPD_MAX), None));
+}
+
+#[test]
+fn bad_values_are_refused_and_leave_the_old_one() {
+    let mut values = Values::DEFAULT;
+    let range = Refusal::OutOfRange { min: 0.05, max: 20.0 };
+    for (name, value, refusal) in [
+        ("FH_SPD_MAX", 0.0, range),
+        ("FH_SPD_MAX", 20.01, range),
+        ("FH_SPD_MAX", f32::NAN, Refusal::NotFinite),
+        ("FH_SPD_MAX", f32::INFINITY, Refusal::NotFinite),
+        ("FH_V1", 0.5, Refusal::NotWhole),
+        ("FH_V1", 2.0, Refusal::OutOfRange { min: 0.0, max: 1.0 }),
+        ("FH_RC_CH", 7.000_001, Refusal::NotWhole),
+        ("FH_NONE", 1.0, Refusal::Unknown),
+    ] {
+        assert_eq!(values.set_named(name, value), Err(refusal), "{name} = {value}");
+        assert_eq!(values, Values::DEFAULT);
+    }
+    values.set(FH_RC_CH, 7.0).unwrap();
+    values.set(FH_V1, -0.0).unwrap();
+    assert_eq!((values.whole(FH_RC_CH), values.is_on(FH_V1), values.get(FH_V1).to_bits()), (7, false, 0));
+}
+
+#[test]
+fn stored_values_come_back_and_refused_ones_are_their_defaults() {
+    let mut values = Values::DEFAULT;
+    values.set(FH_RADIUS, 0.3).unwrap();
+    assert_eq!(Values::restore(values.as_array()), (values, 0));
+    let mut stored = *values.as_array();
+    stored[FH_SPD_MAX.index()] = f32::NAN;
+    stored[FH_V1.index()] = 7.0;
+    assert_eq!(Values::restore(&stored), (values, 2));
+}

@@ -1,0 +1,241 @@
+//! The temporary target: a point at a fixed distance on the source's bearing (main paper, section III-A and IV: 2 m).
+//!
+//! A beacon mostly lies below the vehicle, and a tilting array then mishears its azimuth. How far below is learned from the
+//! wavenumber, whose square is one minus that of the direction's vertical part, in moments when the array is not tilted
+//! towards the source. (A flat array cannot tell below from above; above is not expected.)
+//!
+//! Bearings are averaged as unit vectors in the NED frame, each with the weight of its precision, over a memory that is as
+//! long as they are noisy: a tenth of a second for good ones, a second or two for bearings of 10 or 20 degrees.
+
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::base::ownship::Ownship;
+use crate::base::time::Instant;
+use crate::base::units::asin;
+use crate::doa::bearing::Bearing;
+use crate::localize::source::Sighting;
+
+pub mod posterior;
+
+/// Sightings that wait for the planner; the oldest gives way.
+pub const SIGHTINGS_MAX: usize = 16;
+
+/// The array counts as level towards the source when the horizon there is this near to its plane.
+const LEVEL_RAD: f32 = 0.03;
+/// Memory of the depression.
+const DEPRESSION_MEMORY_S: f32 = 1.0;
+
+/// What the goal needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Distance of the temporary target.
+    pub target_distance_m: f32,
+    /// Memory of perfect bearings.
+    pub memory_min_s: f32,
+    /// Memory added per radian of the bearings' sigma.
+    pub memory_s_per_rad: f32,
+    /// Where the source is, if somebody knows. Bearings are still needed: they say that it can be heard.
+    pub known_source_ned_m: Option<Horizontal>,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { target_distance_m: 2.0, memory_min_s: 0.1, memory_s_per_rad: 6.0, known_source_ned_m: None }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Seeker, ConfigError> {
+        check("goal.target_distance_m", self.target_distance_m, 0.5, 20.0)?;
+        check("goal.memory_min_s", self.memory_min_s, 0.0, 10.0)?;
+        check("goal.memory_s_per_rad", self.memory_s_per_rad, 0.0, 100.0)?;
+        if let Some(place) = self.known_source_ned_m {
+            check("goal.known_source_ned_m.north", place.north, -1e5, 1e5)?;
+            check("goal.known_source_ned_m.east", place.east, -1e5, 1e5)?;
+        }
+        Ok(Seeker { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seeker {
+    config: Config,
+}
+
+/// The averaged direction of the source.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct State {
+    sum: Horizontal,
+    updated: Option<Instant>,
+    /// Weighted sum of the squared vertical part of the direction, and of the weights.
+    sunk: f32,
+    sunk_weight: f32,
+    sightings: Vec<Sighting, SIGHTINGS_MAX>,
+}
+
+impl State {
+    /// Bearing of the source from north, clockwise; `None` before the first valid bearing.
+    #[must_use]
+    pub fn source_bearing_ned_rad(&self) -> Option<f32> {
+        self.updated.map(|_| self.sum.bearing_rad())
+    }
+
+    /// How far the source lies below the horizon.
+    #[must_use]
+    pub fn depression_rad(&self) -> f32 {
+        let squared = if self.sunk_weight > 0.0 { self.sunk / self.sunk_weight } else { 0.0 };
+        asin(sqrt(squared.clamp(0.0, 1.0)))
+    }
+
+    /// The unit vector towards the source, averaged; `None` before the first valid bearing.
+    #[must_use]
+    pub fn source_direction_ned(&self) -> Option<Horizontal> {
+        let norm = self.sum.norm();
+        self.updated.filter(|_| norm > 0.0).map(|_| self.sum.times(1.0 / norm))
+    }
+
+    /// A sighting for the planner.
+    pub fn push_sighting(&mut self, sighting: Sighting) {
+        if self.sightings.is_full() {
+            self.sightings.remove(0);
+        }
+        // Cannot fail: there is room now.
+        let _ = self.sightings.push(sighting);
+    }
+
+    /// The sightings since the last call: what the planner has not heard of yet.
+    pub fn take_sightings(&mut self) -> Vec<Sighting, SIGHTINGS_MAX> {
+        core::mem::take(&mut self.sightings)
+    }
+
+    /// When the last valid bearing was measured.
+    #[must_use]
+    pub fn updated(&self) -> Option<Instant> {
+        self.updated
+    }
+}
+
+impl Seeker {
+    /// Takes in a valid bearing and returns where it points, from north, clockwise.
+    pub fn observe(&self, state: &mut State, bearing: &Bearing, ownship: &Ownship) -> f32 {
+        let at = bearing.time;
+        let bearing_ned_rad = ownship.bearing_ned_rad(bearing.azimuth_rad, state.depression_rad(), at);
+        let [_, _, tilt] = ownship.to_body(bearing_ned_rad - ownship.yaw_at(at), 0.0);
+        let since_s = state.updated.map_or(0.0, |updated| at.seconds_since(updated));
+        let fades = 1.0 / (1.0 + since_s / DEPRESSION_MEMORY_S);
+        (state.sunk, state.sunk_weight) = (state.sunk * fades, state.sunk_weight * fades);
+        if libm::fabsf(tilt) < LEVEL_RAD && bearing.quality.wavenumber > 0.0 {
+            let weight = 1.0 / (bearing.sigma_rad * bearing.sigma_rad + 1e-6);
+            let wavenumber = bearing.quality.wavenumber;
+            state.sunk += weight * (1.0 - wavenumber * wavenumber);
+            state.sunk_weight += weight;
+        }
+        let direction = Horizontal::from_bearing(bearing_ned_rad);
+        let sigma_rad = if bearing.sigma_rad > 1e-3 { bearing.sigma_rad } else { 1e-3 };
+        let weight = 1.0 / (sigma_rad * sigma_rad);
+        let kept = match state.updated {
+            None => 0.0,
+            Some(updated) => {
+                let memory_s = self.config.memory_min_s + self.config.memory_s_per_rad * sigma_rad;
+                let age = at.seconds_since(updated) / if memory_s > 1e-3 { memory_s } else { 1e-3 };
+                // exp(-age), by the first terms of its series: exact enough for a weight.
+                1.0 / (1.0 + age + 0.5 * age * age)
+            }
+        };
+        state.sum = state.sum.times(kept).plus(direction.times(weight));
+        state.updated = Some(at);
+        bearing_ned_rad
+    }
+
+    /// The temporary target as seen from a position; `None` before the first valid bearing.
+    #[must_use]
+    pub fn target_ned_m(&self, state: &State, position_ned_m: Horizontal) -> Option<Horizontal> {
+        let norm = state.sum.norm();
+        if state.updated.is_none() || !(norm > 0.0) {
+            return None;
+        }
+        Some(position_ned_m.plus(state.sum.times(self.config.target_distance_m / norm)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::Rng;
+    use crate::base::units::wrap_pi;
+    use crate::doa::bearing::{Flags, Quality};
+
+    fn bearing(time_us: u64, sigma_rad: f32) -> Bearing {
+        Bearing {
+            time: Instant(time_us),
+            valid: true,
+            azimuth_rad: 0.0,
+            sigma_rad,
+            elevation_rad: 0.0,
+            elevation_sigma_rad: 1.0,
+            quality: Quality::default(),
+            flags: Flags::default(),
+        }
+    }
+
+    #[test]
+    fn the_target_lies_two_metres_off_on_the_bearing() {
+        let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
+        assert_eq!(seeker.target_ned_m(&state, Horizontal::default()), None);
+        let east = Ownship { yaw_rad: core::f32::consts::FRAC_PI_2, ..Ownship::default() };
+        seeker.observe(&mut state, &bearing(0, 0.01), &east);
+        let target = seeker.target_ned_m(&state, Horizontal { north: 1.0, east: 1.0 }).unwrap();
+        assert!((target.north - 1.0).abs() < 1e-5 && (target.east - 3.0).abs() < 1e-5, "{target:?}");
+    }
+
+    #[test]
+    fn a_source_below_is_found_through_a_tilt_once_its_depression_is_known() {
+        let (seeker, mut state) = (Config::default().build().unwrap(), State::default());
+        let (depression, psi) = (0.5_f32, 0.8_f32);
+        let mut worst = 0.0_f32;
+        for k in 0..200_u64 {
+            let time = k * 20_000;
+            // Level for two seconds, then rocking.
+            let tilt = if k < 100 { 0.0 } else { 0.15 };
+            let ownship =
+                Ownship { attitude_time: Instant(time), roll_rad: tilt, pitch_rad: -tilt, ..Ownship::default() };
+            let [forward, right, _] = ownship.to_body(psi, depression);
+            let mut heard = bearing(time, 0.0025);
+            heard.azimuth_rad = libm::atan2f(right, forward);
+            heard.quality.wavenumber = libm::sqrtf(forward * forward + right * right);
+            let error = wrap_pi(seeker.observe(&mut state, &heard, &ownship) - psi);
+            worst = if k > 0 && libm::fabsf(error) > worst { libm::fabsf(error) } else { worst };
+        }
+        assert!((state.depression_rad() - depression).abs() < 0.01, "{}", state.depression_rad());
+        assert!(worst < 0.002, "{worst}");
+    }
+
+    #[test]
+    fn noisy_bearings_are_averaged_longer_than_good_ones_and_across_the_wrap() {
+        let seeker = Config::default().build().unwrap();
+        for (sigma, expected) in [(0.0025_f32, 0.002), (0.35, 0.10)] {
+            let (mut state, mut rng) = (State::default(), Rng::new(5, 0));
+            let mut squares = 0.0;
+            for k in 0..2000_u64 {
+                let heard = wrap_pi(core::f32::consts::PI + sigma * rng.gaussian());
+                let turned = Ownship { yaw_rad: heard, ..Ownship::default() };
+                seeker.observe(&mut state, &bearing(k * 20_000, sigma), &turned);
+                if k >= 1000 {
+                    let error = wrap_pi(state.source_bearing_ned_rad().unwrap() - core::f32::consts::PI);
+                    squares += error * error;
+                }
+            }
+            let rms = libm::sqrtf(squares / 1000.0);
+            assert!(rms < expected, "sigma {sigma}: {rms}");
+        }
+    }
+}

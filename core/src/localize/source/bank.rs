@@ -1,0 +1,539 @@
+//! A bank of filters, each with its own belief of where the source is, after section IV of the mmWave paper.
+//!
+//! A sighting can mean two things: the source lies on its ray, or the ray was reflected by the nearest line that it meets.
+//! What a reflection says of the source is what the vehicle's mirror image would see directly ([`Line::mirror`]), so each
+//! filter tries a sighting both ways and keeps the one that it finds likelier, given how likely the link is to be reflected
+//! at all. The paper has one filter for each line and switches between them; a filter of ours stays what it is when the
+//! vehicle turns the corner and the same source is suddenly seen directly: it is then the one that had expected that, and
+//! the filter that took the mirror image for the source is not.
+//!
+//! - A new filter begins where a reflected link's ray meets a line that no filter uses, as the mirror image of the leading
+//!   one; and afresh when nothing explains what is heard.
+//! - Weights are likelihoods with a memory. Filters that have become unlikely, or agree with a likelier one, are dropped;
+//!   there are never more than [`FILTERS`].
+//! - The leading filter says whether it is time to learn or to go: [`Mode`], by the mean of its innovations' Mahalanobis
+//!   distance (the paper's switch) and by what it knows of the range.
+
+use super::polar::{self, Resting};
+use super::reflected::fold::is_line;
+use super::{Estimate, Heard, Sighting};
+use crate::base::error::{ConfigError, check};
+use crate::mapping::lor::Line;
+
+/// Filters at most.
+pub const FILTERS: usize = 4;
+/// Logarithm of a weight that says that it is over.
+const OVER: f32 = -12.0;
+/// Logarithm of the weight that a newcomer begins with.
+const NEWCOMER: f32 = -2.0;
+/// Sightings in a row that nothing explains, before a filter begins afresh.
+const UNEXPLAINED_MAX: u8 = 5;
+/// A sighting is explained when it is likelier not to be an outlier.
+const EXPLAINED: f32 = 0.5;
+/// Logarithm of the likelihood of a sighting that a belief has no way for.
+const NOTHING: f32 = -5.0;
+/// Range sigma over range up to which a belief can tell what is seen from the vehicle's mirror image, and back.
+const SWITCH_MAX: f32 = 0.1;
+/// Memory of the mean innovation, in sightings.
+const INNOVATION_MEMORY: f32 = 10.0;
+
+/// What the bank needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// The filters.
+    pub polar: polar::Config,
+    /// How far beyond its known end a line may reflect.
+    pub slack_m: f32,
+    /// A source that is seen directly and lies behind a line is so much less likely.
+    pub through: f32,
+    /// A reflected link is looked into when it is at least so likely.
+    pub reflected_min: f32,
+    /// Share of the logarithms of the weights that is kept from sighting to sighting.
+    pub memory: f32,
+    /// Mean squared Mahalanobis distance of the innovations above which a filter is not believed.
+    pub distance_max: f32,
+    /// Range sigma over range above which there is something to learn.
+    pub range_sigma_max: f32,
+}
+
+impl Config {
+    /// The default, as a constant.
+    pub const DEFAULT: Self = Self {
+        polar: polar::Config { outlier_rate: 0.05, odometry_m2_per_s: 0.003, ..polar::Config::DEFAULT },
+        slack_m: 0.5,
+        through: 0.05,
+        reflected_min: 0.3,
+        memory: 0.98,
+        distance_max: 4.0,
+        range_sigma_max: 0.3,
+    };
+
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Bank, ConfigError> {
+        check("source.slack_m", self.slack_m, 0.0, 10.0)?;
+        check("source.through", self.through, 1e-6, 1.0)?;
+        check("source.reflected_min", self.reflected_min, 0.0, 1.0)?;
+        check("source.memory", self.memory, 0.0, 1.0)?;
+        check("source.distance_max", self.distance_max, 1.0, 100.0)?;
+        check("source.range_sigma_max", self.range_sigma_max, 0.01, 10.0)?;
+        Ok(Bank { config: *self, filter: self.polar.build()? })
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// The configured bank.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bank {
+    config: Config,
+    filter: polar::Filter,
+}
+
+/// How a sighting came about.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Way {
+    /// Straight from the source.
+    #[default]
+    Direct,
+    /// By one reflection.
+    Reflected(Line),
+}
+
+impl Way {
+    /// Whether two ways are the same, as well as that can be told from two fits of a wall.
+    fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Direct, Self::Direct) => true,
+            (Self::Reflected(a), Self::Reflected(b)) => is_same(a, b),
+            _ => false,
+        }
+    }
+
+    /// What the sighting says, seen directly.
+    #[must_use]
+    pub fn straightened(&self, sighting: &Sighting) -> Sighting {
+        match self {
+            Self::Direct => *sighting,
+            Self::Reflected(line) => Sighting {
+                place_ned_m: line.mirror(sighting.place_ned_m),
+                direction_ned: line.mirror_direction(sighting.direction_ned),
+                ..*sighting
+            },
+        }
+    }
+}
+
+/// What the vehicle had better do, for the sake of the estimate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Mode {
+    /// Move so that the range becomes known.
+    #[default]
+    Learn,
+    /// Go there.
+    Go,
+}
+
+/// What the bank says after a sighting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// What the leading filter believes.
+    pub estimate: Estimate,
+    /// How it explains the sighting.
+    pub way: Way,
+    /// Whether it explains it at all.
+    pub explained: bool,
+    /// Its share of the weight.
+    pub share: f32,
+    /// Its normalised innovation squared, averaged over the last sightings: about one where all is as believed.
+    pub nis: f32,
+    /// What to do.
+    pub mode: Mode,
+}
+
+/// One belief.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Belief {
+    filter: Resting,
+    way: Way,
+    log_weight: f32,
+    distance: f32,
+    alive: bool,
+}
+
+/// The beliefs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    beliefs: [Belief; FILTERS],
+    unexplained: u8,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl State {
+    /// Nothing is known.
+    #[must_use]
+    pub const fn new() -> Self {
+        const NONE: Belief =
+            Belief { filter: Resting::new(), way: Way::Direct, log_weight: 0.0, distance: 0.0, alive: false };
+        Self { beliefs: [NONE; FILTERS], unexplained: 0 }
+    }
+
+    /// Filters in use.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.alive().count()
+    }
+
+    fn alive(&self) -> impl Iterator<Item = &Belief> {
+        self.beliefs.iter().filter(|belief| belief.alive)
+    }
+
+    fn leading(&self) -> Option<&Belief> {
+        let mut leading: Option<&Belief> = None;
+        for belief in self.alive() {
+            if leading.is_none_or(|other| belief.log_weight > other.log_weight) {
+                leading = Some(belief);
+            }
+        }
+        leading
+    }
+
+    /// Where a new belief goes: an empty place, or that of the unlikeliest.
+    fn vacancy(&mut self) -> &mut Belief {
+        let mut at = 0;
+        for (index, belief) in self.beliefs.iter().enumerate() {
+            let other = &self.beliefs[at];
+            if other.alive && (!belief.alive || belief.log_weight < other.log_weight) {
+                at = index;
+            }
+        }
+        &mut self.beliefs[at]
+    }
+}
+
+impl Bank {
+    /// Takes in a sighting. `reflected` is the probability that the link is, `lines` are the walls that are known.
+    /// `None` when the sighting is refused, or nothing is left to believe.
+    pub fn step(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Line]) -> Option<Answer> {
+        if !sighting.is_plausible() {
+            return None;
+        }
+        let reflected = if reflected > 0.0 && reflected <= 1.0 { reflected } else { 0.0 };
+        let wall = self.nearest(sighting, lines);
+        let mut explained = false;
+        for belief in state.beliefs.iter_mut().filter(|belief| belief.alive) {
+            explained |= self.weigh(belief, sighting, reflected, wall);
+        }
+        self.conclude(state, sighting, explained, reflected, wall)
+    }
+
+    /// What is to be believed once all beliefs have been held against a sighting.
+    #[inline(never)]
+    fn conclude(
+        &self,
+        state: &mut State,
+        sighting: &Sighting,
+        explained: bool,
+        reflected: f32,
+        wall: Option<(Line, f32)>,
+    ) -> Option<Answer> {
+        state.unexplained = if explained { 0 } else { state.unexplained.saturating_add(1) };
+        if state.count() == 0 || state.unexplained >= UNEXPLAINED_MAX {
+            self.begin_afresh(state, sighting);
+        }
+        if let Some((line, _)) = wall
+            && reflected >= self.config.reflected_min
+        {
+            Self::reflect(state, line);
+        }
+        settle(state);
+        let leading = state.leading()?;
+        let total: f32 = state.alive().map(|belief| libm::expf(belief.log_weight - leading.log_weight)).sum();
+        let known = knows_range(&leading.filter, self.config.range_sigma_max);
+        let mut here = leading.filter;
+        if leading.way != Way::Direct && !self.filter.predict(&mut here, sighting.place_ned_m, 0.0) {
+            return None;
+        }
+        let estimate = here.estimate()?;
+        let mode = if known && leading.distance < self.config.distance_max { Mode::Go } else { Mode::Learn };
+        Some(Answer { estimate, way: leading.way, explained, share: 1.0 / total, nis: leading.distance, mode })
+    }
+
+    /// The nearest line that a sighting's ray meets, and how far off.
+    fn nearest(&self, sighting: &Sighting, lines: &[Line]) -> Option<(Line, f32)> {
+        let mut nearest: Option<(Line, f32)> = None;
+        for line in lines.iter().filter(|line| is_line(line)) {
+            let range_m = line.range_along_m(sighting.place_ned_m, sighting.direction_ned, self.config.slack_m);
+            if let Some(range_m) = range_m.filter(|range_m| nearest.is_none_or(|(_, other)| *range_m < other)) {
+                nearest = Some((*line, range_m));
+            }
+        }
+        nearest
+    }
+
+    /// Tries a sighting both ways on a belief and keeps the likelier; whether that explains it.
+    #[inline(never)]
+    fn weigh(&self, belief: &mut Belief, sighting: &Sighting, reflected: f32, wall: Option<(Line, f32)>) -> bool {
+        let direct = self.read(belief, sighting, Way::Direct).map(|reading| {
+            let behind = wall.is_some_and(|(_, range_m)| reading.filter.inverse_range_per_m() * range_m < 0.9);
+            reading.times((1.0 - reflected) * if behind { self.config.through } else { 1.0 })
+        });
+        let mirrored = wall.filter(|_| reflected > 0.0).and_then(|(line, range_m)| {
+            let reading = self.read(belief, sighting, Way::Reflected(line))?;
+            // By way of the wall it cannot be nearer than the wall.
+            (reading.filter.inverse_range_per_m() * range_m < 1.0).then(|| reading.times(reflected))
+        });
+        let (best, other) = match (direct, mirrored) {
+            (Some(direct), Some(mirrored)) if mirrored.likelihood > direct.likelihood => (mirrored, direct.likelihood),
+            (Some(direct), mirrored) => (direct, mirrored.map_or(0.0, |reading| reading.likelihood)),
+            (None, Some(mirrored)) => (mirrored, 0.0),
+            (None, None) => {
+                // Nothing that it could have sent: an outlier.
+                belief.log_weight = self.config.memory * belief.log_weight + NOTHING;
+                return false;
+            }
+        };
+        // It stays where the mirror image of the vehicle is for as long as that is what hears: a jump there and back at
+        // every sighting, with a range that is not known, is more than a linear filter can follow.
+        belief.filter = best.filter;
+        belief.way = best.way;
+        belief.log_weight = self.config.memory * belief.log_weight + libm::logf(best.likelihood + other + 1e-30);
+        belief.distance += (best.nis - belief.distance) / INNOVATION_MEMORY;
+        best.inlier > EXPLAINED
+    }
+
+    /// What a belief would become, were the sighting to have come this way.
+    fn read(&self, belief: &Belief, sighting: &Sighting, way: Way) -> Option<Reading> {
+        // From the vehicle to its mirror image is a long way. Who does not know the range cannot say what is seen from there.
+        if !knows_range(&belief.filter, SWITCH_MAX) && !belief.way.is_same(&way) {
+            return None;
+        }
+        let mut filter = belief.filter;
+        let straight = way.straightened(sighting);
+        match self.filter.step(&mut filter, &straight) {
+            Heard::Fused { nis, weight, likelihood } => Some(Reading { filter, way, likelihood, nis, inlier: weight }),
+            _ => None,
+        }
+    }
+
+    /// A belief that knows this sighting only.
+    fn begin_afresh(&self, state: &mut State, sighting: &Sighting) {
+        state.unexplained = 0;
+        let log_weight = state.leading().map_or(0.0, |leading| leading.log_weight + NEWCOMER);
+        let mut filter = Resting::new();
+        self.filter.step(&mut filter, sighting);
+        *state.vacancy() = Belief { filter, way: Way::Direct, log_weight, distance: 0.0, alive: true };
+    }
+
+    /// A belief that the leading one has been looking at a mirror image in this line, unless there is one.
+    fn reflect(state: &mut State, line: Line) {
+        let used = state.alive().any(|belief| belief.way.is_same(&Way::Reflected(line)));
+        let Some(leading) = state.leading().copied() else { return };
+        if used || leading.way != Way::Direct {
+            return;
+        }
+        let filter = leading.filter.mirrored(&line);
+        let log_weight = leading.log_weight + NEWCOMER;
+        *state.vacancy() =
+            Belief { filter, way: Way::Reflected(line), log_weight, distance: leading.distance, alive: true };
+    }
+}
+
+/// A sighting, read one way.
+#[derive(Clone, Copy)]
+struct Reading {
+    filter: Resting,
+    way: Way,
+    likelihood: f32,
+    nis: f32,
+    inlier: f32,
+}
+
+impl Reading {
+    fn times(self, prior: f32) -> Self {
+        Self { likelihood: self.likelihood * prior, ..self }
+    }
+}
+
+/// Whether the range's standard deviation is less than this part of it.
+fn knows_range(filter: &Resting, ratio_max: f32) -> bool {
+    let sigma = ratio_max * filter.inverse_range_per_m();
+    filter.covariance(1, 1) < sigma * sigma
+}
+
+/// Whether two lines are the same wall, as well as that can be told from two fits.
+fn is_same(a: &Line, b: &Line) -> bool {
+    let [from, to] = b.ends_ned_m();
+    libm::fabsf(a.normal_ned.dot(b.normal_ned)) > 0.9
+        && libm::fabsf(a.distance_m(from)) < 0.7
+        && libm::fabsf(a.distance_m(to)) < 0.7
+}
+
+/// Weights relative to the leading one; drops who is unlikely, or agrees with a likelier one.
+fn settle(state: &mut State) {
+    let Some(most) = state.leading().map(|leading| leading.log_weight) else { return };
+    for belief in state.beliefs.iter_mut().filter(|belief| belief.alive) {
+        belief.log_weight -= most;
+        belief.alive = belief.log_weight > OVER;
+    }
+    for one in 0..FILTERS {
+        for other in 0..FILTERS {
+            let [a, b] = [&state.beliefs[one], &state.beliefs[other]];
+            let likelier = a.log_weight > b.log_weight || (a.log_weight == b.log_weight && one < other);
+            if one != other && a.alive && b.alive && likelier && agree(&a.filter, &b.filter) {
+                state.beliefs[other].alive = false;
+            }
+        }
+    }
+}
+
+/// Whether two filters that look from one place say the same: within one standard deviation of the better known one.
+fn agree(a: &Resting, b: &Resting) -> bool {
+    if a.place_ned_m() != b.place_ned_m() {
+        return false;
+    }
+    // The chord, for the arc.
+    let bearing2 = a.direction_ned().minus(b.direction_ned()).norm_squared();
+    let inverse_range = a.inverse_range_per_m() - b.inverse_range_per_m();
+    let least = |i: usize| {
+        let [of_a, of_b] = [a.covariance(i, i), b.covariance(i, i)];
+        if of_a < of_b { of_a } else { of_b }
+    };
+    bearing2 < least(0) && inverse_range * inverse_range < least(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::frame::Horizontal;
+    use crate::base::rng::Rng;
+
+    const SIGMA_RAD: f32 = 0.03;
+
+    fn at(north: f32, east: f32) -> Horizontal {
+        Horizontal { north, east }
+    }
+
+    fn sighting(from: Horizontal, towards: Horizontal, rng: &mut Rng) -> Sighting {
+        let bearing_rad = towards.minus(from).bearing_rad() + SIGMA_RAD * rng.gaussian();
+        Sighting {
+            place_ned_m: from,
+            direction_ned: Horizontal::from_bearing(bearing_rad),
+            sigma_rad: SIGMA_RAD,
+            since_s: 0.1,
+        }
+    }
+
+    /// Around a corner: the source is hidden, its mirror image in the wall is not; later it is seen directly.
+    fn corner(seed: u64, reflected: f32) -> (Answer, Answer, Horizontal) {
+        let bank = Config::DEFAULT.build().unwrap();
+        let wall = Line::between(at(8.0, -3.0), at(8.0, 14.0)).unwrap();
+        let source = at(2.0, 9.0);
+        let image = wall.mirror(source);
+        let (mut state, mut rng) = (State::new(), Rng::new(seed, 1));
+        let mut hidden = None;
+        let mut seen = None;
+        for k in 0..140 {
+            let from = at(0.05 * k as f32 * 0.8, 0.02 * k as f32 + 0.6 * libm::fabsf(((k % 40) as f32 - 20.0) / 20.0));
+            if k < 100 {
+                hidden = bank.step(&mut state, &sighting(from, image, &mut rng), reflected, &[wall]);
+            } else {
+                seen = bank.step(&mut state, &sighting(from, source, &mut rng), 0.1, &[wall]);
+            }
+        }
+        (hidden.unwrap(), seen.unwrap(), source)
+    }
+
+    #[test]
+    fn around_the_corner_the_source_is_found_and_expected_there_when_it_comes_into_view() {
+        for seed in 0..20 {
+            let (hidden, seen, source) = corner(seed, 0.8);
+            assert!(matches!(hidden.way, Way::Reflected(_)), "seed {seed}: {hidden:?}");
+            let off = hidden.estimate.place_ned_m.minus(source);
+            let [nn, ne, ee] = hidden.estimate.covariance_m2;
+            let squares = ee * off.north * off.north - 2.0 * ne * off.north * off.east + nn * off.east * off.east;
+            assert!(squares / (nn * ee - ne * ne) < 12.0 && off.norm() < 5.0, "seed {seed}: {hidden:?}");
+            assert_eq!(seen.way, Way::Direct);
+            assert!(seen.estimate.place_ned_m.minus(source).norm() < 1.5, "seed {seed}: {seen:?}");
+            assert!(seen.share > 0.9, "seed {seed}: {seen:?}");
+        }
+    }
+
+    #[test]
+    fn told_that_the_link_is_direct_it_believes_in_the_image_until_it_sees_better() {
+        let (hidden, seen, source) = corner(1, 0.0);
+        assert_eq!(hidden.way, Way::Direct);
+        assert!(hidden.estimate.place_ned_m.minus(at(14.0, 9.0)).norm() < 4.0, "{hidden:?}");
+        assert!(seen.estimate.bearing_ned_rad - source.minus(at(5.56, 2.78)).bearing_rad() < 0.1, "{seen:?}");
+    }
+
+    #[test]
+    fn outliers_are_outlived_and_there_are_never_too_many_filters() {
+        let bank = Config { polar: polar::Config { outlier_rate: 0.4, ..Config::DEFAULT.polar }, ..Config::DEFAULT };
+        let bank = bank.build().unwrap();
+        let lines =
+            [Line::between(at(9.0, -5.0), at(9.0, 5.0)).unwrap(), Line::between(at(-5.0, 6.0), at(9.0, 6.0)).unwrap()];
+        let source = at(6.0, 3.0);
+        let (mut state, mut rng) = (State::new(), Rng::new(3, 1));
+        let mut answer = None;
+        for k in 0..300 {
+            let from = at(0.01 * k as f32, libm::fabsf((k % 60) as f32 - 30.0) / 30.0);
+            let towards = if rng.uniform() < 0.4 {
+                from.plus(Horizontal::from_bearing(core::f32::consts::TAU * rng.uniform()))
+            } else {
+                source
+            };
+            answer = bank.step(&mut state, &sighting(from, towards, &mut rng), 0.4, &lines);
+            assert!(state.count() >= 1 && state.count() <= FILTERS);
+        }
+        let estimate = answer.unwrap().estimate;
+        assert!(estimate.place_ned_m.minus(source).norm() < 0.7, "{estimate:?}");
+    }
+
+    #[test]
+    fn the_switch_says_learn_on_a_straight_run_and_go_after_a_turn_aside() {
+        let bank = Config::DEFAULT.build().unwrap();
+        let source = at(12.0, 0.0);
+        let run = |aside: f32| {
+            let (mut state, mut rng) = (State::new(), Rng::new(4, 1));
+            let steps = (0..60).map(|k| at(0.1 * k as f32, aside * libm::fabsf((k % 30) as f32 - 15.0) / 15.0));
+            let answers = steps.map(|from| bank.step(&mut state, &sighting(from, source, &mut rng), 0.0, &[]));
+            answers.last().flatten().unwrap().mode
+        };
+        assert_eq!(run(0.0), Mode::Learn);
+        assert_eq!(run(1.5), Mode::Go);
+    }
+
+    #[test]
+    fn any_stream_leaves_it_finite() {
+        let bank = Config::DEFAULT.build().unwrap();
+        for seed in 0..100 {
+            let (mut state, mut rng) = (State::new(), Rng::new(seed, 2));
+            for _ in 0..100 {
+                let scale = libm::expf(14.0 * rng.uniform() - 7.0);
+                let wild = |rng: &mut Rng| at(scale * rng.gaussian(), scale * rng.gaussian());
+                let lines: std::vec::Vec<Line> =
+                    (0..3).filter_map(|_| Line::between(wild(&mut rng), wild(&mut rng))).collect();
+                let heard = Sighting { since_s: rng.uniform(), ..sighting(wild(&mut rng), wild(&mut rng), &mut rng) };
+                if let Some(answer) = bank.step(&mut state, &heard, 2.0 * rng.uniform() - 0.5, &lines) {
+                    let estimate = answer.estimate;
+                    assert!(estimate.place_ned_m.is_finite() && estimate.range_m.is_finite(), "{estimate:?}");
+                    assert!(answer.share > 0.0 && answer.share <= 1.0);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Line-of-sight filter in Cartesian coordinates, as the mmWave paper prints it: the baseline.
+//!
+//! K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources". The state is the robot's position `p`
+//! from the transponder, x east and y north; it moves by the control (eq. 2), and the measurement is
+//!
+//! ```text
+//!     z = [cos, sin],   h(p) = p / |p|                                                  (3)
+//! ```
+//!
+//! the direction from the transponder to the robot: ours, turned round. Eq. 16 and 17 update it (`kalman`). The paper prints
+//! neither `W` nor `V`; here both are isotropic.
+//!
+//! Each update looks along the bearing of an estimate that the noise has moved, so their differences add up to range that
+//! nobody measured. After 6 m of a straight run at a source about 12 m away, bearing sigma 1.86 deg, from a guess that is 5 m
+//! off along each axis, its squared error is 19 m^2 and its claim 4.0 m^2, and its range is within two of its sigmas in 54 %
+//! of 500 runs; begun with the first bearing and a range instead, in 91 %; [`polar`](super::polar), the filter to use, in 99 %
+//! (a test repeats it).
+
+use super::kalman::{self, Predicted};
+use super::{Estimate, Heard, Sighting};
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::base::units::between;
+
+/// What the filter needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Range that the first bearing is taken to mean, without [`Filter::begin`].
+    pub range_m: f32,
+    /// Its standard deviation.
+    pub range_sigma_m: f32,
+    /// Nearer than this the vehicle is at the source.
+    pub range_min_m: f32,
+    /// Sightings are not believed to be better than this.
+    pub sigma_floor_rad: f32,
+    /// Process noise `W`: a random walk with this variance a second, along each axis.
+    pub walk_m2_per_s: f32,
+}
+
+impl Config {
+    /// The default, as a constant.
+    pub const DEFAULT: Self =
+        Self { range_m: 12.5, range_sigma_m: 10.0, range_min_m: 0.2, sigma_floor_rad: 0.002, walk_m2_per_s: 1e-5 };
+
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Filter, ConfigError> {
+        check("cartesian.range_min_m", self.range_min_m, 1e-3, 100.0)?;
+        check("cartesian.range_m", self.range_m, self.range_min_m, 1e5)?;
+        check("cartesian.range_sigma_m", self.range_sigma_m, 1e-3, 1e5)?;
+        check("cartesian.sigma_floor_rad", self.sigma_floor_rad, 1e-4, 1.0)?;
+        check("cartesian.walk_m2_per_s", self.walk_m2_per_s, 0.0, 10.0)?;
+        Ok(Filter { config: *self })
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// The configured filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Filter {
+    config: Config,
+}
+
+/// What it knows.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// `p`, x east and y north.
+    x: [f32; 2],
+    p: [[f32; 2]; 2],
+    place_ned_m: Horizontal,
+    started: bool,
+}
+
+impl State {
+    /// Nothing is known.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { x: [0.0; 2], p: [[0.0; 2]; 2], place_ned_m: Horizontal { north: 0.0, east: 0.0 }, started: false }
+    }
+
+    /// What is known, as of the last sighting; `None` before the first.
+    #[must_use]
+    pub fn estimate(&self) -> Option<Estimate> {
+        let [x, y] = self.x;
+        let place = self.place_ned_m.minus(Horizontal { north: y, east: x });
+        let [[xx, xy], [_, yy]] = self.p;
+        self.started.then(|| kalman::seen(self.place_ned_m, place, [yy, xy, xx], 1e-3))
+    }
+}
+
+impl Filter {
+    /// Begins with a guess of the source's place and its standard deviation along each axis, as the paper does.
+    pub fn begin(&self, state: &mut State, vehicle_ned_m: Horizontal, source_ned_m: Horizontal, sigma_m: f32) {
+        let p = vehicle_ned_m.minus(source_ned_m);
+        let variance = sigma_m * sigma_m;
+        *state = State {
+            x: [p.east, p.north],
+            p: [[variance, 0.0], [0.0, variance]],
+            place_ned_m: vehicle_ned_m,
+            started: p.norm_squared() < 1e12 && vehicle_ned_m.norm_squared() < 1e12 && variance < 1e12,
+        };
+        kalman::keep_positive(&mut state.p);
+    }
+
+    /// Takes in a sighting.
+    pub fn step(&self, state: &mut State, sighting: &Sighting) -> Heard {
+        if !sighting.is_plausible() {
+            return Heard::Refused;
+        }
+        let config = &self.config;
+        let norm = sighting.direction_ned.norm();
+        let direction = sighting.direction_ned.times(1.0 / norm);
+        let floor = config.sigma_floor_rad;
+        let sigma_rad = if sighting.sigma_rad > floor { sighting.sigma_rad } else { floor };
+        if !state.started {
+            self.start(state, sighting.place_ned_m, direction, sigma_rad);
+            return Heard::Started;
+        }
+
+        // Eq. 2.
+        let u = sighting.place_ned_m.minus(state.place_ned_m);
+        state.place_ned_m = sighting.place_ned_m;
+        state.x = [state.x[0] + u.east, state.x[1] + u.north];
+        let walk = config.walk_m2_per_s * sighting.since_s;
+        state.p[0][0] += walk;
+        state.p[1][1] += walk;
+
+        let Some(predicted) = predict(state.x, config.range_min_m) else {
+            *state = State::new();
+            return Heard::Overhead;
+        };
+        let z = [-direction.east, -direction.north];
+        let weighed = kalman::update(&mut state.x, &mut state.p, &predicted, z, sigma_rad * sigma_rad);
+        // As far as a sighting's place may be.
+        state.x = state.x.map(|x| between(x, -5e5, 5e5));
+        Heard::Fused { nis: weighed.nis, weight: 1.0, likelihood: weighed.likelihood() }
+    }
+
+    /// Begins with a bearing, and the prior of the range.
+    fn start(&self, state: &mut State, place_ned_m: Horizontal, direction: Horizontal, sigma_rad: f32) {
+        let config = &self.config;
+        let along = config.range_sigma_m * config.range_sigma_m;
+        let across = config.range_m * config.range_m * sigma_rad * sigma_rad;
+        let [x, y] = [-direction.east, -direction.north];
+        let off = (along - across) * x * y;
+        *state = State {
+            x: [x * config.range_m, y * config.range_m],
+            p: [[along * x * x + across * y * y, off], [off, along * y * y + across * x * x]],
+            place_ned_m,
+            started: true,
+        };
+        kalman::keep_positive(&mut state.p);
+    }
+}
+
+/// Eq. 3 and the gradient of its angle; `None` at the source.
+fn predict([x, y]: [f32; 2], range_min_m: f32) -> Option<Predicted<2>> {
+    let range2 = x * x + y * y;
+    if !(range2 > range_min_m * range_min_m && range2 < 1e12) {
+        return None;
+    }
+    let (shrink, shrink2) = (1.0 / sqrt(range2), 1.0 / range2);
+    Some(Predicted { direction: [x * shrink, y * shrink], gradient: [-y * shrink2, x * shrink2] })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,54 @@
+//! Lines of reflection that are known: the line-of-sight filter, told what its mirror image hears.
+//!
+//! There is nothing to linearise that [`polar`] does not linearise already, so a reflection costs no accuracy over a direct
+//! signal of the same length of path, and a source that moves is followed through its reflection.
+
+use super::fold::fold;
+use super::{Degenerate, Estimate, Heard, Sighting, kalman};
+use crate::base::frame::Horizontal;
+use crate::localize::source::polar;
+use crate::mapping::lor::Line;
+
+/// A filter behind `N` lines, in the order from the source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known<const N: usize> {
+    /// Of the source itself.
+    pub filter: polar::Filter,
+    /// The lines.
+    pub lines: [Line; N],
+}
+
+impl<const N: usize> Known<N> {
+    /// Takes in a sighting off the last line.
+    ///
+    /// # Errors
+    /// Where the ray meets no line; the state is as it was.
+    pub fn step<const S: usize>(&self, state: &mut polar::State<S>, sighting: &Sighting) -> Result<Heard, Degenerate> {
+        if !sighting.is_plausible() {
+            return Ok(Heard::Refused);
+        }
+        Ok(self.filter.step(state, &fold(&self.lines, sighting)?))
+    }
+
+    /// What is known of the source, its bearing and range from the vehicle straight through the walls.
+    #[must_use]
+    pub fn estimate<const S: usize>(&self, state: &polar::State<S>, vehicle_ned_m: Horizontal) -> Option<Estimate> {
+        let direct = state.estimate()?;
+        let seen = kalman::seen(vehicle_ned_m, direct.place_ned_m, direct.covariance_m2, 1e-3);
+        Some(Estimate { velocity_ned_mps: direct.velocity_ned_mps, ..seen })
+    }
+}
+
+impl Known<1> {
+    /// [`Self::step`] for a source that may move, compiled with this crate and not with the caller, perhaps for size.
+    ///
+    /// # Errors
+    /// Where the ray meets no line; the state is as it was.
+    #[inline(never)]
+    pub fn step_moving(&self, state: &mut polar::Moving, sighting: &Sighting) -> Result<Heard, Degenerate> {
+        self.step(state, sighting)
+    }
+}
+
+#[cfg(test)]
+mod tests;

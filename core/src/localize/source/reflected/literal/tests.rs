@@ -1,0 +1,136 @@
+use core::f32::consts::TAU;
+use std::vec::Vec;
+
+use super::*;
+use crate::base::rng::Rng;
+use crate::base::units::sin_cos;
+use crate::mapping::lor::Line;
+
+const SIGMA_RAD: f32 = 0.05;
+/// y = 0.4 x + 10.
+const WALL: [f32; 2] = [0.4, 10.0];
+
+fn at(north: f32, east: f32) -> Horizontal {
+    Horizontal { north, east }
+}
+
+fn sighting(from: Horizontal, bearing_rad: f32) -> Sighting {
+    Sighting {
+        place_ned_m: from,
+        direction_ned: Horizontal::from_bearing(bearing_rad),
+        sigma_rad: SIGMA_RAD,
+        since_s: 0.1,
+    }
+}
+
+fn circle(k: u32) -> Horizontal {
+    let (s, c) = sin_cos(0.0628 * k as f32);
+    at(4.0 * s, 4.0 * c)
+}
+
+fn guess(source: Horizontal, line: [f32; 2]) -> Guess {
+    Guess {
+        vehicle_ned_m: circle(0),
+        vehicle_sigma_m: 0.05,
+        source_ned_m: source,
+        source_sigma_m: 3.0,
+        slope_intercept: line,
+        slope_intercept_sigma: [0.08, 1.0],
+    }
+}
+
+fn fly(filter: &Filter, state: &mut State, source: Horizontal, rng: &mut Rng) {
+    let image = Line::of_slope_intercept(WALL).mirror(source);
+    for k in 0..300 {
+        let from = circle(k);
+        let bearing = image.minus(from).bearing_rad() + SIGMA_RAD * rng.gaussian();
+        let _ = filter.step(state, &sighting(from, bearing));
+    }
+}
+
+#[test]
+fn with_the_line_known_it_finds_a_source_from_a_guess_nearby() {
+    let (filter, mut rng) = (Config::DEFAULT.build().unwrap(), Rng::new(1, 27));
+    let source = at(2.0, 9.0);
+    let mut errors: Vec<f32> = (0..100)
+        .map(|_| {
+            let mut state = State::new();
+            let from = source.plus(at(3.0 * rng.gaussian(), 3.0 * rng.gaussian()));
+            filter.begin_known(&mut state, &guess(from, WALL)).unwrap();
+            fly(&filter, &mut state, source, &mut rng);
+            assert_eq!(state.slope_intercept(), WALL);
+            state.estimate().unwrap().place_ned_m.minus(source).norm()
+        })
+        .collect();
+    errors.sort_by(f32::total_cmp);
+    assert!(errors[50] < 1.5, "{}", errors[50]);
+}
+
+#[test]
+fn with_the_line_unknown_the_image_is_found_and_the_frame_is_that_of_the_map() {
+    let (filter, mut rng) = (Config::DEFAULT.build().unwrap(), Rng::new(2, 27));
+    let source = at(2.0, 9.0);
+    let mut state = State::new();
+    // The guess is the truth: it comes back in the map's frame.
+    filter.begin_unknown(&mut state, &guess(source, WALL)).unwrap();
+    assert!(state.estimate().unwrap().place_ned_m.minus(source).norm() < 1e-4);
+    let [m, c] = state.slope_intercept();
+    assert!((m - WALL[0]).abs() < 1e-5 && (c - WALL[1]).abs() < 1e-4, "{m} {c}");
+    let image = Line::of_slope_intercept(WALL).mirror(source);
+    let mut errors: Vec<f32> = (0..100)
+        .map(|_| {
+            let from = source.plus(at(2.0 * rng.gaussian(), 2.0 * rng.gaussian()));
+            filter.begin_unknown(&mut state, &guess(from, [0.45, 9.5])).unwrap();
+            fly(&filter, &mut state, source, &mut rng);
+            let line = Line::of_slope_intercept(state.slope_intercept());
+            line.mirror(state.estimate().unwrap().place_ned_m).minus(image).norm()
+        })
+        .collect();
+    errors.sort_by(f32::total_cmp);
+    assert!(errors[50] < 2.5, "{}", errors[50]);
+}
+
+#[test]
+fn vertical_walls_filters_that_have_not_begun_and_vehicles_on_the_line_are_told() {
+    let filter = Config::DEFAULT.build().unwrap();
+    let mut state = State::new();
+    assert_eq!(filter.step(&mut state, &sighting(at(0.0, 0.0), 0.1)), Err(Degenerate::NotBegun));
+    let vertical = Line::between(at(-9.0, 8.0), at(9.0, 8.0)).unwrap().slope_intercept();
+    let steep = guess(at(2.0, 2.0), vertical);
+    assert_eq!(filter.begin_known(&mut state, &steep), Err(Degenerate::Vertical));
+    assert_eq!(filter.begin_unknown(&mut state, &steep), Err(Degenerate::Vertical));
+    assert_eq!(state, State::new());
+    filter.begin_known(&mut state, &Guess { vehicle_sigma_m: 0.0, ..guess(at(2.0, 9.0), [0.0, 10.0]) }).unwrap();
+    assert_eq!(filter.step(&mut state, &sighting(at(10.0, 4.0), 0.1)), Err(Degenerate::OnLine));
+    assert!(matches!(filter.step(&mut state, &sighting(at(8.0, 4.0), 0.1)), Ok(Heard::Fused { .. })));
+}
+
+#[test]
+fn any_stream_leaves_both_finite_symmetric_and_positive() {
+    let filter = Config::DEFAULT.build().unwrap();
+    let mut rng = Rng::new(3, 27);
+    for case in 0..300 {
+        let mut state = State::new();
+        let guess = Guess {
+            slope_intercept: [3.0 * rng.gaussian(), 10.0 * rng.gaussian()],
+            source_sigma_m: libm::expf(8.0 * rng.uniform()),
+            ..guess(at(10.0 * rng.gaussian(), 10.0 * rng.gaussian()), WALL)
+        };
+        let begin = if case % 2 == 0 { Filter::begin_known } else { Filter::begin_unknown };
+        begin(&filter, &mut state, &guess).unwrap();
+        for _ in 0..200 {
+            let scale = libm::expf(14.0 * rng.uniform() - 8.0);
+            let heard = Sighting {
+                place_ned_m: at(scale * rng.gaussian(), scale * rng.gaussian()),
+                direction_ned: Horizontal::from_bearing(TAU * rng.uniform()),
+                sigma_rad: if rng.uniform() < 0.1 { f32::NAN } else { libm::expf(10.0 * rng.uniform() - 9.0) },
+                since_s: libm::expf(10.0 * rng.uniform() - 8.0),
+            };
+            let _ = filter.step(&mut state, &heard);
+            assert!(state.x.iter().chain(state.p.iter().flatten()).all(|v| v.is_finite()), "{heard:?} {state:?}");
+            assert!(kalman::is_covariance(&state.p), "{heard:?} {state:?}");
+            let estimate = state.estimate().unwrap();
+            assert!(estimate.place_ned_m.is_finite() && estimate.covariance_m2.iter().all(|v| v.is_finite()));
+        }
+    }
+}

@@ -1,0 +1,412 @@
+//! Lines of reflection: the straight walls in a bounded map of points.
+//!
+//! After the belief-space paper (section III): first clusters, so that walls that meet are separate, then a line through
+//! each. Both ways of clustering that are built in end in the same steps here:
+//!
+//! 1. [`Method::Mixture`] (the paper's, for points in any order) or [`Method::SplitMerge`] (for points in the order of a
+//!    scan) proposes lines;
+//! 2. every point goes to the nearest proposed line that it is within [`Config::deviation_m`] of;
+//! 3. the points of a line are cut where a gap is wider than [`Config::gap_m`], and each piece is fitted anew ([`fit`]);
+//! 4. a piece that is too short, too thick for its length or of too few points is no wall: a pillar is one point, or a round
+//!    blob of several;
+//! 5. lines that are the same wall become one.
+//!
+//! The map remembers circles; [`points_of`] takes the place of each that faces the vehicle, in the order of their bearings.
+//!
+//! Memory: a [`Scratch`] of 3.0 KB, fixed. The work is bounded by [`Config::work_max`].
+
+use crate::base::order::sort_by_key;
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, Why, check};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::mapping::map::Circle;
+
+pub mod fit;
+pub mod line;
+mod mixture;
+mod split_merge;
+
+use fit::{Fit, Moments};
+pub use line::Line;
+use mixture::{Mixture, Prior};
+use split_merge::Limits;
+
+/// Most points that are looked at; the rest of a longer list is not.
+pub const POINTS_MAX: usize = crate::mapping::map::CIRCLES_MAX;
+/// Most lines that are told, the longest.
+pub const LINES_MAX: usize = 8;
+/// Nothing is mapped farther from the origin.
+const PLACE_MAX_M: f32 = 1e5;
+/// Lines that may be proposed and found before they are merged.
+const PROPOSED_MAX: usize = 16;
+
+/// How points become clusters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Method {
+    /// Variational Bayesian mixture of Gaussians; the order of the points does not matter.
+    #[default]
+    Mixture,
+    /// Split and merge along the order of the points.
+    SplitMerge,
+}
+
+/// What a wall is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// How points become clusters.
+    pub method: Method,
+    /// Farthest that a point of a wall is from its line.
+    pub deviation_m: f32,
+    /// Farthest that a wall's neighbouring points are from each other.
+    pub gap_m: f32,
+    /// Shortest wall.
+    pub length_min_m: f32,
+    /// Fewest points of a wall.
+    pub points_min: u8,
+    /// A wall's largest standard deviation across, as a share of the one along.
+    pub thickness_max: f32,
+    /// Two lines whose directions differ by less may be the same wall,
+    pub same_angle_rad: f32,
+    /// if the ends of the shorter are this close to the longer, and the gap between them is not wider than `gap_m`.
+    pub same_offset_m: f32,
+    /// Concentration of the mixture's Dirichlet process: more of it, more components.
+    pub concentration: f32,
+    /// Expected standard deviation of a wall's points across, before any is seen.
+    pub sigma_m: f32,
+    /// Most work of the mixture, in pairs of a point and a component; some 45 instructions each.
+    pub work_max: u32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl Config {
+    /// The default, as a constant.
+    pub const DEFAULT: Self = Self {
+        method: Method::Mixture,
+        deviation_m: 0.25,
+        gap_m: 1.25,
+        length_min_m: 1.5,
+        points_min: 4,
+        thickness_max: 0.15,
+        same_angle_rad: 0.15,
+        same_offset_m: 0.2,
+        concentration: 0.1,
+        sigma_m: 0.1,
+        work_max: 5_500,
+    };
+
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Lines, ConfigError> {
+        check("lor.deviation_m", self.deviation_m, 0.01, 2.0)?;
+        check("lor.gap_m", self.gap_m, 0.05, 10.0)?;
+        check("lor.length_min_m", self.length_min_m, 0.1, 50.0)?;
+        check("lor.points_min", f32::from(self.points_min), 3.0, POINTS_MAX as f32)?;
+        check("lor.thickness_max", self.thickness_max, 0.01, 0.5)?;
+        check("lor.same_angle_rad", self.same_angle_rad, 0.0, 0.5)?;
+        check("lor.same_offset_m", self.same_offset_m, 0.0, 2.0)?;
+        check("lor.concentration", self.concentration, 1e-3, 10.0)?;
+        check("lor.sigma_m", self.sigma_m, 0.005, 1.0)?;
+        check("lor.work_max", self.work_max as f32, 2_048.0, 1e5)?;
+        if self.sigma_m > self.deviation_m {
+            let why = Why::Inconsistent("points would be expected farther from their wall than lor.deviation_m allows");
+            return Err(ConfigError { field: "lor.sigma_m", value: self.sigma_m, why });
+        }
+        Ok(Lines { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lines {
+    config: Config,
+}
+
+/// Memory for one call; nothing in it lasts.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    /// The points, from their first.
+    points: Vec<Horizontal, POINTS_MAX>,
+    mixture: Mixture,
+    /// Which proposed line a point belongs to, before that which seed.
+    owners: [u8; POINTS_MAX],
+    order: Vec<u8, POINTS_MAX>,
+    proposed: Vec<Line, PROPOSED_MAX>,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Scratch {
+    /// Empty. All bits are zero, so that it takes no room in flash.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            points: Vec::new(),
+            mixture: Mixture::new(),
+            owners: [0; POINTS_MAX],
+            order: Vec::new(),
+            proposed: Vec::new(),
+        }
+    }
+}
+
+/// Rounds of points going to lines and lines being fitted to them: strays leave, and what a stray kept away comes.
+const ROUNDS: u8 = 4;
+/// In place of a proposed line: none.
+const NONE: u8 = u8::MAX;
+/// Not yet asked.
+const UNASKED: u8 = NONE - 1;
+
+impl Lines {
+    /// The walls among points, the longest first. Points that are no numbers, or absurd, are not looked at.
+    pub fn find(&self, scratch: &mut Scratch, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
+        let usable =
+            |point: &&Horizontal| libm::fabsf(point.north) <= PLACE_MAX_M && libm::fabsf(point.east) <= PLACE_MAX_M;
+        // From one of their own: far from the origin the differences are exact, and what is computed is not.
+        let origin = points_ned_m.iter().find(usable).copied().unwrap_or_default();
+        scratch.points.clear();
+        for point in points_ned_m.iter().filter(usable).take(POINTS_MAX) {
+            let _ = scratch.points.push(point.minus(origin));
+        }
+        self.propose(scratch);
+        scratch.owners = [UNASKED; POINTS_MAX];
+        let mut found: Vec<Fit, PROPOSED_MAX> = Vec::new();
+        for round in 1..=ROUNDS {
+            let is_last = !self.share_out(scratch) || round == ROUNDS;
+            found.clear();
+            for owner in 0..scratch.proposed.len() {
+                self.cut(scratch, owner, is_last, &mut found);
+            }
+            self.merge(&mut found);
+            if is_last {
+                break;
+            }
+            scratch.proposed.clear();
+            for fit in &found {
+                let _ = scratch.proposed.push(fit.line);
+            }
+        }
+        sort_by_key(&mut found, |fit| -length_m(&fit.line));
+        let mut lines = Vec::new();
+        for fit in found.iter().take(LINES_MAX) {
+            let line = fit.line;
+            let (off_m, along_m) = (line.normal_ned.dot(origin), line.along_ned().dot(origin));
+            let _ = lines.push(Line {
+                normal_ned: line.normal_ned,
+                offset_m: line.offset_m + off_m,
+                from_m: line.from_m + along_m,
+                to_m: line.to_m + along_m,
+            });
+        }
+        lines
+    }
+
+    /// Lines that may be walls.
+    fn propose(&self, scratch: &mut Scratch) {
+        let config = &self.config;
+        let Scratch { points, mixture, owners, proposed, .. } = scratch;
+        let joined_m = 0.5 * config.deviation_m;
+        proposed.clear();
+        let mut propose = |moments: &Moments| {
+            let Some(spread) = moments.spread() else { return };
+            // Twice as thick as a wall may be: strays may yet leave.
+            let thickest = 2.0 * config.thickness_max;
+            if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
+                let _ = proposed.push(spread.line_through(moments.mean_ned_m));
+            }
+        };
+        match config.method {
+            Method::Mixture => {
+                let prior = Prior {
+                    concentration: config.concentration,
+                    sigma_m: config.sigma_m,
+                    joined_m,
+                    gap_m: config.gap_m,
+                    work_max: config.work_max,
+                };
+                mixture.cluster(&prior, points, owners);
+                for component in &mixture.components {
+                    propose(&component.moments);
+                }
+            }
+            Method::SplitMerge => {
+                let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m };
+                for piece in &split_merge::pieces(&limits, points) {
+                    propose(&piece.moments);
+                }
+            }
+        }
+    }
+
+    /// Gives every point to the nearest proposed line that it may be part of. Whether that changed anything.
+    fn share_out(&self, scratch: &mut Scratch) -> bool {
+        let Scratch { points, owners, proposed, .. } = scratch;
+        let mut changed = false;
+        for (point, owner) in points.iter().zip(owners.iter_mut()) {
+            let (mut nearest, mut least) = (NONE, self.config.deviation_m);
+            for (index, line) in proposed.iter().enumerate() {
+                let away_m = libm::fabsf(line.distance_m(*point));
+                if !(away_m <= least) {
+                    continue;
+                }
+                let along_m = line.along_ned().dot(*point);
+                if along_m >= line.from_m - self.config.gap_m && along_m <= line.to_m + self.config.gap_m {
+                    (nearest, least) = (index as u8, away_m);
+                }
+            }
+            changed |= *owner != nearest;
+            *owner = nearest;
+        }
+        changed
+    }
+
+    /// Fits the points of a proposed line, piece by piece, and keeps what is a wall.
+    fn cut(&self, scratch: &mut Scratch, owner: usize, is_last: bool, found: &mut Vec<Fit, PROPOSED_MAX>) {
+        let Scratch { points, owners, order, proposed, .. } = scratch;
+        let Some(along) = proposed.get(owner).map(Line::along_ned) else { return };
+        // Sorted by what is computed once.
+        let mut places_m = [0.0_f32; POINTS_MAX];
+        order.clear();
+        let both = points.iter().zip(owners.iter()).zip(&mut places_m).enumerate();
+        for (index, ((point, _), place_m)) in both.filter(|(_, ((_, o), _))| usize::from(**o) == owner) {
+            *place_m = along.dot(*point);
+            let _ = order.push(index as u8);
+        }
+        let along_m = |index: u8| places_m.get(usize::from(index)).copied().unwrap_or_default();
+        sort_by_key(order, |index| along_m(*index));
+        let mut from = 0;
+        for to in 1..=order.len() {
+            if let Some([last, next]) = order.get(to - 1..=to)
+                && along_m(*next) - along_m(*last) <= self.config.gap_m
+            {
+                continue;
+            }
+            let piece = order.get(from..to).unwrap_or_default().iter();
+            let places = piece.filter_map(|index| points.get(usize::from(*index)).copied());
+            if let Some(fit) =
+                fit::fit_finite(places).filter(|fit| self.is_wall(fit) || (!is_last && self.may_be_wall(fit)))
+            {
+                let _ = found.push(fit);
+            }
+            from = to;
+        }
+    }
+
+    /// Whether more points might make it a wall.
+    fn may_be_wall(&self, fit: &Fit) -> bool {
+        fit.moments.count >= 3.0 && fit.rms_m <= 2.0 * self.config.thickness_max * fit.along_m
+    }
+
+    fn is_wall(&self, fit: &Fit) -> bool {
+        let config = &self.config;
+        fit.moments.count >= f32::from(config.points_min)
+            && length_m(&fit.line) >= config.length_min_m
+            && fit.rms_m <= config.deviation_m
+            && fit.rms_m <= config.thickness_max * fit.along_m
+    }
+
+    /// Makes one of two lines that are the same wall, as long as there are such.
+    fn merge(&self, found: &mut Vec<Fit, PROPOSED_MAX>) {
+        let mut index = 0;
+        while let Some((earlier, [fit, ..])) = found.split_at_mut_checked(index) {
+            if let Some(other) = earlier.iter_mut().find(|other| self.is_same(other, fit)) {
+                *other = joined(other, fit);
+                if index < found.len() {
+                    found.swap_remove(index);
+                }
+                // The longer line may have more that are the same.
+                index = 0;
+            } else {
+                index += 1;
+            }
+        }
+    }
+
+    fn is_same(&self, a: &Fit, b: &Fit) -> bool {
+        let (longer, shorter) = if length_m(&a.line) >= length_m(&b.line) { (a, b) } else { (b, a) };
+        // Mostly that is all.
+        if !(libm::fabsf(longer.line.normal_ned.dot(shorter.line.along_ned())) <= self.config.same_angle_rad) {
+            return false;
+        }
+        let ends = shorter.line.ends_ned_m();
+        let [from_m, to_m] = ends.map(|end| longer.line.along_ned().dot(end));
+        let (from_m, to_m) = if from_m <= to_m { (from_m, to_m) } else { (to_m, from_m) };
+        ends.iter().all(|end| libm::fabsf(longer.line.distance_m(*end)) <= self.config.same_offset_m)
+            && from_m - longer.line.to_m <= self.config.gap_m
+            && longer.line.from_m - to_m <= self.config.gap_m
+    }
+}
+
+/// Both as one line, of the least squares of their points, from the first end to the last.
+fn joined(a: &Fit, b: &Fit) -> Fit {
+    let both = a.moments.joined(&b.moments);
+    let ends = [a.line.ends_ned_m(), b.line.ends_ned_m()];
+    both.spread().map_or(*a, |spread| {
+        let mut line = spread.line_through(both.mean_ned_m);
+        let along = ends.as_flattened().iter().map(|end| line.along_ned().dot(*end));
+        (line.from_m, line.to_m) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(from, to), along_m| {
+            (if along_m < from { along_m } else { from }, if along_m > to { along_m } else { to })
+        });
+        Fit { line, moments: both, rms_m: sqrt(spread.across_m2), along_m: sqrt(spread.along_m2) }
+    })
+}
+
+fn length_m(line: &Line) -> f32 {
+    line.to_m - line.from_m
+}
+
+/// The place of each circle that faces the vehicle, in the order of their bearings from it. A circle around the vehicle
+/// counts with its centre; one that moves is no wall.
+#[must_use]
+pub fn points_of<'a>(
+    circles: impl IntoIterator<Item = &'a Circle>,
+    seen_from_ned_m: Horizontal,
+) -> Vec<Horizontal, POINTS_MAX> {
+    let mut points: Vec<(f32, Horizontal), POINTS_MAX> = Vec::new();
+    for circle in circles {
+        if !circle.is_plausible() || circle.velocity_ned_mps != Horizontal::default() {
+            continue;
+        }
+        let towards = seen_from_ned_m.minus(circle.center_ned_m);
+        let away_m = towards.norm();
+        let face =
+            if away_m > circle.radius_m { towards.times(circle.radius_m / away_m) } else { Horizontal::default() };
+        let point = circle.center_ned_m.plus(face);
+        if points.push((turn(point.minus(seen_from_ned_m)), point)).is_err() {
+            break;
+        }
+    }
+    sort_by_key(&mut points, |(turn, _)| *turn);
+    let mut ordered = Vec::new();
+    for (_, point) in &points {
+        let _ = ordered.push(*point);
+    }
+    ordered
+}
+
+/// A number that grows with the bearing, from 0 in the south by 4 in a turn, and needs no arc tangent.
+fn turn(away: Horizontal) -> f32 {
+    let sum = libm::fabsf(away.north) + libm::fabsf(away.east);
+    let ratio = if sum > 0.0 { away.north / sum } else { 0.0 };
+    if away.east < 0.0 { 1.0 + ratio } else { 3.0 - ratio }
+}
+
+#[cfg(test)]
+mod scenes;
+#[cfg(test)]
+mod tests;

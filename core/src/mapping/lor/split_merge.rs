@@ -1,0 +1,136 @@
+//! Pieces of ordered points: split where a point is too far from the chord, merge neighbours that are one line.
+//!
+//! The oldest way (Ramer 1972, Duda and Hart 1973; "iterative end point fit"), and a quick one: `n log n` distances. It needs
+//! the order in which a scan sees the points, and one stray point in the middle of a wall cuts the wall in two.
+
+use crate::base::order::sort_by_key;
+use heapless::Vec;
+
+use super::POINTS_MAX;
+use super::fit::Moments;
+use crate::base::frame::Horizontal;
+use crate::base::units::between;
+
+/// Fewest points of a piece: two always are a line.
+const PIECE_MIN: usize = 3;
+/// Most pieces.
+const PIECES_MAX: usize = POINTS_MAX / PIECE_MIN;
+/// Pieces that wait to be looked at. The longer half waits, so they halve at least each time.
+const WAITING_MAX: usize = 8;
+
+/// What a piece must be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Limits {
+    /// Farthest that a point may be from the chord.
+    pub(super) deviation_m: f32,
+    /// Farthest that two neighbours may be from each other.
+    pub(super) gap_m: f32,
+    /// Standard deviation across two pieces that are merged.
+    pub(super) joined_m: f32,
+}
+
+/// Neighbouring points `from..to` and their moments.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Piece {
+    pub(super) from: u8,
+    pub(super) to: u8,
+    pub(super) moments: Moments,
+}
+
+/// The straight pieces of ordered points, in their order.
+pub(super) fn pieces(limits: &Limits, points: &[Horizontal]) -> Vec<Piece, PIECES_MAX> {
+    let points = points.get(..POINTS_MAX).unwrap_or(points);
+    let mut pieces = Vec::new();
+    let mut from = 0;
+    for to in 1..=points.len() {
+        let goes_on = match points.get(to - 1..=to) {
+            Some([last, next]) => !(next.minus(*last).norm_squared() > limits.gap_m * limits.gap_m),
+            _ => false,
+        };
+        if !goes_on {
+            split(limits, points, from, to, &mut pieces);
+            from = to;
+        }
+    }
+    sort_by_key(&mut pieces, |piece| piece.from as f32);
+    merge(limits, points, &mut pieces);
+    pieces
+}
+
+/// Cuts `from..to` until every piece is straight. What is too short is left out.
+fn split(limits: &Limits, points: &[Horizontal], from: usize, to: usize, pieces: &mut Vec<Piece, PIECES_MAX>) {
+    let mut waiting: Vec<(usize, usize), WAITING_MAX> = Vec::new();
+    let mut next = Some((from, to));
+    while let Some((from, to)) = next {
+        next = waiting.pop();
+        let Some(part) = points.get(from..to).filter(|part| part.len() >= PIECE_MIN) else { continue };
+        match corner(part, limits.deviation_m) {
+            // Cannot fail: pieces do not overlap.
+            None => _ = pieces.push(Piece { from: from as u8, to: to as u8, moments: moments_of(part) }),
+            // The corner belongs to neither: a map rounds it off.
+            Some(at) => {
+                let (before, after) = ((from, from + at), (from + at + 1, to));
+                let (shorter, longer) = if at < part.len() / 2 { (before, after) } else { (after, before) };
+                // Cannot fail: the shorter half is at most half as long as what waits.
+                let _ = next.map(|next| waiting.push(next));
+                let _ = waiting.push(longer);
+                next = Some(shorter);
+            }
+        }
+    }
+}
+
+/// The point that is farthest from the chord between the first and the last, if it is too far.
+fn corner(part: &[Horizontal], deviation_m: f32) -> Option<usize> {
+    let (first, last) = (*part.first()?, *part.last()?);
+    let chord = last.minus(first);
+    let length2 = chord.norm_squared();
+    let inverse = if length2 > 0.0 { 1.0 / length2 } else { 0.0 };
+    let (mut farthest, mut most2) = (None, deviation_m * deviation_m);
+    for (index, point) in part.iter().enumerate() {
+        let from_first = point.minus(first);
+        let share = between(from_first.dot(chord) * inverse, 0.0, 1.0);
+        let away2 = from_first.minus(chord.times(share)).norm_squared();
+        if away2 > most2 {
+            (farthest, most2) = (Some(index), away2);
+        }
+    }
+    farthest
+}
+
+/// Merges neighbours that are one thin line together, the points between them included, from the first on.
+fn merge(limits: &Limits, points: &[Horizontal], pieces: &mut Vec<Piece, PIECES_MAX>) {
+    let mut kept = 0;
+    for index in 1..pieces.len() {
+        let Some([last, .., piece]) = pieces.get(kept..=index) else { break };
+        let (last, piece) = (*last, *piece);
+        let between = points.get(usize::from(last.to)..usize::from(piece.from)).unwrap_or_default();
+        let both = last.moments.joined(&moments_of(between)).joined(&piece.moments);
+        let is_near = points
+            .get(usize::from(last.to.max(1)) - 1..usize::from(piece.from) + 1)
+            .unwrap_or_default()
+            .windows(2)
+            .all(|pair| pair[1].minus(pair[0]).norm_squared() <= limits.gap_m * limits.gap_m);
+        let is_thin = both.spread().is_some_and(|spread| spread.across_m2 <= limits.joined_m * limits.joined_m);
+        let merged = if is_near && is_thin {
+            Piece { from: last.from, to: piece.to, moments: both }
+        } else {
+            kept += 1;
+            piece
+        };
+        if let Some(slot) = pieces.get_mut(kept) {
+            *slot = merged;
+        }
+    }
+    if !pieces.is_empty() {
+        pieces.truncate(kept + 1);
+    }
+}
+
+fn moments_of(points: &[Horizontal]) -> Moments {
+    let mut moments = Moments::new();
+    for point in points {
+        moments.add(*point);
+    }
+    moments
+}

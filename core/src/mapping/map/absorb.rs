@@ -1,0 +1,223 @@
+//! How one circle seen becomes part of the store, and how the store is held against a scan.
+//!
+//! A detection meets every known circle that is near it ([`Index`]). What covers its hits is noted, and then it is averaged
+//! into the pillar that it is, or added where something of it is not covered yet.
+
+use heapless::Vec;
+
+use super::index::Index;
+use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Keeper, Known, Map, Origin, RIM_M, STICK_OUT_M};
+use crate::base::frame::Horizontal;
+use crate::base::time::Instant;
+use crate::base::units::wrap_pi;
+use crate::mapping::scan::{Detection, Kind, Look, POINTS_MAX, Pose, Scan, Sector};
+use crate::planning::field::inverse_root;
+
+/// So many pillars at most are looked at again when the one that was seen has been averaged.
+const MET_MAX: usize = 4;
+/// No hit sticks out of the circle of its detection by more than this.
+const OUT_M: f32 = 0.03;
+
+/// A bit for each hit.
+#[derive(Clone, Copy, Debug, Default)]
+struct Bits([u32; POINTS_MAX.div_ceil(32)]);
+
+impl Bits {
+    fn has(&self, index: usize) -> bool {
+        self.0.get(index / 32).is_some_and(|word| word >> (index % 32) & 1 != 0)
+    }
+
+    fn set(&mut self, index: usize) {
+        if let Some(word) = self.0.get_mut(index / 32) {
+            *word |= 1 << (index % 32);
+        }
+    }
+
+    fn has_first(&self, count: usize) -> bool {
+        (0..count).all(|index| self.has(index))
+    }
+}
+
+/// The hits behind a detection, from where they were seen, and what of them is in a known circle or close to one.
+struct Covered<'a> {
+    points_m: &'a [Horizontal],
+    face_m: Horizontal,
+    margin_m: f32,
+    all: Bits,
+    /// In a pillar or a circle that was delivered.
+    by_round: Bits,
+    is_face: bool,
+}
+
+impl Covered<'_> {
+    /// Notes what a circle covers; `center_m` is its centre, from where the hits were seen.
+    fn mark(&mut self, known: &Known, center_m: Horizontal) {
+        let reach_m = known.radius_m + self.margin_m;
+        let covers = |point: Horizontal| point.minus(center_m).norm_squared() <= reach_m * reach_m;
+        let is_round = known.is_round();
+        for (index, point) in self.points_m.iter().enumerate().take(POINTS_MAX) {
+            let noted = if is_round { &self.by_round } else { &self.all };
+            if !noted.has(index) && covers(*point) {
+                self.all.set(index);
+                if is_round {
+                    self.by_round.set(index);
+                }
+            }
+        }
+        self.is_face |= covers(self.face_m);
+    }
+}
+
+/// A scan as one asks it what lies in a direction.
+struct View<'a> {
+    scan: &'a Scan,
+    origin_ned_m: Horizontal,
+    /// From north to the middle of the first sector.
+    first_ned_rad: f32,
+    /// Sectors of a full turn, if it is one.
+    turn: Option<i32>,
+}
+
+impl View<'_> {
+    /// Whether the sensor sees something behind a circle, or nothing where it stands.
+    fn passes(&self, known: &Known, away: Horizontal, distance_m: f32) -> bool {
+        let turn = self.turn.map_or(0.0, |turn| turn as f32);
+        let mut middle = wrap_pi(away.bearing_rad() - self.first_ned_rad) / self.scan.step_rad;
+        if turn > 0.0 && middle < -0.5 {
+            middle += turn;
+        }
+        // Nearer than this, a hit is the circle's or in front of it.
+        let (front_m, side_m) = if known.origin == Origin::Given {
+            (distance_m + known.radius_m + 0.1, f32::INFINITY)
+        } else {
+            (distance_m - known.radius_m + FRONT_M, distance_m + 0.05)
+        };
+        if self.passes_sector(libm::floorf(middle + 0.5) as i32, front_m) {
+            return true;
+        }
+        if known.origin == Origin::Given || known.radius_m <= RIM_M {
+            return false;
+        }
+        // The outermost rays that should have met it; the arcsine from below.
+        let x = (known.radius_m - RIM_M) / distance_m;
+        let reach = x * (1.0 + x * x / 6.0) / libm::fabsf(self.scan.step_rad);
+        let (low, high) = (libm::ceilf(middle - reach), libm::floorf(middle + reach));
+        low <= high && (self.passes_sector(low as i32, side_m) || self.passes_sector(high as i32, side_m))
+    }
+
+    fn passes_sector(&self, index: i32, limit_m: f32) -> bool {
+        let index = match self.turn {
+            Some(turn) if index < 0 => index + turn,
+            Some(turn) if index >= turn => index - turn,
+            _ => index,
+        };
+        match usize::try_from(index).ok().and_then(|index| self.scan.sectors.get(index)) {
+            Some(Sector::Clear) => true,
+            Some(Sector::Hit(hit_m)) => *hit_m > limit_m && *hit_m <= self.scan.range_max_m,
+            _ => false,
+        }
+    }
+}
+
+impl Keeper {
+    /// Takes a detection of a look into the store.
+    pub(super) fn absorb(&self, map: &mut Map, index: &mut Index, now: Instant, look: &Look, seen: &Detection) {
+        let origin = look.origin_ned_m;
+        let center = seen.center_ned_m.minus(origin);
+        let mut covered = Covered {
+            points_m: look.points_of(seen),
+            face_m: seen.face_ned_m.minus(origin),
+            margin_m: self.config.cover_m,
+            all: Bits::default(),
+            by_round: Bits::default(),
+            is_face: false,
+        };
+        let beyond_m =
+            seen.radius_m + if covered.margin_m + OUT_M > GATE_M { covered.margin_m + OUT_M } else { GATE_M };
+        // Pillars that it may be, and the nearest of them.
+        let mut met: Vec<u8, MET_MAX> = Vec::new();
+        let mut nearest: Option<(usize, f32)> = None;
+        for at in index.near(seen.center_ned_m, beyond_m) {
+            let Some(known) = map.known.get_mut(at) else { continue };
+            let away = known.circle.center_ned_m.minus(origin);
+            let squared = away.minus(center).norm_squared();
+            let reach_m = known.radius_m + beyond_m;
+            if squared > reach_m * reach_m {
+                continue;
+            }
+            if seen.kind == Kind::Pillar {
+                if !known.is_round() {
+                    let inside_m = seen.radius_m + STICK_OUT_M - known.radius_m;
+                    if inside_m > 0.0 && squared < inside_m * inside_m {
+                        known.clear_looks = DOOMED;
+                        index.doom(at);
+                        continue;
+                    }
+                } else if known.clear_looks != AVERAGED && is_gated(known, seen, squared) && met.push(at as u8).is_ok()
+                {
+                    // It covers nothing before it is known whether it is the one.
+                    if nearest.is_none_or(|(_, least)| squared < least) {
+                        nearest = Some((at, squared));
+                    }
+                    continue;
+                }
+            }
+            covered.mark(known, away);
+        }
+        if let Some((at, _)) = nearest
+            && let Some(known) = map.known.get_mut(at)
+        {
+            self.refine(known, now, seen, covered.points_m, origin);
+            index.place(at, known);
+        }
+        for at in met {
+            if let Some(known) = map.known.get(usize::from(at)) {
+                covered.mark(known, known.circle.center_ned_m.minus(origin));
+            }
+        }
+        let count = covered.points_m.len();
+        let is_covered = match seen.kind {
+            // The edge of a pillar at the edge of the view looks like a thin pillar of its own, and an average can shift a
+            // pillar off the hits of a neighbour.
+            Kind::Pillar if nearest.is_none() => covered.by_round.has_first(count),
+            Kind::Pillar => covered.all.has_first(count),
+            // The face of a single hit is the hit.
+            Kind::Patch => covered.all.has_first(count) && (covered.is_face || seen.to <= seen.from + 1),
+        };
+        if !is_covered && let Some(known) = self.known_of(map, now, seen) {
+            let clear_looks = if seen.kind == Kind::Pillar { AVERAGED } else { 0 };
+            map.add(index, Known { clear_looks, ..known });
+        }
+    }
+
+    /// Counts, of every circle in reach of a scan, the looks that see through it, and gives up those with too many.
+    pub(super) fn judge(&self, map: &mut Map, scan: &Scan, pose: &Pose) {
+        let view = View {
+            scan,
+            origin_ned_m: pose.position_ned_m,
+            first_ned_rad: pose.yaw_rad + scan.first_azimuth_rad,
+            turn: scan.turn().map(|turn| turn as i32),
+        };
+        for known in &mut map.known {
+            let away = known.circle.center_ned_m.minus(view.origin_ned_m);
+            let squared = away.norm_squared();
+            let range_max_m = scan.range_max_m;
+            if squared < known.radius_m * known.radius_m || squared > range_max_m * range_max_m {
+                continue;
+            }
+            let passes = view.passes(known, away, squared * inverse_root(squared));
+            known.clear_looks = if passes { known.clear_looks.saturating_add(1) } else { 0 };
+            if known.clear_looks >= self.config.clear_looks {
+                known.clear_looks = DOOMED;
+            }
+        }
+    }
+}
+
+/// Whether a known pillar may be the one that is seen.
+fn is_gated(known: &Known, seen: &Detection, squared: f32) -> bool {
+    let larger_m = if known.radius_m > seen.radius_m { known.radius_m } else { seen.radius_m };
+    let doubt_m = 2.0 * (known.sigma_m + seen.sigma_m);
+    let gate_m = GATE * larger_m + if doubt_m < GATE_M { doubt_m } else { GATE_M };
+    squared < gate_m * gate_m
+}

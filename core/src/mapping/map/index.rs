@@ -1,0 +1,216 @@
+//! Which known circles lie near a place, without asking each of them: two coarse scales, along north and along east, each
+//! bin of which holds a bit for every circle that reaches into it. A circle near a place is in the bins of both.
+//!
+//! It is made anew for each delivery, from the store as it is, and follows what the delivery changes. The scales wrap round
+//! every [`BINS`] bins and keep where a circle was before it moved: what is named has to be looked at, and nothing that is
+//! near is left out.
+
+use super::{CIRCLES_MAX, Known};
+use crate::base::frame::Horizontal;
+
+/// Bins of a scale; a power of two.
+const BINS: usize = 32;
+const BINS_PER_M: f32 = 4.0;
+const WORDS: usize = CIRCLES_MAX / 32;
+
+/// Places in the store, a bit each. Iterates over them, the first one first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Places([u32; WORDS]);
+
+impl Iterator for Places {
+    type Item = usize;
+
+    fn next(&mut self) -> Option<usize> {
+        for (word, bits) in self.0.iter_mut().enumerate() {
+            if *bits != 0 {
+                let bit = bits.trailing_zeros();
+                *bits &= *bits - 1;
+                return Some(32 * word + bit as usize);
+            }
+        }
+        None
+    }
+}
+
+impl Places {
+    const NONE: Self = Self([0; WORDS]);
+
+    fn set(&mut self, at: usize) {
+        if let Some(word) = self.0.get_mut(at / 32) {
+            *word |= 1 << (at % 32);
+        }
+    }
+}
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub(super) struct Index {
+    /// Where the vehicle is, from which the scales are counted.
+    origin_ned_m: Horizontal,
+    north: [Places; BINS],
+    east: [Places; BINS],
+    /// Squared distance of each circle from the vehicle, as its bits, which are in the same order.
+    squared_bits: [u32; CIRCLES_MAX],
+    /// Circles that are to be forgotten. They are near nothing, and give way first.
+    doomed: Places,
+}
+
+impl Index {
+    /// Nothing is known around a vehicle.
+    pub(super) const fn new(origin_ned_m: Horizontal) -> Self {
+        Self {
+            origin_ned_m,
+            north: [Places::NONE; BINS],
+            east: [Places::NONE; BINS],
+            squared_bits: [0; CIRCLES_MAX],
+            doomed: Places::NONE,
+        }
+    }
+
+    /// Notes where all circles of a store are.
+    pub(super) fn place_all(&mut self, known: &[Known]) {
+        for (at, known) in known.iter().enumerate() {
+            self.place(at, known);
+        }
+    }
+
+    /// Notes where a circle is that has a place in the store.
+    #[inline(never)]
+    pub(super) fn place(&mut self, at: usize, known: &Known) {
+        let away = known.circle.center_ned_m.minus(self.origin_ned_m);
+        if let Some(squared) = self.squared_bits.get_mut(at) {
+            *squared = away.norm_squared().to_bits();
+        }
+        for (scale, middle_m) in [(&mut self.north, away.north), (&mut self.east, away.east)] {
+            for bin in bins(middle_m, known.radius_m) {
+                scale[bin].set(at);
+            }
+        }
+    }
+
+    /// Notes that a circle is to be forgotten.
+    pub(super) fn doom(&mut self, at: usize) {
+        self.doomed.set(at);
+    }
+
+    /// Where the circles stand that may come nearer to a place than `reach_m`.
+    #[inline(never)]
+    pub(super) fn near(&self, place_ned_m: Horizontal, reach_m: f32) -> Places {
+        let away = place_ned_m.minus(self.origin_ned_m);
+        let (mut north, mut east) = ([0; WORDS], [0; WORDS]);
+        for (scale, middle_m, all) in [(&self.north, away.north, &mut north), (&self.east, away.east, &mut east)] {
+            for bin in bins(middle_m, reach_m) {
+                for (all, word) in all.iter_mut().zip(scale[bin].0) {
+                    *all |= word;
+                }
+            }
+        }
+        for ((both, east), doomed) in north.iter_mut().zip(east).zip(self.doomed.0) {
+            *both &= east & !doomed;
+        }
+        Places(north)
+    }
+
+    /// The place that a newcomer takes in a full store: of a circle that is to be forgotten, or else of the farthest, if
+    /// that is farther away than the newcomer; and whether it is the former.
+    #[inline(never)]
+    pub(super) fn give_way(&mut self, newcomer: &Known) -> (Option<usize>, bool) {
+        let mut left = self.doomed;
+        if let Some(at) = left.next() {
+            self.doomed = left;
+            return (Some(at), true);
+        }
+        let mut most = newcomer.circle.center_ned_m.minus(self.origin_ned_m).norm_squared().to_bits();
+        let mut farthest = None;
+        for (at, squared) in self.squared_bits.iter().enumerate() {
+            if *squared > most {
+                (farthest, most) = (Some(at), *squared);
+            }
+        }
+        (farthest, false)
+    }
+}
+
+/// The bins of a scale that something reaches into.
+fn bins(middle_m: f32, reach_m: f32) -> impl Iterator<Item = usize> {
+    // Rounded down; a cast saturates.
+    let bin = |metres: f32| {
+        let bins = metres * BINS_PER_M;
+        (bins as i32).wrapping_sub(i32::from(bins < (bins as i32) as f32))
+    };
+    let (low, high) = (bin(middle_m - reach_m), bin(middle_m + reach_m));
+    let last = high.saturating_sub(low).clamp(0, BINS as i32 - 1);
+    (0..=last).map(move |k| low.wrapping_add(k) as usize % BINS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::Rng;
+    use crate::mapping::map::{Circle, Motion, Origin};
+    use std::vec::Vec;
+
+    fn known(rng: &mut Rng, spread_m: f32) -> Known {
+        let center_ned_m = Horizontal { north: spread_m * rng.gaussian(), east: spread_m * rng.gaussian() };
+        let radius_m = 0.05 + rng.uniform() * rng.uniform();
+        Known {
+            circle: Circle { center_ned_m, radius_m, ..Circle::default() },
+            radius_m,
+            sigma_m: 0.01,
+            slope_ned_mps: Horizontal::default(),
+            motion: Motion::default(),
+            seen_ms: 0,
+            origin: Origin::Given,
+            clear_looks: 0,
+        }
+    }
+
+    #[test]
+    fn nothing_that_is_near_is_left_out_and_little_else_is_named_except_what_is_to_be_forgotten() {
+        let mut rng = Rng::new(1, 9);
+        let (mut near, mut named) = (0, 0);
+        for (spread_m, far_m) in [(0.5, 0.0), (2.0, 3.0), (5.0, -900.0), (60.0, 20_000.0)] {
+            for _ in 0..30 {
+                let origin = Horizontal { north: far_m, east: -far_m };
+                let all: Vec<Known> = (0..CIRCLES_MAX)
+                    .map(|_| {
+                        let mut known = known(&mut rng, spread_m);
+                        known.circle.center_ned_m = known.circle.center_ned_m.plus(origin);
+                        known
+                    })
+                    .collect();
+                let mut index = Index::new(origin);
+                index.place_all(&all);
+                index.doom(7);
+                for _ in 0..20 {
+                    let (place, reach_m) = (all[(rng.uniform() * 127.0) as usize].circle.center_ned_m, rng.uniform());
+                    let found: Vec<usize> = index.near(place, reach_m).collect();
+                    assert!(found.windows(2).all(|pair| pair[0] < pair[1]) && !found.contains(&7));
+                    for (at, known) in all.iter().enumerate().filter(|(at, _)| *at != 7) {
+                        let is_near =
+                            known.circle.center_ned_m.minus(place).norm() < 0.999 * (known.radius_m + reach_m);
+                        assert!(!is_near || found.contains(&at), "{at}: {known:?} {place:?} {reach_m}");
+                        near += usize::from(is_near && spread_m == 2.0);
+                    }
+                    named += if spread_m == 2.0 { found.len() } else { 0 };
+                }
+            }
+        }
+        assert!(named < 3 * near, "{named} {near}");
+    }
+
+    #[test]
+    fn what_is_to_be_forgotten_gives_way_first_and_then_the_farthest_unless_the_newcomer_is_farther() {
+        let mut rng = Rng::new(2, 9);
+        let mut all: Vec<Known> = (0..CIRCLES_MAX).map(|_| known(&mut rng, 2.0)).collect();
+        all[90].circle.center_ned_m = Horizontal { north: 50.0, east: 0.0 };
+        let mut index = Index::new(Horizontal::default());
+        index.place_all(&all);
+        index.doom(30);
+        let mut newcomer = known(&mut rng, 1.0);
+        assert_eq!(index.give_way(&newcomer), (Some(30), true));
+        assert_eq!(index.give_way(&newcomer), (Some(90), false));
+        newcomer.circle.center_ned_m = Horizontal { north: 0.0, east: 51.0 };
+        assert_eq!(index.give_way(&newcomer), (None, false));
+    }
+}

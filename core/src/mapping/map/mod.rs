@@ -1,0 +1,443 @@
+//! The obstacle map: a bounded store of circles, remembered once seen.
+//!
+//! A sensor that delivers circles has the last word on what it sees. A look at hits ([`Look`]) is taken in like this:
+//!
+//! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_looks`] looks is forgotten.
+//! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
+//!    a poor glimpse of a better known one. If the average leaves out what was just seen, that is added beside what was known.
+//! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
+//!
+//! So after each look every hit is covered, however wrong the store was, unless the store is full: then the circle farthest
+//! from the vehicle gives way and [`Map::overflow_count`] says so. What is out of sight stays, but for circles that move:
+//! those are carried along and forgotten when unseen for a while. A circle moves when its filter says so with four sigma
+//! for several looks in a row, so that the change of the view of a standing pillar does not set it in motion.
+//!
+//! The cost of a look is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` say what it is.
+//!
+//! The radius that is told is the measured one plus [`Config::inflation_sigmas`] of its sigma, nothing for exact circles.
+
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::base::time::Instant;
+use crate::mapping::scan::{Detection, Kind, Look, Pose, Refusal, Scan};
+
+mod absorb;
+mod index;
+mod motion;
+
+use index::Index;
+use motion::{Motion, Sighting};
+
+/// Most circles that are remembered.
+pub const CIRCLES_MAX: usize = 128;
+/// Most circles that one delivery may hold; the rest of a longer one is not looked at.
+pub const DELIVERY_MAX: usize = 64;
+
+/// Sigma below which averaging does not bring it, so that the map follows if the vehicle's own position drifts.
+const SIGMA_MIN_M: f32 = 0.005;
+/// A ray that passes a circle's rim on the inside by more than this, unhindered, speaks against the circle.
+const RIM_M: f32 = 0.03;
+/// A patch inside a pillar may stick out by this much.
+const STICK_OUT_M: f32 = 0.04;
+/// Two pillars whose centres are closer than this, and a share of the larger radius, are one.
+const GATE_M: f32 = 0.10;
+const GATE: f32 = 0.5;
+/// In place of a number of looks: to be forgotten.
+const DOOMED: u8 = u8::MAX;
+/// The same: seen in the look that is being taken in, and no other pillar of that look can be it.
+const AVERAGED: u8 = u8::MAX - 1;
+/// A hit farther behind a circle's front than this speaks against the circle.
+const FRONT_M: f32 = 0.08;
+
+/// An obstacle as a vertical cylinder, in the local NED frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Circle {
+    /// Centre.
+    pub center_ned_m: Horizontal,
+    /// Radius.
+    pub radius_m: f32,
+    /// Velocity.
+    pub velocity_ned_mps: Horizontal,
+}
+
+impl Circle {
+    /// Whether it is finite, not negative and not absurd.
+    #[must_use]
+    pub fn is_plausible(&self) -> bool {
+        self.center_ned_m.is_finite()
+            && self.velocity_ned_mps.is_finite()
+            && self.radius_m >= 0.0
+            && self.radius_m <= 1e3
+            && self.center_ned_m.norm_squared() < 1e12
+            && self.velocity_ned_mps.norm_squared() < 1e4
+    }
+}
+
+/// What the map needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// A circle that moves is forgotten when unseen for this long.
+    pub moving_memory_s: f32,
+    /// Looks through a circle before it is forgotten.
+    pub clear_looks: u8,
+    /// A hit this close to a known circle is part of it.
+    pub cover_m: f32,
+    /// Sigmas that a circle's radius is told larger by.
+    pub inflation_sigmas: f32,
+    /// Slower than this nothing moves.
+    pub moving_min_mps: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { moving_memory_s: 3.0, clear_looks: 3, cover_m: 0.018, inflation_sigmas: 1.0, moving_min_mps: 0.10 }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Keeper, ConfigError> {
+        check("map.moving_memory_s", self.moving_memory_s, 0.1, 60.0)?;
+        check("map.clear_looks", f32::from(self.clear_looks), 1.0, 100.0)?;
+        check("map.cover_m", self.cover_m, 0.001, 0.5)?;
+        check("map.inflation_sigmas", self.inflation_sigmas, 0.0, 5.0)?;
+        check("map.moving_min_mps", self.moving_min_mps, 0.01, 5.0)?;
+        Ok(Keeper { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Keeper {
+    config: Config,
+}
+
+/// Where a remembered circle comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Origin {
+    /// Delivered as a circle.
+    Given,
+    /// Fitted to hits.
+    Seen(Kind),
+}
+
+/// A remembered circle.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    /// As it is told: inflated, and with a velocity only if it moves.
+    circle: Circle,
+    /// As it was measured.
+    radius_m: f32,
+    /// Standard deviation of centre and radius.
+    sigma_m: f32,
+    /// Its velocity, if it moves.
+    slope_ned_mps: Horizontal,
+    motion: Motion,
+    seen_ms: u32,
+    origin: Origin,
+    clear_looks: u8,
+}
+
+impl Known {
+    fn is_round(&self) -> bool {
+        self.origin != Origin::Seen(Kind::Patch)
+    }
+}
+
+/// The store.
+#[derive(Clone, Debug, Default)]
+pub struct Map {
+    known: Vec<Known, CIRCLES_MAX>,
+    taken: Option<Instant>,
+    /// Until when the moving circles have been carried along.
+    carried: Instant,
+    overflow_count: u32,
+    refused_count: u32,
+}
+
+impl Map {
+    /// The remembered circles.
+    pub fn circles(&self) -> impl Iterator<Item = &Circle> + Clone {
+        self.known.iter().map(|known| &known.circle)
+    }
+
+    /// When the newest look was measured that has been taken in, even if it saw nothing.
+    #[must_use]
+    pub fn taken(&self) -> Option<Instant> {
+        self.taken
+    }
+
+    /// Circles that gave way because the store was full or their delivery too long.
+    #[must_use]
+    pub fn overflow_count(&self) -> u32 {
+        self.overflow_count
+    }
+
+    /// Circles and hits refused because they were not finite, negative or absurd.
+    #[must_use]
+    pub fn refused_count(&self) -> u32 {
+        self.refused_count
+    }
+
+    fn refuse(&mut self, count: u32) {
+        self.refused_count = self.refused_count.saturating_add(count);
+    }
+
+    /// A look has been taken in. What is newer than now was stamped by a clock that has been set back since.
+    fn note_taken(&mut self, time: Instant, now: Instant) {
+        if self.taken.is_none_or(|taken| taken <= time || taken > now) {
+            self.taken = Some(time);
+        }
+    }
+
+    /// Forgets what is to be forgotten.
+    fn sweep(&mut self) {
+        let mut at = self.known.len();
+        while at > 0 {
+            at -= 1;
+            if self.known.get(at).is_some_and(|known| known.clear_looks == DOOMED) {
+                self.known.swap_remove(at);
+            }
+        }
+    }
+
+    /// Adds a circle. When the store is full one that is to be forgotten gives way, or else the farthest from the vehicle.
+    fn add(&mut self, index: &mut Index, known: Known) {
+        let at = self.known.len();
+        let Err(known) = self.known.push(known) else { return index.place(at, &known) };
+        let (place, is_doomed) = index.give_way(&known);
+        if !is_doomed {
+            self.overflow_count = self.overflow_count.saturating_add(1);
+        }
+        if let Some(at) = place
+            && let Some(old) = self.known.get_mut(at)
+        {
+            index.place(at, &known);
+            *old = known;
+        }
+    }
+}
+
+impl Keeper {
+    /// Takes in what was fitted to a scan: what it sees through is forgotten in time.
+    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, look: &Look) {
+        self.begin_look(map, now);
+        self.judge(map, scan, pose);
+        map.sweep();
+        self.take_in(map, now, look);
+    }
+
+    /// Takes in what was fitted to points. Nothing is forgotten for it: points do not say where there is nothing.
+    pub fn observe_points(&self, map: &mut Map, now: Instant, look: &Look) {
+        self.begin_look(map, now);
+        self.take_in(map, now, look);
+    }
+
+    fn begin_look(&self, map: &mut Map, now: Instant) {
+        self.advance(map, now);
+        for known in map.known.iter_mut().filter(|known| known.clear_looks == AVERAGED) {
+            known.clear_looks = 0;
+        }
+    }
+
+    #[inline(never)]
+    fn take_in(&self, map: &mut Map, now: Instant, look: &Look) {
+        map.refuse(u32::from(look.refused));
+        map.note_taken(look.time, now);
+        let mut index = Index::new(look.origin_ned_m);
+        index.place_all(&map.known);
+        for seen in &look.detections {
+            self.absorb(map, &mut index, now, look, seen);
+        }
+        map.sweep();
+    }
+
+    /// Takes in circles from a sensor that delivers circles, as of now: what it says replaces what was known.
+    ///
+    /// # Errors
+    /// There are some, and none is plausible.
+    pub fn observe_circles(
+        &self,
+        map: &mut Map,
+        now: Instant,
+        vehicle_ned_m: Horizontal,
+        circles: &[Circle],
+    ) -> Result<(), Refusal> {
+        self.advance(map, now);
+        let (taken, left) = circles.split_at(circles.len().min(DELIVERY_MAX));
+        map.overflow_count = map.overflow_count.saturating_add(left.len() as u32);
+        let plausible = taken.iter().filter(|circle| circle.is_plausible());
+        let refused = taken.len() - plausible.clone().count();
+        map.refuse(refused as u32);
+        if refused > 0 && refused == taken.len() {
+            return Err(Refusal::Absurd);
+        }
+        map.note_taken(now, now);
+        let now_ms = millis(now);
+        let mut index = Index::new(vehicle_ned_m);
+        index.place_all(&map.known);
+        let mut next = 0;
+        for circle in plausible {
+            let known = Known {
+                circle: *circle,
+                radius_m: circle.radius_m,
+                sigma_m: SIGMA_MIN_M,
+                slope_ned_mps: circle.velocity_ned_mps,
+                motion: Motion::of(circle.velocity_ned_mps),
+                seen_ms: now_ms,
+                origin: Origin::Given,
+                clear_looks: 0,
+            };
+            // What was pieced together from hits is superseded where the sensor names the whole.
+            for at in index.near(circle.center_ned_m, circle.radius_m + STICK_OUT_M) {
+                if let Some(pieced) = map.known.get_mut(at).filter(|k| k.origin != Origin::Given && holds(circle, k)) {
+                    pieced.clear_looks = DOOMED;
+                    index.doom(at);
+                }
+            }
+            let found = seen_before(&map.known, &index, circle, next);
+            match found.or_else(|| seen_nearby(&map.known, &index, circle, now_ms)) {
+                Some(at) => {
+                    if let Some(old) = map.known.get_mut(at) {
+                        *old = known;
+                    }
+                    index.place(at, &known);
+                    next = at + 1;
+                }
+                None => map.add(&mut index, known),
+            }
+        }
+        map.sweep();
+        Ok(())
+    }
+
+    /// Carries moving circles along and forgets those that were unseen for too long.
+    pub fn advance(&self, map: &mut Map, now: Instant) {
+        let dt_s = now.seconds_since(map.carried);
+        map.carried = now;
+        let (memory_s, now_ms) = (self.config.moving_memory_s, millis(now));
+        map.known.retain_mut(|known| {
+            let velocity = known.circle.velocity_ned_mps;
+            if velocity.norm_squared() == 0.0 {
+                return true;
+            }
+            known.circle.center_ned_m = known.circle.center_ned_m.plus(velocity.times(dt_s));
+            seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle.is_plausible()
+        });
+    }
+
+    /// Averages a pillar into the known one that it is.
+    fn refine(
+        &self,
+        known: &mut Known,
+        now: Instant,
+        seen: &Detection,
+        points_m: &[Horizontal],
+        origin_ned_m: Horizontal,
+    ) {
+        let now_ms = millis(now);
+        known.clear_looks = AVERAGED;
+        let margin_m = self.config.cover_m;
+        let covers = |known: &Known| {
+            let center = known.circle.center_ned_m.minus(origin_ned_m);
+            let reach_m = known.radius_m + margin_m;
+            points_m.iter().all(|point| point.minus(center).norm_squared() <= reach_m * reach_m)
+        };
+        let before = *known;
+        let is_glimpse = seen.sigma_m > 2.0 * known.sigma_m && covers(known);
+        if !is_glimpse {
+            let dt_s = seconds_between(known.seen_ms, now_ms);
+            let share = known.sigma_m * known.sigma_m / (known.sigma_m * known.sigma_m + seen.sigma_m * seen.sigma_m);
+            let sighting = Sighting { center: seen.center_ned_m, sigma_m: seen.sigma_m, share, dt_s };
+            let (center, least_mps) = (known.circle.center_ned_m, self.config.moving_min_mps);
+            known.circle.center_ned_m = known.motion.step(&mut known.slope_ned_mps, center, &sighting, least_mps);
+            known.radius_m += (seen.radius_m - known.radius_m) * share;
+            let sigma_m = known.sigma_m * sqrt(1.0 - share);
+            known.sigma_m = if sigma_m > SIGMA_MIN_M { sigma_m } else { SIGMA_MIN_M };
+            if !covers(known) {
+                // It is something else, too, or was taken for something else: what is known stays until it is seen through.
+                *known = before;
+                return;
+            }
+            known.origin = Origin::Seen(Kind::Pillar);
+            known.circle.radius_m = known.radius_m + self.config.inflation_sigmas * known.sigma_m;
+            known.circle.velocity_ned_mps =
+                if known.motion.moves() { known.slope_ned_mps } else { Horizontal::default() };
+        }
+        known.seen_ms = now_ms;
+    }
+
+    /// What was seen, as it would be remembered; nothing, and counted, if it is absurd.
+    fn known_of(&self, map: &mut Map, now: Instant, seen: &Detection) -> Option<Known> {
+        let circle = Circle {
+            center_ned_m: seen.center_ned_m,
+            radius_m: seen.radius_m + self.config.inflation_sigmas * seen.sigma_m,
+            velocity_ned_mps: Horizontal::default(),
+        };
+        if !circle.is_plausible() || !(seen.sigma_m > 0.0) {
+            map.refuse(1);
+            return None;
+        }
+        Some(Known {
+            circle,
+            radius_m: seen.radius_m,
+            sigma_m: seen.sigma_m,
+            slope_ned_mps: Horizontal::default(),
+            motion: Motion::default(),
+            seen_ms: millis(now),
+            origin: Origin::Seen(seen.kind),
+            clear_looks: 0,
+        })
+    }
+}
+
+/// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
+/// order each time: it is looked for behind the last one that was found first.
+fn seen_before(known: &[Known], index: &Index, circle: &Circle, next: usize) -> Option<usize> {
+    let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle == *circle && k.origin == Origin::Given);
+    Some(next).filter(is_it).or_else(|| index.near(circle.center_ned_m, 0.0).find(is_it))
+}
+
+/// The place of what a circle is another measurement of.
+fn seen_nearby(known: &[Known], index: &Index, circle: &Circle, now_ms: u32) -> Option<usize> {
+    let near_m = 0.05 + 0.25 * circle.radius_m;
+    index.near(circle.center_ned_m, near_m).find(|at| {
+        let Some(k) = known.get(*at) else { return false };
+        // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
+        if k.seen_ms == now_ms && k.origin == Origin::Given {
+            return false;
+        }
+        let away = k.circle.center_ned_m.minus(circle.center_ned_m);
+        away.norm_squared() < near_m * near_m && libm::fabsf(k.radius_m - circle.radius_m) < 0.05
+    })
+}
+
+/// Whether a circle is inside another, but for what a bad fit may stick out.
+fn holds(outer: &Circle, inner: &Known) -> bool {
+    let reach_m = outer.radius_m + STICK_OUT_M - inner.radius_m;
+    let away = outer.center_ned_m.minus(inner.circle.center_ned_m);
+    reach_m > 0.0 && away.norm_squared() < reach_m * reach_m
+}
+
+/// Wraps after seven weeks.
+fn millis(now: Instant) -> u32 {
+    (now.0 / 1000) as u32
+}
+
+/// Zero when the clock went back.
+fn seconds_between(earlier_ms: u32, later_ms: u32) -> f32 {
+    let ms = later_ms.wrapping_sub(earlier_ms) as i32;
+    if ms > 0 { ms as f32 * 1e-3 } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,438 @@
+//! Obstacle scans and points, and the circles behind them.
+//!
+//! A scan is sectors of distance around the nose, as `OBSTACLE_DISTANCE` brings them; [`Points`] are single hits in any
+//! order. Neighbouring hits whose distance does not jump belong together. Each such run becomes
+//!
+//! - a pillar, where one circle passes within [`Config::residual_max_m`] of all its hits, is curved towards the sensor, has
+//!   a radius that the arc determines, and does not reach into directions that are seen to be free (Taubin's fit; what
+//!   is too short for it but free on both sides takes its radius from the angle it fills);
+//! - two pieces, cut where the circle misses most, where one does not;
+//! - a chain of small circles, where it is flat, hollow or short: walls, corners, what is half hidden.
+//!
+//! Whatever it becomes, every hit lies in a circle or within 2 cm of it. A direction without a hit yields nothing. The main
+//! paper fits circles to the points of a cloud in the same place (section IV) and does not say how.
+//!
+//! The cost is bounded: circles are fitted to 160 points of a look at most, the rest becomes chains.
+
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::time::Instant;
+use crate::base::units::{between, sin_cos};
+use crate::planning::field::inverse_root;
+
+mod chain;
+mod circle;
+mod segment;
+
+use circle::root;
+
+/// Most sectors one scan can hold.
+pub const SECTORS_MAX: usize = 72;
+/// Most points one delivery can hold.
+pub const POINTS_MAX: usize = 72;
+/// Most circles that one scan or delivery of points yields: one a hit.
+pub const DETECTIONS_MAX: usize = POINTS_MAX;
+
+/// Fewest hits that a circle is fitted to.
+const FIT_MIN: usize = 5;
+/// Circles are fitted to so many points of one look in all, those of a cut piece counted again; the rest becomes chains.
+const FITS_MAX: usize = 160;
+/// Two neighbours whose distances differ by more are two obstacles, however wide the sectors are.
+const JUMP_MAX_M: f32 = 0.30;
+/// How far a pillar may reach into a direction that is seen to be free.
+const REACH_M: f32 = 0.03;
+/// Nothing is measured from farther away.
+const RANGE_MAX_M: f32 = 1e3;
+/// Angles within a few turns of zero are meant; others are absurd.
+const ANGLE_MAX_RAD: f32 = 100.0;
+
+/// What one sector of a scan says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Sector {
+    /// Nothing is known: not covered, or the sensor said so.
+    #[default]
+    Unknown,
+    /// Looked at and empty as far as the sensor reaches.
+    Clear,
+    /// The nearest obstacle, metres from the vehicle's centre.
+    Hit(f32),
+}
+
+/// One sweep of an obstacle sensor, in the body frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scan {
+    /// When it was measured, as well as known.
+    pub time: Instant,
+    /// Azimuth of the centre of sector 0, from the nose, clockwise positive.
+    pub first_azimuth_rad: f32,
+    /// Azimuth step from a sector to the next; may be negative, never 0.
+    pub step_rad: f32,
+    /// Farthest distance that the sensor sees.
+    pub range_max_m: f32,
+    /// The sectors; those past the sensor's last are [`Sector::Unknown`].
+    pub sectors: [Sector; SECTORS_MAX],
+}
+
+impl Scan {
+    /// Whether its numbers mean a sensor.
+    #[must_use]
+    pub fn is_plausible(&self) -> bool {
+        let width_rad = libm::fabsf(self.step_rad);
+        libm::fabsf(self.first_azimuth_rad) <= ANGLE_MAX_RAD
+            && (1e-4..=core::f32::consts::TAU * 1.001).contains(&width_rad)
+            && self.range_max_m > 0.0
+            && self.range_max_m <= RANGE_MAX_M
+    }
+
+    /// Sectors of a full turn, if these are one: then the last is a neighbour of the first.
+    #[must_use]
+    pub fn turn(&self) -> Option<usize> {
+        let width_rad = libm::fabsf(self.step_rad);
+        let count = libm::roundf(core::f32::consts::TAU / width_rad);
+        let closes =
+            count <= SECTORS_MAX as f32 && libm::fabsf(count * width_rad - core::f32::consts::TAU) < 0.5 * width_rad;
+        closes.then_some(count as usize)
+    }
+
+    /// The sector at an index that may lie a turn off; unknown where there is none.
+    #[must_use]
+    pub fn sector(&self, index: i32) -> Sector {
+        let index = match self.turn() {
+            Some(turn) if turn > 0 => index.rem_euclid(turn as i32),
+            _ => index,
+        };
+        usize::try_from(index).ok().and_then(|index| self.sectors.get(index)).copied().unwrap_or_default()
+    }
+}
+
+/// How far each sector of a scan sees, to the millimetre below and 65 m at most, in half the room.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ranges([u16; SECTORS_MAX]);
+
+impl Ranges {
+    const UNKNOWN: u16 = u16::MAX;
+    const CLEAR: u16 = u16::MAX - 1;
+    const MOST_M: f32 = 65.5;
+
+    /// Nothing is known.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self([Self::UNKNOWN; SECTORS_MAX])
+    }
+
+    /// Those of a scan.
+    pub fn take(&mut self, scan: &Scan) {
+        for (index, sector) in scan.sectors.iter().enumerate() {
+            match *sector {
+                Sector::Clear => self.put(index, Self::CLEAR),
+                Sector::Hit(range_m) if range_m > 0.0 && range_m <= scan.range_max_m => self.set_m(index, range_m),
+                _ => self.put(index, Self::UNKNOWN),
+            }
+        }
+    }
+
+    /// Sees to a hit.
+    pub fn set_m(&mut self, index: usize, range_m: f32) {
+        self.put(index, (1000.0 * between(range_m, 0.0, Self::MOST_M)) as u16);
+    }
+
+    /// How far a sector sees; `clear_m` where there is nothing, -1 where nothing is known.
+    #[must_use]
+    pub fn sees_m(&self, index: usize, clear_m: f32) -> f32 {
+        match self.0.get(index).copied().unwrap_or(Self::UNKNOWN) {
+            Self::UNKNOWN => -1.0,
+            Self::CLEAR => clear_m,
+            range_mm => f32::from(range_mm) * 1e-3,
+        }
+    }
+
+    fn put(&mut self, index: usize, value: u16) {
+        if let Some(slot) = self.0.get_mut(index) {
+            *slot = value;
+        }
+    }
+}
+
+impl Default for Ranges {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What the axes of [`Points`] are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Frame {
+    /// Forward and right of the vehicle (in the fields for north and east).
+    #[default]
+    Body,
+    /// North and east of the vehicle.
+    VehicleNed,
+    /// North and east of the local origin.
+    LocalNed,
+}
+
+/// Single hits in any order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Points {
+    /// When they were measured, as well as known.
+    pub time: Instant,
+    /// What their axes are.
+    pub frame: Frame,
+    /// Where something is.
+    pub points_m: Vec<Horizontal, POINTS_MAX>,
+}
+
+/// What the fit needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Neighbouring hits farther apart than this, plus what the sector width explains, are two obstacles.
+    pub gap_m: f32,
+    /// A circle that misses a point by more than this is no fit.
+    pub residual_max_m: f32,
+    /// Smallest radius that is believed.
+    pub radius_min_m: f32,
+    /// Largest radius that is believed; a wall becomes several circles.
+    pub radius_max_m: f32,
+    /// Largest share of its radius that a pillar's radius may be uncertain by, one sigma.
+    pub radius_doubt_max: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { gap_m: 0.10, residual_max_m: 0.018, radius_min_m: 0.05, radius_max_m: 1.5, radius_doubt_max: 0.15 }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Fitter, ConfigError> {
+        check("scan.gap_m", self.gap_m, 0.01, 1.0)?;
+        check("scan.residual_max_m", self.residual_max_m, 0.005, 0.5)?;
+        check("scan.radius_min_m", self.radius_min_m, 0.01, 1.0)?;
+        check("scan.radius_max_m", self.radius_max_m, self.radius_min_m, 10.0)?;
+        check("scan.radius_doubt_max", self.radius_doubt_max, 0.01, 1.0)?;
+        Ok(Fitter { config: *self })
+    }
+}
+
+/// What a detection is a circle of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Kind {
+    /// Something round: centre and radius mean what they say.
+    Pillar,
+    /// A piece of some surface: only its front means anything.
+    #[default]
+    Patch,
+}
+
+/// One circle seen in one scan.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Detection {
+    /// What it is a circle of.
+    pub kind: Kind,
+    /// Centre, local NED.
+    pub center_ned_m: Horizontal,
+    /// Radius.
+    pub radius_m: f32,
+    /// Standard deviation of centre and radius.
+    pub sigma_m: f32,
+    /// Middle of the surface that it stands for, local NED.
+    pub face_ned_m: Horizontal,
+    /// First of its points in the look.
+    pub from: u8,
+    /// One past the last of its points in the look.
+    pub to: u8,
+}
+
+/// Why nothing of what an obstacle sensor delivered can be believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// Where the vehicle was is not known.
+    NoOwnship,
+    /// The vehicle's position or attitude is of another time: where the sensor looked from is not known.
+    TimesApart,
+    /// Its angles and its range are no sensor's.
+    Geometry,
+    /// There is something in it, and none of it is finite and sane.
+    Absurd,
+}
+
+/// What one scan or delivery of points came to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Look {
+    /// When it was measured, as well as known.
+    pub time: Instant,
+    /// Where it was taken from, local NED.
+    pub origin_ned_m: Horizontal,
+    /// The hits, north and east of there, neighbours in order.
+    pub points_m: Vec<Horizontal, POINTS_MAX>,
+    /// The circles behind them.
+    pub detections: Vec<Detection, DETECTIONS_MAX>,
+    /// Hits refused because they were not finite or absurd.
+    pub refused: u16,
+}
+
+impl Look {
+    /// The points of one of its detections.
+    #[must_use]
+    pub fn points_of(&self, detection: &Detection) -> &[Horizontal] {
+        self.points_m.get(usize::from(detection.from)..usize::from(detection.to)).unwrap_or_default()
+    }
+
+    /// Whether anything in it may be believed. A look that saw nothing may.
+    fn check(&self) -> Result<(), Refusal> {
+        if self.refused > 0 && self.points_m.is_empty() { Err(Refusal::Absurd) } else { Ok(()) }
+    }
+
+    /// Adds a circle that is given from where the look was taken.
+    fn push(&mut self, seen: Detection) {
+        // Cannot fail: no more circles than hits.
+        let _ = self.detections.push(Detection {
+            center_ned_m: seen.center_ned_m.plus(self.origin_ned_m),
+            face_ned_m: seen.face_ned_m.plus(self.origin_ned_m),
+            ..seen
+        });
+    }
+}
+
+/// Where and which way the sensor looked.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// Position of the vehicle when it scanned.
+    pub position_ned_m: Horizontal,
+    /// Yaw of the vehicle when it scanned.
+    pub yaw_rad: f32,
+}
+
+impl Pose {
+    /// Whether it is a place and a direction.
+    #[must_use]
+    pub fn is_plausible(&self) -> bool {
+        self.position_ned_m.is_finite()
+            && self.position_ned_m.norm_squared() < 1e12
+            && libm::fabsf(self.yaw_rad) <= ANGLE_MAX_RAD
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fitter {
+    config: Config,
+}
+
+/// A run of hits, relative to the sensor, and what is known on its two sides.
+struct Run<'a> {
+    points: &'a [Horizontal],
+    /// Index of its first point in the look.
+    first: usize,
+    /// Azimuth step between its points; 0 where there is none.
+    step_rad: f32,
+    /// The direction next to either end, if it is seen to be free, as a unit vector.
+    free: [Option<Horizontal>; 2],
+}
+
+impl Run<'_> {
+    fn pillar(&self, center: Horizontal, radius_m: f32, sigma_m: f32) -> Verdict {
+        Verdict::Pillar(Detection {
+            kind: Kind::Pillar,
+            center_ned_m: center,
+            radius_m,
+            sigma_m,
+            face_ned_m: self.points[self.points.len() / 2],
+            from: self.first as u8,
+            to: (self.first + self.points.len()) as u8,
+        })
+    }
+}
+
+/// A turn by one angle, again and again: 6 instructions where a sine and a cosine take 40.
+struct Turned {
+    sine: f32,
+    cosine: f32,
+}
+
+impl Turned {
+    fn new(angle_rad: f32) -> Self {
+        let (sine, cosine) = sin_cos(angle_rad);
+        Self { sine, cosine }
+    }
+
+    fn on(&self, v: Horizontal) -> Horizontal {
+        Horizontal {
+            north: self.cosine * v.north - self.sine * v.east,
+            east: self.sine * v.north + self.cosine * v.east,
+        }
+    }
+
+    fn back(&self, v: Horizontal) -> Horizontal {
+        Horizontal {
+            north: self.cosine * v.north + self.sine * v.east,
+            east: self.cosine * v.east - self.sine * v.north,
+        }
+    }
+}
+
+impl Fitter {
+    /// The circle that fills the angle of a few hits, if both its sides are free and it covers them:
+    /// `r / (nearest + r) = sin(half of the angle)`.
+    fn thin(&self, piece: &Run<'_>) -> Verdict {
+        let c = &self.config;
+        let ([Some(_), Some(_)], Some(first), Some(last)) = (piece.free, piece.points.first(), piece.points.last())
+        else {
+            return Verdict::Chain;
+        };
+        let least = |a: f32, p: &Horizontal| if p.norm_squared() < a { p.norm_squared() } else { a };
+        let nearest_m = root(piece.points.iter().fold(f32::INFINITY, least));
+        // Of small angles: the fourth power of it is left out.
+        let half_rad = (0.5 * piece.step_rad * piece.points.len() as f32).clamp(0.0, 1.2);
+        let s = half_rad * (1.0 - half_rad * half_rad / 6.0);
+        let radius_m = between(nearest_m * s / (1.0 - s), c.radius_min_m, c.radius_max_m);
+        let unit = |p: &Horizontal| p.times(inverse_root(p.norm_squared()));
+        let toward = unit(first).plus(unit(last));
+        let center = toward.times((nearest_m + radius_m) * inverse_root(toward.norm_squared()));
+        let reach_m = radius_m + c.residual_max_m;
+        let covers = |point: &Horizontal| point.minus(center).norm_squared() <= reach_m * reach_m;
+        if !piece.points.iter().all(covers) {
+            return Verdict::Chain;
+        }
+        piece.pillar(center, radius_m, 0.02 + 0.5 * nearest_m * piece.step_rad)
+    }
+}
+
+/// What a piece of a run turned out to be.
+enum Verdict {
+    Pillar(Detection),
+    Cut(usize),
+    Chain,
+}
+
+/// Whether a circle keeps out of the directions that are free.
+fn is_inside(center: Horizontal, radius_m: f32, free: [Option<Horizontal>; 2]) -> bool {
+    free.iter().flatten().all(|direction| libm::fabsf(circle::cross(*direction, center)) > radius_m - REACH_M)
+}
+
+/// The direction of a place.
+fn unit(v: Horizontal) -> Horizontal {
+    let squared = v.norm_squared();
+    if squared > 1e-12 { v.times(inverse_root(squared)) } else { Horizontal { north: 1.0, east: 0.0 } }
+}
+
+/// Grows with the azimuth from north over east, from -2 to 2, without an arctangent.
+fn around(point: Horizontal) -> f32 {
+    let along = point.north / (libm::fabsf(point.north) + libm::fabsf(point.east));
+    if point.east >= 0.0 { 1.0 - along } else { along - 1.0 }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,336 @@
+//! From the hits of a look to circles: runs of neighbours are cut into pillars and pieces that are none, and those become
+//! chains.
+
+use heapless::Vec;
+
+use super::chain::{self, Edges};
+use super::circle::{self, root};
+use super::{
+    Detection, FIT_MIN, FITS_MAX, Fitter, Frame, JUMP_MAX_M, Kind, Look, POINTS_MAX, Points, Pose, RANGE_MAX_M,
+    Refusal, Run, SECTORS_MAX, Scan, Sector, Turned, Verdict, around, unit,
+};
+use crate::base::frame::Horizontal;
+use crate::base::order::sort_by_key;
+use crate::base::units::{between, sin_cos};
+
+/// The hit belongs to the same run as the one after it.
+const GOES_ON: u8 = 1;
+/// The sensor sees past it, on the side of the hits before it, or of those after it.
+const FREE_BEFORE: u8 = 2;
+const FREE_BEHIND: u8 = 4;
+/// A run was cut behind it.
+const CUT: u8 = 8;
+
+/// What is known of each hit of a look.
+#[derive(Default)]
+struct Marks(Vec<u8, POINTS_MAX>);
+
+impl Marks {
+    fn has(&self, at: usize, mark: u8) -> bool {
+        self.0.get(at).is_some_and(|marks| marks & mark != 0)
+    }
+
+    fn push(&mut self, marks: u8) {
+        // Cannot fail: as many places as hits.
+        let _ = self.0.push(marks);
+    }
+
+    fn cut_behind(&mut self, at: usize) {
+        if let Some(marks) = self.0.get_mut(at) {
+            *marks |= CUT;
+        }
+    }
+
+    /// One past the last hit of the piece that begins with a hit.
+    fn end_of(&self, from: usize, is_last: impl Fn(u8) -> bool) -> usize {
+        let rest = self.0.get(from..).unwrap_or_default();
+        rest.iter().position(|marks| is_last(*marks)).map_or(self.0.len(), |index| from + index + 1)
+    }
+}
+
+impl Fitter {
+    /// The circles behind the hits of a scan taken at `pose`.
+    ///
+    /// # Errors
+    /// Why nothing of it can be believed.
+    pub fn fit(&self, scan: &Scan, pose: &Pose) -> Result<Look, Refusal> {
+        let mut look = Look::default();
+        self.fit_into(&mut look, scan, pose)?;
+        Ok(look)
+    }
+
+    /// The circles behind single hits seen from `pose`.
+    ///
+    /// # Errors
+    /// Why nothing of them can be believed.
+    pub fn fit_points(&self, points: &Points, pose: &Pose) -> Result<Look, Refusal> {
+        let mut look = Look::default();
+        self.fit_points_into(&mut look, points, pose)?;
+        Ok(look)
+    }
+
+    /// As [`Self::fit`], into an empty look where it lies: it is 3 KB, and a copy of it another 3.
+    ///
+    /// # Errors
+    /// Why nothing of it can be believed.
+    #[inline(never)]
+    pub fn fit_into(&self, look: &mut Look, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
+        if !scan.is_plausible() {
+            return Err(Refusal::Geometry);
+        }
+        if !pose.is_plausible() {
+            return Err(Refusal::NoOwnship);
+        }
+        (look.time, look.origin_ned_m) = (scan.time, pose.position_ned_m);
+        let mut marks = Marks::default();
+        self.trace(scan, pose, look, &mut marks);
+        look.check()?;
+        self.segment(look, &mut marks, scan.step_rad);
+        Ok(())
+    }
+
+    /// As [`Self::fit_points`], into an empty look where it lies.
+    ///
+    /// # Errors
+    /// Why nothing of them can be believed.
+    #[inline(never)]
+    pub fn fit_points_into(&self, look: &mut Look, points: &Points, pose: &Pose) -> Result<(), Refusal> {
+        if !pose.is_plausible() {
+            return Err(Refusal::NoOwnship);
+        }
+        (look.time, look.origin_ned_m) = (points.time, pose.position_ned_m);
+        gather(points, pose, look);
+        look.check()?;
+        let mut marks = Marks::default();
+        self.put_in_order(look, &mut marks);
+        self.segment(look, &mut marks, 0.0);
+        Ok(())
+    }
+
+    /// Hits of a scan, with what lies beside them.
+    #[inline(never)]
+    fn trace(&self, scan: &Scan, pose: &Pose, look: &mut Look, marks: &mut Marks) {
+        let step_rad = libm::fabsf(scan.step_rad);
+        let continues = |before: f32, range_m: f32| {
+            let nearer = if range_m < before { range_m } else { before };
+            let explained = self.config.gap_m + 3.0 * nearer * step_rad;
+            let allowed = if explained < JUMP_MAX_M { explained } else { JUMP_MAX_M };
+            before > 0.0 && range_m > 0.0 && libm::fabsf(range_m - before) < allowed
+        };
+        // Zero where there is no hit.
+        let mut ranges_m = [0.0_f32; SECTORS_MAX];
+        for (range_m, sector) in ranges_m.iter_mut().zip(&scan.sectors) {
+            match *sector {
+                Sector::Hit(hit_m) if hit_m > 0.0 && hit_m <= scan.range_max_m => *range_m = hit_m,
+                Sector::Hit(_) => look.refused += 1,
+                _ => {}
+            }
+        }
+        // A full turn is walked from a place where nothing continues, so that no run is cut at the seam.
+        let turn = scan.turn();
+        let count = turn.unwrap_or(SECTORS_MAX).min(SECTORS_MAX);
+        let range_at = |index: usize| ranges_m.get(index).copied().unwrap_or_default();
+        let before = |index: usize| if index == 0 { count - 1 } else { index - 1 };
+        let seam = |index: &usize| !continues(range_at(before(*index)), range_at(*index));
+        let begin = if turn.is_some() { (0..count).find(seam).unwrap_or(0) } else { 0 };
+
+        let turned = Turned::new(scan.step_rad);
+        let start = Horizontal::from_bearing(pose.yaw_rad + scan.first_azimuth_rad);
+        let mut direction =
+            Horizontal::from_bearing(pose.yaw_rad + scan.first_azimuth_rad + scan.step_rad * begin as f32);
+        // A silhouette ends there unless something nearer hides it or nothing is known.
+        let is_free = |index: usize, edge_m: f32| match scan.sectors.get(index).copied().unwrap_or_default() {
+            Sector::Clear => true,
+            Sector::Hit(hit_m) => hit_m > edge_m,
+            Sector::Unknown => false,
+        };
+        let mut index = begin;
+        for left in (0..count).rev() {
+            let range_m = range_at(index);
+            let next = if index + 1 == count { 0 } else { index + 1 };
+            if range_m > 0.0 {
+                let goes_on = left > 0 && (turn.is_some() || next > 0) && continues(range_m, range_at(next));
+                let mut its = if goes_on { GOES_ON } else { 0 };
+                if (turn.is_some() || index > 0) && is_free(before(index), range_m) {
+                    its |= FREE_BEFORE;
+                }
+                if (turn.is_some() || next > 0) && is_free(next, range_m) {
+                    its |= FREE_BEHIND;
+                }
+                // Cannot fail: as many places as sectors.
+                let _ = look.points_m.push(direction.times(range_m));
+                marks.push(its);
+            }
+            direction = if next == 0 { start } else { turned.on(direction) };
+            index = next;
+        }
+    }
+
+    /// Puts single hits in the order of azimuth, beginning where two neighbours are far apart.
+    #[inline(never)]
+    fn put_in_order(&self, look: &mut Look, marks: &mut Marks) {
+        let points_m = &mut look.points_m;
+        let mut keyed: Vec<(f32, Horizontal), POINTS_MAX> = Vec::new();
+        for point in points_m.iter() {
+            // Cannot fail: as many places.
+            let _ = keyed.push((around(*point), *point));
+        }
+        sort_by_key(&mut keyed, |(around, _)| *around);
+        for (point, (_, sorted)) in points_m.iter_mut().zip(&keyed) {
+            *point = *sorted;
+        }
+        let apart = |a: &Horizontal, b: &Horizontal| {
+            let limit = 2.0 * self.config.gap_m;
+            a.minus(*b).norm_squared() >= limit * limit
+        };
+        let seam = match (points_m.first(), points_m.last()) {
+            (Some(first), Some(last)) if !apart(first, last) => {
+                points_m.windows(2).position(|pair| apart(&pair[0], &pair[1])).map_or(0, |index| index + 1)
+            }
+            _ => 0,
+        };
+        let count = points_m.len();
+        points_m.rotate_left(seam.min(count));
+        for index in 0..count {
+            let goes_on = match points_m.get(index..index + 2) {
+                Some([a, b]) => !apart(a, b),
+                _ => false,
+            };
+            marks.push(if goes_on { GOES_ON } else { 0 });
+        }
+    }
+
+    /// Runs of hits to circles, local NED: pillars first, then the chains of what is none.
+    #[inline(never)]
+    fn segment(&self, look: &mut Look, marks: &mut Marks, step_rad: f32) {
+        let mut chains: Vec<(u8, u8), POINTS_MAX> = Vec::new();
+        let mut fits_left = FITS_MAX;
+        let mut first = 0;
+        while first < look.points_m.len() {
+            let end = marks.end_of(first, |marks| marks & GOES_ON == 0);
+            let mut from = first;
+            while from < end {
+                // Each cut shortens the pieces, so this ends.
+                let to = marks.end_of(from, |marks| marks & CUT != 0).min(end);
+                match self.judge(&look.points_m, marks, (first, end), (from, to), step_rad, &mut fits_left) {
+                    Verdict::Cut(at) => {
+                        marks.cut_behind(from + at - 1);
+                        continue;
+                    }
+                    Verdict::Pillar(pillar) => look.push(pillar),
+                    // Cannot fail: no more chains than hits.
+                    Verdict::Chain => _ = chains.push((from as u8, to as u8)),
+                }
+                from = to;
+            }
+            first = end;
+        }
+        for (from, to) in chains {
+            self.chain(look, marks, (from.into(), to.into()), libm::fabsf(step_rad));
+        }
+    }
+
+    /// What a piece of a run is.
+    fn judge(
+        &self,
+        points_m: &[Horizontal],
+        marks: &Marks,
+        (first, end): (usize, usize),
+        (from, to): (usize, usize),
+        step_rad: f32,
+        fits_left: &mut usize,
+    ) -> Verdict {
+        let turned = Turned::new(step_rad);
+        let edge = |at: usize, mark: u8| points_m.get(at).copied().filter(|_| marks.has(at, mark)).map(unit);
+        let free = [
+            edge(from, FREE_BEFORE).filter(|_| from == first).map(|direction| turned.back(direction)),
+            edge(to - 1, FREE_BEHIND).filter(|_| to == end).map(|direction| turned.on(direction)),
+        ];
+        let points = points_m.get(from..to).unwrap_or_default();
+        let piece = Run { points, first: from, step_rad: libm::fabsf(step_rad), free };
+        let length = to - from;
+        // What is cut over and over is no pillar.
+        match fits_left.checked_sub(length) {
+            Some(left) if length >= FIT_MIN => {
+                *fits_left = left;
+                self.pillar(&piece)
+            }
+            Some(_) if length == end - first => self.thin(&piece),
+            _ => Verdict::Chain,
+        }
+    }
+
+    /// The links of a chain, as far as the next piece, so that nothing is left open between them.
+    fn chain(&self, look: &mut Look, marks: &Marks, (from, to): (usize, usize), step_rad: f32) {
+        let is_cut = marks.has(to - 1, GOES_ON);
+        let is_begun = from > 0 && marks.has(from - 1, GOES_ON);
+        let edges =
+            Edges { first: !is_begun && marks.has(from, FREE_BEFORE), last: !is_cut && marks.has(to - 1, FREE_BEHIND) };
+        let mut at = 0;
+        loop {
+            let points = look.points_m.get(from..to + usize::from(is_cut)).unwrap_or_default();
+            // A sector's hit lies anywhere in its width.
+            let half_m = points.first().map_or(0.0, |point| 0.5 * step_rad * root(point.norm_squared()));
+            let radius_min_m = between(half_m, self.config.radius_min_m, self.config.radius_max_m);
+            let Some(link) = chain::next(points, edges, radius_min_m, at) else { return };
+            let last = link.to - 1;
+            // A chain of a single hit ends with it; one that reaches the next piece's first hit is at its end there.
+            let is_over = last + 1 >= points.len();
+            look.push(Detection {
+                kind: Kind::Patch,
+                center_ned_m: link.center,
+                radius_m: link.radius_m,
+                sigma_m: 0.01,
+                face_ned_m: link.face,
+                from: (from + link.from) as u8,
+                to: (from + link.to) as u8,
+            });
+            if is_over {
+                return;
+            }
+            at = last;
+        }
+    }
+
+    /// Whether a piece is a pillar, or where to cut it, or neither.
+    fn pillar(&self, piece: &Run<'_>) -> Verdict {
+        let c = &self.config;
+        let points = piece.points;
+        let Some(found) = circle::fit(points) else { return Verdict::Chain };
+        if found.residual_m > c.residual_max_m {
+            return Verdict::Cut(found.worst.clamp(2, points.len() - 2));
+        }
+        let Some(&middle) = points.get(points.len() / 2) else { return Verdict::Chain };
+        let is_round = found.center.minus(middle).dot(middle) > 0.0
+            && found.radius_m <= c.radius_max_m
+            && found.sigma_m <= c.radius_doubt_max * found.radius_m
+            && super::is_inside(found.center, found.radius_m, piece.free);
+        if !is_round {
+            return Verdict::Chain;
+        }
+        let radius_m = if found.radius_m < c.radius_min_m { c.radius_min_m } else { found.radius_m };
+        piece.pillar(found.center, radius_m, found.sigma_m)
+    }
+}
+
+/// Single hits from where they were seen; those that are not finite or absurd are counted.
+fn gather(points: &Points, pose: &Pose, look: &mut Look) {
+    let (sine, cosine) = sin_cos(pose.yaw_rad);
+    for point in &points.points_m {
+        let point = match points.frame {
+            Frame::Body => Horizontal {
+                north: cosine * point.north - sine * point.east,
+                east: sine * point.north + cosine * point.east,
+            },
+            Frame::VehicleNed => *point,
+            Frame::LocalNed => point.minus(pose.position_ned_m),
+        };
+        let squared = point.norm_squared();
+        if squared > 1e-6 && squared <= RANGE_MAX_M * RANGE_MAX_M {
+            // Cannot fail: as many places.
+            let _ = look.points_m.push(point);
+        } else {
+            look.refused += 1;
+        }
+    }
+}

@@ -1,0 +1,584 @@
+//! Where has been looked: the guard lets the vehicle go only there.
+//!
+//! A nose with a narrow view does not see what stands beside it, and a disc that moves comes nearer to everything up to 90
+//! degrees off its way. So the places that the obstacle sensor has seen are remembered, in a grid of bits around the
+//! vehicle that scrolls along with it (64 x 64 cells of 5 cm; what scrolls in has not been seen), and the latest look is
+//! kept as it is for what lies farther.
+//!
+//! The question asked is not "is this cell empty" but "could an obstacle stand here unseen": one of at least
+//! [`Config::smallest_obstacle_m`] radius cannot, if somewhere in it a ray has passed. So a place counts as seen when one
+//! of the 3 x 3 cells around it has been, and rays need not be denser than cells.
+//!
+//! - [`Cover::Seen`]: a ray has passed.
+//! - [`Cover::Hidden`]: it is in the view of the latest look, behind something. Looking again does not help, only going there slowly.
+//! - [`Cover::WasHidden`]: it was so in an earlier look, from elsewhere. Whether looking helps depends on what is before it now.
+//! - [`Cover::Unseen`]: never looked at.
+//!
+//! Cost: bench rows `look_64` for a look, `guard_64` for a step with all its questions.
+
+use micromath::F32;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::base::units::{between, wrap_pi};
+use crate::mapping::scan::{Pose, Ranges, SECTORS_MAX, Scan};
+use crate::planning::field::Obstacle;
+
+/// Cells on a side of the grid; a power of two.
+const SIDE: i32 = 64;
+/// Side of a cell.
+const CELL_M: f32 = 0.05;
+const CELLS_PER_M: f32 = 1.0 / CELL_M;
+/// A look is drawn this far at most; it stays inside the grid.
+const DRAWN_M: f32 = 1.52;
+/// Distance between the marks along a ray, and between rays: with the 3 x 3 cells of a question no gap is left.
+const STEP_M: f32 = 0.07;
+/// Rays over the field of view of a sensor that delivers circles are at most this far apart.
+const RAY_STEP_RAD: f32 = 0.045;
+/// Positions beyond this are no place for a grid.
+const PLACE_MAX_M: f32 = 1e5;
+
+/// What this room needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Radius of the smallest obstacle that must not be overlooked.
+    pub smallest_obstacle_m: f32,
+    /// Nothing unseen is closer to the vehicle than this where it is first asked to move.
+    pub start_clearance_m: f32,
+    /// How far a sensor that delivers circles sees.
+    pub range_m: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { smallest_obstacle_m: 0.075, start_clearance_m: 0.03, range_m: 3.0 }
+    }
+}
+
+impl Config {
+    /// Checks the configuration. `fov_rad` is the full angle of the view of a sensor that delivers circles.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self, fov_rad: f32) -> Result<Looker, ConfigError> {
+        check("sight.smallest_obstacle_m", self.smallest_obstacle_m, 0.05, 1.0)?;
+        check("sight.start_clearance_m", self.start_clearance_m, 0.0, 1.0)?;
+        check("sight.range_m", self.range_m, 0.1, 100.0)?;
+        check("guard.fov_rad", fov_rad, 0.1, core::f32::consts::TAU)?;
+        let rays = libm::ceilf(fov_rad / RAY_STEP_RAD) as usize;
+        Ok(Looker { config: *self, fov_rad, rays: rays.clamp(8, SECTORS_MAX) })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Looker {
+    config: Config,
+    fov_rad: f32,
+    rays: usize,
+}
+
+/// What is known of a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Cover {
+    /// A ray of the sensor has passed.
+    Seen,
+    /// In the view of the latest look, but behind something.
+    Hidden,
+    /// In the view of an earlier look, behind something from there.
+    WasHidden,
+    /// Never looked at.
+    Unseen,
+}
+
+/// The latest look: how far each ray saw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Profile {
+    /// Where it was taken from.
+    pub origin_ned_m: Horizontal,
+    /// From north to the middle of the first ray.
+    pub first_ned_rad: f32,
+    /// From a ray to the next.
+    pub step_rad: f32,
+    /// Rays that there are, and whether they are a full turn.
+    pub rays: u8,
+    /// See `rays`.
+    pub closes: bool,
+    /// How far a ray sees that meets nothing.
+    pub range_m: f32,
+    /// How far each ray sees.
+    pub ranges: Ranges,
+}
+
+impl Profile {
+    /// How far a ray sees; -1 where nothing is known.
+    fn seen_m(&self, index: usize) -> f32 {
+        self.ranges.sees_m(index, self.range_m)
+    }
+}
+
+/// Bits of the grid, two words for each row.
+type Bits = [[u32; 2]; SIDE as usize];
+
+/// What has been looked at so far.
+#[derive(Clone, Debug)]
+pub struct Sight {
+    seen: Bits,
+    hidden: Bits,
+    /// The cell at the south-west corner of the grid, counted from the origin.
+    corner: (i32, i32),
+    /// Where the vehicle stood when it was first asked to move.
+    home_ned_m: Option<Horizontal>,
+    /// The cell that it stands in, if the ground under it is marked.
+    stood: Option<(i32, i32)>,
+    latest: Profile,
+}
+
+impl Default for Sight {
+    fn default() -> Self {
+        Self {
+            seen: [[0; 2]; SIDE as usize],
+            hidden: [[0; 2]; SIDE as usize],
+            corner: (0, 0),
+            home_ned_m: None,
+            stood: None,
+            latest: Profile {
+                origin_ned_m: Horizontal::default(),
+                first_ned_rad: 0.0,
+                step_rad: RAY_STEP_RAD,
+                rays: 0,
+                closes: false,
+                range_m: 0.0,
+                ranges: Ranges::new(),
+            },
+        }
+    }
+}
+
+/// Row, word and bit of a cell, wherever it lies: the grid is a torus.
+fn bit(north: i32, east: i32) -> (usize, usize, u32) {
+    let column = east & (SIDE - 1);
+    ((north & (SIDE - 1)) as usize, (column / 32) as usize, 1 << (column % 32))
+}
+
+/// Whether one of four cells is marked: this one and its neighbours to the north and the east.
+fn is_one_marked(bits: &Bits, north: i32, east: i32) -> bool {
+    let row = |north: i32| bits[(north & (SIDE - 1)) as usize];
+    let (at, above) = (row(north), row(north + 1));
+    let [low, high] = [0, 1].map(|word| u64::from(at[word] | above[word]));
+    (low | high << 32).rotate_right(east as u32 % SIDE as u32) & 0b11 != 0
+}
+
+impl Sight {
+    /// Whether any look has been heard of.
+    #[must_use]
+    pub fn has_looked(&self) -> bool {
+        self.latest.rays > 0
+    }
+
+    /// The latest look.
+    #[must_use]
+    pub fn latest(&self) -> &Profile {
+        &self.latest
+    }
+
+    /// The vehicle is moved by somebody else: where it is next asked to move is a new start.
+    pub fn leave(&mut self) {
+        self.home_ned_m = None;
+    }
+
+    fn contains(&self, north: i32, east: i32) -> bool {
+        let inside = |at: i32, corner: i32| at > corner && at < corner + SIDE - 1;
+        inside(north, self.corner.0) && inside(east, self.corner.1)
+    }
+
+    /// Scrolls the grid so that a cell is in its middle.
+    fn center(&mut self, north: i32, east: i32) {
+        let corner = (north - SIDE / 2, east - SIDE / 2);
+        let (rows, columns) = (corner.0 - self.corner.0, corner.1 - self.corner.1);
+        if rows.abs() >= SIDE || columns.abs() >= SIDE {
+            self.seen = [[0; 2]; SIDE as usize];
+            self.hidden = [[0; 2]; SIDE as usize];
+        } else {
+            // Ahead, the rows that come in are those past the old end; behind, those before the old beginning.
+            let first = if rows > 0 { self.corner.0 } else { corner.0 };
+            for row in first..first + rows.abs() {
+                let (row, ..) = bit(row, 0);
+                (self.seen[row], self.hidden[row]) = ([0; 2], [0; 2]);
+            }
+            let first = if columns > 0 { self.corner.1 } else { corner.1 };
+            let mut stay = [u32::MAX; 2];
+            for column in first..first + columns.abs() {
+                let (_, word, mask) = bit(0, column);
+                stay[word] &= !mask;
+            }
+            if columns != 0 {
+                for row in self.seen.iter_mut().chain(&mut self.hidden) {
+                    *row = [row[0] & stay[0], row[1] & stay[1]];
+                }
+            }
+        }
+        self.corner = corner;
+    }
+}
+
+/// The cell of a place; `None` where there is no grid.
+fn cell(place: Horizontal) -> Option<(i32, i32)> {
+    let sane = libm::fabsf(place.north) < PLACE_MAX_M && libm::fabsf(place.east) < PLACE_MAX_M;
+    // Rounded down, in fewer instructions than `floorf`.
+    let index = |x: f32| {
+        let cells = x * CELLS_PER_M;
+        cells as i32 - i32::from(cells < (cells as i32) as f32)
+    };
+    sane.then(|| (index(place.north), index(place.east)))
+}
+
+/// The bearing of a direction within 0.003 rad, a sixth of a ray of the default scan: obstacles 1 cm wider or narrower at
+/// three metres.
+fn bearing_rad(away: Horizontal) -> f32 {
+    F32(away.east).atan2(F32(away.north)).0
+}
+
+impl Looker {
+    /// Radius of the smallest obstacle that must not be overlooked.
+    #[must_use]
+    pub fn smallest_obstacle_m(&self) -> f32 {
+        self.config.smallest_obstacle_m
+    }
+
+    /// Takes in a scan.
+    pub fn note_scan(&self, sight: &mut Sight, scan: &Scan, pose: &Pose) {
+        if !scan.is_plausible() {
+            return;
+        }
+        let latest = &mut sight.latest;
+        latest.step_rad = scan.step_rad;
+        latest.first_ned_rad = wrap_pi(pose.yaw_rad + scan.first_azimuth_rad);
+        latest.rays = scan.turn().unwrap_or(SECTORS_MAX) as u8;
+        latest.closes = scan.turn().is_some();
+        latest.range_m = scan.range_max_m;
+        latest.ranges.take(scan);
+        sight.latest.origin_ned_m = pose.position_ned_m;
+        self.draw(sight);
+    }
+
+    /// Takes in that a sensor has delivered circles: it saw its whole field of view, up to the obstacles that are known.
+    /// `vehicle_radius_m` is what their reach is larger by.
+    pub fn note_circles(&self, sight: &mut Sight, obstacles: &[Obstacle], vehicle_radius_m: f32, pose: &Pose) {
+        let latest = &mut sight.latest;
+        latest.rays = self.rays as u8;
+        latest.closes = self.fov_rad > 6.2;
+        latest.step_rad = self.fov_rad / self.rays as f32;
+        let first_rad = 0.5 * (latest.step_rad - self.fov_rad);
+        latest.first_ned_rad = wrap_pi(pose.yaw_rad + first_rad);
+        let mut seen_m = [self.config.range_m; SECTORS_MAX];
+        for obstacle in obstacles {
+            let away = obstacle.center_ned_m.minus(pose.position_ned_m);
+            let radius_m = obstacle.reach_m - vehicle_radius_m;
+            let (squared, reach_m) = (away.norm_squared(), self.config.range_m);
+            // To where a ray would touch it: what is nearer and behind its face is inside it.
+            let tangent = squared - radius_m * radius_m;
+            if !(tangent > 1e-4) || tangent > reach_m * reach_m {
+                continue;
+            }
+            let tangent_m = sqrt(tangent);
+            let middle = wrap_pi(bearing_rad(away) - latest.first_ned_rad) / latest.step_rad;
+            let half = F32(radius_m).atan2(F32(tangent_m)).0 / latest.step_rad;
+            let (low, high) = (libm::ceilf(middle - half) as i32, libm::floorf(middle + half) as i32);
+            let turn = libm::roundf(core::f32::consts::TAU / latest.step_rad) as i32;
+            for index in low..=high {
+                let index = if index < 0 {
+                    index + turn
+                } else if index >= turn {
+                    index - turn
+                } else {
+                    index
+                };
+                if let Some(seen_m) = usize::try_from(index).ok().and_then(|index| seen_m.get_mut(index))
+                    && tangent_m < *seen_m
+                {
+                    *seen_m = tangent_m;
+                }
+            }
+        }
+        latest.range_m = self.config.range_m;
+        for (index, seen_m) in seen_m.into_iter().enumerate() {
+            latest.ranges.set_m(index, seen_m);
+        }
+        sight.latest.origin_ned_m = pose.position_ned_m;
+        self.draw(sight);
+    }
+
+    /// Draws the latest look into the grid.
+    fn draw(&self, sight: &mut Sight) {
+        let Some((north, east)) = cell(sight.latest.origin_ned_m) else { return };
+        sight.center(north, east);
+        let Sight { seen, hidden, corner, latest, .. } = sight;
+
+        // A wide view is drawn less far, so that every look costs the same, and no farther than its rays are dense.
+        let step_rad = libm::fabsf(latest.step_rad);
+        let angle_rad = step_rad * f32::from(latest.rays);
+        let by_cost = if angle_rad > 1.65 { DRAWN_M * sqrt(1.65 / angle_rad) } else { DRAWN_M };
+        let by_gaps = 0.14 / step_rad;
+        let drawn_m = if by_cost < by_gaps { by_cost } else { by_gaps };
+
+        // In cells from the corner, which is never negative.
+        let from_north = latest.origin_ned_m.north * CELLS_PER_M - corner.0 as f32;
+        let from_east = latest.origin_ned_m.east * CELLS_PER_M - corner.1 as f32;
+        for index in 0..usize::from(latest.rays) {
+            // Near the sensor the rays are denser than needed: there only every second, fourth, eighth is drawn.
+            let stride = if index == 0 { 8 } else { 1 << index.trailing_zeros().min(3) };
+            let mut at_m = if stride == 8 { STEP_M } else { STEP_M / (step_rad * (2 * stride) as f32) };
+            let seen_m = latest.seen_m(index);
+            if !(seen_m >= 0.0) {
+                continue;
+            }
+            let direction = Horizontal::from_bearing(latest.first_ned_rad + latest.step_rad * index as f32);
+            while at_m < drawn_m {
+                let row = (from_north + at_m * CELLS_PER_M * direction.north) as i32 + corner.0;
+                let column = (from_east + at_m * CELLS_PER_M * direction.east) as i32 + corner.1;
+                let (row, word, mask) = bit(row, column);
+                if at_m <= seen_m + CELL_M {
+                    seen[row][word] |= mask;
+                } else {
+                    hidden[row][word] |= mask;
+                }
+                at_m += STEP_M;
+            }
+        }
+    }
+
+    /// Where the vehicle is there is room for it.
+    pub fn stand(&self, sight: &mut Sight, position_ned_m: Horizontal, vehicle_radius_m: f32) {
+        let Some((north, east)) = cell(position_ned_m) else { return };
+        if sight.has_looked() {
+            sight.home_ned_m.get_or_insert(position_ned_m);
+        }
+        if sight.stood.replace((north, east)) == Some((north, east)) {
+            return;
+        }
+        if !sight.contains(north, east) {
+            sight.center(north, east);
+        }
+        let span = (libm::floorf(vehicle_radius_m * CELLS_PER_M) as i32).clamp(0, 6);
+        for row in -span..=span {
+            for column in -span..=span {
+                if row * row + column * column <= span * span && sight.contains(north + row, east + column) {
+                    let (row, word, mask) = bit(north + row, east + column);
+                    sight.seen[row][word] |= mask;
+                }
+            }
+        }
+    }
+
+    /// What is known of a place.
+    #[must_use]
+    pub fn cover(&self, sight: &Sight, place: Horizontal) -> Cover {
+        let mut was_hidden = false;
+        // Of the four cells whose common corner is nearest.
+        let first = place.minus(Horizontal { north: 0.5 * CELL_M, east: 0.5 * CELL_M });
+        if let Some((north, east)) = cell(first)
+            && sight.contains(north, east)
+        {
+            if is_one_marked(&sight.seen, north, east) {
+                return Cover::Seen;
+            }
+            was_hidden = is_one_marked(&sight.hidden, north, east);
+        }
+        match self.in_latest(&sight.latest, place) {
+            Cover::Unseen if was_hidden => Cover::WasHidden,
+            cover => cover,
+        }
+    }
+
+    /// Whether an obstacle at a place cannot be one that is not known of, because the vehicle has not moved towards it yet.
+    #[must_use]
+    pub fn is_at_home(&self, sight: &Sight, place: Horizontal, vehicle_radius_m: f32) -> bool {
+        let reach_m = vehicle_radius_m + self.config.smallest_obstacle_m + self.config.start_clearance_m;
+        sight.home_ned_m.is_none_or(|home| place.minus(home).norm_squared() < reach_m * reach_m)
+    }
+
+    /// What the latest look says of a place.
+    fn in_latest(&self, latest: &Profile, place: Horizontal) -> Cover {
+        let away = place.minus(latest.origin_ned_m);
+        let squared = away.norm_squared();
+        let size_m = 0.7 * self.config.smallest_obstacle_m;
+        if latest.rays == 0 || squared < size_m * size_m {
+            return Cover::Unseen;
+        }
+        let distance_m = sqrt(squared);
+        // From the middle ray, so that what lies left of the first one is not a turn off.
+        let middle = 0.5 * f32::from(latest.rays - 1);
+        let off_rad = wrap_pi(bearing_rad(away) - latest.first_ned_rad - middle * latest.step_rad);
+        let index = off_rad / latest.step_rad + middle;
+        // As far out of the view as the grid remembers it.
+        let slack = 0.5 * CELL_M / (distance_m * libm::fabsf(latest.step_rad));
+        let last = f32::from(latest.rays - 1);
+        if !latest.closes && (index < -slack || index > last + slack) {
+            return Cover::Unseen;
+        }
+        let nearest = (between(index, 0.0, last) + 0.5) as usize;
+        match latest.seen_m(nearest) {
+            seen_m if !(seen_m >= 0.0) => Cover::Unseen,
+            seen_m if seen_m + size_m >= distance_m => Cover::Seen,
+            _ => Cover::Hidden,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mapping::scan::Sector;
+
+    fn at(north: f32, east: f32) -> Horizontal {
+        Horizontal { north, east }
+    }
+
+    fn looker() -> Looker {
+        Config::default().build(core::f32::consts::FRAC_PI_2).unwrap()
+    }
+
+    fn pose(north: f32, east: f32, yaw_rad: f32) -> Pose {
+        Pose { position_ned_m: at(north, east), yaw_rad }
+    }
+
+    fn scan(sectors: [Sector; SECTORS_MAX]) -> Scan {
+        let step_rad = core::f32::consts::FRAC_PI_2 / SECTORS_MAX as f32;
+        Scan {
+            time: crate::base::time::Instant(0),
+            first_azimuth_rad: 0.5 * (step_rad - core::f32::consts::FRAC_PI_2),
+            step_rad,
+            range_max_m: 3.0,
+            sectors,
+        }
+    }
+
+    #[test]
+    fn the_view_is_seen_its_shadows_are_hidden_and_the_rest_is_unseen() {
+        let (looker, mut sight) = (looker(), Sight::default());
+        assert!(!sight.has_looked());
+        // A wall on the right half, one metre off.
+        let sectors = core::array::from_fn(|k| if k < 36 { Sector::Clear } else { Sector::Hit(1.0) });
+        looker.note_scan(&mut sight, &scan(sectors), &pose(20.0, -7.0, 0.3));
+        assert!(sight.has_looked());
+        let cover = |azimuth_deg: f32, distance_m: f32| {
+            let place = Horizontal::from_bearing(0.3 + azimuth_deg.to_radians()).times(distance_m);
+            looker.cover(&sight, at(20.0, -7.0).plus(place))
+        };
+        for distance_m in [0.2, 0.5, 0.9, 1.4, 2.0, 2.9] {
+            assert_eq!(cover(-20.0, distance_m), Cover::Seen, "{distance_m}");
+            assert_eq!(cover(180.0, distance_m), Cover::Unseen, "{distance_m}");
+            assert_eq!(cover(-90.0, distance_m), Cover::Unseen, "{distance_m}");
+        }
+        assert_eq!(cover(30.0, 0.9), Cover::Seen);
+        assert_eq!(cover(25.0, 1.3), Cover::Hidden);
+        assert_eq!(cover(25.0, 2.5), Cover::Hidden);
+        assert_eq!(cover(-20.0, 3.5), Cover::Hidden, "out of range, though in view");
+    }
+
+    #[test]
+    fn a_smallest_obstacle_that_counts_as_seen_is_met_by_a_ray() {
+        // The promise behind it all, over places, yaws and positions relative to the cells.
+        let looker = looker();
+        let mut rng = crate::base::rng::Rng::new(5, 8);
+        let (mut seen, mut unseen) = (0, 0);
+        for _ in 0..300 {
+            let mut sight = Sight::default();
+            let here = pose(10.0 * rng.uniform(), 10.0 * rng.uniform(), 6.0 * rng.uniform());
+            looker.note_scan(&mut sight, &scan([Sector::Clear; SECTORS_MAX]), &here);
+            for _ in 0..100 {
+                let azimuth = core::f32::consts::TAU * rng.uniform() - core::f32::consts::PI;
+                let distance = 0.25 + 1.2 * rng.uniform();
+                let place = here.position_ned_m.plus(Horizontal::from_bearing(here.yaw_rad + azimuth).times(distance));
+                // How far the nearer edge of the view passes from its centre, in f64.
+                let off = (f64::from(azimuth).abs() - core::f64::consts::FRAC_PI_4).max(0.0);
+                let misses_m = f64::from(distance) * if off < 1.57 { off.sin() } else { 1.0 };
+                match looker.cover(&sight, place) {
+                    Cover::Seen => {
+                        assert!(misses_m < 0.12, "{azimuth} {distance}: {misses_m}");
+                        seen += 1;
+                    }
+                    _ => {
+                        assert!(misses_m > 0.0, "{azimuth} {distance}: in plain view");
+                        unseen += 1;
+                    }
+                }
+            }
+        }
+        assert!(seen > 3000 && unseen > 3000);
+    }
+
+    #[test]
+    fn the_cheap_bearing_is_within_a_sixth_of_a_ray() {
+        for k in 0..100_000 {
+            let away = Horizontal::from_bearing(k as f32 * 1e-4 - 5.0).times(0.1 + 3e-5 * k as f32);
+            let error_rad = wrap_pi(bearing_rad(away) - away.bearing_rad());
+            assert!(error_rad.abs() < 0.003, "{away:?}: {error_rad}");
+        }
+    }
+
+    #[test]
+    fn what_was_seen_is_remembered_while_it_is_near_and_forgotten_far_away() {
+        let (looker, mut sight) = (looker(), Sight::default());
+        let clear = scan([Sector::Clear; SECTORS_MAX]);
+        looker.note_scan(&mut sight, &clear, &pose(0.0, 0.0, 0.0));
+        looker.note_scan(&mut sight, &clear, &pose(0.0, 0.0, 3.0));
+        assert_eq!(looker.cover(&sight, at(0.8, 0.1)), Cover::Seen);
+        // Away to the south and west and back: what has scrolled out is unseen again, and nothing wraps round.
+        for step in 0..=60 {
+            looker.stand(&mut sight, at(-0.1 * step as f32, -0.07 * step as f32), 0.15);
+        }
+        assert_eq!(looker.cover(&sight, at(-6.0, -4.2)), Cover::Seen, "where it is there is room");
+        assert_eq!(looker.cover(&sight, at(-6.0 + 0.8, -4.2)), Cover::Unseen);
+        for step in (0..=60).rev() {
+            looker.stand(&mut sight, at(-0.1 * step as f32, -0.07 * step as f32), 0.15);
+        }
+        assert_eq!(looker.cover(&sight, at(1.2, 0.0)), Cover::Unseen);
+    }
+
+    #[test]
+    fn circles_throw_shadows() {
+        let (looker, mut sight) = (looker(), Sight::default());
+        let post = Obstacle { center_ned_m: at(1.0, 0.0), reach_m: 0.35, ..Obstacle::default() };
+        looker.note_circles(&mut sight, &[post], 0.15, &pose(0.0, 0.0, 0.0));
+        assert_eq!(looker.cover(&sight, at(0.6, 0.0)), Cover::Seen);
+        assert_eq!(looker.cover(&sight, at(1.4, 0.0)), Cover::Hidden);
+        assert_eq!(looker.cover(&sight, at(2.5, 0.0)), Cover::Hidden);
+        assert_eq!(looker.cover(&sight, at(1.4, 0.6)), Cover::Seen);
+    }
+
+    #[test]
+    fn a_sensor_that_sees_all_round_leaves_nothing_unseen() {
+        let looker = Config::default().build(core::f32::consts::TAU).unwrap();
+        let mut sight = Sight::default();
+        looker.note_circles(&mut sight, &[], 0.15, &pose(3.0, 3.0, 1.0));
+        for degree in 0..360 {
+            for distance_m in [0.3, 1.0, 2.0, 2.9] {
+                let place = at(3.0, 3.0).plus(Horizontal::from_bearing((degree as f32).to_radians()).times(distance_m));
+                assert_eq!(looker.cover(&sight, place), Cover::Seen, "{degree} {distance_m}");
+            }
+        }
+    }
+
+    #[test]
+    fn absurd_places_scans_and_circles_do_no_harm() {
+        let (looker, mut sight) = (looker(), Sight::default());
+        let wild = [f32::NAN, f32::INFINITY, -1e30, 1e9, -0.0];
+        for north in wild {
+            for east in wild {
+                let mut absurd = scan([Sector::Hit(north); SECTORS_MAX]);
+                absurd.first_azimuth_rad = east;
+                looker.note_scan(&mut sight, &absurd, &pose(north, east, north));
+                let circle = Obstacle { center_ned_m: at(north, east), reach_m: east, ..Obstacle::default() };
+                looker.note_circles(&mut sight, &[circle], 0.15, &pose(east, 0.0, 0.0));
+                looker.stand(&mut sight, at(north, east), 0.15);
+                let _ = looker.cover(&sight, at(north, east));
+            }
+        }
+        assert_eq!(Config { range_m: f32::NAN, ..Config::default() }.build(1.0).unwrap_err().field, "sight.range_m");
+    }
+}

@@ -1,0 +1,432 @@
+//! Where to go when nothing is heard: to the edge of what has been looked at, until something is.
+//!
+//! Frontier exploration (B. Yamauchi, "A frontier-based approach for autonomous exploration", CIRA 1997) on a coarse grid of
+//! [`SIDE`] by [`SIDE`] cells that is laid around the place where the search began. Each step
+//!
+//! 1. marks the cells that the sensor looks at: in its range and field of view, and not behind a remembered circle;
+//! 2. takes as candidates the cells that have not been looked at, have a neighbour that has, are not in an obstacle and not
+//!    farther than [`Config::radius_m`] from where the search began;
+//! 3. floods the cells that have been looked at from the vehicle's, one ring of neighbours after the other, through the sides
+//!    where the vehicle fits between the circles: the ring in which a candidate is reached is how far it is;
+//! 4. takes the candidate of the least way, turning and seeded jitter. The target is kept while it is a candidate and no
+//!    other is better by [`Config::stick_m`]. What the flood does not reach comes last and is not given up for it: the grid
+//!    is coarser than a door.
+//!
+//! A target that the caller reports as [`State::blocked`], or that comes no nearer for [`Config::patience_s`], is not
+//! tried again. So a search ends: by its own end ([`Explored::Exhausted`]), by time ([`Explored::TimedOut`]), or by
+//! [`State::end`] when the signal returns.
+//!
+//! The state takes 312 bytes, a step 0.8 KB of stack. Cells that are looked at for the first time, and the sides around
+//! each circle, are what a step costs.
+
+use core::f32::consts::TAU;
+
+use crate::base::error::{ConfigError, Why, check};
+use crate::base::frame::Horizontal;
+use crate::base::time::Instant;
+use crate::base::units::{between, sin_cos, wrap_pi};
+use crate::mapping::map::Circle;
+use crate::mapping::scan::Pose;
+
+mod grid;
+
+pub use grid::SIDE;
+use grid::{Cell, Grid, MIDDLE, Passages, Rows, cells_of, has, ring, set};
+
+/// How to search.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// The search is given up after this long.
+    pub limit_s: f32,
+    /// No target is farther than this from where the search began.
+    pub radius_m: f32,
+    /// Width of a cell.
+    pub cell_m: f32,
+    /// How far from an obstacle's rim the vehicle's centre must stay.
+    pub clearance_m: f32,
+    /// Circles hide what is behind them as if they were this much larger: a wall is remembered with gaps in it.
+    pub shade_m: f32,
+    /// A radian of turning is as good as so much of a way.
+    pub turn_m_per_rad: f32,
+    /// Another target must be better by this much.
+    pub stick_m: f32,
+    /// A target that comes no nearer for this long is blocked.
+    pub patience_s: f32,
+    /// Decides between targets that are nearly as good.
+    pub seed: u32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            limit_s: 180.0,
+            radius_m: 15.0,
+            cell_m: 1.0,
+            clearance_m: 0.2,
+            shade_m: 0.2,
+            turn_m_per_rad: 0.5,
+            stick_m: 2.0,
+            patience_s: 20.0,
+            seed: 1,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Explorer, ConfigError> {
+        check("explore.limit_s", self.limit_s, 1.0, 3600.0)?;
+        check("explore.cell_m", self.cell_m, 0.2, 20.0)?;
+        check("explore.radius_m", self.radius_m, self.cell_m, 300.0)?;
+        check("explore.clearance_m", self.clearance_m, 0.0, 2.0)?;
+        check("explore.shade_m", self.shade_m, 0.0, 2.0)?;
+        check("explore.turn_m_per_rad", self.turn_m_per_rad, 0.0, 100.0)?;
+        check("explore.stick_m", self.stick_m, 0.0, 100.0)?;
+        check("explore.patience_s", self.patience_s, 0.5, 600.0)?;
+        if self.radius_m > (MIDDLE - 1) as f32 * self.cell_m {
+            let why = Why::Inconsistent("the grid reaches no farther than 15 explore.cell_m");
+            return Err(ConfigError { field: "explore.radius_m", value: self.radius_m, why });
+        }
+        Ok(Explorer { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Explorer {
+    config: Config,
+}
+
+/// What a search knows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct State {
+    began: Option<Began>,
+    looked: Rows,
+    refused: Rows,
+    target: Option<Target>,
+    /// Whether the flood ever reached the target. Not in there: without a target some bits would have to be ones.
+    is_connected: bool,
+    /// How many searches have ended: the next one jitters differently.
+    searches: u32,
+}
+
+/// When and where a search began.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Began {
+    at: Instant,
+    place_ned_m: Horizontal,
+}
+
+/// Where the vehicle is sent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Target {
+    cell: Cell,
+    /// The nearest that the vehicle has come to it, and when.
+    nearest_m: f32,
+    since: Instant,
+}
+
+/// What a step of the search came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Explored {
+    /// Go and look there.
+    Target(Horizontal),
+    /// Everything within the radius that can be looked at has been.
+    Exhausted,
+    /// The search has taken as long as it may.
+    TimedOut,
+    /// The pose was no number, and there is no target yet.
+    NoPose,
+}
+
+impl State {
+    /// No search. All bits are zero.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { began: None, looked: [0; SIDE], refused: [0; SIDE], target: None, is_connected: false, searches: 0 }
+    }
+
+    /// The signal is back: the next step begins a new search where the vehicle will be then.
+    pub fn end(&mut self) {
+        if self.began.is_some() {
+            *self = Self { searches: self.searches.wrapping_add(1), ..Self::new() };
+        }
+    }
+
+    /// There is no way to the target: it is not tried again, and neither are its neighbours if it was out of reach before.
+    pub fn blocked(&mut self) {
+        let Some(target) = self.target.take() else { return };
+        let bit = 1_u32 << (target.cell.column & 31);
+        let row = usize::from(target.cell.row);
+        if self.is_connected {
+            if let Some(refused) = self.refused.get_mut(row) {
+                *refused |= bit;
+            }
+        } else {
+            for refused in self.refused.iter_mut().skip(row.saturating_sub(1)).take(if row > 0 { 3 } else { 2 }) {
+                *refused |= bit | bit << 1 | bit >> 1;
+            }
+        }
+    }
+
+    /// Whether a search is on.
+    #[must_use]
+    pub fn is_searching(&self) -> bool {
+        self.began.is_some()
+    }
+
+    /// Cells that have been looked at.
+    #[must_use]
+    pub fn looked_at(&self) -> u32 {
+        self.looked.iter().map(|row| row.count_ones()).sum()
+    }
+
+    fn looked(&self, cell: Cell) -> bool {
+        has(&self.looked, cell)
+    }
+}
+
+impl Explorer {
+    /// One look around, and where to go next. Begins a search if none is on.
+    pub fn step<'a>(
+        &self,
+        state: &mut State,
+        now: Instant,
+        pose: &Pose,
+        range_m: f32,
+        fov_rad: f32,
+        circles: impl Iterator<Item = &'a Circle> + Clone,
+    ) -> Explored {
+        let here = pose.position_ned_m;
+        let has_pose = here.norm_squared() < 1e12 && libm::fabsf(pose.yaw_rad) < 1e3;
+        let began = match state.began {
+            Some(began) => began,
+            None if has_pose => *state.began.insert(Began { at: now, place_ned_m: here }),
+            None => return Explored::NoPose,
+        };
+        let grid = Grid { began_ned_m: began.place_ned_m, cell_m: self.config.cell_m };
+        if now.seconds_since(began.at) > self.config.limit_s {
+            state.target = None;
+            return Explored::TimedOut;
+        }
+        if !has_pose {
+            return state.target.map_or(Explored::NoPose, |target| Explored::Target(grid.place_of(target.cell)));
+        }
+        let circles = circles.filter(|circle| circle.is_plausible());
+        self.look(state, &grid, pose, range_m, fov_rad, circles.clone());
+        self.lose_patience(state, &grid, now, here);
+        // What moves will have moved on.
+        let standing = circles.filter(|circle| circle.velocity_ned_mps == Horizontal::default());
+        let passages = self.passages(&grid, standing);
+        let candidates = self.candidates(state, &grid, &passages);
+        let Some((cell, is_connected)) = self.choose(state, &grid, pose, &passages, &candidates) else {
+            state.target = None;
+            return Explored::Exhausted;
+        };
+        if state.target.is_none_or(|target| target.cell != cell) {
+            state.target = Some(Target { cell, nearest_m: f32::INFINITY, since: now });
+            state.is_connected = false;
+        }
+        state.is_connected |= is_connected;
+        Explored::Target(grid.place_of(cell))
+    }
+
+    /// Marks what the sensor sees, and where the vehicle is.
+    fn look<'a>(
+        &self,
+        state: &mut State,
+        grid: &Grid,
+        pose: &Pose,
+        range_m: f32,
+        fov_rad: f32,
+        circles: impl Iterator<Item = &'a Circle> + Clone,
+    ) {
+        let here = pose.position_ned_m;
+        let heading = Horizontal::from_bearing(pose.yaw_rad);
+        let (_, edge) = sin_cos(if fov_rad < TAU { 0.5 * fov_rad } else { 0.5 * TAU });
+        let sees_around = fov_rad >= TAU;
+        for cell in grid.cells_within(here, range_m) {
+            if state.looked(cell) {
+                continue;
+            }
+            let away = grid.place_of(cell).minus(here);
+            let away_m = away.norm();
+            let is_in_view = away_m <= range_m && (sees_around || heading.dot(away) >= edge * away_m);
+            // What is in the cell itself does not hide it.
+            let free_m = away_m - 0.5 * grid.cell_m;
+            let hides = |circle: &Circle| {
+                let towards = circle.center_ned_m.minus(here);
+                let along = towards.dot(away);
+                let across = towards.north * away.east - towards.east * away.north;
+                let reach = (circle.radius_m + self.config.shade_m) * away_m;
+                along > 0.0 && along < free_m * away_m && across * across < reach * reach
+            };
+            if is_in_view && !circles.clone().any(hides) {
+                set(&mut state.looked, cell);
+            }
+        }
+        if let Some(cell) = grid.cell_at(here) {
+            set(&mut state.looked, cell);
+        }
+    }
+
+    /// Gives a target up that comes no nearer.
+    fn lose_patience(&self, state: &mut State, grid: &Grid, now: Instant, here: Horizontal) {
+        let Some(target) = &mut state.target else { return };
+        let away_m = grid.place_of(target.cell).minus(here).norm();
+        if away_m < target.nearest_m - 0.25 * grid.cell_m {
+            (target.nearest_m, target.since) = (away_m, now);
+        } else if now.seconds_since(target.since) > self.config.patience_s {
+            state.blocked();
+        }
+    }
+
+    fn passages<'a>(&self, grid: &Grid, circles: impl Iterator<Item = &'a Circle>) -> Passages {
+        let mut passages = Passages { covered: [0; SIDE], east: [0; SIDE], north: [0; SIDE] };
+        // From 0 to the width of a cell there is the side, beyond is beside it.
+        let beside = |along_m: f32| along_m - between(along_m, 0.0, grid.cell_m);
+        for circle in circles {
+            let reach_m = circle.radius_m + self.config.clearance_m;
+            let (center, reach2) = (circle.center_ned_m, reach_m * reach_m);
+            for cell in grid.cells_within(center, reach_m + grid.cell_m) {
+                let off = center.minus(grid.place_of(cell));
+                let (north2, east2) = (off.north * off.north, off.east * off.east);
+                let (beside_north, beside_east) = (beside(off.north), beside(off.east));
+                if north2 + east2 < reach2 {
+                    set(&mut passages.covered, cell);
+                }
+                if north2 + beside_east * beside_east < reach2 {
+                    set(&mut passages.east, cell);
+                }
+                if east2 + beside_north * beside_north < reach2 {
+                    set(&mut passages.north, cell);
+                }
+            }
+        }
+        passages
+    }
+
+    fn candidates(&self, state: &State, grid: &Grid, passages: &Passages) -> Rows {
+        let mut candidates = [0; SIDE];
+        let row = |index: usize| state.looked.get(index).copied().unwrap_or_default();
+        for (index, found) in candidates.iter_mut().enumerate() {
+            let beside = row(index) << 1 | row(index) >> 1 | row(index + 1) | index.checked_sub(1).map_or(0, row);
+            *found = beside & !row(index) & !state.refused[index] & !passages.covered[index];
+            let mut rest = *found;
+            while rest != 0 {
+                let column = rest.trailing_zeros();
+                rest &= rest - 1;
+                let place = grid.place_of(Cell { row: index as u8, column: column as u8 });
+                let radius_m = self.config.radius_m;
+                if place.minus(grid.began_ned_m).norm_squared() > radius_m * radius_m {
+                    *found &= !(1 << column);
+                }
+            }
+        }
+        candidates
+    }
+
+    /// The best candidate, and whether the flood reached it.
+    fn choose(
+        &self,
+        state: &State,
+        grid: &Grid,
+        pose: &Pose,
+        passages: &Passages,
+        candidates: &Rows,
+    ) -> Option<(Cell, bool)> {
+        let here = pose.position_ned_m;
+        let mut best =
+            Best { kept: state.target.map(|target| target.cell), kept_cost_m: None, cell: None, cost_m: 0.0 };
+        let price = |cell: Cell, way_m: f32| {
+            let turn_rad = libm::fabsf(wrap_pi(grid.place_of(cell).minus(here).bearing_rad() - pose.yaw_rad));
+            let jitter_m = 0.5 * grid.cell_m * jitter(self.config.seed.wrapping_add(state.searches), cell);
+            way_m + self.config.turn_m_per_rad * turn_rad + jitter_m
+        };
+        let mut open = [0; SIDE];
+        for (index, open) in open.iter_mut().enumerate() {
+            *open = state.looked[index] & !passages.covered[index] | candidates[index];
+        }
+        let mut front = [0; SIDE];
+        if let Some(cell) = grid.cell_at(here) {
+            set(&mut front, cell);
+            if let Some(open) = open.get_mut(usize::from(cell.row)) {
+                *open &= !(1 << cell.column);
+            }
+        }
+        let mut way_m = 0.0;
+        while front.iter().any(|row| *row != 0) {
+            way_m += grid.cell_m;
+            // Whatever is farther costs more.
+            if best.cell.is_some() && way_m > best.cost_m + self.config.stick_m {
+                return best.choice(self.config.stick_m).map(|cell| (cell, true));
+            }
+            front = ring(&front, &open, passages);
+            for (index, front) in front.iter_mut().enumerate() {
+                open[index] &= !*front;
+                for cell in cells_of(index, *front & candidates[index]) {
+                    best.offer(cell, price(cell, way_m));
+                }
+                *front &= !candidates[index];
+            }
+        }
+        // A target that the flood has lost may be behind a door that the grid does not resolve from here.
+        if best.kept_cost_m.is_none()
+            && let Some(kept) = best.kept.filter(|kept| has(candidates, *kept))
+        {
+            return Some((kept, false));
+        }
+        if let Some(cell) = best.choice(self.config.stick_m) {
+            return Some((cell, true));
+        }
+        for (index, row) in candidates.iter().enumerate() {
+            for cell in cells_of(index, *row) {
+                best.offer(cell, price(cell, grid.place_of(cell).minus(here).norm()));
+            }
+        }
+        best.choice(self.config.stick_m).map(|cell| (cell, false))
+    }
+}
+
+/// The best of the candidates, and the one that is the target already.
+struct Best {
+    kept: Option<Cell>,
+    kept_cost_m: Option<f32>,
+    cell: Option<Cell>,
+    cost_m: f32,
+}
+
+impl Best {
+    fn offer(&mut self, cell: Cell, cost_m: f32) {
+        if self.kept == Some(cell) {
+            self.kept_cost_m = Some(cost_m);
+        }
+        if self.cell.is_none() || cost_m < self.cost_m {
+            (self.cell, self.cost_m) = (Some(cell), cost_m);
+        }
+    }
+
+    fn choice(&self, stick_m: f32) -> Option<Cell> {
+        match self.kept_cost_m {
+            Some(cost_m) if cost_m <= self.cost_m + stick_m => self.kept,
+            _ => self.cell,
+        }
+    }
+}
+
+/// A number in 0..1 that a cell keeps during a search: a multiplicative hash of seed and cell.
+fn jitter(seed: u32, cell: Cell) -> f32 {
+    let mut mixed =
+        (seed.wrapping_mul(0x85eb_ca6b) ^ u32::from(cell.row) << 8 ^ u32::from(cell.column)).wrapping_mul(0x9e37_79b1);
+    mixed ^= mixed >> 15;
+    mixed = mixed.wrapping_mul(0xc2b2_ae35);
+    (mixed >> 16) as f32 * (1.0 / 65_536.0)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,394 @@
+//! Artificial potential fields: attraction to the target, repulsion from circles.
+//!
+//! A field is its [`Law`] and its [`Gains`]. All laws share the attraction (main paper, eq. 33; variants paper, eq. 1-2)
+//!
+//! `U = 1/2 k_att |x - x_d|^2`, `F = -k_att (x - x_d)`,
+//!
+//! and differ in how they repel inside the influence range `d_0`. There `d` is the distance between the boundaries of
+//! vehicle and obstacle (main paper, eq. 35); the variants paper's `p` is the same for its obstacles, which are points. `n`
+//! is the unit vector away from the obstacle.
+//!
+//! | [`Kind`] | potential | force | source |
+//! |---|---|---|---|
+//! | `logarithmic` | `-k ln(d / d_0)` | `k / d n` | main paper, eq. 36 |
+//! | `inverse_distance` | `k (1/d - 1/d_0)` | `k / d^2 n` | main paper, eq. 34 |
+//! | `khatib` | `1/2 k (1/d - 1/d_0)^2` | `k (1/d - 1/d_0) / d^2 n` | variants paper, eq. 3 and 5 |
+//! | `rizqi` | the same, linear below `p_m` | the same, constant below `p_m` | variants paper, eq. 7 |
+//! | `sun` | `1/2 k (1/d - 1/d_0)^2 e^n`, `e = \|x - x_d\|` | eq. 9, below | variants paper, eq. 8-9 |
+//! | `virtual_force` | see below | `k (1 - d/d_0) (x - x_o) + k_v (-1, 1)` | variants paper, eq. 10 |
+//!
+//! The *variants paper* compares these potential fields on a quadrotor in four scenes with local minima. Where its printed
+//! forces are not the gradients of its printed potentials:
+//!
+//! - Eq. 5 and 9 have a minus sign, eq. 6 turns the gradient of `p` round: the two cancel, and the force points away.
+//! - Eq. 7 leaves the direction of the constant force out; it is taken to be `n`, which makes it continuous.
+//! - Below eq. 9 `(x - x_d)^n` is a sum over the components, which for `n = 1/2` has no real value and for `n = 0` is 2; here
+//!   it is the distance to that power, which is the same for `n = 2`. With that, eq. 9 is minus the gradient of eq. 8:
+//!   `k (1/d - 1/d_0) / d^2 e^n n - n/2 k (1/d - 1/d_0)^2 e^(n-1) (x - x_d) / e`.
+//! - Eq. 10 comes without a potential. Its first term has one, being central; the second, a constant push in the paper's
+//!   frame (x to the east, y to the north) whichever way the vehicle goes, has one within the range and jumps at its
+//!   border. So the force is minus the gradient of [`Field::potential`] everywhere but on that border.
+//!
+//! Inside a circle, and closer than a centimetre to it, the force of all but `virtual_force` stays what it is there, and
+//! the potential goes on linearly: both are finite everywhere. At the very centre an obstacle does not repel.
+//!
+//! Our planner adds a swirl: a share of the repulsion, turned by a right angle, which carries the vehicle round what
+//! stands exactly in its way. It has no potential.
+
+use micromath::F32;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::mapping::map::Circle;
+
+mod law;
+pub use law::{Exponent, Kind, Law};
+
+/// The parameters that the planner samples (eq. 38-40), and the swirl.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Gains {
+    /// Attraction constant.
+    pub k_att: f32,
+    /// Repulsion constant.
+    pub k_rep: f32,
+    /// Influence range of an obstacle's boundary, `d_0`.
+    pub influence_m: f32,
+    /// Share of the repulsion that acts sideways; positive turns clockwise (leaves the obstacle to the right).
+    pub swirl: f32,
+}
+
+/// An obstacle as the field sees it: the circle within which the vehicle's centre must not come.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Obstacle {
+    /// Centre.
+    pub center_ned_m: Horizontal,
+    /// Radius of the obstacle plus that of the vehicle.
+    pub reach_m: f32,
+    /// Velocity; the field takes obstacles as they stand, the guard does not.
+    pub velocity_ned_mps: Horizontal,
+}
+
+impl Obstacle {
+    /// A circle as an obstacle to a vehicle of the given radius.
+    #[must_use]
+    pub fn of(circle: &Circle, vehicle_radius_m: f32) -> Self {
+        Self {
+            center_ned_m: circle.center_ned_m,
+            reach_m: circle.radius_m + vehicle_radius_m,
+            velocity_ned_mps: circle.velocity_ned_mps,
+        }
+    }
+
+    /// Distance from the vehicle's boundary to the obstacle's (eq. 35); negative inside.
+    #[must_use]
+    pub fn clearance_m(&self, position_ned_m: Horizontal) -> f32 {
+        position_ned_m.minus(self.center_ned_m).norm() - self.reach_m
+    }
+}
+
+/// A potential field.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Field {
+    /// How it repels.
+    pub law: Law,
+    /// How strongly.
+    pub gains: Gains,
+}
+
+/// What the inner loop needs of an obstacle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Pole {
+    pub(crate) center: Horizontal,
+    pub(crate) reach: f32,
+    /// Square of the distance from the centre up to which it acts.
+    pub(crate) squared_range: f32,
+}
+
+/// The force at a place, and the least clearance of the obstacles that act there or of those before.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pull {
+    pub(crate) force: Horizontal,
+    pub(crate) clearance: f32,
+}
+
+impl Field {
+    /// The force at a position.
+    #[must_use]
+    pub fn force(&self, position: Horizontal, target: Horizontal, obstacles: &[Obstacle]) -> Horizontal {
+        self.pull(position, target, obstacles.iter().map(|o| self.pole(o.center_ned_m, o.reach_m)), f32::INFINITY).force
+    }
+
+    /// The potential at a position, for plots and tests; zero where no obstacle acts at the target.
+    #[must_use]
+    pub fn potential(&self, position: Horizontal, target: Horizontal, obstacles: &[Obstacle]) -> f32 {
+        let error = position.minus(target);
+        let mut repulsion = 0.0;
+        for obstacle in obstacles {
+            let distance = obstacle.clearance_m(position);
+            if distance < self.gains.influence_m {
+                let away = position.minus(obstacle.center_ned_m);
+                repulsion += self.law.potential(&self.gains, distance, obstacle.reach_m, away);
+            }
+        }
+        0.5 * self.gains.k_att * error.norm_squared() + repulsion * self.law.fade(error.norm_squared()).0
+    }
+
+    pub(crate) fn pole(&self, center: Horizontal, reach: f32) -> Pole {
+        let range = reach + self.gains.influence_m;
+        Pole { center, reach, squared_range: range * range }
+    }
+
+    /// The force, from any selection of the obstacles that holds those within their range, in their order.
+    #[inline(always)]
+    pub(crate) fn pull(
+        &self,
+        position: Horizontal,
+        target: Horizontal,
+        poles: impl Iterator<Item = Pole>,
+        clearance: f32,
+    ) -> Pull {
+        let to_target = target.minus(position);
+        let attraction = to_target.times(self.gains.k_att);
+        let (law, gains) = (&self.law, &self.gains);
+        let swirled =
+            |push: Horizontal| push.plus(Horizontal { north: -push.east, east: push.north }.times(gains.swirl));
+        // The default on its own, for speed.
+        if law.kind == Kind::Logarithmic {
+            let (push, clearance) =
+                repulsion(position, poles, clearance, |distance, _| law::logarithmic(gains, distance));
+            return Pull { force: attraction.plus(swirled(push)), clearance };
+        }
+        let mut shares = 0.0;
+        let (push, clearance) = repulsion(position, poles, clearance, |distance, norm| {
+            let (strength, share) = law.strength(gains, distance, norm);
+            shares += share;
+            strength
+        });
+        let (push, aside) = law.complete(gains, push, shares, to_target);
+        Pull { force: attraction.plus(swirled(push)).plus(aside), clearance }
+    }
+}
+
+/// Sum of what acts along the lines from the obstacles, and the least clearance.
+#[inline(always)]
+fn repulsion(
+    position: Horizontal,
+    poles: impl Iterator<Item = Pole>,
+    mut clearance: f32,
+    mut strength: impl FnMut(f32, f32) -> f32,
+) -> (Horizontal, f32) {
+    let mut push = Horizontal::default();
+    for pole in poles {
+        let away = position.minus(pole.center);
+        let squared = away.norm_squared();
+        if squared < pole.squared_range {
+            let inverse = inverse_root(squared);
+            let norm = squared * inverse;
+            let distance = norm - pole.reach;
+            if distance < clearance {
+                clearance = distance;
+            }
+            push = push.plus(away.times(strength(distance, norm) * inverse));
+        }
+    }
+    (push, clearance)
+}
+
+/// `1 / sqrt(x)` of a number that is not negative, within a millionth of it: `micromath`'s guess and two steps of Newton's
+/// method, a fifth of what `libm`'s root and a division take on the target. The error of a plain step has one sign; the
+/// constants here are that much larger that it has both and half the size. Finite at zero.
+#[inline(always)]
+pub(crate) fn inverse_root(x: f32) -> f32 {
+    let F32(y) = F32(x).invsqrt();
+    let y = y * (1.501_313_4 - 0.500_437_8 * x * y * y);
+    y * (1.500_000_5 - 0.5 * x * y * y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TARGET: Horizontal = Horizontal { north: 2.0, east: -1.0 };
+
+    fn obstacle(north: f32, east: f32, reach_m: f32) -> Obstacle {
+        Obstacle { center_ned_m: Horizontal { north, east }, reach_m, ..Obstacle::default() }
+    }
+
+    /// All laws, Sun's with each exponent.
+    fn fields() -> std::vec::Vec<Field> {
+        let gains = Gains { k_att: 1.3, k_rep: 0.2, influence_m: 0.8, swirl: 0.0 };
+        let mut fields: std::vec::Vec<Field> =
+            Kind::ALL.into_iter().map(|kind| Field { law: Law::of(kind), gains }).collect();
+        for exponent in [Exponent::Zero, Exponent::Half, Exponent::One] {
+            fields.push(Field { law: Law { exponent, ..Law::of(Kind::Sun) }, gains });
+        }
+        fields
+    }
+
+    /// The equations as printed, for points (no floor but Rizqi's), in f64. x is east and y is north.
+    fn printed_potential(field: &Field, q: (f64, f64), obstacles: &[Obstacle]) -> f64 {
+        let (k_att, k, d0) =
+            (f64::from(field.gains.k_att), f64::from(field.gains.k_rep), f64::from(field.gains.influence_m));
+        let e = (q.0 - f64::from(TARGET.north)).hypot(q.1 - f64::from(TARGET.east));
+        let mut u = 0.5 * k_att * e * e;
+        for o in obstacles {
+            let (north, east) = (q.0 - f64::from(o.center_ned_m.north), q.1 - f64::from(o.center_ned_m.east));
+            let (norm, reach) = (north.hypot(east), f64::from(o.reach_m));
+            let d = norm - reach;
+            if d >= d0 {
+                continue;
+            }
+            let khatib = |d: f64| 0.5 * k * (1.0 / d - 1.0 / d0).powi(2);
+            u += match field.law.kind {
+                Kind::Logarithmic => -k * (d / d0).ln(),
+                Kind::InverseDistance => k * (1.0 / d - 1.0 / d0),
+                Kind::Khatib => khatib(d),
+                Kind::Rizqi => {
+                    let core = f64::from(field.law.core_m);
+                    let slope = k * (1.0 / core - 1.0 / d0) / (core * core);
+                    if d < core { khatib(core) + slope * (core - d) } else { khatib(d) }
+                }
+                Kind::Sun => {
+                    let n = match field.law.exponent {
+                        Exponent::Zero => 0.0,
+                        Exponent::Half => 0.5,
+                        Exponent::One => 1.0,
+                        Exponent::Two => 2.0,
+                    };
+                    khatib(d) * e.powf(n)
+                }
+                Kind::VirtualForce => {
+                    // The work of k (1 - d/d0) |x - x_o| from d to d0, by Simpson's rule, exact for a cubic.
+                    let push = |s: f64| k * (1.0 - s / d0) * (s + reach);
+                    let central = (d0 - d) / 6.0 * (push(d) + 4.0 * push(0.5 * (d + d0)) + push(d0));
+                    central - f64::from(field.law.k_virtual) * (north - east)
+                }
+            };
+        }
+        u
+    }
+
+    #[test]
+    fn every_force_is_minus_the_gradient_of_its_potential() {
+        let obstacles = [obstacle(1.0, 0.2, 0.4), obstacle(0.3, -0.9, 0.3), obstacle(1.6, -0.6, 0.05)];
+        for field in fields() {
+            let (mut tested, mut acted) = (0, 0);
+            for i in 0..20 {
+                for j in 0..20 {
+                    let q = Horizontal { north: -0.5 + 0.15 * i as f32, east: -1.5 + 0.15 * j as f32 };
+                    let unclear = |o: &Obstacle| {
+                        let d = o.clearance_m(q);
+                        d < 0.03 || (d - field.gains.influence_m).abs() < 1e-3 || (d - field.law.core_m).abs() < 1e-3
+                    };
+                    if obstacles.iter().any(unclear) {
+                        continue;
+                    }
+                    let (north, east, h) = (f64::from(q.north), f64::from(q.east), 1e-6);
+                    let at = |north, east| printed_potential(&field, (north, east), &obstacles);
+                    let gradient = (
+                        (at(north + h, east) - at(north - h, east)) / (2.0 * h),
+                        (at(north, east + h) - at(north, east - h)) / (2.0 * h),
+                    );
+                    let force = field.force(q, TARGET, &obstacles);
+                    let (f, g) = ((f64::from(force.north), f64::from(force.east)), gradient);
+                    let limit = 1e-3 + 2e-4 * g.0.hypot(g.1);
+                    assert!((f.0 + g.0).hypot(f.1 + g.1) < limit, "{field:?} at {q:?}: {f:?}, {g:?}");
+                    let u = at(north, east);
+                    let potential = f64::from(field.potential(q, TARGET, &obstacles));
+                    assert!((potential - u).abs() < 1e-4 + 2e-4 * u.abs(), "{field:?} at {q:?}: {potential}, {u}");
+                    tested += 1;
+                    acted += i32::from(obstacles.iter().any(|o| o.clearance_m(q) < field.gains.influence_m));
+                }
+            }
+            assert!(tested > 250 && acted > 150, "{tested} {acted}");
+        }
+    }
+
+    #[test]
+    fn the_forces_of_the_variants_paper_are_what_is_printed() {
+        // An obstacle at a point, 0.5 m away along (0.6, 0.8), the goal 5 m north of the vehicle; the attraction is off.
+        let gains = Gains { k_att: 0.0, k_rep: 2.0, influence_m: 1.0, swirl: 0.0 };
+        let position = Horizontal { north: 0.3, east: 0.4 };
+        let goal = Horizontal { north: 5.3, east: 0.4 };
+        let force = |law: Law| {
+            let f = Field { law, gains }.force(position, goal, &[obstacle(0.0, 0.0, 0.0)]);
+            (f.north, f.east)
+        };
+        let near = |got: (f32, f32), want: (f32, f32)| {
+            assert!((got.0 - want.0).abs() < 1e-3 && (got.1 - want.1).abs() < 1e-3, "{got:?} for {want:?}");
+        };
+        // Eq. 5: 2 (2 - 1) / 0.25 = 8.
+        near(force(Law::of(Kind::Khatib)), (4.8, 6.4));
+        // Eq. 7 within p_m = 0.8: 2 (1.25 - 1) 1.5625 = 0.78125.
+        near(force(Law { core_m: 0.8, ..Law::of(Kind::Rizqi) }), (0.46875, 0.625));
+        near(force(Law { core_m: 0.2, ..Law::of(Kind::Rizqi) }), (4.8, 6.4));
+        // Eq. 9: the first part times 5^n, the second n/2 2 (2 - 1)^2 5^(n-1) towards the goal.
+        let sun = |exponent| force(Law { exponent, ..Law::of(Kind::Sun) });
+        near(sun(Exponent::Zero), (4.8, 6.4));
+        near(sun(Exponent::Half), (4.8 * 2.236_068 + 0.5 * 0.447_213_6, 6.4 * 2.236_068));
+        near(sun(Exponent::One), (24.0 + 1.0, 32.0));
+        near(sun(Exponent::Two), (120.0 + 10.0, 160.0));
+        // Eq. 10: 2 (1 - 0.5) (0.3, 0.4), and k_v (-1, 1) in (x, y) = (east, north).
+        near(force(Law { k_virtual: 0.7, ..Law::of(Kind::VirtualForce) }), (0.3 + 0.7, 0.4 - 0.7));
+    }
+
+    #[test]
+    fn the_forces_of_the_main_paper_are_what_is_printed() {
+        let gains = Gains { k_att: 3.0, k_rep: 2.0, influence_m: 1.0, swirl: 0.0 };
+        let position = Horizontal { north: 0.0, east: 1.0 };
+        let east = |kind, influence_m| {
+            let field = Field { law: Law::of(kind), gains: Gains { influence_m, ..gains } };
+            field.force(position, Horizontal { north: 0.0, east: 2.0 }, &[obstacle(0.0, 0.0, 0.6)]).east
+        };
+        assert!((east(Kind::Logarithmic, 1.0) - (3.0 + 2.0 / 0.4)).abs() < 1e-4);
+        assert!((east(Kind::InverseDistance, 1.0) - (3.0 + 2.0 / 0.16)).abs() < 1e-4);
+        assert_eq!(east(Kind::Logarithmic, 0.39), 3.0);
+    }
+
+    #[test]
+    fn the_swirl_turns_the_repulsion_by_a_right_angle_clockwise() {
+        let gains = Gains { k_att: 0.0, k_rep: 1.0, influence_m: 1.0, swirl: 0.5 };
+        let field = Field { law: Law::default(), gains };
+        // Repelled to the north: clockwise of that is east.
+        let north = Horizontal { north: 1.0, east: 0.0 };
+        let force = field.force(north, north, &[obstacle(0.0, 0.0, 0.5)]);
+        assert!((force.north - 2.0).abs() < 1e-5 && (force.east - 1.0).abs() < 1e-5, "{force:?}");
+    }
+
+    #[test]
+    fn inside_an_obstacle_and_at_its_centre_and_at_the_target_everything_is_finite() {
+        let pillar = obstacle(0.0, 0.0, 0.5);
+        for mut field in fields() {
+            field.gains.swirl = 0.3;
+            for east in [0.0, 1e-38, 1e-22, 1e-20, 1e-12, 1e-6, 0.2, 0.499_999, 0.5, 0.5001] {
+                let at = Horizontal { north: 0.0, east };
+                for target in [TARGET, at, Horizontal::default()] {
+                    let (force, u) = (field.force(at, target, &[pillar]), field.potential(at, target, &[pillar]));
+                    assert!(force.is_finite() && u.is_finite(), "{field:?} at {east}: {force:?} {u}");
+                }
+            }
+            let inside = Horizontal { north: 0.0, east: 0.2 };
+            let outwards = field.force(inside, inside, &[pillar]).east;
+            // Where the factor of the distance to the goal is zero, nothing repels: that is its point.
+            let vanishes = field.law.kind == Kind::Sun && field.law.exponent != Exponent::Zero;
+            assert!(
+                if vanishes { outwards.abs() < 1e-3 } else { outwards > 0.0 } || field.law.kind == Kind::VirtualForce
+            );
+        }
+    }
+
+    #[test]
+    fn the_inverse_root_agrees_with_libm_from_the_smallest_to_the_largest_squares() {
+        let mut x = 1e-37_f32;
+        while x < 1e37 {
+            let wanted = 1.0 / f64::from(x).sqrt();
+            assert!((f64::from(inverse_root(x)) / wanted - 1.0).abs() < 1e-6, "{x}");
+            x *= 1.01;
+        }
+        assert!(inverse_root(0.0).is_finite() && inverse_root(f32::MIN_POSITIVE / 8.0).is_finite());
+    }
+}

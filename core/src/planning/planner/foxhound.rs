@@ -1,0 +1,515 @@
+//! Ours: know where the source may be, find the way round what is remembered, sample the last two metres.
+//!
+//! 1. The sightings since the last request weigh the posterior of the source ([`crate::localize::goal::posterior`]).
+//! 2. A wave from the start measures the way to every place in the window ([`crate::planning::wavefront`]). The source is
+//!    aimed at where it can be reached: the mean of the particles to which there is a way.
+//! 3. The temporary target is the farthest place of the way there that is at most two metres off and in sight.
+//! 4. The paper's ten samples lead to it, with soft gains and a sampled swirl; only those whose swept path keeps its
+//!    margin may be chosen. None left: the way itself. That not clear either: a brake plan.
+//!
+//! Some seconds without coming nearer begin a detour: every fourth replan then looks at a window three times as wide and as
+//! coarse, and those between follow the way found there, until the vehicle is nearer to the source than it has ever been
+//! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). What takes a minute and more without coming nearer
+//! is given up: there is no way.
+//!
+//! Where nothing is near and the range is not known, the way is bent instead ([`super::bend`]).
+//!
+//! No way to any place where the source may be: to the nearest place that there is a way to, and a brake plan there.
+
+use heapless::Vec;
+
+use super::bend::bend;
+use super::paper::{draw, nearest, weighted};
+use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::base::rng::Rng;
+use crate::localize::goal::posterior::{Estimate, Posterior};
+use crate::planning::field::{Field, Gains, Obstacle};
+use crate::planning::rollout::{Cost, Reading, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
+use crate::planning::wavefront::{ROUTE_MAX, Wavefront, Window};
+
+/// Stream of the posterior's random numbers.
+const SOURCE_STREAM: u64 = 0x736f_7572_6365;
+/// Within this the source counts as reached.
+const ARRIVAL_M: f32 = 0.3;
+/// Beyond this, and while the range is vague, the averaged bearing is the better direction; else the posterior's mean, which
+/// does not lag behind when the vehicle passes the source.
+const NEAR_M: f32 = 1.5;
+const VAGUE: f32 = 0.1;
+/// When the source is out of reach, a place must be nearer to it by this to be worth the way.
+const WORTH_M: f32 = 0.3;
+/// A sample must end nearer to the target than it began, by this factor.
+const NEARER: f32 = 0.5;
+/// Bound of the cost of proximity, 1/m.
+const PROXIMITY_MAX: f32 = 5.0;
+/// Steps in which a place of the way is pushed out of margins.
+const CENTRING_STEPS: usize = 4;
+/// Share of the posterior that must be within reach for the source to be sought there.
+const REACHABLE_SHARE: f32 = 0.02;
+
+/// Nearer to the source by this is progress.
+const PROGRESS_M: f32 = 0.3;
+/// Replans without coming nearer, after which something must be in the way.
+const PATIENCE: u16 = 8;
+/// Width of the window when it looks far, and how often that is.
+const FAR_SCALE: f32 = 3.0;
+const FAR_EVERY: u16 = 4;
+/// Replans of a mission that may bend the way to learn the range: some four metres. What has not told it by then will not.
+const BENDS_MAX: u8 = 6;
+/// Two places of the way found are not farther apart than this.
+const WAY_STEP_M: f32 = 1.0;
+/// A way shorter than this has ended.
+const WAY_MIN_M: f32 = 0.6;
+/// Replans that come to nothing, about a minute's, after which nothing is searched any more but a way to the source followed
+/// that is seen from far, and after twice as many nothing believed; and how many a step of progress makes good.
+const SPENT_MAX: u16 = 80;
+const CREDIT: u16 = 20;
+
+/// What our planner remembers and works in.
+#[derive(Clone, Debug)]
+pub(super) struct Memory {
+    posterior: Posterior,
+    window: Window,
+    /// The way round, as seen from far.
+    way: Vec<Horizontal, ROUTE_MAX>,
+    progress: Progress,
+}
+
+/// Whether it comes nearer. All bits are zero at first, so that it takes no room in flash.
+#[derive(Clone, Copy, Debug)]
+struct Progress {
+    has_begun: bool,
+    /// Where it was nearest to the source so far, and the replans since.
+    closest_ned_m: Horizontal,
+    since: u16,
+    /// Replans, less what every step of progress gives back: what is left of the trouble that it takes.
+    spent: u16,
+    /// So many replans without coming nearer begin a detour.
+    patience: u16,
+    /// On a detour: replans until the next that looks far.
+    until_far: Option<u16>,
+    /// Replans that bent the way to learn the range.
+    bends: u8,
+}
+
+impl Progress {
+    const NONE: Self = Self {
+        has_begun: false,
+        closest_ned_m: Horizontal { north: 0.0, east: 0.0 },
+        since: 0,
+        spent: 0,
+        patience: 0,
+        until_far: None,
+        bends: 0,
+    };
+
+    fn new(closest_ned_m: Horizontal, spent: u16) -> Self {
+        Self { has_begun: true, closest_ned_m, since: 0, spent, patience: PATIENCE, until_far: None, bends: 0 }
+    }
+
+    /// One replan later.
+    fn step(&mut self, start: Horizontal, source: Horizontal) {
+        if !self.has_begun {
+            *self = Self::new(start, 0);
+        }
+        self.spent = self.spent.saturating_add(1);
+        self.since = self.since.saturating_add(1);
+        self.until_far = match self.until_far {
+            Some(left) => Some(left.checked_sub(1).unwrap_or(FAR_EVERY - 1)),
+            None => (self.since >= self.patience).then_some(0),
+        };
+        if source.minus(start).norm() < source.minus(self.closest_ned_m).norm() - PROGRESS_M {
+            *self = Self { bends: self.bends, ..Self::new(start, self.spent.saturating_sub(CREDIT)) };
+        }
+    }
+
+    /// The way seen from far turns out to be none.
+    fn abandon(&mut self) {
+        self.until_far = None;
+        self.patience = self.since.saturating_add(PATIENCE);
+    }
+}
+
+impl Memory {
+    pub(super) const fn new() -> Self {
+        Self { posterior: Posterior::new(), window: Window::new(), way: Vec::new(), progress: Progress::NONE }
+    }
+
+    /// The posterior of the source, once there is one.
+    pub(super) fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
+        self.posterior.particles().filter(|_| self.posterior.is_started())
+    }
+}
+
+/// Where to go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Aim {
+    place_ned_m: Horizontal,
+    /// Whether the source may be there, or this is only the nearest place.
+    hopeful: bool,
+}
+
+/// Answers one request; `known` is where the source is, or what stands for it, when that is known.
+pub(super) fn plan(
+    config: &Config,
+    wavefront: &Wavefront,
+    scratch: &mut Scratch,
+    request: &PlanRequest,
+    known: Option<Horizontal>,
+) -> Plan {
+    let start = request.start_ned_m;
+    let mut rng = Rng::new(request.seed, u64::from(request.id));
+    let source = locate(&mut scratch.memory.posterior, request, known);
+    let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
+
+    let Memory { posterior, window, way, progress } = &mut scratch.memory;
+    if request.begins {
+        *progress = Progress::NONE;
+        way.clear();
+    }
+    scratch.obstacles.clear();
+    for circle in &request.circles {
+        // What moves is gone by then, and to make way for it for longer is to meet it more often.
+        let gust_margin_m = if circle.velocity_ned_mps == Horizontal::default() { request.gust_margin_m } else { 0.0 };
+        let radius_m = config.vehicle_radius_m + gust_margin_m;
+        let _ = scratch.obstacles.push(Obstacle::of(circle, radius_m));
+    }
+    progress.step(start, toward);
+    let far = progress.until_far == Some(0);
+    let near = |obstacle: &Obstacle| {
+        let limit = config.horizon_m + 2.0 + obstacle.reach_m;
+        obstacle.center_ned_m.minus(start).norm_squared() < limit * limit
+    };
+    // With nothing near there is no way round to be found, and only a bend tells how far the source is.
+    if let Some(learn) = &request.learn
+        && config.bends
+        && known.is_none()
+        && progress.until_far.is_none()
+        && progress.bends < BENDS_MAX
+        && !scratch.obstacles.iter().any(near)
+        && let Some(bent) = bend(request, learn, &scratch.obstacles)
+    {
+        progress.bends += 1;
+        let target = bent[WAYPOINTS - 1];
+        scratch.feasible = [false; SAMPLES];
+        return Plan {
+            verdict: Verdict::Follow,
+            waypoints_ned_m: bent,
+            cost: soft(cost(start, &bent, target, &[])),
+            target_ned_m: target,
+            source,
+            ..Plan::brake(config, request)
+        };
+    }
+    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &scratch.obstacles);
+    let aim = aim(window, posterior, &scratch.obstacles, (progress, &*way), toward);
+    // From here on those that matter within the horizon.
+    scratch.obstacles.retain(near);
+
+    let mut plan = Plan { source, ..Plan::brake(config, request) };
+    let Some(aim) = aim else {
+        if far {
+            way.clear();
+        }
+        return plan;
+    };
+    let mut route = window.route(aim.place_ned_m);
+    if far {
+        way.clone_from(&route);
+    }
+    // What is beyond the horizon does not matter yet.
+    let beyond = |place: &Horizontal| place.minus(start).norm_squared() > config.horizon_m * config.horizon_m;
+    route.truncate(route.iter().position(beyond).unwrap_or(route.len()));
+    for place in &mut route {
+        *place = centred(*place, config.margin_m, &scratch.obstacles);
+    }
+    let (target, margin_m) = target(config, start, aim.place_ned_m, &route, &scratch.obstacles);
+    plan.target_ned_m = target;
+    let gain_m = start.minus(toward).norm() - aim.place_ned_m.minus(toward).norm();
+    if !aim.hopeful && gain_m < WORTH_M {
+        return plan;
+    }
+
+    sample(config, scratch, &mut rng, start, target, margin_m);
+    if let Some(optimal) = weighted(scratch, config.lambda) {
+        let chosen = nearest(scratch, &optimal);
+        plan.verdict = Verdict::Follow;
+        scratch.choose(chosen, &mut plan);
+        return plan;
+    }
+    let straight = straight(start, &[target]);
+    if keeps(config.tight_margin_m, start, &[target], &scratch.obstacles) {
+        plan.verdict = Verdict::Follow;
+        plan.waypoints_ned_m = straight;
+        plan.cost = soft(cost(start, &straight, target, &scratch.obstacles));
+    }
+    plan
+}
+
+/// Where the source is believed to be: along the averaged bearing, as far as the posterior says. Near the source, and when
+/// the bearing does not agree, what the posterior says.
+fn locate(posterior: &mut Posterior, request: &PlanRequest, known: Option<Horizontal>) -> Option<Estimate> {
+    if let Some(place_ned_m) = known {
+        return Some(Estimate { place_ned_m, sigma_m: 0.0 });
+    }
+    if request.fresh {
+        *posterior = Posterior::new();
+    }
+    let mut rng = Rng::new(request.seed, SOURCE_STREAM ^ u64::from(request.id));
+    posterior.observe(&request.sightings, &mut rng);
+    let mut source = posterior.estimate()?;
+    let range_m = source.place_ned_m.minus(request.position_ned_m).dot(request.direction_ned);
+    if range_m > NEAR_M && source.sigma_m > VAGUE * range_m {
+        source.place_ned_m = request.position_ned_m.plus(request.direction_ned.times(range_m));
+    }
+    Some(source)
+}
+
+/// Where to go in the window.
+fn aim(
+    window: &mut Window,
+    posterior: &Posterior,
+    obstacles: &[Obstacle],
+    (progress, way): (&mut Progress, &[Horizontal]),
+    source: Horizontal,
+) -> Option<Aim> {
+    let hopeful = |place_ned_m| Some(Aim { place_ned_m, hopeful: true });
+    let inside = window.contains(source);
+    if progress.spent >= 2 * SPENT_MAX {
+        return None;
+    }
+    if inside && let Some(place) = approach(window, source) {
+        return hopeful(place);
+    }
+    if progress.spent >= SPENT_MAX && (progress.until_far.is_none() || way.is_empty()) {
+        return None;
+    }
+    if (!inside || window.is_open(source))
+        && let Some(place) = leave(window, obstacles, (progress, way), source)
+    {
+        return hopeful(place);
+    }
+    // Not there, then: where else it may be and there is a way to.
+    let (mut sum, mut share) = (Horizontal::default(), 0.0);
+    for (particle, weight) in posterior.particles() {
+        if is_within_reach(window, particle) {
+            sum = sum.plus(particle.times(weight));
+            share += weight;
+        }
+    }
+    if share > REACHABLE_SHARE {
+        let mean = sum.times(1.0 / share);
+        if let Some(place) = approach(window, mean) {
+            return hopeful(place);
+        }
+        // The mean of what can be reached need not be within reach itself.
+        let mut nearest = (f32::INFINITY, mean);
+        for (particle, weight) in posterior.particles() {
+            let distance = particle.minus(mean).norm_squared();
+            if weight > 0.0 && distance < nearest.0 && is_within_reach(window, particle) {
+                nearest = (distance, particle);
+            }
+        }
+        if let Some(place) = approach(window, nearest.1) {
+            return hopeful(place);
+        }
+    }
+    Some(Aim { place_ned_m: window.nearest_reached(source)?, hopeful: false })
+}
+
+/// The place that there is a way to from which a source at `place` counts as reached; for one outside of the window, the
+/// best place to leave it. `None` if there is none.
+fn approach(window: &Window, place: Horizontal) -> Option<Horizontal> {
+    if window.arrival_m(place).is_some() {
+        Some(place)
+    } else if window.contains(place) {
+        window.nearest_reached_within(place, ARRIVAL_M)
+    } else {
+        window.best_exit(place)
+    }
+}
+
+/// The place to leave the window at, towards a source that cannot be reached inside of it; on a detour the farthest place
+/// of the way that was seen from far.
+fn leave(
+    window: &Window,
+    obstacles: &[Obstacle],
+    (progress, way): (&mut Progress, &[Horizontal]),
+    source: Horizontal,
+) -> Option<Horizontal> {
+    if progress.until_far.is_some_and(|left| left > 0)
+        && let Some((place, arrival_m)) = along(window, way)
+    {
+        if arrival_m > WAY_MIN_M {
+            return Some(place);
+        }
+        if way.last().is_some_and(|last| last.minus(place).norm() < WAY_MIN_M) {
+            // At its end: look again.
+            progress.until_far = Some(1);
+            return Some(place);
+        }
+        progress.abandon();
+    }
+    let exit = window.best_exit(source)?;
+    // The rest of the way is not as short as it is taken to be where something known is in it.
+    let sees = |place| keeps(0.0, place, &[source], obstacles);
+    if sees(exit) {
+        return Some(exit);
+    }
+    window.nearest_exit(source).filter(|nearest| sees(*nearest)).or(Some(exit))
+}
+
+/// The farthest place of a way to which the window has the same way, and the length of that.
+fn along(window: &Window, way: &[Horizontal]) -> Option<(Horizontal, f32)> {
+    let reached = |place: &Horizontal| window.arrival_m(*place).map(|arrival_m| (*place, arrival_m));
+    // From the place that is reached first.
+    let (mut from, mut nearest) = (way, reached(way.first()?));
+    let mut rest = way;
+    while let [place, others @ ..] = rest {
+        let there = reached(place);
+        let stays = match (nearest, there) {
+            (Some((_, least)), Some((_, arrival_m))) => arrival_m >= least,
+            (Some(_), None) => true,
+            (None, _) => false,
+        };
+        if !stays {
+            (from, nearest) = (rest, there);
+        }
+        rest = others;
+    }
+    let mut farthest = nearest?;
+    for place in from {
+        match reached(place) {
+            Some((place, arrival_m)) if arrival_m < farthest.1 + WAY_STEP_M => farthest = (place, arrival_m),
+            _ => break,
+        }
+    }
+    Some(farthest)
+}
+
+/// Whether [`approach`] would find a place; coarse, for many places.
+fn is_within_reach(window: &Window, place: Horizontal) -> bool {
+    let around = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)];
+    around.iter().any(|(north, east)| {
+        let beside = place.plus(Horizontal { north: *north, east: *east }.times(0.9 * ARRIVAL_M));
+        window.arrival_m(beside).is_some() || !window.contains(place)
+    })
+}
+
+/// The farthest place of the way that is within the horizon and in sight, and the margin that the sight keeps: it gives way
+/// before the sight does.
+fn target(
+    config: &Config,
+    start: Horizontal,
+    aim: Horizontal,
+    route: &[Horizontal],
+    obstacles: &[Obstacle],
+) -> (Horizontal, f32) {
+    let horizon_squared = config.horizon_m * config.horizon_m;
+    for margin_m in [config.margin_m, config.tight_margin_m] {
+        let in_sight = |place: Horizontal| {
+            place.minus(start).norm_squared() <= horizon_squared && keeps(margin_m, start, &[place], obstacles)
+        };
+        // The way ends in the middle of a cell; the aim itself is better.
+        if in_sight(aim) {
+            return (aim, margin_m);
+        }
+        if let Some(place) = route.iter().rev().find(|place| place.minus(start).norm() > SPACING_M && in_sight(**place))
+        {
+            return (*place, margin_m);
+        }
+    }
+    (route.get(1).copied().unwrap_or(aim), config.tight_margin_m)
+}
+
+/// A place of the way, pushed out of the margins of the obstacles around it: the raster is coarser than a narrow gap, whose
+/// middle is where this ends.
+fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizontal {
+    let mut centred = place;
+    for _ in 0..CENTRING_STEPS {
+        let mut push = Horizontal::default();
+        for obstacle in obstacles {
+            let away = centred.minus(obstacle.center_ned_m);
+            let reach_m = obstacle.reach_m + margin_m;
+            let squared = away.norm_squared();
+            if squared < reach_m * reach_m && squared > 1e-6 {
+                let norm = sqrt(squared);
+                push = push.plus(away.times((reach_m - norm) / norm));
+            }
+        }
+        if push == Horizontal::default() {
+            break;
+        }
+        centred = centred.plus(push.times(0.6));
+    }
+    centred
+}
+
+/// The paper's samples, marked as feasible where they keep the margin.
+fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizontal, target: Horizontal, margin_m: f32) {
+    let distance_m = target.minus(start).norm();
+    scratch.scene.gather_all(start, &scratch.obstacles);
+    let field = |gains| Field { law: config.law, gains };
+    (scratch.initial, _) = scratch.scene.roll(&field(config.gains), Reading::Waypoint, target);
+    for index in 0..SAMPLES {
+        // One of the ten trusts the sight: almost no repulsion, so almost straight.
+        let gains = if index == 0 {
+            Gains {
+                k_rep: config.gains_min.k_rep,
+                influence_m: config.gains_min.influence_m,
+                swirl: 0.0,
+                ..config.gains
+            }
+        } else {
+            draw(config, rng)
+        };
+        let (trajectory, cost) = scratch.scene.roll(&field(gains), Reading::Waypoint, target);
+        scratch.gains[index] = gains;
+        scratch.costs[index] = soft(cost);
+        let checked = &trajectory[..usize::from(config.checked_segments).min(WAYPOINTS)];
+        let nearer = trajectory[WAYPOINTS - 1].minus(target).norm() <= NEARER * distance_m;
+        scratch.feasible[index] = nearer && scratch.scene.keeps_margin(checked, margin_m);
+        scratch.samples[index] = trajectory;
+    }
+}
+
+/// Eq. 41 with a bound on eq. 45: a way that keeps its margin may be narrow.
+fn soft(cost: Cost) -> f32 {
+    let proximity = if cost.proximity < PROXIMITY_MAX { cost.proximity } else { PROXIMITY_MAX };
+    Cost { proximity, ..cost }.total()
+}
+
+/// Waypoints at the usual distance along straight lines; at the end it stays there.
+fn straight(start: Horizontal, corners: &[Horizontal]) -> Trajectory {
+    let mut trajectory = [start; WAYPOINTS];
+    let mut corners = corners.iter();
+    let mut position = start;
+    let mut next = corners.next();
+    for waypoint in &mut trajectory {
+        let mut left_m = SPACING_M;
+        while let Some(corner) = next {
+            let to = corner.minus(position);
+            let length_m = to.norm();
+            if length_m > left_m {
+                position = position.plus(to.times(left_m / length_m));
+                break;
+            }
+            position = *corner;
+            left_m -= length_m;
+            next = corners.next();
+        }
+        *waypoint = position;
+    }
+    trajectory
+}
+
+/// Whether a path keeps a margin. From a start that is already too close, whatever does not come closer keeps
+/// it.
+fn keeps(margin_m: f32, start: Horizontal, trajectory: &[Horizontal], obstacles: &[Obstacle]) -> bool {
+    obstacles.iter().all(|obstacle| {
+        let at_start = obstacle.clearance_m(start) - 1e-3;
+        let wanted = if at_start < margin_m { at_start } else { margin_m };
+        swept_clearance_m(start, trajectory, core::slice::from_ref(obstacle)) >= wanted
+    })
+}

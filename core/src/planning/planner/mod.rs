@@ -1,0 +1,620 @@
+//! The slow door: a temporary target and the known obstacles in, a trajectory of 15 waypoints out.
+//!
+//! The main paper's method (section III-B, Algorithm 2): draw ten sets of field parameters (eq. 38-40), follow each field,
+//! cost each trajectory (eq. 41-45), weigh them by `w = exp(-S / lambda)` (eq. 46), average their offsets from the initial
+//! trajectory (eq. 47) and follow the sampled trajectory nearest to that average. Three kinds:
+//!
+//! - [`Kind::Paper`], to the letter, with eq. 47's `|T_j - T_init|` read as the signed offset point by point (a distance
+//!   cannot be added to a point);
+//! - [`Kind::Standard`], the paper's baseline: the initial trajectory alone;
+//! - [`Kind::Foxhound`], the default: the same samples and waypoints, but a posterior of where the source is, a way there
+//!   through what is remembered, soft repulsion, a sampled swirl, and only trajectories whose swept path keeps its margin
+//!   may be chosen (`planner/foxhound.rs`). Nothing safe: a brake plan, which says so. (The paper holds that sampled
+//!   trajectories cannot cross obstacles; with finite steps they do.)
+//!
+//! The paper says that a larger lambda makes the weights stricter; eq. 46 says the opposite, and eq. 46 is what is built.
+
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::time::Instant;
+use crate::localize::goal::SIGHTINGS_MAX;
+use crate::localize::goal::posterior::Estimate;
+use crate::localize::source::Sighting;
+use crate::mapping::lor::{self, LINES_MAX, Line};
+use crate::mapping::map::{CIRCLES_MAX, Circle};
+use crate::mapping::scan::Pose;
+use crate::planning::explore::{self, Explored};
+use crate::planning::field::{self, Gains, Law, Obstacle};
+use crate::planning::rollout::{Reading, Scene, Trajectory, WAYPOINTS};
+use crate::planning::wavefront::{self, Wavefront};
+
+mod bend;
+mod foxhound;
+mod paper;
+pub use paper::{NAMES, Offsets};
+
+/// Parameter samples of one replan (main paper, section IV).
+pub const SAMPLES: usize = 10;
+
+/// Which planner.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Kind {
+    /// Ours.
+    #[default]
+    Foxhound,
+    /// The main paper's Algorithm 2.
+    Paper,
+    /// The plain field with fixed gains.
+    Standard,
+}
+
+/// What the planner needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Which planner.
+    pub kind: Kind,
+    /// Mean of the sampled gains, and the gains of the initial trajectory.
+    pub gains: Gains,
+    /// Their standard deviations.
+    pub gains_sigma: Gains,
+    /// Sampled gains stay above these; the swirl has no limit.
+    pub gains_min: Gains,
+    /// Temperature of eq. 46, in units of the cost.
+    pub lambda: f32,
+    /// How the field repels.
+    pub law: Law,
+    /// How trajectories follow it.
+    pub reading: Reading,
+    /// What a wall is.
+    pub lor: lor::Config,
+    /// Whether the way is bent to learn the range, where nothing is near and nothing else bends it. Only
+    /// [`Kind::Foxhound`] does.
+    pub bends: bool,
+    /// How to search while nothing is heard; `None`: the vehicle holds instead. Only [`Kind::Foxhound`] can.
+    pub explore: Option<explore::Config>,
+    /// Range of the obstacle sensor, and its field of view: what a search has looked at.
+    pub sees_m: f32,
+    /// See `sees_m`.
+    pub sees_rad: f32,
+    /// How [`Kind::Paper`] averages them.
+    pub offsets: Offsets,
+    /// Radius of the vehicle.
+    pub vehicle_radius_m: f32,
+    /// Clearance that a trajectory of [`Kind::Foxhound`] keeps from every known obstacle.
+    pub margin_m: f32,
+    /// Clearance that it keeps where there is no room for more.
+    pub tight_margin_m: f32,
+    /// Farthest temporary target (main paper, section IV: 2 m).
+    pub horizon_m: f32,
+    /// The way around.
+    pub wavefront: wavefront::Config,
+    /// Segments, from the start, that must keep the margin: what may be flown before the next replan and some more.
+    pub checked_segments: u8,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::of(Kind::Foxhound)
+    }
+}
+
+impl Config {
+    /// The defaults of a kind. The paper's gains are not printed; these are the ones an independent reproduction found.
+    #[must_use]
+    pub const fn of(kind: Kind) -> Self {
+        let (gains, gains_sigma) = match kind {
+            Kind::Foxhound => (
+                Gains { k_att: 1.0, k_rep: 0.05, influence_m: 0.3, swirl: 0.0 },
+                Gains { k_att: 0.3, k_rep: 0.05, influence_m: 0.1, swirl: 0.7 },
+            ),
+            Kind::Paper | Kind::Standard => (
+                Gains { k_att: 1.0, k_rep: 0.2, influence_m: 0.8, swirl: 0.0 },
+                Gains { k_att: 0.3, k_rep: 0.1, influence_m: 0.32, swirl: 0.0 },
+            ),
+        };
+        Self {
+            kind,
+            gains,
+            gains_sigma,
+            gains_min: Gains { k_att: 0.05, k_rep: 0.005, influence_m: 0.05, swirl: 0.0 },
+            lambda: 1.0,
+            law: Law::of(field::Kind::Logarithmic),
+            reading: Reading::Waypoint,
+            lor: lor::Config { method: lor::Method::SplitMerge, ..lor::Config::DEFAULT },
+            bends: true,
+            explore: None,
+            sees_m: 3.0,
+            sees_rad: core::f32::consts::FRAC_PI_2,
+            offsets: Offsets::Signed,
+            vehicle_radius_m: 0.15,
+            margin_m: 0.05,
+            tight_margin_m: 0.02,
+            horizon_m: 2.0,
+            wavefront: wavefront::Config::DEFAULT,
+            checked_segments: 6,
+        }
+    }
+
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Planner, ConfigError> {
+        for (field, value, min) in [
+            ("planner.gains.k_att", self.gains.k_att, self.gains_min.k_att),
+            ("planner.gains.k_rep", self.gains.k_rep, self.gains_min.k_rep),
+            ("planner.gains.influence_m", self.gains.influence_m, self.gains_min.influence_m),
+        ] {
+            check("planner.gains_min", min, 1e-6, 100.0)?;
+            check(field, value, min, 100.0)?;
+        }
+        check("planner.gains.swirl", self.gains.swirl, -100.0, 100.0)?;
+        let sigma = &self.gains_sigma;
+        for value in [sigma.k_att, sigma.k_rep, sigma.influence_m, sigma.swirl] {
+            check("planner.gains_sigma", value, 0.0, 100.0)?;
+        }
+        check("planner.lambda", self.lambda, 1e-3, 1e3)?;
+        self.law.check()?;
+        check("planner.vehicle_radius_m", self.vehicle_radius_m, 0.0, 5.0)?;
+        check("planner.margin_m", self.margin_m, 0.0, 5.0)?;
+        check("planner.tight_margin_m", self.tight_margin_m, 0.0, self.margin_m)?;
+        check("planner.horizon_m", self.horizon_m, 0.5, 2.0)?;
+        check("planner.checked_segments", f32::from(self.checked_segments), 1.0, WAYPOINTS as f32)?;
+        check("planner.sees_m", self.sees_m, 0.1, 1000.0)?;
+        check("planner.sees_rad", self.sees_rad, 0.01, core::f32::consts::TAU)?;
+        Ok(Planner {
+            config: *self,
+            wavefront: self.wavefront.build()?,
+            lines: self.lor.build()?,
+            explorer: self.explore.map(|explore| explore.build()).transpose()?,
+        })
+    }
+}
+
+/// The source's range is not known, and the way may be bent to learn it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Learn {
+    /// Where the source is believed to be.
+    pub source_ned_m: Horizontal,
+    /// How well that is known: north-north, north-east, east-east.
+    pub covariance_m2: [f32; 3],
+    /// Standard deviation of the bearings to come.
+    pub sigma_rad: f32,
+}
+
+/// Nothing is heard, and the vehicle is to look for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    /// The time of the request.
+    pub now: Instant,
+    /// Where the vehicle is, and where it looks.
+    pub pose: Pose,
+}
+
+/// What came of a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Searched {
+    /// The plan leads to where nobody has looked yet.
+    On,
+    /// It has taken its time, or everything within its radius has been looked at.
+    Ended,
+}
+
+/// What the planner is asked; a copy, so that it may be answered while the fast loop goes on.
+#[derive(Clone, Debug, Default)]
+pub struct PlanRequest {
+    /// Counts the requests of a flight; seeds the draws together with `seed`.
+    pub id: u32,
+    /// Seed of the flight.
+    pub seed: u64,
+    /// Nothing that was learned before is to be used.
+    pub fresh: bool,
+    /// The first since the vehicle was handed over: what is known of the world stays, what was tried does not count.
+    pub begins: bool,
+    /// Where the trajectory starts.
+    pub start_ned_m: Horizontal,
+    /// A place on the source's bearing, at a fixed distance: where it leads without better knowledge.
+    pub target_ned_m: Horizontal,
+    /// Where the vehicle is.
+    pub position_ned_m: Horizontal,
+    /// Unit vector from there to the source, averaged; zero when there is none.
+    pub direction_ned: Horizontal,
+    /// What has been heard of the source since the last request.
+    pub sightings: Vec<Sighting, SIGHTINGS_MAX>,
+    /// How far gusts push the vehicle about: so much farther it keeps from what stands still.
+    pub gust_margin_m: f32,
+    /// Where the source is, when that is known.
+    pub known_source_ned_m: Option<Horizontal>,
+    /// The range is not known.
+    pub learn: Option<Learn>,
+    /// Nothing is heard: where to look.
+    pub search: Option<Search>,
+    /// Whether the lines of reflection are wanted.
+    pub wants_lines: bool,
+    /// The known obstacles.
+    pub circles: Vec<Circle, CIRCLES_MAX>,
+}
+
+/// What came of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Verdict {
+    /// A trajectory to follow.
+    Follow,
+    /// Nothing keeps its margin: stay where you are.
+    Brake,
+}
+
+/// The planner's answer.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Plan {
+    /// The request that it answers.
+    pub id: u32,
+    /// What came of it.
+    pub verdict: Verdict,
+    /// Where it starts.
+    pub start_ned_m: Horizontal,
+    /// The trajectory to follow; for a brake plan, the start throughout.
+    pub waypoints_ned_m: Trajectory,
+    /// The gains behind it.
+    pub gains: Gains,
+    /// Its cost (eq. 41).
+    pub cost: f32,
+    /// The temporary target that it leads to.
+    pub target_ned_m: Horizontal,
+    /// Where the source is believed to be.
+    pub source: Option<Estimate>,
+    /// What came of the search, if one was wanted.
+    pub search: Option<Searched>,
+    /// The lines of reflection among the known obstacles, if they were wanted.
+    pub lines: Vec<Line, LINES_MAX>,
+}
+
+impl Plan {
+    /// The plan to stay at the start.
+    fn brake(config: &Config, request: &PlanRequest) -> Self {
+        Self {
+            id: request.id,
+            verdict: Verdict::Brake,
+            start_ned_m: request.start_ned_m,
+            waypoints_ned_m: [request.start_ned_m; WAYPOINTS],
+            gains: config.gains,
+            cost: f32::INFINITY,
+            target_ned_m: request.start_ned_m,
+            source: None,
+            search: None,
+            lines: Vec::new(),
+        }
+    }
+}
+
+/// The planner's memory: what it has learned of the source, and room to work in. After a replan it shows what was drawn.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    /// The trajectory with the mean gains.
+    pub initial: Trajectory,
+    /// The sampled trajectories.
+    pub samples: [Trajectory; SAMPLES],
+    /// Their gains.
+    pub gains: [Gains; SAMPLES],
+    /// Their costs (eq. 41).
+    pub costs: [f32; SAMPLES],
+    /// Whether they may be chosen.
+    pub feasible: [bool; SAMPLES],
+    /// The known obstacles, in the end those that matter within the horizon.
+    obstacles: Vec<Obstacle, CIRCLES_MAX>,
+    scene: Scene,
+    memory: foxhound::Memory,
+    explore: explore::State,
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Scratch {
+    /// An empty memory; all its bits are zero, so that it takes no room in flash.
+    #[must_use]
+    pub const fn new() -> Self {
+        const ZERO: Horizontal = Horizontal { north: 0.0, east: 0.0 };
+        const NONE: Gains = Gains { k_att: 0.0, k_rep: 0.0, influence_m: 0.0, swirl: 0.0 };
+        Self {
+            initial: [ZERO; WAYPOINTS],
+            samples: [[ZERO; WAYPOINTS]; SAMPLES],
+            gains: [NONE; SAMPLES],
+            costs: [0.0; SAMPLES],
+            feasible: [false; SAMPLES],
+            obstacles: Vec::new(),
+            scene: Scene::new(),
+            memory: foxhound::Memory::new(),
+            explore: explore::State::new(),
+        }
+    }
+
+    /// Where the source may be, and how likely, as [`Kind::Foxhound`] has learned it; none before the first sighting. For
+    /// pictures and tests.
+    pub fn particles(&self) -> impl Iterator<Item = (Horizontal, f32)> {
+        self.memory.particles()
+    }
+
+    /// Puts a sample into the plan.
+    fn choose(&self, chosen: usize, plan: &mut Plan) {
+        if let (Some(sample), Some(gains), Some(cost)) =
+            (self.samples.get(chosen), self.gains.get(chosen), self.costs.get(chosen))
+        {
+            (plan.waypoints_ned_m, plan.gains, plan.cost) = (*sample, *gains, *cost);
+        }
+    }
+}
+
+/// The configured planner.
+#[derive(Clone, Debug)]
+pub struct Planner {
+    config: Config,
+    wavefront: Wavefront,
+    lines: lor::Lines,
+    explorer: Option<explore::Explorer>,
+}
+
+impl Planner {
+    /// The answer that says to stay where the request starts.
+    #[must_use]
+    pub fn brake(&self, request: &PlanRequest) -> Plan {
+        Plan::brake(&self.config, request)
+    }
+
+    /// Answers one request.
+    pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+        let mut plan = match self.config.kind {
+            Kind::Foxhound => self.seek(scratch, request),
+            Kind::Paper | Kind::Standard => paper::plan(&self.config, scratch, request),
+        };
+        if request.wants_lines {
+            plan.lines = self.lines(request);
+        }
+        plan
+    }
+
+    /// To the source; to where nobody has looked, when it is not heard.
+    fn seek(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+        if request.begins {
+            scratch.explore.end();
+        }
+        let (Some(search), Some(explorer)) = (&request.search, &self.explorer) else {
+            scratch.explore.end();
+            return foxhound::plan(&self.config, &self.wavefront, scratch, request, request.known_source_ned_m);
+        };
+        let (range_m, fov_rad) = (self.config.sees_m, self.config.sees_rad);
+        let circles = request.circles.iter();
+        match explorer.step(&mut scratch.explore, search.now, &search.pose, range_m, fov_rad, circles) {
+            Explored::Target(place_ned_m) => {
+                let plan = foxhound::plan(&self.config, &self.wavefront, scratch, request, Some(place_ned_m));
+                if plan.verdict == Verdict::Brake {
+                    scratch.explore.blocked();
+                }
+                Plan { search: Some(Searched::On), ..plan }
+            }
+            Explored::Exhausted | Explored::TimedOut | Explored::NoPose => {
+                Plan { search: Some(Searched::Ended), ..Plan::brake(&self.config, request) }
+            }
+        }
+    }
+
+    /// The walls among the known obstacles. Its memory is on the stack: it is not used together with the rest.
+    #[inline(never)]
+    fn lines(&self, request: &PlanRequest) -> Vec<Line, LINES_MAX> {
+        let mut scratch = lor::Scratch::new();
+        let points = lor::points_of(&request.circles, request.position_ned_m);
+        self.lines.find(&mut scratch, &points)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::Rng;
+    use crate::planning::rollout::swept_clearance_m;
+
+    fn request(circles: &[(f32, f32, f32)]) -> PlanRequest {
+        let circles = circles
+            .iter()
+            .map(|(north, east, radius_m)| Circle {
+                center_ned_m: Horizontal { north: *north, east: *east },
+                radius_m: *radius_m,
+                ..Circle::default()
+            })
+            .collect();
+        PlanRequest {
+            id: 1,
+            seed: 9,
+            target_ned_m: Horizontal { north: 2.0, east: 0.0 },
+            circles,
+            ..PlanRequest::default()
+        }
+    }
+
+    fn plan(kind: Kind, request: &PlanRequest) -> (Plan, Scratch) {
+        let mut scratch = Scratch::default();
+        let plan = Config::of(kind).build().unwrap().plan(&mut scratch, request);
+        (plan, scratch)
+    }
+
+    #[test]
+    fn all_kinds_fly_straight_through_the_open() {
+        for kind in [Kind::Foxhound, Kind::Paper, Kind::Standard] {
+            let (plan, _) = plan(kind, &request(&[]));
+            assert_eq!(plan.verdict, Verdict::Follow);
+            assert!(plan.waypoints_ned_m[14].minus(Horizontal { north: 2.0, east: 0.0 }).norm() < 1e-4, "{kind:?}");
+        }
+    }
+
+    #[test]
+    fn ours_never_returns_a_path_that_loses_its_margin() {
+        let planner = Config::default().build().unwrap();
+        let mut scratch = Scratch::default();
+        let (mut followed, mut braked) = (0, 0);
+        for seed in 0..400_u64 {
+            let mut rng = Rng::new(seed, 77);
+            let mut place = || (0.3 + 2.0 * rng.uniform(), -1.0 + 2.0 * rng.uniform(), 0.1 + 0.25 * rng.uniform());
+            let mut request = request(&[place(), place(), place(), place()]);
+            (request.seed, request.begins) = (seed, true);
+            let plan = planner.plan(&mut scratch, &request);
+            let obstacles: std::vec::Vec<_> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
+            let at_start = obstacles.iter().map(|o| o.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
+            match plan.verdict {
+                Verdict::Follow => {
+                    let clearance = swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m[..6], &obstacles);
+                    let least = Config::default().tight_margin_m - 1e-4;
+                    assert!(clearance >= least.min(at_start - 0.0011), "seed {seed}: {clearance} from {at_start}");
+                    followed += 1;
+                }
+                Verdict::Brake => {
+                    assert!(plan.waypoints_ned_m.iter().all(|p| *p == plan.start_ned_m));
+                    braked += 1;
+                }
+            }
+        }
+        assert!(followed > 300, "{followed} followed, {braked} braked");
+    }
+
+    #[test]
+    fn gusts_make_the_way_wider_and_a_narrow_gap_none() {
+        let least_m = |gust_margin_m: f32, gap_m: f32| {
+            let east_m = 0.3 + 0.5 * gap_m;
+            let request = PlanRequest { gust_margin_m, ..request(&[(1.0, east_m, 0.3), (1.0, -east_m, 0.3)]) };
+            let (plan, _) = plan(Kind::Foxhound, &request);
+            let obstacles: std::vec::Vec<_> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
+            swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles)
+        };
+        // Between them, there is 0.15 m on either side; with gusts it goes round, or does not come near.
+        assert!(least_m(0.0, 0.6) < 0.16);
+        assert!(least_m(0.3, 0.6) >= 0.3);
+        // Where there is room for both.
+        assert!((0.3..0.46).contains(&least_m(0.3, 1.2)), "{}", least_m(0.3, 1.2));
+    }
+
+    #[test]
+    fn an_obstacle_exactly_on_the_line_is_passed_on_one_side() {
+        let request = request(&[(1.0, 0.0, 0.3)]);
+        let (plan, _) = plan(Kind::Foxhound, &request);
+        assert_eq!(plan.verdict, Verdict::Follow);
+        // To the place beside the pillar from which the target is in sight.
+        let end = plan.waypoints_ned_m[14];
+        assert!(end.north > 0.6 && end.east.abs() > 0.4 && end.minus(plan.target_ned_m).norm() < 0.2, "{end:?}");
+    }
+
+    #[test]
+    fn the_paper_mode_follows_the_sample_nearest_to_the_weighted_mean() {
+        let request = request(&[(1.0, 0.1, 0.25), (1.4, -0.5, 0.2)]);
+        let (plan, scratch) = plan(Kind::Paper, &request);
+        // Eq. 46-47 again, in f64 and without the shift of the exponent.
+        let weights: std::vec::Vec<f64> = scratch.costs.iter().map(|s| (-f64::from(*s)).exp()).collect();
+        let total: f64 = weights.iter().sum();
+        let mean = |t: usize, pick: &dyn Fn(&Horizontal) -> f32| {
+            let initial = f64::from(pick(&scratch.initial[t]));
+            let offset: f64 =
+                weights.iter().zip(&scratch.samples).map(|(w, s)| w * (f64::from(pick(&s[t])) - initial)).sum();
+            initial + offset / total
+        };
+        let distance = |s: &Trajectory| -> f64 {
+            (0..WAYPOINTS)
+                .map(|t| {
+                    let north = f64::from(s[t].north) - mean(t, &|p| p.north);
+                    let east = f64::from(s[t].east) - mean(t, &|p| p.east);
+                    north.hypot(east)
+                })
+                .sum()
+        };
+        let best = scratch.samples.iter().map(distance).fold(f64::INFINITY, f64::min);
+        assert!((distance(&plan.waypoints_ned_m) - best).abs() < 1e-4);
+    }
+
+    /// A wall 20 m long across the way to a source that is known, and the vehicle in front of its middle.
+    fn wide_wall() -> PlanRequest {
+        let wall: std::vec::Vec<_> = (0..61).map(|k| (1.5, (k as f32 - 30.0) * 0.33, 0.2)).collect();
+        let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
+        PlanRequest { known_source_ned_m, begins: true, ..request(&wall) }
+    }
+
+    #[test]
+    fn a_wall_wider_than_the_window_is_gone_round() {
+        let planner = Config::default().build().unwrap();
+        let (mut scratch, mut request) = (Scratch::default(), wide_wall());
+        let source = request.known_source_ned_m.unwrap();
+        for _ in 0..80 {
+            let plan = planner.plan(&mut scratch, &request);
+            request.begins = false;
+            request.id += 1;
+            request.start_ned_m = plan.waypoints_ned_m[5];
+            if request.start_ned_m.minus(source).norm() < 0.5 {
+                return;
+            }
+        }
+        panic!("after 80 replans at {:?}", request.start_ned_m);
+    }
+
+    #[test]
+    fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_again() {
+        let planner = Config::default().build().unwrap();
+        let (mut scratch, mut request) = (Scratch::default(), wide_wall());
+        request.start_ned_m.north = 1.0;
+        let mut verdict = |begins| {
+            request.begins = begins;
+            request.id += 1;
+            planner.plan(&mut scratch, &request).verdict
+        };
+        assert_eq!(verdict(true), Verdict::Follow);
+        let follows = (0..200).take_while(|_| verdict(false) == Verdict::Follow).count();
+        // A way is in sight from far all the time: it is followed for twice as long as one that is searched for.
+        assert!((100..=160).contains(&follows), "{follows}");
+        assert_eq!(verdict(false), Verdict::Brake);
+        assert_eq!(verdict(true), Verdict::Follow);
+    }
+
+    #[test]
+    fn a_sealed_start_yields_a_brake_plan() {
+        let ring: std::vec::Vec<_> = (0..12)
+            .map(|k| {
+                let angle = core::f32::consts::TAU * k as f32 / 12.0;
+                let p = Horizontal::from_bearing(angle).times(0.55);
+                (p.north, p.east, 0.2)
+            })
+            .collect();
+        assert_eq!(plan(Kind::Foxhound, &request(&ring)).0.verdict, Verdict::Brake);
+    }
+
+    #[test]
+    fn same_seed_same_plan_and_another_seed_another() {
+        let request = request(&[(1.0, 0.1, 0.3)]);
+        let other = PlanRequest { seed: 10, ..request.clone() };
+        assert_eq!(plan(Kind::Foxhound, &request).0, plan(Kind::Foxhound, &request).0);
+        assert_ne!(plan(Kind::Foxhound, &request).1.gains, plan(Kind::Foxhound, &other).1.gains);
+    }
+
+    #[test]
+    fn bad_gains_are_refused_by_name() {
+        let refused = |change: &dyn Fn(&mut Config)| {
+            let mut config = Config::default();
+            change(&mut config);
+            config.build().unwrap_err().field
+        };
+        assert_eq!(refused(&|c| c.lambda = 0.0), "planner.lambda");
+        assert_eq!(refused(&|c| c.gains.k_rep = f32::NAN), "planner.gains.k_rep");
+        assert_eq!(refused(&|c| c.gains.influence_m = -1.0), "planner.gains.influence_m");
+        assert_eq!(refused(&|c| c.gains_sigma.swirl = -1.0), "planner.gains_sigma");
+        assert_eq!(refused(&|c| c.checked_segments = 0), "planner.checked_segments");
+    }
+}

@@ -1,0 +1,718 @@
+//! Trajectories through the field and what they cost.
+//!
+//! The main paper descends the gradient for 15 steps (section IV) and leaves the step open. Three readings of that are
+//! built, [`Reading`]; the default is one force evaluation and 2 m / 15 of path in its direction, which is what its budget
+//! allows (two metres of target distance in fifteen waypoints). Cost by eq. 41-45: length, error at the end, turns,
+//! proximity.
+//!
+//! [`Scene::roll`] does both at once and is the one to use: it looks only at obstacles that the next few steps can come into
+//! the range of, and takes the proximity from the distances that the force needs anyway. That leaves out nothing: its
+//! trajectory and cost are those of [`roll_plainly`] and [`cost`] over the same obstacles in the same order, bit for bit.
+//!
+//! | ten samples, 15 waypoints, 64 circles at one per square metre | instructions of a Cortex-M4 |
+//! |---|---|
+//! | every obstacle at every waypoint, `libm`'s roots and arctangents | 1 334 000 to 1 372 000 |
+//! | [`Scene::roll`] with our gains, the worst of 16 maps | 60 000 |
+//! | with the main paper's | 99 000 |
+
+use heapless::Vec;
+
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::mapping::map::CIRCLES_MAX;
+use crate::planning::field::{Field, Gains, Obstacle, Pole, Pull, inverse_root};
+
+/// Waypoints of a trajectory (main paper, section IV).
+pub const WAYPOINTS: usize = 15;
+
+/// Distance between waypoints: the paper's 2 m in 15 steps.
+pub const SPACING_M: f32 = 2.0 / WAYPOINTS as f32;
+
+/// Step of [`Reading::Gradient`], metres per unit of force.
+const GRADIENT_STEP: f32 = 0.02;
+
+/// Proximity below which eq. 45 stops growing: closer, or inside, is as bad.
+const PROXIMITY_MIN_M: f32 = 0.01;
+
+/// Steps for which a short list of obstacles is good.
+const BLOCK: usize = 5;
+
+/// Rings around the start of a scene: up to four metres.
+const RINGS: usize = 32;
+const RINGS_PER_M: f32 = 8.0;
+
+/// Added to what can be reached, against rounding: enough up to ten kilometres from the origin.
+const SLACK_M: f32 = 1e-2;
+
+/// A trajectory: the waypoints after the start.
+pub type Trajectory = [Horizontal; WAYPOINTS];
+
+/// What the main paper's "gradient descent" with 15 steps is taken to be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Reading {
+    /// From waypoint to waypoint one force evaluation and 2 m / 15 in its direction.
+    #[default]
+    Waypoint,
+    /// The same in four steps of a quarter each.
+    Quarters,
+    /// To the letter: the force times 0.02, at most 2 m / 15. Fifteen of these cover half a metre.
+    Gradient,
+}
+
+/// The terms of eq. 41.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Cost {
+    /// Length, metres (eq. 42).
+    pub length: f32,
+    /// Distance from the end to the target, metres (eq. 43).
+    pub error: f32,
+    /// Sum of the turns, radians (eq. 44).
+    pub turns: f32,
+    /// One over the smallest distance to an obstacle, 1/m (eq. 45); 0 where there is none.
+    pub proximity: f32,
+}
+
+impl Cost {
+    /// Eq. 41.
+    #[must_use]
+    pub fn total(&self) -> f32 {
+        self.length + self.error + self.turns + self.proximity
+    }
+}
+
+/// The obstacles of one replan, sorted into rings around its start.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    start: Horizontal,
+    /// Ring by ring, in a ring as they were given; [`Scene::obstacles`] says what the order is good for.
+    obstacles: Vec<Known, CIRCLES_MAX>,
+    /// How many of them have a clearance from the start within the first ring, the first two and so on.
+    within: [u8; RINGS],
+}
+
+/// What of an obstacle is remembered.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    center: Horizontal,
+    reach: f32,
+}
+
+/// Obstacles that the next few steps can come into the range of.
+type ShortList = Vec<Pole, CIRCLES_MAX>;
+
+impl Scene {
+    /// No obstacles.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { start: Horizontal { north: 0.0, east: 0.0 }, obstacles: Vec::new(), within: [0; RINGS] }
+    }
+
+    /// Takes over the obstacles around a start; what is beyond [`CIRCLES_MAX`] is left out.
+    pub fn gather<I>(&mut self, start: Horizontal, obstacles: I)
+    where
+        I: IntoIterator<Item = Obstacle>,
+        I::IntoIter: Clone,
+    {
+        let obstacles = obstacles.into_iter().take(CIRCLES_MAX);
+        let mut rings = [0_u8; CIRCLES_MAX];
+        let mut places = [0_u8; RINGS + 1];
+        let mut count = 0;
+        for (obstacle, slot) in obstacles.clone().zip(&mut rings) {
+            let squared = obstacle.center_ned_m.minus(start).norm_squared();
+            let ring = ring(squared * inverse_root(squared) - obstacle.reach_m).min(RINGS);
+            *slot = ring as u8;
+            places[ring] += 1;
+            count += 1;
+        }
+        let mut first = 0;
+        for place in &mut places {
+            (first, *place) = (first + *place, first);
+        }
+        self.start = start;
+        // There are as many places.
+        let _ = self.obstacles.resize_default(count);
+        for (obstacle, ring) in obstacles.zip(rings) {
+            let Some(place) = places.get_mut(usize::from(ring)) else { continue };
+            if let Some(known) = self.obstacles.get_mut(usize::from(*place)) {
+                *known = Known { center: obstacle.center_ned_m, reach: obstacle.reach_m };
+            }
+            *place += 1;
+        }
+        // Each ring's next place is now the first of the next ring.
+        self.within.copy_from_slice(&places[..RINGS]);
+    }
+
+    /// [`Self::gather`] from memory, compiled with this crate and not with the caller, perhaps for size.
+    #[inline(never)]
+    pub fn gather_all(&mut self, start: Horizontal, obstacles: &[Obstacle]) {
+        self.gather(start, obstacles.iter().copied());
+    }
+
+    /// The obstacles in the order in which their forces are added up.
+    pub fn obstacles(&self) -> impl Iterator<Item = Obstacle> {
+        self.obstacles.iter().map(|known| Obstacle {
+            center_ned_m: known.center,
+            reach_m: known.reach,
+            ..Obstacle::default()
+        })
+    }
+
+    /// At least all obstacles whose clearance from the start is not greater.
+    fn within(&self, clearance_m: f32) -> &[Known] {
+        let count = self.within.get(ring(clearance_m)).map_or(CIRCLES_MAX, |count| usize::from(*count));
+        self.obstacles.get(..count).unwrap_or(&self.obstacles)
+    }
+
+    /// The trajectory from the start, and its cost.
+    #[must_use]
+    pub fn roll(&self, field: &Field, reading: Reading, target: Horizontal) -> (Trajectory, Cost) {
+        let (trajectory, mut closest) = match reading {
+            // Compiled on its own.
+            Reading::Waypoint => self.descend(field, Reading::Waypoint, target),
+            _ => self.descend(field, reading, target),
+        };
+        let mut cost = shape(self.start, &trajectory, target);
+        // Whatever acts nowhere on the way is farther than the range, and counts only if all are.
+        if closest >= field.gains.influence_m - SLACK_M {
+            closest = f32::INFINITY;
+            for (index, known) in self.obstacles.iter().enumerate() {
+                if index >= self.within(closest + far_m(WAYPOINTS)).len() {
+                    break;
+                }
+                closest = nearest(&trajectory, known.center, known.reach, closest);
+            }
+        }
+        cost.proximity = proximity(closest);
+        (trajectory, cost)
+    }
+
+    /// The trajectory, and the smallest distance of a waypoint to an obstacle that acts there.
+    #[inline(always)]
+    fn descend(&self, field: &Field, reading: Reading, target: Horizontal) -> (Trajectory, f32) {
+        let influence_m = field.gains.influence_m;
+        let mut list = ShortList::new();
+        let (mut closest, mut listed) = (f32::INFINITY, 0);
+        let mut descent = Descent::new(self.start, target, reading);
+        let mut trajectory = [target; WAYPOINTS];
+        loop {
+            let (passed, position) = (descent.passed, descent.position);
+            if passed == listed && passed < WAYPOINTS {
+                listed += BLOCK;
+                shorten(self.within(influence_m + far_m(listed)), position, field, &mut list);
+            }
+            let Pull { force, clearance } = field.pull(position, target, list.iter().copied(), closest);
+            if descent.is_at_waypoint() {
+                closest = clearance;
+            }
+            if !descent.follow(force, &mut trajectory) {
+                return (trajectory, closest);
+            }
+        }
+    }
+
+    /// Whether a trajectory from the start stays farther than the margin from every obstacle, on its segments as on its
+    /// waypoints. From a start that is closer than that, whatever does not come closer (by more than a millimetre) keeps
+    /// it.
+    #[must_use]
+    pub fn keeps_margin(&self, trajectory: &[Horizontal], margin_m: f32) -> bool {
+        let farthest = trajectory.iter().map(|w| w.minus(self.start).norm_squared()).fold(0.0, larger);
+        let near = self.within(margin_m + sqrt(farthest) + SLACK_M);
+        near.iter().all(|known| {
+            let mut from = self.start.minus(known.center);
+            let at_start = from.norm() - known.reach - 1e-3;
+            let least = known.reach + if at_start < margin_m { at_start } else { margin_m };
+            least <= 0.0
+                || trajectory.iter().all(|waypoint| {
+                    let to = waypoint.minus(known.center);
+                    let squared = squared_to_segment(from, to);
+                    from = to;
+                    squared >= least * least
+                })
+        })
+    }
+}
+
+/// The ring of a clearance, the first around whatever touches the start.
+fn ring(clearance_m: f32) -> usize {
+    // Nothing below zero, and the largest number for what is too large.
+    (clearance_m * RINGS_PER_M) as usize
+}
+
+fn larger(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
+/// Squared distance from the origin to the segment from `a` to `b`.
+fn squared_to_segment(a: Horizontal, b: Horizontal) -> f32 {
+    let along = b.minus(a);
+    let ahead = -a.dot(along);
+    let length_squared = along.norm_squared();
+    if ahead <= 0.0 {
+        a.norm_squared()
+    } else if ahead >= length_squared {
+        b.norm_squared()
+    } else {
+        a.plus(along.times(ahead / length_squared)).norm_squared()
+    }
+}
+
+/// How far so many steps can lead.
+fn far_m(steps: usize) -> f32 {
+    SPACING_M * steps as f32 + SLACK_M
+}
+
+/// Those of the obstacles that a block of steps from here can come into the range of.
+fn shorten(known: &[Known], position: Horizontal, field: &Field, list: &mut ShortList) {
+    let ahead = field.gains.influence_m + far_m(BLOCK);
+    list.clear();
+    // Four at a time: a compiler that is to mind the size does not do so by itself.
+    let (fours, rest) = known.as_chunks::<4>();
+    for [a, b, c, d] in fours {
+        list_if_near(a, position, ahead, field, list);
+        list_if_near(b, position, ahead, field, list);
+        list_if_near(c, position, ahead, field, list);
+        list_if_near(d, position, ahead, field, list);
+    }
+    for known in rest {
+        list_if_near(known, position, ahead, field, list);
+    }
+}
+
+#[inline(always)]
+fn list_if_near(known: &Known, position: Horizontal, ahead: f32, field: &Field, list: &mut ShortList) {
+    let limit = known.reach + ahead;
+    if position.minus(known.center).norm_squared() < limit * limit {
+        // As many places as obstacles.
+        let _ = list.push(field.pole(known.center, known.reach));
+    }
+}
+
+/// A trajectory on its way.
+struct Descent {
+    reading: Reading,
+    target: Horizontal,
+    position: Horizontal,
+    /// Waypoints that have been reached.
+    passed: usize,
+    /// Steps since then.
+    steps: u8,
+}
+
+impl Descent {
+    #[inline(always)]
+    fn new(start: Horizontal, target: Horizontal, reading: Reading) -> Self {
+        Self { reading, target, position: start, passed: 0, steps: 0 }
+    }
+
+    /// Whether the position is a waypoint, and not the start or between two.
+    #[inline(always)]
+    fn is_at_waypoint(&self) -> bool {
+        self.steps == 0 && self.passed > 0
+    }
+
+    /// Follows the force at the position; once at the target it stays there, and what is left of the trajectory is not
+    /// written. Returns whether there is more to come. (The trajectory in here would keep the rest out of registers.)
+    #[inline(always)]
+    fn follow(&mut self, force: Horizontal, trajectory: &mut Trajectory) -> bool {
+        if self.passed >= WAYPOINTS {
+            return false;
+        }
+        let (steps, step_m) = match self.reading {
+            Reading::Waypoint | Reading::Gradient => (1, SPACING_M),
+            Reading::Quarters => (4, 0.25 * SPACING_M),
+        };
+        self.steps += 1;
+        let left = self.target.minus(self.position).norm_squared();
+        if left <= step_m * step_m && self.reading != Reading::Gradient {
+            if left == 0.0 && self.passed > 0 {
+                return false;
+            }
+            (self.position, self.steps) = (self.target, steps);
+        } else {
+            let squared = force.norm_squared();
+            // Where the forces cancel it stays.
+            if squared > 1e-12 {
+                let inverse = inverse_root(squared);
+                let factor = match self.reading {
+                    Reading::Gradient if GRADIENT_STEP * squared * inverse < SPACING_M => GRADIENT_STEP,
+                    _ => step_m * inverse,
+                };
+                self.position = self.position.plus(force.times(factor));
+            }
+        }
+        if self.steps == steps {
+            if let Some(waypoint) = trajectory.get_mut(self.passed) {
+                *waypoint = self.position;
+            }
+            (self.passed, self.steps) = (self.passed + 1, 0);
+        }
+        true
+    }
+}
+
+/// [`Scene::roll`]'s trajectory, looking at every obstacle at every step.
+#[must_use]
+pub fn roll_plainly(
+    field: &Field,
+    reading: Reading,
+    start: Horizontal,
+    target: Horizontal,
+    obstacles: &[Obstacle],
+) -> Trajectory {
+    let mut descent = Descent::new(start, target, reading);
+    let mut trajectory = [target; WAYPOINTS];
+    while descent.follow(field.force(descent.position, target, obstacles), &mut trajectory) {}
+    trajectory
+}
+
+/// [`roll_plainly`] in the main paper's field.
+#[must_use]
+pub fn roll(gains: &Gains, start: Horizontal, target: Horizontal, obstacles: &[Obstacle]) -> Trajectory {
+    roll_plainly(&Field { gains: *gains, ..Field::default() }, Reading::Waypoint, start, target, obstacles)
+}
+
+/// The cost of a trajectory from `start` (eq. 41-45).
+#[must_use]
+pub fn cost(start: Horizontal, trajectory: &Trajectory, target: Horizontal, obstacles: &[Obstacle]) -> Cost {
+    let mut cost = shape(start, trajectory, target);
+    let nearest = |closest, o: &Obstacle| nearest(trajectory, o.center_ned_m, o.reach_m, closest);
+    cost.proximity = proximity(obstacles.iter().fold(f32::INFINITY, nearest));
+    cost
+}
+
+/// The terms of eq. 42-44.
+fn shape(start: Horizontal, trajectory: &Trajectory, target: Horizontal) -> Cost {
+    let mut cost = Cost::default();
+    let (mut previous, mut before) = (start, Horizontal::default());
+    for waypoint in trajectory {
+        let step = waypoint.minus(previous);
+        let squared = step.norm_squared();
+        if squared > 1e-8 {
+            let inverse = inverse_length(squared);
+            cost.length += squared * inverse;
+            let direction = step.times(inverse);
+            cost.turns += turn_rad(before, direction);
+            before = direction;
+        }
+        previous = *waypoint;
+    }
+    cost.error = previous.minus(target).norm();
+    cost
+}
+
+/// One over the length of a step. Nearly all are as long as the spacing, and there the tangent is within 4e-7.
+#[inline(always)]
+fn inverse_length(squared: f32) -> f32 {
+    const SPACING_SQUARED: f32 = SPACING_M * SPACING_M;
+    if libm::fabsf(squared - SPACING_SQUARED) < 1e-3 * SPACING_SQUARED {
+        1.5 / SPACING_M - squared * (0.5 / (SPACING_M * SPACING_SQUARED))
+    } else {
+        inverse_root(squared)
+    }
+}
+
+/// Angle between two unit vectors, to a few millionths: twice the arctangent of `|a x b| / (1 + a . b)`, and its
+/// supplement beyond a right angle. Zero when one of them is the zero vector.
+fn turn_rad(a: Horizontal, b: Horizontal) -> f32 {
+    let (cross, dot) = (libm::fabsf(a.north * b.east - a.east * b.north), a.dot(b));
+    let angle = 2.0 * arctangent(cross / (1.0 + libm::fabsf(dot)));
+    if dot < 0.0 { core::f32::consts::PI - angle } else { angle }
+}
+
+/// Arctangent from 0 to 1, within 2e-6.
+fn arctangent(x: f32) -> f32 {
+    let s = x * x;
+    let high = -0.116_432_87 + s * (0.052_653_32 - s * 0.011_721_2);
+    x * (0.999_977_26 + s * (-0.332_623_47 + s * (0.193_543_46 + s * high)))
+}
+
+/// Smallest distance between a waypoint and an obstacle's reach, where that is below the closest so far.
+fn nearest(trajectory: &Trajectory, center: Horizontal, reach: f32, closest: f32) -> f32 {
+    let mut closest = closest;
+    for waypoint in trajectory {
+        // The root only where it can matter.
+        let limit = reach + closest + SLACK_M;
+        let squared = waypoint.minus(center).norm_squared();
+        if limit > 0.0 && squared < limit * limit {
+            let distance = squared * inverse_root(squared) - reach;
+            if distance < closest {
+                closest = distance;
+            }
+        }
+    }
+    closest
+}
+
+/// Eq. 45.
+fn proximity(closest: f32) -> f32 {
+    1.0 / if closest < PROXIMITY_MIN_M { PROXIMITY_MIN_M } else { closest }
+}
+
+/// Smallest distance between the vehicle's boundary and any obstacle along the first `segments` segments from `start`;
+/// infinite without obstacles. Exact for the straight segments between waypoints.
+#[must_use]
+pub fn swept_clearance_m(start: Horizontal, trajectory: &[Horizontal], obstacles: &[Obstacle]) -> f32 {
+    let mut closest = f32::INFINITY;
+    let mut previous = start;
+    for waypoint in trajectory {
+        let half = 0.5 * waypoint.minus(previous).norm();
+        let middle = previous.plus(*waypoint).times(0.5);
+        for obstacle in obstacles {
+            let limit = closest + obstacle.reach_m + half;
+            if middle.minus(obstacle.center_ned_m).norm_squared() >= limit * limit {
+                continue;
+            }
+            let distance =
+                Horizontal::distance_to_segment(obstacle.center_ned_m, previous, *waypoint) - obstacle.reach_m;
+            if distance < closest {
+                closest = distance;
+            }
+        }
+        previous = *waypoint;
+    }
+    closest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::Rng;
+    use crate::planning::field::{Exponent, Kind, Law};
+    use std::vec::Vec as StdVec;
+
+    const GAINS: Gains = Gains { k_att: 1.0, k_rep: 0.2, influence_m: 0.8, swirl: 0.0 };
+
+    #[test]
+    fn without_obstacles_it_goes_straight_to_the_target() {
+        let (start, target) = (Horizontal::default(), Horizontal { north: 2.0, east: 0.0 });
+        let trajectory = roll(&GAINS, start, target, &[]);
+        assert!(trajectory[14].minus(target).norm() < 1e-5);
+        let cost = cost(start, &trajectory, target, &[]);
+        assert!((cost.total() - 2.0).abs() < 1e-4, "{cost:?}");
+        assert_eq!(swept_clearance_m(start, &trajectory, &[]), f32::INFINITY);
+    }
+
+    #[test]
+    fn the_cost_of_a_known_staircase_is_what_the_paper_says() {
+        let start = Horizontal::default();
+        // One metre north, one metre east, then standing still.
+        let mut trajectory = [Horizontal { north: 1.0, east: 1.0 }; WAYPOINTS];
+        trajectory[0] = Horizontal { north: 1.0, east: 0.0 };
+        let target = Horizontal { north: 1.0, east: 3.0 };
+        let obstacle =
+            Obstacle { center_ned_m: Horizontal { north: 0.0, east: 1.0 }, reach_m: 0.5, ..Obstacle::default() };
+        let cost = cost(start, &trajectory, target, &[obstacle]);
+        assert!((cost.length - 2.0).abs() < 5e-6 && (cost.error - 2.0).abs() < 1e-6);
+        assert!((cost.turns - core::f32::consts::FRAC_PI_2).abs() < 1e-5);
+        assert!((cost.proximity - 2.0).abs() < 1e-5, "{cost:?}");
+        // Between the waypoints (1,0) and (1,1) the obstacle is 0.5 m away, from the start to (1,0) 0.5 m as well.
+        assert!((swept_clearance_m(start, &trajectory, &[obstacle]) - 0.5).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_segment_that_jumps_over_a_pillar_is_seen() {
+        let start = Horizontal::default();
+        let trajectory = [Horizontal { north: 2.0, east: 0.0 }];
+        let pillar =
+            Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.05 }, reach_m: 0.2, ..Obstacle::default() };
+        assert!((swept_clearance_m(start, &trajectory, &[pillar]) + 0.15).abs() < 1e-5);
+    }
+
+    /// Sixty-four circles, so many to a square metre, and gains like the planner's.
+    fn forest(seed: u64, density: f32) -> (StdVec<Obstacle>, Gains, Horizontal) {
+        let mut rng = Rng::new(seed, 5);
+        let side_m = 8.0 / libm::sqrtf(density);
+        let obstacles = (0..64)
+            .map(|_| Obstacle {
+                center_ned_m: Horizontal {
+                    north: side_m * (rng.uniform() - 0.5),
+                    east: side_m * (rng.uniform() - 0.5),
+                },
+                reach_m: 0.25 + 0.23 * rng.uniform(),
+                ..Obstacle::default()
+            })
+            .collect();
+        let above = |value: f32, least: f32| if value > least { value } else { least };
+        let gains = Gains {
+            k_att: above(1.0 + 0.3 * rng.gaussian(), 0.05),
+            k_rep: above(0.1 + 0.1 * rng.gaussian(), 0.005),
+            influence_m: above(0.8 + 0.3 * rng.gaussian(), 0.05),
+            swirl: 3.0 * rng.gaussian(),
+        };
+        (obstacles, gains, Horizontal::from_bearing(3.0 * rng.uniform()).times(2.5 * rng.uniform()))
+    }
+
+    fn bits(trajectory: &Trajectory, cost: &Cost) -> StdVec<u32> {
+        let points = trajectory.iter().flat_map(|p| [p.north, p.east]);
+        points.chain([cost.length, cost.error, cost.turns, cost.proximity]).map(f32::to_bits).collect()
+    }
+
+    #[test]
+    fn leaving_out_what_is_far_changes_no_bit_in_any_law_reading_or_density() {
+        let mut scene = Scene::new();
+        let (mut slid, mut alone) = (0, 0);
+        for seed in 0..3000_u64 {
+            let density = [1.0, 1.0, 4.0, 0.3, 0.03, 0.001][(seed % 6) as usize];
+            let (obstacles, gains, target) = forest(seed, density);
+            let exponent = [Exponent::Half, Exponent::One, Exponent::Two][(seed / 7 % 3) as usize];
+            let kind = if seed % 2 == 0 { Kind::Logarithmic } else { Kind::ALL[(seed / 2 % 6) as usize] };
+            let field = Field { law: Law { exponent, ..Law::of(kind) }, gains };
+            let reading =
+                [Reading::Waypoint, Reading::Waypoint, Reading::Quarters, Reading::Gradient][(seed / 6 % 4) as usize];
+            // Away from the origin positions are rounded.
+            let shift = Horizontal { north: 1e3, east: -2e3 }.times((seed % 5) as f32);
+            let obstacles: StdVec<Obstacle> =
+                obstacles.iter().map(|o| Obstacle { center_ned_m: o.center_ned_m.plus(shift), ..*o }).collect();
+            let target = target.plus(shift);
+            scene.gather(shift, obstacles.iter().copied());
+            let (trajectory, price) = scene.roll(&field, reading, target);
+            let ordered: StdVec<Obstacle> = scene.obstacles().collect();
+            let plain = roll_plainly(&field, reading, shift, target, &ordered);
+            let wanted = cost(shift, &plain, target, &obstacles);
+            assert_eq!(bits(&trajectory, &price), bits(&plain, &wanted), "seed {seed}, {field:?}, {reading:?}");
+            slid += i32::from(price.turns > 0.1);
+            alone += i32::from(1.0 / price.proximity > gains.influence_m);
+        }
+        assert!(slid > 1500 && alone > 500, "{slid} {alone}");
+    }
+
+    #[test]
+    fn the_default_reading_is_what_libm_in_f64_makes_of_the_equations() {
+        let mut scene = Scene::new();
+        let mut apart = 0;
+        for seed in 0..1000 {
+            let (obstacles, gains, target) = forest(seed, 1.0);
+            let field = Field { gains, ..Field::default() };
+            scene.gather(Horizontal::default(), obstacles.iter().copied());
+            let (trajectory, price) = scene.roll(&field, Reading::Waypoint, target);
+            let (exact, total) = in_double(&gains, target, &obstacles);
+            let gap = trajectory
+                .iter()
+                .zip(&exact)
+                .map(|(a, b)| (f64::from(a.north) - b.0).hypot(f64::from(a.east) - b.1))
+                .fold(0.0, f64::max);
+            // Where a trajectory hops from side to side, rounding grows from hop to hop.
+            apart += i32::from(gap > 1e-3 || (f64::from(price.total()) / total - 1.0).abs() > 1e-3);
+        }
+        assert!(apart <= 10, "{apart} of 1000 differ");
+    }
+
+    /// Eq. 33, 36 and 41-45 in f64.
+    fn in_double(gains: &Gains, target: Horizontal, obstacles: &[Obstacle]) -> (StdVec<(f64, f64)>, f64) {
+        let (spacing, target) = (f64::from(SPACING_M), (f64::from(target.north), f64::from(target.east)));
+        let swirl = f64::from(gains.swirl);
+        let relative = |q: (f64, f64), o: &Obstacle| {
+            let away = (q.0 - f64::from(o.center_ned_m.north), q.1 - f64::from(o.center_ned_m.east));
+            (away, away.0.hypot(away.1) - f64::from(o.reach_m))
+        };
+        let mut q = (0.0_f64, 0.0_f64);
+        let mut points = StdVec::new();
+        for _ in 0..WAYPOINTS {
+            let left = (target.0 - q.0, target.1 - q.1);
+            let mut force = (left.0 * f64::from(gains.k_att), left.1 * f64::from(gains.k_att));
+            for o in obstacles {
+                let (away, d) = relative(q, o);
+                if d < f64::from(gains.influence_m) {
+                    let push = f64::from(gains.k_rep) / d.max(0.01) / away.0.hypot(away.1);
+                    force.0 += push * (away.0 - swirl * away.1);
+                    force.1 += push * (away.1 + swirl * away.0);
+                }
+            }
+            let norm = force.0.hypot(force.1);
+            if left.0.hypot(left.1) <= spacing {
+                q = target;
+            } else if norm > 1e-6 {
+                q = (q.0 + spacing * force.0 / norm, q.1 + spacing * force.1 / norm);
+            }
+            points.push(q);
+        }
+        let mut total = (q.0 - target.0).hypot(q.1 - target.1);
+        let (mut previous, mut heading, mut closest) = ((0.0, 0.0), None::<f64>, f64::INFINITY);
+        for point in &points {
+            let step = (point.0 - previous.0, point.1 - previous.1);
+            total += step.0.hypot(step.1);
+            if step.0.hypot(step.1) > 1e-4 {
+                let bearing = step.1.atan2(step.0);
+                if let Some(heading) = heading {
+                    let turn = (bearing - heading).abs();
+                    total += turn.min(std::f64::consts::TAU - turn);
+                }
+                heading = Some(bearing);
+            }
+            previous = *point;
+            closest = obstacles.iter().map(|o| relative(*point, o).1).fold(closest, f64::min);
+        }
+        (points, total + 1.0 / closest.max(0.01))
+    }
+
+    #[test]
+    fn the_margin_check_agrees_with_the_swept_clearance_of_each_obstacle() {
+        let mut scene = Scene::new();
+        let (mut kept, mut lost, mut inside) = (0, 0, 0);
+        for seed in 0..2000 {
+            let (obstacles, gains, target) = forest(seed, [1.0, 0.4, 0.1][(seed % 3) as usize]);
+            let start = Horizontal::default();
+            scene.gather(start, obstacles.iter().copied());
+            let trajectory = roll(&gains, start, target, &obstacles);
+            let checked = &trajectory[..6];
+            // How much each obstacle leaves of what it must.
+            let spare = |o: &Obstacle| {
+                let at_start = o.clearance_m(start) - 1e-3;
+                swept_clearance_m(start, checked, core::slice::from_ref(o))
+                    - if at_start < 0.05 { at_start } else { 0.05 }
+            };
+            let least = obstacles.iter().map(spare).fold(f32::INFINITY, f32::min);
+            if least.abs() > 1e-5 {
+                assert_eq!(scene.keeps_margin(checked, 0.05), least >= 0.0, "seed {seed}: {least}");
+                kept += i32::from(least >= 0.0);
+                lost += i32::from(least < 0.0);
+                inside += i32::from(obstacles.iter().any(|o| o.clearance_m(start) < 0.0) && least >= 0.0);
+            }
+        }
+        assert!(kept > 300 && lost > 200 && inside > 20, "{kept} {lost} {inside}");
+    }
+
+    #[test]
+    fn the_turn_between_two_directions_is_their_angle() {
+        for i in 0..200_u16 {
+            for j in 0..200_u16 {
+                let angle = |k: u16| core::f32::consts::TAU * (f32::from(k) / 200.0 - 0.5);
+                let turn = turn_rad(Horizontal::from_bearing(angle(i)), Horizontal::from_bearing(angle(j)));
+                let steps = f32::from(i.abs_diff(j).min(200 - i.abs_diff(j)));
+                let limit = 1e-5;
+                assert!((turn - core::f32::consts::TAU * steps / 200.0).abs() < limit, "{i} {j}: {turn}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_readings_take_one_step_or_four_or_a_fiftieth_of_the_force() {
+        let (start, target) = (Horizontal::default(), Horizontal { north: 2.0, east: 0.0 });
+        let pillar =
+            Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.3 }, reach_m: 0.4, ..Obstacle::default() };
+        let field = Field { gains: GAINS, ..Field::default() };
+        let first = |reading| roll_plainly(&field, reading, start, target, &[pillar])[0];
+        let force = field.force(start, target, &[pillar]);
+        assert!(first(Reading::Waypoint).minus(force.times(SPACING_M / force.norm())).norm() < 1e-6);
+        assert!(first(Reading::Gradient).minus(force.times(0.02)).norm() < 1e-6);
+        let mut position = start;
+        for _ in 0..4 {
+            let force = field.force(position, target, &[pillar]);
+            position = position.plus(force.times(0.25 * SPACING_M / force.norm()));
+        }
+        assert!(first(Reading::Quarters).minus(position).norm() < 1e-6);
+        // Without obstacles a fiftieth of the rest is left behind at each of 15 steps.
+        let end = roll_plainly(&field, Reading::Gradient, start, target, &[])[14];
+        assert!((end.north - 2.0 * (1.0 - 0.98_f32.powi(15))).abs() < 1e-5, "{end:?}");
+        // And no step is longer than the others' even deep inside an obstacle.
+        let deep =
+            Obstacle { center_ned_m: Horizontal { north: 0.0, east: -0.1 }, reach_m: 0.6, ..Obstacle::default() };
+        let khatib = Field { law: Law::of(Kind::Khatib), ..field };
+        let leap = roll_plainly(&khatib, Reading::Gradient, start, target, &[deep])[0];
+        assert!((leap.norm() - SPACING_M).abs() < 1e-6, "{leap:?}");
+    }
+}

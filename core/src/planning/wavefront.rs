@@ -1,0 +1,678 @@
+//! The way around: distances from the vehicle to everywhere in a window of the remembered map, by fast marching.
+//!
+//! A window of 90 x 90 cells moves with the vehicle. What lies within an obstacle's reach is closed; a rim around it is
+//! passable but slow, so that a wide way is preferred and a narrow one still taken; what has not been seen counts as
+//! free. A wave starts at the vehicle and is carried from cell to cell by the upwind solution of the eikonal equation
+//! `|grad T| = slowness` (Sethian 1996): the arrival at a cell is the length of the shortest way there, in any direction
+//! and not only along the grid. The cells wait in buckets half as wide as a step instead of in a sorted queue (Yatziv,
+//! Bartesaghi and Sapiro 2006), a cell whose arrival improves queues again, and everything is integer: a table of 65
+//! entries holds the square roots.
+//!
+//! Memory 24 KB, fixed; counted in the bench row `replan_64`.
+
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::frame::Horizontal;
+use crate::base::kernel::sqrt;
+use crate::planning::field::Obstacle;
+
+/// Cells along a side, with the closed rim that saves every bounds check inside.
+pub const SIDE: usize = 92;
+const CELLS: usize = SIDE * SIDE;
+/// Units of arrival in one cell's width.
+const UNIT: u16 = 64;
+/// Arrival of a cell that the wave has not reached.
+const FAR: u16 = u16::MAX - 1;
+/// Arrival of a cell that is closed.
+const CLOSED: u16 = u16::MAX;
+/// log2 of the width of a bucket, in units.
+const BUCKET_SHIFT: u16 = 4;
+/// Buckets; together they span more than the longest step, a slow one.
+const BUCKETS: usize = 32;
+/// log2 of the slowness by rim: none, the outer one, the inner one, which lies inside of the outer one.
+const SLOW_SHIFT: [u16; 4] = [0, 1, 2, 2];
+/// Entries that may wait at a time. The front is a curve, not an area.
+const WAITING_MAX: usize = 1024;
+const NONE: u16 = u16::MAX;
+/// Steps of the way back to the start that are remembered: those nearest to it.
+pub const ROUTE_MAX: usize = 48;
+const WORDS: usize = CELLS.div_ceil(32);
+/// Half the diagonal of a cell, in cells.
+const DIAGONAL: f32 = core::f32::consts::FRAC_1_SQRT_2;
+/// How far the window is pushed ahead of the vehicle, towards where it wants to go.
+const AHEAD_M: f32 = 1.2;
+
+/// `UNIT` times `(d + sqrt(2 - d^2)) / 2` for `d = index / UNIT`: how much later than its earlier neighbour a cell is
+/// reached when the other neighbour is `d` later than that one.
+const STEP: [u8; UNIT as usize + 1] = steps();
+
+const fn steps() -> [u8; UNIT as usize + 1] {
+    let mut table = [0_u8; UNIT as usize + 1];
+    let mut d = 0_u32;
+    while d <= UNIT as u32 {
+        // The root of a number scaled by 2^8, rounded.
+        let wanted = (2 * (UNIT as u32) * (UNIT as u32) - d * d) << 8;
+        let mut root = 0_u32;
+        while (root + 1) * (root + 1) <= wanted {
+            root += 1;
+        }
+        table[d as usize] = (((d << 4) + root + 16) >> 5) as u8;
+        d += 1;
+    }
+    table
+}
+
+/// What the wavefront needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Width of a cell.
+    pub cell_m: f32,
+    /// Half of the narrowest gap between two obstacles that is a way.
+    pub passable_m: f32,
+    /// Clearance at which a cell is as fast as any.
+    pub clear_m: f32,
+    /// Clearance below which a cell is four times as slow; from there to `clear_m` it is twice as slow.
+    pub narrow_m: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl Config {
+    /// The defaults, where a constant is needed.
+    pub const DEFAULT: Self = Self { cell_m: 0.1, passable_m: 0.036, clear_m: 0.03, narrow_m: 0.0 };
+
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Wavefront, ConfigError> {
+        check("planner.wavefront.cell_m", self.cell_m, 0.02, 2.0)?;
+        check("planner.wavefront.passable_m", self.passable_m, 0.0, 2.0)?;
+        check("planner.wavefront.narrow_m", self.narrow_m, -2.0, 2.0)?;
+        check("planner.wavefront.clear_m", self.clear_m, self.narrow_m, 2.0)?;
+        Ok(Wavefront { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wavefront {
+    config: Config,
+}
+
+/// The window, and after a march the distances in it.
+#[derive(Clone, Debug)]
+pub struct Window {
+    /// Outer corner of cell (0, 0), the south-western one.
+    corner_ned_m: Horizontal,
+    cell_m: f32,
+    start_ned_m: Horizontal,
+    arrival: [u16; CELLS],
+    /// One bit a cell.
+    rims: [[u32; WORDS]; 2],
+    queue: Queue,
+}
+
+/// The cells from which the wave is to go on, by arrival: a list in each bucket.
+#[derive(Clone, Debug)]
+struct Queue {
+    first: [u16; BUCKETS],
+    waiting: [Waiting; WAITING_MAX],
+    free: u16,
+    /// Entries for which there was no room to wait.
+    dropped: u32,
+}
+
+/// What a disc is drawn as.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Tier {
+    Outer,
+    Inner,
+    Closed,
+}
+
+/// An entry of a bucket: a cell, and the entry after it.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    cell: u16,
+    next: u16,
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Window {
+    /// A window without width, in which nothing has been reached. All bits are zero, so that it takes no room in flash.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            corner_ned_m: Horizontal { north: 0.0, east: 0.0 },
+            cell_m: 0.0,
+            start_ned_m: Horizontal { north: 0.0, east: 0.0 },
+            arrival: [0; CELLS],
+            rims: [[0; WORDS]; 2],
+            queue: Queue {
+                first: [0; BUCKETS],
+                waiting: [Waiting { cell: 0, next: 0 }; WAITING_MAX],
+                free: 0,
+                dropped: 0,
+            },
+        }
+    }
+
+    /// Row and column of a place; `None` outside of the window's inside.
+    fn cell_at(&self, place_ned_m: Horizontal) -> Option<usize> {
+        if !(self.cell_m > 0.0) {
+            return None;
+        }
+        let offset = place_ned_m.minus(self.corner_ned_m).times(1.0 / self.cell_m);
+        let inside = |value: f32| value >= 1.0 && value < (SIDE - 1) as f32;
+        (inside(offset.north) && inside(offset.east)).then(|| offset.north as usize * SIDE + offset.east as usize)
+    }
+
+    /// When the wave reaches a cell; what is outside of the window is closed.
+    fn arrival(&self, cell: usize) -> u16 {
+        self.arrival.get(cell).copied().unwrap_or(CLOSED)
+    }
+
+    fn close(&mut self, cell: usize) {
+        if let Some(arrival) = self.arrival.get_mut(cell) {
+            *arrival = CLOSED;
+        }
+    }
+
+    /// Centre of a cell.
+    fn place_of(&self, cell: usize) -> Horizontal {
+        let (row, column) = (cell / SIDE, cell % SIDE);
+        let offset = Horizontal { north: row as f32 + 0.5, east: column as f32 + 0.5 };
+        self.corner_ned_m.plus(offset.times(self.cell_m))
+    }
+
+    /// Length of the shortest way to a place; `None` if there is none, or the place is outside of the window.
+    #[must_use]
+    pub fn arrival_m(&self, place_ned_m: Horizontal) -> Option<f32> {
+        let arrival = self.arrival(self.cell_at(place_ned_m)?);
+        (arrival < FAR).then(|| f32::from(arrival) * self.cell_m / f32::from(UNIT))
+    }
+
+    /// Whether a place lies in the window.
+    #[must_use]
+    pub fn contains(&self, place_ned_m: Horizontal) -> bool {
+        self.cell_at(place_ned_m).is_some()
+    }
+
+    /// The reached place at the window's edge from which a place outside is nearest, the way to the edge included.
+    #[must_use]
+    pub fn best_exit(&self, outside_ned_m: Horizontal) -> Option<Horizontal> {
+        self.least(edge(), |arrival_m, place| arrival_m + outside_ned_m.minus(place).norm())
+    }
+
+    /// The reached place at the window's edge that is nearest to one outside.
+    #[must_use]
+    pub fn nearest_exit(&self, outside_ned_m: Horizontal) -> Option<Horizontal> {
+        self.least(edge(), |_, place| outside_ned_m.minus(place).norm_squared())
+    }
+
+    /// The reached place that is nearest to one which cannot be reached, if it is within a radius.
+    #[must_use]
+    pub fn nearest_reached_within(&self, place_ned_m: Horizontal, radius_m: f32) -> Option<Horizontal> {
+        let center = self.cell_at(place_ned_m)?;
+        let half = (libm::ceilf(radius_m / self.cell_m) as usize).min(SIDE);
+        let (row, column) = (center / SIDE, center % SIDE);
+        let rows = row.saturating_sub(half)..(row + half + 1).min(SIDE);
+        let columns = column.saturating_sub(half)..(column + half + 1).min(SIDE);
+        let around = rows.flat_map(|row| columns.clone().map(move |column| row * SIDE + column));
+        let nearest = self.least(around, |_, place| place_ned_m.minus(place).norm_squared())?;
+        (nearest.minus(place_ned_m).norm() <= radius_m).then_some(nearest)
+    }
+
+    /// The reached place that is nearest to one which cannot be reached.
+    #[must_use]
+    pub fn nearest_reached(&self, place_ned_m: Horizontal) -> Option<Horizontal> {
+        self.least(0..CELLS, |_, place| place_ned_m.minus(place).norm_squared())
+    }
+
+    /// Whether from around a place that has not been reached there may be a way out of the window, so that one from the
+    /// start may come in from outside. The cells around it count as closed from then on.
+    pub fn is_open(&mut self, place_ned_m: Horizontal) -> bool {
+        let Some(center) = self.cell_at(place_ned_m) else { return true };
+        // The entries of the march, as a stack.
+        let (mut height, mut open) = (0, false);
+        for (offset, _) in NEIGHBOURS.into_iter().chain([(0, 0)]) {
+            height = self.stack(center.wrapping_add_signed(offset), height);
+        }
+        while let Some(top) = height.checked_sub(1) {
+            height = top;
+            let Some(cell) = self.queue.waiting.get(top).map(|waiting| usize::from(waiting.cell)) else { break };
+            let (row, column) = (cell / SIDE, cell % SIDE);
+            // When the stack is full something is left out, and what is so wide counts as open.
+            open |= row == 1 || row == SIDE - 2 || column == 1 || column == SIDE - 2 || height + 8 > WAITING_MAX;
+            for there in [cell - SIDE, cell + SIDE, cell - 1, cell + 1] {
+                height = self.stack(there, height);
+            }
+        }
+        open
+    }
+
+    /// Puts a cell that has not been reached onto the stack, and closes it; the new height.
+    fn stack(&mut self, cell: usize, height: usize) -> usize {
+        match (self.queue.waiting.get_mut(height), self.arrival.get_mut(cell)) {
+            (Some(waiting), Some(arrival)) if *arrival == FAR => {
+                waiting.cell = cell as u16;
+                *arrival = CLOSED;
+                height + 1
+            }
+            _ => height,
+        }
+    }
+
+    fn least(
+        &self,
+        cells: impl Iterator<Item = usize>,
+        measure: impl Fn(f32, Horizontal) -> f32,
+    ) -> Option<Horizontal> {
+        let mut best: Option<(f32, Horizontal)> = None;
+        for cell in cells {
+            let arrival = self.arrival(cell);
+            if arrival >= FAR || !(self.cell_m > 0.0) {
+                continue;
+            }
+            let place = self.place_of(cell);
+            let value = measure(f32::from(arrival) * self.cell_m / f32::from(UNIT), place);
+            if best.is_none_or(|(least, _)| value < least) {
+                best = Some((value, place));
+            }
+        }
+        best.map(|(_, place)| place)
+    }
+
+    /// The shortest way to a reached place, down the steepest descent of the arrival: the part nearest to the start, from
+    /// there on. Empty if the place has not been reached.
+    #[must_use]
+    pub fn route(&self, to_ned_m: Horizontal) -> Vec<Horizontal, ROUTE_MAX> {
+        let mut ring = [0_u16; ROUTE_MAX];
+        let mut steps = 0;
+        let mut cell = self.cell_at(to_ned_m).filter(|cell| self.arrival(*cell) < FAR);
+        while let Some(here) = cell {
+            let its_arrival = self.arrival(here);
+            ring[steps % ROUTE_MAX] = here as u16;
+            steps += 1;
+            if steps > CELLS {
+                break;
+            }
+            // A diagonal step is longer by the root of two: 5 : 7.
+            let mut steepest = (0_u32, None);
+            for (offset, weight) in NEIGHBOURS {
+                let there = here.wrapping_add_signed(offset);
+                let drop = u32::from(its_arrival.saturating_sub(self.arrival(there))) * weight;
+                if drop > steepest.0 {
+                    steepest = (drop, Some(there));
+                }
+            }
+            cell = steepest.1;
+        }
+        let kept = steps.min(ROUTE_MAX);
+        let mut route = Vec::new();
+        for back in 1..=kept {
+            let _ = route.push(self.place_of(usize::from(ring[(steps - back) % ROUTE_MAX])));
+        }
+        route
+    }
+
+    /// Entries for which there was no room in the last march; not zero means that some ways may have been missed.
+    #[must_use]
+    pub fn dropped(&self) -> u32 {
+        self.queue.dropped
+    }
+
+    /// Closes cells `from..to` of a row, or marks them as part of a rim.
+    fn mark(&mut self, row: usize, from: usize, to: usize, tier: Tier) {
+        let (from, to) = (row * SIDE + from, row * SIDE + to);
+        let rim = match tier {
+            Tier::Closed => return self.arrival.get_mut(from..to).unwrap_or_default().fill(CLOSED),
+            Tier::Outer => &mut self.rims[0],
+            Tier::Inner => &mut self.rims[1],
+        };
+        for (index, word) in rim.iter_mut().enumerate().take(to.div_ceil(32)).skip(from / 32) {
+            let low = from.max(index * 32) - index * 32;
+            let high = to.min(index * 32 + 32) - index * 32;
+            *word |= (u32::MAX >> (32 - (high - low))) << low;
+        }
+    }
+
+    /// The wave reaches a cell, and is to go on from there.
+    fn reach(&mut self, cell: usize, arrival: u16) {
+        if let Some(its_arrival) = self.arrival.get_mut(cell) {
+            *its_arrival = arrival;
+            self.queue.push(cell, arrival);
+        }
+    }
+}
+
+impl Queue {
+    fn clear(&mut self) {
+        self.first = [NONE; BUCKETS];
+        for (index, waiting) in self.waiting.iter_mut().enumerate() {
+            waiting.next = if index + 1 < WAITING_MAX { index as u16 + 1 } else { NONE };
+        }
+        (self.free, self.dropped) = (0, 0);
+    }
+
+    fn push(&mut self, cell: usize, arrival: u16) {
+        let entry = self.free;
+        let Some(waiting) = self.waiting.get_mut(usize::from(entry)) else {
+            self.dropped += 1;
+            return;
+        };
+        let first = &mut self.first[usize::from(arrival >> BUCKET_SHIFT) % BUCKETS];
+        self.free = waiting.next;
+        *waiting = Waiting { cell: cell as u16, next: *first };
+        *first = entry;
+    }
+
+    /// A cell that waits in a bucket.
+    fn pop(&mut self, bucket: usize) -> Option<usize> {
+        let first = &mut self.first[bucket % BUCKETS];
+        let entry = *first;
+        // There is none with the number `NONE`.
+        let waiting = self.waiting.get_mut(usize::from(entry))?;
+        *first = waiting.next;
+        waiting.next = self.free;
+        self.free = entry;
+        Some(usize::from(waiting.cell))
+    }
+}
+
+const ROW: isize = SIDE as isize;
+const NEIGHBOURS: [(isize, u32); 8] =
+    [(-ROW, 7), (ROW, 7), (-1, 7), (1, 7), (-ROW - 1, 5), (-ROW + 1, 5), (ROW - 1, 5), (ROW + 1, 5)];
+
+impl Wavefront {
+    /// Fills a window around `start` with distances. `scale` widens the cells, for a view of the wider surroundings.
+    /// Obstacles that the start is inside of end just short of it.
+    pub fn march(
+        &self,
+        window: &mut Window,
+        start_ned_m: Horizontal,
+        towards_ned_m: Horizontal,
+        scale: f32,
+        obstacles: &[Obstacle],
+    ) {
+        let cell_m = self.config.cell_m * scale;
+        let half_m = 0.5 * cell_m * SIDE as f32;
+        let ahead = towards_ned_m.minus(start_ned_m).times(0.5).clamped(AHEAD_M * scale);
+        // On the raster, so that a pillar is always cut up in the same way.
+        let raster = |value: f32| libm::floorf(value / cell_m) * cell_m;
+        let corner = start_ned_m.plus(ahead);
+        window.corner_ned_m = Horizontal { north: raster(corner.north - half_m), east: raster(corner.east - half_m) };
+        window.cell_m = cell_m;
+        window.start_ned_m = start_ned_m;
+        window.arrival.fill(FAR);
+        for k in 0..SIDE {
+            for cell in [k, (SIDE - 1) * SIDE + k, k * SIDE, k * SIDE + SIDE - 1] {
+                window.close(cell);
+            }
+        }
+        window.rims = [[0; WORDS]; 2];
+        for obstacle in obstacles {
+            draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.clear_m, Tier::Outer);
+            draw(window, obstacle.center_ned_m, obstacle.reach_m + self.config.narrow_m, Tier::Inner);
+            // A cell is closed when not even a gap just passable has its middle in it, however it lies to the raster.
+            let free_m = obstacle.center_ned_m.minus(start_ned_m).norm() - 0.01;
+            let reach_m = obstacle.reach_m + self.config.passable_m - DIAGONAL * cell_m;
+            draw(window, obstacle.center_ned_m, if reach_m < free_m { reach_m } else { free_m }, Tier::Closed);
+        }
+        // Gaps that are not: closed by a line of cells, which the wave cannot cross.
+        for (index, one) in obstacles.iter().enumerate() {
+            for other in obstacles.get(index + 1..).unwrap_or_default() {
+                let reach_m = one.reach_m + other.reach_m + 2.0 * self.config.passable_m;
+                let across = other.center_ned_m.minus(one.center_ned_m);
+                if across.norm_squared() < reach_m * reach_m {
+                    bridge(window, one.center_ned_m, across);
+                }
+            }
+        }
+        spread(window);
+    }
+}
+
+/// The outermost cells inside of the rim.
+fn edge() -> impl Iterator<Item = usize> {
+    (1..SIDE - 1).flat_map(|k| [SIDE + k, (SIDE - 2) * SIDE + k, k * SIDE + 1, k * SIDE + SIDE - 2])
+}
+
+/// Draws a disc: every cell whose centre is inside.
+fn draw(window: &mut Window, center_ned_m: Horizontal, radius_m: f32, tier: Tier) {
+    if !(radius_m > 0.0) {
+        return;
+    }
+    let center = center_ned_m.minus(window.corner_ned_m).times(1.0 / window.cell_m);
+    let radius = radius_m / window.cell_m;
+    // Saturating casts: what is outside ends at the edge.
+    let from = libm::ceilf(center.north - radius - 0.5) as usize;
+    let to = ((center.north + radius + 0.5) as usize).min(SIDE - 1);
+    for row in from.max(1)..to {
+        let off = row as f32 + 0.5 - center.north;
+        let half_squared = radius * radius - off * off;
+        if half_squared <= 0.0 {
+            continue;
+        }
+        let half = sqrt(half_squared);
+        let first = (libm::ceilf(center.east - half - 0.5) as usize).max(1);
+        let last = ((center.east + half + 0.5) as usize).min(SIDE - 1);
+        if first < last {
+            window.mark(row, first, last, tier);
+        }
+    }
+}
+
+/// Closes the cells along a line.
+fn bridge(window: &mut Window, from_ned_m: Horizontal, along: Horizontal) {
+    let steps = libm::ceilf(along.norm() / (0.5 * window.cell_m));
+    if !(steps <= 4.0 * SIDE as f32) {
+        return;
+    }
+    for step in 0..=steps as usize {
+        if let Some(cell) =
+            window.cell_at(from_ned_m.plus(along.times(step as f32 / if steps > 1.0 { steps } else { 1.0 })))
+        {
+            window.close(cell);
+        }
+    }
+}
+
+/// Carries the wave from the start to all that can be reached.
+// By itself: inlined into the planner its loop runs out of registers.
+#[inline(never)]
+fn spread(window: &mut Window) {
+    window.queue.clear();
+    let Some(origin) = window.cell_at(window.start_ned_m) else { return };
+    for (offset, _) in NEIGHBOURS.into_iter().chain([(0, 0)]) {
+        let cell = origin.wrapping_add_signed(offset);
+        // The start counts whatever it is in.
+        if cell == origin || window.arrival(cell) != CLOSED {
+            let distance = window.place_of(cell).minus(window.start_ned_m).norm() / window.cell_m;
+            window.reach(cell, (distance * f32::from(UNIT)) as u16);
+        }
+    }
+
+    let mut empty = 0;
+    let mut bucket = 0;
+    // Each cell waits a few times at most; the bound is for the reader.
+    let mut left = 4 * CELLS;
+    while empty < BUCKETS && left > 0 {
+        let Some(cell) = window.queue.pop(bucket) else {
+            empty += 1;
+            bucket = (bucket + 1) % BUCKETS;
+            continue;
+        };
+        empty = 0;
+        left -= 1;
+        let corner = cell.wrapping_sub(SIDE + 1);
+        let around = window.arrival.get_mut(corner..).and_then(|cells| cells.first_chunk_mut());
+        let Some(around) = around else { continue };
+        let mut relax = |there, across| relax(around, corner, there, across, &window.rims, &mut window.queue);
+        relax(1, [0, 2]);
+        relax(2 * SIDE + 1, [2 * SIDE, 2 * SIDE + 2]);
+        relax(SIDE, [0, 2 * SIDE]);
+        relax(SIDE + 2, [2, 2 * SIDE + 2]);
+    }
+}
+
+/// The cells from the one before and below another to the one behind and above it: one bounds check for all of them.
+type Around = [u16; 2 * SIDE + 3];
+
+/// Carries the wave on from the middle to a cell, with the earlier one of the two across. Cells are told from the corner.
+#[inline(always)]
+fn relax(
+    around: &mut Around,
+    corner: usize,
+    there: usize,
+    across: [usize; 2],
+    rims: &[[u32; WORDS]; 2],
+    queue: &mut Queue,
+) {
+    let (here, old) = (u32::from(around[SIDE + 1]), u32::from(around[there]));
+    if old <= here || old == u32::from(CLOSED) {
+        return;
+    }
+    let across = across.map(|cell| u32::from(around[cell]));
+    let across = if across[0] < across[1] { across[0] } else { across[1] };
+    let (early, late) = if across < here { (across, here) } else { (here, across) };
+    let shift = slowness(rims, corner + there);
+    let apart = ((late - early) >> shift).min(u32::from(UNIT));
+    let arrival = early + (u32::from(STEP[apart as usize]) << shift);
+    if arrival < old && arrival < u32::from(FAR) {
+        around[there] = arrival as u16;
+        queue.push(corner + there, arrival as u16);
+    }
+}
+
+/// log2 of the slowness of a cell.
+#[inline(always)]
+fn slowness(rims: &[[u32; WORDS]; 2], cell: usize) -> u16 {
+    let [outer, inner] = rims.each_ref().map(|rim| rim.get(cell / 32).map_or(0, |word| (word >> (cell % 32)) & 1));
+    SLOW_SHIFT[(outer | inner << 1) as usize]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::Rng;
+    use std::boxed::Box;
+    use std::vec::Vec as StdVec;
+
+    fn pillar(north: f32, east: f32, reach_m: f32) -> Obstacle {
+        Obstacle { center_ned_m: Horizontal { north, east }, reach_m, ..Obstacle::default() }
+    }
+
+    fn march(start: Horizontal, obstacles: &[Obstacle]) -> Box<Window> {
+        let mut window = Box::new(Window::new());
+        Config::default().build().unwrap().march(&mut window, start, start, 1.0, obstacles);
+        assert_eq!(window.dropped(), 0);
+        window
+    }
+
+    #[test]
+    fn in_the_open_the_arrival_is_the_distance_in_every_direction() {
+        let start = Horizontal { north: 3.03, east: -7.08 };
+        let window = march(start, &[]);
+        let mut worst = 0.0_f32;
+        for k in 0..720 {
+            let place = start.plus(Horizontal::from_bearing(k as f32 * 0.0087).times(0.5 + 0.005 * k as f32));
+            let error = window.arrival_m(place).unwrap() - place.minus(start).norm();
+            // Half a cell's diagonal and some rounding, and the first-order scheme's error, which is largest around the start.
+            worst = worst.max(error.abs() - 0.08 - 0.04 * place.minus(start).norm());
+        }
+        assert!(worst <= 0.0, "{worst}");
+    }
+
+    #[test]
+    fn round_a_wall_the_arrival_is_the_way_round_it() {
+        // A wall to the north, open at its eastern end.
+        let wall: StdVec<_> = (0..30).map(|k| pillar(1.0, 1.0 - 0.2 * k as f32, 0.2)).collect();
+        let window = march(Horizontal::default(), &wall);
+        let corner = Horizontal { north: 1.0, east: 1.25 };
+        let behind = Horizontal { north: 2.0, east: 0.0 };
+        // Two tangents and an arc of the last disc and its rim; the raster and the scheme make it a little longer.
+        let (tangent, angle) = (1.392, 1.927);
+        let expected = tangent + 0.25 * angle + tangent;
+        let arrival = window.arrival_m(behind).unwrap();
+        assert!(arrival > expected - 0.1 && arrival < 1.1 * expected, "{arrival} for {expected}");
+        let route = window.route(behind);
+        assert!(route.iter().all(|p| wall.iter().all(|o| o.clearance_m(*p) >= 0.009)), "{route:?}");
+        assert!(route.iter().any(|p| p.minus(corner).norm() < 0.25), "{route:?}");
+        assert!(route[0].norm() < 0.15 && route.last().unwrap().minus(behind).norm() < 0.1);
+    }
+
+    #[test]
+    fn a_gap_twelve_centimetres_wide_is_found_wherever_it_lies() {
+        for shift in 0..20 {
+            let (gap, reach) = (0.013 * shift as f32, 0.3);
+            let mut wall: StdVec<_> = (0..12).map(|k| pillar(1.0, gap + 0.36 + 0.4 * k as f32, reach)).collect();
+            wall.extend((0..12).map(|k| pillar(1.0, gap - 0.36 - 0.4 * k as f32, reach)));
+            let window = march(Horizontal { north: 0.0, east: 0.4 }, &wall);
+            let arrival = window.arrival_m(Horizontal { north: 2.0, east: 0.0 });
+            assert!(arrival.is_some_and(|a| a < 5.0), "shift {shift}: {arrival:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_sealed_is_not_reached_and_the_nearest_place_is_outside_of_the_ring() {
+        let ring: StdVec<_> = (0..16)
+            .map(|k| {
+                let place = Horizontal::from_bearing(core::f32::consts::TAU * k as f32 / 16.0);
+                pillar(3.0 + place.north, place.east, 0.25)
+            })
+            .collect();
+        let window = march(Horizontal::default(), &ring);
+        let inside = Horizontal { north: 3.0, east: 0.0 };
+        assert_eq!(window.arrival_m(inside), None);
+        assert!(window.route(inside).is_empty());
+        let nearest = window.nearest_reached(inside).unwrap();
+        assert!((nearest.minus(inside).norm() - 1.26).abs() < 0.15, "{nearest:?}");
+    }
+
+    #[test]
+    fn from_inside_an_obstacle_there_is_a_way_out() {
+        let window = march(Horizontal::default(), &[pillar(0.0, 0.25, 0.3)]);
+        assert!(window.arrival_m(Horizontal { north: 0.0, east: -1.0 }).is_some());
+        assert_eq!(window.arrival_m(Horizontal { north: 0.0, east: 0.3 }), None);
+    }
+
+    #[test]
+    fn any_obstacles_and_any_start_end_in_a_bounded_march() {
+        let mut rng = Rng::new(3, 0);
+        let wild = [f32::NAN, f32::INFINITY, -1e30, 1e30, 0.0, -5.0];
+        for _ in 0..40 {
+            let mut number = || {
+                let pick = (rng.uniform() * 60.0) as usize;
+                wild.get(pick).copied().unwrap_or(4.0 * rng.gaussian())
+            };
+            let obstacles: StdVec<_> = (0..60).map(|_| pillar(number(), number(), number())).collect();
+            let mut window = Box::new(Window::new());
+            let (start, towards) =
+                (Horizontal { north: number(), east: number() }, Horizontal { north: number(), east: number() });
+            Config::default().build().unwrap().march(&mut window, start, towards, 1.0, &obstacles);
+            let exit = window.best_exit(towards);
+            assert!(exit.is_none_or(|place| window.route(place).len() <= ROUTE_MAX));
+        }
+    }
+
+    #[test]
+    fn bad_cells_and_margins_are_refused_by_name() {
+        let refused = |config: Config| config.build().unwrap_err().field;
+        assert_eq!(refused(Config { cell_m: 0.0, ..Config::default() }), "planner.wavefront.cell_m");
+        assert_eq!(refused(Config { clear_m: -0.1, ..Config::default() }), "planner.wavefront.clear_m");
+        assert_eq!(refused(Config { passable_m: f32::NAN, ..Config::default() }), "planner.wavefront.passable_m");
+    }
+}

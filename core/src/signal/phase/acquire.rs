@@ -1,0 +1,137 @@
+//! The tone, looked for in the whole spectrum.
+
+use super::fit::{Fit, Level, fit, left_over, tune};
+use super::floor::{MEDIAN_OF_MEAN, hann_gain, median, power_of_two, under_the_tone};
+use super::follow::{Frequency, REFINEMENTS, bins_between};
+use super::lines::{INTERPOLATION_VARIANCE, Peak, leakage, other_line};
+use super::{Extractor, QUANTISATION, REFRESH, SEARCH_THRESHOLD, State};
+use crate::base::adc::CHANNELS;
+use crate::signal::spectrum::tone::Window;
+
+/// The line in the spectrum that is taken for the tone.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate {
+    /// Its frequency as interpolated, phase a sample.
+    pub(super) at: u32,
+    /// Whether it is the one that is tracked, and to within half a bin, so that it can be followed there.
+    pub(super) is_held: bool,
+    pub(super) is_near: bool,
+    /// Whether it stands high enough for a closer look.
+    pub(super) is_worth_it: bool,
+}
+
+impl<const N: usize> Extractor<N> {
+    /// Looks at the whole spectrum: floors, tone, other lines. Nothing when there is no tone.
+    pub(super) fn acquire(
+        &self,
+        state: &mut State<N>,
+        codes: &[[i16; N]; CHANNELS],
+        levels: &[Level; CHANNELS],
+    ) -> Option<Fit> {
+        state.floor_due_in = 0;
+        let mut scratch = [0.0; N];
+        state.spectrum.measure(self.config.backend, codes, &mut scratch);
+        for channel in 0..CHANNELS {
+            self.measure_floor(state, channel, &mut scratch);
+        }
+        let candidate = self.choose(state, &mut scratch);
+        let before = state.tracked;
+        let found = if state.interferer {
+            self.settle_beside(state, codes, &candidate)
+        } else {
+            if state.reference.window() == Window::Hann {
+                tune(state, candidate.at, Window::Flat);
+            }
+            let is_followed = candidate.is_held && candidate.is_near;
+            let followed = if is_followed { self.follow(state, codes, REFINEMENTS) } else { None };
+            followed.or_else(|| self.settle(state, codes, &candidate, REFINEMENTS))
+        };
+        match &found {
+            Some(fit) => {
+                state.floor_due_in = REFRESH - 1;
+                remember_left_over(state, levels, fit);
+            }
+            None => {
+                state.tracked = before;
+                state.interferer = false;
+            }
+        }
+        found
+    }
+
+    /// The floor of one channel, in the spectrum, the tone not yet accounted for.
+    pub(super) fn measure_floor(&self, state: &mut State<N>, channel: usize, scratch: &mut [f32; N]) {
+        let floor = median(&state.spectrum, channel, scratch) / MEDIAN_OF_MEAN;
+        if let Some(slot) = state.floors.get_mut(channel) {
+            *slot = floor.max(QUANTISATION * hann_gain::<N>());
+        }
+    }
+
+    /// Chooses the line that is to be the tone and takes over the floors beside it; says whether there are other lines.
+    #[inline(never)]
+    pub(super) fn choose(&self, state: &mut State<N>, scratch: &mut [f32; N]) -> Candidate {
+        self.statistics(&state.spectrum, &state.floors, scratch);
+        let strongest = self.peak(scratch, self.band);
+        let held = state.tracked.and_then(|tracked| self.held(scratch, tracked, &strongest));
+        let peak = held.unwrap_or(strongest);
+        self.take_over_floors(state, &peak);
+        state.interferer = other_line(scratch, &peak);
+        if state.interferer {
+            state.leakage = leakage(&state.spectrum, scratch, &peak);
+        }
+        let at = (peak.bins * Self::STEPS_PER_BIN) as u32;
+        Candidate {
+            at,
+            is_held: held.is_some(),
+            // Half blocks tell the frequency to within one bin only.
+            is_near: state.tracked.is_some_and(|tracked| bins_between::<N>(tracked.step, at).abs() < 0.5),
+            is_worth_it: self.config.tone_hz.is_some() || peak.statistic >= SEARCH_THRESHOLD,
+        }
+    }
+
+    fn take_over_floors(&self, state: &mut State<N>, peak: &Peak) {
+        for ((variance, floor), channel) in state.variance.iter_mut().zip(state.floors).zip(0..) {
+            let power = state.spectrum.power(channel, peak.bin) as f32 * power_of_two(state.spectrum.exponent(channel));
+            let floor = floor * under_the_tone::<N>(power / floor, peak.bins - peak.bin as f32);
+            *variance = (floor / hann_gain::<N>()).max(QUANTISATION);
+        }
+    }
+
+    /// Fits beside another line. The half blocks have no window that would keep that out of the frequency.
+    pub(super) fn settle_beside(
+        &self,
+        state: &mut State<N>,
+        codes: &[[i16; N]; CHANNELS],
+        candidate: &Candidate,
+    ) -> Option<Fit> {
+        tune(state, candidate.at, Window::Hann);
+        state.tracked = Some(Frequency { step: candidate.at, variance: INTERPOLATION_VARIANCE });
+        let confirm = if self.config.tone_hz.is_some() || candidate.is_held { Self::HOLD } else { Self::CONFIRM };
+        Some(fit(state, codes)).filter(|fit| fit.statistic >= confirm)
+    }
+
+    /// Moves the reference to a tone that stands alone.
+    pub(super) fn settle(
+        &self,
+        state: &mut State<N>,
+        codes: &[[i16; N]; CHANNELS],
+        candidate: &Candidate,
+        rounds: u8,
+    ) -> Option<Fit> {
+        let confirm = if self.config.tone_hz.is_some() { Self::HOLD } else { Self::CONFIRM };
+        let refined = if candidate.is_worth_it { self.refine(state, codes, candidate.at, rounds) } else { None };
+        refined.filter(|fit| fit.statistic >= confirm)
+    }
+}
+
+/// What the fit leaves over goes with the floor that was measured. Above some 50 dB the floor in the spectrum is that of
+/// its own rounding.
+pub(super) fn remember_left_over<const N: usize>(state: &mut State<N>, levels: &[Level; CHANNELS], fit: &Fit) {
+    state.left_over = left_over(&state.solver, levels, fit);
+    for (variance, left) in state.variance.iter_mut().zip(state.left_over) {
+        let residual = left / (N as f32 - 4.0);
+        if residual < 0.5 * *variance {
+            *variance = residual.max(QUANTISATION);
+        }
+    }
+}

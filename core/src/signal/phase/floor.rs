@@ -1,0 +1,47 @@
+//! The noise floor of a channel: the median of its periodogram, less what the tone does to it.
+
+use super::lines::LINE_THRESHOLD;
+use crate::base::order::nth;
+use crate::base::units::sin_cos;
+use crate::signal::spectrum::Spectrum;
+
+/// Median over mean of an exponential variable: `ln 2`.
+pub(super) const MEDIAN_OF_MEAN: f32 = core::f32::consts::LN_2;
+
+/// Mean power of the windowed periodogram for white noise of variance one.
+pub(super) const fn hann_gain<const N: usize>() -> f32 {
+    0.375 * N as f32
+}
+
+/// The median power of a channel, from bin 2 to N/2 - 2.
+pub(super) fn median<const N: usize>(spectrum: &Spectrum<N>, channel: usize, scratch: &mut [f32; N]) -> f32 {
+    let count = N / 2 - 3;
+    for (value, power) in scratch.iter_mut().zip(spectrum.powers(channel).skip(1)) {
+        *value = power as f32;
+    }
+    let median = scratch.get_mut(..count).and_then(|powers| nth(powers, count / 2)).unwrap_or_default();
+    median * power_of_two(spectrum.exponent(channel))
+}
+
+/// By how much the median overrates the floor because of the bins under the tone, which all lie above it: the factor
+/// that corrects for this. `ratio` is the peak over the floor, `fraction` the tone's distance from that bin.
+///
+/// Hann's window falls off as `sin^2(pi f) / (pi^2 d^6)`, so `2 d` bins with `d = (ratio sin^2(pi f) / pi^2)^(1/6)` stand
+/// out, and the main lobe does. With `c` of `n` bins out of the way the middle one is the `n / 2 / (n - c)` quantile of the
+/// noise.
+pub(super) fn under_the_tone<const N: usize>(ratio: f32, fraction: f32) -> f32 {
+    if ratio < LINE_THRESHOLD {
+        return 1.0;
+    }
+    let (sine, _) = sin_cos(core::f32::consts::PI * fraction);
+    let sine_over_pi = sine * core::f32::consts::FRAC_1_PI;
+    let reach = libm::expf(libm::logf(ratio * sine_over_pi * sine_over_pi + 1.0) * (1.0 / 6.0)).max(2.0);
+    let count = (N / 2 - 3) as f32;
+    let occupied = (2.0 * reach).min(0.4 * count);
+    MEDIAN_OF_MEAN / libm::logf((count - occupied) / (0.5 * count - occupied))
+}
+
+/// Two to a power, within the range of f32.
+pub(super) fn power_of_two(exponent: i32) -> f32 {
+    f32::from_bits(((127 + exponent).clamp(1, 254) as u32) << 23)
+}

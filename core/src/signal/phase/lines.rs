@@ -1,0 +1,121 @@
+//! Lines in the periodogram: peaks, which of them is the tone, and what the others leave in its phasors.
+
+use super::Extractor;
+use super::floor::power_of_two;
+use super::follow::Frequency;
+use crate::base::adc::CHANNELS;
+use crate::base::kernel::sqrt;
+use crate::base::units::sin_cos;
+use crate::signal::spectrum::Spectrum;
+
+/// Two lines within 10 dB, as a ratio of powers.
+const COMPARABLE: f32 = 0.1;
+/// A line beside the tone must stand this far above the floor to count.
+pub(super) const LINE_THRESHOLD: f32 = 8.0;
+/// So many other lines are accounted for at most.
+const LINES_MAX: usize = 12;
+/// A line's own bins either side, in Hann's window.
+const LOBE_BINS: usize = 3;
+/// Squared error of a peak interpolated in the periodogram, in squared bins.
+pub(super) const INTERPOLATION_VARIANCE: f32 = 4e-4;
+
+/// A peak in the periodogram.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Peak {
+    pub(super) bin: usize,
+    /// Interpolated.
+    pub(super) bins: f32,
+    pub(super) statistic: f32,
+}
+
+impl<const N: usize> Extractor<N> {
+    /// The line that is tracked, when it still is a line of its own and within 10 dB of the strongest: then it stays the
+    /// tone.
+    pub(super) fn held(&self, values: &[f32; N], tracked: Frequency, strongest: &Peak) -> Option<Peak> {
+        let bin = tracked.step as f32 / Self::STEPS_PER_BIN;
+        let near = self.peak(values, [bin - 1.0, bin + 1.0]);
+        let summit = neighbours(values, near.bin).iter().all(|beside| near.statistic >= *beside);
+        let apart = near.bin == strongest.bin || near.bin.abs_diff(strongest.bin) > LOBE_BINS;
+        (summit && apart && near.statistic >= COMPARABLE * strongest.statistic).then_some(near)
+    }
+
+    /// Overwrites the working memory by the mean over the channels of power over floor, bin by bin.
+    pub(super) fn statistics(&self, spectrum: &Spectrum<N>, floors: &[f32; CHANNELS], scratch: &mut [f32; N]) {
+        scratch.fill(0.0);
+        for (channel, floor) in floors.iter().enumerate() {
+            let weight = power_of_two(spectrum.exponent(channel)) / (CHANNELS as f32 * floor);
+            for (sum, power) in scratch.iter_mut().skip(1).zip(spectrum.powers(channel)) {
+                *sum += power as f32 * weight;
+            }
+        }
+    }
+
+    /// The highest peak between two frequencies in bins, interpolated.
+    pub(super) fn peak(&self, values: &[f32; N], band: [f32; 2]) -> Peak {
+        let from = (libm::floorf(band[0]) as usize).clamp(2, N / 2 - 2);
+        let to = (libm::ceilf(band[1]) as usize).clamp(from, N / 2 - 2);
+        let mut bin = from;
+        let mut statistic = 0.0;
+        for (k, value) in values.iter().enumerate().take(to + 1).skip(from) {
+            if *value > statistic {
+                (bin, statistic) = (k, *value);
+            }
+        }
+        Peak { bin, bins: interpolated(values, bin), statistic }
+    }
+}
+
+/// What stands either side of a bin; the modulus only spares a bounds check.
+fn neighbours<const N: usize>(values: &[f32; N], bin: usize) -> [f32; 2] {
+    [values[(bin + N - 1) % N], values[(bin + 1) % N]]
+}
+
+/// Where in a peak of power the tone is, in bins: for Hann's window and the ratio `r` of the larger neighbour's amplitude to
+/// the peak's, `(2 r - 1) / (r + 1)` bins towards that neighbour.
+fn interpolated<const N: usize>(values: &[f32; N], bin: usize) -> f32 {
+    let summit = values[bin % N];
+    let [below, above] = neighbours(values, bin);
+    let (side, neighbour) = if above > below { (1.0, above) } else { (-1.0, below) };
+    let ratio = if summit > 0.0 { sqrt(neighbour / summit).min(1.0) } else { 0.5 };
+    bin as f32 + side * (2.0 * ratio - 1.0) / (ratio + 1.0)
+}
+
+/// Whether another line stands more than three bins from the peak and within 10 dB of it.
+pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> bool {
+    let bound = (COMPARABLE * peak.statistic).max(LINE_THRESHOLD);
+    let lines = values.iter().enumerate().take(N / 2 - 1).skip(2);
+    lines.into_iter().any(|(k, value)| *value > bound && k.abs_diff(peak.bin) > LOBE_BINS)
+}
+
+/// What the other lines leave in each channel's phasor behind Hann's window, as a variance in squared codes.
+///
+/// The window passes `sin pi d / (pi d (d^2 - 1))` of an amplitude `d` bins away, and both ends of `d` are interpolated. The
+/// constant that is taken out of each half couples lines at `w` and `w'` by up to `4 sqrt 2 / (N^2 sin w/2 sin w'/2)`. The
+/// three bins of a line of amplitude `A` hold `3/32 (N A)^2` together.
+pub(super) fn leakage<const N: usize>(spectrum: &Spectrum<N>, values: &[f32; N], peak: &Peak) -> [f32; CHANNELS] {
+    let squared_amplitude = 32.0 / (3.0 * N as f32 * N as f32);
+    let scales: [f32; CHANNELS] =
+        core::array::from_fn(|channel| squared_amplitude * power_of_two(spectrum.exponent(channel)));
+    let half_step_sine = |bins: f32| sin_cos(core::f32::consts::PI / N as f32 * bins).0;
+    let mut leakage = [0.0; CHANNELS];
+    let mut count = 0;
+    for (k, value) in values.iter().enumerate().take(N / 2 - 2).skip(3) {
+        let is_line = *value > LINE_THRESHOLD && neighbours(values, k).iter().all(|beside| value >= beside);
+        if !is_line || k.abs_diff(peak.bin) <= LOBE_BINS || count == LINES_MAX {
+            continue;
+        }
+        count += 1;
+        let bins = interpolated(values, k);
+        let away = bins - peak.bins;
+        let (sine, _) = sin_cos(core::f32::consts::PI * away);
+        let blur = 2.0 * INTERPOLATION_VARIANCE * core::f32::consts::PI * core::f32::consts::PI;
+        let falloff = core::f32::consts::PI * away * (away * away - 1.0);
+        let constant = (N * N) as f32 * half_step_sine(bins) * half_step_sine(peak.bins);
+        let passed = (sine * sine + blur) / (falloff * falloff) + 32.0 / (constant * constant);
+        for ((sum, scale), channel) in leakage.iter_mut().zip(scales).zip(0..) {
+            let lobe = [k - 1, k, k + 1].map(|bin| spectrum.power(channel, bin) as f32);
+            *sum += scale * passed * (lobe[0] + lobe[1] + lobe[2]);
+        }
+    }
+    leakage
+}
