@@ -7,11 +7,11 @@ use std::process::{Command, Stdio};
 
 use foxhound_computer::log::frame::Deframer;
 use foxhound_computer::log::{Codes, Record};
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::doa::calibration::record::crc32;
 use foxhound_core::guidance::{FrontEnd, param};
-use foxhound_core::mapping::map::Circle;
 use foxhound_core::planning::planner;
 use foxhound_link::CharArray;
 use foxhound_link::dialect::PARAM_SET_DATA;

@@ -6,9 +6,9 @@
 use std::path::Path;
 
 use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{FrontEnd, param};
-use foxhound_core::mapping::map::Circle;
 use foxhound_link::CharArray;
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{ATTITUDE_DATA, COMMAND_LONG_DATA, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA};

@@ -14,6 +14,7 @@
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array::{Entry, Table};
 use foxhound_core::doa::calibration::deviation::Deviation;
@@ -21,7 +22,6 @@ use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Input, Output};
 use foxhound_core::landing::pad::Look;
-use foxhound_core::mapping::map::Circle;
 use foxhound_core::planning::planner::{Plan, Planner};
 use foxhound_link::companion::{self, Companion, Exam, Examined};
 use foxhound_link::params::Storage;

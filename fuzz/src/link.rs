@@ -7,11 +7,11 @@ mod rules;
 use std::collections::VecDeque;
 
 use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::param::{Id, Values};
-use foxhound_core::mapping::map::Circle;
 use foxhound_core::mapping::scan::Sector;
 use foxhound_link::companion::{self, Companion, ObstacleFrame, Storage, Yaw};
 use foxhound_link::framer::{FRAME_MAX, Framer};

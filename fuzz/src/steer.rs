@@ -3,6 +3,7 @@
 use std::f32::consts::PI;
 
 use foxhound_core::base::frame::{Horizontal, Ned};
+use foxhound_core::base::obstacle::{Circle, Obstacle};
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::guard::{self, Action, Fence, Setpoint, Situation};
@@ -12,9 +13,9 @@ use foxhound_core::guidance::mission::{Behaviour, Control, Outcome};
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::landing;
 use foxhound_core::landing::pad::{Bad, Look, Nothing, Pad, Seen};
-use foxhound_core::mapping::map::{CIRCLES_MAX, Circle};
+use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::scan::{Frame, Points, Pose, SECTORS_MAX, Scan, Sector};
-use foxhound_core::planning::field::{self, Obstacle};
+use foxhound_core::planning::field;
 use foxhound_core::planning::planner::{self, Kind, Offsets, Plan, Planner, Scratch, Verdict};
 use foxhound_core::planning::rollout::Reading;
 

@@ -11,13 +11,13 @@
 use std::fmt;
 use std::io;
 
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::response;
 use foxhound_core::doa::bearing::{self, Estimator, Flags};
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::guidance::{self, FrontEnd, turning};
 use foxhound_core::landing as core_landing;
-use foxhound_core::mapping::map::Circle;
 use foxhound_core::planning::{explore, planner};
 use foxhound_link::mailbox::Planned;
 use serde::{Deserialize, Serialize};

@@ -23,9 +23,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant as WallInstant};
 
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{FrontEnd, Output};
-use foxhound_core::mapping::map::Circle;
 use foxhound_link::mailbox::{self, BLOCK_BYTES, Fault, Planned, Ready, Report, Setup, Step};
 use object::{Object as _, ObjectSection as _, ObjectSegment as _};
 use serde::{Deserialize, Serialize};

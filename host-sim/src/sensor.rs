@@ -8,7 +8,8 @@
 //!   centre ray, as a scanning lidar's; sectors wider than 1.25 deg take the nearest of several rays evenly spread, so
 //!   that a wide field of view has no gaps between its rays.
 
-use foxhound_core::mapping::map::{Circle, DELIVERY_MAX};
+use foxhound_core::base::obstacle::Circle;
+use foxhound_core::mapping::map::DELIVERY_MAX;
 use foxhound_link::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA};
 
 use crate::scenario;

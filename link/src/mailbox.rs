@@ -32,10 +32,11 @@
 
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::mapping::map::{Circle, DELIVERY_MAX};
+use foxhound_core::mapping::map::DELIVERY_MAX;
 use foxhound_core::planning::planner::SAMPLES;
 use foxhound_core::planning::rollout::WAYPOINTS;
 use serde::de::DeserializeOwned;

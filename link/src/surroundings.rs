@@ -6,9 +6,9 @@
 use core::f32::consts::PI;
 
 use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::units::wrap_pi;
-use foxhound_core::mapping::map::Circle;
 
 use crate::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA};
 

@@ -23,11 +23,12 @@
 //! Keys are not logged. A flight whose link was signed is replayed without: every frame is then believed.
 
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{self, COUNT, Values};
 use foxhound_core::guidance::{self, FrontEnd, Heard};
 use foxhound_core::landing::pad::Look;
-use foxhound_core::mapping::map::{Circle, DELIVERY_MAX};
+use foxhound_core::mapping::map::DELIVERY_MAX;
 use heapless::Vec;
 use serde::{Deserialize, Serialize, Serializer};
 

@@ -5,6 +5,7 @@ pub mod adc;
 pub mod error;
 pub mod frame;
 pub mod kernel;
+pub mod obstacle;
 pub(crate) mod order;
 pub mod ownship;
 pub mod rng;

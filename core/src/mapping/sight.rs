@@ -21,9 +21,9 @@ use micromath::F32;
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
 use crate::base::kernel::sqrt;
+use crate::base::obstacle::Obstacle;
 use crate::base::units::{between, wrap_pi};
 use crate::mapping::scan::{Pose, Ranges, SECTORS_MAX, Scan};
-use crate::planning::field::Obstacle;
 
 /// Cells on a side of the grid; a power of two.
 const SIDE: i32 = 64;

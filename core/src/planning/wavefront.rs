@@ -15,7 +15,7 @@ use heapless::Vec;
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
 use crate::base::kernel::sqrt;
-use crate::planning::field::Obstacle;
+use crate::base::obstacle::Obstacle;
 
 /// Cells along a side, with the closed rim that saves every bounds check inside.
 pub const SIDE: usize = 92;

@@ -46,9 +46,9 @@ pub use mps2_an386 as board;
 #[cfg(feature = "board-nucleo_g474re")]
 pub use nucleo_g474re as board;
 
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_core::mapping::map::Circle;
 
 use crate::app::{Planned, SAMPLES_PER_CHANNEL as N};
 

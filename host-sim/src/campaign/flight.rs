@@ -2,10 +2,10 @@
 
 use std::os::unix::fs::FileExt as _;
 
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::FrontEnd;
 use foxhound_core::guidance::mission::{Behaviour, Outcome};
-use foxhound_core::mapping::map::Circle;
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::mailbox::{self, Fault, Setup};
 

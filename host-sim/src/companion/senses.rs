@@ -6,9 +6,9 @@
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::mission::{Control, Outcome};
-use foxhound_core::mapping::map::Circle;
 use foxhound_link::companion::{self, Autopilot, Companion};
 use foxhound_link::signing::Signing;
 

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::{self, FrontEnd, Output};
-use foxhound_core::mapping::map::Circle;
 use foxhound_link::CharArray;
 use foxhound_link::dialect::PARAM_SET_DATA;
 use foxhound_link::framer::{FRAME_MAX, Header, encode_data};

@@ -1,8 +1,8 @@
 //! A computer that one cannot look into, and beside it one that one can: it is given the same and comes to the same.
 
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::FrontEnd;
-use foxhound_core::mapping::map::Circle;
 
 use crate::computer::{BLOCK, Computer, ComputerError, Considered, HostComputer, StepReport};
 

@@ -6,9 +6,9 @@
 //! record never holds NaN.
 
 use foxhound_core::base::frame;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::control::guard::Action;
 use foxhound_core::doa::bearing::Flags;
-use foxhound_core::mapping::map::Circle;
 use serde::Serialize;
 use serde_json::Value;
 

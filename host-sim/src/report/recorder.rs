@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 
 use foxhound_core::base::frame;
+use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
 use foxhound_core::landing::pad::{Detector, Seen};
-use foxhound_core::planning::field::{self, Obstacle};
+use foxhound_core::planning::field;
 use foxhound_core::planning::planner::{self, NAMES, SAMPLES, Scratch, Verdict};
 use foxhound_core::planning::rollout::Trajectory;
 use serde_json::Value;

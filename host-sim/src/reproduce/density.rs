@@ -13,8 +13,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::doa::bearing::Estimator;
-use foxhound_core::planning::field::{Field, Obstacle};
+use foxhound_core::planning::field::Field;
 use foxhound_core::planning::planner::{self, Kind};
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;

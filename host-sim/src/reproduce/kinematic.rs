@@ -6,7 +6,8 @@
 //!
 //! What the paper leaves open is in [`Rules`].
 
-use foxhound_core::mapping::map::{CIRCLES_MAX, Circle};
+use foxhound_core::base::obstacle::Circle;
+use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::planner::{PlanRequest, Planner, Scratch};
 use serde::Serialize;
 

@@ -15,7 +15,8 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use foxhound_core::planning::field::{Field, Gains, Kind, Law, Obstacle};
+use foxhound_core::base::obstacle::Obstacle;
+use foxhound_core::planning::field::{Field, Gains, Kind, Law};
 use serde::Serialize;
 
 use super::potential::{Scene as Pictured, draw_heat, draw_surface};

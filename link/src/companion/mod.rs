@@ -19,6 +19,7 @@ mod hear;
 mod speak;
 
 use foxhound_core::base::error::ConfigError;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::sin_cos;
@@ -26,7 +27,6 @@ use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance;
 use foxhound_core::guidance::mission::{Behaviour, Control, Outcome};
 use foxhound_core::guidance::param::{Id, Values};
-use foxhound_core::mapping::map::Circle;
 use foxhound_core::mapping::scan::{Points, Scan};
 
 use crate::MessageData;

@@ -1,13 +1,13 @@
 //! The speaking half: setpoints, heartbeats, requests, and what is told about the search.
 
 use foxhound_core::base::frame::Ned;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::{Ownship, Stale};
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{DEG_PER_RAD, sin_cos, wrap_pi};
 use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Outcome;
-use foxhound_core::mapping::map::Circle;
 use heapless::{Deque, String};
 
 use super::{Companion, NOISE_WARN_PERCENT, Pace, Published, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};

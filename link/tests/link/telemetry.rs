@@ -1,12 +1,12 @@
 //! What is told about the search, and in which order everything leaves.
 
 use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::guidance::Output;
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::localize::goal::posterior::Estimate;
-use foxhound_core::mapping::map::Circle;
 use foxhound_link::companion::{Config, Pace};
 use foxhound_link::dialect::*;
 

@@ -28,12 +28,11 @@ use heapless::Vec;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::frame::{Horizontal, Ned};
 use crate::base::kernel::sqrt;
+use crate::base::obstacle::{Circle, Obstacle};
 use crate::base::units::{between, sin_cos};
 use crate::control::track::Demand;
-use crate::mapping::map::Circle;
 use crate::mapping::scan::{Pose, Scan};
 use crate::mapping::sight::{self, Cover, Looker, Sight};
-use crate::planning::field::Obstacle;
 
 mod fence;
 pub use fence::{CORNERS_MAX, Fence};

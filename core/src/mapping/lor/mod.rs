@@ -21,7 +21,7 @@ use heapless::Vec;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::frame::Horizontal;
 use crate::base::kernel::sqrt;
-use crate::mapping::map::Circle;
+use crate::base::obstacle::Circle;
 
 pub mod fit;
 pub mod line;

@@ -146,8 +146,9 @@ fn bins(middle_m: f32, reach_m: f32) -> impl Iterator<Item = usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::obstacle::Circle;
     use crate::base::rng::Rng;
-    use crate::mapping::map::{Circle, Motion, Origin};
+    use crate::mapping::map::{Motion, Origin};
     use std::vec::Vec;
 
     fn known(rng: &mut Rng, spread_m: f32) -> Known {

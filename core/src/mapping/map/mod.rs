@@ -21,6 +21,7 @@ use heapless::Vec;
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
 use crate::base::kernel::sqrt;
+use crate::base::obstacle::Circle;
 use crate::base::time::Instant;
 use crate::mapping::scan::{Detection, Kind, Look, Pose, Refusal, Scan};
 
@@ -51,32 +52,6 @@ const DOOMED: u8 = u8::MAX;
 const AVERAGED: u8 = u8::MAX - 1;
 /// A hit farther behind a circle's front than this speaks against the circle.
 const FRONT_M: f32 = 0.08;
-
-/// An obstacle as a vertical cylinder, in the local NED frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Circle {
-    /// Centre.
-    pub center_ned_m: Horizontal,
-    /// Radius.
-    pub radius_m: f32,
-    /// Velocity.
-    pub velocity_ned_mps: Horizontal,
-}
-
-impl Circle {
-    /// Whether it is finite, not negative and not absurd.
-    #[must_use]
-    pub fn is_plausible(&self) -> bool {
-        self.center_ned_m.is_finite()
-            && self.velocity_ned_mps.is_finite()
-            && self.radius_m >= 0.0
-            && self.radius_m <= 1e3
-            && self.center_ned_m.norm_squared() < 1e12
-            && self.velocity_ned_mps.norm_squared() < 1e4
-    }
-}
 
 /// What the map needs to know.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,7 +8,7 @@
 //! `r` is held above a small number.
 
 use crate::base::kernel::sqrt;
-use crate::planning::field::Obstacle;
+use crate::base::obstacle::Obstacle;
 
 /// Obstacles that are looked at around each step; the next nearest limits how far a step may move before all are looked at
 /// again.

@@ -22,8 +22,8 @@
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
 use crate::base::kernel::sqrt;
+use crate::base::obstacle::Obstacle;
 use crate::mapping::lor::Line;
-use crate::planning::field::Obstacle;
 
 mod begin;
 mod clearance;

@@ -12,7 +12,7 @@
 //! Different from the paper's solver, the model has the second derivatives of the covariance update (they are cheap): the
 //! trace is linear in the covariance, so that without them nothing tells how far to bend.
 
-use crate::planning::field::Obstacle;
+use crate::base::obstacle::Obstacle;
 
 use super::clearance::{NEAREST, Near};
 use super::sensor::{Sensor, Slopes, at};

@@ -23,9 +23,9 @@ use core::f32::consts::TAU;
 
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::frame::Horizontal;
+use crate::base::obstacle::Circle;
 use crate::base::time::Instant;
 use crate::base::units::{between, sin_cos, wrap_pi};
-use crate::mapping::map::Circle;
 use crate::mapping::scan::Pose;
 
 mod grid;

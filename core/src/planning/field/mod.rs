@@ -39,7 +39,7 @@ use micromath::F32;
 
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
-use crate::mapping::map::Circle;
+use crate::base::obstacle::Obstacle;
 
 mod law;
 pub use law::{Exponent, Kind, Law};
@@ -57,36 +57,6 @@ pub struct Gains {
     pub influence_m: f32,
     /// Share of the repulsion that acts sideways; positive turns clockwise (leaves the obstacle to the right).
     pub swirl: f32,
-}
-
-/// An obstacle as the field sees it: the circle within which the vehicle's centre must not come.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Obstacle {
-    /// Centre.
-    pub center_ned_m: Horizontal,
-    /// Radius of the obstacle plus that of the vehicle.
-    pub reach_m: f32,
-    /// Velocity; the field takes obstacles as they stand, the guard does not.
-    pub velocity_ned_mps: Horizontal,
-}
-
-impl Obstacle {
-    /// A circle as an obstacle to a vehicle of the given radius.
-    #[must_use]
-    pub fn of(circle: &Circle, vehicle_radius_m: f32) -> Self {
-        Self {
-            center_ned_m: circle.center_ned_m,
-            reach_m: circle.radius_m + vehicle_radius_m,
-            velocity_ned_mps: circle.velocity_ned_mps,
-        }
-    }
-
-    /// Distance from the vehicle's boundary to the obstacle's (eq. 35); negative inside.
-    #[must_use]
-    pub fn clearance_m(&self, position_ned_m: Horizontal) -> f32 {
-        position_ned_m.minus(self.center_ned_m).norm() - self.reach_m
-    }
 }
 
 /// A potential field.

@@ -6,8 +6,8 @@
 
 use super::{Learn, PlanRequest};
 use crate::base::error::ConfigError;
+use crate::base::obstacle::Obstacle;
 use crate::planning::belief::{self, Guess, Outcome, Problem};
-use crate::planning::field::Obstacle;
 use crate::planning::rollout::{SPACING_M, Trajectory, WAYPOINTS};
 
 /// Steps of a bent way.

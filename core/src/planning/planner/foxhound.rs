@@ -23,9 +23,10 @@ use super::paper::{draw, nearest, weighted};
 use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
 use crate::base::frame::Horizontal;
 use crate::base::kernel::sqrt;
+use crate::base::obstacle::Obstacle;
 use crate::base::rng::Rng;
 use crate::localize::goal::posterior::{Estimate, Posterior};
-use crate::planning::field::{Field, Gains, Obstacle};
+use crate::planning::field::{Field, Gains};
 use crate::planning::rollout::{Cost, Reading, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
 use crate::planning::wavefront::{ROUTE_MAX, Wavefront, Window};
 

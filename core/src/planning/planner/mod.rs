@@ -18,15 +18,16 @@ use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
+use crate::base::obstacle::{Circle, Obstacle};
 use crate::base::time::Instant;
 use crate::localize::goal::SIGHTINGS_MAX;
 use crate::localize::goal::posterior::Estimate;
 use crate::localize::source::Sighting;
 use crate::mapping::lor::{self, LINES_MAX, Line};
-use crate::mapping::map::{CIRCLES_MAX, Circle};
+use crate::mapping::map::CIRCLES_MAX;
 use crate::mapping::scan::Pose;
 use crate::planning::explore::{self, Explored};
-use crate::planning::field::{self, Gains, Law, Obstacle};
+use crate::planning::field::{self, Gains, Law};
 use crate::planning::rollout::{Reading, Scene, Trajectory, WAYPOINTS};
 use crate::planning::wavefront::{self, Wavefront};
 

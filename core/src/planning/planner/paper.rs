@@ -11,8 +11,9 @@
 
 use super::{Config, Kind, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
 use crate::base::frame::Horizontal;
+use crate::base::obstacle::Obstacle;
 use crate::base::rng::Rng;
-use crate::planning::field::{self, Exponent, Field, Gains, Law, Obstacle};
+use crate::planning::field::{self, Exponent, Field, Gains, Law};
 use crate::planning::rollout::{Reading, Trajectory, WAYPOINTS};
 
 /// Draws of one parameter before its limit is taken instead; the paper draws "until".
@@ -228,7 +229,7 @@ pub(super) fn nearest(scratch: &Scratch, optimal: &Trajectory) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mapping::map::Circle;
+    use crate::base::obstacle::Circle;
     use std::vec::Vec as StdVec;
 
     fn request(seed: u64) -> PlanRequest {

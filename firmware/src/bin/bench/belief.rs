@@ -4,10 +4,10 @@
 use core::hint::black_box;
 
 use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::mapping::lor::Line;
 use foxhound_core::planning::belief::{Bound, Config, Guess, Outcome, Problem, Scratch};
-use foxhound_core::planning::field::Obstacle;
 use foxhound_firmware::boards::board;
 
 use super::{OBSTACLES, forest, row};

@@ -5,6 +5,7 @@ use core::f32::consts::TAU;
 use core::hint::black_box;
 
 use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
@@ -14,7 +15,7 @@ use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
 use foxhound_core::localize::source::reflected::{Known, unknown};
 use foxhound_core::localize::source::{Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, Line, Method};
-use foxhound_core::mapping::map::{CIRCLES_MAX, Circle};
+use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::scan::Pose;
 use foxhound_core::planning::{explore, planner};
 use foxhound_firmware::boards::board;

@@ -5,10 +5,10 @@
 
 use core::hint::black_box;
 
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::Output;
 use foxhound_core::guidance::param::Values;
-use foxhound_core::mapping::map::Circle;
 use foxhound_firmware as _;
 use foxhound_link::companion::{Companion, Config};
 use foxhound_link::signing::{Key, Signing};

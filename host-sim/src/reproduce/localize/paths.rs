@@ -17,9 +17,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use foxhound_core::base::frame::Horizontal as Core;
+use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::mapping::lor::Line;
 use foxhound_core::planning::belief::{Bound, Config, Guess, Outcome, Problem, Scratch, Solution, Spread};
-use foxhound_core::planning::field::Obstacle;
 use plotters::prelude::{Circle, PathElement, RGBColor, Rectangle};
 use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};

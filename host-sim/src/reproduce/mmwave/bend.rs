@@ -5,9 +5,9 @@
 //! the same. A path counts only when the map leaves room for all of it.
 
 use foxhound_core::ConfigError;
+use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::localize::source::bank::{Answer, Mode, Way};
 use foxhound_core::planning::belief::{self, Guess, Outcome, Planner, Problem, Scratch};
-use foxhound_core::planning::field::Obstacle;
 
 use super::agent::{PERIOD, View, from_core};
 use super::known::CLEARANCE_M;

@@ -4,8 +4,8 @@
 //! of that has been looked at.
 
 use foxhound_core::ConfigError;
+use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
-use foxhound_core::mapping::map::Circle;
 use foxhound_core::mapping::scan::Pose;
 use foxhound_core::planning::explore::{self, Explored};
 

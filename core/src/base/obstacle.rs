@@ -1,0 +1,59 @@
+//! What is in the way, as every floor sees it: a circle, and a circle that has grown by the vehicle.
+
+use crate::base::frame::Horizontal;
+
+/// An obstacle as a vertical cylinder, in the local NED frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Circle {
+    /// Centre.
+    pub center_ned_m: Horizontal,
+    /// Radius.
+    pub radius_m: f32,
+    /// Velocity.
+    pub velocity_ned_mps: Horizontal,
+}
+
+impl Circle {
+    /// Whether it is finite, not negative and not absurd.
+    #[must_use]
+    pub fn is_plausible(&self) -> bool {
+        self.center_ned_m.is_finite()
+            && self.velocity_ned_mps.is_finite()
+            && self.radius_m >= 0.0
+            && self.radius_m <= 1e3
+            && self.center_ned_m.norm_squared() < 1e12
+            && self.velocity_ned_mps.norm_squared() < 1e4
+    }
+}
+
+/// An obstacle as the field sees it: the circle within which the vehicle's centre must not come.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Obstacle {
+    /// Centre.
+    pub center_ned_m: Horizontal,
+    /// Radius of the obstacle plus that of the vehicle.
+    pub reach_m: f32,
+    /// Velocity; the field takes obstacles as they stand, the guard does not.
+    pub velocity_ned_mps: Horizontal,
+}
+
+impl Obstacle {
+    /// A circle as an obstacle to a vehicle of the given radius.
+    #[must_use]
+    pub fn of(circle: &Circle, vehicle_radius_m: f32) -> Self {
+        Self {
+            center_ned_m: circle.center_ned_m,
+            reach_m: circle.radius_m + vehicle_radius_m,
+            velocity_ned_mps: circle.velocity_ned_mps,
+        }
+    }
+
+    /// Distance from the vehicle's boundary to the obstacle's (eq. 35); negative inside.
+    #[must_use]
+    pub fn clearance_m(&self, position_ned_m: Horizontal) -> f32 {
+        position_ned_m.minus(self.center_ned_m).norm() - self.reach_m
+    }
+}
