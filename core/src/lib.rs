@@ -21,7 +21,7 @@
 //!
 //! ## Same bits everywhere
 //!
-//! Only `+ - * /`, comparisons, the square root of [`base::kernel`] and the free functions of `libm` on `f32`, and integers,
+//! Only `+ - * /`, comparisons, the square root of [`base::math`] and the free functions of `libm` on `f32`, and integers,
 //! so that host and target agree bit for bit; [`base::trace`] hashes what came out. Float *methods* of the standard library
 //! are never used: they would be other functions on the host.
 //!

@@ -5,7 +5,7 @@
 //! OFFBOARD is main mode 6 of PX4.
 
 use foxhound_core::base::frame::Ned;
-use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::math::sqrt;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::sin_cos;
 

@@ -14,7 +14,7 @@
 //! more than 10 degrees from where the yaw rate led. Until the first jump both frames are the same, to the bit.
 
 use foxhound_core::base::frame::Ned;
-use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::math::sqrt;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 
 const STEP_MIN_M: f32 = 0.15;

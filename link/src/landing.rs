@@ -14,7 +14,7 @@
 //! mode is ours. The autopilot then changes its mode by itself, lands, and disarms; it is never told to change a mode.
 
 use foxhound_core::base::frame::Ned;
-use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::math::sqrt;
 use foxhound_core::base::time::Instant;
 
 use crate::autopilot::Software;

@@ -28,7 +28,7 @@
 use core::f32::consts::{FRAC_PI_4, PI};
 
 use foxhound_core::base::frame::Horizontal;
-use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::math::sqrt;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_core::mapping::scan::{SECTORS_MAX, Scan, Sector};

@@ -5,7 +5,7 @@
 
 use core::f32::consts::PI;
 
-use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::math::sqrt;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::units::wrap_pi;

@@ -1,7 +1,7 @@
 //! What is summed up frame by frame, and what it says.
 
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
-use foxhound_core::base::kernel::sqrt;
+use foxhound_core::base::math::sqrt;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::DEG_PER_RAD;
 use foxhound_core::doa::array::{Array, Entry};

@@ -1,6 +1,6 @@
 //! Vectors in the north-east-down frame, and the rotation between body azimuth and NED bearing.
 
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::sin_cos;
 
 /// A vector in the local north-east-down frame. Its unit is in the name of whatever holds it.

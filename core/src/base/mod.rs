@@ -4,7 +4,7 @@
 pub mod adc;
 pub mod error;
 pub mod frame;
-pub mod kernel;
+pub mod math;
 pub mod obstacle;
 pub(crate) mod order;
 pub mod ownship;

@@ -7,7 +7,7 @@ use core::f32::consts::TAU;
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro128PlusPlus;
 
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::sin_cos;
 
 /// A seeded generator. Same seed, same numbers, on every machine.

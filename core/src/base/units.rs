@@ -2,7 +2,7 @@
 
 use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, PI, TAU};
 
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 /// Degrees in one radian.
 pub const DEG_PER_RAD: f32 = 180.0 / PI;

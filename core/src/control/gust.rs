@@ -21,7 +21,7 @@
 
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::time::Instant;
 use crate::control::response::{self, Response};
 

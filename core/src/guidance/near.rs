@@ -5,10 +5,10 @@ use heapless::Vec;
 
 use super::OBSTACLES_MAX;
 use crate::base::frame::Horizontal;
+use crate::base::math::inverse_root;
 use crate::base::obstacle::{Circle, Obstacle};
 use crate::control::guard::Guard;
 use crate::mapping::map::{CIRCLES_MAX, Map};
-use crate::planning::field::inverse_root;
 use crate::planning::rollout::swept_clearance_m;
 
 /// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.

@@ -15,7 +15,7 @@
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::control::track::Demand;

@@ -16,7 +16,7 @@ use super::pad::Pad;
 use super::pose::Pose;
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::{Horizontal, Ned};
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::time::Instant;
 use crate::base::units::between;
 

@@ -20,7 +20,7 @@ use micromath::F32;
 
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::obstacle::Obstacle;
 use crate::base::units::{between, wrap_pi};
 use crate::mapping::scan::{Pose, Ranges, SECTORS_MAX, Scan};

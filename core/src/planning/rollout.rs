@@ -18,10 +18,10 @@
 use heapless::Vec;
 
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::{inverse_root, sqrt};
 use crate::base::obstacle::Obstacle;
 use crate::mapping::map::CIRCLES_MAX;
-use crate::planning::field::{Field, Gains, Pole, Pull, inverse_root};
+use crate::planning::field::{Field, Gains, Pole, Pull};
 
 /// Waypoints of a trajectory (main paper, section IV).
 pub const WAYPOINTS: usize = 15;

@@ -14,7 +14,7 @@ use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::obstacle::Obstacle;
 
 /// Cells along a side, with the closed rim that saves every bounds check inside.

@@ -27,7 +27,7 @@ use heapless::Vec;
 
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::frame::{Horizontal, Ned};
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::obstacle::{Circle, Obstacle};
 use crate::base::units::{between, sin_cos};
 use crate::control::track::Demand;

@@ -18,7 +18,7 @@
 
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
 use crate::doa::array::Array;

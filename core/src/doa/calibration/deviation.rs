@@ -5,7 +5,7 @@
 //! `d(b) = c_0 + sum_k c_k cos k b + s_k sin k b`, by least squares (nine normal equations, Cholesky). As a ship's compass is
 //! swung; the constant is the mounting of the array.
 
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::{sin_cos, wrap_pi};
 use crate::doa::bearing::Bearing;
 

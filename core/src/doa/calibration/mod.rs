@@ -22,7 +22,7 @@ pub mod order;
 pub mod record;
 
 use crate::base::adc::CHANNELS;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::{sin_cos, wrap_pi};
 use crate::doa::array::{Array, Entry, phase_steps};
 use crate::signal::phase::{Complex, Phasors, Tone};

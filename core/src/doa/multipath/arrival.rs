@@ -3,7 +3,7 @@
 use heapless::Deque;
 
 use super::{Kept, LOOKS, Method};
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::wrap_pi;
 use crate::doa::bearing::{Bearing, Flags, Quality};
 

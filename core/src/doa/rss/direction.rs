@@ -17,7 +17,7 @@
 //! never taken for better than [`SIGMA_MIN_RAD`].
 
 use crate::base::error::{ConfigError, check};
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
 

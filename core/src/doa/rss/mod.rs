@@ -14,7 +14,7 @@
 //! 9 000 for what joins it to those before.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::wrap_pi;

@@ -219,9 +219,9 @@ impl Pattern {
         let variance = part / (scale * scale * self.slope);
         Some(Fit {
             direction_rad: wrap_pi(direction_rad),
-            sigma_rad: crate::base::kernel::sqrt(variance),
+            sigma_rad: crate::base::math::sqrt(variance),
             contrast_db: scale * self.span_db,
-            residual_db: crate::base::kernel::sqrt(residual),
+            residual_db: crate::base::math::sqrt(residual),
             significance: 0.5 * filled * scale * scale * self.power / residual,
             second,
             hill_rad: wrap_pi(hill as f32 * PLACE_RAD),

@@ -8,7 +8,7 @@
 //!
 //! Floating point, since it is a few dozen points of a few regions in a frame.
 
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 use super::regions::{Outline, ROWS};
 

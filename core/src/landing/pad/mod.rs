@@ -27,7 +27,7 @@ mod tests;
 mod weights;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::time::Instant;
 
 use fit::Prior;

@@ -11,7 +11,7 @@ use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::asin;

@@ -14,7 +14,7 @@
 //! contradict all places bring in fresh ones.
 
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::rng::Rng;
 use crate::localize::source::Sighting;
 

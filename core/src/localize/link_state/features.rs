@@ -7,7 +7,7 @@
 
 use super::{Estimate, LOOKS_MIN, Look, Sightline};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::time::Instant;
 use crate::base::units::between;
 use crate::doa::bearing::Flags;

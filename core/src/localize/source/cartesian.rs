@@ -20,7 +20,7 @@ use super::kalman::{self, Predicted};
 use super::{Estimate, Heard, Sighting};
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::between;
 
 /// What the filter needs to know.

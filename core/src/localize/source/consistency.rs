@@ -10,7 +10,7 @@
 //!
 //! A consistent filter's NIS are independent over time; its NEES are so from run to run only.
 
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 /// Two-sided 95 % of a normal distribution.
 const Z_95: f32 = 1.959_964;

@@ -3,7 +3,7 @@
 
 use super::Sighting;
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::time::Instant;
 
 /// Bearings are gathered this long.

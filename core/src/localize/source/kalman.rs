@@ -11,7 +11,7 @@
 
 use super::Estimate;
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::between;
 
 /// Least pivot of a covariance, as a part of its diagonal. Rounding moves a pivot by some `eps / sqrt(least pivot before)`, so

@@ -28,7 +28,7 @@
 use super::{Estimate, Heard, Sighting, kalman, series};
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::between;
 use crate::mapping::lor::Line;
 

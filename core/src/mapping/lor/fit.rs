@@ -7,7 +7,7 @@
 
 use super::Line;
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 /// Count, mean and scatter of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

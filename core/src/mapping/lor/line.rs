@@ -8,7 +8,7 @@
 //! every line-of-sight formula holds. Eq. 6 and 7 come to the same (`source::reflected` has them literally; a test compares).
 
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 /// A wall that reflects.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

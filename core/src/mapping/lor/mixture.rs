@@ -19,7 +19,7 @@ use heapless::Vec;
 use super::POINTS_MAX;
 use super::fit::Moments;
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 /// Where the sticks are truncated.
 pub(super) const COMPONENTS: usize = 12;

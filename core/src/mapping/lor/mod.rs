@@ -20,7 +20,7 @@ use heapless::Vec;
 
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::obstacle::Circle;
 
 pub mod fit;

@@ -8,10 +8,10 @@ use heapless::Vec;
 use super::index::Index;
 use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Keeper, Known, Map, Origin, RIM_M, STICK_OUT_M};
 use crate::base::frame::Horizontal;
+use crate::base::math::inverse_root;
 use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
 use crate::mapping::scan::{Detection, Kind, Look, POINTS_MAX, Pose, Scan, Sector};
-use crate::planning::field::inverse_root;
 
 /// So many pillars at most are looked at again when the one that was seen has been averaged.
 const MET_MAX: usize = 4;

@@ -20,7 +20,7 @@ use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::obstacle::Circle;
 use crate::base::time::Instant;
 use crate::mapping::scan::{Detection, Kind, Look, Pose, Refusal, Scan};

@@ -5,7 +5,7 @@
 //! From the tenth look on `k` stays, and the filter forgets.
 
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 /// Memory of the filter.
 const LOOKS_MAX: u8 = 10;

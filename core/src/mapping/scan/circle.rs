@@ -16,8 +16,7 @@
 //! `sigma_r = 6.7 s / (sqrt(n) phi^2)` (least-squares parabola through evenly spaced points).
 
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
-use crate::planning::field::inverse_root;
+use crate::base::math::{inverse_root, sqrt};
 
 /// Newton steps; three do for clean arcs, the rest is for noise.
 const STEPS: usize = 6;

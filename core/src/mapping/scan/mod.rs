@@ -18,9 +18,9 @@ use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
+use crate::base::math::inverse_root;
 use crate::base::time::Instant;
 use crate::base::units::{between, sin_cos};
-use crate::planning::field::inverse_root;
 
 mod chain;
 mod circle;

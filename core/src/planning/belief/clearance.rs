@@ -7,7 +7,7 @@
 //! is the outer product of its eigenvector, `1/2 + (a - c)/4r` by `a` and `b/r` by `b`. Where the two are equal it has none:
 //! `r` is held above a small number.
 
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::obstacle::Obstacle;
 
 /// Obstacles that are looked at around each step; the next nearest limits how far a step may move before all are looked at

@@ -1,6 +1,6 @@
 //! How the fields repel: equations in the documentation of [`super`].
 
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 use super::{ConfigError, Gains, Horizontal, check};
 

@@ -22,7 +22,7 @@ use super::bend::bend;
 use super::paper::{draw, nearest, weighted};
 use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
 use crate::base::frame::Horizontal;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::obstacle::Obstacle;
 use crate::base::rng::Rng;
 use crate::localize::goal::posterior::{Estimate, Posterior};

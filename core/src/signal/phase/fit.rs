@@ -2,7 +2,7 @@
 
 use super::{Complex, State};
 use crate::base::adc::CHANNELS;
-use crate::base::kernel::{active, sqrt};
+use crate::base::math::{active, sqrt};
 use crate::signal::spectrum::tone::{Products, Reference, Window};
 
 /// A table's normal equations, solved.

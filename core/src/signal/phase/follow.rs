@@ -3,7 +3,7 @@
 use super::fit::{Fit, fit, offset_variance, tune};
 use super::{Extractor, State};
 use crate::base::adc::CHANNELS;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::signal::spectrum::tone::Window;
 
 /// Variance by which the tone's frequency may move from snapshot to snapshot, in squared bins.

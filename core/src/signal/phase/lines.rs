@@ -4,7 +4,7 @@ use super::Extractor;
 use super::floor::power_of_two;
 use super::follow::Frequency;
 use crate::base::adc::CHANNELS;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::sin_cos;
 use crate::signal::spectrum::Spectrum;
 

@@ -10,7 +10,7 @@
 #![deny(clippy::float_arithmetic)]
 
 use super::trig::cos_sin;
-use crate::base::kernel::active::{
+use crate::base::math::active::{
     self, add, first_butterfly, pack, pack_high, pack_low, powers, subtract, sum_and_reach,
 };
 

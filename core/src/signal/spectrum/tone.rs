@@ -14,7 +14,7 @@
 
 use super::trig::{ONE, Oscillator, cos_sin};
 use crate::base::adc::CHANNELS;
-use crate::base::kernel::active;
+use crate::base::math::active;
 
 /// How samples are weighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

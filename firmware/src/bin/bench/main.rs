@@ -26,7 +26,7 @@ use foxhound_core::base::frame::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::planning::field::{Field, Gains, Law};
 
-use foxhound_core::base::kernel::{armv7em, portable};
+use foxhound_core::base::math::{armv7em, portable};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;

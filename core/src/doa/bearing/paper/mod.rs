@@ -37,7 +37,7 @@
 
 use super::Estimator;
 use crate::base::adc::CHANNELS;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::base::units::wrap_pi;
 use crate::doa::array::Array;
 use crate::signal::phase::Complex;

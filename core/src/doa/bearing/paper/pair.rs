@@ -2,7 +2,7 @@
 
 use super::{Outcome, PAIR_MIN_RAD, azimuth, dot, length, subtract};
 use crate::base::adc::CHANNELS;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 use crate::doa::array::Array;
 use crate::signal::phase::Complex;
 

@@ -14,7 +14,7 @@
 //! tell a transponder from its mirror image.
 
 use super::Degenerate;
-use crate::base::kernel::sqrt;
+use crate::base::math::sqrt;
 
 /// Beyond this slope a line is vertical.
 const SLOPE_MAX: f32 = 1e3;

@@ -1,5 +1,5 @@
-//! Kernels: the few functions that are worth the target's own instructions, each with a portable twin of the same bits.
-//! Before every room.
+//! Kernels: the few functions that are worth the target's own instructions, each with a portable twin of the same bits. And
+//! a quick inverse root.
 //!
 //! [`portable`] is what runs everywhere but on the target; the target's are in `armv7em`, which exists there only. The
 //! bench compares the two word for word before it measures anything.
@@ -16,3 +16,6 @@ pub(crate) use armv7em as active;
 pub(crate) use portable as active;
 
 pub use active::sqrt;
+
+mod root;
+pub(crate) use root::inverse_root;
