@@ -5,6 +5,7 @@ use std::f32::consts::{PI, TAU};
 
 use foxhound_core::base::frame::Horizontal;
 use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::doa::rss::{self, direction, pursuit};
@@ -12,7 +13,6 @@ use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
 use foxhound_core::localize::source::reflected::{Known, literal, unknown};
 use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, cartesian, polar};
 use foxhound_core::mapping::lor::{self, LINES_MAX, Line, Method};
-use foxhound_core::mapping::scan::Pose;
 use foxhound_core::planning::explore::{self, Explored};
 
 use super::{Draw, Noise, Reached};

@@ -8,6 +8,7 @@ pub mod math;
 pub mod obstacle;
 pub(crate) mod order;
 pub mod ownship;
+pub mod pose;
 pub mod rng;
 pub mod time;
 pub mod trace;

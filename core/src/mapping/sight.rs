@@ -22,8 +22,9 @@ use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
 use crate::base::obstacle::Obstacle;
+use crate::base::pose::Pose;
 use crate::base::units::{between, wrap_pi};
-use crate::mapping::scan::{Pose, Ranges, SECTORS_MAX, Scan};
+use crate::mapping::scan::{Ranges, SECTORS_MAX, Scan};
 
 /// Cells on a side of the grid; a power of two.
 const SIDE: i32 = 64;

@@ -29,9 +29,10 @@ use crate::base::error::{ConfigError, Why, check};
 use crate::base::frame::{Horizontal, Ned};
 use crate::base::math::sqrt;
 use crate::base::obstacle::{Circle, Obstacle};
+use crate::base::pose::Pose;
 use crate::base::units::{between, sin_cos};
 use crate::control::track::Demand;
-use crate::mapping::scan::{Pose, Scan};
+use crate::mapping::scan::Scan;
 use crate::mapping::sight::{self, Cover, Looker, Sight};
 
 mod fence;

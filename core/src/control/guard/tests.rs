@@ -281,7 +281,7 @@ fn set_off(seed: u64, looks: bool) -> (f32, f32) {
         }
         let near: Vec<_> = pillars.iter().zip(known).filter(|(_, known)| *known).map(|(o, _)| *o).collect();
         if looks && step % 5 == 0 {
-            let pose = crate::mapping::scan::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
+            let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
             guard.look_circles(&mut state, &near, &pose);
         }
         let towards = look.unwrap_or(heading_rad);
@@ -316,7 +316,7 @@ fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
     let mut state = State::default();
     let screen = pillar(1.0, 0.0, 0.1);
     let look = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
-        guard.look_circles(state, &[screen], &crate::mapping::scan::Pose { position_ned_m, yaw_rad });
+        guard.look_circles(state, &[screen], &crate::base::pose::Pose { position_ned_m, yaw_rad });
     };
     let rule = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
         let situation = Situation { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..Situation::default() };
@@ -350,7 +350,7 @@ fn it_passes_a_gap_that_is_little_wider_than_itself() {
     let mut look_rad = 0.0;
     for step in 0..500 {
         if step % 5 == 0 {
-            let pose = crate::mapping::scan::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
+            let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
             guard.look_circles(&mut state, &wall, &pose);
         }
         let yaw_rate_radps = 2.5 * (look_rad - vehicle.yaw_rad);
@@ -377,7 +377,7 @@ fn what_comes_at_it_is_evaded_from_a_standstill_even_into_the_unseen() {
                     velocity_ned_mps: at(-0.3, 0.0),
                 };
                 if step % 5 == 0 {
-                    let pose = crate::mapping::scan::Pose { position_ned_m: vehicle.position, yaw_rad: 0.0 };
+                    let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: 0.0 };
                     guard.look_circles(&mut state, &[mover], &pose);
                 }
                 let ruling = guard.step(&mut state, &Demand::default(), &vehicle.situation(), &[mover], DT);

@@ -9,9 +9,10 @@ use super::index::Index;
 use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Keeper, Known, Map, Origin, RIM_M, STICK_OUT_M};
 use crate::base::frame::Horizontal;
 use crate::base::math::inverse_root;
+use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
-use crate::mapping::scan::{Detection, Kind, Look, POINTS_MAX, Pose, Scan, Sector};
+use crate::mapping::scan::{Detection, Kind, Look, POINTS_MAX, Scan, Sector};
 
 /// So many pillars at most are looked at again when the one that was seen has been averaged.
 const MET_MAX: usize = 4;

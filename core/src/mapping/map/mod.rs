@@ -22,8 +22,9 @@ use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
 use crate::base::obstacle::Circle;
+use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::mapping::scan::{Detection, Kind, Look, Pose, Refusal, Scan};
+use crate::mapping::scan::{Detection, Kind, Look, Refusal, Scan};
 
 mod absorb;
 mod index;

@@ -19,6 +19,7 @@ use heapless::Vec;
 use crate::base::error::{ConfigError, check};
 use crate::base::frame::Horizontal;
 use crate::base::math::inverse_root;
+use crate::base::pose::{ANGLE_MAX_RAD, Pose};
 use crate::base::time::Instant;
 use crate::base::units::{between, sin_cos};
 
@@ -45,8 +46,6 @@ const JUMP_MAX_M: f32 = 0.30;
 const REACH_M: f32 = 0.03;
 /// Nothing is measured from farther away.
 const RANGE_MAX_M: f32 = 1e3;
-/// Angles within a few turns of zero are meant; others are absurd.
-const ANGLE_MAX_RAD: f32 = 100.0;
 
 /// What one sector of a scan says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -303,25 +302,6 @@ impl Look {
             face_ned_m: seen.face_ned_m.plus(self.origin_ned_m),
             ..seen
         });
-    }
-}
-
-/// Where and which way the sensor looked.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pose {
-    /// Position of the vehicle when it scanned.
-    pub position_ned_m: Horizontal,
-    /// Yaw of the vehicle when it scanned.
-    pub yaw_rad: f32,
-}
-
-impl Pose {
-    /// Whether it is a place and a direction.
-    #[must_use]
-    pub fn is_plausible(&self) -> bool {
-        self.position_ned_m.is_finite()
-            && self.position_ned_m.norm_squared() < 1e12
-            && libm::fabsf(self.yaw_rad) <= ANGLE_MAX_RAD
     }
 }
 

@@ -24,9 +24,9 @@ use core::f32::consts::TAU;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::frame::Horizontal;
 use crate::base::obstacle::Circle;
+use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::base::units::{between, sin_cos, wrap_pi};
-use crate::mapping::scan::Pose;
 
 mod grid;
 

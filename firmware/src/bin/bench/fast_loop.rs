@@ -7,13 +7,14 @@ use foxhound_core::base::adc::Snapshot;
 use foxhound_core::base::frame::{Horizontal, Ned};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::Ownship;
+use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::mapping::map::DELIVERY_MAX;
-use foxhound_core::mapping::scan::{Frame, POINTS_MAX, Points, Pose, Scan};
+use foxhound_core::mapping::scan::{Frame, POINTS_MAX, Points, Scan};
 use foxhound_core::planning::planner::{Plan, Planner, Scratch};
 use static_cell::StaticCell;
 

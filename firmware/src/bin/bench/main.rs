@@ -28,6 +28,7 @@ use foxhound_core::planning::field::{Field, Gains, Law};
 
 use foxhound_core::base::math::{armv7em, portable};
 use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
@@ -37,7 +38,7 @@ use foxhound_core::doa::multipath::{self, Look};
 use foxhound_core::guidance;
 use foxhound_core::localize::source::Sighting;
 use foxhound_core::mapping::map::{self, Map};
-use foxhound_core::mapping::scan::{self, Pose, SECTORS_MAX, Scan, Sector};
+use foxhound_core::mapping::scan::{self, SECTORS_MAX, Scan, Sector};
 use foxhound_core::planning::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Scratch};
 use foxhound_core::planning::rollout::{Cost, Reading, SPACING_M, Scene, Trajectory, WAYPOINTS};
 use foxhound_core::signal::phase::{self, Complex, Phasors};

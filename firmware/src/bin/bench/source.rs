@@ -6,6 +6,7 @@ use core::hint::black_box;
 
 use foxhound_core::base::frame::Horizontal;
 use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
@@ -16,7 +17,6 @@ use foxhound_core::localize::source::reflected::{Known, unknown};
 use foxhound_core::localize::source::{Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, Line, Method};
 use foxhound_core::mapping::map::CIRCLES_MAX;
-use foxhound_core::mapping::scan::Pose;
 use foxhound_core::planning::{explore, planner};
 use foxhound_firmware::boards::board;
 

@@ -5,8 +5,8 @@
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
-use foxhound_core::mapping::scan::Pose;
 use foxhound_core::planning::explore::{self, Explored};
 
 use super::known::{Known, RANGE_M};
