@@ -20,8 +20,9 @@ use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::control::track::Demand;
 use crate::doa::bearing::{Bearing, Flags};
-use crate::doa::rss::{self, Outcome, Rotation, direction, pursuit};
+use crate::doa::rss::{self, Outcome, Rotation, direction};
 use crate::guidance::mission::{self, Mission};
+use crate::localize::pursuit;
 use crate::localize::source::{Estimate, Sighting};
 use crate::signal::phase::{HOLD_THRESHOLD, Phasors, Tone};
 

@@ -3,4 +3,5 @@
 
 pub mod goal;
 pub mod link_state;
+pub mod pursuit;
 pub mod source;

@@ -24,7 +24,6 @@ pub mod bins;
 pub mod direction;
 pub mod lemma;
 pub mod pattern;
-pub mod pursuit;
 pub mod turn;
 
 use bins::{BINS, Bins};

@@ -4,7 +4,8 @@ use std::f64::consts::{PI, TAU};
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::rss::{self, direction, pursuit};
+use foxhound_core::doa::rss::{self, direction};
+use foxhound_core::localize::pursuit;
 
 use crate::random::Random;
 use crate::world::{Horizontal, wrap_pi};

@@ -1,6 +1,6 @@
 //! Which way to fly, from rotations and the vehicle's own positions.
 //!
-//! Two filters, side by side. [`super::direction`] is never led astray for long, because it keeps every hill of
+//! Two filters, side by side. [`direction`] is never led astray for long, because it keeps every hill of
 //! the posterior, but knows neither range nor its own motion. [`polar`] knows both and takes the vehicle's motion out of the
 //! bearing, but has one hill only: begun on an outlier it would take the truth for outliers. So the first one begins the
 //! second, and begins it anew when the two contradict each other. Beside the source, where the direction turns and leaps, the
@@ -13,7 +13,7 @@ use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
 use crate::localize::source::{Estimate, Heard, Sighting, polar};
 
-use super::direction;
+use crate::doa::rss::direction;
 
 /// The direction has to be known this well to begin with.
 const START_SIGMA_RAD: f32 = 0.4;
@@ -149,6 +149,7 @@ impl Pursuer {
 mod tests {
     use super::*;
     use crate::base::rng::Rng;
+    use crate::doa::rss::lemma;
     use core::f32::consts::TAU;
 
     /// Flies towards a source at the origin; the path over the straight line, and the last course.
@@ -162,10 +163,10 @@ mod tests {
             let truth = place.times(-1.0).bearing_rad();
             let away = if worst_case { truth + core::f32::consts::PI } else { TAU * rng.uniform() };
             let outlier = (rng.uniform() <= outlier_rate).then_some(away);
-            let heard = super::super::lemma::heard_rad(truth, sigma_rad * rng.gaussian(), outlier);
+            let heard = lemma::heard_rad(truth, sigma_rad * rng.gaussian(), outlier);
             let course = pursuer.step(&mut state, Instant(k * 100_000), place, heard, sigma_rad).unwrap();
             k += 1;
-            place = super::super::lemma::step(place, course.bearing_ned_rad, 0.1);
+            place = lemma::step(place, course.bearing_ned_rad, 0.1);
             if place.norm() < 1.0 || k > 5000 {
                 return (k as f32 * 0.1 / straight_m, course);
             }
