@@ -33,7 +33,7 @@ use foxhound_computer::selftest::{self, Refused};
 use foxhound_computer::store::Store;
 use foxhound_computer::timing::{Feeds, Task};
 use foxhound_core::ConfigError;
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::{self, Guidance};

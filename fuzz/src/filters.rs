@@ -3,7 +3,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;

@@ -14,7 +14,7 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::OnceLock;
 
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
-use foxhound_core::base::frame::Ned;
+use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};

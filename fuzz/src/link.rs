@@ -6,7 +6,7 @@ mod rules;
 
 use std::collections::VecDeque;
 
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::guard::Setpoint;

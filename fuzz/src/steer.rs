@@ -2,7 +2,7 @@
 
 use std::f32::consts::PI;
 
-use foxhound_core::base::frame::{Horizontal, Ned};
+use foxhound_core::base::ned::{Horizontal, Ned};
 use foxhound_core::base::obstacle::{Circle, Obstacle};
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::pose::Pose;

@@ -92,7 +92,7 @@ impl Mission {
         let moves = scenario.goal_velocity.iter().any(|speed| *speed != 0.0);
         if !scenario.bearing.only && !moves {
             let [east, north] = scenario.goal.map(|metres| metres as f32);
-            config.goal.known_source_ned_m = Some(foxhound_core::base::frame::Horizontal { north, east });
+            config.goal.known_source_ned_m = Some(foxhound_core::base::ned::Horizontal { north, east });
         }
         config.guard.sight.range_m = scenario.sensor.range_m as f32;
         // The others are flown as they are.
@@ -506,7 +506,7 @@ fn horizontal(pose: &Pose) -> Horizontal {
 
 /// From the core's single precision.
 #[must_use]
-pub fn from_core(vector: foxhound_core::base::frame::Horizontal) -> Horizontal {
+pub fn from_core(vector: foxhound_core::base::ned::Horizontal) -> Horizontal {
     Horizontal { north: f64::from(vector.north), east: f64::from(vector.east) }
 }
 

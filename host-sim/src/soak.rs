@@ -14,7 +14,7 @@
 //! After each the pilot enters the mode afresh, and the stream must be guidance's again.
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::frame::Ned;
+use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance::mission::{Control, Outcome};

@@ -64,8 +64,8 @@ impl Horizontal {
 
     /// Into the core's single precision.
     #[must_use]
-    pub fn to_core(self) -> foxhound_core::base::frame::Horizontal {
-        foxhound_core::base::frame::Horizontal { north: self.north as f32, east: self.east as f32 }
+    pub fn to_core(self) -> foxhound_core::base::ned::Horizontal {
+        foxhound_core::base::ned::Horizontal { north: self.north as f32, east: self.east as f32 }
     }
 }
 

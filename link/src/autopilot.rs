@@ -4,8 +4,8 @@
 //! mode 4 of ArduPilot's copters (4 means other things on its planes and rovers, which are never in control here);
 //! OFFBOARD is main mode 6 of PX4.
 
-use foxhound_core::base::frame::Ned;
 use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::sin_cos;
 

@@ -13,8 +13,8 @@
 //! of the two speeds, or when somebody said so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`); a heading when it is
 //! more than 10 degrees from where the yaw rate led. Until the first jump both frames are the same, to the bit.
 
-use foxhound_core::base::frame::Ned;
 use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Ned;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 
 const STEP_MIN_M: f32 = 0.15;

@@ -13,8 +13,8 @@
 //! `MAV_CMD_NAV_LAND` is asked for where the user wants that (`FH_LND_REQ`) and the landing says so, a few times, as long as the
 //! mode is ours. The autopilot then changes its mode by itself, lands, and disarms; it is never told to change a mode.
 
-use foxhound_core::base::frame::Ned;
 use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 
 use crate::autopilot::Software;

@@ -31,7 +31,7 @@
 //! that makes every step, and with it the whole flight, repeatable.
 
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Bearing;

@@ -27,8 +27,8 @@
 
 use core::f32::consts::{FRAC_PI_4, PI};
 
-use foxhound_core::base::frame::Horizontal;
 use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_core::mapping::scan::{SECTORS_MAX, Scan, Sector};

@@ -62,7 +62,7 @@ pub(crate) fn message(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::base::frame::{Horizontal, Ned};
+    use foxhound_core::base::ned::{Horizontal, Ned};
 
     fn circle(north: f32, east: f32, radius_m: f32) -> Circle {
         Circle { center_ned_m: Horizontal { north, east }, radius_m, velocity_ned_mps: Horizontal::default() }

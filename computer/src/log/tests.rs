@@ -3,7 +3,7 @@ use super::ring::Ring;
 use super::*;
 use crate::flight::{self, Receiver};
 use crate::selftest;
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::planning::planner::Planner;
 use foxhound_link::companion::{self, Companion};

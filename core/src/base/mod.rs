@@ -3,13 +3,13 @@
 
 pub mod adc;
 pub mod error;
-pub mod frame;
 pub mod math;
+pub mod ned;
 pub mod obstacle;
-pub(crate) mod order;
 pub mod ownship;
 pub mod pose;
 pub mod rng;
+pub(crate) mod sort;
 pub mod time;
 pub mod trace;
 pub mod units;

@@ -1,6 +1,6 @@
 //! What is in the way, as every floor sees it: a circle, and a circle that has grown by the vehicle.
 
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 
 /// An obstacle as a vertical cylinder, in the local NED frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

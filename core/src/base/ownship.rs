@@ -1,6 +1,6 @@
 //! What the autopilot tells us of our own vehicle.
 
-use crate::base::frame::{Horizontal, Ned};
+use crate::base::ned::{Horizontal, Ned};
 use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
 

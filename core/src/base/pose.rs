@@ -1,6 +1,6 @@
 //! Where and which way a sensor looked.
 
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 
 /// Angles within a few turns of zero are meant; others are absurd.
 pub(crate) const ANGLE_MAX_RAD: f32 = 100.0;

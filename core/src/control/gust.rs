@@ -20,8 +20,8 @@
 //! It is learned under our own commands only: out of control it stays, and for a second afterwards.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 use crate::control::response::{self, Response};
 

@@ -13,7 +13,7 @@
 use heapless::Deque;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 
 /// Most commands that can be on their way.
 const PENDING_MAX: usize = 56;

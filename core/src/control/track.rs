@@ -5,7 +5,7 @@
 //! rest point's motion, and the integral part takes out a steady drift. The nose follows the direction of travel.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::units::wrap_pi;
 use crate::planning::rollout::{SPACING_M, Trajectory, WAYPOINTS};
 

@@ -14,7 +14,7 @@
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::math::sqrt;
-use crate::base::order::sort_by_key;
+use crate::base::sort::sort_by_key;
 use crate::base::units::{sin_cos, wrap_pi};
 use crate::signal::phase::Complex;
 

@@ -26,7 +26,7 @@
 //! Limits are of [`Config`]; the numbers above are its defaults. There is a test for each row.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::ownship::Stale;
 use crate::base::time::Instant;
 use crate::doa::bearing::Flags;

@@ -12,7 +12,7 @@ use heapless::Vec;
 
 use crate::base::adc::Snapshot;
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Obstacle};
 use crate::base::ownship::{Agreement, Ownship, Stale};
 use crate::base::pose::Pose;

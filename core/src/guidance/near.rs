@@ -4,8 +4,8 @@
 use heapless::Vec;
 
 use super::OBSTACLES_MAX;
-use crate::base::frame::Horizontal;
 use crate::base::math::inverse_root;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Obstacle};
 use crate::control::guard::Guard;
 use crate::mapping::map::{CIRCLES_MAX, Map};

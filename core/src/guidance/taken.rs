@@ -4,7 +4,7 @@
 //! age, telemetry that stands still, and clocks that jump.
 
 use super::*;
-use crate::base::frame::Ned;
+use crate::base::ned::Ned;
 use crate::base::rng::Rng;
 use crate::base::units::wrap_pi;
 use crate::mapping::scan::{Frame, POINTS_MAX, Ranges, SECTORS_MAX, Sector};

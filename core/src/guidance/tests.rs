@@ -1,7 +1,7 @@
 //! Flights of the fast loop and the planner together, without a simulator.
 
 use super::*;
-use crate::base::frame::Ned;
+use crate::base::ned::Ned;
 use crate::base::units::wrap_pi;
 use crate::doa::bearing::Quality;
 use crate::planning::planner::Scratch;

@@ -14,8 +14,8 @@
 
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::control::track::Demand;
@@ -303,7 +303,7 @@ fn bearing_from(source: &Estimate, place_ned_m: Horizontal) -> Option<(f32, f32)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::frame::Ned;
+    use crate::base::ned::Ned;
     use crate::base::rng::Rng;
     use crate::base::units::wrap_pi;
     use crate::doa::bearing::Quality;

@@ -24,8 +24,8 @@
 
 use super::pose::Pose;
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::{Horizontal, Ned};
 use crate::base::math::sqrt;
+use crate::base::ned::{Horizontal, Ned};
 use crate::base::time::Instant;
 use crate::base::units::{between, sin_cos};
 use crate::doa::bearing::{Bearing, Flags};

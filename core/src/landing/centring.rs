@@ -15,8 +15,8 @@
 use super::pad::Pad;
 use super::pose::Pose;
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::{Horizontal, Ned};
 use crate::base::math::sqrt;
+use crate::base::ned::{Horizontal, Ned};
 use crate::base::time::Instant;
 use crate::base::units::between;
 

@@ -54,7 +54,7 @@
 //! Cost: the bench's `landing_step`, which has a bearing in every step and looks in some.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::{Horizontal, Ned};
+use crate::base::ned::{Horizontal, Ned};
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::between;

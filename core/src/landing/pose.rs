@@ -1,6 +1,6 @@
 //! Where the vehicle was, and how it leaned, when a frame was exposed or a bearing measured: the last fifth of a second.
 
-use crate::base::frame::{Horizontal, Ned};
+use crate::base::ned::{Horizontal, Ned};
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};

@@ -6,7 +6,7 @@
 //! back to where it began, if it can: nothing is nearer to what was not found.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 
 /// A corner is passed this near to it.

@@ -3,7 +3,7 @@
 use super::arrival::Verdict;
 use super::search::{self, End, Search};
 use super::{Facts, Here, Lander, Reason, Stage, State, Wish};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 use crate::base::units::between;
 use crate::localize::source::Estimate;

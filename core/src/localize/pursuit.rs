@@ -7,8 +7,8 @@
 //! first one has the word.
 
 use crate::base::error::ConfigError;
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
 use crate::localize::source::{Estimate, Heard, Sighting, polar};

@@ -19,8 +19,8 @@
 use micromath::F32;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 use crate::base::pose::Pose;
 use crate::base::units::{between, wrap_pi};

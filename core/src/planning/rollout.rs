@@ -17,8 +17,8 @@
 
 use heapless::Vec;
 
-use crate::base::frame::Horizontal;
 use crate::base::math::{inverse_root, sqrt};
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 use crate::mapping::map::CIRCLES_MAX;
 use crate::planning::field::{Field, Gains, Pole, Pull};

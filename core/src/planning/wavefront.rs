@@ -13,8 +13,8 @@
 use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 
 /// Cells along a side, with the closed rim that saves every bounds check inside.

@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 use std::sync::OnceLock;
 
 use foxhound_core::base::error::{ConfigError, Why};
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};

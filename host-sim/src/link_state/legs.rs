@@ -107,7 +107,7 @@ impl Chain {
             let _ = Classifier::TRAINED.step(&mut blind, &look(Sightline::Unknown));
             let _ = Classifier::TRAINED.step(&mut mapped, &look(seen));
             let position_ned_m =
-                Some(foxhound_core::base::frame::Ned { north: place_ned_m.north, east: place_ned_m.east, down: 0.0 });
+                Some(foxhound_core::base::ned::Ned { north: place_ned_m.north, east: place_ned_m.east, down: 0.0 });
             let _ = self.resolver.take(
                 &mut pairs,
                 &multipath::Look { phasors: &phasors, bearing: &bearing, yaw_rad: told_yaw_rad, position_ned_m },

@@ -5,7 +5,7 @@
 //! to what a picture can show, a millimetre and a hundredth of a degree; a number that there is not is left out, so that a
 //! record never holds NaN.
 
-use foxhound_core::base::frame;
+use foxhound_core::base::ned;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::control::guard::Action;
 use foxhound_core::doa::bearing::Flags;
@@ -312,7 +312,7 @@ pub(super) fn xy(vector: Horizontal) -> Xy {
     [milli(vector.east), milli(vector.north)]
 }
 
-pub(super) fn core_xy(vector: frame::Horizontal) -> Xy {
+pub(super) fn core_xy(vector: ned::Horizontal) -> Xy {
     [milli(f64::from(vector.east)), milli(f64::from(vector.north))]
 }
 

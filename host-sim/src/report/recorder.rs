@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use foxhound_core::base::frame;
+use foxhound_core::base::ned;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
@@ -229,7 +229,7 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
     };
     let obstacles: Vec<Obstacle> =
         request.circles.iter().map(|circle| Obstacle::of(circle, config.vehicle_radius_m)).collect();
-    let particles: Vec<(frame::Horizontal, f32)> = scratch.particles().collect();
+    let particles: Vec<(ned::Horizontal, f32)> = scratch.particles().collect();
     let heaviest = particles.iter().map(|(_, weight)| *weight).fold(0.0, f32::max);
     let kept = particles.iter().filter(|(_, weight)| *weight > PARTICLE_MIN * heaviest);
     Plan {
@@ -272,14 +272,14 @@ fn gains(gains: &field::Gains) -> Gains {
     Gains { k_att, k_rep, influence_m, swirl }
 }
 
-fn particle(place: frame::Horizontal, weight: f32) -> [f64; 3] {
+fn particle(place: ned::Horizontal, weight: f32) -> [f64; 3] {
     [rounded(f64::from(place.east), 2), rounded(f64::from(place.north), 2), rounded(f64::from(weight), 2)]
 }
 
 /// The moments of the particles; none without particles.
-fn belief(particles: &[(frame::Horizontal, f32)]) -> Option<Belief> {
+fn belief(particles: &[(ned::Horizontal, f32)]) -> Option<Belief> {
     let sum = |of: &dyn Fn(f64, f64) -> f64| {
-        let one = |(place, weight): &(frame::Horizontal, f32)| {
+        let one = |(place, weight): &(ned::Horizontal, f32)| {
             f64::from(*weight) * of(f64::from(place.east), f64::from(place.north))
         };
         particles.iter().map(one).sum::<f64>()
@@ -301,13 +301,13 @@ fn potential(config: &planner::Config, plan: &planner::Plan, obstacles: &[Obstac
     let raster = |gains: field::Gains| {
         let field = field::Field { law: config.law, gains };
         let value = |(row, column)| {
-            let place = frame::Horizontal { north: start.north + offset(row), east: start.east + offset(column) };
+            let place = ned::Horizontal { north: start.north + offset(row), east: start.east + offset(column) };
             rounded(f64::from(field.potential(place, plan.target_ned_m, obstacles)), 3)
         };
         let side = -FIELD_HALF..=FIELD_HALF;
         side.clone().flat_map(|row| side.clone().map(move |column| (row, column))).map(value).collect()
     };
-    let half = frame::Horizontal { north: offset(FIELD_HALF), east: offset(FIELD_HALF) };
+    let half = ned::Horizontal { north: offset(FIELD_HALF), east: offset(FIELD_HALF) };
     Field {
         south_west_m: core_xy(start.minus(half)),
         step_m: rounded(f64::from(FIELD_STEP_M), 4),

@@ -1,6 +1,6 @@
 //! The speaking half: setpoints, heartbeats, requests, and what is told about the search.
 
-use foxhound_core::base::frame::Ned;
+use foxhound_core::base::ned::Ned;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::{Ownship, Stale};
 use foxhound_core::base::time::Instant;

@@ -1,6 +1,6 @@
 //! A companion on the bench: a test plays its autopilot, moves its clock and reads what it sends.
 
-use foxhound_core::base::frame::Ned;
+use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::guard::{Action, Setpoint};
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};

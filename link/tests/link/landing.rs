@@ -1,6 +1,6 @@
 //! How high the vehicle is over the ground, and when the autopilot is asked to land.
 
-use foxhound_core::base::frame::Ned;
+use foxhound_core::base::ned::Ned;
 use foxhound_core::guidance::Output;
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::landing::{Advice, Reason, Stage, Target};

@@ -1,6 +1,6 @@
 //! What is told about the search, and in which order everything leaves.
 
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Bearing;

@@ -1,7 +1,7 @@
 //! The geofence: a circle or a convex polygon that the vehicle does not leave.
 
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 
 /// Most corners of a polygon.
 pub const CORNERS_MAX: usize = 8;

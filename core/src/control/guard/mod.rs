@@ -26,8 +26,8 @@
 use heapless::Vec;
 
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::frame::{Horizontal, Ned};
 use crate::base::math::sqrt;
+use crate::base::ned::{Horizontal, Ned};
 use crate::base::obstacle::{Circle, Obstacle};
 use crate::base::pose::Pose;
 use crate::base::units::{between, sin_cos};

@@ -5,7 +5,7 @@ use super::matrix::{Symmetric, dot, plus};
 use super::model::{Linear, Paths};
 use super::solver::Solver;
 use crate::base::adc::CHANNELS;
-use crate::base::frame::Ned;
+use crate::base::ned::Ned;
 use crate::base::units::wrap_pi;
 use crate::signal::phase::Complex;
 

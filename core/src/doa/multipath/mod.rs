@@ -41,7 +41,7 @@ use heapless::Deque;
 
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::frame::Ned;
+use crate::base::ned::Ned;
 use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
 use crate::doa::array::Array;

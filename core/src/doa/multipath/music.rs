@@ -4,7 +4,7 @@ use super::bartlett::{GRID, GRID_STEP_RAD, Scan};
 use super::matrix::{Symmetric, Vector, dot, plus, scaled};
 use super::solver::Solver;
 use crate::base::math::sqrt;
-use crate::base::order::sort_by_key;
+use crate::base::sort::sort_by_key;
 use crate::base::units::sin_cos;
 
 /// Rounds of Jacobi rotations: the off-diagonal is below rounding after four.

@@ -6,7 +6,7 @@ use std::vec::Vec as List;
 use super::model::{Headings, gather};
 use super::solver::Solver;
 use super::{Config, Look, Looks, Method, State, Taken};
-use crate::base::frame::Ned;
+use crate::base::ned::Ned;
 use crate::base::rng::Rng;
 use crate::base::time::Instant;
 use crate::base::units::sin_cos;

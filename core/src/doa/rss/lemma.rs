@@ -16,7 +16,7 @@
 //! so only the names change; a test pins it.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::units::wrap_pi;
 
 /// The heard direction (eq. 2), from north, clockwise, (-pi, pi].

@@ -1,5 +1,5 @@
 use super::*;
-use crate::base::frame::Ned;
+use crate::base::ned::Ned;
 use crate::base::rng::Rng;
 use crate::base::units::sin_cos;
 use core::f32::consts::TAU;

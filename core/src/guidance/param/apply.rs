@@ -3,7 +3,7 @@
 use core::f32::consts::PI;
 
 use super::{Id, Values};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::control::guard::Fence;
 use crate::doa::array;
 use crate::guidance::{self, param, turning};

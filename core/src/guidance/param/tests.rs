@@ -161,7 +161,7 @@ fn what_was_applied_is_read_back_and_what_no_parameter_can_say_is_the_default() 
     }
     let mut odd = guidance::Config::default();
     odd.guard.v_max_mps = f32::NAN;
-    odd.guard.fence = Fence::rectangle(Default::default(), crate::base::frame::Horizontal { north: 5.0, east: 5.0 });
+    odd.guard.fence = Fence::rectangle(Default::default(), crate::base::ned::Horizontal { north: 5.0, east: 5.0 });
     assert_eq!(Values::of(&odd), Values::DEFAULT);
 }
 

@@ -10,8 +10,8 @@
 use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::asin;

@@ -13,8 +13,8 @@
 //! particle filter, Musso, Oudjane and Le Gland 2001), so that they become as fine as what is known. Sightings that
 //! contradict all places bring in fresh ones.
 
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::rng::Rng;
 use crate::localize::source::Sighting;
 

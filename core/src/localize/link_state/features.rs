@@ -6,8 +6,8 @@
 //! the bearing wanders beyond what motion explains.
 
 use super::{Estimate, LOOKS_MIN, Look, Sightline};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 use crate::base::units::between;
 use crate::doa::bearing::Flags;

@@ -16,7 +16,7 @@
 //!
 //! Instructions on a Cortex-M4F: 4 850 for a look that is kept, 1 030 of them the network; 130 for one that is left out.
 
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::doa::bearing::Bearing;
 use crate::mapping::lor::Line;
 

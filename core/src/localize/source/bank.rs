@@ -418,7 +418,7 @@ fn agree(a: &Resting, b: &Resting) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::frame::Horizontal;
+    use crate::base::ned::Horizontal;
     use crate::base::rng::Rng;
 
     const SIGMA_RAD: f32 = 0.03;

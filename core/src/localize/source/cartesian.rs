@@ -19,8 +19,8 @@
 use super::kalman::{self, Predicted};
 use super::{Estimate, Heard, Sighting};
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::units::between;
 
 /// What the filter needs to know.

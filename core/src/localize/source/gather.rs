@@ -2,8 +2,8 @@
 //! errors that belong together.
 
 use super::Sighting;
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 
 /// Bearings are gathered this long.

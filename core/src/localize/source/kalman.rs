@@ -10,8 +10,8 @@
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
 use super::Estimate;
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::units::between;
 
 /// Least pivot of a covariance, as a part of its diagonal. Rounding moves a pivot by some `eps / sqrt(least pivot before)`, so

@@ -7,7 +7,7 @@
 //! - [`cartesian`] and [`reflected::literal`]: the mmWave paper's filters, as printed.
 //! - [`consistency`]: whether a filter errs as much as it says.
 
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 
 mod kalman;
 mod series;

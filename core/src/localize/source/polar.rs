@@ -27,8 +27,8 @@
 
 use super::{Estimate, Heard, Sighting, kalman, series};
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::units::between;
 use crate::mapping::lor::Line;
 

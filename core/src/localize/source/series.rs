@@ -1,6 +1,6 @@
 //! The functions of an update, by series: a third of the instructions of `libm`'s, which serve every argument alike.
 
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::units::sin_cos;
 
 /// `tan(pi / 8)`.

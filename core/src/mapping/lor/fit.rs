@@ -6,8 +6,8 @@
 //! pass (Welford 1962) and those of two sets are joined without their points (Chan et al. 1979).
 
 use super::Line;
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 
 /// Count, mean and scatter of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -7,8 +7,8 @@
 //! began. So a vehicle that hears a reflection sees what its own mirror image sees directly: place and direction mirrored,
 //! every line-of-sight formula holds. Eq. 6 and 7 come to the same (`source::reflected` has them literally; a test compares).
 
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 
 /// A wall that reflects.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -18,8 +18,8 @@ use heapless::Vec;
 
 use super::POINTS_MAX;
 use super::fit::Moments;
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 
 /// Where the sticks are truncated.
 pub(super) const COMPONENTS: usize = 12;

@@ -15,12 +15,12 @@
 //!
 //! Memory: a [`Scratch`] of 3.0 KB, fixed. The work is bounded by [`Config::work_max`].
 
-use crate::base::order::sort_by_key;
+use crate::base::sort::sort_by_key;
 use heapless::Vec;
 
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Circle;
 
 pub mod fit;

@@ -3,12 +3,12 @@
 //! The oldest way (Ramer 1972, Duda and Hart 1973; "iterative end point fit"), and a quick one: `n log n` distances. It needs
 //! the order in which a scan sees the points, and one stray point in the middle of a wall cuts the wall in two.
 
-use crate::base::order::sort_by_key;
+use crate::base::sort::sort_by_key;
 use heapless::Vec;
 
 use super::POINTS_MAX;
 use super::fit::Moments;
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::units::between;
 
 /// Fewest points of a piece: two always are a line.

@@ -7,8 +7,8 @@ use heapless::Vec;
 
 use super::index::Index;
 use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Keeper, Known, Map, Origin, RIM_M, STICK_OUT_M};
-use crate::base::frame::Horizontal;
 use crate::base::math::inverse_root;
+use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::base::units::wrap_pi;

@@ -6,7 +6,7 @@
 //! near is left out.
 
 use super::{CIRCLES_MAX, Known};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 
 /// Bins of a scale; a power of two.
 const BINS: usize = 32;

@@ -19,8 +19,8 @@
 use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Circle;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;

@@ -4,8 +4,8 @@
 //! filter the least-squares straight line through all of them, whose slope has `sigma_v = sqrt(12) sigma / (dt k^1.5)`.
 //! From the tenth look on `k` stays, and the filter forgets.
 
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 
 /// Memory of the filter.
 const LOOKS_MAX: u8 = 10;

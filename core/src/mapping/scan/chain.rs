@@ -5,7 +5,7 @@
 //! themselves are farther apart. Neighbouring links share an end, so that the chain has no gap. Towards an edge past
 //! which the sensor sees, links become short, so that the chain does not stick out beyond it by more than 2 cm or so.
 
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 
 use super::circle::{cross, root};
 use super::unit;

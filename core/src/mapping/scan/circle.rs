@@ -15,8 +15,8 @@
 //! How well the radius is known: noise `s` on `n` points over a half arc `phi` leaves the sagitta's curvature with
 //! `sigma_r = 6.7 s / (sqrt(n) phi^2)` (least-squares parabola through evenly spaced points).
 
-use crate::base::frame::Horizontal;
 use crate::base::math::{inverse_root, sqrt};
+use crate::base::ned::Horizontal;
 
 /// Newton steps; three do for clean arcs, the rest is for noise.
 const STEPS: usize = 6;

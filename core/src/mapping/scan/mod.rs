@@ -17,8 +17,8 @@
 use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::inverse_root;
+use crate::base::ned::Horizontal;
 use crate::base::pose::{ANGLE_MAX_RAD, Pose};
 use crate::base::time::Instant;
 use crate::base::units::{between, sin_cos};

@@ -9,8 +9,8 @@ use super::{
     Detection, FIT_MIN, FITS_MAX, Fitter, Frame, JUMP_MAX_M, Kind, Look, POINTS_MAX, Points, Pose, RANGE_MAX_M,
     Refusal, Run, SECTORS_MAX, Scan, Sector, Turned, Verdict, around, unit,
 };
-use crate::base::frame::Horizontal;
-use crate::base::order::sort_by_key;
+use crate::base::ned::Horizontal;
+use crate::base::sort::sort_by_key;
 use crate::base::units::{between, sin_cos};
 
 /// The hit belongs to the same run as the one after it.

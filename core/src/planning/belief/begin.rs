@@ -1,7 +1,7 @@
 //! How a solve begins, and how its end is checked.
 
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::units::sin_cos;
 
 use super::clearance::{NEAREST, Near};

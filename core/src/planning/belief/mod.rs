@@ -20,8 +20,8 @@
 //! proposal: whoever flies it checks it as any other.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 use crate::mapping::lor::Line;
 

@@ -21,7 +21,7 @@
 //!
 //! and the second derivatives of `tr(G P+)`, which the paper leaves out and the solver can use, follow in the same way.
 
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::mapping::lor::Line;
 
 /// A symmetric matrix of `L x L` as its upper triangle, column by column: element `(a, b)`, `a <= b`, at `b (b + 1) / 2 + a`.

@@ -1,6 +1,6 @@
 //! The grid of a search: cells in rows of bits, and the sides between them.
 
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 
 /// Cells along a side of the grid.
 pub const SIDE: usize = 32;

@@ -22,7 +22,7 @@
 use core::f32::consts::TAU;
 
 use crate::base::error::{ConfigError, Why, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Circle;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;

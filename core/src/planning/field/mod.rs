@@ -36,8 +36,8 @@
 //! stands exactly in its way. It has no potential.
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::inverse_root;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 
 mod law;

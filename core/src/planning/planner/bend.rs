@@ -94,7 +94,7 @@ pub(super) fn bend(request: &PlanRequest, learn: &Learn, obstacles: &[Obstacle])
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::frame::Horizontal;
+    use crate::base::ned::Horizontal;
 
     fn learn(sigma_m: f32) -> Learn {
         Learn {

@@ -17,7 +17,7 @@
 use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Obstacle};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;

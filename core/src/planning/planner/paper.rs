@@ -10,7 +10,7 @@
 //! becomes the goal.
 
 use super::{Config, Kind, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 use crate::base::rng::Rng;
 use crate::planning::field::{self, Exponent, Field, Gains, Law};

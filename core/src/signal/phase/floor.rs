@@ -1,7 +1,7 @@
 //! The noise floor of a channel: the median of its periodogram, less what the tone does to it.
 
 use super::lines::LINE_THRESHOLD;
-use crate::base::order::nth;
+use crate::base::sort::nth;
 use crate::base::units::sin_cos;
 use crate::signal::spectrum::Spectrum;
 

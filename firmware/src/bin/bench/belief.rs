@@ -3,7 +3,7 @@
 
 use core::hint::black_box;
 
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::mapping::lor::Line;

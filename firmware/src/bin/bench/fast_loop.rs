@@ -4,7 +4,7 @@ use core::f32::consts::{FRAC_PI_2, TAU};
 use core::hint::black_box;
 
 use foxhound_core::base::adc::Snapshot;
-use foxhound_core::base::frame::{Horizontal, Ned};
+use foxhound_core::base::ned::{Horizontal, Ned};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::pose::Pose;

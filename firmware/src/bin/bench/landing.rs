@@ -2,8 +2,8 @@
 
 use core::hint::black_box;
 
-use foxhound_core::base::frame::{Horizontal, Ned};
 use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::{Horizontal, Ned};
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::sin_cos;

@@ -22,7 +22,7 @@ use core::num::Wrapping;
 use dsp_process::SplitProcess as _;
 use foxhound_computer::frozen::Watch;
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::planning::field::{Field, Gains, Law};
 

@@ -4,7 +4,7 @@
 use core::f32::consts::TAU;
 use core::hint::black_box;
 
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;

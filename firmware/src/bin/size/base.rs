@@ -5,7 +5,7 @@
 
 use core::hint::black_box;
 
-use foxhound_core::base::frame::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_firmware as _;

@@ -11,7 +11,7 @@
 
 use std::f64::consts::PI;
 
-use foxhound_core::base::frame::Horizontal as Core;
+use foxhound_core::base::ned::Horizontal as Core;
 use foxhound_core::localize::source::polar::{self, Filter, Resting};
 use foxhound_core::localize::source::{Heard, Sighting};
 use foxhound_core::planning::belief::{Config, Guess, Outcome, Planner, Problem, Scratch};

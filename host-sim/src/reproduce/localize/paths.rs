@@ -16,7 +16,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use foxhound_core::base::frame::Horizontal as Core;
+use foxhound_core::base::ned::Horizontal as Core;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::mapping::lor::Line;
 use foxhound_core::planning::belief::{Bound, Config, Guess, Outcome, Problem, Scratch, Solution, Spread};

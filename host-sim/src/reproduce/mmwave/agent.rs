@@ -328,7 +328,7 @@ impl Ear {
     }
 }
 
-pub(super) fn from_core(point: foxhound_core::base::frame::Horizontal) -> Horizontal {
+pub(super) fn from_core(point: foxhound_core::base::ned::Horizontal) -> Horizontal {
     Horizontal { north: point.north.into(), east: point.east.into() }
 }
 

@@ -5,7 +5,7 @@
 //! directly. That is exact, has no singular walls and costs a few products a line.
 
 use super::{Degenerate, Sighting};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::mapping::lor::Line;
 
 /// Least sine of the angle between ray and line.

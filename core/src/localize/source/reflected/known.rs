@@ -5,7 +5,7 @@
 
 use super::fold::fold;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::localize::source::polar;
 use crate::mapping::lor::Line;
 

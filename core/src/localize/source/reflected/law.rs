@@ -81,7 +81,7 @@ pub fn reflect(p: [f32; 2], t: [f32; 2], [m, c]: [f32; 2]) -> Result<Ray, Degene
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::frame::Horizontal;
+    use crate::base::ned::Horizontal;
     use crate::base::rng::Rng;
     use crate::mapping::lor::Line;
 

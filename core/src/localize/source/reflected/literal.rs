@@ -9,7 +9,7 @@
 use super::law::reflect;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
+use crate::base::ned::Horizontal;
 use crate::base::units::between;
 
 /// What the filters need to know.

@@ -19,8 +19,8 @@
 use super::fold::is_line;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
 use crate::base::error::{ConfigError, check};
-use crate::base::frame::Horizontal;
 use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
 use crate::base::units::{between, sin_cos, wrap_pi};
 use crate::mapping::lor::Line;
 
