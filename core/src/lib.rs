@@ -9,10 +9,24 @@
 //!  i16    fixed point  phasors  rad, sigma  filters  where   10 x 15    PID     limits, swept check
 //! ```
 //!
-//! One file (or folder) is one room; a room uses the output types of earlier rooms only. Two doors lead in:
-//! [`guidance`], stepped at every snapshot, and [`planning::planner`], asked now and then. Each room has the same parts in
-//! the same order: what it does and after whom, `Config` with defaults in SI units, `build` which checks it, the immutable
-//! stage, its `State` and outputs, `step`, tests.
+//! One file (or folder) is one room, and the rooms stand on nine floors. A floor imports those only that are named behind
+//! it; `tests/floors.rs` holds that:
+//!
+//! | floor | what it is for | imports |
+//! |---|---|---|
+//! | [`base`] | units, time, vectors, mathematics, random numbers | |
+//! | [`signal`] | a frame of codes becomes phasors | `base` |
+//! | [`doa`] | phasors become a bearing | `base`, `signal` |
+//! | [`mapping`] | hits become circles and walls; where has been looked | `base` |
+//! | [`localize`] | bearings become what is believed of the source | `base`, `doa`, `mapping` |
+//! | [`planning`] | a trajectory from what is believed and what is in the way | `base`, `mapping`, `localize` |
+//! | [`landing`] | the last metres | `base`, `doa`, `localize` |
+//! | [`control`] | a trajectory becomes a velocity that is safe | `base`, `mapping`, `planning` |
+//! | [`guidance`] | all of it in one step, the state machine, the parameters | all |
+//!
+//! Two doors lead in: [`guidance`], stepped at every snapshot, and [`planning::planner`], asked now and then. Each room has
+//! the same parts in the same order: what it does and after whom, `Config` with defaults in SI units, `build` which checks
+//! it, the immutable stage, its `State` and outputs, `step`, tests.
 //!
 //! ## Frames and units
 //!
