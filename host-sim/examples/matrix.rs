@@ -14,7 +14,7 @@ use foxhound_sim::matrix::{self, Failure, Row, Setting, World};
 use foxhound_sim::seeds;
 
 /// Pairs of start and goal in each of 20 forests.
-const PAIRS: usize = 40;
+const PAIRS: usize = 4;
 
 type Kind = (&'static str, Vec<World>);
 
@@ -47,13 +47,13 @@ fn worlds(hull_m: f64, times: u64, barn: &Path) -> Result<Vec<Kind>, Box<dyn Err
     let traps = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/traps");
     let mut kinds = vec![
         ("Forests of the main paper's densities", matrix::forests(hull_m, seeds::test(20 * times), PAIRS)?),
-        ("Random pillars", matrix::pillars(seeds::test(100 * times))?),
-        ("Dense corridors", matrix::thickets(seeds::test(100 * times))?),
-        ("Traps", matrix::traps(&traps, &seeds::test(20 * times))?),
-        ("Walls, gaps and random pillars in gusts of 2.5 m/s", matrix::gusty(seeds::test(20 * times))?),
+        ("Random pillars", matrix::pillars(seeds::test(20 * times))?),
+        ("Dense corridors", matrix::thickets(seeds::test(25 * times))?),
+        ("Traps", matrix::traps(&traps, &seeds::test(2 * times))?),
+        ("Walls, gaps and random pillars in gusts of 2.5 m/s", matrix::gusty(seeds::test(5 * times))?),
     ];
-    match matrix::barn(barn, hull_m, &seeds::TEST, 1)? {
-        Some(worlds) => kinds.push(("BARN, the even worlds", worlds)),
+    match matrix::barn(barn, hull_m, &seeds::TEST, 3)? {
+        Some(worlds) => kinds.push(("BARN, every third of the even worlds", worlds)),
         None => eprintln!("matrix: there is no {}: BARN's worlds are not flown", barn.display()),
     }
     Ok(kinds)
