@@ -606,7 +606,7 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             worst = worst.max(step);
         }
     }
-    row("guard_64", worst, 10_000);
+    row("guard_64", worst, 11_000);
     row("look_64", worst_look, 0);
 }
 
