@@ -321,5 +321,5 @@ fn an_attack_on_the_page_neither_ends_nor_slows_the_flight() {
 #[test]
 #[ignore = "takes a minute: by hand"]
 fn nor_does_an_attack_of_a_minute() {
-    expect("0,66,-5", 60.0);
+    expect("0,80,-5", 60.0);
 }
