@@ -7,7 +7,7 @@
 //!
 //! The question asked is not "is this cell empty" but "could an obstacle stand here unseen": one of at least
 //! [`Config::smallest_obstacle_m`] radius cannot, if somewhere in it a ray has passed. So a place counts as seen when one
-//! of the 3 x 3 cells around it has been, and rays need not be denser than cells.
+//! of the four cells nearest to it has been, and rays need not be denser than cells.
 //!
 //! - [`Cover::Seen`]: a ray has passed.
 //! - [`Cover::Hidden`]: it is in the view of the latest look, behind something. Looking again does not help, only going there slowly.
@@ -33,7 +33,7 @@ const CELL_M: f32 = 0.05;
 const CELLS_PER_M: f32 = 1.0 / CELL_M;
 /// A look is drawn this far at most; it stays inside the grid.
 const DRAWN_M: f32 = 1.52;
-/// Distance between the marks along a ray, and between rays: with the 3 x 3 cells of a question no gap is left.
+/// Distance between the marks along a ray, and between rays: with the four cells of a question no gap is left.
 const STEP_M: f32 = 0.07;
 /// Rays over the field of view of a sensor that delivers circles are at most this far apart.
 const RAY_STEP_RAD: f32 = 0.045;

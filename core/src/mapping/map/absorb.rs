@@ -101,7 +101,7 @@ impl View<'_> {
         }
         // The outermost rays that should have met it; the arcsine from below.
         let x = (known.radius_m - RIM_M) / distance_m;
-        let reach = x * (1.0 + x * x / 6.0) / libm::fabsf(self.scan.step_rad);
+        let reach = x * (1.0 + x * x / 6.0) / libm::fabsf(self.scan.step_rad) + self.scan.outermost_ray();
         let (low, high) = (libm::ceilf(middle - reach), libm::floorf(middle + reach));
         low <= high && (self.passes_sector(low as i32, side_m) || self.passes_sector(high as i32, side_m))
     }

@@ -44,7 +44,7 @@ const SIGMA_MIN_M: f32 = 0.005;
 const RIM_M: f32 = 0.03;
 /// A patch inside a pillar may stick out by this much.
 const STICK_OUT_M: f32 = 0.04;
-/// Two pillars whose centres are closer than this, and a share of the larger radius, are one.
+/// Two pillars are one whose centres are closer than a share of the larger radius and twice their doubt, at most this.
 const GATE_M: f32 = 0.10;
 const GATE: f32 = 0.5;
 /// In place of a number of looks: to be forgotten.

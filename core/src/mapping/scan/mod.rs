@@ -1,7 +1,9 @@
 //! Obstacle scans and points, and the circles behind them.
 //!
 //! A scan is sectors of distance around the nose, as `OBSTACLE_DISTANCE` brings them; [`Points`] are single hits in any
-//! order. Neighbouring hits whose distance does not jump belong together. Each such run becomes
+//! order. A narrow sector is one ray. A wide one tells the nearest of several rays, so that its hit lies on the side on which
+//! the surface comes nearer, not in the middle: taken for the middle, it makes pillars wider by half a sector at either side.
+//! Neighbouring hits whose distance does not jump belong together. Each such run becomes
 //!
 //! - a pillar, where one circle passes within [`Config::residual_max_m`] of all its hits, is curved towards the sensor, has
 //!   a radius that the arc determines, and does not reach into directions that are seen to be free (Taubin's fit; what
@@ -44,6 +46,8 @@ const FITS_MAX: usize = 160;
 const JUMP_MAX_M: f32 = 0.30;
 /// How far a pillar may reach into a direction that is seen to be free.
 const REACH_M: f32 = 0.03;
+/// Rays are so far apart at most, 1.25 degrees and a little: a wider sector tells the nearest of several.
+const RAY_STEP_MAX_RAD: f32 = 0.0219;
 /// Nothing is measured from farther away.
 const RANGE_MAX_M: f32 = 1e3;
 
@@ -95,6 +99,13 @@ impl Scan {
         let closes =
             count <= SECTORS_MAX as f32 && libm::fabsf(count * width_rad - core::f32::consts::TAU) < 0.5 * width_rad;
         closes.then_some(count as usize)
+    }
+
+    /// The outermost rays of a sector, in sector widths from its middle: as far from there a hit may lie. 0 where a sector is
+    /// a single ray.
+    #[must_use]
+    pub fn outermost_ray(&self) -> f32 {
+        0.5 - 0.5 / libm::ceilf(libm::fabsf(self.step_rad) / RAY_STEP_MAX_RAD)
     }
 
     /// The sector at an index that may lie a turn off; unknown where there is none.
@@ -318,6 +329,8 @@ struct Run<'a> {
     first: usize,
     /// Azimuth step between its points; 0 where there is none.
     step_rad: f32,
+    /// See [`Scan::outermost_ray`].
+    outermost_ray: f32,
     /// The direction next to either end, if it is seen to be free, as a unit vector.
     free: [Option<Horizontal>; 2],
 }
@@ -375,7 +388,8 @@ impl Fitter {
         let least = |a: f32, p: &Horizontal| if p.norm_squared() < a { p.norm_squared() } else { a };
         let nearest_m = root(piece.points.iter().fold(f32::INFINITY, least));
         // Of small angles: the fourth power of it is left out.
-        let half_rad = (0.5 * piece.step_rad * piece.points.len() as f32).clamp(0.0, 1.2);
+        let sectors = piece.points.len() as f32 - 2.0 * piece.outermost_ray;
+        let half_rad = (0.5 * piece.step_rad * sectors).clamp(0.0, 1.2);
         let s = half_rad * (1.0 - half_rad * half_rad / 6.0);
         let radius_m = between(nearest_m * s / (1.0 - s), c.radius_min_m, c.radius_max_m);
         let unit = |p: &Horizontal| p.times(inverse_root(p.norm_squared()));

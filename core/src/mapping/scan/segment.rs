@@ -85,7 +85,7 @@ impl Fitter {
         let mut marks = Marks::default();
         self.trace(scan, pose, look, &mut marks);
         look.check()?;
-        self.segment(look, &mut marks, scan.step_rad);
+        self.segment(look, &mut marks, scan.step_rad, scan.outermost_ray());
         Ok(())
     }
 
@@ -103,7 +103,7 @@ impl Fitter {
         look.check()?;
         let mut marks = Marks::default();
         self.put_in_order(look, &mut marks);
-        self.segment(look, &mut marks, 0.0);
+        self.segment(look, &mut marks, 0.0, 0.0);
         Ok(())
     }
 
@@ -144,9 +144,11 @@ impl Fitter {
             Sector::Hit(hit_m) => hit_m > edge_m,
             Sector::Unknown => false,
         };
+        let outermost_rad = scan.outermost_ray() * scan.step_rad;
         let mut index = begin;
         for left in (0..count).rev() {
             let range_m = range_at(index);
+            let beside = |at: usize| if continues(range_at(at), range_m) { range_at(at) } else { 0.0 };
             let next = if index + 1 == count { 0 } else { index + 1 };
             if range_m > 0.0 {
                 let goes_on = left > 0 && (turn.is_some() || next > 0) && continues(range_m, range_at(next));
@@ -158,7 +160,8 @@ impl Fitter {
                     its |= FREE_BEHIND;
                 }
                 // Cannot fail: as many places as sectors.
-                let _ = look.points_m.push(direction.times(range_m));
+                let side = nearer_side(beside(before(index)), range_m, beside(next));
+                let _ = look.points_m.push(turned_a_little(direction, side * outermost_rad).times(range_m));
                 marks.push(its);
             }
             direction = if next == 0 { start } else { turned.on(direction) };
@@ -202,7 +205,7 @@ impl Fitter {
 
     /// Runs of hits to circles, local NED: pillars first, then the chains of what is none.
     #[inline(never)]
-    fn segment(&self, look: &mut Look, marks: &mut Marks, step_rad: f32) {
+    fn segment(&self, look: &mut Look, marks: &mut Marks, step_rad: f32, outermost_ray: f32) {
         let mut chains: Vec<(u8, u8), POINTS_MAX> = Vec::new();
         let mut fits_left = FITS_MAX;
         let mut first = 0;
@@ -212,7 +215,14 @@ impl Fitter {
             while from < end {
                 // Each cut shortens the pieces, so this ends.
                 let to = marks.end_of(from, |marks| marks & CUT != 0).min(end);
-                match self.judge(&look.points_m, marks, (first, end), (from, to), step_rad, &mut fits_left) {
+                match self.judge(
+                    &look.points_m,
+                    marks,
+                    (first, end),
+                    (from, to),
+                    (step_rad, outermost_ray),
+                    &mut fits_left,
+                ) {
                     Verdict::Cut(at) => {
                         marks.cut_behind(from + at - 1);
                         continue;
@@ -225,8 +235,9 @@ impl Fitter {
             }
             first = end;
         }
+        let doubt_rad = libm::fabsf(step_rad) * (0.5 - outermost_ray);
         for (from, to) in chains {
-            self.chain(look, marks, (from.into(), to.into()), libm::fabsf(step_rad));
+            self.chain(look, marks, (from.into(), to.into()), doubt_rad);
         }
     }
 
@@ -237,7 +248,7 @@ impl Fitter {
         marks: &Marks,
         (first, end): (usize, usize),
         (from, to): (usize, usize),
-        step_rad: f32,
+        (step_rad, outermost_ray): (f32, f32),
         fits_left: &mut usize,
     ) -> Verdict {
         let turned = Turned::new(step_rad);
@@ -247,7 +258,7 @@ impl Fitter {
             edge(to - 1, FREE_BEHIND).filter(|_| to == end).map(|direction| turned.on(direction)),
         ];
         let points = points_m.get(from..to).unwrap_or_default();
-        let piece = Run { points, first: from, step_rad: libm::fabsf(step_rad), free };
+        let piece = Run { points, first: from, step_rad: libm::fabsf(step_rad), outermost_ray, free };
         let length = to - from;
         // What is cut over and over is no pillar.
         match fits_left.checked_sub(length) {
@@ -261,7 +272,7 @@ impl Fitter {
     }
 
     /// The links of a chain, as far as the next piece, so that nothing is left open between them.
-    fn chain(&self, look: &mut Look, marks: &Marks, (from, to): (usize, usize), step_rad: f32) {
+    fn chain(&self, look: &mut Look, marks: &Marks, (from, to): (usize, usize), doubt_rad: f32) {
         let is_cut = marks.has(to - 1, GOES_ON);
         let is_begun = from > 0 && marks.has(from - 1, GOES_ON);
         let edges =
@@ -269,9 +280,9 @@ impl Fitter {
         let mut at = 0;
         loop {
             let points = look.points_m.get(from..to + usize::from(is_cut)).unwrap_or_default();
-            // A sector's hit lies anywhere in its width.
-            let half_m = points.first().map_or(0.0, |point| 0.5 * step_rad * root(point.norm_squared()));
-            let radius_min_m = between(half_m, self.config.radius_min_m, self.config.radius_max_m);
+            // A hit lies up to that far beside where it is taken to be.
+            let doubt_m = points.first().map_or(0.0, |point| doubt_rad * root(point.norm_squared()));
+            let radius_min_m = between(doubt_m, self.config.radius_min_m, self.config.radius_max_m);
             let Some(link) = chain::next(points, edges, radius_min_m, at) else { return };
             let last = link.to - 1;
             // A chain of a single hit ends with it; one that reaches the next piece's first hit is at its end there.
@@ -311,6 +322,28 @@ impl Fitter {
         let radius_m = if found.radius_m < c.radius_min_m { c.radius_min_m } else { found.radius_m };
         piece.pillar(found.center, radius_m, found.sigma_m)
     }
+}
+
+/// On which side of its sector the nearest hit lies, from -1 (that of the sector before) to 1 (that of the next): where a
+/// surface comes nearer from sector to sector, on the side on which it does; where it is nearest, a parabola says it. A
+/// neighbour's range is 0 where the surface does not go on there.
+fn nearer_side(before_m: f32, range_m: f32, next_m: f32) -> f32 {
+    let goes_on = (before_m > 0.0, next_m > 0.0);
+    match (goes_on.0 && before_m < range_m, goes_on.1 && next_m < range_m) {
+        (true, false) => -1.0,
+        (false, true) => 1.0,
+        (false, false) if goes_on == (true, true) => {
+            let (before, next) = (root(before_m - range_m), root(next_m - range_m));
+            if before + next > 0.0 { (before - next) / (before + next) } else { 0.0 }
+        }
+        _ => 0.0,
+    }
+}
+
+/// A direction, turned clockwise by a few degrees at most.
+fn turned_a_little(direction: Horizontal, angle_rad: f32) -> Horizontal {
+    let right = Horizontal { north: -direction.east, east: direction.north };
+    direction.times(1.0 - 0.5 * angle_rad * angle_rad).plus(right.times(angle_rad))
 }
 
 /// Single hits from where they were seen; those that are not finite or absurd are counted.

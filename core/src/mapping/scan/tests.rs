@@ -1,14 +1,21 @@
 use super::*;
+use std::format;
 use std::vec::Vec as StdVec;
 
 /// Ray-casts circles (north, east, radius) from the origin, nose to the north, as a 90 deg sensor of 3 m would, in cm.
 fn cast(circles: &[(f64, f64, f64)]) -> Scan {
-    let (fov, range) = (90.0_f64.to_radians(), 3.0);
+    cast_wide(circles, 90.0, 3.0, 1)
+}
+
+/// The same for any field of view and range; a sector tells the nearest of so many rays.
+fn cast_wide(circles: &[(f64, f64, f64)], fov_deg: f64, range: f64, rays: usize) -> Scan {
+    let fov = fov_deg.to_radians();
     let step = fov / 72.0;
     let first = -fov / 2.0 + step / 2.0;
     let mut sectors = [Sector::Clear; SECTORS_MAX];
-    for (index, sector) in sectors.iter_mut().enumerate() {
-        let azimuth = first + step * index as f64;
+    for (ray, index) in (0..72 * rays).map(|ray| (ray, ray / rays)) {
+        let sector = &mut sectors[index];
+        let azimuth = -fov / 2.0 + step / rays as f64 * (ray as f64 + 0.5);
         for (north, east, radius) in circles {
             let along = north * azimuth.cos() + east * azimuth.sin();
             let across = (north * azimuth.sin() - east * azimuth.cos()).abs();
@@ -53,6 +60,35 @@ fn a_pillar_is_found_where_it_stands_and_as_thick_as_it_is() {
             }
         }
     }
+}
+
+#[test]
+fn wide_sectors_make_a_pillar_no_wider() {
+    let fitter = Config::default().build().unwrap();
+    let mut pillars = 0;
+    for (fov_deg, rays) in [(120.0, 2), (270.0, 3), (360.0, 4)] {
+        for (distance, radius) in [(1.0, 0.15), (1.5, 0.1), (1.5, 0.3), (2.5, 0.3), (3.5, 0.2)] {
+            let mut wider = StdVec::new();
+            for turn in 0..40 {
+                let azimuth = (f64::from(turn) * 0.53 - 10.0).to_radians();
+                let pillar = (distance * azimuth.cos(), distance * azimuth.sin(), radius);
+                let scan = cast_wide(&[pillar], fov_deg, 4.0, rays);
+                let found = fitter.fit(&scan, &Pose::default()).unwrap().detections;
+                wider.extend(found.iter().filter(|d| d.kind == Kind::Pillar).map(|d| f64::from(d.radius_m) - radius));
+            }
+            let case = format!("{fov_deg} deg, {distance} m, radius {radius} m");
+            pillars += wider.len();
+            if wider.len() < 10 {
+                continue;
+            }
+            let mean = wider.iter().sum::<f64>() / wider.len() as f64;
+            let least = wider.iter().copied().fold(f64::INFINITY, f64::min);
+            let half_sector = 0.5 * distance * (fov_deg / 72.0_f64).to_radians();
+            assert!(mean.abs() < 0.02, "{case}: {mean} m wider on average");
+            assert!(least > -half_sector - 0.01, "{case}: {least}");
+        }
+    }
+    assert!(pillars > 500, "a pillar in {pillars} of 600 looks");
 }
 
 #[test]
