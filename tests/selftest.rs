@@ -10,13 +10,13 @@ use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_link::dialect::{COMMAND_LONG_DATA, MavMessage};
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
-use foxhound_sim::antennas::{Antennas, Fault, Pose, square};
 use foxhound_sim::autopilot::{Autopilot, GUIDED, Software, Start};
 use foxhound_sim::calibrate;
 use foxhound_sim::computer::{Computer as _, HostComputer};
 use foxhound_sim::frames::Recording;
-use foxhound_sim::random::Random;
-use foxhound_sim::vehicle::Motion;
+use foxhound_sim::world::antennas::{Antennas, Fault, Pose, square};
+use foxhound_sim::world::random::Random;
+use foxhound_sim::world::vehicle::Motion;
 use npyz::WriterBuilder as _;
 
 const SELF_TEST: u16 = 31_010;

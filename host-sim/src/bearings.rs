@@ -292,8 +292,8 @@ pub fn table(lines: &[Line]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::antennas::{Antennas, Impairments, Pose, Reflection};
-    use crate::random::Random;
+    use crate::world::antennas::{Antennas, Impairments, Pose, Reflection};
+    use crate::world::random::Random;
     use foxhound_core::doa::array;
 
     fn look(azimuth_deg: f32, sigma_deg: f32) -> Bearing {

@@ -30,10 +30,10 @@ pub use report::{Complaint, Report, Row};
 
 use crate::autopilot::{Software, Start};
 use crate::qemu::{QemuComputer, QemuError};
-use crate::random::Random;
 use crate::scenario::{Obstacle, Scenario, Sensor, SensorModel};
 use crate::trial::{Clocks, Trial};
 use crate::world::Horizontal;
+use crate::world::random::Random;
 use flight::{Flight, Twin};
 
 const SECOND_US: u64 = 1_000_000;

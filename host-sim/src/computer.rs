@@ -294,10 +294,10 @@ impl Computer for QemuComputer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::antennas::Pose;
     use crate::autopilot::Autopilot;
     use crate::scenario::Scenario;
-    use crate::vehicle::Vehicle;
+    use crate::world::antennas::Pose;
+    use crate::world::vehicle::Vehicle;
     use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
     use foxhound_core::guidance::mission::Outcome;
     use foxhound_link::dialect::DISTANCE_SENSOR_DATA;

@@ -23,16 +23,16 @@ use foxhound_link::mailbox::Planned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::air::{Air, Drift};
-use crate::antennas::{Antennas, Fault, Interferer, Pattern, Pose, Reflection};
 use crate::autopilot::{Autopilot, Software, Start};
 use crate::computer::{BLOCK, Computer, ComputerError};
-use crate::random::Random;
-use crate::rays;
 use crate::scenario::{BearingModel, OtherBeacon, Pulses, Scenario, SensorModel, VehicleModel, inside};
-use crate::sensor::View;
 use crate::tlog;
-use crate::vehicle::{Motion, Vehicle};
+use crate::world::air::{Air, Drift};
+use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Pose, Reflection};
+use crate::world::random::Random;
+use crate::world::rays;
+use crate::world::sensor::View;
+use crate::world::vehicle::{Motion, Vehicle};
 use crate::world::{Horizontal, Hull, World, wrap_pi};
 
 mod landing;

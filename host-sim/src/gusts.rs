@@ -1,7 +1,7 @@
 //! Many flights in gusts, scene by scene: how many touch something, how many arrive.
 //!
 //! All fly with the whole chain from the antennas' codes on, at 20 dB, and a vehicle as slow as a real autopilot, ArduCopter
-//! unless the scene says PX4 ([`crate::deviation`]). The air: a mean wind of 3 m/s with Dryden's gusts on top of it.
+//! unless the scene says PX4 ([`crate::world::deviation`]). The air: a mean wind of 3 m/s with Dryden's gusts on top of it.
 
 use foxhound_core::guidance;
 use rayon::prelude::*;

@@ -8,17 +8,12 @@
 //!                    `-> sensor --OBSTACLE_DISTANCE--^
 //! ```
 
-pub mod air;
-pub mod antennas;
 pub mod autopilot;
 pub mod bearings;
 pub mod calibrate;
-pub mod camera;
-pub mod camera_line;
 pub mod campaign;
 pub mod companion;
 pub mod computer;
-pub mod deviation;
 pub mod flight;
 pub mod frames;
 pub mod g474;
@@ -32,14 +27,11 @@ pub mod mcap;
 pub mod params;
 pub mod plot;
 pub mod qemu;
-pub mod random;
-pub mod rays;
 pub mod replay;
 pub mod report;
 pub mod reproduce;
 pub mod scenario;
 pub mod seeds;
-pub mod sensor;
 mod sheet;
 pub mod soak;
 pub mod suite;
@@ -47,5 +39,4 @@ pub mod table;
 pub mod tlog;
 pub mod transport;
 pub mod trial;
-pub mod vehicle;
 pub mod world;

@@ -26,7 +26,7 @@ use std::ops::RangeInclusive;
 use density::Cells;
 
 use crate::input::{InputError, check, check_within};
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// A pillar: x, y, radius.
 pub type Pillar = [f64; 3];

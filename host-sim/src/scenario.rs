@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::autopilot::Software;
 use crate::input::{InputError, check, parse_strictly};
-use crate::rays;
+use crate::world::rays;
 use crate::world::{Horizontal, Pillar, World};
 
 mod disturbed;

@@ -25,13 +25,13 @@ use foxhound_link::dialect::{MavMessage, PARAM_REQUEST_LIST_DATA, REQUEST_DATA_S
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use serde::Serialize;
 
-use crate::antennas::Pose;
 use crate::autopilot::{Autopilot, Software, Start, Wire};
 use crate::computer::BLOCK;
-use crate::random::Random;
 use crate::scenario::{self, Scenario, VehicleModel};
 use crate::trial::{Clocks, Trial};
-use crate::vehicle::{Motion, Vehicle};
+use crate::world::antennas::Pose;
+use crate::world::random::Random;
+use crate::world::vehicle::{Motion, Vehicle};
 
 /// Setpoints leave on multiples of this.
 const GRID_US: u64 = 50_000;

@@ -17,14 +17,14 @@ use foxhound_link::dialect::{
 };
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 
-use crate::antennas::{Antennas, Pose};
 use crate::autopilot::{Autopilot, Software, Start, Wire};
 use crate::computer::{BLOCK, Computer, HostComputer};
 use crate::flight::{Mission, TICK_S};
-use crate::random::Random;
 use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, VehicleModel};
-use crate::sensor::View;
-use crate::vehicle::{Motion, Vehicle};
+use crate::world::antennas::{Antennas, Pose};
+use crate::world::random::Random;
+use crate::world::sensor::View;
+use crate::world::vehicle::{Motion, Vehicle};
 use crate::world::{Horizontal, Hull, World};
 
 /// Length of one step.

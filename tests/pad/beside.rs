@@ -5,9 +5,9 @@ use std::process::Stdio;
 
 use foxhound_core::landing::pad::Format;
 use foxhound_core::landing::pad::{Camera, Config, Seen};
-use foxhound_sim::camera::random::{Recipe, shot};
-use foxhound_sim::camera::watch::alone;
-use foxhound_sim::camera::{Frame, Size};
+use foxhound_sim::world::camera::random::{Recipe, shot};
+use foxhound_sim::world::camera::watch::alone;
+use foxhound_sim::world::camera::{Frame, Size};
 use foxhound_tests::{python, root};
 use serde_json::Value;
 

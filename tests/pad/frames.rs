@@ -4,9 +4,9 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::landing::pad::{
     Bad, Camera, Config, Detector, Format, HEIGHT_MAX, Header, Look, Seen, State, WIDTH_MAX,
 };
-use foxhound_sim::camera::random::{Recipe, shot};
-use foxhound_sim::camera::watch::alone;
-use foxhound_sim::camera::{Ground, Lighting, PAD_RED, Pose, Scene, Size, Target, render};
+use foxhound_sim::world::camera::random::{Recipe, shot};
+use foxhound_sim::world::camera::watch::alone;
+use foxhound_sim::world::camera::{Ground, Lighting, PAD_RED, Pose, Scene, Size, Target, render};
 
 const FRAMES: u64 = 5000;
 const WIDE_PX: f32 = 12.0;
@@ -38,7 +38,7 @@ fn run(recipe: &Recipe, count: u64, inside: [f32; 2]) -> Tally {
         let mut tally = Tally::default();
         for seed in (first..count).step_by(2) {
             let shot = shot(recipe, &camera, seed);
-            let wanted = |truth: &foxhound_sim::camera::Truth| {
+            let wanted = |truth: &foxhound_sim::world::camera::Truth| {
                 truth.width_px >= WIDE_PX && truth.hidden <= 0.3 && (inside[0]..=inside[1]).contains(&truth.inside)
             };
             if recipe.has_pad && !shot.truth.as_ref().is_some_and(wanted) {
@@ -127,7 +127,7 @@ fn a_grey_camera_finds_only_some() {
 }
 
 /// A pad from straight above, north and east of the vehicle.
-fn plain(north_m: f32, east_m: f32, pose: Pose, size: Size) -> (foxhound_sim::camera::Frame, Scene) {
+fn plain(north_m: f32, east_m: f32, pose: Pose, size: Size) -> (foxhound_sim::world::camera::Frame, Scene) {
     let target = Target { north_m, east_m, radius_m: 0.25, ring_m: 0.05, colour: PAD_RED };
     let scene = Scene { ground: Ground::Concrete, things: Vec::new(), target: Some(target), covers: Vec::new() };
     (render(&scene, &Camera::default(), &pose, &Lighting::default(), size, 1), scene)
@@ -135,7 +135,7 @@ fn plain(north_m: f32, east_m: f32, pose: Pose, size: Size) -> (foxhound_sim::ca
 
 fn pad_of(
     detector: &Detector,
-    frame: &foxhound_sim::camera::Frame,
+    frame: &foxhound_sim::world::camera::Frame,
     height_m: Option<f32>,
 ) -> foxhound_core::landing::pad::Pad {
     match alone(detector, frame, height_m, 1).seen {

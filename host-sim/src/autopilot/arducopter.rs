@@ -2,7 +2,7 @@
 
 use foxhound_link::dialect::{MavBatteryChargeState, MavSeverity, MavState, SET_POSITION_TARGET_LOCAL_NED_DATA};
 
-use crate::vehicle::{Command, Motion};
+use crate::world::vehicle::{Command, Motion};
 
 use super::Autopilot;
 use super::flight::{Behaviour, Goal, Yaw};

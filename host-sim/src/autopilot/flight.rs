@@ -1,6 +1,6 @@
 //! What the vehicle is told: goals of a companion, and what the autopilot flies by itself.
 
-use crate::vehicle::{Command, Motion};
+use crate::world::vehicle::{Command, Motion};
 use crate::world::wrap_pi;
 
 use super::{Autopilot, Software};

@@ -8,7 +8,7 @@ use foxhound_link::dialect::{
     RC_CHANNELS_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
-use crate::vehicle::Motion;
+use crate::world::vehicle::Motion;
 
 use super::arducopter::{ACCELERATION_BITS, GUIDED, POSITION_BITS, VELOCITY_BITS, YAW_BIT, YAW_RATE_BIT};
 use super::flight::{Behaviour, Goal};

@@ -14,7 +14,7 @@
 //! | the stream ends | brakes after `GUID_TIMEOUT`, stays | Hold after `COM_OF_LOSS_T`, then `COM_OBL_RC_ACT` |
 //! | streams unasked | heartbeats | much |
 //!
-//! The vehicle itself is [`crate::vehicle`]; [`Autopilot::command`] is what it obeys. Not modelled: missions (AUTO holds),
+//! The vehicle itself is [`crate::world::vehicle`]; [`Autopilot::command`] is what it obeys. Not modelled: missions (AUTO holds),
 //! sticks (manual modes hold), obstacle avoidance, falling (a vehicle disarmed in the air stays there), and the limits of
 //! the autopilot's own speed controllers beyond a speed for what it flies by itself.
 
@@ -38,7 +38,7 @@ use foxhound_link::dialect::{
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode, encode_data};
 use serde::{Deserialize, Serialize};
 
-use crate::vehicle::Motion;
+use crate::world::vehicle::Motion;
 
 pub use arducopter::GUIDED;
 pub use faults::{Battery, Faults};

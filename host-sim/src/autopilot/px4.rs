@@ -2,7 +2,7 @@
 
 use foxhound_link::dialect::{MavSeverity, MavState, SET_POSITION_TARGET_LOCAL_NED_DATA};
 
-use crate::vehicle::{Command, Motion};
+use crate::world::vehicle::{Command, Motion};
 
 use super::Autopilot;
 use super::arducopter::{ACCELERATION_BITS, FORCE_BIT, VELOCITY_BITS, YAW_BIT, YAW_RATE_BIT};

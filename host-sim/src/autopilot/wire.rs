@@ -1,6 +1,6 @@
 //! A wire that loses and changes bytes, both ways.
 
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// A bad wire. Each way has its own randomness, so the traffic of one leaves the other alone.
 #[derive(Clone, Debug)]

@@ -13,10 +13,10 @@ use super::{Kind, Row, SECOND_US};
 use crate::autopilot::{Software, Wire};
 use crate::computer::{BLOCK, Computer, ComputerError, StepReport};
 use crate::qemu::{QemuComputer, QemuError};
-use crate::random::Random;
 use crate::soak::manual_mode;
 use crate::trial::{Converters, Trial};
 use crate::world::Horizontal;
+use crate::world::random::Random;
 
 /// Bytes of the firmware's flash.
 const STORE_BYTES: usize = 32 << 10;

@@ -7,13 +7,13 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
-use foxhound_sim::antennas::Pose;
 use foxhound_sim::autopilot::{Autopilot, Software, Start, Wire};
 use foxhound_sim::companion::Pace;
 use foxhound_sim::input::{InputError, MAX_TIME_S, check, check_within};
 use foxhound_sim::scenario::{self, VehicleModel};
 use foxhound_sim::transport::{Line, Listen};
-use foxhound_sim::vehicle::Vehicle;
+use foxhound_sim::world::antennas::Pose;
+use foxhound_sim::world::vehicle::Vehicle;
 use serde::Serialize;
 
 use super::companion::{stop_flag, triple};

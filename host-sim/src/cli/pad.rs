@@ -7,11 +7,11 @@ use std::process::ExitCode;
 
 use clap::Args;
 use foxhound_core::landing::pad::{Camera, Config, Format, HEIGHT_MAX, Pad, SIDE_MIN, Seen, WIDTH_MAX};
-use foxhound_sim::camera::picture::{Picture, mark};
-use foxhound_sim::camera::random::{Recipe, shot};
-use foxhound_sim::camera::watch::alone;
-use foxhound_sim::camera::{Frame, Size};
 use foxhound_sim::input::{InputError, check_within};
+use foxhound_sim::world::camera::picture::{Picture, mark};
+use foxhound_sim::world::camera::random::{Recipe, shot};
+use foxhound_sim::world::camera::watch::alone;
+use foxhound_sim::world::camera::{Frame, Size};
 use serde::Serialize;
 
 use super::terminal::{GOOD, HALF, say, show_as};

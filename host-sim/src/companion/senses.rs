@@ -12,13 +12,13 @@ use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion::{self, Autopilot, Companion};
 use foxhound_link::signing::Signing;
 
-use crate::antennas::{Antennas, Pose};
 use crate::computer::BLOCK;
 use crate::flight::Sample;
-use crate::random::Random;
 use crate::scenario;
-use crate::sensor::View;
-use crate::vehicle::Motion;
+use crate::world::antennas::{Antennas, Pose};
+use crate::world::random::Random;
+use crate::world::sensor::View;
+use crate::world::vehicle::Motion;
 use crate::world::{Horizontal, World};
 
 /// Telemetry older than this says nothing about now.

@@ -125,8 +125,8 @@ impl Tally {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::antennas::Pose;
     use crate::scenario::{Obstacle, Scenario};
+    use crate::world::antennas::Pose;
 
     fn fix(time_us: u64, north: f64) -> Fix {
         let pose = Pose { position_ned_m: [north, 0.0, -2.0], ..Pose::default() };

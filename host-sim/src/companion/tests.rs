@@ -56,10 +56,10 @@ fn the_guard_keeps_the_limit_with_room_for_rounding() {
 
 #[test]
 fn a_take_off_that_its_pilot_asks_for_in_guided_is_not_ended_by_our_setpoints() {
-    use crate::antennas::Pose;
     use crate::autopilot::{Autopilot, GUIDED, Software, Start};
     use crate::computer::HostComputer;
-    use crate::vehicle::Vehicle;
+    use crate::world::antennas::Pose;
+    use crate::world::vehicle::Vehicle;
     let mut computer = HostComputer::new(&config().guidance()).unwrap();
     let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };
     let mut vehicle = Vehicle::new(model, 2.0, Pose::default());

@@ -11,12 +11,12 @@ use foxhound_link::dialect::DISTANCE_SENSOR_DATA;
 use serde::Serialize;
 
 use super::horizontal;
-use crate::antennas::Pose;
-use crate::camera::{self, Frame, Ground, Lighting, Scene, Shadow, Shape, Size, Target, Thing};
-use crate::camera_line;
-use crate::random::Random;
 use crate::scenario::{self, inside};
-use crate::vehicle::Motion;
+use crate::world::antennas::Pose;
+use crate::world::camera::{self, Frame, Ground, Lighting, Scene, Shadow, Shape, Size, Target, Thing};
+use crate::world::camera_line;
+use crate::world::random::Random;
+use crate::world::vehicle::Motion;
 use crate::world::{Horizontal, World};
 
 /// From one word of the range finder to the next: 17 Hz.

@@ -6,7 +6,7 @@ use foxhound_core::localize::link_state::{CLASSES, Classifier, FEATURES, LinkSta
 use serde::Serialize;
 
 use super::legs::Sample;
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Counts: truth, then answer.
 pub(super) type Confusion = [[u64; CLASSES]; CLASSES];

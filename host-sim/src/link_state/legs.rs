@@ -12,9 +12,9 @@ use foxhound_core::mapping::lor::Line;
 use foxhound_core::signal::phase::{self, Extractor};
 
 use super::scenes::{Scene, within};
-use crate::antennas::{Antennas, Impairments, Pose, Reflection};
-use crate::random::Random;
-use crate::rays::{self, Path};
+use crate::world::antennas::{Antennas, Impairments, Pose, Reflection};
+use crate::world::random::Random;
+use crate::world::rays::{self, Path};
 use crate::world::{Horizontal, wrap_pi};
 
 /// Samples of a frame.

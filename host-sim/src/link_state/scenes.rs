@@ -1,8 +1,8 @@
 //! Random places to be lost in: yards with some walls, and floors of rooms.
 
-use crate::random::Random;
-use crate::rays::Wall;
 use crate::world::Horizontal;
+use crate::world::random::Random;
+use crate::world::rays::Wall;
 
 /// A beacon among walls.
 #[derive(Clone, Debug)]

@@ -3,7 +3,7 @@
 
 use foxhound_core::localize::link_state::{CLASSES, FEATURES, HIDDEN, Weights};
 
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Samples of a step.
 const BATCH: usize = 128;

@@ -149,7 +149,7 @@ pub fn density(bounds: [f64; 4], pillars: &[Pillar]) -> Density {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Random;
+    use crate::world::random::Random;
 
     const BOUNDS: [f64; 4] = [-1.0, 2.0, 4.0, 6.0];
 

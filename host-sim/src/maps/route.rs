@@ -178,7 +178,7 @@ mod tests {
     use std::collections::BinaryHeap;
 
     use super::*;
-    use crate::random::Random;
+    use crate::world::random::Random;
 
     const BOUNDS: [f64; 4] = [0.0, 0.0, 10.0, 10.0];
 

@@ -1,7 +1,7 @@
 //! Rows of pillars across the way north: walls with a gap somewhere, or walls to fly around.
 
 use super::Pillar;
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// What the rows are like.
 #[derive(Clone, Copy, Debug, PartialEq)]

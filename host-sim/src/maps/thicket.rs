@@ -8,7 +8,7 @@
 use super::route::Forest;
 use super::{Pair, Pillar};
 use crate::input::InputError;
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Side of a cell and diameter of a pillar.
 const CELL_M: f64 = 0.15;

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::frame::{Enu, enu};
 use crate::report::record::{Gains, Heard, Plan, Step, Xy};
-use crate::vehicle::Motion;
+use crate::world::vehicle::Motion;
 
 /// The fields that are there.
 fn with(mut message: Value, fields: &[(&str, Option<f64>)]) -> Value {

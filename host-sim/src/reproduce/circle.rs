@@ -16,9 +16,9 @@ use serde::Serialize;
 
 use super::chart::{Axis, Chart, Panel, Series};
 use super::{CONTENDERS, error_rad, finders, phasors};
-use crate::antennas::{Antennas, Pose};
 use crate::input::InputError;
-use crate::random::Random;
+use crate::world::antennas::{Antennas, Pose};
+use crate::world::random::Random;
 
 /// What the main paper reports for its own estimator.
 pub const PAPER_MEAN_DEG: f64 = 1.48;

@@ -19,9 +19,9 @@ use serde::Serialize;
 
 use super::chart::{Axis, Chart, Panel, Series};
 use super::{CONTENDERS, error_rad, finders, phasors};
-use crate::antennas::{Antennas, Pose};
 use crate::input::InputError;
-use crate::random::Random;
+use crate::world::antennas::{Antennas, Pose};
+use crate::world::random::Random;
 
 /// Signal-to-noise ratios per sample.
 pub const SNRS_DB: [u8; 9] = [0, 5, 10, 15, 20, 25, 30, 35, 40];

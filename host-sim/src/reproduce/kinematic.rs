@@ -12,8 +12,8 @@ use foxhound_core::planning::planner::{PlanRequest, Planner, Scratch};
 use serde::Serialize;
 
 use crate::flight::{Ending, from_core};
-use crate::random::Random;
 use crate::scenario::Scenario;
+use crate::world::random::Random;
 use crate::world::{Horizontal, Hull, Pillar, wrap_pi};
 
 /// Distance of the temporary target (main paper, section IV).

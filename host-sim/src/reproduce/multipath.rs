@@ -21,8 +21,8 @@ use super::chart::{Axis, Bar, Bars, Chart, Panel};
 use crate::computer::HostComputer;
 use crate::flight::{Ending, Mission, Report as Flown, fly};
 use crate::input::InputError;
-use crate::random::Random;
 use crate::scenario::{Bearing, Scenario, Wall};
+use crate::world::random::Random;
 
 /// How much is flown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

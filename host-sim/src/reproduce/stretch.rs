@@ -21,8 +21,8 @@ use serde::Serialize;
 
 use super::chart::{Axis, Chart, Panel, Series};
 use crate::input::InputError;
-use crate::random::Random;
 use crate::world::Horizontal;
+use crate::world::random::Random;
 
 pub mod lemmas;
 pub mod moving;

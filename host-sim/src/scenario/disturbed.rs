@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::antennas;
 use crate::input::{InputError, check};
+use crate::world::antennas;
 
 /// Offsets at which another beacon's tone is within what the receiver lets through.
 const OFFSET_MIN_HZ: f64 = -12_000.0;

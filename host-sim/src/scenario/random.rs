@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Obstacle, Scenario};
 use crate::input::{InputError, check};
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Throws for a pillar before the map counts as full.
 const THROWS: usize = 1000;

@@ -10,9 +10,9 @@ use foxhound_link::dialect::{COMMAND_LONG_DATA, MavMessage, SET_POSITION_TARGET_
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 
 use super::{Autopilot, Start};
-use crate::antennas::Pose;
 use crate::scenario::{self, VehicleModel};
-use crate::vehicle::{Command, Motion, Vehicle};
+use crate::world::antennas::Pose;
+use crate::world::vehicle::{Command, Motion, Vehicle};
 
 const COMPANION: Header = Header { system_id: 1, component_id: 191, sequence: 0 };
 const TICK_US: u64 = 20_000;

@@ -17,7 +17,7 @@ use foxhound_core::localize::source::{Heard, Sighting};
 use foxhound_core::planning::belief::{Config, Guess, Outcome, Planner, Problem, Scratch};
 use serde::Serialize;
 
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Length of the leg, and how much of it is flown.
 pub const LEG_M: f64 = 12.0;

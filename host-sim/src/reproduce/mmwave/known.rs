@@ -6,9 +6,9 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::plan::Plan;
-use crate::random::Random;
-use crate::rays::Wall;
 use crate::world::Horizontal;
+use crate::world::random::Random;
+use crate::world::rays::Wall;
 
 /// Side of a cell.
 pub(super) const CELL_M: f64 = 0.25;

@@ -4,9 +4,9 @@
 //! with a corridor. A door is never where a later wall ends. Boxes at any angle stand free in the rooms. Walls have no
 //! thickness; whether everything can be reached is asked of [`super::known`] by whoever draws the scenarios.
 
-use crate::random::Random;
-use crate::rays::Wall;
 use crate::world::Horizontal;
+use crate::world::random::Random;
+use crate::world::rays::Wall;
 
 /// What a reflection loses. Printed ranges for plasterboard, concrete and glass at 28 GHz are 6 to 10 dB.
 const REFLECTION_DB: f64 = 8.0;

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use crate::random::Random;
-use crate::rays::{self, Wall};
 use crate::world::Horizontal;
+use crate::world::random::Random;
+use crate::world::rays::{self, Wall};
 
 /// Weaker than this, over the free wave at one metre, nothing is heard: two reflections reach 25 m, one 63 m.
 pub(super) const FLOOR_DB: f64 = -44.0;

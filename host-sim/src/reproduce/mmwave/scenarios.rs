@@ -6,7 +6,7 @@ use super::known::Known;
 use super::plan::Plan;
 use super::radio::{self, Link};
 use super::trial::Start;
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Plans.
 pub(super) const PLANS: u32 = 10;

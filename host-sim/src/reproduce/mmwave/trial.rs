@@ -7,8 +7,8 @@ use super::agent::{Agent, Kind, View};
 use super::known::Known;
 use super::plan::Plan;
 use super::radio::{self, Link};
-use crate::random::Random;
 use crate::world::Horizontal;
+use crate::world::random::Random;
 
 /// Longest step of a control cycle.
 pub(super) const STEP_M: f64 = 0.5;

@@ -12,8 +12,8 @@ use serde::Serialize;
 use super::walk::{Model, Outliers, Rule, STEP_M, Walk};
 use super::{START_M, STEPS_MAX, Stretch};
 use crate::input::InputError;
-use crate::random::Random;
 use crate::world::Horizontal;
+use crate::world::random::Random;
 
 /// Returns after which a walk has shown that it returns.
 pub const RETURNS: u32 = 300;

@@ -12,9 +12,9 @@ use serde::Serialize;
 
 use super::walk::{Model, Outliers, REACHED_M, Rule, STEP_M, Walk};
 use crate::input::InputError;
-use crate::random::Random;
 use crate::reproduce::chart::{Axis, Chart, Panel, Series};
 use crate::world::Horizontal;
+use crate::world::random::Random;
 
 /// Rates of outliers.
 const RATES: [f64; 2] = [613.0 / 2671.0, 0.4];

@@ -7,7 +7,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::doa::rss::{self, direction};
 use foxhound_core::localize::pursuit;
 
-use crate::random::Random;
+use crate::world::random::Random;
 use crate::world::{Horizontal, wrap_pi};
 
 /// Length of a step, from rotation to rotation.

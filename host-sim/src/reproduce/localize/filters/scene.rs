@@ -2,8 +2,8 @@
 
 use super::FIG_2_M;
 use super::trial::{Course, ORIGIN, Wall, anywhere_rad, uniform};
-use crate::random::Random;
 use crate::world::Horizontal;
+use crate::world::random::Random;
 
 /// A course and the prior of its inverse range; how the paper's filter begins.
 pub(super) struct Scene {

@@ -9,8 +9,8 @@ use super::scene::{Scene, around, draw_before, draw_range, draw_slanted};
 use super::trial::{Course, Gathered, ORIGIN, SIGHTINGS, Wall, anywhere_rad, nees, polar_nees, uniform};
 use super::{FIG_3_M, Outcome, PAPER_FIG_3_M, Row};
 use crate::flight::from_core;
-use crate::random::Random;
 use crate::world::Horizontal;
+use crate::world::random::Random;
 
 /// How far off the guess of an unknown wall is.
 const GUESS: f64 = 0.2;

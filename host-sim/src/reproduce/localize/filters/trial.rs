@@ -7,7 +7,7 @@ use foxhound_core::localize::source::polar::State;
 use foxhound_core::localize::source::{Heard, Sighting};
 use foxhound_core::mapping::lor::Line;
 
-use crate::random::Random;
+use crate::world::random::Random;
 use crate::world::{Horizontal, wrap_pi};
 
 /// Standard deviation of a bearing (section V-A).

@@ -19,7 +19,7 @@ use std::f64::consts::TAU;
 use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
 use foxhound_core::base::time::Instant;
 
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Where the vehicle is and how it is turned.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -3,7 +3,7 @@
 use foxhound_core::landing::pad::Format;
 
 use super::{Colour, Frame, Lighting, Size};
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Makes a frame of the light that each pixel gets.
 pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, seed: u64) -> Frame {

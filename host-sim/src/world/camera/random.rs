@@ -6,7 +6,7 @@ use super::{
     Camera, Colour, Frame, Ground, Lighting, PAD_RED, Pose, Scene, Shadow, Shape, Size, Target, Thing, Truth, lamp,
     render, truth,
 };
-use crate::random::Random;
+use crate::world::random::Random;
 
 /// Of what a picture is to be.
 #[derive(Clone, Copy, Debug, PartialEq)]

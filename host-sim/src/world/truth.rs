@@ -2,7 +2,7 @@
 //!
 //! Everything here is in the NED frame, metres and seconds, in `f64`: it is the truth that the core never sees.
 
-use crate::rays::Wall;
+use crate::world::rays::Wall;
 
 /// A horizontal vector of the NED frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn pillars_far_off_are_passed_over_and_change_neither_clearance_nor_collision() {
-        let mut random = crate::random::Random::new(5, 1);
+        let mut random = crate::world::random::Random::new(5, 1);
         for _ in 0..50 {
             let mut pillar = || Pillar {
                 center: Horizontal { north: 9.0 * random.uniform(), east: 9.0 * random.uniform() },

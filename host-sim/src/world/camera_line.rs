@@ -49,8 +49,8 @@ mod tests {
     use foxhound_core::landing::pad::{Bad, Seen};
 
     use super::*;
-    use crate::camera::{self, Size, random};
-    use crate::random::Random;
+    use crate::world::camera::{self, Size, random};
+    use crate::world::random::Random;
 
     const HEADER: Header = Header { time: Instant(0), width_px: 160, height_px: 120, format: Format::Rgb565 };
 

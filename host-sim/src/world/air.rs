@@ -3,11 +3,11 @@
 //! Gusts are a first-order process in each of both directions, `dg = -g dt / T + sigma sqrt(2 dt / T) n`: the longitudinal
 //! one of Dryden's turbulence. Air that moves by `w` pushes with `d w`; `d` of 0.3 1/s, a small multicopter's drag, is an
 //! assumption. The autopilot has countered the mean when the flight begins; what it does about the rest says
-//! [`crate::deviation`].
+//! [`crate::world::deviation`].
 
-use crate::random::Random;
 use crate::scenario;
 use crate::world::Horizontal;
+use crate::world::random::Random;
 
 /// Acceleration by a metre a second of wind.
 const DRAG_PER_S: f64 = 0.3;

@@ -1,0 +1,26 @@
+//! What is physically there: a beacon, pillars and walls, the vehicle in the wind, and what its antennas, its obstacle sensor
+//! and its camera measure.
+//!
+//! | module | what it simulates |
+//! |---|---|
+//! | `truth` | the beacon, the pillars, and which clearance is a collision |
+//! | [`rays`] | radio paths among walls |
+//! | [`antennas`] | the samples of the four channels |
+//! | [`air`], [`deviation`] | the wind, and how far it moves the vehicle off its course |
+//! | [`vehicle`] | the motion that follows from commands |
+//! | [`sensor`] | the obstacle sensor |
+//! | [`camera`], [`camera_line`] | the camera that looks down, and its frames on a serial line |
+//! | [`random`] | seeded random numbers, one generator a purpose |
+
+pub mod air;
+pub mod antennas;
+pub mod camera;
+pub mod camera_line;
+pub mod deviation;
+pub mod random;
+pub mod rays;
+pub mod sensor;
+mod truth;
+pub mod vehicle;
+
+pub use truth::{Horizontal, Hull, Pillar, World, wrap_pi};
