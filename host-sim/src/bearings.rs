@@ -22,7 +22,7 @@ use foxhound_core::signal::phase::{self, Phasors};
 use serde::{Serialize, Serializer};
 
 use crate::frames::{ArrayDescription, Recording};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::world::wrap_pi;
 
 /// How frames become answers.

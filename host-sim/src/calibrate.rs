@@ -18,7 +18,7 @@ use serde::Serialize;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Value};
 
 use crate::frames::{ArrayDescription, Recording};
-use crate::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, check_within};
+use crate::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, check_within};
 use crate::world::wrap_pi;
 
 /// Two frequencies closer than this, as a part of them, are the same entry.

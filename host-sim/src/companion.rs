@@ -30,7 +30,9 @@ use serde_json::Value;
 
 use crate::computer::{Computer, StepReport};
 use crate::flight::{Ending, Mission, Moment, Report, TICK_S};
-use crate::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, check, check_within, parse_strictly};
+use crate::scenario::input::{
+    DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, check, check_within, parse_strictly,
+};
 use crate::scenario::{self, Obstacle, Scenario, VehicleModel};
 use crate::tlog;
 use crate::transport::Line;

@@ -36,7 +36,7 @@ use foxhound_core::signal::phase::{self, Complex};
 use npyz::{NpyFile, Order, WriterBuilder as _};
 use serde::Deserialize;
 
-use crate::input::{InputError, check, parse_strictly, read_text};
+use crate::scenario::input::{InputError, check, parse_strictly, read_text};
 
 /// Block lengths that the core is built for.
 pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::flight::{Ending, Report};
-use crate::input::InputError;
 use crate::maps::rows::{self, Rows};
 use crate::matrix;
+use crate::scenario::input::InputError;
 use crate::scenario::{Obstacle, Scenario, VehicleModel, Wind};
 
 /// A kind of world to fly through.

@@ -12,9 +12,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::flight::{Ending, Landing, Report};
-use crate::input::InputError;
 use crate::matrix;
 use crate::scenario::Scenario;
+use crate::scenario::input::InputError;
 
 /// A touchdown within this of the pad's middle is one on the pad.
 pub const ON_PAD_M: f64 = 0.15;

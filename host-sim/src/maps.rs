@@ -25,7 +25,7 @@ use std::ops::RangeInclusive;
 
 use density::Cells;
 
-use crate::input::{InputError, check, check_within};
+use crate::scenario::input::{InputError, check, check_within};
 use crate::world::random::Random;
 
 /// A pillar: x, y, radius.

@@ -16,7 +16,7 @@ use serde_json::Value;
 use crate::autopilot::Software;
 use crate::computer::HostComputer;
 use crate::flight::{self, Ending, Mission, Report};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::scenario::{Bearing, Scenario, Sensor, SensorModel, Vehicle, VehicleModel};
 
 pub use worlds::{World, barn, forests, gusty, pillars, thickets, traps};

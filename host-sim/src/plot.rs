@@ -16,8 +16,8 @@ use plotters::style::ShapeStyle;
 use plotters::style::text_anchor::{HPos, VPos};
 
 use crate::flight::{Ending, Record, from_core};
-use crate::input::InputError;
 use crate::scenario::VehicleModel;
+use crate::scenario::input::InputError;
 use crate::sheet::{
     self, Anchor, Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, OVERSIZE, PAPER, fill, line, pixels, write_svg,
 };

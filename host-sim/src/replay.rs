@@ -28,7 +28,7 @@ use foxhound_link::mailbox::Planned;
 use serde::Serialize;
 
 use crate::computer::BLOCK;
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 /// Plans that may wait: one that nobody wants any more, and the next.
 const PLANS: usize = 2;

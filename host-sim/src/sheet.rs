@@ -16,7 +16,7 @@ use plotters::prelude::{
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color as _, ShapeStyle, register_font};
 
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 /// Pixels of a point.
 pub(crate) const OVERSIZE: u32 = 4;

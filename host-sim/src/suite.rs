@@ -21,8 +21,8 @@ use serde_json::Value;
 
 use crate::computer::HostComputer;
 use crate::flight::{self, Ending, Mission, Record};
-use crate::input::{InputError, check, parse_strictly, read_text};
 use crate::maps::{Pair, Pillar};
+use crate::scenario::input::{InputError, check, parse_strictly, read_text};
 use crate::scenario::{Bearing, FLIGHT_KEYS, Limits, Obstacle, Scenario, Sensor, Vehicle};
 
 pub mod shard;

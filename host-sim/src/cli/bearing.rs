@@ -8,7 +8,7 @@ use clap::Args;
 use foxhound_sim::bearings::{self, Options};
 use foxhound_sim::calibrate::{self, calibrate};
 use foxhound_sim::frames::{ArrayDescription, Recording, read_yaw};
-use foxhound_sim::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
+use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
 
 use super::fly::EstimatorName;
 use super::terminal::{say, show, warn};

@@ -13,10 +13,10 @@ use foxhound_link::mailbox::Setup;
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{self, Ending, Mission, Record};
 use foxhound_sim::g474::{self, G474Computer, Needs};
-use foxhound_sim::input::{InputError, SNR_DB, SPEED, check_within, read_text};
-use foxhound_sim::params::Given;
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::report::{Beside, Recorder};
+use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within, read_text};
+use foxhound_sim::scenario::params::Given;
 use foxhound_sim::scenario::{BearingModel, Scenario, SensorModel};
 use foxhound_sim::{mcap, plot, tlog};
 

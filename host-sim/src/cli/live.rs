@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use foxhound_sim::flight::{Moment, Report};
-use foxhound_sim::input::InputError;
 use foxhound_sim::report::{self, Live, Recorder};
+use foxhound_sim::scenario::input::InputError;
 
 use super::Cli;
 use super::terminal::warn;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_sim::input::{InputError, read_text};
+use foxhound_sim::scenario::input::{InputError, read_text};
 use foxhound_sim::suite::shard::{Part, merge as put_together};
 
 use super::Cli;

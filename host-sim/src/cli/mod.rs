@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
-use foxhound_sim::input::InputError;
+use foxhound_sim::scenario::input::InputError;
 use foxhound_sim::tlog;
 use serde::Serialize;
 

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::{Args, Command, CommandFactory as _};
 use clap_complete::Shell;
 use clap_mangen::Man;
-use foxhound_sim::input::InputError;
+use foxhound_sim::scenario::input::InputError;
 
 use super::terminal::say;
 use super::{Cli, write_text};

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 
 use clap::Args;
 use foxhound_core::guidance::param::{Id, Kind, TABLE};
-use foxhound_sim::input::InputError;
-use foxhound_sim::params::{Given, page, range};
+use foxhound_sim::scenario::input::InputError;
+use foxhound_sim::scenario::params::{Given, page, range};
 use serde::Serialize;
 
 use super::terminal::{say, show};

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_sim::input::InputError;
 use foxhound_sim::replay::{self, Summary};
+use foxhound_sim::scenario::input::InputError;
 
 use super::terminal::{BAD, GOOD, say, show_as};
 use super::{Cli, json_line};

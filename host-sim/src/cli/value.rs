@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use clap::builder::{StringValueParser, TypedValueParser};
-use foxhound_sim::input::InputError;
+use foxhound_sim::scenario::input::InputError;
 
 /// A number. Whether it is inside its range is checked where it is used, and said in the same words as of a file's; here
 /// only what is no number is refused.

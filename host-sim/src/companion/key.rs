@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use foxhound_core::base::time::Instant;
 use foxhound_link::signing::{Key, Signing};
 
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 /// The link by which the driver signs; the computer signs by the first one.
 pub(super) const DRIVER: u8 = 1;

@@ -7,8 +7,8 @@ use foxhound_core::guidance;
 use foxhound_core::guidance::param::Values;
 
 use super::HostComputer;
-use crate::input::InputError;
-use crate::params::{self, Given};
+use crate::scenario::input::InputError;
+use crate::scenario::params::{self, Given};
 
 /// A file of parameters, and what holds where it says nothing.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@ use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, Values};
 
 use crate::flight::Mission;
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::scenario::{BearingModel, SensorModel};
 
 /// What a mission needs of the image.

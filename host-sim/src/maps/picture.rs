@@ -9,7 +9,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use super::density::Cells;
 use super::{Density, Pair, Pillar, densities};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::sheet::{self, Drawn, FAINT_INK, FRAME, INK, line, pixels, write_svg};
 use crate::suite::{Map, Suite};
 

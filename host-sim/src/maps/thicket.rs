@@ -7,7 +7,7 @@
 
 use super::route::Forest;
 use super::{Pair, Pillar};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::world::random::Random;
 
 /// Side of a cell and diameter of a pillar.

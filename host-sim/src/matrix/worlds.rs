@@ -8,8 +8,8 @@ use flate2::read::GzDecoder;
 use serde_json::{Map, Value};
 
 use crate::gusts::{self, Scene};
-use crate::input::{InputError, read_text};
 use crate::maps::{self, Recipe, thicket};
+use crate::scenario::input::{InputError, read_text};
 use crate::scenario::{Obstacle, RandomPillars, Scenario};
 use crate::suite::{Selection, Suite};
 

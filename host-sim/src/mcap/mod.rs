@@ -23,9 +23,9 @@ use foxhound_core::guidance;
 use serde_json::{Value, json};
 
 use crate::flight::{Ending, Mission, Moment, Report};
-use crate::input::InputError;
 use crate::report::Recorder;
 use crate::report::record::{Begin, Plan, Record, Remembered, Step};
+use crate::scenario::input::InputError;
 use frame::{Enu, Rotation, enu};
 
 mod frame;

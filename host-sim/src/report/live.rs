@@ -47,7 +47,7 @@ use tokio::task::{JoinSet, LocalSet};
 use tokio::time::{sleep, timeout};
 
 use super::Contact;
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 /// Connections that are open at the same time.
 const CONNECTIONS: usize = 128;

@@ -17,7 +17,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 mod beside;
 mod live;

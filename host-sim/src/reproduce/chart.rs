@@ -7,7 +7,7 @@ use plotters::prelude::{DrawingArea, DrawingBackend, RGBColor, Rectangle};
 use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color as _, ShapeStyle};
 
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::sheet::{Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, fill, line, path, pixels, text, write_svg};
 
 /// Size of a panel's frame, and what is around it, in points.

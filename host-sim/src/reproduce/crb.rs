@@ -19,7 +19,7 @@ use serde::Serialize;
 
 use super::chart::{Axis, Chart, Panel, Series};
 use super::{CONTENDERS, error_rad, finders, phasors};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::world::antennas::{Antennas, Pose};
 use crate::world::random::Random;
 

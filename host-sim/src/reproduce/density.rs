@@ -24,8 +24,8 @@ use super::chart::{Axis, Bar, Bars, Chart, Panel, Series};
 use super::kinematic::{self, Rules, Sight};
 use super::potential::{Scene, draw_heat, draw_surface};
 use crate::flight::Ending;
-use crate::input::InputError;
 use crate::maps::{self, Recipe, TABLE_I};
+use crate::scenario::input::InputError;
 use crate::suite::{self, Flight, Flown, Map, Place, Selection, Suite, Tally, wilson_95};
 use crate::world::Horizontal;
 

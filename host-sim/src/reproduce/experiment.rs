@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::beside::Beside;
 use super::{circle, crb, density, localize, mmwave, multipath, stretch, variants};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 /// An experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

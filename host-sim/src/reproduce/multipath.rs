@@ -20,7 +20,7 @@ use serde::Serialize;
 use super::chart::{Axis, Bar, Bars, Chart, Panel};
 use crate::computer::HostComputer;
 use crate::flight::{Ending, Mission, Report as Flown, fly};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::scenario::{Bearing, Scenario, Wall};
 use crate::world::random::Random;
 

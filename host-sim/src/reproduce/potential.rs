@@ -14,7 +14,7 @@ use plotters::prelude::{
 use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::sheet::{Drawn, FAINT_INK, FRAME, GRID, INK, OVERSIZE, PAPER, line, pixels, text, write_svg};
 use crate::world::Horizontal;
 

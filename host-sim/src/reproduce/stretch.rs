@@ -20,7 +20,7 @@ use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
 use super::chart::{Axis, Chart, Panel, Series};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::world::Horizontal;
 use crate::world::random::Random;
 

@@ -21,7 +21,7 @@ use serde::Serialize;
 
 use super::potential::{Scene as Pictured, draw_heat, draw_surface};
 use crate::flight::{Ending, from_core};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::world::Horizontal;
 
 /// Repulsion constants that are tried.

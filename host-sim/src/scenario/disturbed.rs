@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::input::{InputError, check};
+use super::input::{InputError, check};
 use crate::world::antennas;
 
 /// Offsets at which another beacon's tone is within what the receiver lets through.

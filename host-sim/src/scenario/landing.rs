@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::input::{InputError, check};
+use super::input::{InputError, check};
 
 /// The flight ends where the vehicle has landed, or hovers and hands over; without this it ends within the goal tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

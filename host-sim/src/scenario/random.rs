@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Obstacle, Scenario};
-use crate::input::{InputError, check};
+use super::file::{Obstacle, Scenario};
+use super::input::{InputError, check};
 use crate::world::random::Random;
 
 /// Throws for a pillar before the map counts as full.

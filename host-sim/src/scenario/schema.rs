@@ -7,7 +7,7 @@
 use schemars::generate::SchemaSettings;
 use serde_json::Value;
 
-use super::Scenario;
+use super::file::Scenario;
 
 /// The JSON schema (draft 2020-12) of a scenario file.
 #[must_use]
@@ -21,6 +21,7 @@ pub fn schema() -> Value {
 mod tests {
     use serde_json::{Map, json};
 
+    use super::super::file::{FLIGHT_KEYS, KEYS};
     use super::*;
 
     /// A number of the schema: the way to it, and its limits.
@@ -119,7 +120,7 @@ mod tests {
     #[test]
     fn it_knows_the_keys_that_the_reader_knows_and_says_what_they_are() {
         let root = schema();
-        for known in super::super::FLIGHT_KEYS.into_iter().chain(super::super::KEYS) {
+        for known in FLIGHT_KEYS.into_iter().chain(KEYS) {
             let mut part = &root;
             for key in known.split('.') {
                 part = resolved(&root, part);

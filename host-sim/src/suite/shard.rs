@@ -16,7 +16,7 @@ use foxhound_core::planning::planner;
 use serde::{Deserialize, Serialize};
 
 use super::{Flown, Selection, Suite};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 /// Most parts of a suite.
 const PARTS_MAX: usize = 100_000;

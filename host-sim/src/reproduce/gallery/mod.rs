@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::beside::Beside;
 use super::{Experiment, Settings};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 mod page;
 

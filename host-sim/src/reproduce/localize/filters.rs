@@ -25,7 +25,7 @@ use std::fmt::Write as _;
 use foxhound_core::localize::source::consistency::{Consistency, Verdict};
 use serde::Serialize;
 
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 mod picture;
 mod scene;

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 /// Runs of the leg.
 const LEG_RUNS: u32 = 500;

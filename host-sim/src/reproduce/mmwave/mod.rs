@@ -31,7 +31,7 @@ mod walls;
 
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use agent::Kind;
 pub use report::Report;
 use report::Searched;

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::walk::{Model, Outliers, Rule, STEP_M, Walk};
 use super::{START_M, STEPS_MAX, Stretch};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::world::Horizontal;
 use crate::world::random::Random;
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use foxhound_core::landing::pad::{Format, HEIGHT_MAX, Seen, WIDTH_MAX};
 
 use super::{Frame, Size};
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 
 /// Most pixels of a file that are read.
 const PIXELS_MAX: u64 = 100_000_000;

@@ -9,7 +9,7 @@ use super::super::super::chart::{Axis, Chart, Panel, Series};
 use super::Report;
 use super::trial::{Course, Gathered};
 use crate::flight::from_core;
-use crate::input::InputError;
+use crate::scenario::input::InputError;
 use crate::world::Horizontal;
 
 /// Half of the sides of the maps.

@@ -8,20 +8,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::disturbed::{OtherBeacon, Position, Pulses, Wind};
+use super::input::{InputError, check, parse_strictly};
+use super::landing::Landing;
+use super::random::RandomPillars;
 use crate::autopilot::Software;
-use crate::input::{InputError, check, parse_strictly};
 use crate::world::rays;
 use crate::world::{Horizontal, Pillar, World};
-
-mod disturbed;
-mod landing;
-mod random;
-mod schema;
-
-pub use disturbed::{OtherBeacon, Position, Pulses, Wind};
-pub use landing::{Camera, Landing};
-pub use random::RandomPillars;
-pub use schema::schema;
 
 /// A flight to be simulated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -465,7 +458,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 33] = [
 ];
 
 /// The others of a scenario file.
-const KEYS: [&str; 69] = [
+pub(super) const KEYS: [&str; 69] = [
     "$schema",
     "start",
     "goal",

@@ -8,7 +8,7 @@ use foxhound_core::guidance;
 use foxhound_core::guidance::param::{self, Id, Kind, Param, TABLE, Values};
 use foxhound_link::companion;
 
-use crate::input::{InputError, read_text};
+use super::input::{InputError, read_text};
 
 /// Samples in a frame, which decide how fine a tone's band can be.
 const SAMPLES: usize = 256;

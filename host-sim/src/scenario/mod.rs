@@ -1,0 +1,26 @@
+//! What a flight is to be, as users write it down: scenario files and parameters, read strictly and checked.
+//!
+//! | module | what it reads |
+//! |---|---|
+//! | `file` | the scenario file, with its parts in `disturbed`, `landing` and `random` |
+//! | `schema` | the same as a JSON schema |
+//! | [`params`] | parameters of the flight computer |
+//! | [`input`] | any input: how it is read, and how it is refused |
+
+mod disturbed;
+mod file;
+pub mod input;
+mod landing;
+pub mod params;
+mod random;
+mod schema;
+
+pub use disturbed::{OtherBeacon, Position, Pulses, Wind};
+pub(crate) use file::FLIGHT_KEYS;
+pub use file::{
+    Antenna, Bearing, BearingModel, FLIGHT_DOWN_M, Faults, Limits, Obstacle, Outlier, SOURCE_DOWN_M, Scenario, Sensor,
+    SensorModel, Vehicle, VehicleModel, Wall, inside,
+};
+pub use landing::{Camera, Landing};
+pub use random::RandomPillars;
+pub use schema::schema;
