@@ -15,10 +15,10 @@ use std::time::{Duration, Instant};
 
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
+use foxhound_sim::autopilot::transport::{Line, Listen};
 use foxhound_sim::autopilot::{Autopilot, GUIDED};
 use foxhound_sim::companion::Pace;
 use foxhound_sim::scenario::{self, VehicleModel};
-use foxhound_sim::transport::{Line, Listen};
 use foxhound_sim::world::antennas::Pose;
 use foxhound_sim::world::vehicle::Vehicle;
 use foxhound_tests::{foxhound, python, qemu_image, root, run, run_json};

@@ -121,7 +121,7 @@ fn on_the_ground_the_autopilot_is_asked_to_disarm_only_where_the_user_wants_it()
         let mission = near(&format!(r#"{{"request_land":{wants}}}"#));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flight.tlog");
-        let mut log = foxhound_sim::tlog::Writer::create(&path).unwrap();
+        let mut log = foxhound_sim::autopilot::tlog::Writer::create(&path).unwrap();
         let mut computer = HostComputer::new(&mission.guidance()).unwrap();
         let record = flight::fly(&mission, &mut computer, Some(&mut log), |_| ()).unwrap();
         drop(log);

@@ -23,10 +23,10 @@ use foxhound_link::mailbox::Planned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::autopilot::tlog;
 use crate::autopilot::{Autopilot, Software, Start};
 use crate::computer::{BLOCK, Computer, ComputerError};
 use crate::scenario::{BearingModel, OtherBeacon, Pulses, Scenario, SensorModel, VehicleModel, inside};
-use crate::tlog;
 use crate::world::air::{Air, Drift};
 use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Pose, Reflection};
 use crate::world::random::Random;

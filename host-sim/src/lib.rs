@@ -34,7 +34,5 @@ mod sheet;
 pub mod soak;
 pub mod suite;
 pub mod table;
-pub mod tlog;
-pub mod transport;
 pub mod trial;
 pub mod world;

@@ -382,8 +382,8 @@ impl Soak {
 #[must_use]
 pub const fn manual_mode(software: Software) -> u32 {
     match software {
-        Software::ArduCopter => crate::autopilot::arducopter::LOITER,
-        Software::Px4 => crate::autopilot::px4::POSITION,
+        Software::ArduCopter => crate::autopilot::model::arducopter::LOITER,
+        Software::Px4 => crate::autopilot::model::px4::POSITION,
     }
 }
 

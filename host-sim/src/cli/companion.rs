@@ -12,14 +12,15 @@ use foxhound_core::base::time::Instant as Time;
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
 use foxhound_link::mailbox::Setup;
+use foxhound_sim::autopilot::tlog;
+use foxhound_sim::autopilot::transport::{Address, Line};
 use foxhound_sim::companion::{self, Config, News};
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{Ending, Report};
+use foxhound_sim::mcap;
 use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::report::Recorder;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
-use foxhound_sim::transport::{Address, Line};
-use foxhound_sim::{mcap, tlog};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::fly::{EstimatorName, Via, look, planner_parser};

@@ -10,6 +10,7 @@ use clap::{Args, ValueEnum};
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
 use foxhound_link::mailbox::Setup;
+use foxhound_sim::autopilot::tlog;
 use foxhound_sim::computer::{Computer, HostComputer};
 use foxhound_sim::flight::{self, Ending, Mission, Record};
 use foxhound_sim::g474::{self, G474Computer, Needs};
@@ -18,7 +19,7 @@ use foxhound_sim::report::{Beside, Recorder};
 use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within, read_text};
 use foxhound_sim::scenario::params::Given;
 use foxhound_sim::scenario::{BearingModel, Scenario, SensorModel};
-use foxhound_sim::{mcap, plot, tlog};
+use foxhound_sim::{mcap, plot};
 
 use super::companion::stop_flag;
 use super::live::{LiveArgs, Pace, Watched};

@@ -25,8 +25,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
+use foxhound_sim::autopilot::tlog;
 use foxhound_sim::scenario::input::InputError;
-use foxhound_sim::tlog;
 use serde::Serialize;
 
 use autopilot::AutopilotCommand;
