@@ -17,7 +17,7 @@ use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
 use foxhound_sim::autopilot::transport::{Line, Listen};
 use foxhound_sim::autopilot::{Autopilot, GUIDED};
-use foxhound_sim::companion::Pace;
+use foxhound_sim::drive::companion::Pace;
 use foxhound_sim::scenario::{self, VehicleModel};
 use foxhound_sim::world::antennas::Pose;
 use foxhound_sim::world::vehicle::Vehicle;

@@ -17,10 +17,10 @@ use foxhound_link::CharArray;
 use foxhound_link::dialect::PARAM_SET_DATA;
 use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
 use foxhound_link::mailbox::{Fault, Setup};
-use foxhound_sim::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
-use foxhound_sim::flight::{self, Mission};
-use foxhound_sim::qemu::QemuComputer;
-use foxhound_sim::replay::{Summary, replay};
+use foxhound_sim::drive::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
+use foxhound_sim::drive::flight::{self, Mission};
+use foxhound_sim::drive::qemu::QemuComputer;
+use foxhound_sim::drive::replay::{Summary, replay};
 use foxhound_sim::scenario::Scenario;
 use foxhound_tests::{qemu_image, root, run, run_json};
 

@@ -5,10 +5,10 @@
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::landing::Stage;
 use foxhound_core::planning::planner;
-use foxhound_sim::computer::{Computer, HostComputer};
-use foxhound_sim::flight::{self, Ending, Mission, Record};
+use foxhound_sim::drive::computer::{Computer, HostComputer};
+use foxhound_sim::drive::flight::{self, Ending, Mission, Record};
+use foxhound_sim::drive::replay::replay;
 use foxhound_sim::landings::{Row, SCENES, row};
-use foxhound_sim::replay::replay;
 use foxhound_sim::scenario::Scenario;
 use foxhound_sim::seeds;
 

@@ -12,7 +12,7 @@ use foxhound_link::dialect::{COMMAND_LONG_DATA, MavMessage};
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use foxhound_sim::autopilot::{Autopilot, GUIDED, Software, Start};
 use foxhound_sim::calibrate;
-use foxhound_sim::computer::{Computer as _, HostComputer};
+use foxhound_sim::drive::computer::{Computer as _, HostComputer};
 use foxhound_sim::frames::Recording;
 use foxhound_sim::world::antennas::{Antennas, Fault, Pose, square};
 use foxhound_sim::world::random::Random;

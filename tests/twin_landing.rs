@@ -8,9 +8,9 @@ use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::landing::Stage;
 use foxhound_core::planning::planner;
 use foxhound_link::mailbox::Setup;
-use foxhound_sim::computer::HostComputer;
-use foxhound_sim::flight::{self, Mission};
-use foxhound_sim::qemu::QemuComputer;
+use foxhound_sim::drive::computer::HostComputer;
+use foxhound_sim::drive::flight::{self, Mission};
+use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::scenario::Scenario;
 use foxhound_tests::qemu_image;
 

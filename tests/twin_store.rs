@@ -15,7 +15,7 @@ use foxhound_link::dialect::{COMMAND_LONG_DATA, HEARTBEAT_DATA, MavMessage, PARA
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use foxhound_link::mailbox::{self, Fault, Setup};
 use foxhound_link::{CharArray, MessageData};
-use foxhound_sim::qemu::{QemuComputer, QemuError};
+use foxhound_sim::drive::qemu::{QemuComputer, QemuError};
 use foxhound_tests::qemu_image;
 
 const BYTES: usize = PAGES as usize * 2048;

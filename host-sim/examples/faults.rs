@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use clap::Parser;
-use foxhound_sim::campaign::{self, Head, Record, Report};
+use foxhound_sim::drive::campaign::{self, Head, Record, Report};
 use rayon::prelude::*;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 

@@ -6,8 +6,8 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use foxhound_sim::g474::timing;
-use foxhound_sim::g474::trial::{self, Trial};
+use foxhound_sim::drive::g474::timing;
+use foxhound_sim::drive::g474::trial::{self, Trial};
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -18,9 +18,9 @@ use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Estimator};
 use foxhound_core::planning::planner;
 use foxhound_core::signal::phase;
-use foxhound_sim::maps::{self, Recipe};
+use foxhound_sim::drive::maps::{self, Recipe};
+use foxhound_sim::drive::suite::{Map, Place, Report, Selection, Suite, fly_all};
 use foxhound_sim::scenario::BearingModel;
-use foxhound_sim::suite::{Map, Place, Report, Selection, Suite, fly_all};
 use foxhound_sim::world::antennas::{Antennas, Pose};
 use foxhound_sim::world::random::Random;
 

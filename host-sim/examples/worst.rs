@@ -11,8 +11,8 @@ use std::process::ExitCode;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
 use foxhound_link::mailbox::Setup;
-use foxhound_sim::flight::{self, Mission};
-use foxhound_sim::qemu::{QemuComputer, Worst};
+use foxhound_sim::drive::flight::{self, Mission};
+use foxhound_sim::drive::qemu::{QemuComputer, Worst};
 use foxhound_sim::scenario::Scenario;
 
 fn main() -> ExitCode {

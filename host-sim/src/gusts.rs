@@ -7,8 +7,8 @@ use foxhound_core::guidance;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::flight::{Ending, Report};
-use crate::maps::rows::{self, Rows};
+use crate::drive::flight::{Ending, Report};
+use crate::drive::maps::rows::{self, Rows};
 use crate::matrix;
 use crate::scenario::input::InputError;
 use crate::scenario::{Obstacle, Scenario, VehicleModel, Wind};

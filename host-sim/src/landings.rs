@@ -11,7 +11,7 @@ use foxhound_core::landing::Stage;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::flight::{Ending, Landing, Report};
+use crate::drive::flight::{Ending, Landing, Report};
 use crate::matrix;
 use crate::scenario::Scenario;
 use crate::scenario::input::InputError;

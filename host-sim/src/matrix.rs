@@ -14,8 +14,8 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use crate::autopilot::Software;
-use crate::computer::HostComputer;
-use crate::flight::{self, Ending, Mission, Report};
+use crate::drive::computer::HostComputer;
+use crate::drive::flight::{self, Ending, Mission, Report};
 use crate::scenario::input::InputError;
 use crate::scenario::{Bearing, Scenario, Sensor, SensorModel, Vehicle, VehicleModel};
 

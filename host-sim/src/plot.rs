@@ -15,7 +15,7 @@ use plotters::prelude::{
 use plotters::style::ShapeStyle;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use crate::flight::{Ending, Record, from_core};
+use crate::drive::flight::{Ending, Record, from_core};
 use crate::scenario::VehicleModel;
 use crate::scenario::input::InputError;
 use crate::sheet::{

@@ -14,8 +14,8 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use parquet::schema::types::Type;
 
-use crate::flight::Ending;
-use crate::suite::Flown;
+use crate::drive::flight::Ending;
+use crate::drive::suite::Flown;
 
 /// A column.
 #[derive(Clone, Copy, Debug)]

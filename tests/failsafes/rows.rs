@@ -2,7 +2,7 @@
 
 use foxhound_link::dialect::MavMessage;
 use foxhound_sim::autopilot::{Battery, Software, Start, Wire};
-use foxhound_sim::trial::{Step, parameter};
+use foxhound_sim::drive::trial::{Step, parameter};
 
 use crate::stand::{BOTH, BRAKES_M, BRAKES_S, Stand, Stream, manual};
 

@@ -2,10 +2,10 @@
 
 use foxhound_link::dialect::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use foxhound_sim::autopilot::{Software, Start};
+use foxhound_sim::drive::trial::{Clocks, Step, Trial};
 use foxhound_sim::scenario::{self, Obstacle, Scenario, SensorModel};
-use foxhound_sim::trial::{Clocks, Step, Trial};
 
-pub(crate) use foxhound_sim::soak::manual_mode as manual;
+pub(crate) use foxhound_sim::drive::soak::manual_mode as manual;
 
 pub(crate) const BOTH: [Software; 2] = [Software::ArduCopter, Software::Px4];
 /// Whoever is slower than this stands.

@@ -1,10 +1,11 @@
-//! The other end of the MAVLink line: models of ArduPilot Copter and PX4, the line itself, and logs of what passed on it.
+//! The other end of the MAVLink line: models of ArduPilot Copter and PX4, the line itself, and logs of what passed on
+//! it.
 //!
 //! | module | what it is |
 //! |---|---|
 //! | [`model`] | the autopilots, rule by rule |
 //! | [`transport`] | the line in real time: TCP, UDP, a serial port |
-//! | [`tlog`] | telemetry logs; they are here and not in `record`, because flights write them and `record` imports flights |
+//! | [`tlog`] | telemetry logs; not in `record`, which imports flights: flights write them |
 
 pub mod model;
 pub mod tlog;

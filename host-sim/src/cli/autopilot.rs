@@ -9,7 +9,7 @@ use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
 use foxhound_sim::autopilot::transport::{Line, Listen};
 use foxhound_sim::autopilot::{Autopilot, Software, Start, Wire};
-use foxhound_sim::companion::Pace;
+use foxhound_sim::drive::companion::Pace;
 use foxhound_sim::scenario::input::{InputError, MAX_TIME_S, check, check_within};
 use foxhound_sim::scenario::{self, VehicleModel};
 use foxhound_sim::world::antennas::Pose;

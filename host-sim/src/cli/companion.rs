@@ -14,11 +14,11 @@ use foxhound_link::companion::Software;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::autopilot::transport::{Address, Line};
-use foxhound_sim::companion::{self, Config, News};
-use foxhound_sim::computer::{Computer, HostComputer};
-use foxhound_sim::flight::{Ending, Report};
+use foxhound_sim::drive::companion::{self, Config, News};
+use foxhound_sim::drive::computer::{Computer, HostComputer};
+use foxhound_sim::drive::flight::{Ending, Report};
+use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::mcap;
-use foxhound_sim::qemu::QemuComputer;
 use foxhound_sim::report::Recorder;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -263,7 +263,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     Ok(if report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-fn refused(error: foxhound_sim::qemu::QemuError) -> InputError {
+fn refused(error: foxhound_sim::drive::qemu::QemuError) -> InputError {
     InputError::new(format!("--via: {error}"))
 }
 

@@ -6,7 +6,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use foxhound_sim::flight::{Moment, Report};
+use foxhound_sim::drive::flight::{Moment, Report};
 use foxhound_sim::report::{self, Live, Recorder};
 use foxhound_sim::scenario::input::InputError;
 

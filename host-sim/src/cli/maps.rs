@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_sim::maps;
+use foxhound_sim::drive::maps;
+use foxhound_sim::drive::suite::{self, Suite};
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, check_within};
-use foxhound_sim::suite::{self, Suite};
 use serde::Serialize;
 
 use super::terminal::{say, show};

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use foxhound_sim::drive::suite::shard::{Part, merge as put_together};
 use foxhound_sim::scenario::input::{InputError, read_text};
-use foxhound_sim::suite::shard::{Part, merge as put_together};
 
 use super::Cli;
 use super::suite::{show, write_flights};

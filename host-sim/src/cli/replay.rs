@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_sim::replay::{self, Summary};
+use foxhound_sim::drive::replay::{self, Summary};
 use foxhound_sim::scenario::input::InputError;
 
 use super::terminal::{BAD, GOOD, say, show_as};

@@ -5,13 +5,13 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use foxhound_core::planning::planner;
-use foxhound_sim::computer::HostComputer;
-use foxhound_sim::flight::Ending;
+use foxhound_sim::drive::computer::HostComputer;
+use foxhound_sim::drive::flight::Ending;
+use foxhound_sim::drive::suite::shard::{self, Shard};
+use foxhound_sim::drive::suite::{self, Flown, Selection, Suite};
 use foxhound_sim::plot;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, SIGMA_DEG, SNR_DB, check_within};
 use foxhound_sim::scenario::{BearingModel, VehicleModel};
-use foxhound_sim::suite::shard::{self, Shard};
-use foxhound_sim::suite::{self, Flown, Selection, Suite};
 use foxhound_sim::table;
 
 use super::fly::{EstimatorName, planner_parser};

@@ -7,11 +7,11 @@ use std::path::Path;
 use flate2::read::GzDecoder;
 use serde_json::{Map, Value};
 
+use crate::drive::maps::{self, Recipe, thicket};
+use crate::drive::suite::{Selection, Suite};
 use crate::gusts::{self, Scene};
-use crate::maps::{self, Recipe, thicket};
 use crate::scenario::input::{InputError, read_text};
 use crate::scenario::{Obstacle, RandomPillars, Scenario};
-use crate::suite::{Selection, Suite};
 
 /// A world to fly through.
 #[derive(Clone, Debug)]

@@ -22,7 +22,7 @@ use ::mcap::{Attachment, McapError, WriteOptions, Writer};
 use foxhound_core::guidance;
 use serde_json::{Value, json};
 
-use crate::flight::{Ending, Mission, Moment, Report};
+use crate::drive::flight::{Ending, Mission, Moment, Report};
 use crate::report::Recorder;
 use crate::report::record::{Begin, Plan, Record, Remembered, Step};
 use crate::scenario::input::InputError;

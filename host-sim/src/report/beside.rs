@@ -4,7 +4,7 @@ use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::FrontEnd;
 
-use crate::computer::{BLOCK, Computer, ComputerError, Considered, HostComputer, StepReport};
+use crate::drive::computer::{BLOCK, Computer, ComputerError, Considered, HostComputer, StepReport};
 
 /// A firmware image in QEMU flies; the computer in this process takes every step with it, for the report alone.
 #[derive(Debug)]

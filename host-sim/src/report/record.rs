@@ -12,7 +12,7 @@ use foxhound_core::doa::bearing::Flags;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::flight::Report;
+use crate::drive::flight::Report;
 use crate::scenario::Scenario;
 use crate::world::Horizontal;
 

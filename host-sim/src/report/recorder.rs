@@ -16,8 +16,8 @@ use super::record::{
     Begin, Belief, End, Field, Gains, Heard, Origin, Parameter, Picture, Plan, Record, Remembered, Sample, Step,
     VERSION, circles, core_xy, degrees, finite, flags, guard, milli, rounded, xy,
 };
-use crate::computer::Considered;
-use crate::flight::{self, Mission, Moment, Report, TICK_S};
+use crate::drive::computer::Considered;
+use crate::drive::flight::{self, Mission, Moment, Report, TICK_S};
 use crate::world::camera::watch;
 use crate::world::{Horizontal, Pillar};
 

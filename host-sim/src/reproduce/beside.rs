@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::circle::{self, Phases};
 use super::{Experiment, crb, density, localize, mmwave, multipath, stretch, variants};
-use crate::flight::Ending;
-use crate::suite::Tally;
+use crate::drive::flight::Ending;
+use crate::drive::suite::Tally;
 
 /// A number that was published, beside ours. What there is not is empty.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

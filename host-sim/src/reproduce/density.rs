@@ -1,10 +1,10 @@
 //! `apf-density`: the main paper's comparison of planners on maps of growing obstacle density (Table I, fig. 9 and 10).
 //!
-//! The paper prints mean and variance of its five maps and flies each seven times; [`crate::maps`] draws maps to these
-//! numbers, four to each, and pairs of starts and goals between which there is a way. Every pair is flown by
+//! The paper prints mean and variance of its five maps and flies each seven times; [`crate::drive::maps`] draws maps to
+//! these numbers, four to each, and pairs of starts and goals between which there is a way. Every pair is flown by
 //!
 //! - the paper's planner and its baseline as published: a kinematic point, by [`Rules`];
-//! - both once more, and ours, as the product flies: dynamics, tracker and guard, [`crate::flight`].
+//! - both once more, and ours, as the product flies: dynamics, tracker and guard, [`crate::drive::flight`].
 //!
 //! The paper leaves much open; the report says what the numbers become when it is read otherwise. Lengths are compared as
 //! the paper does: over the straight line, on the pairs that all of those compared reach.
@@ -23,10 +23,10 @@ use serde::Serialize;
 use super::chart::{Axis, Bar, Bars, Chart, Panel, Series};
 use super::kinematic::{self, Rules, Sight};
 use super::potential::{Scene, draw_heat, draw_surface};
-use crate::flight::Ending;
-use crate::maps::{self, Recipe, TABLE_I};
+use crate::drive::flight::Ending;
+use crate::drive::maps::{self, Recipe, TABLE_I};
+use crate::drive::suite::{self, Flight, Flown, Map, Place, Selection, Suite, Tally, wilson_95};
 use crate::scenario::input::InputError;
-use crate::suite::{self, Flight, Flown, Map, Place, Selection, Suite, Tally, wilson_95};
 use crate::world::Horizontal;
 
 /// Maps drawn to each row of Table I.

@@ -11,7 +11,7 @@ use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::planner::{PlanRequest, Planner, Scratch};
 use serde::Serialize;
 
-use crate::flight::{Ending, from_core};
+use crate::drive::flight::{Ending, from_core};
 use crate::scenario::Scenario;
 use crate::world::random::Random;
 use crate::world::{Horizontal, Hull, Pillar, wrap_pi};

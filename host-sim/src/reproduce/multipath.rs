@@ -18,8 +18,8 @@ use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
 use super::chart::{Axis, Bar, Bars, Chart, Panel};
-use crate::computer::HostComputer;
-use crate::flight::{Ending, Mission, Report as Flown, fly};
+use crate::drive::computer::HostComputer;
+use crate::drive::flight::{Ending, Mission, Report as Flown, fly};
 use crate::scenario::input::InputError;
 use crate::scenario::{Bearing, Scenario, Wall};
 use crate::world::random::Random;

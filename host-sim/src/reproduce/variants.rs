@@ -20,7 +20,7 @@ use foxhound_core::planning::field::{Field, Gains, Kind, Law};
 use serde::Serialize;
 
 use super::potential::{Scene as Pictured, draw_heat, draw_surface};
-use crate::flight::{Ending, from_core};
+use crate::drive::flight::{Ending, from_core};
 use crate::scenario::input::InputError;
 use crate::world::Horizontal;
 

@@ -3,7 +3,7 @@
 //! Gusts are a first-order process in each of both directions, `dg = -g dt / T + sigma sqrt(2 dt / T) n`: the longitudinal
 //! one of Dryden's turbulence. Air that moves by `w` pushes with `d w`; `d` of 0.3 1/s, a small multicopter's drag, is an
 //! assumption. The autopilot has countered the mean when the flight begins; what it does about the rest says
-//! [`crate::world::deviation`].
+//! [`super::deviation`].
 
 use crate::scenario;
 use crate::world::Horizontal;
@@ -82,8 +82,8 @@ mod tests {
     use foxhound_core::guidance::mission::Outcome;
 
     use super::*;
-    use crate::computer::HostComputer;
-    use crate::flight::{self, Ending, Mission, Record};
+    use crate::drive::computer::HostComputer;
+    use crate::drive::flight::{self, Ending, Mission, Record};
 
     const STEP_S: f64 = 0.02;
 

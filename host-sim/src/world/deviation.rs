@@ -1,6 +1,6 @@
 //! How far the wind moves a vehicle from where it would have flown without, and what its autopilot does about it.
 //!
-//! The answer to setpoints is measured ([`crate::world::vehicle`]) and stays as it is; the deviation from it is added, with the
+//! The answer to setpoints is measured ([`super::vehicle`]) and stays as it is; the deviation from it is added, with the
 //! controller that the real autopilots close around it, at the gains that they come with:
 //!
 //! - *ArduCopter* in GUIDED under velocity setpoints holds a **position**: `ModeGuided::velaccel_control_run` gives the velocity

@@ -1,5 +1,5 @@
-//! What is physically there: a beacon, pillars and walls, the vehicle in the wind, and what its antennas, its obstacle sensor
-//! and its camera measure.
+//! What is physically there: a beacon, pillars and walls, the vehicle in the wind, and what its antennas, its obstacle
+//! sensor and its camera measure.
 //!
 //! | module | what it simulates |
 //! |---|---|

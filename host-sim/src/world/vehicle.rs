@@ -7,7 +7,7 @@
 //!   1 m/s, 85 % were left 0.24 s and 15 % 0.95 s after the time-out, which is 0.06 s and 3.8 rad/s. The yaw rate's lag
 //!   of 0.15 s is an assumption. It tilts with its acceleration.
 //!
-//! The wind moves either away from that; the autopilot counters it ([`crate::world::deviation`]).
+//! The wind moves either away from that; the autopilot counters it ([`super::deviation`]).
 
 use std::collections::VecDeque;
 

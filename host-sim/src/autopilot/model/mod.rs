@@ -14,8 +14,8 @@
 //! | the stream ends | brakes after `GUID_TIMEOUT`, stays | Hold after `COM_OF_LOSS_T`, then `COM_OBL_RC_ACT` |
 //! | streams unasked | heartbeats | much |
 //!
-//! The vehicle itself is [`crate::world::vehicle`]; [`Autopilot::command`] is what it obeys. Not modelled: missions (AUTO holds),
-//! sticks (manual modes hold), obstacle avoidance, falling (a vehicle disarmed in the air stays there), and the limits of
+//! The vehicle itself is [`crate::world::vehicle`]; [`Autopilot::command`] is what it obeys. Not modelled: missions
+//! (AUTO holds), sticks (manual modes hold), obstacle avoidance, falling (a vehicle disarmed in the air stays there), and the limits of
 //! the autopilot's own speed controllers beyond a speed for what it flies by itself.
 
 pub mod arducopter;

@@ -25,7 +25,7 @@ use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
 use serde::Serialize;
 
-use crate::flight::from_core;
+use crate::drive::flight::from_core;
 use crate::scenario::input::InputError;
 use crate::sheet::{FAINT_INK, FRAME, GROUND, INK, PAPER, line, path as draw_path, pixels, text, write_svg};
 use crate::world::Horizontal;

@@ -8,7 +8,7 @@ use foxhound_core::localize::source::{Estimate, Sighting};
 use super::super::super::chart::{Axis, Chart, Panel, Series};
 use super::Report;
 use super::trial::{Course, Gathered};
-use crate::flight::from_core;
+use crate::drive::flight::from_core;
 use crate::scenario::input::InputError;
 use crate::world::Horizontal;
 

@@ -27,7 +27,7 @@ use foxhound_link::companion::{self, Companion};
 use foxhound_link::mailbox::Planned;
 use serde::Serialize;
 
-use crate::computer::BLOCK;
+use super::computer::BLOCK;
 use crate::scenario::input::InputError;
 
 /// Plans that may wait: one that nobody wants any more, and the next.

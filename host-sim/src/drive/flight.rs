@@ -23,9 +23,9 @@ use foxhound_link::mailbox::Planned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::computer::{BLOCK, Computer, ComputerError};
 use crate::autopilot::tlog;
 use crate::autopilot::{Autopilot, Software, Start};
-use crate::computer::{BLOCK, Computer, ComputerError};
 use crate::scenario::{BearingModel, OtherBeacon, Pulses, Scenario, SensorModel, VehicleModel, inside};
 use crate::world::air::{Air, Drift};
 use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Pose, Reflection};
@@ -670,7 +670,7 @@ fn bearing_of(time: Instant, azimuth_rad: f64, sigma_rad: f64) -> bearing::Beari
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::computer::HostComputer;
+    use crate::drive::computer::HostComputer;
     use crate::scenario::FLIGHT_DOWN_M;
 
     fn mission(scenario: Scenario, seed: u64) -> Mission {

@@ -9,9 +9,9 @@ use foxhound_link::mailbox::Setup;
 use serde_json::Value;
 
 use super::{G474Computer, Heard, Needs, Options};
-use crate::flight::{self, Mission};
-use crate::qemu::QemuComputer;
-use crate::replay::{self, Summary};
+use crate::drive::flight::{self, Mission};
+use crate::drive::qemu::QemuComputer;
+use crate::drive::replay::{self, Summary};
 use crate::scenario::Scenario;
 
 /// What it came to. That the desktop's hash was the image's at every step goes without saying: a flight ends where it is not.
@@ -43,7 +43,7 @@ pub fn fly(elf: &Path, twin: Option<&Path>, seed: u64) -> Result<Trial, String> 
     computer.keep_heard();
     let record = flight::fly(&mission, &mut computer, None, |_| ()).map_err(|error| error.to_string())?;
     let heard = computer.take_heard();
-    let log = crate::computer::Computer::take_flight_log(&mut computer);
+    let log = crate::drive::computer::Computer::take_flight_log(&mut computer);
     let replayed = replay::replay(&log).map_err(|error| error.to_string())?;
     let guidance = *computer.config().ok_or("the flight log has no beginning")?;
     let timing = computer.board().timing().map_err(|error| error.to_string())?;

@@ -1,8 +1,8 @@
 //! The whole companion beside a modelled autopilot, step by step, with everything known: where the vehicle really is, what
 //! guidance published, what was sent, and in which mode it was then.
 //!
-//! Unlike [`crate::flight`] nothing here ends, fails or reports by itself: whoever drives it makes things go wrong between
-//! the steps. The waves come from where the beacon is and the obstacles are seen from where the vehicle is, whatever the
+//! Unlike [`super::flight`] nothing here ends, fails or reports by itself: whoever drives it makes things go wrong
+//! between the steps. The waves come from where the beacon is and the obstacles are seen from where the vehicle is, whatever the
 //! autopilot believes.
 
 use foxhound_core::ConfigError;
@@ -17,9 +17,9 @@ use foxhound_link::dialect::{
 };
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 
+use super::computer::{BLOCK, Computer, HostComputer};
+use super::flight::{Mission, TICK_S};
 use crate::autopilot::{Autopilot, Software, Start, Wire};
-use crate::computer::{BLOCK, Computer, HostComputer};
-use crate::flight::{Mission, TICK_S};
 use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, VehicleModel};
 use crate::world::antennas::{Antennas, Pose};
 use crate::world::random::Random;

@@ -25,10 +25,10 @@ use foxhound_link::dialect::{MavMessage, PARAM_REQUEST_LIST_DATA, REQUEST_DATA_S
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use serde::Serialize;
 
+use super::computer::BLOCK;
+use super::trial::{Clocks, Trial};
 use crate::autopilot::{Autopilot, Software, Start, Wire};
-use crate::computer::BLOCK;
 use crate::scenario::{self, Scenario, VehicleModel};
-use crate::trial::{Clocks, Trial};
 use crate::world::antennas::Pose;
 use crate::world::random::Random;
 use crate::world::vehicle::{Motion, Vehicle};
@@ -445,7 +445,7 @@ pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)
         for _ in 0..(seconds * 50.0) as u32 {
             let step = trial.step();
             // What waited while the computer stood still leaves at once.
-            let is_late = step.time_us % GRID_US >= crate::trial::STEP_US && !stood_still;
+            let is_late = step.time_us % GRID_US >= crate::drive::trial::STEP_US && !stood_still;
             stood_still = step.output.is_none();
             laps.setpoints_off_grid += u64::from(is_late) * step.setpoints().count() as u64;
             let beats = step.sent.iter().filter(|(_, message)| matches!(message, MavMessage::HEARTBEAT(_)));

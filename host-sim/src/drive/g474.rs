@@ -3,8 +3,8 @@
 //!
 //! The board keeps its own time and takes its own samples; the simulation follows it, a step for every frame that it hands to
 //! guidance. What the image makes of a step is read from its flight log, as it leaves by the maintenance port. Beside it
-//! flies this process's own computer ([`crate::replay`]), on the bytes that the log says were heard and on the codes that the
-//! converters were given; the trace hashes have to be equal at every step.
+//! flies this process's own computer ([`super::replay`]), on the bytes that the log says were heard and on the codes that
+//! the converters were given; the trace hashes have to be equal at every step.
 
 use std::fmt;
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
@@ -24,7 +24,7 @@ pub mod trial;
 pub use computer::{G474Computer, Heard};
 pub use mission::Needs;
 
-use crate::computer::BLOCK;
+use super::computer::BLOCK;
 
 /// The name that an image of this board carries in its `.foxhound_board` section.
 const BOARD: &str = "nucleo_g474re";

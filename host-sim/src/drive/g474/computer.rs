@@ -12,8 +12,8 @@ use foxhound_link::dialect::PARAM_SET_DATA;
 use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
 
 use super::{Board, G474Error, Needs, Options, Report, timing};
-use crate::computer::{BLOCK, Computer, ComputerError, StepReport};
-use crate::replay::{Followed, Follower};
+use crate::drive::computer::{BLOCK, Computer, ComputerError, StepReport};
+use crate::drive::replay::{Followed, Follower};
 
 /// The station that sets parameters before take-off, and the computer that it speaks to.
 const STATION: Header = Header { system_id: 255, component_id: 190, sequence: 0 };

@@ -12,8 +12,8 @@ use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion::{self, Autopilot, Companion};
 use foxhound_link::signing::Signing;
 
-use crate::computer::BLOCK;
-use crate::flight::Sample;
+use crate::drive::computer::BLOCK;
+use crate::drive::flight::Sample;
 use crate::scenario;
 use crate::world::antennas::{Antennas, Pose};
 use crate::world::random::Random;

@@ -19,9 +19,9 @@ use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::computer::HostComputer;
-use crate::flight::{self, Ending, Mission, Record};
-use crate::maps::{Pair, Pillar};
+use super::computer::HostComputer;
+use super::flight::{self, Ending, Mission, Record};
+use super::maps::{Pair, Pillar};
 use crate::scenario::input::{InputError, check, parse_strictly, read_text};
 use crate::scenario::{Bearing, FLIGHT_KEYS, Limits, Obstacle, Scenario, Sensor, Vehicle};
 

@@ -28,10 +28,10 @@ use serde::{Deserialize, Serialize};
 pub use record::{Head, Record};
 pub use report::{Complaint, Report, Row};
 
+use super::qemu::{QemuComputer, QemuError};
+use super::trial::{Clocks, Trial};
 use crate::autopilot::{Software, Start};
-use crate::qemu::{QemuComputer, QemuError};
 use crate::scenario::{Obstacle, Scenario, Sensor, SensorModel};
-use crate::trial::{Clocks, Trial};
 use crate::world::Horizontal;
 use crate::world::random::Random;
 use flight::{Flight, Twin};

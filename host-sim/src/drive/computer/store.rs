@@ -59,7 +59,7 @@ impl Keeper for Store {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::computer::Computer as _;
+    use crate::drive::computer::Computer as _;
     use foxhound_core::base::time::Instant;
     use foxhound_core::guidance::FrontEnd;
     use foxhound_core::guidance::param::{self, Id};

@@ -28,10 +28,10 @@ use foxhound_link::signing::Key;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::computer::{Computer, StepReport};
+use super::flight::{Ending, Mission, Moment, Report, TICK_S};
 use crate::autopilot::tlog;
 use crate::autopilot::transport::Line;
-use crate::computer::{Computer, StepReport};
-use crate::flight::{Ending, Mission, Moment, Report, TICK_S};
 use crate::scenario::input::{
     DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, check, check_within, parse_strictly,
 };

@@ -18,7 +18,7 @@ use foxhound_link::companion::{self, Companion};
 use foxhound_link::mailbox::Planned;
 use foxhound_link::signing::Signing;
 
-use crate::qemu::QemuComputer;
+use super::qemu::QemuComputer;
 
 mod record;
 mod store;

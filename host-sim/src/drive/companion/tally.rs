@@ -1,6 +1,6 @@
 //! What a flight behind an autopilot came to, counted while it is in control.
 
-use crate::flight::{Ending, Report};
+use crate::drive::flight::{Ending, Report};
 use crate::world::{Horizontal, Hull, World, wrap_pi};
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::Output;

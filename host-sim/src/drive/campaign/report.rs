@@ -6,7 +6,7 @@ use std::fmt::{self, Display};
 use serde::{Deserialize, Serialize};
 
 use super::Kind;
-use crate::qemu::Worst;
+use crate::drive::qemu::Worst;
 
 /// What became of the faults of one kind.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -3,7 +3,7 @@
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, Values};
 
-use crate::flight::Mission;
+use crate::drive::flight::Mission;
 use crate::scenario::input::InputError;
 use crate::scenario::{BearingModel, SensorModel};
 

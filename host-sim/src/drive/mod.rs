@@ -1,0 +1,24 @@
+//! What flies: the flight computer, and the loops that join it with world and autopilot, for one flight or for many.
+//!
+//! | module | what it runs |
+//! |---|---|
+//! | [`computer`] | the flight computer, in this process |
+//! | [`qemu`], [`g474`] | the same as a firmware image: in QEMU, or in an instruction emulator |
+//! | [`flight`] | one closed-loop flight |
+//! | [`suite`], [`maps`] | many flights in parallel, and the maps that they are flown on |
+//! | [`trial`] | the loop step by step, for whoever makes things go wrong |
+//! | [`soak`], [`campaign`] | days of the link, and hundreds of missions, with faults |
+//! | [`companion`] | the loop in real time, beside an autopilot at the end of a line |
+//! | [`replay`] | a flight log once more |
+
+pub mod campaign;
+pub mod companion;
+pub mod computer;
+pub mod flight;
+pub mod g474;
+pub mod maps;
+pub mod qemu;
+pub mod replay;
+pub mod soak;
+pub mod suite;
+pub mod trial;
