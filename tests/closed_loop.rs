@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_sim::seeds;
+use foxhound_sim::study::seeds;
 use foxhound_tests::{root, run_json};
 use serde_json::Value;
 

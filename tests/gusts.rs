@@ -2,8 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_sim::gusts::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
-use foxhound_sim::seeds;
+use foxhound_sim::study::gusts::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
+use foxhound_sim::study::seeds;
 
 /// Of the hundred flights of `docs/results/gusts.md` so many are flown here, by the same seeds.
 const FLIGHTS: u64 = 60;

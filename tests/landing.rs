@@ -8,9 +8,9 @@ use foxhound_core::planning::planner;
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::flight::{self, Ending, Mission, Record};
 use foxhound_sim::drive::replay::replay;
-use foxhound_sim::landings::{Row, SCENES, row};
 use foxhound_sim::scenario::Scenario;
-use foxhound_sim::seeds;
+use foxhound_sim::study::landings::{Row, SCENES, row};
+use foxhound_sim::study::seeds;
 
 /// Of the two hundred flights of `docs/results/landings.md` so many are flown here, by the same seeds.
 const FLIGHTS: u64 = 24;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use foxhound_sim::table::COLUMNS;
+use foxhound_sim::record::table::COLUMNS;
 use foxhound_tests::{Program, foxhound, python, root, run, run_json};
 use serde_json::{Value, json};
 

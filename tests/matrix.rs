@@ -1,6 +1,7 @@
 //! What is flashed, flown in every setting: waveforms and scans together, behind each autopilot's delays, with either hull.
 //!
-//! Every two values of sensor, bearings, vehicle and hull meet at least once, on held-out seeds ([`foxhound_sim::seeds`]). The
+//! Every two values of sensor, bearings, vehicle and hull meet at least once, on held-out seeds
+//! ([`foxhound_sim::study::seeds`]). The
 //! whole product: `cargo xtask campaign`, `docs/results/matrix.md`.
 //!
 //! What is known to fail is listed flight by flight in `tests/snapshots`, collisions in [`COLLIDES`] besides, with their cause. A flight
@@ -9,10 +10,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-use foxhound_sim::matrix::{
+use foxhound_sim::study::matrix::{
     HULLS_M, Row, Setting, World, barn, corners, forests, gusty, pairwise, pillars, thickets, traps,
 };
-use foxhound_sim::seeds;
+use foxhound_sim::study::seeds;
 use foxhound_tests::root;
 
 /// What the worlds come to in each setting; those for one hull are not those for the other.

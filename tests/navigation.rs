@@ -7,7 +7,7 @@ use std::path::Path;
 
 use flate2::read::GzDecoder;
 use foxhound_sim::drive::maps::rows::{Rows, rows};
-use foxhound_sim::{matrix, seeds};
+use foxhound_sim::study::{matrix, seeds};
 use foxhound_tests::{root, run_json};
 use serde_json::{Map, Value, json};
 

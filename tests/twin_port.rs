@@ -17,7 +17,7 @@ use foxhound_link::framer::Framer;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::autopilot::transport::{Address, Line, Listen};
 use foxhound_sim::drive::qemu::QemuComputer;
-use foxhound_sim::frames::Recording;
+use foxhound_sim::tools::frames::Recording;
 use foxhound_sim::world::antennas::{Antennas, Pose};
 use foxhound_sim::world::random::Random;
 use foxhound_tests::{foxhound, qemu_image, run, run_json};

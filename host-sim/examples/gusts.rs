@@ -10,8 +10,8 @@ use std::ops::Range;
 use std::process::ExitCode;
 
 use foxhound_core::guidance;
-use foxhound_sim::gusts::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
-use foxhound_sim::seeds;
+use foxhound_sim::study::gusts::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
+use foxhound_sim::study::seeds;
 
 /// Flights of each scene in each weather of the table, and of each scene and weather for each value of a constant.
 const IN_THE_TABLE: u64 = 100;
@@ -61,7 +61,7 @@ fn written(flights: u64, is_development: bool) -> Result<String, Box<dyn Error>>
         "# Flights in gusts\n\n\
          `cargo xtask gusts` writes this page. [Gusts](../gusts.md) says what is modelled and what the drone does about it. Flights of the\n\
          first two tables have the first seeds of the {range} range ({}), those of the last the first of the development range\n\
-         ({}): `host-sim/src/seeds.rs`.\n\n\
+         ({}): `host-sim/src/study/seeds.rs`.\n\n\
          ## Past walls, gaps and random pillars\n\n\
          With a standard deviation of 2.5 m/s on a mean of 3 m/s, by scan and waveforms, beside ArduCopter's model. Walls are 2 to 5 m\n\
          long, gaps 1.5 to 2.5 m wide, two of them on 12 m; random pillars are at least 0.6 m apart.\n\n{HEAD}",

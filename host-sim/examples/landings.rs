@@ -9,8 +9,8 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use foxhound_core::{guidance, landing};
-use foxhound_sim::landings::{Row, SCENES, Scene, row};
-use foxhound_sim::seeds;
+use foxhound_sim::study::landings::{Row, SCENES, Scene, row};
+use foxhound_sim::study::seeds;
 
 /// Scenes in which constants are tried, and flights of each for each value.
 const TRIED: [&str; 2] = ["camera, gusts of 3 m/s", "camera, gusts of 3 m/s, PX4, no range finder"];
@@ -55,7 +55,7 @@ fn written(flights: u64) -> Result<String, Box<dyn Error>> {
         "# Landings\n\n\
          `cargo xtask landings` writes this page. [The last metres](../landing.md) says what is flown. Flights of the first table have the\n\
          first seeds of the test range ({}), those of the second the first of the development range ({}):\n\
-         `host-sim/src/seeds.rs`.\n\n| scene | {COLUMNS}|---|---|---|---|---|---|---|---|---|\n",
+         `host-sim/src/study/seeds.rs`.\n\n| scene | {COLUMNS}|---|---|---|---|---|---|---|---|---|\n",
         seeds::TEST.start,
         seeds::DEVELOPMENT.start,
     );

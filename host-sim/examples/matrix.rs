@@ -10,8 +10,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 
-use foxhound_sim::matrix::{self, Failure, Row, Setting, World};
-use foxhound_sim::seeds;
+use foxhound_sim::study::matrix::{self, Failure, Row, Setting, World};
+use foxhound_sim::study::seeds;
 
 /// Pairs of start and goal in each of 20 forests.
 const PAIRS: usize = 4;
@@ -74,7 +74,7 @@ fn written(times: u64, barn: &Path, only: &str) -> Result<String, Box<dyn Error>
     let mut text = format!(
         "# Every setting\n\n\
          `cargo xtask campaign` writes this page: every combination of obstacle sensor, bearings, vehicle and radius of the hull (m) over\n\
-         every kind of world. All seeds are from the test range, {} up to {} (`host-sim/src/seeds.rs`), on which nothing is tuned.\n\
+         every kind of world. All seeds are from the test range, {} up to {} (`host-sim/src/study/seeds.rs`), on which nothing is tuned.\n\
          `tests/matrix.rs` flies a part of it in every run. What did not end as expected is named below each table; the\n\
          depth of a collision is how far the hull was inside an obstacle when the flight was ended.\n",
         seeds::TEST.start,

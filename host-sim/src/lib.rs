@@ -9,20 +9,9 @@
 //! ```
 
 pub mod autopilot;
-pub mod bearings;
-pub mod calibrate;
 pub mod drive;
-pub mod frames;
-pub mod gusts;
-pub mod landings;
-pub mod link_state;
-pub mod matrix;
-pub mod mcap;
-pub mod plot;
-pub mod report;
-pub mod reproduce;
+pub mod record;
 pub mod scenario;
-pub mod seeds;
-mod sheet;
-pub mod table;
+pub mod study;
+pub mod tools;
 pub mod world;

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_sim::bearings::{self, Options};
-use foxhound_sim::calibrate::{self, calibrate};
-use foxhound_sim::frames::{ArrayDescription, Recording, read_yaw};
 use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
+use foxhound_sim::tools::bearings::{self, Options};
+use foxhound_sim::tools::calibrate::{self, calibrate};
+use foxhound_sim::tools::frames::{ArrayDescription, Recording, read_yaw};
 
 use super::fly::EstimatorName;
 use super::terminal::{say, show, warn};

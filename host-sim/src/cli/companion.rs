@@ -18,8 +18,8 @@ use foxhound_sim::drive::companion::{self, Config, News};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::flight::{Ending, Report};
 use foxhound_sim::drive::qemu::QemuComputer;
-use foxhound_sim::mcap;
-use foxhound_sim::report::Recorder;
+use foxhound_sim::record::mcap;
+use foxhound_sim::record::report::Recorder;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 

@@ -15,11 +15,11 @@ use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::flight::{self, Ending, Mission, Record};
 use foxhound_sim::drive::g474::{self, G474Computer, Needs};
 use foxhound_sim::drive::qemu::QemuComputer;
-use foxhound_sim::report::{Beside, Recorder};
+use foxhound_sim::record::report::{Beside, Recorder};
+use foxhound_sim::record::{mcap, plot};
 use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within, read_text};
 use foxhound_sim::scenario::params::Given;
 use foxhound_sim::scenario::{BearingModel, Scenario, SensorModel};
-use foxhound_sim::{mcap, plot};
 
 use super::companion::stop_flag;
 use super::live::{LiveArgs, Pace, Watched};

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use clap::Args;
 use foxhound_core::localize::link_state::Classifier;
-use foxhound_sim::link_state::{self, DOCUMENT_FILE, EXAMINATION_SCENES, SEED, WEIGHTS_FILE};
 use foxhound_sim::scenario::input::InputError;
+use foxhound_sim::study::link_state::{self, DOCUMENT_FILE, EXAMINATION_SCENES, SEED, WEIGHTS_FILE};
 
 use super::terminal::{say, show, warn};
 use super::value::whole;

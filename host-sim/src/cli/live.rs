@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use foxhound_sim::drive::flight::{Moment, Report};
-use foxhound_sim::report::{self, Live, Recorder};
+use foxhound_sim::record::report::{self, Live, Recorder};
 use foxhound_sim::scenario::input::InputError;
 
 use super::Cli;

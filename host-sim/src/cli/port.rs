@@ -14,8 +14,8 @@ use foxhound_computer::log::frame::Deframer;
 use foxhound_computer::port::FRAMES_MAX;
 use foxhound_core::base::adc::Snapshot;
 use foxhound_sim::autopilot::transport::{Address, BAUDS, Line};
-use foxhound_sim::frames::Recording;
 use foxhound_sim::scenario::input::{InputError, MAX_TIME_S, check_within};
+use foxhound_sim::tools::frames::Recording;
 use serde::Serialize;
 
 mod bringup;

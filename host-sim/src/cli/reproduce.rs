@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use foxhound_sim::reproduce::gallery::{Gallery, Summary};
-use foxhound_sim::reproduce::{Experiment, Settings};
 use foxhound_sim::scenario::input::InputError;
+use foxhound_sim::study::reproduce::gallery::{Gallery, Summary};
+use foxhound_sim::study::reproduce::{Experiment, Settings};
 use indicatif::ProgressBar;
 
 use super::terminal::{say, show};

@@ -9,10 +9,10 @@ use foxhound_sim::drive::computer::HostComputer;
 use foxhound_sim::drive::flight::Ending;
 use foxhound_sim::drive::suite::shard::{self, Shard};
 use foxhound_sim::drive::suite::{self, Flown, Selection, Suite};
-use foxhound_sim::plot;
+use foxhound_sim::record::plot;
+use foxhound_sim::record::table;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, SIGMA_DEG, SNR_DB, check_within};
 use foxhound_sim::scenario::{BearingModel, VehicleModel};
-use foxhound_sim::table;
 
 use super::fly::{EstimatorName, planner_parser};
 use super::terminal::say;

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::selftest::Config;
 use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
-use foxhound_sim::frames::Recording;
 use foxhound_sim::scenario::input::InputError;
+use foxhound_sim::tools::frames::Recording;
 use serde::Serialize;
 
 use super::super::terminal::{say, warn};

@@ -10,8 +10,8 @@ use plotters::style::text_anchor::{HPos, VPos};
 use super::density::Cells;
 use super::{Density, Pair, Pillar, densities};
 use crate::drive::suite::{Map, Suite};
+use crate::record::sheet::{self, Drawn, FAINT_INK, FRAME, INK, line, pixels, write_svg};
 use crate::scenario::input::InputError;
-use crate::sheet::{self, Drawn, FAINT_INK, FRAME, INK, line, pixels, write_svg};
 
 /// Side of a map and what is around it, in points.
 const MAP: f64 = 300.0;

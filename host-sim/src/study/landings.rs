@@ -11,8 +11,8 @@ use foxhound_core::landing::Stage;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::matrix;
 use crate::drive::flight::{Ending, Landing, Report};
-use crate::matrix;
 use crate::scenario::Scenario;
 use crate::scenario::input::InputError;
 

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use super::{REPORT, Shown, TABLE};
-use crate::reproduce::beside::Beside;
-use crate::reproduce::{Experiment, Settings};
+use crate::study::reproduce::beside::Beside;
+use crate::study::reproduce::{Experiment, Settings};
 
 const STYLE: &str = include_str!("page.css");
 

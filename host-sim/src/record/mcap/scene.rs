@@ -6,7 +6,7 @@
 use serde_json::{Value, json};
 
 use super::frame::{Enu, Rotation};
-use crate::report::record::{Field, Plan, Step, Xy};
+use crate::record::report::record::{Field, Plan, Step, Xy};
 
 /// The frame of the map.
 pub(super) const MAP: &str = "map";

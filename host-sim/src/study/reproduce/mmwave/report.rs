@@ -17,9 +17,9 @@ use super::radio::Link;
 use super::scenarios::{CLASSES, DISTANCE_MIN_M, PLANS, Scenario};
 use super::trial::{CYCLES_MAX, FOUND_M, Noise, STEP_M, Trial};
 use crate::drive::suite::wilson_95;
-use crate::reproduce::chart::{Axis, Chart, Panel, Series};
+use crate::record::sheet::{Drawn, FAINT_INK, GROUND, INK, fill, line, path, pixels, text, write_svg};
 use crate::scenario::input::InputError;
-use crate::sheet::{Drawn, FAINT_INK, GROUND, INK, fill, line, path, pixels, text, write_svg};
+use crate::study::reproduce::chart::{Axis, Chart, Panel, Series};
 use crate::world::Horizontal;
 
 /// What the paper prints at 0.35 rad (table 3): success rate and duration over the baseline's, of the baseline, of the

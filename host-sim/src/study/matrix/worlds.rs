@@ -9,9 +9,9 @@ use serde_json::{Map, Value};
 
 use crate::drive::maps::{self, Recipe, thicket};
 use crate::drive::suite::{Selection, Suite};
-use crate::gusts::{self, Scene};
 use crate::scenario::input::{InputError, read_text};
 use crate::scenario::{Obstacle, RandomPillars, Scenario};
+use crate::study::gusts::{self, Scene};
 
 /// A world to fly through.
 #[derive(Clone, Debug)]

@@ -17,7 +17,7 @@ use foxhound_core::signal::phase::{self, Phasors};
 use serde::Serialize;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Value};
 
-use crate::frames::{ArrayDescription, Recording};
+use super::frames::{ArrayDescription, Recording};
 use crate::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, check_within};
 use crate::world::wrap_pi;
 

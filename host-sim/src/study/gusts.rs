@@ -7,9 +7,9 @@ use foxhound_core::guidance;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::matrix;
 use crate::drive::flight::{Ending, Report};
 use crate::drive::maps::rows::{self, Rows};
-use crate::matrix;
 use crate::scenario::input::InputError;
 use crate::scenario::{Obstacle, Scenario, VehicleModel, Wind};
 
@@ -40,7 +40,7 @@ const GAPS: Rows = Rows { half_m: [5.0, 5.0], aside_m: 2.0, gap_m: [1.5, 2.5], .
 /// The scenes.
 pub const SCENES: [Scene; 8] = [
     // The pillars of `scenarios/gusts_strong.json`.
-    scene("pillars, scan", include_str!("../../scenarios/gusts_strong.json")),
+    scene("pillars, scan", include_str!("../../../scenarios/gusts_strong.json")),
     scene(
         "pillars, scan, PX4",
         r#"{"obstacles":[{"x":2.5,"y":2.7,"r":0.3},{"x":4.2,"y":2.3,"r":0.33},{"x":4.3,"y":4.4,"r":0.34},
@@ -68,7 +68,7 @@ pub const SCENES: [Scene; 8] = [
         r#"{"random":{"count":62,"radius":[0.15,0.33],"gap":0.5,"clear":0.6},"sensor":{"model":"scan"},
             "bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"max_time_s":120}"#,
     ),
-    scene("corridor", include_str!("../../tests/scenarios/corridor.json")),
+    scene("corridor", include_str!("../../../tests/scenarios/corridor.json")),
 ];
 
 /// Those that have room for the margin: walls, gaps and random pillars, by scan.

@@ -7,8 +7,8 @@ use plotters::prelude::{DrawingArea, DrawingBackend, RGBColor, Rectangle};
 use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color as _, ShapeStyle};
 
+use crate::record::sheet::{Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, fill, line, path, pixels, text, write_svg};
 use crate::scenario::input::InputError;
-use crate::sheet::{Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, fill, line, path, pixels, text, write_svg};
 
 /// Size of a panel's frame, and what is around it, in points.
 const PANEL: [f64; 2] = [420.0, 420.0];

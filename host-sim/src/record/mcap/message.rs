@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::frame::{Enu, enu};
-use crate::report::record::{Gains, Heard, Plan, Step, Xy};
+use crate::record::report::record::{Gains, Heard, Plan, Step, Xy};
 use crate::world::vehicle::Motion;
 
 /// The fields that are there.
@@ -84,7 +84,7 @@ pub(super) fn remembered(all: &[[f64; 3]]) -> Value {
 }
 
 pub(super) fn plan(plan: &Plan) -> Value {
-    let sample = |sample: &crate::report::record::Sample| {
+    let sample = |sample: &crate::record::report::record::Sample| {
         json!({
             "cost": sample.cost, "feasible": sample.feasible, "gains": gains(&sample.gains),
             "waypoints": places(&sample.waypoints_m),

@@ -1,6 +1,6 @@
 //! Recorded ADC frames (`.npy`) and the description of the array that they were taken with (TOML).
 //!
-//! The description's `[calibration]`, which [`crate::calibrate`] writes:
+//! The description's `[calibration]`, which [`crate::tools::calibrate`] writes:
 //!
 //! ```toml
 //! [calibration]

@@ -15,12 +15,12 @@ use plotters::prelude::{
 use plotters::style::ShapeStyle;
 use plotters::style::text_anchor::{HPos, VPos};
 
+use super::sheet::{
+    self, Anchor, Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, OVERSIZE, PAPER, fill, line, pixels, write_svg,
+};
 use crate::drive::flight::{Ending, Record, from_core};
 use crate::scenario::VehicleModel;
 use crate::scenario::input::InputError;
-use crate::sheet::{
-    self, Anchor, Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, OVERSIZE, PAPER, fill, line, pixels, write_svg,
-};
 use crate::world::Horizontal;
 
 const PAGE: (u32, u32) = (1280, 960);

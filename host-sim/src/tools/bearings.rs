@@ -21,7 +21,7 @@ use foxhound_core::doa::multipath;
 use foxhound_core::signal::phase::{self, Phasors};
 use serde::{Serialize, Serializer};
 
-use crate::frames::{ArrayDescription, Recording};
+use super::frames::{ArrayDescription, Recording};
 use crate::scenario::input::InputError;
 use crate::world::wrap_pi;
 

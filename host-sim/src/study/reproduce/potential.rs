@@ -14,8 +14,8 @@ use plotters::prelude::{
 use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
 
+use crate::record::sheet::{Drawn, FAINT_INK, FRAME, GRID, INK, OVERSIZE, PAPER, line, pixels, text, write_svg};
 use crate::scenario::input::InputError;
-use crate::sheet::{Drawn, FAINT_INK, FRAME, GRID, INK, OVERSIZE, PAPER, line, pixels, text, write_svg};
 use crate::world::Horizontal;
 
 /// Side of a map and what is around it, in points.

@@ -23,8 +23,8 @@ use foxhound_core::guidance;
 use serde_json::{Value, json};
 
 use crate::drive::flight::{Ending, Mission, Moment, Report};
-use crate::report::Recorder;
-use crate::report::record::{Begin, Plan, Record, Remembered, Step};
+use crate::record::report::Recorder;
+use crate::record::report::record::{Begin, Plan, Record, Remembered, Step};
 use crate::scenario::input::InputError;
 use frame::{Enu, Rotation, enu};
 

@@ -26,8 +26,8 @@ use plotters::style::text_anchor::{HPos, VPos};
 use serde::Serialize;
 
 use crate::drive::flight::from_core;
+use crate::record::sheet::{FAINT_INK, FRAME, GROUND, INK, PAPER, line, path as draw_path, pixels, text, write_svg};
 use crate::scenario::input::InputError;
-use crate::sheet::{FAINT_INK, FRAME, GROUND, INK, PAPER, line, path as draw_path, pixels, text, write_svg};
 use crate::world::Horizontal;
 
 /// Variance that a step adds to the place.
@@ -318,7 +318,7 @@ impl Row {
         &self,
         area: &plotters::prelude::DrawingArea<B, plotters::coord::Shift>,
         [left, top]: [f64; 2],
-    ) -> crate::sheet::Drawn<B> {
+    ) -> crate::record::sheet::Drawn<B> {
         let scale = SIDE / METRES;
         let points = |place: Horizontal| {
             let (x, y) = place.xy();

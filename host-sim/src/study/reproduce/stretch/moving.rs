@@ -11,8 +11,8 @@ use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 
 use super::walk::{Model, Outliers, REACHED_M, Rule, STEP_M, Walk};
-use crate::reproduce::chart::{Axis, Chart, Panel, Series};
 use crate::scenario::input::InputError;
+use crate::study::reproduce::chart::{Axis, Chart, Panel, Series};
 use crate::world::Horizontal;
 use crate::world::random::Random;
 

@@ -1,0 +1,15 @@
+//! What is left of a flight for people and their tools: pictures, tables, the report, files for Foxglove.
+//!
+//! | module | what it writes |
+//! |---|---|
+//! | [`report`] | one HTML page, to look around in or live |
+//! | [`mcap`] | MCAP files |
+//! | [`plot`] | the picture of a flight |
+//! | [`table`] | the flights of a suite, as CSV and Parquet |
+//! | `sheet` | what all pictures share |
+
+pub mod mcap;
+pub mod plot;
+pub mod report;
+pub(crate) mod sheet;
+pub mod table;

@@ -1,0 +1,17 @@
+//! What many flights or many frames come to: the papers' experiments, and campaigns that answer one question each.
+//!
+//! | module | the question |
+//! |---|---|
+//! | [`reproduce`] | what of the papers' results comes out here? |
+//! | [`matrix`] | does every setting of sensor, bearings, vehicle and hull fly? |
+//! | [`gusts`] | how many flights touch something in gusts? |
+//! | [`landings`] | how many come down on the pad? |
+//! | [`link_state`] | how often is the link state's classifier right, and how is it trained? |
+//! | [`seeds`] | the ranges of seeds: those to tune on, those to publish |
+
+pub mod gusts;
+pub mod landings;
+pub mod link_state;
+pub mod matrix;
+pub mod reproduce;
+pub mod seeds;
