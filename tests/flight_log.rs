@@ -109,7 +109,7 @@ fn every_flight_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>)
     }
     // PX4 gives control a while after the start, so that a parameter can be set before.
     let mut scenario = scenario("open_field.json");
-    scenario.vehicle.autopilot = foxhound_sim::autopilot::Software::Px4;
+    scenario.vehicle.autopilot = foxhound_sim::scenario::Software::Px4;
     let mission = mission(scenario);
     let untouched = flown(&mission, computer(&mission)).1;
     let station = Station { inner: computer(&mission), at: Instant(400_000), is_done: false };

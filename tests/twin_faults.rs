@@ -7,12 +7,12 @@ use foxhound_computer::deadline;
 use foxhound_core::guidance::mission::Behaviour;
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::mailbox::{Fault, Setup};
-use foxhound_sim::autopilot::{Software, Start};
+use foxhound_sim::autopilot::Start;
 use foxhound_sim::drive::campaign::{self, KINDS, Kind};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::drive::soak::manual_mode;
 use foxhound_sim::drive::trial::{Clocks, Step, Trial};
-use foxhound_sim::scenario::Scenario;
+use foxhound_sim::scenario::{Scenario, Software};
 use foxhound_tests::qemu_image;
 
 /// A microsecond of the part that the twin stands for, in microseconds of the twin's clock: 725 ticks of 25 MHz.

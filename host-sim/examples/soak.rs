@@ -5,10 +5,9 @@
 
 use std::process::ExitCode;
 
-use foxhound_sim::autopilot::Software;
 use foxhound_sim::drive::soak::{Config, fly_laps, keep_link};
 use foxhound_sim::drive::trial::Clocks;
-use foxhound_sim::scenario::{Obstacle, Scenario, Sensor, SensorModel};
+use foxhound_sim::scenario::{Obstacle, Scenario, Sensor, SensorModel, Software};
 use serde_json::Value;
 
 const BOTH: [Software; 2] = [Software::ArduCopter, Software::Px4];

@@ -3,8 +3,9 @@
 use std::collections::VecDeque;
 
 use foxhound_link::dialect::SET_POSITION_TARGET_LOCAL_NED_DATA;
-use foxhound_sim::autopilot::{Software, Start, Wire};
+use foxhound_sim::autopilot::{Start, Wire};
 use foxhound_sim::drive::trial::{Clocks, Step};
+use foxhound_sim::scenario::Software;
 use foxhound_sim::world::random::Random;
 
 use crate::stand::{BOTH, STANDS_MPS, Stand, is_zero, manual};

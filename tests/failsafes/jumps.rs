@@ -1,7 +1,8 @@
 //! Jumps of the autopilot's estimate: the vehicle's true way is that of the same flight without them.
 
-use foxhound_sim::autopilot::{Software, Start};
+use foxhound_sim::autopilot::Start;
 use foxhound_sim::drive::trial::{Clocks, Step, Trial};
+use foxhound_sim::scenario::Software;
 
 use crate::stand::{BOTH, Stand, Stream, scenario};
 

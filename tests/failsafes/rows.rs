@@ -1,8 +1,9 @@
 //! The rows of the table in `foxhound_link::failsafe` that an autopilot, a pilot or a wire can bring about.
 
 use foxhound_link::dialect::MavMessage;
-use foxhound_sim::autopilot::{Battery, Software, Start, Wire};
+use foxhound_sim::autopilot::{Battery, Start, Wire};
 use foxhound_sim::drive::trial::{Step, parameter};
+use foxhound_sim::scenario::Software;
 
 use crate::stand::{BOTH, BRAKES_M, BRAKES_S, Stand, Stream, manual};
 

@@ -1,8 +1,9 @@
 //! A day of link time, and half an hour of the whole computer, with faults all the time.
 
-use foxhound_sim::autopilot::{Software, Start};
+use foxhound_sim::autopilot::Start;
 use foxhound_sim::drive::soak::{Config, Laps, Report, fly_laps, keep_link};
 use foxhound_sim::drive::trial::{Clocks, Step};
+use foxhound_sim::scenario::Software;
 
 use crate::stand::{BOTH, Stand, Stream, scenario};
 

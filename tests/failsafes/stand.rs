@@ -1,9 +1,9 @@
 //! A flight towards the beacon past some pillars, in which something goes wrong, and what is asked of it.
 
 use foxhound_link::dialect::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
-use foxhound_sim::autopilot::{Software, Start};
+use foxhound_sim::autopilot::Start;
 use foxhound_sim::drive::trial::{Clocks, Step, Trial};
-use foxhound_sim::scenario::{self, Obstacle, Scenario, SensorModel};
+use foxhound_sim::scenario::{self, Obstacle, Scenario, SensorModel, Software};
 
 pub(crate) use foxhound_sim::drive::soak::manual_mode as manual;
 

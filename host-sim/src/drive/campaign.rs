@@ -30,8 +30,8 @@ pub use report::{Complaint, Report, Row};
 
 use super::qemu::{QemuComputer, QemuError};
 use super::trial::{Clocks, Trial};
-use crate::autopilot::{Software, Start};
-use crate::scenario::{Obstacle, Scenario, Sensor, SensorModel};
+use crate::autopilot::Start;
+use crate::scenario::{Obstacle, Scenario, Sensor, SensorModel, Software};
 use crate::world::Horizontal;
 use crate::world::random::Random;
 use flight::{Flight, Twin};

@@ -25,8 +25,8 @@ use serde_json::Value;
 
 use super::computer::{BLOCK, Computer, ComputerError};
 use crate::autopilot::tlog;
-use crate::autopilot::{Autopilot, Software, Start};
-use crate::scenario::{BearingModel, OtherBeacon, Pulses, Scenario, SensorModel, VehicleModel, inside};
+use crate::autopilot::{Autopilot, Start};
+use crate::scenario::{BearingModel, OtherBeacon, Pulses, Scenario, SensorModel, Software, VehicleModel, inside};
 use crate::world::air::{Air, Drift};
 use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Pose, Reflection};
 use crate::world::random::Random;

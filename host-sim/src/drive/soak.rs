@@ -27,8 +27,8 @@ use serde::Serialize;
 
 use super::computer::BLOCK;
 use super::trial::{Clocks, Trial};
-use crate::autopilot::{Autopilot, Software, Start, Wire};
-use crate::scenario::{self, Scenario, VehicleModel};
+use crate::autopilot::{Autopilot, Start, Wire};
+use crate::scenario::{self, Scenario, Software, VehicleModel};
 use crate::world::antennas::Pose;
 use crate::world::random::Random;
 use crate::world::vehicle::{Motion, Vehicle};

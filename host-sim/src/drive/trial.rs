@@ -19,8 +19,8 @@ use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 
 use super::computer::{BLOCK, Computer, HostComputer};
 use super::flight::{Mission, TICK_S};
-use crate::autopilot::{Autopilot, Software, Start, Wire};
-use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, VehicleModel};
+use crate::autopilot::{Autopilot, Start, Wire};
+use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, Software, VehicleModel};
 use crate::world::antennas::{Antennas, Pose};
 use crate::world::random::Random;
 use crate::world::sensor::View;

@@ -12,7 +12,6 @@ use super::disturbed::{OtherBeacon, Position, Pulses, Wind};
 use super::input::{InputError, check, parse_strictly};
 use super::landing::Landing;
 use super::random::RandomPillars;
-use crate::autopilot::Software;
 use crate::world::rays;
 use crate::world::{Horizontal, Pillar, World};
 
@@ -306,6 +305,17 @@ pub struct Vehicle {
     pub lag_s: f64,
     /// Which autopilot flies it.
     pub autopilot: Software,
+}
+
+/// Which software the autopilot runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Software {
+    /// ArduPilot Copter.
+    #[default]
+    ArduCopter,
+    /// PX4 on a multicopter.
+    Px4,
 }
 
 /// Which vehicle model.

@@ -13,11 +13,10 @@ use foxhound_core::planning::planner;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use crate::autopilot::Software;
 use crate::drive::computer::HostComputer;
 use crate::drive::flight::{self, Ending, Mission, Report};
 use crate::scenario::input::InputError;
-use crate::scenario::{Bearing, Scenario, Sensor, SensorModel, Vehicle, VehicleModel};
+use crate::scenario::{Bearing, Scenario, Sensor, SensorModel, Software, Vehicle, VehicleModel};
 
 pub use worlds::{World, barn, forests, gusty, pillars, thickets, traps};
 

@@ -4,7 +4,8 @@ use foxhound_link::dialect::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavRes
 use foxhound_link::framer::Header;
 
 use super::flight::Behaviour;
-use super::{AUTOPILOT, Autopilot, Software, arducopter, is_for_us, px4};
+use super::{AUTOPILOT, Autopilot, arducopter, is_for_us, px4};
+use crate::scenario::Software;
 
 /// Disarms in the air, too.
 const FORCE: f32 = 21196.0;

@@ -7,7 +7,8 @@ use foxhound_link::dialect::{
 use foxhound_link::framer::{FRAME_MAX, Frame, Header, encode_data};
 
 use super::flight::Flight;
-use super::{AUTOPILOT, Autopilot, Software, arducopter, px4, streams::Streams};
+use super::{AUTOPILOT, Autopilot, arducopter, px4, streams::Streams};
+use crate::scenario::Software;
 
 /// How full the battery is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,9 +1,9 @@
 //! What the vehicle is told: goals of a companion, and what the autopilot flies by itself.
 
+use super::Autopilot;
+use crate::scenario::Software;
 use crate::world::vehicle::{Command, Motion};
 use crate::world::wrap_pi;
-
-use super::{Autopilot, Software};
 
 /// Higher than this it has left the ground.
 const LIFTED_M: f64 = 0.3;

@@ -8,11 +8,11 @@ use foxhound_link::dialect::{
     RC_CHANNELS_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
-use crate::world::vehicle::Motion;
-
 use super::arducopter::{ACCELERATION_BITS, GUIDED, POSITION_BITS, VELOCITY_BITS, YAW_BIT, YAW_RATE_BIT};
 use super::flight::{Behaviour, Goal};
-use super::{Autopilot, Software, px4};
+use super::{Autopilot, px4};
+use crate::scenario::Software;
+use crate::world::vehicle::Motion;
 
 const LOCAL_NED: u8 = 1;
 const BODY_FRD: u8 = 12;

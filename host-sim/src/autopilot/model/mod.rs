@@ -36,8 +36,8 @@ use foxhound_link::dialect::{
     OBSTACLE_DISTANCE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode, encode_data};
-use serde::{Deserialize, Serialize};
 
+use crate::scenario::Software;
 use crate::world::vehicle::Motion;
 
 pub use arducopter::GUIDED;
@@ -54,17 +54,6 @@ const AUTOPILOT: u8 = 1;
 const SENSOR: u8 = 158;
 /// 1 Hz on both \[src: devguide heartbeat.md\].
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
-
-/// Which software the autopilot runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Software {
-    /// ArduPilot Copter.
-    #[default]
-    ArduCopter,
-    /// PX4 on a multicopter.
-    Px4,
-}
 
 /// How a model begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,7 +5,8 @@
 
 use foxhound_link::dialect::{PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA};
 
-use super::{AUTOPILOT, Autopilot, Software, is_for_us};
+use super::{AUTOPILOT, Autopilot, is_for_us};
+use crate::scenario::Software;
 
 /// `MAV_PARAM_TYPE`.
 const INT8: u8 = 2;

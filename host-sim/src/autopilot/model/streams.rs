@@ -14,7 +14,8 @@ use foxhound_link::dialect::{
     TIMESYNC_DATA,
 };
 
-use super::{AUTOPILOT, Autopilot, Software, is_for_us};
+use super::{AUTOPILOT, Autopilot, is_for_us};
+use crate::scenario::Software;
 
 /// ArduPilot asks for the time soon after its boot, then every 10 s \[src: `GCS_Common.cpp`; one in 3 s, run\].
 pub(super) const TIMESYNC_FIRST_US: u64 = 1_000_000;

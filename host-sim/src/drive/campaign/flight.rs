@@ -10,11 +10,12 @@ use foxhound_link::dialect::MavMessage;
 use foxhound_link::mailbox::{self, Fault, Setup};
 
 use super::{Kind, Row, SECOND_US};
-use crate::autopilot::{Software, Wire};
+use crate::autopilot::Wire;
 use crate::drive::computer::{BLOCK, Computer, ComputerError, StepReport};
 use crate::drive::qemu::{QemuComputer, QemuError};
 use crate::drive::soak::manual_mode;
 use crate::drive::trial::{Converters, Trial};
+use crate::scenario::Software;
 use crate::world::Horizontal;
 use crate::world::random::Random;
 

@@ -56,8 +56,9 @@ fn the_guard_keeps_the_limit_with_room_for_rounding() {
 
 #[test]
 fn a_take_off_that_its_pilot_asks_for_in_guided_is_not_ended_by_our_setpoints() {
-    use crate::autopilot::{Autopilot, GUIDED, Software, Start};
+    use crate::autopilot::{Autopilot, GUIDED, Start};
     use crate::drive::computer::HostComputer;
+    use crate::scenario::Software;
     use crate::world::antennas::Pose;
     use crate::world::vehicle::Vehicle;
     let mut computer = HostComputer::new(&config().guidance()).unwrap();

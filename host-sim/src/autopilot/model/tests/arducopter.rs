@@ -1,8 +1,9 @@
 //! ArduCopter.
 
+use super::super::Start;
 use super::super::arducopter::{AUTO, BRAKE, GUIDED, LAND, LOITER, RTL, STABILIZE};
-use super::super::{Software, Start};
 use super::*;
+use crate::scenario::Software;
 
 fn near(left: [f64; 3], right: [f64; 3]) -> bool {
     left.iter().zip(right).all(|(l, r)| (l - r).abs() < 1e-6)

@@ -1,7 +1,8 @@
 //! Faults on order.
 
-use super::super::{Battery, Software, Start};
+use super::super::{Battery, Start};
 use super::*;
+use crate::scenario::Software;
 
 fn both() -> [Autopilot; 2] {
     [Software::ArduCopter, Software::Px4].map(|software| Autopilot::new(software, Start::InControl))

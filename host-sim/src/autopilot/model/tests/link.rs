@@ -4,8 +4,9 @@ use foxhound_link::dialect::{
     PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, REQUEST_DATA_STREAM_DATA, TIMESYNC_DATA,
 };
 
-use super::super::{Software, Start};
+use super::super::Start;
 use super::*;
+use crate::scenario::Software;
 
 fn both() -> [Autopilot; 2] {
     [Software::ArduCopter, Software::Px4].map(|software| Autopilot::new(software, Start::Hovering))

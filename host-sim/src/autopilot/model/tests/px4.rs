@@ -1,8 +1,9 @@
 //! PX4.
 
+use super::super::Start;
 use super::super::px4::{ALTITUDE, HOLD, LAND, OFFBOARD, POSITION, RETURN, STABILIZED, TAKEOFF, mode};
-use super::super::{Software, Start};
 use super::*;
+use crate::scenario::Software;
 
 fn in_offboard() -> Autopilot {
     Autopilot::new(Software::Px4, Start::InControl)
