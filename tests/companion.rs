@@ -19,7 +19,7 @@ use foxhound_sim::autopilot::transport::{Line, Listen};
 use foxhound_sim::autopilot::{Autopilot, GUIDED};
 use foxhound_sim::drive::companion::Pace;
 use foxhound_sim::scenario::{self, VehicleModel};
-use foxhound_sim::world::antennas::Pose;
+use foxhound_sim::world::Pose;
 use foxhound_sim::world::vehicle::Vehicle;
 use foxhound_tests::{foxhound, python, qemu_image, root, run, run_json};
 use serde_json::Value;

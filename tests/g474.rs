@@ -18,7 +18,8 @@ use foxhound_sim::drive::computer::{BLOCK, Computer, ComputerError, HostComputer
 use foxhound_sim::drive::flight::{self, Ending, Mission};
 use foxhound_sim::drive::g474::{Board, G474Error, Options, Report, Restarted, trial};
 use foxhound_sim::scenario::{Scenario, Software};
-use foxhound_sim::world::antennas::{Antennas, Pose};
+use foxhound_sim::world::Pose;
+use foxhound_sim::world::antennas::Antennas;
 use foxhound_sim::world::random::Random;
 use foxhound_sim::world::vehicle::Motion;
 use foxhound_tests::{g474_image, python, qemu_image, root, run};

@@ -21,7 +21,8 @@ use foxhound_core::signal::phase;
 use foxhound_sim::drive::maps::{self, Recipe};
 use foxhound_sim::drive::suite::{Map, Place, Report, Selection, Suite, fly_all};
 use foxhound_sim::scenario::BearingModel;
-use foxhound_sim::world::antennas::{Antennas, Pose};
+use foxhound_sim::world::Pose;
+use foxhound_sim::world::antennas::Antennas;
 use foxhound_sim::world::random::Random;
 
 const SEED: u64 = 1;

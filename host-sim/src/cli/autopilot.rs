@@ -12,7 +12,7 @@ use foxhound_sim::autopilot::{Autopilot, Start, Wire};
 use foxhound_sim::drive::companion::Pace;
 use foxhound_sim::scenario::input::{InputError, MAX_TIME_S, check, check_within};
 use foxhound_sim::scenario::{self, Software, VehicleModel};
-use foxhound_sim::world::antennas::Pose;
+use foxhound_sim::world::Pose;
 use foxhound_sim::world::vehicle::Vehicle;
 use serde::Serialize;
 

@@ -296,7 +296,7 @@ mod tests {
     use super::*;
     use crate::autopilot::Autopilot;
     use crate::scenario::Scenario;
-    use crate::world::antennas::Pose;
+    use crate::world::Pose;
     use crate::world::vehicle::Vehicle;
     use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
     use foxhound_core::guidance::mission::Outcome;

@@ -24,16 +24,14 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::computer::{BLOCK, Computer, ComputerError};
-use crate::autopilot::tlog;
-use crate::autopilot::{Autopilot, Start};
+use crate::autopilot::{Autopilot, Start, tlog};
 use crate::scenario::{BearingModel, OtherBeacon, Pulses, Scenario, SensorModel, Software, VehicleModel, inside};
 use crate::world::air::{Air, Drift};
-use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Pose, Reflection};
+use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Reflection};
 use crate::world::random::Random;
-use crate::world::rays;
 use crate::world::sensor::View;
 use crate::world::vehicle::{Motion, Vehicle};
-use crate::world::{Horizontal, Hull, World, wrap_pi};
+use crate::world::{Horizontal, Hull, Pose, World, from_core, horizontal, rays, wrap_pi};
 
 mod landing;
 
@@ -498,16 +496,6 @@ fn on_the_map(mut circles: Vec<Circle>, error: Horizontal) -> Vec<Circle> {
         circle.center_ned_m.east += error.east;
     }
     circles
-}
-
-fn horizontal(pose: &Pose) -> Horizontal {
-    Horizontal { north: pose.position_ned_m[0], east: pose.position_ned_m[1] }
-}
-
-/// From the core's single precision.
-#[must_use]
-pub fn from_core(vector: foxhound_core::base::ned::Horizontal) -> Horizontal {
-    Horizontal { north: f64::from(vector.north), east: f64::from(vector.east) }
 }
 
 /// Whether the vehicle has stood still for the last while.

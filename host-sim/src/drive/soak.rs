@@ -29,7 +29,7 @@ use super::computer::BLOCK;
 use super::trial::{Clocks, Trial};
 use crate::autopilot::{Autopilot, Start, Wire};
 use crate::scenario::{self, Scenario, Software, VehicleModel};
-use crate::world::antennas::Pose;
+use crate::world::Pose;
 use crate::world::random::Random;
 use crate::world::vehicle::{Motion, Vehicle};
 

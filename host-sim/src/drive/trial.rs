@@ -21,11 +21,11 @@ use super::computer::{BLOCK, Computer, HostComputer};
 use super::flight::{Mission, TICK_S};
 use crate::autopilot::{Autopilot, Start, Wire};
 use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, Software, VehicleModel};
-use crate::world::antennas::{Antennas, Pose};
+use crate::world::antennas::Antennas;
 use crate::world::random::Random;
 use crate::world::sensor::View;
 use crate::world::vehicle::{Motion, Vehicle};
-use crate::world::{Horizontal, Hull, World};
+use crate::world::{Horizontal, Hull, Pose, World};
 
 /// Length of one step.
 pub const STEP_US: u64 = 20_000;

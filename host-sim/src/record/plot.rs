@@ -18,10 +18,10 @@ use plotters::style::text_anchor::{HPos, VPos};
 use super::sheet::{
     self, Anchor, Drawn, FAINT_INK, FRAME, GRID, GROUND, INK, OVERSIZE, PAPER, fill, line, pixels, write_svg,
 };
-use crate::drive::flight::{Ending, Record, from_core};
+use crate::drive::flight::{Ending, Record};
 use crate::scenario::VehicleModel;
 use crate::scenario::input::InputError;
-use crate::world::Horizontal;
+use crate::world::{Horizontal, from_core};
 
 const PAGE: (u32, u32) = (1280, 960);
 const PNG_REDUCTION: u32 = 2;

@@ -12,8 +12,7 @@ use super::disturbed::{OtherBeacon, Position, Pulses, Wind};
 use super::input::{InputError, check, parse_strictly};
 use super::landing::Landing;
 use super::random::RandomPillars;
-use crate::world::rays;
-use crate::world::{Horizontal, Pillar, World};
+use crate::world::{Horizontal, Pillar, World, rays};
 
 /// A flight to be simulated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -292,7 +292,8 @@ pub fn table(lines: &[Line]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::antennas::{Antennas, Impairments, Pose, Reflection};
+    use crate::world::Pose;
+    use crate::world::antennas::{Antennas, Impairments, Reflection};
     use crate::world::random::Random;
     use foxhound_core::doa::array;
 

@@ -5,9 +5,9 @@
 //! assumption. The autopilot has countered the mean when the flight begins; what it does about the rest says
 //! [`super::deviation`].
 
+use super::geometry::Horizontal;
+use super::random::Random;
 use crate::scenario;
-use crate::world::Horizontal;
-use crate::world::random::Random;
 
 /// Acceleration by a metre a second of wind.
 const DRAG_PER_S: f64 = 0.3;

@@ -19,42 +19,8 @@ use std::f64::consts::TAU;
 use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
 use foxhound_core::base::time::Instant;
 
-use crate::world::random::Random;
-
-/// Where the vehicle is and how it is turned.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pose {
-    /// Position, NED, metres.
-    pub position_ned_m: [f64; 3],
-    /// Roll, right side down positive.
-    pub roll_rad: f64,
-    /// Pitch, nose up positive.
-    pub pitch_rad: f64,
-    /// Yaw from north, clockwise positive.
-    pub yaw_rad: f64,
-}
-
-impl Pose {
-    /// Rotates a body vector (forward, right, down) into NED: yaw, pitch, roll in the order of aviation (ZYX).
-    #[must_use]
-    pub fn to_ned(&self, body: [f64; 3]) -> [f64; 3] {
-        let [ned] = self.all_to_ned([body]);
-        ned
-    }
-
-    /// The same for many: the sines are worked out once.
-    #[must_use]
-    pub fn all_to_ned<const COUNT: usize>(&self, body: [[f64; 3]; COUNT]) -> [[f64; 3]; COUNT] {
-        let (sr, cr) = (libm::sin(self.roll_rad), libm::cos(self.roll_rad));
-        let (sp, cp) = (libm::sin(self.pitch_rad), libm::cos(self.pitch_rad));
-        let (sy, cy) = (libm::sin(self.yaw_rad), libm::cos(self.yaw_rad));
-        body.map(|[x, y, z]| {
-            let (y, z) = (cr * y - sr * z, sr * y + cr * z);
-            let (x, z) = (cp * x + sp * z, cp * z - sp * x);
-            [cy * x - sy * y, sy * x + cy * y, z]
-        })
-    }
-}
+use super::geometry::Pose;
+use super::random::Random;
 
 /// The radio and its imperfections.
 #[derive(Clone, Debug, PartialEq)]

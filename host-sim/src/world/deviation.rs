@@ -15,8 +15,8 @@
 //! Between what the controller wants and the thrust's lean there is a first-order lag of 0.2 s, an assumption (`ATC_ANG_RLL_P` is
 //! 4.5, `ATC_INPUT_TC` 0.15). The lean has no limit here: gusts of 3 m/s sigma want half of what 30 degrees give.
 
+use super::geometry::Horizontal;
 use crate::scenario::Software;
-use crate::world::Horizontal;
 
 /// Lag of the lean behind what the controller wants.
 const LEAN_LAG_S: f64 = 0.2;

@@ -3,6 +3,7 @@
 //!
 //! | module | what it simulates |
 //! |---|---|
+//! | `geometry` | places, directions and attitudes |
 //! | `truth` | the beacon, the pillars, and which clearance is a collision |
 //! | [`rays`] | radio paths among walls |
 //! | [`antennas`] | the samples of the four channels |
@@ -17,10 +18,12 @@ pub mod antennas;
 pub mod camera;
 pub mod camera_line;
 pub mod deviation;
+mod geometry;
 pub mod random;
 pub mod rays;
 pub mod sensor;
 mod truth;
 pub mod vehicle;
 
-pub use truth::{Horizontal, Hull, Pillar, World, wrap_pi};
+pub use geometry::{Horizontal, Pose, from_core, horizontal, wrap_pi};
+pub use truth::{Hull, Pillar, World};

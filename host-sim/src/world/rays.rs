@@ -5,7 +5,7 @@
 //! every reflection point lies on its wall; each reflection costs what the wall takes, each wall in the way what it lets
 //! through less.
 
-use crate::world::Horizontal;
+use super::geometry::Horizontal;
 
 /// A vertical wall, metres, NED.
 #[derive(Clone, Copy, Debug, PartialEq)]

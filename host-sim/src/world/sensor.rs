@@ -12,8 +12,9 @@ use foxhound_core::base::obstacle::Circle;
 use foxhound_core::mapping::map::DELIVERY_MAX;
 use foxhound_link::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA};
 
+use super::geometry::Horizontal;
+use super::truth::{Pillar, World};
 use crate::scenario;
-use crate::world::{Horizontal, Pillar, World};
 
 /// Sectors of one scan.
 pub const SECTORS: usize = 72;

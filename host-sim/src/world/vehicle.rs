@@ -11,11 +11,10 @@
 
 use std::collections::VecDeque;
 
+use super::air::Push;
+use super::deviation::Deviation;
+use super::geometry::{Horizontal, Pose, wrap_pi};
 use crate::scenario;
-use crate::world::Horizontal;
-use crate::world::air::Push;
-use crate::world::antennas::Pose;
-use crate::world::deviation::Deviation;
 
 /// What the vehicle is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -192,7 +191,7 @@ impl Vehicle {
         }
         let wanted_radps = self.command.yaw_rate_radps.clamp(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS);
         motion.yaw_rate_radps += dt / yaw_lag_s * (wanted_radps - motion.yaw_rate_radps);
-        motion.pose.yaw_rad = crate::world::wrap_pi(motion.pose.yaw_rad + dt * motion.yaw_rate_radps);
+        motion.pose.yaw_rad = wrap_pi(motion.pose.yaw_rad + dt * motion.yaw_rate_radps);
     }
 
     /// Thrust leans into the acceleration, and against the wind.

@@ -15,11 +15,11 @@ use foxhound_link::signing::Signing;
 use crate::drive::computer::BLOCK;
 use crate::drive::flight::Sample;
 use crate::scenario;
-use crate::world::antennas::{Antennas, Pose};
+use crate::world::antennas::Antennas;
 use crate::world::random::Random;
 use crate::world::sensor::View;
 use crate::world::vehicle::Motion;
-use crate::world::{Horizontal, World};
+use crate::world::{Horizontal, Pose, World};
 
 /// Telemetry older than this says nothing about now.
 const AGE_MAX_S: f32 = 0.5;

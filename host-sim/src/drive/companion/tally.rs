@@ -126,7 +126,7 @@ impl Tally {
 mod tests {
     use super::*;
     use crate::scenario::{Obstacle, Scenario};
-    use crate::world::antennas::Pose;
+    use crate::world::Pose;
 
     fn fix(time_us: u64, north: f64) -> Fix {
         let pose = Pose { position_ned_m: [north, 0.0, -2.0], ..Pose::default() };

@@ -59,7 +59,7 @@ fn a_take_off_that_its_pilot_asks_for_in_guided_is_not_ended_by_our_setpoints() 
     use crate::autopilot::{Autopilot, GUIDED, Start};
     use crate::drive::computer::HostComputer;
     use crate::scenario::Software;
-    use crate::world::antennas::Pose;
+    use crate::world::Pose;
     use crate::world::vehicle::Vehicle;
     let mut computer = HostComputer::new(&config().guidance()).unwrap();
     let model = scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() };

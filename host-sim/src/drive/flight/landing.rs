@@ -10,14 +10,11 @@ use foxhound_core::landing::{Advice, Stage};
 use foxhound_link::dialect::DISTANCE_SENSOR_DATA;
 use serde::Serialize;
 
-use super::horizontal;
 use crate::scenario::{self, inside};
-use crate::world::antennas::Pose;
 use crate::world::camera::{self, Frame, Ground, Lighting, Scene, Shadow, Shape, Size, Target, Thing};
-use crate::world::camera_line;
 use crate::world::random::Random;
 use crate::world::vehicle::Motion;
-use crate::world::{Horizontal, World};
+use crate::world::{Horizontal, Pose, World, camera_line, horizontal};
 
 /// From one word of the range finder to the next: 17 Hz.
 pub(super) const RANGE_TICKS: u64 = 3;

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use serde::Serialize;
 
-use crate::world::antennas::Pose;
+use crate::world::Pose;
 
 /// East, north, up, in the fields that viewers know.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]

@@ -12,10 +12,10 @@ use foxhound_core::mapping::lor::Line;
 use foxhound_core::signal::phase::{self, Extractor};
 
 use super::scenes::{Scene, within};
-use crate::world::antennas::{Antennas, Impairments, Pose, Reflection};
+use crate::world::antennas::{Antennas, Impairments, Reflection};
 use crate::world::random::Random;
 use crate::world::rays::{self, Path};
-use crate::world::{Horizontal, wrap_pi};
+use crate::world::{Horizontal, Pose, wrap_pi};
 
 /// Samples of a frame.
 const N: usize = 256;

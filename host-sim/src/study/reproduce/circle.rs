@@ -17,7 +17,8 @@ use serde::Serialize;
 use super::chart::{Axis, Chart, Panel, Series};
 use super::{CONTENDERS, error_rad, finders, phasors};
 use crate::scenario::input::InputError;
-use crate::world::antennas::{Antennas, Pose};
+use crate::world::Pose;
+use crate::world::antennas::Antennas;
 use crate::world::random::Random;
 
 /// What the main paper reports for its own estimator.

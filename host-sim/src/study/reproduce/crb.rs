@@ -20,7 +20,8 @@ use serde::Serialize;
 use super::chart::{Axis, Chart, Panel, Series};
 use super::{CONTENDERS, error_rad, finders, phasors};
 use crate::scenario::input::InputError;
-use crate::world::antennas::{Antennas, Pose};
+use crate::world::Pose;
+use crate::world::antennas::Antennas;
 use crate::world::random::Random;
 
 /// Signal-to-noise ratios per sample.

@@ -11,10 +11,10 @@ use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::planner::{PlanRequest, Planner, Scratch};
 use serde::Serialize;
 
-use crate::drive::flight::{Ending, from_core};
+use crate::drive::flight::Ending;
 use crate::scenario::Scenario;
 use crate::world::random::Random;
-use crate::world::{Horizontal, Hull, Pillar, wrap_pi};
+use crate::world::{Horizontal, Hull, Pillar, from_core, wrap_pi};
 
 /// Distance of the temporary target (main paper, section IV).
 const TARGET_M: f64 = 2.0;

@@ -20,9 +20,9 @@ use foxhound_core::planning::field::{Field, Gains, Kind, Law};
 use serde::Serialize;
 
 use super::potential::{Scene as Pictured, draw_heat, draw_surface};
-use crate::drive::flight::{Ending, from_core};
+use crate::drive::flight::Ending;
 use crate::scenario::input::InputError;
-use crate::world::Horizontal;
+use crate::world::{Horizontal, from_core};
 
 /// Repulsion constants that are tried.
 pub const STRENGTHS: [f32; 6] = [0.1, 1.0, 10.0, 100.0, 300.0, 1000.0];

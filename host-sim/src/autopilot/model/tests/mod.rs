@@ -11,7 +11,7 @@ use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 
 use super::{Autopilot, Start};
 use crate::scenario::{self, VehicleModel};
-use crate::world::antennas::Pose;
+use crate::world::Pose;
 use crate::world::vehicle::{Command, Motion, Vehicle};
 
 const COMPANION: Header = Header { system_id: 1, component_id: 191, sequence: 0 };

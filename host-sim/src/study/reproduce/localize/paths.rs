@@ -25,10 +25,9 @@ use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
 use serde::Serialize;
 
-use crate::drive::flight::from_core;
 use crate::record::sheet::{FAINT_INK, FRAME, GROUND, INK, PAPER, line, path as draw_path, pixels, text, write_svg};
 use crate::scenario::input::InputError;
-use crate::world::Horizontal;
+use crate::world::{Horizontal, from_core};
 
 /// Variance that a step adds to the place.
 pub const PROCESS_NOISE_M2: f32 = 0.01;

@@ -12,7 +12,7 @@ use super::explore::Explorer;
 use super::known::{CELL_M, Index, Known, RANGE_M};
 use super::radio::Link;
 use super::walls::Walls;
-use crate::world::Horizontal;
+use crate::world::{Horizontal, from_core};
 
 /// Which agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -326,10 +326,6 @@ impl Ear {
         }
         self.answer
     }
-}
-
-pub(super) fn from_core(point: foxhound_core::base::ned::Horizontal) -> Horizontal {
-    Horizontal { north: point.north.into(), east: point.east.into() }
 }
 
 /// The source is before the first wall on its bearing. Where a wall is right in front, the bearing is a little off.

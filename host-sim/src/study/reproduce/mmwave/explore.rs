@@ -10,7 +10,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::planning::explore::{self, Explored};
 
 use super::known::{Known, RANGE_M};
-use crate::world::Horizontal;
+use crate::world::{Horizontal, from_core};
 
 /// A point of a wall as a circle.
 const POINT_RADIUS_M: f32 = 0.1;
@@ -52,7 +52,7 @@ impl Explorer {
             let explored =
                 self.explorer.step(&mut self.state, now, &pose, RANGE_M as f32, std::f32::consts::TAU, circles.iter());
             match explored {
-                Explored::Target(target) => return Some(super::agent::from_core(target)),
+                Explored::Target(target) => return Some(from_core(target)),
                 _ => self.state.end(),
             }
         }

@@ -144,7 +144,7 @@ mod tests {
             let outlier = (coin < 0.3).then_some((TAU * anywhere) as f32);
             place = lemma::step(place, lemma::heard_rad(source_rad, (0.4 * noise) as f32, outlier), STEP_M as f32);
             walk.step(Horizontal::default());
-            assert!(walk.place.minus(crate::drive::flight::from_core(place)).norm() < 1e-3);
+            assert!(walk.place.minus(crate::world::from_core(place)).norm() < 1e-3);
         }
     }
 

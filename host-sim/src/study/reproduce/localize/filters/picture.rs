@@ -8,9 +8,8 @@ use foxhound_core::localize::source::{Estimate, Sighting};
 use super::super::super::chart::{Axis, Chart, Panel, Series};
 use super::Report;
 use super::trial::{Course, Gathered};
-use crate::drive::flight::from_core;
 use crate::scenario::input::InputError;
-use crate::world::Horizontal;
+use crate::world::{Horizontal, from_core};
 
 /// Half of the sides of the maps.
 const MAPS_M: [f64; 2] = [80.0, 40.0];

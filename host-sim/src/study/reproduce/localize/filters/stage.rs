@@ -8,9 +8,8 @@ use super::picture::Figure;
 use super::scene::{Scene, around, draw_before, draw_range, draw_slanted};
 use super::trial::{Course, Gathered, ORIGIN, SIGHTINGS, Wall, anywhere_rad, nees, polar_nees, uniform};
 use super::{FIG_3_M, Outcome, PAPER_FIG_3_M, Row};
-use crate::drive::flight::from_core;
-use crate::world::Horizontal;
 use crate::world::random::Random;
+use crate::world::{Horizontal, from_core};
 
 /// How far off the guess of an unknown wall is.
 const GUESS: f64 = 0.2;
