@@ -4,7 +4,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::input::{InputError, check};
-use crate::world::antennas;
 
 /// Offsets at which another beacon's tone is within what the receiver lets through.
 const OFFSET_MIN_HZ: f64 = -12_000.0;
@@ -28,12 +27,6 @@ impl Pulses {
     pub(super) fn check(self) -> Result<(), InputError> {
         check("bearing.pulses.period_s", self.period_s, 0.01, 3600.0)?;
         check("bearing.pulses.length_s", self.length_s, 0.001, self.period_s)
-    }
-
-    /// As the antennas have them.
-    #[must_use]
-    pub const fn at_antennas(self) -> antennas::Pulses {
-        antennas::Pulses { period_s: self.period_s, length_s: self.length_s, start_s: 0.0 }
     }
 }
 

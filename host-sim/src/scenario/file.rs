@@ -12,7 +12,6 @@ use super::disturbed::{OtherBeacon, Position, Pulses, Wind};
 use super::input::{InputError, check, parse_strictly};
 use super::landing::Landing;
 use super::random::RandomPillars;
-use crate::world::{Horizontal, Pillar, World, rays};
 
 /// A flight to be simulated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -165,20 +164,6 @@ fn reflection_loss() -> f64 {
 
 fn passage_loss() -> f64 {
     30.0
-}
-
-impl Wall {
-    /// The row of pillars that it is: so near to one another that nothing gets through.
-    fn pillars(self) -> impl Iterator<Item = Pillar> {
-        let (from, to) = (Horizontal::from_xy([self.x0, self.y0]), Horizontal::from_xy([self.x1, self.y1]));
-        let gaps = libm::ceil(to.minus(from).norm() / (1.5 * self.r)).max(1.0);
-        (0..=gaps as u32).map(move |k| Pillar {
-            center: from.along(to.minus(from), f64::from(k) / gaps),
-            radius_m: self.r,
-            velocity_mps: Horizontal::default(),
-            turns_s: 0.0,
-        })
-    }
 }
 
 /// The obstacle sensor on the nose.
@@ -717,30 +702,6 @@ impl Scenario {
         let default = if self.bearing.snr_db.is_some() { BearingModel::Rf } else { BearingModel::Noise };
         self.bearing.model.unwrap_or(default)
     }
-
-    /// The true world of this scenario.
-    #[must_use]
-    pub fn world(&self) -> World {
-        let pillars = self.obstacles.iter().map(|obstacle| Pillar {
-            center: Horizontal::from_xy([obstacle.x, obstacle.y]),
-            radius_m: obstacle.r,
-            velocity_mps: Horizontal::from_xy([obstacle.vx, obstacle.vy]),
-            turns_s: obstacle.turns_s,
-        });
-        let walls = self.walls.iter().map(|wall| rays::Wall {
-            from: Horizontal::from_xy([wall.x0, wall.y0]),
-            to: Horizontal::from_xy([wall.x1, wall.y1]),
-            reflection_db: wall.reflection_db,
-            passage_db: wall.passage_db,
-        });
-        World {
-            pillars: pillars.chain(self.walls.iter().flat_map(|wall| wall.pillars())).collect(),
-            walls: walls.collect(),
-            source: Horizontal::from_xy(self.goal),
-            source_velocity_mps: Horizontal::from_xy(self.goal_velocity),
-            source_down_m: if self.landing.is_some() { PAD_SOURCE_DOWN_M } else { SOURCE_DOWN_M },
-        }
-    }
 }
 
 /// A derived reader would take a list for an object, field after field.
@@ -768,10 +729,6 @@ fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
 
 /// Height of the flight above the local origin: 2 m up.
 pub const FLIGHT_DOWN_M: f64 = -2.0;
-/// Height of the beacon: a third of a metre below the flight, so that elevation is not exactly zero.
-pub const SOURCE_DOWN_M: f64 = -1.7;
-/// The beacon where there is something to land on: on the ground, less its own height.
-const PAD_SOURCE_DOWN_M: f64 = -0.05;
 
 /// Whether `time_s` is inside a window.
 #[must_use]

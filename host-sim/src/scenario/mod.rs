@@ -18,8 +18,8 @@ mod schema;
 pub use disturbed::{OtherBeacon, Position, Pulses, Wind};
 pub(crate) use file::FLIGHT_KEYS;
 pub use file::{
-    Antenna, Bearing, BearingModel, FLIGHT_DOWN_M, Faults, Limits, Obstacle, Outlier, SOURCE_DOWN_M, Scenario, Sensor,
-    SensorModel, Software, Vehicle, VehicleModel, Wall, inside,
+    Antenna, Bearing, BearingModel, FLIGHT_DOWN_M, Faults, Limits, Obstacle, Outlier, Scenario, Sensor, SensorModel,
+    Software, Vehicle, VehicleModel, Wall, inside,
 };
 pub use landing::{Camera, Landing};
 pub use random::RandomPillars;

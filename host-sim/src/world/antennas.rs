@@ -21,6 +21,7 @@ use foxhound_core::base::time::Instant;
 
 use super::geometry::Pose;
 use super::random::Random;
+use crate::scenario;
 
 /// The radio and its imperfections.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,6 +152,14 @@ pub struct Pulses {
     pub length_s: f64,
     /// Start of a pulse.
     pub start_s: f64,
+}
+
+impl scenario::Pulses {
+    /// As the antennas have them.
+    #[must_use]
+    pub const fn at_antennas(self) -> Pulses {
+        Pulses { period_s: self.period_s, length_s: self.length_s, start_s: 0.0 }
+    }
 }
 
 impl Pulses {

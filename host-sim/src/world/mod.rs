@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `geometry` | places, directions and attitudes |
 //! | `truth` | the beacon, the pillars, and which clearance is a collision |
+//! | `draw` | pillars thrown at random, by the seed |
 //! | [`rays`] | radio paths among walls |
 //! | [`antennas`] | the samples of the four channels |
 //! | [`air`], [`deviation`] | the wind, and how far it moves the vehicle off its course |
@@ -18,6 +19,7 @@ pub mod antennas;
 pub mod camera;
 pub mod camera_line;
 pub mod deviation;
+mod draw;
 mod geometry;
 pub mod random;
 pub mod rays;

@@ -3,7 +3,8 @@
 //! Everything here is in the NED frame, metres and seconds, in `f64`: it is the truth that the core never sees.
 
 use super::geometry::Horizontal;
-use super::rays::Wall;
+use super::rays::{self, Wall};
+use crate::scenario::{self, Scenario};
 
 /// A vertical pillar at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,6 +61,51 @@ impl World {
     #[must_use]
     pub fn source_at(&self, time_s: f64) -> Horizontal {
         self.source.along(self.source_velocity_mps, time_s)
+    }
+}
+
+/// Height of the beacon: a third of a metre below the flight, so that elevation is not exactly zero.
+const SOURCE_DOWN_M: f64 = -1.7;
+/// The beacon where there is something to land on: on the ground, less its own height.
+const PAD_SOURCE_DOWN_M: f64 = -0.05;
+
+impl Scenario {
+    /// The true world of this scenario.
+    #[must_use]
+    pub fn world(&self) -> World {
+        let pillars = self.obstacles.iter().map(|obstacle| Pillar {
+            center: Horizontal::from_xy([obstacle.x, obstacle.y]),
+            radius_m: obstacle.r,
+            velocity_mps: Horizontal::from_xy([obstacle.vx, obstacle.vy]),
+            turns_s: obstacle.turns_s,
+        });
+        let walls = self.walls.iter().map(|wall| rays::Wall {
+            from: Horizontal::from_xy([wall.x0, wall.y0]),
+            to: Horizontal::from_xy([wall.x1, wall.y1]),
+            reflection_db: wall.reflection_db,
+            passage_db: wall.passage_db,
+        });
+        World {
+            pillars: pillars.chain(self.walls.iter().flat_map(|wall| wall.pillars())).collect(),
+            walls: walls.collect(),
+            source: Horizontal::from_xy(self.goal),
+            source_velocity_mps: Horizontal::from_xy(self.goal_velocity),
+            source_down_m: if self.landing.is_some() { PAD_SOURCE_DOWN_M } else { SOURCE_DOWN_M },
+        }
+    }
+}
+
+impl scenario::Wall {
+    /// The row of pillars that it is: so near to one another that nothing gets through.
+    fn pillars(self) -> impl Iterator<Item = Pillar> {
+        let (from, to) = (Horizontal::from_xy([self.x0, self.y0]), Horizontal::from_xy([self.x1, self.y1]));
+        let gaps = libm::ceil(to.minus(from).norm() / (1.5 * self.r)).max(1.0);
+        (0..=gaps as u32).map(move |k| Pillar {
+            center: from.along(to.minus(from), f64::from(k) / gaps),
+            radius_m: self.r,
+            velocity_mps: Horizontal::default(),
+            turns_s: 0.0,
+        })
     }
 }
 
@@ -213,6 +259,16 @@ mod tests {
             let pillar = world.pillars_at(time_s).next().unwrap();
             assert!((pillar.center.east - east).abs() < 1e-12, "{time_s} s: {}", pillar.center.east);
             assert_eq!(pillar.velocity_mps.east, mps, "{time_s} s");
+        }
+    }
+
+    #[test]
+    fn the_built_in_mission_passes_its_own_checks_and_starts_clear() {
+        let scenario = Scenario::built_in().checked().unwrap();
+        let world = scenario.world();
+        for place in [scenario.start, scenario.goal] {
+            let hull = Hull::new(&world, scenario.drone_radius, Horizontal::from_xy(place));
+            assert!(hull.min_clearance_m > 0.5);
         }
     }
 }

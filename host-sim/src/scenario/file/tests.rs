@@ -150,13 +150,3 @@ fn values_of_the_wrong_kind_are_named_with_their_path() {
     assert_eq!(refused(r#"{"limits":[1,2]}"#), "limits: expected an object {...}");
     assert_eq!(refused(r#"{"obstacles":[[1,2,0.3]]}"#), "obstacles[0]: expected an object {...}");
 }
-
-#[test]
-fn the_built_in_mission_passes_its_own_checks_and_starts_clear() {
-    let scenario = Scenario::built_in().checked().unwrap();
-    let world = scenario.world();
-    for place in [scenario.start, scenario.goal] {
-        let hull = crate::world::Hull::new(&world, scenario.drone_radius, Horizontal::from_xy(place));
-        assert!(hull.min_clearance_m > 0.5);
-    }
-}
