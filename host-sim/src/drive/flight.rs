@@ -33,6 +33,8 @@ use crate::world::sensor::View;
 use crate::world::vehicle::{Motion, Vehicle};
 use crate::world::{Horizontal, Hull, Pose, World, from_core, horizontal, rays, wrap_pi};
 
+#[cfg(test)]
+mod disturbed;
 mod landing;
 
 use landing::Downward;
