@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use clap::Args;
 use foxhound_sim::drive::maps;
 use foxhound_sim::drive::suite::{self, Suite};
+use foxhound_sim::record;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, check_within};
 use serde::Serialize;
 
@@ -151,7 +152,7 @@ pub(super) fn draw_maps(cli: &Cli, args: &MapsCommand) -> Result<ExitCode, Input
     let folder = cli.out.clone().or_else(|| (!cli.json && args.describe.is_none()).then(|| PathBuf::from("out")));
     if let Some(folder) = folder {
         let picture = folder.join("maps.svg");
-        maps::draw(&suite, &picture)?;
+        record::maps::draw(&suite, &picture)?;
         cli.note(&format!("picture: {}", picture.display()));
         if args.describe.is_none() {
             let file = folder.join("suite.json");

@@ -11,19 +11,16 @@
 //! Gaussian draw.
 
 mod density;
-mod picture;
 mod route;
 pub mod rows;
 pub mod thicket;
 
+pub(crate) use density::Cells;
 pub use density::{Density, densities, density};
-pub use picture::draw;
 pub use route::Forest;
 
 use std::f64::consts::{PI, TAU};
 use std::ops::RangeInclusive;
-
-use density::Cells;
 
 use crate::scenario::input::{InputError, check, check_within};
 use crate::world::random::Random;

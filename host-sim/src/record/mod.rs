@@ -4,10 +4,12 @@
 //! |---|---|
 //! | [`report`] | one HTML page, to look around in or live |
 //! | [`mcap`] | MCAP files |
+//! | [`maps`] | the picture of a suite's maps |
 //! | [`plot`] | the picture of a flight |
 //! | [`table`] | the flights of a suite, as CSV and Parquet |
 //! | `sheet` | what all pictures share |
 
+pub mod maps;
 pub mod mcap;
 pub mod plot;
 pub mod report;

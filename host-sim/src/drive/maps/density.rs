@@ -20,7 +20,7 @@ pub struct Density {
 }
 
 impl Density {
-    pub(super) fn of(cells: &[f64]) -> Self {
+    pub(crate) fn of(cells: &[f64]) -> Self {
         let count = cells.len().max(1) as f64;
         let mean = cells.iter().sum::<f64>() / count;
         let variance = cells.iter().map(|cell| (cell - mean) * (cell - mean)).sum::<f64>() / count;
@@ -30,14 +30,14 @@ impl Density {
 
 /// The unit squares of a map, row by row from its south-west corner; those at the east and north edges may be cut.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Cells {
+pub(crate) struct Cells {
     bounds: [f64; 4],
-    pub(super) columns: usize,
+    pub(crate) columns: usize,
     pub(super) rows: usize,
 }
 
 impl Cells {
-    pub(super) fn new(bounds: [f64; 4]) -> Self {
+    pub(crate) fn new(bounds: [f64; 4]) -> Self {
         let count = |extent: f64| libm::ceil(extent - 1e-9).max(1.0) as usize;
         Self { bounds, columns: count(bounds[2] - bounds[0]), rows: count(bounds[3] - bounds[1]) }
     }
@@ -47,7 +47,7 @@ impl Cells {
     }
 
     /// West, south, east, north of a cell.
-    pub(super) fn square(self, column: usize, row: usize) -> [f64; 4] {
+    pub(crate) fn square(self, column: usize, row: usize) -> [f64; 4] {
         let [west, south, east, north] = self.bounds;
         let (x, y) = (west + column as f64, south + row as f64);
         [x, y, (x + 1.0).min(east), (y + 1.0).min(north)]

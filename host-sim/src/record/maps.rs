@@ -7,10 +7,9 @@ use plotters::prelude::{Circle, DrawingArea, DrawingBackend, PathElement, RGBCol
 use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::density::Cells;
-use super::{Density, Pair, Pillar, densities};
+use super::sheet::{self, Drawn, FAINT_INK, FRAME, INK, line, pixels, write_svg};
+use crate::drive::maps::{Cells, Density, Pair, Pillar, densities};
 use crate::drive::suite::{Map, Suite};
-use crate::record::sheet::{self, Drawn, FAINT_INK, FRAME, INK, line, pixels, write_svg};
 use crate::scenario::input::InputError;
 
 /// Side of a map and what is around it, in points.
