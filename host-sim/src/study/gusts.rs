@@ -7,7 +7,7 @@ use foxhound_core::guidance;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::matrix;
+use super::flight;
 use crate::drive::flight::{Ending, Report};
 use crate::drive::maps::rows::{self, Rows};
 use crate::scenario::input::InputError;
@@ -149,7 +149,7 @@ pub fn row(
     seeds: std::ops::Range<u64>,
     tune: impl Fn(&mut guidance::Config) + Sync,
 ) -> Result<Row, InputError> {
-    let fly = |seed| matrix::report(scene.scenario(weather, seed)?, seed, &tune);
+    let fly = |seed| flight::report(scene.scenario(weather, seed)?, seed, &tune);
     let reports: Vec<Report> = seeds.into_par_iter().map(fly).collect::<Result<_, InputError>>()?;
     let of = |ending: Ending| reports.iter().filter(move |report| report.result == ending);
     let reached = of(Ending::Reached).count();

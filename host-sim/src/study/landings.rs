@@ -11,7 +11,7 @@ use foxhound_core::landing::Stage;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::matrix;
+use super::flight;
 use crate::drive::flight::{Ending, Landing, Report};
 use crate::scenario::Scenario;
 use crate::scenario::input::InputError;
@@ -111,7 +111,7 @@ pub fn fly(scene: &Scene, seed: u64, tune: impl Fn(&mut guidance::Config)) -> Re
         landing.pad = [PAD_M * part * libm::cos(turn), PAD_M * part * libm::sin(turn)];
     }
     let scenario = scenario.drawn(seed)?;
-    matrix::report(scenario, seed, tune)
+    flight::report(scenario, seed, tune)
 }
 
 /// The flights with these seeds.

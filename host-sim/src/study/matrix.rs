@@ -7,14 +7,11 @@ mod worlds;
 
 use std::fmt;
 
-use foxhound_core::doa::bearing::Estimator;
-use foxhound_core::guidance;
-use foxhound_core::planning::planner;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use crate::drive::computer::HostComputer;
-use crate::drive::flight::{self, Ending, Mission, Report};
+use super::flight::report;
+use crate::drive::flight::{Ending, Report};
 use crate::scenario::input::InputError;
 use crate::scenario::{Bearing, Scenario, Sensor, SensorModel, Software, Vehicle, VehicleModel};
 
@@ -166,20 +163,6 @@ impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}, seed {}: {}", self.world, self.seed, self.outcome)
     }
-}
-
-/// Flies a scenario with the desktop's computer, whose configuration may be changed before.
-///
-/// # Errors
-/// A configuration is refused, or the flight cannot be flown.
-pub fn report(scenario: Scenario, seed: u64, tune: impl Fn(&mut guidance::Config)) -> Result<Report, InputError> {
-    let mission = Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum };
-    let mut config = mission.guidance();
-    tune(&mut config);
-    let mut computer = HostComputer::new(&config)?;
-    let record = flight::fly(&mission, &mut computer, None, |_| ())
-        .map_err(|error| InputError::new(format!("{}: {error}", mission.scenario.name)))?;
-    Ok(record.report)
 }
 
 /// Flies worlds, in parallel.

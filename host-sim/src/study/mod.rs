@@ -7,8 +7,10 @@
 //! | [`gusts`] | how many flights touch something in gusts? |
 //! | [`landings`] | how many come down on the pad? |
 //! | [`link_state`] | how often is the link state's classifier right, and how is it trained? |
+//! | [`flight`] | how does one flight end? |
 //! | [`seeds`] | the ranges of seeds: those to tune on, those to publish |
 
+pub mod flight;
 pub mod gusts;
 pub mod landings;
 pub mod link_state;
