@@ -16,8 +16,8 @@ use foxhound_sim::world::Pose;
 use foxhound_sim::world::vehicle::Vehicle;
 use serde::Serialize;
 
-use super::companion::{stop_flag, triple};
-use super::terminal::say;
+use super::companion::triple;
+use super::terminal::{say, stop_flag};
 use super::value::number;
 use super::{Cli, json_line};
 

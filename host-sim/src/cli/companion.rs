@@ -3,8 +3,6 @@
 use std::io::{self, IsTerminal as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args;
@@ -25,7 +23,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::fly::{EstimatorName, Via, look, planner_parser};
 use super::live::{LiveArgs, Watched};
-use super::terminal::{say, show_as, warn};
+use super::terminal::{say, show_as, stop_flag, warn};
 use super::value::number;
 use super::{Cli, check_writable, command_line, json_line};
 
@@ -125,15 +123,6 @@ pub(super) fn triple(text: &str) -> Result<[f64; 3], String> {
         .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(refused))
         .collect::<Result<_, _>>()?;
     numbers.try_into().map_err(|_| refused())
-}
-
-/// A flag that Ctrl-C, or whoever ends the program, sets.
-pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
-    let flag = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&flag)).map_err(|error| InputError::new(error.to_string()))?;
-    }
-    Ok(flag)
 }
 
 pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, InputError> {

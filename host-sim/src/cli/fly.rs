@@ -21,9 +21,8 @@ use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within, rea
 use foxhound_sim::scenario::params::Given;
 use foxhound_sim::scenario::{BearingModel, Scenario, SensorModel};
 
-use super::companion::stop_flag;
 use super::live::{LiveArgs, Pace, Watched};
-use super::terminal::{BAD, GOOD, HALF, say, show_as};
+use super::terminal::{BAD, GOOD, HALF, say, show_as, stop_flag};
 use super::value::number;
 use super::{Cli, check_writable, command_line, ending, json_line};
 

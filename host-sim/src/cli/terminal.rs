@@ -1,12 +1,15 @@
-//! What goes to the terminal: results to stdout; notes, progress and errors to stderr.
+//! What goes to the terminal: results to stdout; notes, progress and errors to stderr. And what comes from it: Ctrl-C.
 //!
 //! Colours and bars are for terminals: a text that goes into a pipe or a file is plain, and so is everything with
 //! `NO_COLOR` set. Nothing is said by a colour alone.
 
 use std::io::{self, Write as _};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use anstyle::{AnsiColor, Style};
+use foxhound_sim::scenario::input::InputError;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Cli;
@@ -56,6 +59,15 @@ pub(super) fn warn(text: &str) {
         _ => (String::new(), text),
     };
     let _ = writeln!(anstream::stderr(), "{label}{rest}");
+}
+
+/// A flag that Ctrl-C, or whoever ends the program, sets.
+pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&flag)).map_err(|error| InputError::new(error.to_string()))?;
+    }
+    Ok(flag)
 }
 
 impl Cli {
