@@ -1,7 +1,9 @@
-//! The floors of the core stand one on the other: every import goes to a floor that is allowed, so that none goes round.
+//! The floors of the core, and the folders of the simulator, stand one on the other: every import goes to a floor that is
+//! allowed. Every floor imports only those below it, so no imports go round, neither of floors nor of files of different
+//! floors.
 //!
-//! What is read is the code, tests among it. A path to another floor begins with `crate::`; one of `super::` may not leave
-//! its floor.
+//! What is read is the code, tests among it. A path to another floor begins with `crate::`, or with the library's name in
+//! the program beside it; one of `super::` may not leave its floor.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -10,21 +12,68 @@ use std::path::{Path, PathBuf};
 
 use foxhound_tests::root;
 
-/// Each floor and the others that it imports, from the ground up.
-const FLOORS: [(&str, &[&str]); 9] = [
-    ("base", &[]),
-    ("signal", &["base"]),
-    ("doa", &["base", "signal"]),
-    ("mapping", &["base"]),
-    ("localize", &["base", "doa", "mapping"]),
-    ("planning", &["base", "mapping", "localize"]),
-    ("landing", &["base", "doa", "localize"]),
-    ("control", &["base", "mapping", "planning"]),
-    ("guidance", &["base", "signal", "doa", "mapping", "localize", "planning", "landing", "control"]),
-];
+/// A crate of which the imports are held.
+struct Layout {
+    /// Its sources, from the top of the repository.
+    sources: &'static str,
+    /// What its root is called in a path.
+    roots: &'static [&'static str],
+    /// Each floor and the others that it imports, from the ground up.
+    floors: &'static [(&'static str, &'static [&'static str])],
+    /// The one name at the root that is no floor, and the floor that it is from.
+    exported: Option<(&'static str, &'static str)>,
+    /// Files that stand on no floor: they put the floors together.
+    roofs: &'static [&'static str],
+}
 
-/// The one name at the root that is no floor: it is from `base`.
-const ERROR: &str = "ConfigError";
+const CORE: Layout = Layout {
+    sources: "core/src",
+    roots: &["crate"],
+    floors: &[
+        ("base", &[]),
+        ("signal", &["base"]),
+        ("doa", &["base", "signal"]),
+        ("mapping", &["base"]),
+        ("localize", &["base", "doa", "mapping"]),
+        ("planning", &["base", "mapping", "localize"]),
+        ("landing", &["base", "doa", "localize"]),
+        ("control", &["base", "mapping", "planning"]),
+        ("guidance", &["base", "signal", "doa", "mapping", "localize", "planning", "landing", "control"]),
+    ],
+    exported: Some(("ConfigError", "base")),
+    roofs: &["lib.rs"],
+};
+
+const SIMULATOR: Layout = Layout {
+    sources: "host-sim/src",
+    roots: &["crate", "foxhound_sim"],
+    floors: &[
+        ("scenario", &[]),
+        ("world", &["scenario"]),
+        ("autopilot", &["scenario", "world"]),
+        ("tools", &["scenario", "world"]),
+        ("drive", &["scenario", "world", "autopilot"]),
+        ("record", &["scenario", "world", "drive"]),
+        ("study", &["scenario", "world", "drive", "record"]),
+        ("cli", &["scenario", "world", "autopilot", "tools", "drive", "record", "study"]),
+    ],
+    exported: None,
+    roofs: &["lib.rs", "main.rs"],
+};
+
+/// The length of the raw string that the rest begins with.
+fn raw_string(before: &str, rest: &str) -> Option<usize> {
+    let opening = rest.strip_prefix('r').filter(|_| !before.ends_with(is_word_but_b))?;
+    let hashes = opening.len() - opening.trim_start_matches('#').len();
+    let text = opening[hashes..].strip_prefix('"')?;
+    let closing = format!("\"{}", &opening[..hashes]);
+    text.find(&closing).map(|end| 1 + hashes + 1 + end + closing.len())
+}
+
+/// `br"..."` is a raw string too.
+fn is_word_but_b(c: char) -> bool {
+    c != 'b' && (c.is_alphanumeric() || c == '_')
+}
 
 /// The code without comments and strings, and without blanks but between two words.
 fn packed(text: &str) -> String {
@@ -36,6 +85,8 @@ fn packed(text: &str) -> String {
             rest.find('\n').unwrap_or(rest.len())
         } else if rest.starts_with("'\"'") || rest.starts_with("'\\\"'") {
             if rest.starts_with("'\"") { 3 } else { 4 }
+        } else if let Some(length) = raw_string(&code, rest) {
+            length
         } else if first == '"' {
             let mut is_escaped = false;
             let end = rest[1..].find(|c| {
@@ -61,13 +112,13 @@ fn packed(text: &str) -> String {
 }
 
 /// What a module's code names at the root of the crate.
-fn named_at_root(module: &[&str], text: &str) -> BTreeSet<String> {
+fn named_at_root(roots: &[&str], module: &[&str], text: &str) -> BTreeSet<String> {
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
     let first_word = |path: &str| path.split(|c| !is_word(c)).next().unwrap_or_default().to_owned();
     let code = packed(text);
     let mut found = BTreeSet::new();
-    for (at, _) in code.match_indices("crate") {
-        let (before, behind) = (&code[..at], &code[at + "crate".len()..]);
+    let places = roots.iter().flat_map(|root| code.match_indices(root).map(|(at, root)| (at, at + root.len())));
+    for (before, behind) in places.map(|(from, to)| (&code[..from], &code[to..])) {
         if before.ends_with(is_word) || behind.starts_with(is_word) || before.ends_with('(') && behind.starts_with(')')
         {
             continue;
@@ -95,16 +146,16 @@ fn named_at_root(module: &[&str], text: &str) -> BTreeSet<String> {
     found
 }
 
-/// The core's files, each as a path from `core/src`.
-fn files() -> Vec<PathBuf> {
-    let top = root().join("core/src");
+/// A crate's files, each as a path from its sources.
+fn files(layout: &Layout) -> Vec<PathBuf> {
+    let top = root().join(layout.sources);
     let (mut folders, mut found) = (vec![top.clone()], Vec::new());
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 folders.push(path);
-            } else {
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
                 found.push(path.strip_prefix(&top).unwrap().to_path_buf());
             }
         }
@@ -119,62 +170,85 @@ fn module(file: &Path) -> Vec<&str> {
     names.map(|name| name.trim_end_matches(".rs")).collect()
 }
 
-#[test]
-fn every_import_goes_to_a_floor_that_is_allowed() {
+fn check_imports(layout: &Layout) {
     let (mut wrong, mut arrows) = (Vec::new(), BTreeSet::new());
-    let files = files();
+    let files = files(layout);
     assert!(files.len() > 100, "{}", files.len());
-    for file in files.iter().filter(|file| *file != Path::new("lib.rs")) {
+    let is_roof = |file: &&PathBuf| layout.roofs.iter().any(|roof| *file == Path::new(roof));
+    for file in files.iter().filter(|file| !is_roof(file)) {
         let module = module(file);
-        let floor = FLOORS.iter().find(|floor| floor.0 == module[0]);
-        let (floor, allowed) = floor.unwrap_or_else(|| panic!("{} stands on no floor", file.display()));
-        let text = std::fs::read_to_string(root().join("core/src").join(file)).unwrap();
-        for name in named_at_root(&module, &text) {
-            let name = if name == ERROR { "base" } else { &name };
+        let Some((floor, allowed)) = layout.floors.iter().find(|floor| floor.0 == module[0]) else {
+            wrong.push(format!("{}/{} stands on no floor", layout.sources, file.display()));
+            continue;
+        };
+        let text = std::fs::read_to_string(root().join(layout.sources).join(file)).unwrap();
+        for name in named_at_root(layout.roots, &module, &text) {
+            let name =
+                layout.exported.filter(|exported| exported.0 == name).map_or(name.as_str(), |exported| exported.1);
             if allowed.contains(&name) {
                 arrows.insert((*floor, name.to_owned()));
             } else if name != *floor {
-                wrong.push(format!("core/src/{} names `{name}`", file.display()));
+                wrong.push(format!("{}/{} names `{name}`", layout.sources, file.display()));
             }
         }
     }
-    assert!(wrong.is_empty(), "floors import what they may not:\n{}", wrong.join("\n"));
+    assert!(wrong.is_empty(), "what may not be:\n{}", wrong.join("\n"));
     // What nobody needs any more is not allowed any more.
     let allowed: BTreeSet<_> =
-        FLOORS.iter().flat_map(|(floor, all)| all.iter().map(|name| (*floor, (*name).to_owned()))).collect();
+        layout.floors.iter().flat_map(|(floor, all)| all.iter().map(|name| (*floor, (*name).to_owned()))).collect();
     assert_eq!(arrows, allowed);
 }
 
 #[test]
+fn every_import_of_the_core_goes_to_a_floor_that_is_allowed() {
+    check_imports(&CORE);
+}
+
+#[test]
+fn every_import_of_the_simulator_goes_to_a_folder_that_is_allowed() {
+    check_imports(&SIMULATOR);
+}
+
+#[test]
 fn no_imports_of_floors_go_round() {
-    for (at, (floor, imports)) in FLOORS.iter().enumerate() {
-        for import in *imports {
-            assert!(
-                FLOORS[..at].iter().any(|below| below.0 == *import),
-                "{floor} imports {import}, which is not below it"
-            );
+    for Layout { floors, .. } in [CORE, SIMULATOR] {
+        for (at, (floor, imports)) in floors.iter().enumerate() {
+            for import in *imports {
+                assert!(
+                    floors[..at].iter().any(|below| below.0 == *import),
+                    "{floor} imports {import}, which is not below it"
+                );
+            }
         }
     }
 }
 
 #[test]
-fn the_root_declares_the_floors_and_nothing_else() {
-    let text = std::fs::read_to_string(root().join("core/src/lib.rs")).unwrap();
-    let declared: BTreeSet<&str> =
-        text.lines().filter_map(|line| line.split_once("mod ")?.1.strip_suffix(';')).collect();
-    assert_eq!(declared, FLOORS.iter().map(|floor| floor.0).collect());
-    let exported: Vec<&str> = text.lines().filter(|line| line.starts_with("pub use ")).collect();
-    assert_eq!(exported, [format!("pub use base::error::{ERROR};")]);
+fn the_roots_declare_the_floors_and_nothing_else() {
+    for Layout { sources, floors, exported, roofs, .. } in [CORE, SIMULATOR] {
+        let read = |roof| std::fs::read_to_string(root().join(sources).join(roof)).unwrap();
+        let text: String = roofs.iter().map(read).collect();
+        let declared: BTreeSet<&str> =
+            text.lines().filter_map(|line| line.split_once("mod ")?.1.strip_suffix(';')).collect();
+        assert_eq!(declared, floors.iter().map(|floor| floor.0).collect());
+        let found: Vec<&str> = text.lines().filter(|line| line.starts_with("pub use ")).collect();
+        let expected = exported.map(|(name, floor)| format!("pub use {floor}::error::{name};"));
+        assert_eq!(found, Vec::from_iter(expected));
+    }
 }
 
 #[test]
 fn an_import_is_seen_however_it_is_written() {
-    let named = |text: &str| named_at_root(&["mapping", "map", "index"], text).into_iter().collect::<Vec<_>>();
+    let named = |text: &str| {
+        named_at_root(&["crate", "foxhound_sim"], &["mapping", "map", "index"], text).into_iter().collect::<Vec<_>>()
+    };
     for text in [
         "use crate::planning::planner::Plan;",
         "pub(in crate::planning) fn f() {}",
         "pub use crate::{\n    // Beside it\n    planning,\n};",
         "let far = crate :: planning\n    ::planner::FAR_M;",
+        "use foxhound_sim::planning::planner;",
+        "fn f() -> bool { r#\"{\"a\": \"}\"# == crate::planning::NAME }",
         "fn f(c: char) -> bool { c == '\"' || crate::planning::is_far(\"\\\"\") }",
     ] {
         assert_eq!(named(text), ["planning"], "{text}");
@@ -183,6 +257,7 @@ fn an_import_is_seen_however_it_is_written() {
     assert_eq!(named(tree), ["base", "control", "doa", "planning"]);
     assert_eq!(named("use crate as all;"), [""]);
     assert_eq!(named("use super::super::super::planning::Plan;"), ["super"]);
-    let none = "//! [`crate::planning`]\npub(crate) fn f() { super::super::g(\"crate::planning\") } // crate::planning";
+    let none = "//! [`crate::planning`]\npub(crate) fn f() { super::super::g(\"crate::planning\") } // crate::planning
+        fn h() { g(r#\"\"crate::planning\", 3 of \"#, b\"crate::planning\") }";
     assert!(named(none).is_empty());
 }

@@ -7,6 +7,19 @@
 //!  scenario -> world -> antennas --codes--> computer <--MAVLink--> autopilot -> vehicle -> world
 //!                    `-> sensor --OBSTACLE_DISTANCE--^
 //! ```
+//!
+//! Each folder imports the ones below it only; `tests/floors.rs` holds that. From the top:
+//!
+//! | folder | what it is for | imports |
+//! |---|---|---|
+//! | `cli` | the command line, `foxhound` | all |
+//! | [`study`] | what many flights come to: the papers' experiments, campaigns | `record`, `drive`, `world`, `scenario` |
+//! | [`record`] | pictures, tables, reports of flights | `drive`, `world`, `scenario` |
+//! | [`drive`] | flight computers, and the loops that fly them | `autopilot`, `world`, `scenario` |
+//! | [`tools`] | bearings from recorded frames, calibration | `world`, `scenario` |
+//! | [`autopilot`] | models of ArduPilot and PX4, the line to them | `world`, `scenario` |
+//! | [`world`] | what is physically there, and what sensors make of it | `scenario` |
+//! | [`scenario`] | what users write down: scenario files, parameters | |
 
 pub mod autopilot;
 pub mod drive;

@@ -21,8 +21,8 @@ pub fn schema() -> Value {
 mod tests {
     use serde_json::{Map, json};
 
-    use super::super::file::{FLIGHT_KEYS, KEYS};
     use super::*;
+    use crate::scenario::file::{FLIGHT_KEYS, KEYS};
 
     /// A number of the schema: the way to it, and its limits.
     struct Number {
