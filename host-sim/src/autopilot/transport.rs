@@ -16,23 +16,16 @@ use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+mod endpoint;
 pub mod serial;
 mod stream;
 mod tcp;
 mod udp;
 
-use stream::Stream;
+pub use endpoint::Endpoint;
+use endpoint::endpoint;
 use tcp::Tcp;
 use udp::Udp;
-
-/// A host by name or number, and a port.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Endpoint {
-    /// Name or number.
-    pub host: String,
-    /// Port.
-    pub port: u16,
-}
 
 /// Where the autopilot is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -123,28 +116,6 @@ fn unknown_scheme(scheme: &str, known: &[&str]) -> String {
     }
 }
 
-fn endpoint(text: &str, port_min: u32) -> Result<Endpoint, String> {
-    let (host, port) = text.rsplit_once(':').ok_or_else(|| format!("`{text}` has no port: expected HOST:PORT"))?;
-    let host = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
-    if host.is_empty() {
-        return Err("the host is missing: expected HOST:PORT".to_owned());
-    }
-    let port: u32 = port.parse().map_err(|_| format!("port `{port}` is no number in {port_min}..=65535"))?;
-    match u16::try_from(port) {
-        Ok(number) if port >= port_min => Ok(Endpoint { host: host.to_owned(), port: number }),
-        _ => Err(format!("port {port} is outside {port_min}..=65535")),
-    }
-}
-
-impl fmt::Display for Endpoint {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.host.contains(':') {
-            true => write!(f, "[{}]:{}", self.host, self.port),
-            false => write!(f, "{}:{}", self.host, self.port),
-        }
-    }
-}
-
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -230,16 +201,6 @@ impl Line {
             Kind::Udp(udp) => udp.write(frames),
             Kind::Serial(serial) => serial.write(frames),
         }
-    }
-}
-
-/// Length of the frame that `bytes` begin with; of all of them, where that is no frame.
-fn frame_length(bytes: &[u8]) -> usize {
-    match bytes {
-        [0xFD, payload, flags, ..] => {
-            (12 + usize::from(*payload) + if flags & 1 == 1 { 13 } else { 0 }).min(bytes.len())
-        }
-        _ => bytes.len(),
     }
 }
 

@@ -11,12 +11,14 @@
 //! Gaussian draw.
 
 mod density;
+mod parts;
 mod route;
 pub mod rows;
 pub mod thicket;
 
 pub(crate) use density::Cells;
 pub use density::{Density, densities, density};
+pub use parts::{Pair, Pillar};
 pub use route::Forest;
 
 use std::f64::consts::{PI, TAU};
@@ -24,11 +26,6 @@ use std::ops::RangeInclusive;
 
 use crate::scenario::input::{InputError, check, check_within};
 use crate::world::random::Random;
-
-/// A pillar: x, y, radius.
-pub type Pillar = [f64; 3];
-/// Start x and y, goal x and y, length of the shortest way.
-pub type Pair = [f64; 5];
 
 /// The main paper's five maps.
 pub const TABLE_I: [Density; 5] = [

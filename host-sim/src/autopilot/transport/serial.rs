@@ -10,7 +10,7 @@ use rustix::fs::{Mode, OFlags};
 use rustix::pty::OpenptFlags;
 use rustix::termios::{ControlModes, OptionalActions};
 
-use super::Stream;
+use super::stream::Stream;
 
 const OPEN_AGAIN_AFTER: Duration = Duration::from_millis(500);
 

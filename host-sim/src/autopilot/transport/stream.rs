@@ -2,8 +2,6 @@
 
 use std::io::{ErrorKind, Read, Write};
 
-use super::frame_length;
-
 /// Most bytes that one call reads.
 const READ_MAX: usize = 1 << 16;
 
@@ -73,6 +71,16 @@ impl<S: Read + Write> Stream<S> {
             }
         }
         Ok(sent)
+    }
+}
+
+/// Length of the frame that `bytes` begin with; of all of them, where that is no frame.
+pub(super) fn frame_length(bytes: &[u8]) -> usize {
+    match bytes {
+        [0xFD, payload, flags, ..] => {
+            (12 + usize::from(*payload) + if flags & 1 == 1 { 13 } else { 0 }).min(bytes.len())
+        }
+        _ => bytes.len(),
     }
 }
 

@@ -11,7 +11,8 @@ use std::time::Duration;
 
 use rustix::net::sockopt;
 
-use super::{Endpoint, Stream};
+use super::endpoint::Endpoint;
+use super::stream::Stream;
 
 const CALL_TIMEOUT: Duration = Duration::from_secs(3);
 const CALL_AGAIN_AFTER: Duration = Duration::from_millis(200);

@@ -4,7 +4,8 @@ use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::time::{Duration, Instant};
 
-use super::{Endpoint, frame_length};
+use super::endpoint::Endpoint;
+use super::stream::frame_length;
 
 /// A peer that was silent for so long may be replaced by another one: it may have started anew with another port.
 const SILENT_AFTER: Duration = Duration::from_secs(3);

@@ -9,7 +9,8 @@ use foxhound_core::guidance::mission::{Behaviour, Outcome};
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::mailbox::{self, Fault, Setup};
 
-use super::{Kind, Row, SECOND_US};
+use super::kind::Kind;
+use super::report::Row;
 use crate::autopilot::Wire;
 use crate::drive::computer::{BLOCK, Computer, ComputerError, StepReport};
 use crate::drive::qemu::{QemuComputer, QemuError};
@@ -22,6 +23,7 @@ use crate::world::random::Random;
 /// Bytes of the firmware's flash.
 const STORE_BYTES: usize = 32 << 10;
 
+pub(super) const SECOND_US: u64 = 1_000_000;
 /// A restart lasts this long: 25 steps.
 const AWAY_STEPS: u32 = 25;
 /// With the computer away the autopilot flies on for a second and brakes.

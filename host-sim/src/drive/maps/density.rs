@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use serde::Serialize;
 
-use super::Pillar;
+use super::parts::Pillar;
 
 /// Scan lines a metre of the measurement.
 const LINES_PER_M: usize = 1000;

@@ -10,7 +10,7 @@ use std::f64::consts::{PI, TAU};
 use petgraph::algo::dijkstra;
 use petgraph::graph::{NodeIndex, UnGraph};
 
-use super::Pillar;
+use super::parts::Pillar;
 
 /// A tangent may enter a pillar by this much: rounding.
 const ROUNDING_M: f64 = 1e-9;

@@ -1,6 +1,6 @@
 //! Rows of pillars across the way north: walls with a gap somewhere, or walls to fly around.
 
-use super::Pillar;
+use super::parts::Pillar;
 use crate::world::random::Random;
 
 /// What the rows are like.

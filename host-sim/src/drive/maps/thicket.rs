@@ -5,8 +5,8 @@
 //! becomes empty. Every full cell holds a pillar as wide as the cell. As there, a world has a path for a hull of 0.25 m; those that
 //! have none are drawn again.
 
+use super::parts::{Pair, Pillar};
 use super::route::Forest;
-use super::{Pair, Pillar};
 use crate::scenario::input::InputError;
 use crate::world::random::Random;
 

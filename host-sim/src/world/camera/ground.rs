@@ -1,6 +1,6 @@
 //! Grounds, made of noise.
 
-use super::Colour;
+use super::light::Colour;
 
 /// What the ground is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]

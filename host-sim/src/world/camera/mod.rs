@@ -5,7 +5,9 @@
 //! the lens a vignette, flare, focus and motion blur; the sensor shot and read noise, dead pixels, gamma and 5, 6, 5 bits or
 //! 8 of grey. Reflectances are linear, as measured ones are. The same seed gives the same picture.
 
+mod frame;
 mod ground;
+mod light;
 pub mod picture;
 pub mod random;
 mod sensor;
@@ -13,14 +15,10 @@ pub mod watch;
 
 use std::f32::consts::TAU;
 
-use foxhound_core::base::time::Instant;
-use foxhound_core::landing::pad::{Format, Header};
-
 pub use foxhound_core::landing::pad::Camera;
+pub use frame::{Frame, Size};
 pub use ground::Ground;
-
-/// Linear red, green and blue.
-pub type Colour = [f32; 3];
+pub use light::{Colour, Lighting, Shadow, lamp};
 
 /// The red of a pad: a matt paint.
 pub const PAD_RED: Colour = [0.52, 0.06, 0.05];
@@ -176,130 +174,6 @@ impl Pose {
     pub fn up(&self) -> [f32; 2] {
         let axes = self.axes();
         [-axes[0][2] / -axes[2][2], -axes[1][2] / -axes[2][2]].map(|tangent| -tangent)
-    }
-}
-
-/// A shadow's straight edge across the picture: dark on one side.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shadow {
-    /// A place on its edge.
-    pub north_m: f32,
-    /// A place on its edge.
-    pub east_m: f32,
-    /// The direction into the dark.
-    pub turn_rad: f32,
-    /// How wide it is; what is behind is lit again.
-    pub width_m: f32,
-    /// How much of the light is left.
-    pub left: f32,
-}
-
-/// The light and what lens and sensor make of it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Lighting {
-    /// 1: white is just not clipped.
-    pub exposure: f32,
-    /// Gains of red, green and blue: the lamp's colour, as far as the camera does not balance it.
-    pub gains: Colour,
-    /// How much darker the corners are.
-    pub vignette: f32,
-    /// How much the light changes from one side of the picture to the other, and in which direction.
-    pub gradient: [f32; 2],
-    /// Of trees, masts, the vehicle.
-    pub shadows: Vec<Shadow>,
-    /// The part of the mean light that is all over the picture.
-    pub flare: f32,
-    /// Focus: standard deviation.
-    pub blur_px: f32,
-    /// Motion during the exposure: columns, lines.
-    pub motion_px: [f32; 2],
-    /// Read noise, over white.
-    pub read_noise: f32,
-    /// Electrons of white.
-    pub full_well: f32,
-    /// Pixels that are stuck, a million.
-    pub dead_ppm: f32,
-}
-
-impl Default for Lighting {
-    fn default() -> Self {
-        Self {
-            exposure: 1.0,
-            gains: [1.0; 3],
-            vignette: 0.0,
-            gradient: [0.0; 2],
-            shadows: Vec::new(),
-            flare: 0.0,
-            blur_px: 0.0,
-            motion_px: [0.0; 2],
-            read_noise: 0.003,
-            full_well: 8000.0,
-            dead_ppm: 0.0,
-        }
-    }
-}
-
-/// A lamp's red, green and blue beside those of daylight of 6500 K, linear, green 1: Planck's law at 600, 540 and 450 nm.
-#[must_use]
-pub fn lamp(kelvin: f32) -> Colour {
-    let planck = |nanometres: f32, kelvin: f32| 1.0 / ((14_387_770.0 / (nanometres * kelvin)).exp() - 1.0);
-    let beside = |nanometres: f32| planck(nanometres, kelvin) / planck(nanometres, 6500.0);
-    let green = beside(540.0);
-    [beside(600.0) / green, 1.0, beside(450.0) / green]
-}
-
-/// What a camera delivers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
-    /// Columns.
-    pub width_px: u16,
-    /// Lines.
-    pub height_px: u16,
-    /// Of its pixels.
-    pub format: Format,
-}
-
-impl Size {
-    /// What the firmware's camera is set to: 160 by 120 in colour.
-    pub const USUAL: Self = Self { width_px: 160, height_px: 120, format: Format::Rgb565 };
-}
-
-/// A picture.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Frame {
-    /// Its size.
-    pub size: Size,
-    /// Line for line.
-    pub bytes: Vec<u8>,
-}
-
-impl Frame {
-    /// How it is announced.
-    #[must_use]
-    pub fn header(&self, time: Instant) -> Header {
-        Header { time, width_px: self.size.width_px, height_px: self.size.height_px, format: self.size.format }
-    }
-
-    /// The lines.
-    pub fn lines(&self) -> impl Iterator<Item = (u16, &[u8])> {
-        (0..).zip(self.bytes.chunks(self.bytes.len() / usize::from(self.size.height_px)))
-    }
-
-    /// As red, green and blue of eight bits.
-    #[must_use]
-    pub fn rgb(&self) -> Vec<u8> {
-        match self.size.format {
-            Format::Rgb565 => {
-                let pixels = self.bytes.as_chunks::<2>().0.iter().map(|pixel| u16::from_le_bytes(*pixel));
-                pixels
-                    .flat_map(|pixel| {
-                        let wide = |value: u16, most: u16| ((value * 255 + most / 2) / most) as u8;
-                        [wide(pixel >> 11, 31), wide(pixel >> 5 & 63, 63), wide(pixel & 31, 31)]
-                    })
-                    .collect()
-            }
-            Format::Grey => self.bytes.iter().flat_map(|value| [*value; 3]).collect(),
-        }
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use foxhound_core::landing::pad::{Format, HEIGHT_MAX, Seen, WIDTH_MAX};
 
-use super::{Frame, Size};
+use super::frame::{Frame, Size};
 use crate::scenario::input::InputError;
 
 /// Most pixels of a file that are read.

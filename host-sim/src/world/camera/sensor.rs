@@ -2,7 +2,8 @@
 
 use foxhound_core::landing::pad::Format;
 
-use super::{Colour, Frame, Lighting, Size};
+use super::frame::{Frame, Size};
+use super::light::{Colour, Lighting};
 use crate::world::random::Random;
 
 /// Makes a frame of the light that each pixel gets.

@@ -3,7 +3,7 @@
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::pad::{Bad, Detector, Look, Seen, State};
 
-use super::Frame;
+use super::frame::Frame;
 
 /// What the detector sees in a frame, after those that the state has seen.
 #[must_use]
