@@ -8,8 +8,9 @@ use foxhound_core::mapping::lor::{self, Line, Lines};
 use serde::Serialize;
 
 use super::bend::Bend;
+use super::cycle::{PERIOD, View};
 use super::explore::Explorer;
-use super::known::{CELL_M, Index, Known, RANGE_M};
+use super::known::{CELL_M, Index, RANGE_M};
 use super::radio::Link;
 use super::walls::Walls;
 use crate::world::{Horizontal, from_core};
@@ -46,31 +47,12 @@ impl Kind {
     }
 }
 
-/// What an agent is told at a control cycle.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct View<'a> {
-    /// Which cycle it is.
-    pub(super) cycle: u32,
-    /// The map so far.
-    pub(super) known: &'a Known,
-    /// Points of the scan, in the order of their bearings.
-    pub(super) scan: &'a [Horizontal],
-    /// Where the robot is.
-    pub(super) place: Horizontal,
-    /// The state of the link.
-    pub(super) link: Link,
-    /// The angle of arrival, from north, clockwise.
-    pub(super) bearing_rad: f64,
-}
-
 /// How the published code of [11] follows: the target is so far ahead,
 pub(super) const OFFSET_M: f64 = 0.6;
 /// and when the same place is visited so often, it explores
 const VISITS_MAX: u32 = 15;
 /// for so many periods at first, and each time for more.
 const EXPLORED_PERIODS: [u32; 2] = [5, 3];
-/// Control cycles of a period.
-pub(super) const PERIOD: u32 = 10;
 
 /// Counts visits, and says when the robot had better explore.
 #[derive(Clone, Debug)]

@@ -9,9 +9,8 @@ use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::localize::source::bank::{Answer, Mode, Way};
 use foxhound_core::planning::belief::{self, Guess, Outcome, Planner, Problem, Scratch};
 
-use super::agent::{PERIOD, View};
+use super::cycle::{PERIOD, STEP_M, View};
 use super::known::CLEARANCE_M;
-use super::trial::STEP_M;
 use crate::world::{Horizontal, from_core};
 
 /// Most steps of a trajectory.

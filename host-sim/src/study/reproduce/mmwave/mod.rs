@@ -20,6 +20,7 @@
 
 mod agent;
 mod bend;
+mod cycle;
 mod explore;
 mod known;
 mod plan;

@@ -10,12 +10,13 @@ use plotters::style::text_anchor::{HPos, VPos};
 use serde::Serialize;
 
 use super::Options;
-use super::agent::{Kind, OFFSET_M, PERIOD};
+use super::agent::{Kind, OFFSET_M};
+use super::cycle::{PERIOD, STEP_M};
 use super::known::RANGE_M;
 use super::plan::Plan;
 use super::radio::Link;
 use super::scenarios::{CLASSES, DISTANCE_MIN_M, PLANS, Scenario};
-use super::trial::{CYCLES_MAX, FOUND_M, Noise, STEP_M, Trial};
+use super::trial::{CYCLES_MAX, FOUND_M, Noise, Trial};
 use crate::drive::suite::wilson_95;
 use crate::record::sheet::{Drawn, FAINT_INK, GROUND, INK, fill, line, path, pixels, text, write_svg};
 use crate::scenario::input::InputError;

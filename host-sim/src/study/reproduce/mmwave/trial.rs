@@ -3,15 +3,14 @@
 use foxhound_core::ConfigError;
 use serde::Serialize;
 
-use super::agent::{Agent, Kind, View};
+use super::agent::{Agent, Kind};
+use super::cycle::{STEP_M, View};
 use super::known::Known;
 use super::plan::Plan;
 use super::radio::{self, Link};
 use crate::world::Horizontal;
 use crate::world::random::Random;
 
-/// Longest step of a control cycle.
-pub(super) const STEP_M: f64 = 0.5;
 /// Control cycles, before a search is given up.
 pub(super) const CYCLES_MAX: u32 = 500;
 /// The transmitter is found within this distance, in sight.
