@@ -8,7 +8,7 @@
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
 //!
 //! So after each look every hit is covered, however wrong the store was, unless the store is full: then the circle farthest
-//! from the vehicle gives way and [`Map::overflow_count`] says so. What is out of sight stays, but for circles that move:
+//! from the vehicle gives way and [`Map::overflow_count`] says so. Before it is full, what others cover is forgotten (`thin_out`). What is out of sight stays, but for circles that move:
 //! those are carried along and forgotten when unseen for a while. A circle moves when its filter says so with four sigma
 //! for several looks in a row, so that the change of the view of a standing pillar does not set it in motion.
 //!
@@ -29,6 +29,7 @@ use crate::mapping::scan::{Detection, Kind, Look, Refusal, Scan};
 mod absorb;
 mod index;
 mod motion;
+mod thin_out;
 
 use index::Index;
 use motion::{Motion, Sighting};
@@ -136,6 +137,8 @@ pub struct Map {
     taken: Option<Instant>,
     /// Until when the moving circles have been carried along.
     carried: Instant,
+    /// The circle that was asked last whether others cover it.
+    asked: usize,
     overflow_count: u32,
     refused_count: u32,
 }
@@ -234,6 +237,7 @@ impl Keeper {
         for seen in &look.detections {
             self.absorb(map, &mut index, now, look, seen);
         }
+        self.thin_out(map, &mut index);
         map.sweep();
     }
 
