@@ -1,4 +1,6 @@
-//! The core stays what it says it is: no standard library, no heap.
+//! The core stays what it says it is, and so do the papers' systems: no standard library, no heap.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::collections::BTreeSet;
 use std::process::Command;
@@ -24,23 +26,35 @@ const ALLOWED: [&str; 15] = [
     "static_assertions",
 ];
 
-#[test]
-fn the_core_depends_on_no_crate_beyond_the_known_ones() {
+/// The crates that a package is built from, itself among them.
+fn built_from(package: &str) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .current_dir(root())
-        .args(["tree", "-p", "foxhound-core", "-e", "normal", "--prefix", "none", "--format", "{p}"])
+        .args(["tree", "-p", package, "-e", "normal", "--prefix", "none", "--format", "{p}"])
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
-    let found: BTreeSet<&str> = text.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    text.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect()
+}
+
+#[test]
+fn the_core_depends_on_no_crate_beyond_the_known_ones() {
+    let found = built_from("foxhound-core");
     assert!(found.contains("foxhound-core"));
-    let unknown: Vec<_> = found.iter().filter(|name| !ALLOWED.contains(name)).collect();
+    let unknown: Vec<_> = found.iter().filter(|name| !ALLOWED.contains(&name.as_str())).collect();
     assert!(unknown.is_empty(), "new under the core: {unknown:?}");
 }
 
 #[test]
-fn the_core_names_neither_alloc_nor_std_outside_of_tests() {
+fn the_papers_depend_on_the_core_and_on_nothing_that_it_does_not() {
+    let (papers, core) = (built_from("foxhound-papers"), built_from("foxhound-core"));
+    assert_eq!(papers.difference(&core).collect::<Vec<_>>(), ["foxhound-papers"]);
+    assert!(papers.contains("foxhound-core"));
+}
+
+#[test]
+fn core_and_papers_name_neither_alloc_nor_std_outside_of_tests() {
     fn sources(dir: &std::path::Path, found: &mut Vec<std::path::PathBuf>) {
         for entry in std::fs::read_dir(dir).unwrap() {
             let path = entry.unwrap().path();
@@ -53,6 +67,7 @@ fn the_core_names_neither_alloc_nor_std_outside_of_tests() {
     }
     let mut files = Vec::new();
     sources(&root().join("core/src"), &mut files);
+    sources(&root().join("papers/src"), &mut files);
     assert!(files.len() > 20);
     // Files that are a module of their own, there for tests only: `#[cfg(test)] mod scenes;` in the same folder or in
     // that of the file's name.

@@ -9,7 +9,7 @@ pub mod obstacle;
 pub mod ownship;
 pub mod pose;
 pub mod rng;
-pub(crate) mod sort;
+pub mod sort;
 pub mod time;
 pub mod trace;
 pub mod units;

@@ -1,14 +1,14 @@
 //! Putting in order. The standard library's sort is faster, and 13 KB of code for each kind of thing that it sorts.
 
 /// Sorts by a key, smallest first, keeping the order of equal ones (insertion; for lists of some dozens).
-pub(crate) fn sort_by_key<T: Copy>(items: &mut [T], key: impl Fn(&T) -> f32) {
+pub fn sort_by_key<T: Copy>(items: &mut [T], key: impl Fn(&T) -> f32) {
     for sorted in 1..items.len() {
         insert(items, sorted, &key);
     }
 }
 
 /// Puts one item in its place among the sorted ones before it.
-pub(crate) fn insert<T: Copy>(items: &mut [T], sorted: usize, key: impl Fn(&T) -> f32) {
+pub fn insert<T: Copy>(items: &mut [T], sorted: usize, key: impl Fn(&T) -> f32) {
     let Some(item) = items.get(sorted).copied() else { return };
     let its_key = key(&item);
     let mut at = sorted;
@@ -28,7 +28,7 @@ pub(crate) fn insert<T: Copy>(items: &mut [T], sorted: usize, key: impl Fn(&T) -
 
 /// The value that `nth` others stand before, of values that are none of them negative; they are left in another order. `None`
 /// if there are not so many. Hoare's selection, with the middle one of three as the pivot.
-pub(crate) fn nth(values: &mut [f32], nth: usize) -> Option<f32> {
+pub fn nth(values: &mut [f32], nth: usize) -> Option<f32> {
     let (mut left, mut nth) = (values, nth);
     loop {
         // They stand in the order of their bits.
