@@ -18,9 +18,9 @@ use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
-use foxhound_core::doa::multipath::{self, Look, Method};
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use foxhound_core::signal::spectrum::Backend;
+use foxhound_papers::multipath::{self, Look, Method};
 
 mod filters;
 mod link;

@@ -4,5 +4,4 @@
 pub mod array;
 pub mod bearing;
 pub mod calibration;
-pub mod multipath;
 pub mod rss;

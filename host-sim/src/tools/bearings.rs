@@ -2,7 +2,7 @@
 //!
 //! `looks` frames make one answer: the azimuth in the body frame of the last of them.
 //!
-//! - **Four looks and more** are resolved together by [`foxhound_core::doa::multipath`], which keeps a reflection apart from
+//! - **Four looks and more** are resolved together by [`foxhound_papers::multipath`], which keeps a reflection apart from
 //!   the direct path: forward-backward MUSIC where the yaw does not change, alternating projection where it does, then a
 //!   fit of both. It takes the array and the source to be level and the channels to be calibrated to one degree, and it
 //!   knows no positions; the looks are meant to be a quarter of a wavelength and more apart. It holds
@@ -17,8 +17,8 @@ use std::f64::consts::PI;
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
-use foxhound_core::doa::multipath;
 use foxhound_core::signal::phase::{self, Phasors};
+use foxhound_papers::multipath;
 use serde::{Serialize, Serializer};
 
 use super::frames::{ArrayDescription, Recording};

@@ -6,10 +6,10 @@ use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Finder};
-use foxhound_core::doa::multipath::{self, Looks};
 use foxhound_core::localize::link_state::{Classifier, FEATURES, Look, Sightline, State};
 use foxhound_core::mapping::lor::Line;
 use foxhound_core::signal::phase::{self, Extractor};
+use foxhound_papers::multipath::{self, Looks};
 
 use super::scenes::{Scene, within};
 use crate::world::antennas::{Antennas, Impairments, Reflection};
@@ -31,7 +31,7 @@ const LOOKS: usize = 80;
 const EVERY: usize = 6;
 /// Legs of a scene.
 const LEGS: usize = 4;
-/// Numbers that several looks in two directions would add (`foxhound_core::doa::multipath`).
+/// Numbers that several looks in two directions would add (`foxhound_papers::multipath`).
 pub(super) const MUSIC: usize = 3;
 
 /// A moment of a leg.

@@ -2,9 +2,9 @@
 
 use super::scenes::{SCENES, Scenes, array, finder, offer, phasors, quantile, rms};
 use super::*;
-use crate::base::rng::Rng;
-use crate::doa::{array, bearing};
-use crate::signal::phase::Tone;
+use foxhound_core::base::rng::Rng;
+use foxhound_core::doa::{array, bearing};
+use foxhound_core::signal::phase::Tone;
 
 #[test]
 fn a_reflection_at_minus_6_db_leaves_half_a_degree_where_averaging_leaves_two() {

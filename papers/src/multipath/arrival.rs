@@ -3,9 +3,9 @@
 use heapless::Deque;
 
 use super::{Kept, LOOKS, Method};
-use crate::base::math::sqrt;
-use crate::base::units::wrap_pi;
-use crate::doa::bearing::{Bearing, Flags, Quality};
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 
 /// A bearing worse than this says nothing.
 const SIGMA_USELESS_RAD: f32 = 0.6;

@@ -6,13 +6,13 @@ use std::vec::Vec as List;
 use super::model::{Headings, gather};
 use super::solver::Solver;
 use super::{Config, Look, Looks, Method, State, Taken};
-use crate::base::ned::Ned;
-use crate::base::rng::Rng;
-use crate::base::time::Instant;
-use crate::base::units::sin_cos;
-use crate::doa::array::{self, Array};
-use crate::doa::bearing;
-use crate::signal::phase::{Complex, Phasors, Tone};
+use foxhound_core::base::ned::Ned;
+use foxhound_core::base::rng::Rng;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::sin_cos;
+use foxhound_core::doa::array::{self, Array};
+use foxhound_core::doa::bearing;
+use foxhound_core::signal::phase::{Complex, Phasors, Tone};
 
 pub(super) const WAVELENGTH: f64 = 0.345;
 

@@ -80,7 +80,7 @@ impl Solver<'_> {
 mod tests {
     use super::super::scenes::with_solver;
     use super::*;
-    use crate::base::rng::Rng;
+    use foxhound_core::base::rng::Rng;
 
     #[test]
     fn the_normal_equations_are_the_slope_of_the_explained_power() {

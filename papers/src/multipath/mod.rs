@@ -1,4 +1,4 @@
-//! Angle of arrival over several looks, in reflections. After [`crate::doa::bearing`], which knows one look and one path.
+//! Angle of arrival over several looks, in reflections. After [`foxhound_core::doa::bearing`], which knows one look and one path.
 //!
 //! A reflection at -6 dB pulls a single bearing by several degrees, and averaging bearings hardly helps. But while the
 //! antennas move by a quarter of a wavelength and more from look to look, the two paths change their relative phase and
@@ -39,14 +39,14 @@
 
 use heapless::Deque;
 
-use crate::base::adc::CHANNELS;
-use crate::base::error::{ConfigError, Why, check};
-use crate::base::ned::Ned;
-use crate::base::time::Instant;
-use crate::base::units::{sin_cos, wrap_pi};
-use crate::doa::array::Array;
-use crate::doa::bearing::{Bearing, Flags};
-use crate::signal::phase::{Complex, Phasors, Tone};
+use foxhound_core::base::adc::CHANNELS;
+use foxhound_core::base::error::{ConfigError, Why, check};
+use foxhound_core::base::ned::Ned;
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::{sin_cos, wrap_pi};
+use foxhound_core::doa::array::Array;
+use foxhound_core::doa::bearing::{Bearing, Flags};
+use foxhound_core::signal::phase::{Complex, Phasors, Tone};
 
 mod arrival;
 mod bartlett;

@@ -6,8 +6,8 @@ use super::arrival::{Arrival, Found, Reflection};
 use super::bartlett::Scan;
 use super::model::{Heading, Headings, Paths, WAVENUMBER_MIN};
 use super::{Kept, LOOKS, Method};
-use crate::base::math::sqrt;
-use crate::base::units::wrap_pi;
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::units::wrap_pi;
 
 /// Up to this many headings all take part in the start and the fit; of more, three do. The last step takes all.
 pub(super) const HEADINGS: usize = 4;

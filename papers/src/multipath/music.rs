@@ -3,9 +3,9 @@
 use super::bartlett::{GRID, GRID_STEP_RAD, Scan};
 use super::matrix::{Symmetric, Vector, dot, plus, scaled};
 use super::solver::Solver;
-use crate::base::math::sqrt;
-use crate::base::sort::sort_by_key;
-use crate::base::units::sin_cos;
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::sort::sort_by_key;
+use foxhound_core::base::units::sin_cos;
 
 /// Rounds of Jacobi rotations: the off-diagonal is below rounding after four.
 const SWEEPS: u8 = 4;
@@ -90,7 +90,7 @@ mod tests {
     use std::vec::Vec as List;
 
     use super::*;
-    use crate::base::rng::Rng;
+    use foxhound_core::base::rng::Rng;
 
     #[test]
     fn the_lesser_eigenvectors_are_those_of_a_matrix_made_from_them() {

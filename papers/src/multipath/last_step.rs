@@ -4,10 +4,10 @@ use super::Kept;
 use super::matrix::{Symmetric, dot, plus};
 use super::model::{Linear, Paths};
 use super::solver::Solver;
-use crate::base::adc::CHANNELS;
-use crate::base::ned::Ned;
-use crate::base::units::wrap_pi;
-use crate::signal::phase::Complex;
+use foxhound_core::base::adc::CHANNELS;
+use foxhound_core::base::ned::Ned;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::signal::phase::Complex;
 
 /// Standard deviation of a source's inverse range: nearer than 5 m is rare.
 const INVERSE_RANGE_SIGMA_PER_M: f32 = 0.1;

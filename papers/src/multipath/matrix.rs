@@ -79,7 +79,7 @@ impl Symmetric {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::rng::Rng;
+    use foxhound_core::base::rng::Rng;
 
     #[test]
     fn the_inverse_undoes_the_matrix() {

@@ -5,7 +5,7 @@ use heapless::{Deque, Vec};
 use super::matrix::{Symmetric, Vector, at_least, dot, plus, scaled};
 use super::solver::Solver;
 use super::{Kept, LOOKS};
-use crate::base::units::sin_cos;
+use foxhound_core::base::units::sin_cos;
 
 /// Looks whose yaw is this close to each other share a covariance.
 const SAME_YAW_RAD: f32 = 1.0 / 57.295_78;
@@ -166,7 +166,7 @@ mod tests {
     use super::super::scenes::{array, finder, phasors};
     use super::super::{Config, Look, State, Taken};
     use super::*;
-    use crate::signal::phase::Complex;
+    use foxhound_core::signal::phase::Complex;
 
     #[test]
     fn looks_beside_north_share_a_heading() {
