@@ -16,6 +16,7 @@
 //! of 500 runs; begun with the first bearing and a range instead, in 91 %; [`polar`](super::polar), the filter to use, in 99 %
 //! (a test repeats it).
 
+use super::covariance::keep_positive;
 use super::kalman::{self, Predicted};
 use super::{Estimate, Heard, Sighting};
 use crate::base::error::{ConfigError, check};
@@ -108,7 +109,7 @@ impl Filter {
             place_ned_m: vehicle_ned_m,
             started: p.norm_squared() < 1e12 && vehicle_ned_m.norm_squared() < 1e12 && variance < 1e12,
         };
-        kalman::keep_positive(&mut state.p);
+        keep_positive(&mut state.p);
     }
 
     /// Takes in a sighting.
@@ -158,7 +159,7 @@ impl Filter {
             place_ned_m,
             started: true,
         };
-        kalman::keep_positive(&mut state.p);
+        keep_positive(&mut state.p);
     }
 }
 

@@ -1,4 +1,4 @@
-//! The Kalman update by a direction, eq. 16 and 17 of the mmWave paper, for its filters; and what keeps a covariance one.
+//! The Kalman update by a direction, eq. 16 and 17 of the mmWave paper, for its filters.
 //!
 //! The paper measures an angle as `z = [cos, sin]`. Whatever a direction `h` depends on, its derivative is across it:
 //! `H = t g'` with `t` across `h` and `g` the gradient of its angle. With the same noise on both components, `R = r I`, the
@@ -7,20 +7,12 @@
 //!
 //! Joseph's form, `(I - k g') P (I - k g')' + r k k'`, in place of the paper's `(I - K H) P`, keeps the covariance positive
 //! but for the last digits; for those its pivots are looked at.
-#![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
 use super::Estimate;
+use super::covariance::keep_positive;
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::units::between;
-
-/// Least pivot of a covariance, as a part of its diagonal. Rounding moves a pivot by some `eps / sqrt(least pivot before)`, so
-/// that what passes in `f32` has a factor in `f64` too.
-const PIVOT_MIN: f32 = 1e-4;
-/// Widenings, each about twice the one before: five times at most in all.
-const WIDENINGS: u8 = 14;
-/// Least and greatest variance of anything.
-const VARIANCES: [f32; 2] = [1e-12, 1e12];
 
 /// A direction that a state predicts, and how its angle depends on the state.
 pub(super) struct Predicted<const S: usize> {
@@ -83,80 +75,6 @@ pub(super) fn update<const S: usize>(
     Weighed { nis: across * across * inverse + along * along / r, variance }
 }
 
-/// Bounds the variances, and widens them a little where rounding has made their correlations impossible; looks at the upper
-/// triangle only, and keeps a symmetric matrix symmetric.
-#[inline(always)]
-pub(super) fn keep_positive<const S: usize>(p: &mut [[f32; S]; S]) {
-    let mut trace = 0.0;
-    for i in 0..S {
-        trace += p[i][i];
-    }
-    if !(is_positive(p) && trace <= VARIANCES[1]) {
-        widen(p);
-    }
-}
-
-#[cold]
-#[inline(never)]
-fn widen<const S: usize>(p: &mut [[f32; S]; S]) {
-    for i in 0..S {
-        let variance = p[i][i];
-        // What is too large keeps its correlations; what is none has none.
-        let share = if variance > VARIANCES[1] { sqrt(VARIANCES[1] / variance) } else { 1.0 };
-        if !(variance > 0.0) || share < 1.0 {
-            for j in 0..S {
-                p[i][j] = if share > 0.0 && variance > 0.0 { p[i][j] * share } else { 0.0 };
-                p[j][i] = if share > 0.0 && variance > 0.0 { p[j][i] * share } else { 0.0 };
-            }
-        }
-        p[i][i] = if variance > VARIANCES[0] { between(variance, VARIANCES[0], VARIANCES[1]) } else { VARIANCES[0] };
-    }
-    let mut wider = 1.0 + PIVOT_MIN;
-    for _ in 0..WIDENINGS {
-        if is_positive(p) {
-            return;
-        }
-        for i in 0..S {
-            p[i][i] *= wider;
-        }
-        wider += wider - 1.0;
-    }
-    // That was not rounding.
-    for i in 0..S {
-        for j in 0..S {
-            if i != j {
-                p[i][j] = 0.0;
-            }
-        }
-    }
-}
-
-/// Whether all pivots of a symmetric matrix are positive enough.
-#[inline(always)]
-fn is_positive<const S: usize>(p: &[[f32; S]; S]) -> bool {
-    let mut rest = *p;
-    for k in 0..S {
-        let (pivot, variance) = (rest[k][k], p[k][k]);
-        if !(pivot > PIVOT_MIN * (variance + VARIANCES[0])) {
-            return false;
-        }
-        if k + 1 < S {
-            let inverse = 1.0 / pivot;
-            for i in 0..S {
-                if k < i {
-                    let factor = rest[k][i] * inverse;
-                    for j in 0..S {
-                        if i <= j {
-                            rest[i][j] -= factor * rest[k][j];
-                        }
-                    }
-                }
-            }
-        }
-    }
-    true
-}
-
 /// A matrix times a vector.
 pub(super) fn times<const S: usize>(p: &[[f32; S]; S], v: &[f32; S]) -> [f32; S] {
     let mut product = [0.0; S];
@@ -214,6 +132,7 @@ const UNIFORM_SIGMA_RAD: f32 = 1.813_8;
 
 /// Whether a matrix has a Cholesky factor, in `f64`, after scaling to ones on the diagonal, and is symmetric.
 #[cfg(test)]
+#[expect(clippy::needless_range_loop, reason = "a triangular matrix is filled by row and column")]
 pub(super) fn is_covariance<const S: usize>(p: &[[f32; S]; S]) -> bool {
     let scale: [f64; S] = core::array::from_fn(|i| f64::from(p[i][i]).sqrt());
     let mut l = [[0.0_f64; S]; S];

@@ -6,6 +6,7 @@
 //! - [`bank`]: several of them, for a source that may be seen by way of a wall.
 //! - [`cartesian`] and [`reflected::literal`]: the mmWave paper's filters, as printed.
 //! - [`consistency`]: whether a filter errs as much as it says.
+//! - [`covariance`]: what keeps a filter's covariance positive definite.
 
 use crate::base::ned::Horizontal;
 
@@ -15,6 +16,7 @@ mod series;
 pub mod bank;
 pub mod cartesian;
 pub mod consistency;
+pub mod covariance;
 pub mod gather;
 pub mod polar;
 pub mod reflected;

@@ -25,7 +25,7 @@
 //! instructions at most on a Cortex-M4F, with two and four states.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
-use super::{Estimate, Heard, Sighting, kalman, series};
+use super::{Estimate, Heard, Sighting, covariance, series};
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -416,7 +416,7 @@ impl Filter {
         if state.p[0][0] > BEARING_SIGMA_MAX_RAD * BEARING_SIGMA_MAX_RAD {
             narrow(&mut state.p);
         }
-        kalman::keep_positive(&mut state.p);
+        covariance::keep_positive(&mut state.p);
     }
 }
 

@@ -6,6 +6,7 @@
 //! Both measure eq. 7 ([`law`](super::law)), x east and y north, with the sign of the ray turned round against eq. 3, as the
 //! paper prints it. Vertical walls they cannot have.
 
+use super::super::covariance::keep_positive;
 use super::law::reflect;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
 use crate::base::error::{ConfigError, check};
@@ -211,7 +212,7 @@ fn begin(
     for (i, sigma) in sigma.into_iter().enumerate() {
         state.p[i][i] = sigma * sigma;
     }
-    kalman::keep_positive(&mut state.p);
+    keep_positive(&mut state.p);
     Ok(())
 }
 

@@ -16,6 +16,7 @@
 //! The anchor is where the filter begins: near to what matters, so that an error of `phi` moves the line where it is of use.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
+use super::super::covariance::keep_positive;
 use super::fold::is_line;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
 use crate::base::error::{ConfigError, check};
@@ -252,7 +253,7 @@ impl Unknown {
             (p[2][i], p[3][i]) = (p[i][2], p[i][3]);
         }
         (p[2][2], p[3][3]) = (angle, offset_sigma);
-        kalman::keep_positive(&mut p);
+        keep_positive(&mut p);
         *state = State {
             x: [u.bearing_rad(), rho, phi, offset],
             p,
@@ -380,7 +381,7 @@ impl Unknown {
                 state.p[angle][angle] = most;
             }
         }
-        kalman::keep_positive(&mut state.p);
+        keep_positive(&mut state.p);
     }
 }
 
