@@ -15,7 +15,6 @@
 //!   distance (the paper's switch) and by what it knows of the range.
 
 use super::polar::{self, Resting};
-use super::reflected::fold::is_line;
 use super::{Estimate, Heard, Sighting};
 use crate::base::error::{ConfigError, check};
 use crate::mapping::lor::Line;
@@ -275,7 +274,7 @@ impl Bank {
     /// The nearest line that a sighting's ray meets, and how far off.
     fn nearest(&self, sighting: &Sighting, lines: &[Line]) -> Option<(Line, f32)> {
         let mut nearest: Option<(Line, f32)> = None;
-        for line in lines.iter().filter(|line| is_line(line)) {
+        for line in lines.iter().filter(|line| line.is_valid()) {
             let range_m = line.range_along_m(sighting.place_ned_m, sighting.direction_ned, self.config.slack_m);
             if let Some(range_m) = range_m.filter(|range_m| nearest.is_none_or(|(_, other)| *range_m < other)) {
                 nearest = Some((*line, range_m));

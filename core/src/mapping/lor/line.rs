@@ -40,6 +40,13 @@ impl Line {
         Some(Self { normal_ned, offset_m: normal_ned.dot(a_ned_m), from_m, to_m: from_m + length_m })
     }
 
+    /// Whether its normal is a unit vector and its offset a number that is not absurd.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let norm2 = self.normal_ned.norm_squared();
+        norm2 > 0.999 && norm2 < 1.001 && libm::fabsf(self.offset_m) < 1e6
+    }
+
     /// Unit vector along the line, from its beginning to its end.
     #[must_use]
     pub fn along_ned(&self) -> Horizontal {

@@ -23,7 +23,7 @@ const ON_LINE_M: f32 = 1e-3;
 pub fn fold(lines: &[Line], sighting: &Sighting) -> Result<Sighting, Degenerate> {
     let mut folded = *sighting;
     for line in lines.iter().rev() {
-        if !is_line(line) {
+        if !line.is_valid() {
             return Err(Degenerate::NoLine);
         }
         let (distance_m, approach) = (line.distance_m(folded.place_ned_m), line.normal_ned.dot(folded.direction_ned));
@@ -54,7 +54,7 @@ pub fn points<const N: usize>(
     let mut images = [source_ned_m; N];
     let mut image = source_ned_m;
     for (line, kept) in lines.iter().zip(&mut images) {
-        if !is_line(line) {
+        if !line.is_valid() {
             return Err(Degenerate::NoLine);
         }
         image = line.mirror(image);
@@ -76,12 +76,6 @@ pub fn points<const N: usize>(
         *point = from;
     }
     Ok(points)
-}
-
-/// Whether a line is one.
-pub(in crate::localize::source) fn is_line(line: &Line) -> bool {
-    let norm2 = line.normal_ned.norm_squared();
-    norm2 > 0.999 && norm2 < 1.001 && libm::fabsf(line.offset_m) < 1e6
 }
 
 #[cfg(test)]

@@ -17,7 +17,6 @@
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
 use super::super::covariance::keep_positive;
-use super::fold::is_line;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
@@ -221,7 +220,7 @@ impl Unknown {
         let plausible = sigmas.iter().all(|sigma| *sigma >= 0.0 && *sigma < 1e5)
             && anchor.norm_squared() < 1e12
             && guess.source_ned_m.norm_squared() < 1e12;
-        if !(plausible && is_line(&guess.line)) {
+        if !(plausible && guess.line.is_valid()) {
             return Err(Degenerate::NoLine);
         }
         let [here, there] = [anchor, guess.source_ned_m].map(|place| guess.line.distance_m(place));
