@@ -11,10 +11,11 @@ use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::doa::rss::{self, direction};
 use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
 use foxhound_core::localize::pursuit;
-use foxhound_core::localize::source::reflected::{Known, literal, unknown};
-use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, cartesian, polar};
+use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, LINES_MAX, Line, Method};
 use foxhound_core::planning::explore::{self, Explored};
+use foxhound_papers::filters::cartesian;
+use foxhound_papers::filters::reflected::{Known, literal, unknown};
 
 use super::{Draw, Noise, Reached};
 

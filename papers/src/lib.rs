@@ -8,4 +8,5 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod filters;
 pub mod multipath;

@@ -2,24 +2,19 @@
 //!
 //! - [`polar`], the default: bearing, inverse range and, for a source that moves, its velocity over the range. A bearing says
 //!   nothing about range, and this filter says so for as long as that is true.
-//! - [`reflected`]: the same behind walls, known or not quite, one or several.
 //! - [`bank`]: several of them, for a source that may be seen by way of a wall.
-//! - [`cartesian`] and [`reflected::literal`]: the mmWave paper's filters, as printed.
-//! - [`consistency`]: whether a filter errs as much as it says.
 //! - [`covariance`]: what keeps a filter's covariance positive definite.
+//!
+//! The mmWave paper's filters, as printed and repaired, are in the crate `foxhound-papers`.
 
 use crate::base::ned::Horizontal;
 
-mod kalman;
 mod series;
 
 pub mod bank;
-pub mod cartesian;
-pub mod consistency;
 pub mod covariance;
 pub mod gather;
 pub mod polar;
-pub mod reflected;
 
 /// A bearing as the filters take it in, from a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -11,7 +11,7 @@
 //!
 //! is exact, and the measurement is the first state itself. So range is corrected through its correlation with the bearing
 //! only, which arises from motion across the line of sight: a straight run towards the source leaves its variance alone,
-//! where a Cartesian filter (eq. 2-3 of the mmWave paper, `source::cartesian`) talks itself into one.
+//! where a Cartesian filter (eq. 2-3 of the mmWave paper, `filters::cartesian` of `foxhound-papers`) talks itself into one.
 //!
 //! An innovation `y` of variance `S` is weighed against an outlier from anywhere: with the probability `w` that it is none,
 //!

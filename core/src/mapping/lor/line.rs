@@ -5,7 +5,7 @@
 //!
 //! The law of reflection (eq. 4) says that a ray which is reflected once goes straight from the mirror image of where it
 //! began. So a vehicle that hears a reflection sees what its own mirror image sees directly: place and direction mirrored,
-//! every line-of-sight formula holds. Eq. 6 and 7 come to the same (`source::reflected` has them literally; a test compares).
+//! every line-of-sight formula holds. Eq. 6 and 7 come to the same (`foxhound-papers` has them literally; a test compares).
 
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;

@@ -13,12 +13,12 @@ use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::doa::rss;
 use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
-use foxhound_core::localize::source::reflected::{Known, unknown};
 use foxhound_core::localize::source::{Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, Line, Method};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::{explore, planner};
 use foxhound_firmware::boards::board;
+use foxhound_papers::filters::reflected::{Known, unknown};
 
 use super::row;
 

@@ -22,7 +22,7 @@
 
 use std::fmt::Write as _;
 
-use foxhound_core::localize::source::consistency::{Consistency, Verdict};
+use foxhound_papers::filters::consistency::{Consistency, Verdict};
 use serde::Serialize;
 
 use crate::scenario::input::InputError;

@@ -1,8 +1,9 @@
 //! The experiments, each with the paper's filter and ours on the same courses.
 
 use foxhound_core::ConfigError;
-use foxhound_core::localize::source::reflected::{Degenerate, Known, Unknown, literal, unknown};
-use foxhound_core::localize::source::{Estimate, Heard, Sighting, cartesian, polar};
+use foxhound_core::localize::source::{Estimate, Heard, Sighting, polar};
+use foxhound_papers::filters::cartesian;
+use foxhound_papers::filters::reflected::{Degenerate, Known, Unknown, literal, unknown};
 
 use super::picture::Figure;
 use super::scene::{Scene, around, draw_before, draw_range, draw_slanted};
@@ -192,7 +193,7 @@ impl Stage {
             let lines = [0, 1].map(|k| course.walls[k].to_core());
             let reached = |k: usize| {
                 let ends = [source, course.robot[k]].map(Horizontal::to_core);
-                foxhound_core::localize::source::reflected::fold::points(&lines, ends[0], ends[1]).is_ok()
+                foxhound_papers::filters::reflected::fold::points(&lines, ends[0], ends[1]).is_ok()
             };
             if !(0..SIGHTINGS).all(reached) {
                 continue;

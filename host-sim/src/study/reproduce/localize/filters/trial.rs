@@ -2,10 +2,10 @@
 
 use std::f64::consts::{PI, TAU};
 
-use foxhound_core::localize::source::consistency::Consistency;
 use foxhound_core::localize::source::polar::State;
 use foxhound_core::localize::source::{Heard, Sighting};
 use foxhound_core::mapping::lor::Line;
+use foxhound_papers::filters::consistency::Consistency;
 
 use crate::world::random::Random;
 use crate::world::{Horizontal, wrap_pi};

@@ -2,7 +2,7 @@
 //!
 //! - [`fold`]: lines of reflection as mirrors, of any order (eq. 9 of the mmWave paper). A sighting off lines that are known
 //!   becomes a sighting of the source itself.
-//! - [`Known`]: lines that are known, the default: [`polar`](super::polar) behind the mirrors.
+//! - [`Known`]: lines that are known, the default: [`polar`](foxhound_core::localize::source::polar) behind the mirrors.
 //! - [`Unknown`]: a line that is not quite known, the default: the mirror image in modified polar coordinates, which is all
 //!   that bearings tell, and the line by its angle and offset, which only a prior can tell.
 //! - [`law`]: the law of reflection as the paper has it (eq. 4-7), and [`literal`] its two filters, the baselines.

@@ -13,16 +13,16 @@
 //! Each update looks along the bearing of an estimate that the noise has moved, so their differences add up to range that
 //! nobody measured. After 6 m of a straight run at a source about 12 m away, bearing sigma 1.86 deg, from a guess that is 5 m
 //! off along each axis, its squared error is 19 m^2 and its claim 4.0 m^2, and its range is within two of its sigmas in 54 %
-//! of 500 runs; begun with the first bearing and a range instead, in 91 %; [`polar`](super::polar), the filter to use, in 99 %
+//! of 500 runs; begun with the first bearing and a range instead, in 91 %; [`polar`](foxhound_core::localize::source::polar), the filter to use, in 99 %
 //! (a test repeats it).
 
-use super::covariance::keep_positive;
 use super::kalman::{self, Predicted};
 use super::{Estimate, Heard, Sighting};
-use crate::base::error::{ConfigError, check};
-use crate::base::math::sqrt;
-use crate::base::ned::Horizontal;
-use crate::base::units::between;
+use foxhound_core::base::error::{ConfigError, check};
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::units::between;
+use foxhound_core::localize::source::covariance::keep_positive;
 
 /// What the filter needs to know.
 #[derive(Clone, Copy, Debug, PartialEq)]

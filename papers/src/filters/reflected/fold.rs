@@ -5,8 +5,8 @@
 //! directly. That is exact, has no singular walls and costs a few products a line.
 
 use super::{Degenerate, Sighting};
-use crate::base::ned::Horizontal;
-use crate::mapping::lor::Line;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::mapping::lor::Line;
 
 /// Least sine of the angle between ray and line.
 const GRAZING: f32 = 1e-3;
@@ -81,7 +81,7 @@ pub fn points<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::rng::Rng;
+    use foxhound_core::base::rng::Rng;
 
     fn place(rng: &mut Rng) -> Horizontal {
         Horizontal { north: 40.0 * rng.uniform() - 20.0, east: 40.0 * rng.uniform() - 20.0 }

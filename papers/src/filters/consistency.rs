@@ -10,7 +10,7 @@
 //!
 //! A consistent filter's NIS are independent over time; its NEES are so from run to run only.
 
-use crate::base::math::sqrt;
+use foxhound_core::base::math::sqrt;
 
 /// Two-sided 95 % of a normal distribution.
 const Z_95: f32 = 1.959_964;
@@ -107,7 +107,7 @@ impl Consistency {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::rng::Rng;
+    use foxhound_core::base::rng::Rng;
 
     #[test]
     fn the_band_is_that_of_the_tables() {

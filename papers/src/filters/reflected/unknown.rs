@@ -2,7 +2,7 @@
 //!
 //! Bearings tell the mirror image `q` of the source, and nothing more: all lines with all the sources that they mirror into
 //! `q` sound alike. So the state is the image, in modified polar coordinates as in
-//! [`polar`](crate::localize::source::polar), and the line, by the bearing `phi` of its normal and its offset from an
+//! [`polar`](foxhound_core::localize::source::polar), and the line, by the bearing `phi` of its normal and its offset from an
 //! anchor,
 //!
 //! ```text
@@ -16,13 +16,13 @@
 //! The anchor is where the filter begins: near to what matters, so that an error of `phi` moves the line where it is of use.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
-use super::super::covariance::keep_positive;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
-use crate::base::error::{ConfigError, check};
-use crate::base::math::sqrt;
-use crate::base::ned::Horizontal;
-use crate::base::units::{between, sin_cos, wrap_pi};
-use crate::mapping::lor::Line;
+use foxhound_core::base::error::{ConfigError, check};
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::units::{between, sin_cos, wrap_pi};
+use foxhound_core::localize::source::covariance::keep_positive;
+use foxhound_core::mapping::lor::Line;
 
 /// Below this fraction of the range that is left after a step, the vehicle is at the image.
 const OVERHEAD: f32 = 1e-3;
@@ -330,7 +330,7 @@ impl Unknown {
         true
     }
 
-    /// Weighs a bearing, as [`polar`](crate::localize::source::polar) does.
+    /// Weighs a bearing, as [`polar`](foxhound_core::localize::source::polar) does.
     fn update(&self, state: &mut State, bearing_ned_rad: f32, sigma_rad: f32) -> Heard {
         let config = &self.config;
         let r = sigma_rad * sigma_rad;

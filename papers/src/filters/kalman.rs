@@ -9,10 +9,10 @@
 //! but for the last digits; for those its pivots are looked at.
 
 use super::Estimate;
-use super::covariance::keep_positive;
-use crate::base::math::sqrt;
-use crate::base::ned::Horizontal;
-use crate::base::units::between;
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::units::between;
+use foxhound_core::localize::source::covariance::keep_positive;
 
 /// A direction that a state predicts, and how its angle depends on the state.
 pub(super) struct Predicted<const S: usize> {
@@ -163,7 +163,7 @@ mod tests {
     use core::f32::consts::TAU;
 
     use super::*;
-    use crate::base::rng::Rng;
+    use foxhound_core::base::rng::Rng;
 
     #[test]
     fn one_row_across_the_direction_does_what_the_matrices_of_eq_16_and_17_do() {

@@ -5,9 +5,9 @@
 
 use super::fold::fold;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
-use crate::base::ned::Horizontal;
-use crate::localize::source::polar;
-use crate::mapping::lor::Line;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::localize::source::polar;
+use foxhound_core::mapping::lor::Line;
 
 /// A filter behind `N` lines, in the order from the source.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,8 +2,8 @@ use core::f32::consts::TAU;
 use std::vec::Vec;
 
 use super::*;
-use crate::base::rng::Rng;
-use crate::base::units::sin_cos;
+use foxhound_core::base::rng::Rng;
+use foxhound_core::base::units::sin_cos;
 
 const SIGMA_RAD: f32 = 0.05;
 
@@ -26,7 +26,7 @@ fn median_error<const N: usize>(lines: [Line; N], source: Horizontal, seed: u64)
             for k in 0..200 {
                 let (s, c) = sin_cos(0.0628 * k as f32);
                 from = at(3.0 * s, 3.0 * c);
-                let last = crate::localize::source::reflected::fold::points(&lines, source, from).unwrap()[N - 1];
+                let last = crate::filters::reflected::fold::points(&lines, source, from).unwrap()[N - 1];
                 let bearing = last.minus(from).bearing_rad() + SIGMA_RAD * rng.gaussian();
                 let heard = Sighting {
                     place_ned_m: from,

@@ -2,9 +2,9 @@ use core::f32::consts::TAU;
 use std::vec::Vec;
 
 use super::*;
-use crate::base::rng::Rng;
-use crate::base::units::sin_cos;
-use crate::mapping::lor::Line;
+use foxhound_core::base::rng::Rng;
+use foxhound_core::base::units::sin_cos;
+use foxhound_core::mapping::lor::Line;
 
 const SIGMA_RAD: f32 = 0.05;
 /// y = 0.4 x + 10.

@@ -2,7 +2,7 @@ use core::f32::consts::TAU;
 use std::vec::Vec;
 
 use super::*;
-use crate::base::rng::Rng;
+use foxhound_core::base::rng::Rng;
 
 const SIGMA_RAD: f32 = 0.05;
 

@@ -14,7 +14,7 @@
 //! tell a transponder from its mirror image.
 
 use super::Degenerate;
-use crate::base::math::sqrt;
+use foxhound_core::base::math::sqrt;
 
 /// Beyond this slope a line is vertical.
 const SLOPE_MAX: f32 = 1e3;
@@ -81,9 +81,9 @@ pub fn reflect(p: [f32; 2], t: [f32; 2], [m, c]: [f32; 2]) -> Result<Ray, Degene
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::ned::Horizontal;
-    use crate::base::rng::Rng;
-    use crate::mapping::lor::Line;
+    use foxhound_core::base::ned::Horizontal;
+    use foxhound_core::base::rng::Rng;
+    use foxhound_core::mapping::lor::Line;
 
     fn case(rng: &mut Rng) -> ([f32; 2], [f32; 2], [f32; 2]) {
         let mut point = || [20.0 * rng.uniform() - 10.0, 20.0 * rng.uniform() - 10.0];

@@ -6,12 +6,12 @@
 //! Both measure eq. 7 ([`law`](super::law)), x east and y north, with the sign of the ray turned round against eq. 3, as the
 //! paper prints it. Vertical walls they cannot have.
 
-use super::super::covariance::keep_positive;
 use super::law::reflect;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
-use crate::base::error::{ConfigError, check};
-use crate::base::ned::Horizontal;
-use crate::base::units::between;
+use foxhound_core::base::error::{ConfigError, check};
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::units::between;
+use foxhound_core::localize::source::covariance::keep_positive;
 
 /// What the filters need to know.
 #[derive(Clone, Copy, Debug, PartialEq)]
