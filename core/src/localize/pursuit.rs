@@ -149,7 +149,6 @@ impl Pursuer {
 mod tests {
     use super::*;
     use crate::base::rng::Rng;
-    use crate::doa::rss::lemma;
     use core::f32::consts::TAU;
 
     /// Flies towards a source at the origin; the path over the straight line, and the last course.
@@ -163,10 +162,10 @@ mod tests {
             let truth = place.times(-1.0).bearing_rad();
             let away = if worst_case { truth + core::f32::consts::PI } else { TAU * rng.uniform() };
             let outlier = (rng.uniform() <= outlier_rate).then_some(away);
-            let heard = lemma::heard_rad(truth, sigma_rad * rng.gaussian(), outlier);
+            let heard = wrap_pi(outlier.unwrap_or(truth + sigma_rad * rng.gaussian()));
             let course = pursuer.step(&mut state, Instant(k * 100_000), place, heard, sigma_rad).unwrap();
             k += 1;
-            place = lemma::step(place, course.bearing_ned_rad, 0.1);
+            place = place.plus(Horizontal::from_bearing(course.bearing_ned_rad).times(0.1));
             if place.norm() < 1.0 || k > 5000 {
                 return (k as f32 * 0.1 / straight_m, course);
             }

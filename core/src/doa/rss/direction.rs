@@ -237,7 +237,7 @@ mod tests {
 
     fn hear(rng: &mut Rng, truth: f32, p: f32, sigma: f32) -> f32 {
         let outlier = (rng.uniform() <= p).then(|| TAU * rng.uniform());
-        super::super::lemma::heard_rad(truth, sigma * rng.gaussian(), outlier)
+        wrap_pi(outlier.unwrap_or(truth + sigma * rng.gaussian()))
     }
 
     #[test]
@@ -307,7 +307,7 @@ mod tests {
         let mut far = 0;
         for k in 0..1000_u64 {
             let outlier = (rng.uniform() <= 0.4).then_some(2.0);
-            let heard = super::super::lemma::heard_rad(0.0, 0.35 * rng.gaussian(), outlier);
+            let heard = wrap_pi(outlier.unwrap_or(0.35 * rng.gaussian()));
             let estimate = filter.step(&mut state, Instant(k * 100_000), heard, 0.35).unwrap();
             far += usize::from(k > 100 && estimate.bearing_ned_rad.abs() > 0.8);
         }
