@@ -10,3 +10,4 @@ extern crate std;
 
 pub mod filters;
 pub mod multipath;
+pub mod rotating;

@@ -4,7 +4,7 @@
 //! ([`turn`]) the loudest bin is the direction of the source, says the paper; ours is where the antenna's known pattern fits
 //! best ([`pattern`]), between the bins and with a standard deviation. [`direction`] joins rotations, outliers among them,
 //! without a position; with one, each rotation is a bearing like any other. What can be proven of the greedy rule is in
-//! [`lemma`].
+//! the crate `foxhound-papers`.
 //!
 //! Power is in dB: fading multiplies, so that its errors are additive and alike in every bin; the range is an offset
 //! instead of a factor; a burst weighs as one reading and not as a thousand. What receivers report is in dB already.
@@ -22,7 +22,6 @@ use crate::doa::bearing::{Bearing, Flags, Quality};
 
 pub mod bins;
 pub mod direction;
-pub mod lemma;
 pub mod pattern;
 pub mod turn;
 

@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use foxhound_core::doa::rss::lemma::{Motion, mean_cosine};
+use foxhound_papers::rotating::lemma::{Motion, mean_cosine};
 use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 

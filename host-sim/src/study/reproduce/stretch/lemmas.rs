@@ -5,7 +5,7 @@
 
 use std::fmt::Write as _;
 
-use foxhound_core::doa::rss::lemma::{Bound, Motion, Silent, mean_cosine};
+use foxhound_papers::rotating::lemma::{Bound, Motion, Silent, mean_cosine};
 use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 

@@ -129,10 +129,10 @@ impl Walk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::doa::rss::lemma;
+    use foxhound_papers::rotating::lemma;
 
     #[test]
-    fn a_step_is_that_of_the_core() {
+    fn a_step_is_that_of_the_paper() {
         let model = Model { outlier_rate: 0.3, sigma_rad: 0.4, outliers: Outliers::Anywhere };
         let start = Horizontal { north: 4.0, east: -3.0 };
         let mut walk = Walk::new(&Rule::Greedy, model, start, Random::new(1, 1));

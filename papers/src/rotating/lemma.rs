@@ -1,5 +1,5 @@
 //! What the rotating vehicle's paper proves of flying towards the loudest direction, as functions that say when they do not
-//! apply, section III of the paper of the rotating vehicle named in [`super`]; its equation numbers.
+//! apply, section III of its paper; equation numbers are that paper's.
 //!
 //! ```text
 //!     psi = (1 - s) (theta + n) + s w        eq. 2: heard direction, s = 1 with the outlier rate p
@@ -15,9 +15,9 @@
 //! Frames: the paper's angles run anticlockwise from `x`, ours clockwise from north. The model has no preferred direction,
 //! so only the names change; a test pins it.
 
-use crate::base::error::{ConfigError, check};
-use crate::base::ned::Horizontal;
-use crate::base::units::wrap_pi;
+use foxhound_core::base::error::{ConfigError, check};
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::units::wrap_pi;
 
 /// The heard direction (eq. 2), from north, clockwise, (-pi, pi].
 #[must_use]
@@ -143,8 +143,8 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::rng::Rng;
     use core::f32::consts::{FRAC_PI_2, PI, TAU};
+    use foxhound_core::base::rng::Rng;
 
     fn motion(outlier_rate: f32, sigma_rad: f32) -> Motion {
         Motion::new(0.1, outlier_rate, mean_cosine(sigma_rad)).unwrap()
