@@ -12,7 +12,8 @@ use foxhound_core::doa::rss::{self, direction};
 use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
 use foxhound_core::localize::pursuit;
 use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, polar};
-use foxhound_core::mapping::lor::{self, LINES_MAX, Line, Method};
+use foxhound_core::mapping::lor::{self, LINES_MAX, Line};
+use foxhound_core::mapping::mixture;
 use foxhound_core::planning::explore::{self, Explored};
 use foxhound_papers::filters::cartesian;
 use foxhound_papers::filters::reflected::{Known, literal, unknown};
@@ -479,8 +480,8 @@ fn points(draw: &mut Draw<'_>) -> Vec<Horizontal> {
 fn walls(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
     let usual = lor::Config::DEFAULT;
+    let is_in_any_order = draw.flag();
     let config = lor::Config {
-        method: if draw.flag() { Method::Mixture } else { Method::SplitMerge },
         deviation_m: draw.field(usual.deviation_m, 0.1, 2.0),
         gap_m: draw.field(usual.gap_m, 0.05, 10.0),
         length_min_m: draw.field(usual.length_min_m, 0.1, 5.0),
@@ -489,8 +490,9 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
         ..usual
     };
     let Ok(lines) = config.build() else { return reached };
+    let Ok(mixture) = mixture::Config { lor: config, ..mixture::Config::DEFAULT }.build() else { return reached };
     reached.configured = true;
-    let mut scratch = lor::Scratch::new();
+    let (mut scratch, mut mixture_scratch) = (lor::Scratch::new(), mixture::Scratch::new());
     while !draw.rest.is_empty() && reached.answers < 8 {
         let mut points = points(draw);
         if draw.flag() {
@@ -502,7 +504,11 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
             let circles: Vec<Circle> = circles.collect();
             points = lor::points_of(&circles, place(draw)).to_vec();
         }
-        let found = lines.find(&mut scratch, &points);
+        let found = if is_in_any_order {
+            mixture.find(&mut mixture_scratch, &points)
+        } else {
+            lines.find(&mut scratch, &points)
+        };
         assert!(found.len() <= LINES_MAX);
         for line in &found {
             let [from, to] = line.ends_ned_m();

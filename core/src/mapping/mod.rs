@@ -3,5 +3,6 @@
 
 pub mod lor;
 pub mod map;
+pub mod mixture;
 pub mod scan;
 pub mod sight;

@@ -1,10 +1,10 @@
 //! Lines of reflection: the straight walls in a bounded map of points.
 //!
 //! After the belief-space paper (section III): first clusters, so that walls that meet are separate, then a line through
-//! each. Both ways of clustering that are built in end in the same steps here:
+//! each. Whatever makes the clusters, the same steps follow:
 //!
-//! 1. [`Method::Mixture`] (the paper's, for points in any order) or [`Method::SplitMerge`] (for points in the order of a
-//!    scan) proposes lines;
+//! 1. split and merge, for points in the order of a scan, proposes lines; another way of clustering may do so instead
+//!    ([`Lines::find_among`]: the paper's mixture is in [`crate::mapping::mixture`]);
 //! 2. every point goes to the nearest proposed line that it is within [`Config::deviation_m`] of;
 //! 3. the points of a line are cut where a gap is wider than [`Config::gap_m`], and each piece is fitted anew ([`fit`]);
 //! 4. a piece that is too short, too thick for its length or of too few points is no wall: a pillar is one point, or a round
@@ -13,24 +13,22 @@
 //!
 //! The map remembers circles; [`points_of`] takes the place of each that faces the vehicle, in the order of their bearings.
 //!
-//! Memory: a [`Scratch`] of 3.0 KB, fixed. The work is bounded by [`Config::work_max`].
+//! Memory: a [`Scratch`] of 1.6 KB, fixed.
 
 use crate::base::sort::sort_by_key;
 use heapless::Vec;
 
-use crate::base::error::{ConfigError, Why, check};
+use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Circle;
 
 pub mod fit;
 pub mod line;
-mod mixture;
 mod split_merge;
 
 use fit::{Fit, Moments};
 pub use line::Line;
-use mixture::{Mixture, Prior};
 use split_merge::Limits;
 
 /// Most points that are looked at; the rest of a longer list is not.
@@ -42,24 +40,10 @@ const PLACE_MAX_M: f32 = 1e5;
 /// Lines that may be proposed and found before they are merged.
 const PROPOSED_MAX: usize = 16;
 
-/// How points become clusters.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
-pub enum Method {
-    /// Variational Bayesian mixture of Gaussians; the order of the points does not matter.
-    #[default]
-    Mixture,
-    /// Split and merge along the order of the points.
-    SplitMerge,
-}
-
 /// What a wall is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// How points become clusters.
-    pub method: Method,
     /// Farthest that a point of a wall is from its line.
     pub deviation_m: f32,
     /// Farthest that a wall's neighbouring points are from each other.
@@ -74,12 +58,6 @@ pub struct Config {
     pub same_angle_rad: f32,
     /// if the ends of the shorter are this close to the longer, and the gap between them is not wider than `gap_m`.
     pub same_offset_m: f32,
-    /// Concentration of the mixture's Dirichlet process: more of it, more components.
-    pub concentration: f32,
-    /// Expected standard deviation of a wall's points across, before any is seen.
-    pub sigma_m: f32,
-    /// Most work of the mixture, in pairs of a point and a component; some 45 instructions each.
-    pub work_max: u32,
 }
 
 impl Default for Config {
@@ -91,7 +69,6 @@ impl Default for Config {
 impl Config {
     /// The default, as a constant.
     pub const DEFAULT: Self = Self {
-        method: Method::Mixture,
         deviation_m: 0.25,
         gap_m: 1.25,
         length_min_m: 1.5,
@@ -99,9 +76,6 @@ impl Config {
         thickness_max: 0.15,
         same_angle_rad: 0.15,
         same_offset_m: 0.2,
-        concentration: 0.1,
-        sigma_m: 0.1,
-        work_max: 5_500,
     };
 
     /// Checks the configuration.
@@ -116,13 +90,6 @@ impl Config {
         check("lor.thickness_max", self.thickness_max, 0.01, 0.5)?;
         check("lor.same_angle_rad", self.same_angle_rad, 0.0, 0.5)?;
         check("lor.same_offset_m", self.same_offset_m, 0.0, 2.0)?;
-        check("lor.concentration", self.concentration, 1e-3, 10.0)?;
-        check("lor.sigma_m", self.sigma_m, 0.005, 1.0)?;
-        check("lor.work_max", self.work_max as f32, 2_048.0, 1e5)?;
-        if self.sigma_m > self.deviation_m {
-            let why = Why::Inconsistent("points would be expected farther from their wall than lor.deviation_m allows");
-            return Err(ConfigError { field: "lor.sigma_m", value: self.sigma_m, why });
-        }
         Ok(Lines { config: *self })
     }
 }
@@ -138,8 +105,7 @@ pub struct Lines {
 pub struct Scratch {
     /// The points, from their first.
     points: Vec<Horizontal, POINTS_MAX>,
-    mixture: Mixture,
-    /// Which proposed line a point belongs to, before that which seed.
+    /// Which proposed line a point belongs to.
     owners: [u8; POINTS_MAX],
     order: Vec<u8, POINTS_MAX>,
     proposed: Vec<Line, PROPOSED_MAX>,
@@ -155,13 +121,7 @@ impl Scratch {
     /// Empty. All bits are zero, so that it takes no room in flash.
     #[must_use]
     pub const fn new() -> Self {
-        Self {
-            points: Vec::new(),
-            mixture: Mixture::new(),
-            owners: [0; POINTS_MAX],
-            order: Vec::new(),
-            proposed: Vec::new(),
-        }
+        Self { points: Vec::new(), owners: [0; POINTS_MAX], order: Vec::new(), proposed: Vec::new() }
     }
 }
 
@@ -173,8 +133,32 @@ const NONE: u8 = u8::MAX;
 const UNASKED: u8 = NONE - 1;
 
 impl Lines {
-    /// The walls among points, the longest first. Points that are no numbers, or absurd, are not looked at.
+    /// The walls among points in the order of a scan, the longest first. Points that are no numbers, or absurd, are not looked
+    /// at.
     pub fn find(&self, scratch: &mut Scratch, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
+        let config = &self.config;
+        let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m: self.joined_m() };
+        self.find_among(scratch, points_ned_m, |points, propose| {
+            for piece in &split_merge::pieces(&limits, points) {
+                propose(&piece.moments);
+            }
+        })
+    }
+
+    /// The standard deviation across up to which two clusters may be one.
+    #[must_use]
+    pub fn joined_m(&self) -> f32 {
+        0.5 * self.config.deviation_m
+    }
+
+    /// The walls among points, the longest first, from clusters of another way of clustering. It is called once with the points
+    /// that are looked at, relative to one of them, and proposes the moments of each cluster.
+    pub fn find_among(
+        &self,
+        scratch: &mut Scratch,
+        points_ned_m: &[Horizontal],
+        cluster: impl FnOnce(&[Horizontal], &mut dyn FnMut(&Moments)),
+    ) -> Vec<Line, LINES_MAX> {
         let usable =
             |point: &&Horizontal| libm::fabsf(point.north) <= PLACE_MAX_M && libm::fabsf(point.east) <= PLACE_MAX_M;
         // From one of their own: far from the origin the differences are exact, and what is computed is not.
@@ -183,7 +167,7 @@ impl Lines {
         for point in points_ned_m.iter().filter(usable).take(POINTS_MAX) {
             let _ = scratch.points.push(point.minus(origin));
         }
-        self.propose(scratch);
+        self.propose(scratch, cluster);
         scratch.owners = [UNASKED; POINTS_MAX];
         let mut found: Vec<Fit, PROPOSED_MAX> = Vec::new();
         for round in 1..=ROUNDS {
@@ -217,40 +201,17 @@ impl Lines {
     }
 
     /// Lines that may be walls.
-    fn propose(&self, scratch: &mut Scratch) {
-        let config = &self.config;
-        let Scratch { points, mixture, owners, proposed, .. } = scratch;
-        let joined_m = 0.5 * config.deviation_m;
+    fn propose(&self, scratch: &mut Scratch, cluster: impl FnOnce(&[Horizontal], &mut dyn FnMut(&Moments))) {
+        let Scratch { points, proposed, .. } = scratch;
         proposed.clear();
-        let mut propose = |moments: &Moments| {
+        cluster(points, &mut |moments| {
             let Some(spread) = moments.spread() else { return };
             // Twice as thick as a wall may be: strays may yet leave.
-            let thickest = 2.0 * config.thickness_max;
+            let thickest = 2.0 * self.config.thickness_max;
             if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
                 let _ = proposed.push(spread.line_through(moments.mean_ned_m));
             }
-        };
-        match config.method {
-            Method::Mixture => {
-                let prior = Prior {
-                    concentration: config.concentration,
-                    sigma_m: config.sigma_m,
-                    joined_m,
-                    gap_m: config.gap_m,
-                    work_max: config.work_max,
-                };
-                mixture.cluster(&prior, points, owners);
-                for component in &mixture.components {
-                    propose(&component.moments);
-                }
-            }
-            Method::SplitMerge => {
-                let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m };
-                for piece in &split_merge::pieces(&limits, points) {
-                    propose(&piece.moments);
-                }
-            }
-        }
+        });
     }
 
     /// Gives every point to the nearest proposed line that it may be part of. Whether that changed anything.
@@ -406,7 +367,5 @@ fn turn(away: Horizontal) -> f32 {
     if away.east < 0.0 { 1.0 + ratio } else { 3.0 - ratio }
 }
 
-#[cfg(test)]
-mod scenes;
 #[cfg(test)]
 mod tests;

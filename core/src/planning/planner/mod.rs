@@ -126,7 +126,7 @@ impl Config {
             lambda: 1.0,
             law: Law::of(field::Kind::Logarithmic),
             reading: Reading::Waypoint,
-            lor: lor::Config { method: lor::Method::SplitMerge, ..lor::Config::DEFAULT },
+            lor: lor::Config::DEFAULT,
             bends: true,
             explore: None,
             sees_m: 3.0,

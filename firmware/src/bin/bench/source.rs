@@ -14,7 +14,7 @@ use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::doa::rss;
 use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
 use foxhound_core::localize::source::{Sighting, bank, polar};
-use foxhound_core::mapping::lor::{self, Line, Method};
+use foxhound_core::mapping::lor::{self, Line};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::{explore, planner};
 use foxhound_firmware::boards::board;
@@ -172,8 +172,9 @@ fn room(rng: &mut Rng, strays: f32) -> [Horizontal; CIRCLES_MAX] {
 /// Four walls as a scan has them; and with strays among them, from one point in seven to all.
 #[inline(never)]
 fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let config = lor::Config { method: Method::SplitMerge, ..lor::Config::DEFAULT };
-    let Ok(lines) = config.build() else { board::halt(format_args!("the split and merge does not build")) };
+    let Ok(lines) = lor::Config::DEFAULT.build() else {
+        board::halt(format_args!("the split and merge does not build"))
+    };
     let mut scratch = lor::Scratch::new();
     let mut rng = Rng::new(4, 40);
     let mut find = |strays: f32| {

@@ -195,8 +195,7 @@ impl Seeker {
         let polar =
             polar::Config { inverse_range_per_m: 0.05, inverse_range_sigma_per_m: 0.08, ..bank::Config::DEFAULT.polar };
         let bank = bank::Config { polar, slack_m: 0.2, ..bank::Config::DEFAULT }.build()?;
-        let finder =
-            lor::Config { method: lor::Method::SplitMerge, length_min_m: 0.8, gap_m: 0.6, ..lor::Config::default() };
+        let finder = lor::Config { length_min_m: 0.8, gap_m: 0.6, ..lor::Config::default() };
         Ok(Self {
             climbs,
             bank,

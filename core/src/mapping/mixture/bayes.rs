@@ -16,10 +16,10 @@
 
 use heapless::Vec;
 
-use super::POINTS_MAX;
-use super::fit::Moments;
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
+use crate::mapping::lor::POINTS_MAX;
+use crate::mapping::lor::fit::Moments;
 
 /// Where the sticks are truncated.
 pub(super) const COMPONENTS: usize = 12;

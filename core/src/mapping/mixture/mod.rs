@@ -1,0 +1,112 @@
+//! Walls among points in any order: the mmWave paper's mixture of Gaussians.
+//!
+//! The mixture makes the clusters, and what follows is what follows the split and merge of a scan ([`lor`], which flies):
+//! lines through the clusters, pieces, walls.
+//!
+//! Memory: a [`Scratch`] of 3.2 KB, fixed. The work is bounded by [`Config::work_max`].
+
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, Why, check};
+use crate::base::ned::Horizontal;
+use crate::mapping::lor::{self, LINES_MAX, Line, POINTS_MAX};
+
+mod bayes;
+#[cfg(test)]
+mod scenes;
+
+use bayes::{Mixture, Prior};
+
+/// What a wall is, and what is expected of the points of one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// What a wall is.
+    pub lor: lor::Config,
+    /// Concentration of the mixture's Dirichlet process: more of it, more components.
+    pub concentration: f32,
+    /// Expected standard deviation of a wall's points across, before any is seen.
+    pub sigma_m: f32,
+    /// Most work of the mixture, in pairs of a point and a component; some 45 instructions each.
+    pub work_max: u32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl Config {
+    /// The default, as a constant.
+    pub const DEFAULT: Self = Self { lor: lor::Config::DEFAULT, concentration: 0.1, sigma_m: 0.1, work_max: 5_500 };
+
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Lines, ConfigError> {
+        let lines = self.lor.build()?;
+        check("mixture.concentration", self.concentration, 1e-3, 10.0)?;
+        check("mixture.sigma_m", self.sigma_m, 0.005, 1.0)?;
+        check("mixture.work_max", self.work_max as f32, 2_048.0, 1e5)?;
+        if self.sigma_m > self.lor.deviation_m {
+            let why = Why::Inconsistent("points would be expected farther from their wall than lor.deviation_m allows");
+            return Err(ConfigError { field: "mixture.sigma_m", value: self.sigma_m, why });
+        }
+        let prior = Prior {
+            concentration: self.concentration,
+            sigma_m: self.sigma_m,
+            joined_m: lines.joined_m(),
+            gap_m: self.lor.gap_m,
+            work_max: self.work_max,
+        };
+        Ok(Lines { lines, prior })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lines {
+    lines: lor::Lines,
+    prior: Prior,
+}
+
+/// Memory for one call; nothing in it lasts.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    lor: lor::Scratch,
+    mixture: Mixture,
+    /// Which seed a point is nearest to.
+    owners: [u8; POINTS_MAX],
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Scratch {
+    /// Empty. All bits are zero, so that it takes no room in flash.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { lor: lor::Scratch::new(), mixture: Mixture::new(), owners: [0; POINTS_MAX] }
+    }
+}
+
+impl Lines {
+    /// The walls among points in any order, the longest first. Points that are no numbers, or absurd, are not looked at.
+    pub fn find(&self, scratch: &mut Scratch, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
+        let Scratch { lor, mixture, owners } = scratch;
+        self.lines.find_among(lor, points_ned_m, |points, propose| {
+            mixture.cluster(&self.prior, points, owners);
+            for component in &mixture.components {
+                propose(&component.moments);
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

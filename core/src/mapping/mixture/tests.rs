@@ -1,0 +1,334 @@
+//! Both ways of clustering: the mixture, and the split and merge of [`lor`], on the same scenes.
+
+use super::*;
+use crate::base::math::sqrt;
+use crate::base::obstacle::Circle;
+use crate::base::rng::Rng;
+use std::vec::Vec;
+
+const NOISE_M: f32 = 0.05;
+
+fn at(north: f32, east: f32) -> Horizontal {
+    Horizontal { north, east }
+}
+
+/// How points become clusters.
+#[derive(Clone, Copy, Debug)]
+enum Method {
+    Mixture,
+    SplitMerge,
+}
+
+/// Either way of clustering, with its memory.
+struct Stage {
+    method: Method,
+    mixture: Lines,
+    scratch: Scratch,
+}
+
+impl Stage {
+    fn find(&mut self, points: &[Horizontal]) -> Vec<Line> {
+        let lines = match self.method {
+            Method::Mixture => self.mixture.find(&mut self.scratch, points),
+            Method::SplitMerge => self.mixture.lines.find(&mut self.scratch.lor, points),
+        };
+        lines.iter().copied().collect()
+    }
+
+    fn work(&self) -> u32 {
+        self.scratch.mixture.work
+    }
+}
+
+fn stage(method: Method) -> Stage {
+    Stage { method, mixture: Config::default().build().unwrap(), scratch: Scratch::new() }
+}
+
+fn found(points: &[Horizontal]) -> Vec<Line> {
+    stage(Method::Mixture).find(points)
+}
+
+fn length_m(line: &Line) -> f32 {
+    line.to_m - line.from_m
+}
+
+fn turn(from: Horizontal) -> f32 {
+    libm::atan2f(from.east, from.north)
+}
+
+fn wall(rng: &mut Rng, from: Horizontal, to: Horizontal, step_m: f32, sigma_m: f32) -> Vec<Horizontal> {
+    let line = Line::between(from, to).unwrap();
+    let count = (length_m(&line) / step_m) as usize + 1;
+    let place = |k: usize| from.plus(to.minus(from).times((k as f32 + 0.5) / count as f32));
+    (0..count).map(|k| place(k).plus(line.normal_ned.times(sigma_m * rng.gaussian()))).collect()
+}
+
+/// Whether a line is a wall: both ends within `near_m` of it, and as long but for `short_m`.
+fn is_wall(line: &Line, truth: &Line, near_m: f32, short_m: f32) -> bool {
+    let ends = line.ends_ned_m().map(|end| libm::fabsf(truth.distance_m(end)));
+    let along = line.ends_ned_m().map(|end| truth.along_ned().dot(end));
+    let (from_m, to_m) = if along[0] < along[1] { (along[0], along[1]) } else { (along[1], along[0]) };
+    ends.iter().all(|end| *end < near_m)
+        && libm::fabsf(from_m - truth.from_m) < short_m
+        && libm::fabsf(to_m - truth.to_m) < short_m
+}
+
+fn walls(table: &[[f32; 4]]) -> Vec<Line> {
+    table.iter().map(|[a, b, c, d]| Line::between(at(*a, *b), at(*c, *d)).unwrap()).collect()
+}
+
+fn assert_same_walls(lines: &[Line], truths: &[Line], near_m: f32, short_m: f32) {
+    assert_eq!(lines.len(), truths.len(), "{lines:?}");
+    for truth in truths {
+        assert!(lines.iter().any(|line| is_wall(line, truth, near_m, short_m)), "{truth:?} is not in {lines:?}");
+    }
+}
+
+fn shuffle(rng: &mut Rng, points: &mut [Horizontal]) {
+    for k in (1..points.len()).rev() {
+        points.swap(k, ((rng.uniform() * (k + 1) as f32) as usize).min(k));
+    }
+}
+
+#[test]
+fn three_walls_that_meet_are_those_that_scikit_learn_separates() {
+    assert_same_walls(&found(&scenes::three_walls()), &walls(&scenes::THREE_WALLS_FOUND), 0.06, 0.3);
+    assert_same_walls(&found(&scenes::room()), &walls(&scenes::ROOM_FOUND), 0.06, 0.4);
+}
+
+#[test]
+fn angle_and_offset_of_every_wall_are_within_five_sigma_of_the_truth_whichever_way_the_scene_lies() {
+    for degrees in 0..360 {
+        let turn = Horizontal::from_bearing((degrees as f32).to_radians());
+        let turned = |p: Horizontal| turn.times(p.north).plus(at(-turn.east, turn.north).times(p.east));
+        for (points, truths) in [(scenes::three_walls(), scenes::THREE_WALLS), (scenes::room(), scenes::ROOM)] {
+            let points: Vec<_> = points.into_iter().map(turned).collect();
+            let lines = found(&points);
+            assert_eq!(lines.len(), 3, "{degrees}: {lines:?}");
+            for [a, b, c, d] in truths {
+                let truth = Line::between(turned(at(a, b)), turned(at(c, d))).unwrap();
+                let line = lines.iter().find(|line| is_wall(line, &truth, 0.15, 0.4));
+                let line = line.unwrap_or_else(|| panic!("{degrees}: {truth:?} is not in {lines:?}"));
+                let length_m = length_m(&truth);
+                let count = points.iter().filter(|p| truth.distance_m(**p).abs() < 0.25).count() as f32;
+                let sigma_rad = NOISE_M / (length_m * (count / 12.0).sqrt());
+                let angle = line.along_ned().dot(truth.normal_ned);
+                assert!(angle.abs() < 5.0 * sigma_rad, "{degrees}: {angle} {sigma_rad}");
+                let middle = truth.ends_ned_m()[0].plus(truth.ends_ned_m()[1]).times(0.5);
+                let offset_m = line.distance_m(middle);
+                assert!(offset_m.abs() < 5.0 * NOISE_M / count.sqrt(), "{degrees}: {offset_m}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_order_of_the_points_does_not_matter() {
+    let mut rng = Rng::new(21, 1);
+    for mut points in [scenes::three_walls(), scenes::room()] {
+        let first = found(&points);
+        for _ in 0..300 {
+            shuffle(&mut rng, &mut points);
+            assert_same_walls(&found(&points), &first, 0.01, 0.01);
+        }
+    }
+}
+
+#[test]
+fn points_in_the_order_of_a_scan_may_be_split_and_merged_instead() {
+    let seen_from = at(0.5, 0.5);
+    for (mut points, truths) in [(scenes::three_walls(), scenes::THREE_WALLS), (scenes::room(), scenes::ROOM)] {
+        let place = |p: &Horizontal| turn(p.minus(seen_from));
+        points.sort_by(|a, b| place(a).total_cmp(&place(b)));
+        let lines = stage(Method::SplitMerge).find(&points);
+        assert_same_walls(&lines, &walls(&truths), 0.1, 0.5);
+    }
+}
+
+#[test]
+fn points_that_are_no_numbers_or_absurd_change_nothing() {
+    let points = scenes::room();
+    let wanted = found(&points);
+    let mut with = Vec::new();
+    let absurd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e6];
+    for (k, point) in points.iter().enumerate() {
+        with.push(if k % 2 == 0 { at(absurd[k % 5], 1.0) } else { at(1.0, absurd[k % 5]) });
+        with.push(*point);
+    }
+    assert_eq!(found(&with), wanted);
+    assert_eq!(found(&[at(f32::NAN, f32::NAN); 200]), []);
+}
+
+#[test]
+fn pillars_are_no_walls_be_they_points_or_round() {
+    let mut rng = Rng::new(22, 1);
+    for method in [Method::Mixture, Method::SplitMerge] {
+        let mut lines = stage(method);
+        for case in 0..300 {
+            // Pillars apart by more than a gap, as points, discs or rings.
+            let mut centres: Vec<Horizontal> = Vec::new();
+            for _ in 0..40 {
+                let centre = at(12.0 * rng.uniform(), 12.0 * rng.uniform());
+                if centres.len() < 12 && centres.iter().all(|c| c.minus(centre).norm() > 2.6) {
+                    centres.push(centre);
+                }
+            }
+            let mut points = Vec::new();
+            for centre in centres {
+                let (count, radius_m) = if case % 3 == 0 { (1, 0.0) } else { (10, 0.2 + 0.4 * rng.uniform()) };
+                for k in 0..count {
+                    let bearing_rad = k as f32 * core::f32::consts::TAU / 10.0;
+                    let away_m = if case % 3 == 1 { radius_m } else { radius_m * sqrt(rng.uniform()) };
+                    points.push(centre.plus(Horizontal::from_bearing(bearing_rad).times(away_m)));
+                }
+            }
+            assert_eq!(lines.find(&points), [], "{method:?} {case}");
+        }
+    }
+}
+
+/// What came of many random rooms.
+#[derive(Debug, Default)]
+struct Count {
+    walls: u32,
+    found: u32,
+    wrong: u32,
+    wrong_without_walls: u32,
+    worst_work: u32,
+}
+
+/// Skewed rooms of up to four walls with up to nine pillars inside, points 0.25 to 1 m apart, noise 0.02 to 0.07 m.
+fn random_rooms(method: Method) -> Count {
+    let mut stage = stage(method);
+    let mut count = Count::default();
+    for seed in 0..1000 {
+        let mut rng = Rng::new(seed, 3);
+        let sides = (seed % 5) as usize;
+        let (a, b) = (3.0 + 6.0 * rng.uniform(), 3.0 + 6.0 * rng.uniform());
+        let turned = Horizontal::from_bearing(core::f32::consts::TAU * rng.uniform());
+        let middle = at(100.0 * rng.uniform(), 100.0 * rng.uniform());
+        let skew = 0.6 * (rng.uniform() - 0.5);
+        let to_ned = |north: f32, east: f32| {
+            let along = turned.times(north + skew * east);
+            middle.plus(along).plus(at(-turned.east, turned.north).times(east))
+        };
+        let corners = [(-0.5, -0.5), (-0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)];
+        let corners = corners.map(|(north, east)| to_ned(a * north, b * east));
+        let (step_m, sigma_m) = (0.25 + 0.75 * rng.uniform(), 0.02 + 0.05 * rng.uniform());
+        let mut points = Vec::new();
+        for side in corners.windows(2).take(sides) {
+            points.extend(wall(&mut rng, side[0], side[1], step_m, sigma_m));
+        }
+        let mut pillars: Vec<Horizontal> = Vec::new();
+        for _ in 0..20 {
+            let pillar = to_ned(0.8 * a * (rng.uniform() - 0.5), 0.8 * b * (rng.uniform() - 0.5));
+            if pillars.len() < (seed / 5 % 10) as usize && pillars.iter().all(|p| p.minus(pillar).norm() > 0.8) {
+                pillars.push(pillar);
+            }
+        }
+        points.extend(pillars);
+        assert!(points.len() <= POINTS_MAX);
+        points.sort_by(|a, b| turn(a.minus(middle)).total_cmp(&turn(b.minus(middle))));
+        let lines = stage.find(&points);
+        count.worst_work = count.worst_work.max(stage.work());
+        let mut right = 0;
+        for side in corners.windows(2).take(sides) {
+            let truth = Line::between(side[0], side[1]).unwrap();
+            let same = |line: &&Line| {
+                line.normal_ned.dot(truth.along_ned()).abs() < 0.06
+                    && line.ends_ned_m().iter().all(|end| truth.distance_m(*end).abs() < 0.15)
+                    && length_m(line) > 0.6 * length_m(&truth)
+            };
+            right += u32::from(lines.iter().filter(same).count() == 1);
+        }
+        count.walls += sides as u32;
+        count.found += right;
+        count.wrong += (lines.len() as u32).saturating_sub(right);
+        if sides == 0 {
+            count.wrong_without_walls += lines.len() as u32;
+        }
+    }
+    count
+}
+
+#[test]
+fn more_than_nine_of_ten_walls_of_random_rooms_are_found_either_way_and_none_where_there_are_none() {
+    let mixture = random_rooms(Method::Mixture);
+    let split = random_rooms(Method::SplitMerge);
+    assert_eq!(mixture.walls, 2000);
+    assert!(mixture.found >= 1860 && mixture.wrong <= 75, "{mixture:?}");
+    assert!(split.found >= 1850 && split.wrong <= 75, "{split:?}");
+    assert_eq!((mixture.wrong_without_walls, split.wrong_without_walls), (0, 0));
+    assert!(mixture.worst_work <= Config::default().work_max);
+}
+
+#[test]
+fn a_hundred_and_twenty_eight_random_points_stay_bounded_and_finite() {
+    let mut rng = Rng::new(23, 1);
+    for method in [Method::Mixture, Method::SplitMerge] {
+        let mut lines = stage(method);
+        for case in 0..400 {
+            let scale = [0.0, 1e-4, 1.0, 10.0, 300.0, 9e4][case % 6];
+            let points: Vec<_> = (0..150 + case % 3)
+                .map(|k| match case % 5 {
+                    0 => at(scale * rng.gaussian(), scale * rng.gaussian()),
+                    1 => at(scale * (k % 3) as f32, scale * rng.uniform()),
+                    2 => at(scale, scale * k as f32 / 128.0),
+                    3 => at((k % 12) as f32, (k / 12) as f32),
+                    _ => at(scale * rng.uniform(), -scale),
+                })
+                .collect();
+            for line in lines.find(&points) {
+                let [from, to] = line.ends_ned_m();
+                assert!(from.is_finite() && to.is_finite() && (line.normal_ned.norm() - 1.0).abs() < 1e-4, "{line:?}");
+                assert!(line.to_m > line.from_m, "{line:?}");
+            }
+            assert!(lines.work() <= Config::DEFAULT.work_max);
+        }
+    }
+}
+
+#[test]
+fn a_wide_door_makes_two_walls_of_one_and_a_missing_point_does_not() {
+    let row = |skipped: core::ops::Range<usize>| -> Vec<_> {
+        (0..20).filter(|k| !skipped.contains(k)).map(|k| at(0.5 * k as f32, 3.0)).collect()
+    };
+    for method in [Method::Mixture, Method::SplitMerge] {
+        let lines = stage(method).find(&row(9..10));
+        assert_same_walls(&lines, &walls(&[[0.0, 3.0, 9.5, 3.0]]), 1e-3, 1e-3);
+        let lines = stage(method).find(&row(8..12));
+        assert_same_walls(&lines, &walls(&[[0.0, 3.0, 3.5, 3.0], [6.0, 3.0, 9.5, 3.0]]), 1e-3, 1e-3);
+    }
+}
+
+#[test]
+fn the_two_faces_of_a_corridor_stay_two_walls_and_the_longest_come_first() {
+    let mut points: Vec<_> = (0..16).map(|k| at(0.5 * k as f32, 0.0)).collect();
+    points.extend((0..12).map(|k| at(0.5 * k as f32, 0.8)));
+    let lines = found(&points);
+    assert_same_walls(&lines, &walls(&[[0.0, 0.0, 7.5, 0.0], [0.0, 0.8, 5.5, 0.8]]), 1e-3, 1e-3);
+    assert!(length_m(&lines[0]) > length_m(&lines[1]));
+}
+
+#[test]
+fn the_face_of_a_wall_is_found_behind_a_chain_of_circles() {
+    let circle = |north: f32, east: f32| Circle { center_ned_m: at(north, east), radius_m: 0.1, ..Circle::default() };
+    // A chain of small circles behind the face of a wall, as the map has it.
+    let chain: Vec<_> = (0..20).map(|k| circle(5.1, -5.0 + 0.5 * k as f32)).collect();
+    for method in [Method::Mixture, Method::SplitMerge] {
+        let lines = stage(method).find(&lor::points_of(&chain, at(1.0, 0.0)));
+        assert_same_walls(&lines, &walls(&[[5.02, -5.0, 5.02, 4.5]]), 0.05, 0.1);
+    }
+}
+
+#[test]
+fn a_configuration_that_contradicts_itself_is_refused() {
+    let refused = |config: Config| config.build().unwrap_err().field;
+    assert_eq!(refused(Config { sigma_m: 0.5, ..Config::default() }), "mixture.sigma_m");
+    assert_eq!(refused(Config { work_max: 10, ..Config::default() }), "mixture.work_max");
+}
+
+#[test]
+fn the_scratch_is_small() {
+    assert!(core::mem::size_of::<Scratch>() <= 3_200, "{}", core::mem::size_of::<Scratch>());
+}
