@@ -13,10 +13,10 @@ use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
 use foxhound_core::localize::pursuit;
 use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, LINES_MAX, Line};
-use foxhound_core::mapping::mixture;
 use foxhound_core::planning::explore::{self, Explored};
 use foxhound_papers::filters::cartesian;
 use foxhound_papers::filters::reflected::{Known, literal, unknown};
+use foxhound_papers::mixture;
 
 use super::{Draw, Noise, Reached};
 

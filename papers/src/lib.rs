@@ -9,5 +9,6 @@
 extern crate std;
 
 pub mod filters;
+pub mod mixture;
 pub mod multipath;
 pub mod rotating;

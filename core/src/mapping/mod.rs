@@ -3,6 +3,5 @@
 
 pub mod lor;
 pub mod map;
-pub mod mixture;
 pub mod scan;
 pub mod sight;

@@ -4,7 +4,7 @@
 //! each. Whatever makes the clusters, the same steps follow:
 //!
 //! 1. split and merge, for points in the order of a scan, proposes lines; another way of clustering may do so instead
-//!    ([`Lines::find_among`]: the paper's mixture is in [`crate::mapping::mixture`]);
+//!    ([`Lines::find_among`]: the paper's mixture is in the crate `foxhound-papers`);
 //! 2. every point goes to the nearest proposed line that it is within [`Config::deviation_m`] of;
 //! 3. the points of a line are cut where a gap is wider than [`Config::gap_m`], and each piece is fitted anew ([`fit`]);
 //! 4. a piece that is too short, too thick for its length or of too few points is no wall: a pillar is one point, or a round

@@ -7,9 +7,9 @@
 
 use heapless::Vec;
 
-use crate::base::error::{ConfigError, Why, check};
-use crate::base::ned::Horizontal;
-use crate::mapping::lor::{self, LINES_MAX, Line, POINTS_MAX};
+use foxhound_core::base::error::{ConfigError, Why, check};
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::mapping::lor::{self, LINES_MAX, Line, POINTS_MAX};
 
 mod bayes;
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Both ways of clustering: the mixture, and the split and merge of [`lor`], on the same scenes.
 
 use super::*;
-use crate::base::math::sqrt;
-use crate::base::obstacle::Circle;
-use crate::base::rng::Rng;
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::rng::Rng;
 use std::vec::Vec;
 
 const NOISE_M: f32 = 0.05;

@@ -6,7 +6,7 @@
 //! covariance_prior=2 * 0.05**2 * eye(2), reg_covar=0, n_init=50, max_iter=5000, tol=1e-8, random_state=1)`: for each label
 //! of `predict` with at least four points, the two outermost of them projected on the first eigenvector through their mean.
 
-use crate::base::ned::Horizontal;
+use foxhound_core::base::ned::Horizontal;
 use std::vec::Vec;
 
 /// Three walls that meet in two corners, as in the belief-space paper's fig. 1; north and east in turn.

@@ -16,10 +16,10 @@
 
 use heapless::Vec;
 
-use crate::base::math::sqrt;
-use crate::base::ned::Horizontal;
-use crate::mapping::lor::POINTS_MAX;
-use crate::mapping::lor::fit::Moments;
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::mapping::lor::POINTS_MAX;
+use foxhound_core::mapping::lor::fit::Moments;
 
 /// Where the sticks are truncated.
 pub(super) const COMPONENTS: usize = 12;
@@ -416,7 +416,7 @@ mod tests {
     #[test]
     fn the_work_is_bounded_and_every_point_is_in_some_component() {
         let mut mixture = Mixture::new();
-        let mut rng = crate::base::rng::Rng::new(4, 4);
+        let mut rng = foxhound_core::base::rng::Rng::new(4, 4);
         for case in 0..200 {
             let scale = [1e-3, 1.0, 30.0, 1e4][case % 4];
             let points: std::vec::Vec<_> = (0..case % 129)
