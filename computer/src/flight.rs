@@ -20,6 +20,7 @@ use foxhound_core::doa::array::{Entry, Table};
 use foxhound_core::doa::calibration::deviation::Deviation;
 use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::{Id, Values};
+use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Input, Output};
 use foxhound_core::landing::pad::Look;
 use foxhound_core::planning::planner::{Plan, Planner};
@@ -135,15 +136,15 @@ impl Receiver {
 
 /// Everything that a flight consists of, each where it stays.
 #[derive(Debug)]
-pub struct Flight<'a> {
+pub struct Flight<'a, S = Planner> {
     /// The configuration that holds.
     pub config: &'a mut guidance::Config,
     /// The fast loop.
     pub guidance: &'a mut Guidance<N>,
     /// What it carries from step to step.
     pub state: &'a mut guidance::State<N>,
-    /// The slow loop, as it is to be ordered.
-    pub planner: &'a mut Planner,
+    /// What finds bearings, and the slow loop, as it is to be ordered.
+    pub systems: &'a mut S,
     /// The link.
     pub companion: &'a mut Companion,
     /// The receiver.
@@ -151,7 +152,7 @@ pub struct Flight<'a> {
 }
 
 // The stack holds one of the large parts at a time, while it is built: hence a function for each.
-impl Flight<'_> {
+impl<S: Systems> Flight<'_, S> {
     /// The next flight in the same place, with another link; the old one goes on if the configuration is refused.
     ///
     /// # Errors
@@ -161,16 +162,16 @@ impl Flight<'_> {
         self.listen_anew()
     }
 
-    /// Guidance and planner with another configuration, from the start; the old one goes on if that is refused.
+    /// Guidance and systems with another configuration, from the start; the old one goes on if that is refused.
     ///
     /// # Errors
     /// The field that is refused.
     #[inline(never)]
     pub fn set_up(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
-        let planner = config.planner.build()?;
+        let systems = S::build(config)?;
         let config = self.receiver.fit(config)?;
-        *self.guidance = config.build()?;
-        *self.planner = planner;
+        *self.guidance = S::guidance(&config)?;
+        *self.systems = systems;
         self.guidance.restart(self.state);
         *self.config = config;
         Ok(())
@@ -328,7 +329,8 @@ impl Flight<'_> {
     pub fn step(&mut self, step: &Step<'_>, mut ticks: impl FnMut() -> u32) -> Stepped {
         let front_end = self.admit(step.front_end);
         let begin = ticks();
-        let heard = self.guidance.listen(self.state, front_end);
+        let heard =
+            self.guidance.listen_with(self.state, front_end, |finder, phasors| self.systems.bearing(finder, phasors));
         let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let input = Input {
             now: step.now,

@@ -25,7 +25,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::zerocopy_channel::{self, Channel, Sender};
 use foxhound_computer::deadline::{self, Monitor};
-use foxhound_computer::flight::{self, Flight, Stepped};
+use foxhound_computer::flight::{self, Stepped};
 use foxhound_computer::log::Log;
 use foxhound_computer::port::{self, Command, HELP, Status, Waiting};
 use foxhound_computer::restart::{Cause, Restart};
@@ -36,9 +36,10 @@ use foxhound_core::ConfigError;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::Values;
+use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, Guidance};
 use foxhound_core::landing::pad::{Detector, Look};
-use foxhound_core::planning::planner::{Plan, PlanRequest, Planner, Scratch};
+use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
 use foxhound_core::planning::rollout::WAYPOINTS;
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -66,6 +67,11 @@ pub type Outgoing = Pipe<CriticalSectionRawMutex, OUTGOING_BYTES>;
 
 type Mutex = CriticalSectionRawMutex;
 
+/// What bearings and plans come from: the core's own systems.
+type Systems = foxhound_core::planning::planner::Planner;
+
+type Flight<'a> = flight::Flight<'a, Systems>;
+
 /// Guidance's end of the planner: one order and one answer at a time, each written and read where it lies. Guidance gives no
 /// second order before the handover tick of the first; one that finds the place taken even then is dropped, and its plan
 /// counts as late.
@@ -87,8 +93,8 @@ pub struct Desk {
 /// An order to the planner.
 #[derive(Clone, Debug)]
 struct Order {
-    /// With this one.
-    planner: Planner,
+    /// With these.
+    systems: Systems,
     /// Answer this.
     request: PlanRequest,
 }
@@ -144,11 +150,11 @@ pub fn planning() -> Result<(Planning, Desk), ConfigError> {
     static PLANNED: StaticCell<[Planned; 1]> = StaticCell::new();
     static ORDERS: StaticCell<Channel<'static, Mutex, Order>> = StaticCell::new();
     static PLANS: StaticCell<Channel<'static, Mutex, Planned>> = StaticCell::new();
-    let planner = guidance::Config::default().planner.build()?;
-    let order = ORDER.init_with(|| [Order { planner, request: PlanRequest::default() }]);
-    let [Order { planner, request }] = &*order;
+    let systems = Systems::build(&guidance::Config::default())?;
+    let order = ORDER.init_with(|| [Order { systems, request: PlanRequest::default() }]);
+    let [Order { systems, request }] = &*order;
     let nothing = [[Horizontal::default(); WAYPOINTS]; board::SAMPLES_KEPT];
-    let planned = [Planned { plan: planner.brake(request), samples_ned_m: nothing, ticks: 0 }];
+    let planned = [Planned { plan: systems.brake(request), samples_ned_m: nothing, ticks: 0 }];
     let planned = PLANNED.init(planned);
     let (order_tx, order_rx) = ORDERS.init_with(|| Channel::new(order)).split();
     let (plan_tx, plan_rx) = PLANS.init_with(|| Channel::new(planned)).split();
@@ -184,7 +190,7 @@ impl Planning {
     #[inline(never)]
     fn order(&mut self, flight: &Flight<'_>) -> bool {
         let Some(order) = self.orders.try_send() else { return false };
-        order.planner.clone_from(flight.planner);
+        order.systems.clone_from(flight.systems);
         order.request.clone_from(flight.state.request());
         self.orders.send_done();
         self.is_ordered = true;
@@ -225,7 +231,7 @@ pub fn plan(desk: Desk) -> ! {
 #[inline(never)]
 fn replan(scratch: &mut Scratch, order: &Order, planned: &mut Planned) {
     let begin = board::ticks();
-    planned.plan = order.planner.plan(scratch, &order.request);
+    planned.plan = order.systems.plan(scratch, &order.request);
     planned.ticks = board::ticks().wrapping_sub(begin);
     for (kept, sample) in planned.samples_ned_m.iter_mut().zip(&scratch.samples) {
         *kept = *sample;
@@ -471,20 +477,20 @@ fn begin(
     state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>,
 ) -> Result<Flight<'static>, ConfigError> {
     static CONFIG: StaticCell<guidance::Config> = StaticCell::new();
-    static PLANNER: StaticCell<Planner> = StaticCell::new();
+    static SYSTEMS: StaticCell<Systems> = StaticCell::new();
     static RECEIVER: StaticCell<flight::Receiver> = StaticCell::new();
     let receiver = RECEIVER.init(flight::Receiver::new(board::SAMPLE_TIMER, &selftest::Config::default())?);
     let config = CONFIG.init(receiver.fit(config)?);
     let guidance = first_guidance(config)?;
-    let planner = PLANNER.init(config.planner.build()?);
+    let systems = SYSTEMS.init(Systems::build(config)?);
     let companion = first_companion(config)?;
-    Ok(Flight { config, guidance, state, planner, companion, receiver })
+    Ok(Flight { config, guidance, state, systems, companion, receiver })
 }
 
 #[inline(never)]
 fn first_guidance(config: &guidance::Config) -> Result<&'static mut Guidance<SAMPLES_PER_CHANNEL>, ConfigError> {
     static GUIDANCE: StaticCell<Guidance<SAMPLES_PER_CHANNEL>> = StaticCell::new();
-    Ok(GUIDANCE.init(config.build()?))
+    Ok(GUIDANCE.init(Systems::guidance(config)?))
 }
 
 #[inline(never)]

@@ -17,7 +17,7 @@ use crate::{Board, Failure};
 /// camera. Around them is embassy, which polls a finished task never and an executor's queue always.
 const ROOTS: [&str; 6] = [
     "foxhound_firmware::app::fly",
-    "foxhound_computer::flight::Flight::serve",
+    "foxhound_computer::flight::Flight<S>::serve",
     "foxhound_firmware::app::replan",
     "foxhound_link::companion::Companion::receive",
     "foxhound_link::companion::Companion::transmit",

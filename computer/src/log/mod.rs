@@ -272,7 +272,7 @@ impl<'a> Log<'a> {
 
     /// A flight begins, with what holds in it. To be called before its first step.
     #[inline(never)]
-    pub fn begin(&mut self, why: &str, needs_entry: bool, flight: &Flight<'_>) {
+    pub fn begin<S>(&mut self, why: &str, needs_entry: bool, flight: &Flight<'_, S>) {
         let values: &[f32] = flight.companion.parameters().as_array();
         let version = env!("CARGO_PKG_VERSION");
         let config: &guidance::Config = flight.config;

@@ -17,7 +17,7 @@ struct Parts {
     config: guidance::Config,
     guidance: guidance::Guidance<N>,
     state: guidance::State<N>,
-    planner: Planner,
+    systems: Planner,
     companion: Companion,
     receiver: Receiver,
 }
@@ -30,15 +30,15 @@ impl Parts {
             config,
             state: guidance.start(),
             guidance,
-            planner: config.planner.build().unwrap(),
+            systems: config.planner.build().unwrap(),
             companion: companion::Config::default().build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
         })
     }
 
     fn flight(&mut self) -> Flight<'_> {
-        let Self { config, guidance, state, planner, companion, receiver } = self;
-        Flight { config, guidance, state, planner, companion, receiver }
+        let Self { config, guidance, state, systems, companion, receiver } = self;
+        Flight { config, guidance, state, systems, companion, receiver }
     }
 }
 

@@ -20,6 +20,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::param::{self, Values};
+use foxhound_core::guidance::systems::Systems;
 use foxhound_link::companion::Companion;
 use foxhound_link::signing::Signing;
 use heapless::String;
@@ -99,7 +100,7 @@ impl<F: NorFlash> Store<F> {
 
     /// Goes on with the parameters and the key that were kept. To be called once, before the first step.
     #[inline(never)]
-    pub fn resume(&mut self, now: Instant, flight: &mut Flight<'_>) {
+    pub fn resume<S: Systems>(&mut self, now: Instant, flight: &mut Flight<'_, S>) {
         match self.parameters() {
             Kept::Found(restored) if flight.run_with(restored.values).is_ok() => {
                 if restored.dropped > 0 {
@@ -186,7 +187,7 @@ impl<F: NorFlash> Store<F> {
 
 /// Flies nowhere until somebody has looked: nobody knows whether a calibration was asked for, so it is.
 #[inline(never)]
-fn fall_back(flight: &mut Flight<'_>) {
+fn fall_back<S: Systems>(flight: &mut Flight<'_, S>) {
     flight.config.array.calibration = None;
     let mut values = Values::DEFAULT;
     let is_set = values.set(param::FH_CAL_REQ, 1.0).is_ok();

@@ -32,7 +32,7 @@ struct Computer<'a> {
     config: guidance::Config,
     guidance: Guidance<N>,
     state: guidance::State<N>,
-    planner: Planner,
+    systems: Planner,
     companion: Companion,
     receiver: Receiver,
     now: Instant,
@@ -59,7 +59,7 @@ impl<'a> Computer<'a> {
             config,
             state: guidance.start(),
             guidance,
-            planner: config.planner.build().unwrap(),
+            systems: config.planner.build().unwrap(),
             companion: link.build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
             store,
@@ -77,8 +77,8 @@ impl<'a> Computer<'a> {
     }
 
     fn parts(&mut self) -> (Flight<'_>, &mut Store<&'a mut Flash>) {
-        let Self { config, guidance, state, planner, companion, receiver, store, .. } = self;
-        (Flight { config, guidance, state, planner, companion, receiver }, store)
+        let Self { config, guidance, state, systems, companion, receiver, store, .. } = self;
+        (Flight { config, guidance, state, systems, companion, receiver }, store)
     }
 
     /// A step of the firmware.

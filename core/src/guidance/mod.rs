@@ -22,8 +22,9 @@ use crate::control::guard::{self, Setpoint, Situation};
 use crate::control::track::{self, Demand};
 use crate::control::{gust, response};
 use crate::doa::array;
-use crate::doa::bearing::{self, Bearing, Flags};
+use crate::doa::bearing::{self, Bearing, Finder, Flags};
 use crate::guidance::mission::{Behaviour, Control, Facts, Outcome, Progress};
+use crate::guidance::systems::Systems;
 use crate::landing::{self, Advice, Lander, pad};
 use crate::localize::goal;
 use crate::localize::goal::posterior::Estimate;
@@ -41,6 +42,7 @@ use crate::signal::phase::{self, Phasors};
 pub mod mission;
 mod near;
 pub mod param;
+pub mod systems;
 pub mod turning;
 
 /// Where the vehicle was when a sensor looked is known from positions and attitudes that are no farther away in time.
@@ -717,8 +719,8 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// What a frame says by itself, looked at as a whole: that is how one checks what was heard of it in a flight.
-    pub fn bearing(&self, state: &mut State<N>, snapshot: &Snapshot<N>) -> Bearing {
-        self.bearing.find(&self.phasors(state, snapshot))
+    pub fn bearing(&self, state: &mut State<N>, systems: &impl Systems, snapshot: &Snapshot<N>) -> Bearing {
+        systems.bearing(&self.bearing, &self.phasors(state, snapshot))
     }
 
     /// The next frame has nothing to do with the ones before.
@@ -729,10 +731,21 @@ impl<const N: usize> Guidance<N> {
     /// Frame -> phasors -> bearing: the part of a step that has to do with codes. Whoever wants to keep what was heard calls
     /// it before the step, which then takes [`FrontEnd::Heard`].
     pub fn listen(&self, state: &mut State<N>, front_end: FrontEnd<'_, N>) -> Option<Heard> {
+        self.listen_with(state, front_end, Finder::find)
+    }
+
+    /// The same with another way from phasors to a bearing, see [`Systems::bearing`].
+    pub fn listen_with(
+        &self,
+        state: &mut State<N>,
+        front_end: FrontEnd<'_, N>,
+        find: impl FnOnce(&Finder, &Phasors) -> Bearing,
+    ) -> Option<Heard> {
         match front_end {
             FrontEnd::Snapshot(snapshot) => {
                 let phasors = self.phase.step(&mut state.phase, snapshot);
-                Some(Heard { bearing: self.bearing.find(&phasors), phasors: self.turning.is_some().then_some(phasors) })
+                let bearing = find(&self.bearing, &phasors);
+                Some(Heard { bearing, phasors: self.turning.is_some().then_some(phasors) })
             }
             FrontEnd::Heard(heard) => Some(*heard),
             FrontEnd::Bearing(bearing) => Some(Heard { bearing, phasors: None }),

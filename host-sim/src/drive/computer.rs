@@ -127,7 +127,7 @@ pub struct HostComputer {
     companion: Companion,
     guidance: Guidance<BLOCK>,
     state: guidance::State<BLOCK>,
-    planner: Planner,
+    systems: Planner,
     scratch: Scratch,
     finished: Option<Plan>,
     store: Option<Store>,
@@ -148,7 +148,7 @@ impl HostComputer {
             config: *config,
             companion: companion::Config::default().build_with(Values::of(config))?,
             state: guidance.start(),
-            planner: config.planner.build()?,
+            systems: config.planner.build()?,
             scratch: Scratch::default(),
             finished: None,
             store: None,
@@ -184,8 +184,8 @@ impl HostComputer {
 
     /// What is flown, and where its parameters are kept.
     fn parts(&mut self) -> (Flight<'_>, &mut Option<Store>) {
-        let Self { config, guidance, state, planner, companion, store, receiver, .. } = self;
-        (Flight { config, guidance, state, planner, companion, receiver }, store)
+        let Self { config, guidance, state, systems, companion, store, receiver, .. } = self;
+        (Flight { config, guidance, state, systems, companion, receiver }, store)
     }
 }
 
@@ -222,7 +222,7 @@ impl Computer for HostComputer {
         tx.truncate(length);
         let mut planned = None;
         if output.plan_requested {
-            let plan = self.planner.plan(&mut self.scratch, self.state.request());
+            let plan = self.systems.plan(&mut self.scratch, self.state.request());
             planned = Some(Planned {
                 id: plan.id,
                 waypoints_ned_m: plan.waypoints_ned_m,

@@ -241,7 +241,7 @@ struct Flown {
     config: guidance::Config,
     guidance: Guidance<BLOCK>,
     state: guidance::State<BLOCK>,
-    planner: Planner,
+    systems: Planner,
     companion: Companion,
     receiver: Receiver,
     plans: VecDeque<Plan>,
@@ -276,7 +276,7 @@ impl Flown {
             config: begin.config,
             state: guidance.start(),
             guidance,
-            planner: begin.config.planner.build()?,
+            systems: begin.config.planner.build()?,
             companion,
             receiver: Receiver::new(None, &selftest::Config::default())?,
             plans: VecDeque::new(),
@@ -334,7 +334,7 @@ impl Flown {
         while self.companion.transmit(&mut [0; 512]) > 0 {}
         let mut planned = None;
         if step.ordered {
-            let plan = self.planner.plan(scratch, self.state.request());
+            let plan = self.systems.plan(scratch, self.state.request());
             planned = Some(Planned {
                 id: plan.id,
                 waypoints_ned_m: plan.waypoints_ned_m,
@@ -361,14 +361,14 @@ impl Flown {
     }
 
     fn flight(&mut self) -> Flight<'_> {
-        let Self { config, guidance, state, planner, companion, receiver, .. } = self;
-        Flight { config, guidance, state, planner, companion, receiver }
+        let Self { config, guidance, state, systems, companion, receiver, .. } = self;
+        Flight { config, guidance, state, systems, companion, receiver }
     }
 
     /// Whether the codes come to what was heard, as far as that can be said.
     fn is_heard_in(&self, heard: &Heard, snapshot: &Snapshot<BLOCK>) -> bool {
         let mut fresh = self.guidance.start();
-        let (then, now) = (&heard.bearing, &self.guidance.bearing(&mut fresh, snapshot));
+        let (then, now) = (&heard.bearing, &self.guidance.bearing(&mut fresh, &self.systems, snapshot));
         let apart_rad = wrap_pi(then.azimuth_rad - now.azimuth_rad);
         !(then.valid && now.valid) || apart_rad.abs() <= SIGMAS * then.sigma_rad.max(now.sigma_rad)
     }
