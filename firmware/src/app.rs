@@ -67,8 +67,11 @@ pub type Outgoing = Pipe<CriticalSectionRawMutex, OUTGOING_BYTES>;
 
 type Mutex = CriticalSectionRawMutex;
 
-/// What bearings and plans come from: the core's own systems.
+/// What bearings and plans come from. A vehicle has the core's own systems only.
+#[cfg(not(feature = "papers"))]
 type Systems = foxhound_core::planning::planner::Planner;
+#[cfg(feature = "papers")]
+type Systems = foxhound_papers::AllSystems;
 
 type Flight<'a> = flight::Flight<'a, Systems>;
 

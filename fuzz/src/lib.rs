@@ -17,6 +17,7 @@ use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
+use foxhound_core::doa::bearing::paper::AnyFinder;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use foxhound_core::signal::spectrum::Backend;
@@ -280,7 +281,7 @@ pub fn frames(case: &[u8]) -> Reached {
 fn frames_of<const N: usize>(draw: &mut Draw<'_>) -> Reached {
     let (phase, array, bearing) = (phase_config(draw), array_config(draw), bearing_config(draw));
     let (Ok(extractor), Ok(array)) = (phase.build::<N>(), array.build()) else { return Reached::default() };
-    let Ok(finder) = bearing.build(array) else { return Reached::default() };
+    let Ok(finder) = AnyFinder::build(&bearing, array) else { return Reached::default() };
     let mut reached = Reached { configured: true, ..Reached::default() };
     let mut state = phase::State::default();
     let mut now = Instant(0);
@@ -316,7 +317,9 @@ pub fn looks(case: &[u8]) -> Reached {
         method: [Method::Music, Method::Projection, Method::Mean, Method::OnePath][usize::from(draw.below(13)) / 4],
     };
     let Ok(array) = array.build() else { return Reached::default() };
-    let (Ok(finder), Ok(looks)) = (bearing.build(array), config.build(&array)) else { return Reached::default() };
+    let (Ok(finder), Ok(looks)) = (AnyFinder::build(&bearing, array), config.build(&array)) else {
+        return Reached::default();
+    };
     let mut reached = Reached { configured: true, ..Reached::default() };
     let mut state = multipath::State::default();
     let mut now = Instant(0);
@@ -361,7 +364,7 @@ pub fn looks(case: &[u8]) -> Reached {
 /// One look at two paths, or at nothing that there is.
 fn look(
     draw: &mut Draw<'_>,
-    finder: &bearing::Finder,
+    finder: &AnyFinder,
     paths_rad: [f32; 2],
     yaw_rad: f32,
     time: Instant,

@@ -12,3 +12,6 @@ pub mod filters;
 pub mod mixture;
 pub mod multipath;
 pub mod rotating;
+mod systems;
+
+pub use systems::AllSystems;

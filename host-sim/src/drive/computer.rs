@@ -12,11 +12,13 @@ use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::Values;
+use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
-use foxhound_core::planning::planner::{Plan, PlanRequest, Planner, Scratch};
+use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::mailbox::Planned;
 use foxhound_link::signing::Signing;
+use foxhound_papers::AllSystems;
 
 use super::qemu::QemuComputer;
 
@@ -127,7 +129,7 @@ pub struct HostComputer {
     companion: Companion,
     guidance: Guidance<BLOCK>,
     state: guidance::State<BLOCK>,
-    systems: Planner,
+    systems: AllSystems,
     scratch: Scratch,
     finished: Option<Plan>,
     store: Option<Store>,
@@ -143,12 +145,12 @@ impl HostComputer {
     /// # Errors
     /// The field of the configuration that is refused.
     pub fn new(config: &guidance::Config) -> Result<Self, ConfigError> {
-        let guidance = config.build()?;
+        let guidance = AllSystems::guidance(config)?;
         Ok(Self {
             config: *config,
             companion: companion::Config::default().build_with(Values::of(config))?,
             state: guidance.start(),
-            systems: config.planner.build()?,
+            systems: AllSystems::build(config)?,
             scratch: Scratch::default(),
             finished: None,
             store: None,
@@ -183,7 +185,7 @@ impl HostComputer {
     }
 
     /// What is flown, and where its parameters are kept.
-    fn parts(&mut self) -> (Flight<'_>, &mut Option<Store>) {
+    fn parts(&mut self) -> (Flight<'_, AllSystems>, &mut Option<Store>) {
         let Self { config, guidance, state, systems, companion, store, receiver, .. } = self;
         (Flight { config, guidance, state, systems, companion, receiver }, store)
     }

@@ -20,11 +20,13 @@ use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::guidance::param::{self, Values};
+use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Output};
 use foxhound_core::landing::pad::Look;
-use foxhound_core::planning::planner::{Plan, Planner, Scratch};
+use foxhound_core::planning::planner::{Plan, Scratch};
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::mailbox::Planned;
+use foxhound_papers::AllSystems;
 use serde::Serialize;
 
 use super::computer::BLOCK;
@@ -241,7 +243,7 @@ struct Flown {
     config: guidance::Config,
     guidance: Guidance<BLOCK>,
     state: guidance::State<BLOCK>,
-    systems: Planner,
+    systems: AllSystems,
     companion: Companion,
     receiver: Receiver,
     plans: VecDeque<Plan>,
@@ -266,7 +268,7 @@ impl Flown {
         }
         let values = begin.values.as_slice().try_into().map(|values| Values::restore(values).0);
         let Ok(values) = values else { return Err(InputError::new("the flight log's parameters are not all there")) };
-        let guidance = begin.config.build()?;
+        let guidance = AllSystems::guidance(&begin.config)?;
         let mut companion = companion::Config::default().build_with(values)?;
         if begin.needs_entry {
             companion.require_entry();
@@ -276,7 +278,7 @@ impl Flown {
             config: begin.config,
             state: guidance.start(),
             guidance,
-            systems: begin.config.planner.build()?,
+            systems: AllSystems::build(&begin.config)?,
             companion,
             receiver: Receiver::new(None, &selftest::Config::default())?,
             plans: VecDeque::new(),
@@ -360,7 +362,7 @@ impl Flown {
         (output, planned)
     }
 
-    fn flight(&mut self) -> Flight<'_> {
+    fn flight(&mut self) -> Flight<'_, AllSystems> {
         let Self { config, guidance, state, systems, companion, receiver, .. } = self;
         Flight { config, guidance, state, systems, companion, receiver }
     }

@@ -38,7 +38,8 @@ pub use kinematic::{Rules, Sight};
 use foxhound_core::ConfigError;
 use foxhound_core::base::adc::Snapshot;
 use foxhound_core::doa::array;
-use foxhound_core::doa::bearing::{self, Bearing, Estimator, Finder};
+use foxhound_core::doa::bearing::paper::AnyFinder;
+use foxhound_core::doa::bearing::{self, Bearing, Estimator};
 use foxhound_core::signal::phase::{self, Extractor, Phasors};
 
 use crate::world::wrap_pi;
@@ -60,10 +61,11 @@ const CONTENDERS: [Contender; 4] = [
 ];
 
 /// A finder of the default array for each contender.
-fn finders() -> Result<[Finder; CONTENDERS.len()], ConfigError> {
+fn finders() -> Result<[AnyFinder; CONTENDERS.len()], ConfigError> {
     let array = array::Config::default().build()?;
     let build = |contender: Contender| {
-        bearing::Config { estimator: contender.estimator, ..bearing::Config::default() }.build(array)
+        let config = bearing::Config { estimator: contender.estimator, ..bearing::Config::default() };
+        AnyFinder::build(&config, array)
     };
     let [a, b, c, d] = CONTENDERS.map(build);
     Ok([a?, b?, c?, d?])

@@ -16,6 +16,7 @@ use std::f64::consts::PI;
 
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::paper::AnyFinder;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Phasors};
 use foxhound_papers::multipath;
@@ -142,7 +143,7 @@ fn find_in<const N: usize>(
     let extractor = description.phase.build::<N>()?;
     let config = bearing::Config { estimator: options.estimator, ..bearing::Config::default() };
     let array = description.array.build()?;
-    let finder = config.build(array)?;
+    let finder = AnyFinder::build(&config, array)?;
     let block_us = 1e6 * N as f64 / f64::from(description.phase.sample_rate_hz);
     let mut state = phase::State::<N>::default();
     let mut snapshot = Snapshot::<N>::zeroed();

@@ -47,7 +47,7 @@ const MODEL_SIGMA_RAD: f32 = 0.005;
 /// A channel this much below the strongest, in power, is dead.
 const DEAD_POWER_RATIO: f32 = 0.01;
 
-/// Which estimator is used.
+/// Which estimator is used. [`Finder`] is the first of them; the others are baselines, see [`paper`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
@@ -71,13 +71,6 @@ pub enum Estimator {
     NArray,
 }
 
-impl Estimator {
-    /// Whether it holds for the paper's square only.
-    fn needs_square(self) -> bool {
-        matches!(self, Self::PaperSquare | Self::PaperRepaired | Self::PaperCorrelated)
-    }
-}
-
 /// What the estimation needs to know.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -98,13 +91,12 @@ impl Config {
     /// Checks the configuration and joins it with the array.
     ///
     /// # Errors
-    /// `bearing.channel_sigma_rad` outside 0..=1; `bearing.estimator` when it needs the paper's square and the array, whose
-    /// longest side in wavelengths is the value, is another.
+    /// `bearing.channel_sigma_rad` outside 0..=1; `bearing.estimator` when it is one of the paper's, the value being its number.
     pub fn build(&self, array: Array) -> Result<Finder, ConfigError> {
         check("bearing.channel_sigma_rad", self.channel_sigma_rad, 0.0, 1.0)?;
-        if self.estimator.needs_square() && !paper::is_square(&array) {
-            let why = Why::Inconsistent("the cotangent rule holds for the square A1 A2 A3 A4 only");
-            return Err(ConfigError { field: "bearing.estimator", value: array.side_wavelengths, why });
+        if self.estimator != Estimator::CrossSpectrum {
+            let why = Why::Inconsistent("the paper's estimators are not part of this program");
+            return Err(ConfigError { field: "bearing.estimator", value: f32::from(self.estimator as u8), why });
         }
         Ok(Finder { array, config: *self })
     }
@@ -200,6 +192,15 @@ pub struct Bearing {
     pub quality: Quality,
     /// Flags.
     pub flags: Flags,
+}
+
+/// What another estimator makes of a set of phasors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Direction {
+    /// Azimuth from the nose, clockwise positive; `None` where there is none.
+    pub azimuth_rad: Option<f32>,
+    /// Whether it may be used.
+    pub is_usable: bool,
 }
 
 /// The configured stage.
@@ -302,10 +303,26 @@ impl Finder {
     /// The bearing that a set of phasors tells; never NaN, `valid` only when it may be used.
     #[must_use]
     pub fn find(&self, phasors: &Phasors) -> Bearing {
-        self.tuned(phasors).as_ref().unwrap_or(self).find_here(phasors)
+        self.tuned(phasors).as_ref().unwrap_or(self).find_here(phasors, |_, _, _| None)
     }
 
-    fn find_here(&self, phasors: &Phasors) -> Bearing {
+    /// The same with the azimuth of another estimator, which gets the array, the phasors corrected for their channels, and
+    /// which channels live. It is asked where there is a wavefront; standard deviations, quality and flags are the wavefront's.
+    #[must_use]
+    pub fn find_with(
+        &self,
+        phasors: &Phasors,
+        estimate: impl FnOnce(&Array, &[Complex; CHANNELS], [bool; CHANNELS]) -> Direction,
+    ) -> Bearing {
+        let estimate = |array: &Array, z: &[Complex; CHANNELS], living| Some(estimate(array, z, living));
+        self.tuned(phasors).as_ref().unwrap_or(self).find_here(phasors, estimate)
+    }
+
+    fn find_here(
+        &self,
+        phasors: &Phasors,
+        estimate: impl FnOnce(&Array, &[Complex; CHANNELS], [bool; CHANNELS]) -> Option<Direction>,
+    ) -> Bearing {
         let mut flags = Flags::default();
         if phasors.clipped {
             flags = flags.with(Flags::CLIP);
@@ -370,15 +387,13 @@ impl Finder {
             flags = flags.with(Flags::AMBIGUOUS);
         }
 
-        let azimuth_rad = match self.config.estimator {
-            Estimator::CrossSpectrum => libm::atan2f(fit.u[1], fit.u[0]),
-            estimator => {
-                let living = variances.map(|variance| variance.is_some());
-                let outcome = paper::solve(estimator, &self.array, &z, living).unwrap_or(paper::Outcome::Undefined);
-                if !outcome.is_usable() {
+        let azimuth_rad = match estimate(&self.array, &z, variances.map(|variance| variance.is_some())) {
+            None => libm::atan2f(fit.u[1], fit.u[0]),
+            Some(direction) => {
+                if !direction.is_usable {
                     flags = flags.with(Flags::AMBIGUOUS);
                 }
-                let Some(azimuth_rad) = outcome.azimuth_rad() else { return Bearing { flags, ..silent } };
+                let Some(azimuth_rad) = direction.azimuth_rad else { return Bearing { flags, ..silent } };
                 azimuth_rad
             }
         };
@@ -400,19 +415,6 @@ impl Finder {
             flags,
             ..silent
         }
-    }
-
-    /// What an estimator of the paper makes of a set of phasors; `None` for ours, and without a tone.
-    #[must_use]
-    pub fn outcome(&self, phasors: &Phasors) -> Option<paper::Outcome> {
-        if phasors.tone == Tone::Absent {
-            return None;
-        }
-        let tuned = self.tuned(phasors);
-        let this = tuned.as_ref().unwrap_or(self);
-        let z = this.array.correct(&phasors.z);
-        let living = this.variances(&z, phasors).map(|variance| variance.is_some());
-        paper::solve(this.config.estimator, &this.array, &z, living)
     }
 
     /// The range that a residual tells, unless the channels are not known or a source that near is none.

@@ -13,7 +13,8 @@ use std::thread;
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::bearing::{Estimator, Finder};
+use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::doa::bearing::paper::AnyFinder;
 use foxhound_core::signal::phase;
 use serde::Serialize;
 
@@ -170,7 +171,7 @@ fn case(n: usize, snr_db: u8, seed: u64, repeats: usize) -> Result<Row, ConfigEr
 
 fn case_of<const N: usize>(snr_db: u8, seed: u64, repeats: usize) -> Result<Row, ConfigError> {
     let finders = finders()?;
-    let finder = |estimator: Estimator| -> Option<&Finder> {
+    let finder = |estimator: Estimator| -> Option<&AnyFinder> {
         CONTENDERS
             .iter()
             .zip(&finders)

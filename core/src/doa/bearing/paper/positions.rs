@@ -62,6 +62,7 @@ pub fn is_square(array: &Array) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::doa::bearing::paper::AnyFinder;
     use crate::doa::bearing::paper::waves::{SKEWED, with};
     use crate::doa::bearing::{Config, Estimator};
 
@@ -90,7 +91,7 @@ mod tests {
         let [a, b, c, d] = array::Config::default().antennas_m;
         let build = |estimator, antennas_m| {
             let array = with(antennas_m).build().unwrap();
-            Config { estimator, ..Config::default() }.build(array)
+            AnyFinder::build(&Config { estimator, ..Config::default() }, array)
         };
         for estimator in [Estimator::PaperSquare, Estimator::PaperRepaired, Estimator::PaperCorrelated] {
             assert!(build(estimator, [a, b, c, d]).is_ok());

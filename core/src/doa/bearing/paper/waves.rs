@@ -1,9 +1,9 @@
 //! Waves for the tests of the paper's estimators, made in `f64`.
 
-use super::{Outcome, solve};
+use super::{AnyFinder, Outcome, solve};
 use crate::base::time::Instant;
 use crate::doa::array;
-use crate::doa::bearing::{Config, Estimator, Finder};
+use crate::doa::bearing::{Config, Estimator};
 use crate::signal::phase::{Complex, Phasors, Tone};
 use std::f64::consts::TAU;
 
@@ -60,8 +60,8 @@ pub(super) fn phasors(z: [Complex; 4], noise: f32) -> Phasors {
     }
 }
 
-pub(super) fn finder(estimator: Estimator, config: &array::Config) -> Finder {
-    Config { estimator, ..Config::default() }.build(config.build().unwrap()).unwrap()
+pub(super) fn finder(estimator: Estimator, config: &array::Config) -> AnyFinder {
+    AnyFinder::build(&Config { estimator, ..Config::default() }, config.build().unwrap()).unwrap()
 }
 
 pub(super) fn solved(estimator: Estimator, config: &array::Config, z: [Complex; 4]) -> Outcome {
