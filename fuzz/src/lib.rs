@@ -17,10 +17,10 @@ use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
-use foxhound_core::doa::bearing::paper::AnyFinder;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use foxhound_core::signal::spectrum::Backend;
+use foxhound_papers::aoa::AnyFinder;
 use foxhound_papers::multipath::{self, Look, Method};
 
 mod filters;

@@ -8,6 +8,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod aoa;
 pub mod filters;
 pub mod mixture;
 pub mod multipath;

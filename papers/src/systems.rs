@@ -1,7 +1,7 @@
 //! The papers' systems beside the core's own, for a flight.
 
+use crate::aoa::{self, AnyEstimator};
 use foxhound_core::base::error::ConfigError;
-use foxhound_core::doa::bearing::paper::{self, AnyEstimator};
 use foxhound_core::doa::bearing::{Bearing, Finder};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{Config, Guidance};
@@ -23,7 +23,7 @@ impl Systems for AllSystems {
     }
 
     fn guidance<const N: usize>(config: &Config) -> Result<Guidance<N>, ConfigError> {
-        Config { bearing: paper::own(&config.bearing), ..*config }.build()
+        Config { bearing: aoa::own(&config.bearing), ..*config }.build()
     }
 
     fn bearing(&self, finder: &Finder, phasors: &Phasors) -> Bearing {

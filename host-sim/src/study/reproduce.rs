@@ -38,9 +38,9 @@ pub use kinematic::{Rules, Sight};
 use foxhound_core::ConfigError;
 use foxhound_core::base::adc::Snapshot;
 use foxhound_core::doa::array;
-use foxhound_core::doa::bearing::paper::AnyFinder;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator};
 use foxhound_core::signal::phase::{self, Extractor, Phasors};
+use foxhound_papers::aoa::AnyFinder;
 
 use crate::world::wrap_pi;
 

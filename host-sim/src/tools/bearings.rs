@@ -16,9 +16,9 @@ use std::f64::consts::PI;
 
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::bearing::paper::AnyFinder;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Phasors};
+use foxhound_papers::aoa::AnyFinder;
 use foxhound_papers::multipath;
 use serde::{Serialize, Serializer};
 

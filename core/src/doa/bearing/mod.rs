@@ -9,12 +9,11 @@
 //!   phases of all living channels, which also yields the covariance and the residual. It reaches the Cramer-Rao bound
 //!   `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`. Any array of three or more antennas off one line works, so a dead
 //!   channel costs precision and no more.
-//! - The main paper's, the baselines, are in [`paper`], literal and repaired. [`Estimator::PaperSquare`] is its Algorithm 1
+//! - The main paper's, the baselines, are in the crate `foxhound-papers`, literal and repaired. [`Estimator::PaperSquare`] is its Algorithm 1
 //!   (eq. 2 and 30, half-plane by `theta1 > theta2`) with its flaws: the half-plane rule is wrong for half of all
 //!   directions, the cotangent is singular ahead, the arcsine leaves its domain to the sides, elevation biases it.
 //!
-//! Frames are converted at the door of [`paper`]: the paper's bearing runs anticlockwise with `y` to the left, ours
-//! clockwise with `y` to the right. Cost: about 2 000 instructions.
+//! Cost: about 2 000 instructions.
 
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
@@ -23,8 +22,6 @@ use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
 use crate::doa::array::Array;
 use crate::signal::phase::{Complex, Phasors, Tone};
-
-pub mod paper;
 
 /// Chi-square with one degree of freedom that a clean frame exceeds once in a thousand.
 const CLOSURE_LIMIT: f32 = 10.83;
@@ -47,7 +44,8 @@ const MODEL_SIGMA_RAD: f32 = 0.005;
 /// A channel this much below the strongest, in power, is dead.
 const DEAD_POWER_RATIO: f32 = 0.01;
 
-/// Which estimator is used. [`Finder`] is the first of them; the others are baselines, see [`paper`].
+/// Which estimator is used. [`Finder`] is the first of them; the others are baselines, in the crate
+/// `foxhound-papers`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]

@@ -14,8 +14,8 @@ use std::thread;
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Estimator;
-use foxhound_core::doa::bearing::paper::AnyFinder;
 use foxhound_core::signal::phase;
+use foxhound_papers::aoa::AnyFinder;
 use serde::Serialize;
 
 use super::chart::{Axis, Chart, Panel, Series};

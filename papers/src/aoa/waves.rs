@@ -1,10 +1,10 @@
 //! Waves for the tests of the paper's estimators, made in `f64`.
 
 use super::{AnyFinder, Outcome, solve};
-use crate::base::time::Instant;
-use crate::doa::array;
-use crate::doa::bearing::{Config, Estimator};
-use crate::signal::phase::{Complex, Phasors, Tone};
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::array;
+use foxhound_core::doa::bearing::{Config, Estimator};
+use foxhound_core::signal::phase::{Complex, Phasors, Tone};
 use std::f64::consts::TAU;
 
 pub(super) const ALL: [Estimator; 7] = [

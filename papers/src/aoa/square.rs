@@ -41,11 +41,11 @@ impl Antennas<'_> {
 
 #[cfg(test)]
 mod tests {
-    use crate::base::rng::Rng;
-    use crate::doa::array;
-    use crate::doa::bearing::Estimator;
-    use crate::doa::bearing::paper::waves::{distances, error_deg, plane_wave, solved, wave};
-    use crate::signal::phase::Complex;
+    use crate::aoa::waves::{distances, error_deg, plane_wave, solved, wave};
+    use foxhound_core::base::rng::Rng;
+    use foxhound_core::doa::array;
+    use foxhound_core::doa::bearing::Estimator;
+    use foxhound_core::signal::phase::Complex;
     use std::f64::consts::{PI, TAU};
     use std::vec::Vec;
 

@@ -1,7 +1,7 @@
 //! Where the antennas are: the constraints of eq. 3-5, and the square of eq. 18-19.
 
 use super::{cross, length, subtract};
-use crate::doa::array::{self, Array};
+use foxhound_core::doa::array::{self, Array};
 
 /// Pairs this close to parallel, as a sine, violate eq. 5.
 const PAIRS_PARALLEL: f32 = 1e-3;
@@ -62,9 +62,9 @@ pub fn is_square(array: &Array) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doa::bearing::paper::AnyFinder;
-    use crate::doa::bearing::paper::waves::{SKEWED, with};
-    use crate::doa::bearing::{Config, Estimator};
+    use crate::aoa::AnyFinder;
+    use crate::aoa::waves::{SKEWED, with};
+    use foxhound_core::doa::bearing::{Config, Estimator};
 
     #[test]
     fn every_constraint_is_named_and_the_papers_own_square_violates_one() {

@@ -1,10 +1,10 @@
 //! What a pair of antennas hears (eq. 2), its side by cross-correlation, and the door into the paper's frame.
 
 use super::{Outcome, PAIR_MIN_RAD, azimuth, dot, length, subtract};
-use crate::base::adc::CHANNELS;
-use crate::base::math::sqrt;
-use crate::doa::array::Array;
-use crate::signal::phase::Complex;
+use foxhound_core::base::adc::CHANNELS;
+use foxhound_core::base::math::sqrt;
+use foxhound_core::doa::array::Array;
+use foxhound_core::signal::phase::Complex;
 
 /// The lags that tell the side of A1A2, and of A3A4.
 pub(super) const ACROSS: [[usize; 2]; 2] = [[0, 3], [1, 2]];
@@ -108,9 +108,9 @@ impl<'a> Antennas<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::doa::array;
-    use crate::doa::bearing::Estimator;
-    use crate::doa::bearing::paper::waves::{ALL, distances, error_deg, plane_wave, solved, wave, with};
+    use crate::aoa::waves::{ALL, distances, error_deg, plane_wave, solved, wave, with};
+    use foxhound_core::doa::array;
+    use foxhound_core::doa::bearing::Estimator;
     use std::f64::consts::PI;
 
     #[test]

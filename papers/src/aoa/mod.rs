@@ -35,13 +35,13 @@
 //! fit: what the array allows, and less than what these estimators make of it. They assume a source at our height, lose
 //! precision as `1 / cos theta` to the sides, and the crossings have `det A ~ s sin(beta) / R`, which vanishes with range.
 
-use super::{Bearing, Config, Direction, Estimator, Finder};
-use crate::base::adc::CHANNELS;
-use crate::base::error::{ConfigError, Why};
-use crate::base::math::sqrt;
-use crate::base::units::wrap_pi;
-use crate::doa::array::Array;
-use crate::signal::phase::{Complex, Phasors};
+use foxhound_core::base::adc::CHANNELS;
+use foxhound_core::base::error::{ConfigError, Why};
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::doa::array::Array;
+use foxhound_core::doa::bearing::{Bearing, Config, Direction, Estimator, Finder};
+use foxhound_core::signal::phase::{Complex, Phasors};
 
 mod crossing;
 mod pair;
@@ -240,9 +240,9 @@ fn length(a: [f32; 2]) -> f32 {
 mod tests {
     use super::waves::{ALL, SKEWED, distances, error_deg, finder, phasors, solved, wave, with};
     use super::*;
-    use crate::base::rng::Rng;
-    use crate::doa::array;
-    use crate::doa::bearing::{Bearing, Config, Flags};
+    use foxhound_core::base::rng::Rng;
+    use foxhound_core::doa::array;
+    use foxhound_core::doa::bearing::{Bearing, Config, Flags};
     use std::vec::Vec;
 
     #[test]

@@ -3,7 +3,7 @@
 
 use super::pair::{ACROSS, Antennas, Ray};
 use super::{Outcome, PAIR_MIN_RAD, azimuth, cross, dot, length, subtract};
-use crate::base::adc::CHANNELS;
+use foxhound_core::base::adc::CHANNELS;
 
 /// Directions closer than this are parallel, `det A = 0`: what rounding makes of parallel ones.
 const PARALLEL: f32 = 4e-6;
@@ -107,13 +107,11 @@ fn is_along(direction: [f32; 2], v: [f32; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::rng::Rng;
-    use crate::doa::array;
-    use crate::doa::bearing::paper::waves::{
-        SKEWED, distances, error_deg, finder, phasors, plane_wave, solved, wave, with,
-    };
-    use crate::doa::bearing::{Estimator, Flags};
-    use crate::signal::phase::Complex;
+    use crate::aoa::waves::{SKEWED, distances, error_deg, finder, phasors, plane_wave, solved, wave, with};
+    use foxhound_core::base::rng::Rng;
+    use foxhound_core::doa::array;
+    use foxhound_core::doa::bearing::{Estimator, Flags};
+    use foxhound_core::signal::phase::Complex;
     use std::f64::consts::{PI, TAU};
     use std::vec::Vec;
 
