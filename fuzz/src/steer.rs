@@ -11,14 +11,15 @@ use foxhound_core::control::guard::{self, Action, Fence, Setpoint, Situation};
 use foxhound_core::control::track::Demand;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::guidance::mission::{Behaviour, Control, Outcome};
+use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::landing;
 use foxhound_core::landing::pad::{Bad, Look, Nothing, Pad, Seen};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::scan::{Frame, Points, SECTORS_MAX, Scan, Sector};
-use foxhound_core::planning::field;
-use foxhound_core::planning::planner::{self, Kind, Offsets, Plan, Planner, Scratch, Verdict};
-use foxhound_core::planning::rollout::Reading;
+use foxhound_core::planning::planner::baseline::{self, Law, Offsets, Reading};
+use foxhound_core::planning::planner::{self, Kind, Plan, Scratch, Verdict};
+use foxhound_papers::AllSystems;
 
 use super::{Draw, Noise, Reached};
 
@@ -117,16 +118,18 @@ fn planner_config(draw: &mut Draw<'_>) -> planner::Config {
     let kind = [Kind::Foxhound, Kind::Foxhound, Kind::Paper, Kind::Standard][usize::from(draw.below(4))];
     let usual = planner::Config::of(kind);
     let laws = [
-        field::Kind::Logarithmic,
-        field::Kind::InverseDistance,
-        field::Kind::Khatib,
-        field::Kind::Rizqi,
-        field::Kind::Sun,
-        field::Kind::VirtualForce,
+        baseline::Kind::Logarithmic,
+        baseline::Kind::InverseDistance,
+        baseline::Kind::Khatib,
+        baseline::Kind::Rizqi,
+        baseline::Kind::Sun,
+        baseline::Kind::VirtualForce,
     ];
+    let lambda = draw.field(usual.lambda, 1e-3, 1e3);
+    let law = Law::of(laws[usize::from(draw.below(6))]);
     let mut config = planner::Config {
-        lambda: draw.field(usual.lambda, 1e-3, 1e3),
-        law: field::Law::of(laws[usize::from(draw.below(6))]),
+        lambda,
+        law: if kind == Kind::Foxhound { Law::default() } else { law },
         reading: [Reading::Waypoint, Reading::Quarters, Reading::Gradient][usize::from(draw.below(3))],
         offsets: if draw.below(4) == 0 { Offsets::Scalar } else { Offsets::Signed },
         margin_m: draw.field(usual.margin_m, 0.02, 1.0),
@@ -346,7 +349,7 @@ struct Flight {
     config: guidance::Config,
     guidance: Guidance<64>,
     state: guidance::State<64>,
-    planner: Planner,
+    systems: AllSystems,
     scratch: Scratch,
     now: Instant,
     ownship: Ownship,
@@ -387,12 +390,14 @@ fn not_absurd(value: f32) -> f32 {
 /// Flights through any configuration, with anything in their way.
 fn flown(draw: &mut Draw<'_>) -> Reached {
     let config = guidance_config(draw);
-    let (Ok(guidance), Ok(planner)) = (config.build::<64>(), config.planner.build()) else { return Reached::default() };
+    let (Ok(systems), Ok(guidance)) = (AllSystems::build(&config), AllSystems::guidance::<64>(&config)) else {
+        return Reached::default();
+    };
     let mut flight = Flight {
         state: guidance.start(),
         config,
         guidance,
-        planner,
+        systems,
         scratch: Scratch::default(),
         now: Instant(u64::from(draw.word())),
         ownship: Ownship::default(),
@@ -482,7 +487,7 @@ impl Flight {
 
     /// A plan that no planner made, or the active one, or one that was asked for, bent.
     fn any_plan(&self, draw: &mut Draw<'_>) -> Plan {
-        let mut plan = self.planner.plan(&mut Scratch::default(), self.state.request());
+        let mut plan = self.systems.plan(&mut Scratch::default(), self.state.request());
         plan.id = if draw.below(4) == 0 { draw.word() } else { plan.id };
         let index = usize::from(draw.byte()) % plan.waypoints_ned_m.len();
         plan.waypoints_ned_m[index] = place(draw);
@@ -527,7 +532,7 @@ impl Flight {
         self.check(&output, odd);
         self.fly(&output);
         if output.plan_requested && self.is_planned {
-            let plan = self.planner.plan(&mut self.scratch, self.state.request());
+            let plan = self.systems.plan(&mut self.scratch, self.state.request());
             check_plan(&plan, self.state.request());
             self.reached.answers += 1;
             self.reached.usable += u32::from(plan.verdict == Verdict::Follow);

@@ -5,25 +5,27 @@ use foxhound_core::base::error::ConfigError;
 use foxhound_core::doa::bearing::{Bearing, Finder};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{Config, Guidance};
-use foxhound_core::planning::planner::{Plan, PlanRequest, Planner, Scratch};
+use foxhound_core::planning::apf::{self, AnyPlanner};
+use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
 use foxhound_core::signal::phase::Phasors;
 
 /// Any planner and any estimator of bearings that a configuration names, the papers' and the core's own.
 #[derive(Clone, Debug)]
 pub struct AllSystems {
-    planner: Planner,
+    planner: AnyPlanner,
     estimator: AnyEstimator,
 }
 
 impl Systems for AllSystems {
     fn build(config: &Config) -> Result<Self, ConfigError> {
-        let planner = config.planner.build()?;
+        let planner = AnyPlanner::build(&config.planner)?;
         let estimator = AnyEstimator::build(&config.bearing, &config.array.build()?)?;
         Ok(Self { planner, estimator })
     }
 
     fn guidance<const N: usize>(config: &Config) -> Result<Guidance<N>, ConfigError> {
-        Config { bearing: aoa::own(&config.bearing), ..*config }.build()
+        let (bearing, planner) = (aoa::own(&config.bearing), apf::own(&config.planner));
+        Config { bearing, planner, ..*config }.build()
     }
 
     fn bearing(&self, finder: &Finder, phasors: &Phasors) -> Bearing {

@@ -283,10 +283,6 @@ impl Config {
             return Err(ConfigError { field: "planner.vehicle_radius_m", value: self.planner.vehicle_radius_m, why });
         }
         self.planner.build()?;
-        if self.planner.explore.is_some() && self.planner.kind != planner::Kind::Foxhound {
-            let why = Why::Inconsistent("only the planner foxhound can search");
-            return Err(ConfigError { field: "planner.explore", value: 1.0, why });
-        }
         let response = self.response.build(self.tick_s)?;
         Ok(Guidance {
             seed: self.seed,

@@ -1,8 +1,8 @@
 //! Trajectories through the field and what they cost.
 //!
-//! The main paper descends the gradient for 15 steps (section IV) and leaves the step open. Three readings of that are
-//! built, [`Reading`]; the default is one force evaluation and 2 m / 15 of path in its direction, which is what its budget
-//! allows (two metres of target distance in fifteen waypoints). Cost by eq. 41-45: length, error at the end, turns,
+//! The main paper descends the gradient for 15 steps (section IV) and leaves the step open. What flies
+//! is one force evaluation and 2 m / 15 of path in its direction ([`Waypoint`]), which is what its budget allows (two metres of
+//! target distance in fifteen waypoints); other readings are in [`crate::planning::apf`]. Cost by eq. 41-45: length, error at the end, turns,
 //! proximity.
 //!
 //! [`Scene::roll`] does both at once and is the one to use: it looks only at obstacles that the next few steps can come into
@@ -21,16 +21,13 @@ use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
 use crate::mapping::map::CIRCLES_MAX;
-use crate::planning::field::{Field, Gains, Pole, Pull};
+use crate::planning::field::{Field, ForceField, Gains, Pole, Pull};
 
 /// Waypoints of a trajectory (main paper, section IV).
 pub const WAYPOINTS: usize = 15;
 
 /// Distance between waypoints: the paper's 2 m in 15 steps.
 pub const SPACING_M: f32 = 2.0 / WAYPOINTS as f32;
-
-/// Step of [`Reading::Gradient`], metres per unit of force.
-const GRADIENT_STEP: f32 = 0.02;
 
 /// Proximity below which eq. 45 stops growing: closer, or inside, is as bad.
 const PROXIMITY_MIN_M: f32 = 0.01;
@@ -48,18 +45,37 @@ const SLACK_M: f32 = 1e-2;
 /// A trajectory: the waypoints after the start.
 pub type Trajectory = [Horizontal; WAYPOINTS];
 
-/// What the main paper's "gradient descent" with 15 steps is taken to be.
+/// How a trajectory follows a field from waypoint to waypoint.
+pub trait Stride: Copy {
+    /// Steps from one waypoint to the next.
+    fn steps(self) -> u8;
+
+    /// How far from the target a step ends there; `None` where none does.
+    fn ends_within_m(self) -> Option<f32>;
+
+    /// What the force is multiplied by to make a step, from the square of its length and the inverse of that length.
+    fn factor(self, squared: f32, inverse: f32) -> f32;
+}
+
+/// One force evaluation from waypoint to waypoint, and 2 m / 15 in its direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
-pub enum Reading {
-    /// From waypoint to waypoint one force evaluation and 2 m / 15 in its direction.
-    #[default]
-    Waypoint,
-    /// The same in four steps of a quarter each.
-    Quarters,
-    /// To the letter: the force times 0.02, at most 2 m / 15. Fifteen of these cover half a metre.
-    Gradient,
+pub struct Waypoint;
+
+impl Stride for Waypoint {
+    #[inline(always)]
+    fn steps(self) -> u8 {
+        1
+    }
+
+    #[inline(always)]
+    fn ends_within_m(self) -> Option<f32> {
+        Some(SPACING_M)
+    }
+
+    #[inline(always)]
+    fn factor(self, _squared: f32, inverse: f32) -> f32 {
+        SPACING_M * inverse
+    }
 }
 
 /// The terms of eq. 41.
@@ -170,34 +186,45 @@ impl Scene {
 
     /// The trajectory from the start, and its cost.
     #[must_use]
-    pub fn roll(&self, field: &Field, reading: Reading, target: Horizontal) -> (Trajectory, Cost) {
-        let (trajectory, mut closest) = match reading {
-            // Compiled on its own.
-            Reading::Waypoint => self.descend(field, Reading::Waypoint, target),
-            _ => self.descend(field, reading, target),
-        };
-        let mut cost = shape(self.start, &trajectory, target);
+    pub fn roll(&self, field: &Field, target: Horizontal) -> (Trajectory, Cost) {
+        self.roll_by(field, Waypoint, target)
+    }
+
+    /// The same in another field, or in other steps.
+    #[must_use]
+    #[inline(always)]
+    pub fn roll_by(&self, field: &impl ForceField, stride: impl Stride, target: Horizontal) -> (Trajectory, Cost) {
+        let (trajectory, closest) = self.descend(field, stride, target);
+        let cost = self.price(&trajectory, closest, field.gains().influence_m, target);
+        (trajectory, cost)
+    }
+
+    /// What a trajectory costs whose waypoints come as close to the obstacles that act there, and to others not within their
+    /// influence.
+    fn price(&self, trajectory: &Trajectory, closest: f32, influence_m: f32, target: Horizontal) -> Cost {
+        let mut closest = closest;
+        let mut cost = shape(self.start, trajectory, target);
         // Whatever acts nowhere on the way is farther than the range, and counts only if all are.
-        if closest >= field.gains.influence_m - SLACK_M {
+        if closest >= influence_m - SLACK_M {
             closest = f32::INFINITY;
             for (index, known) in self.obstacles.iter().enumerate() {
                 if index >= self.within(closest + far_m(WAYPOINTS)).len() {
                     break;
                 }
-                closest = nearest(&trajectory, known.center, known.reach, closest);
+                closest = nearest(trajectory, known.center, known.reach, closest);
             }
         }
         cost.proximity = proximity(closest);
-        (trajectory, cost)
+        cost
     }
 
     /// The trajectory, and the smallest distance of a waypoint to an obstacle that acts there.
     #[inline(always)]
-    fn descend(&self, field: &Field, reading: Reading, target: Horizontal) -> (Trajectory, f32) {
-        let influence_m = field.gains.influence_m;
+    fn descend(&self, field: &impl ForceField, stride: impl Stride, target: Horizontal) -> (Trajectory, f32) {
+        let influence_m = field.gains().influence_m;
         let mut list = ShortList::new();
         let (mut closest, mut listed) = (f32::INFINITY, 0);
-        let mut descent = Descent::new(self.start, target, reading);
+        let mut descent = Descent::new(self.start, target, stride);
         let mut trajectory = [target; WAYPOINTS];
         loop {
             let (passed, position) = (descent.passed, descent.position);
@@ -267,8 +294,8 @@ fn far_m(steps: usize) -> f32 {
 }
 
 /// Those of the obstacles that a block of steps from here can come into the range of.
-fn shorten(known: &[Known], position: Horizontal, field: &Field, list: &mut ShortList) {
-    let ahead = field.gains.influence_m + far_m(BLOCK);
+fn shorten(known: &[Known], position: Horizontal, field: &impl ForceField, list: &mut ShortList) {
+    let ahead = field.gains().influence_m + far_m(BLOCK);
     list.clear();
     // Four at a time: a compiler that is to mind the size does not do so by itself.
     let (fours, rest) = known.as_chunks::<4>();
@@ -284,7 +311,7 @@ fn shorten(known: &[Known], position: Horizontal, field: &Field, list: &mut Shor
 }
 
 #[inline(always)]
-fn list_if_near(known: &Known, position: Horizontal, ahead: f32, field: &Field, list: &mut ShortList) {
+fn list_if_near(known: &Known, position: Horizontal, ahead: f32, field: &impl ForceField, list: &mut ShortList) {
     let limit = known.reach + ahead;
     if position.minus(known.center).norm_squared() < limit * limit {
         // As many places as obstacles.
@@ -293,8 +320,8 @@ fn list_if_near(known: &Known, position: Horizontal, ahead: f32, field: &Field, 
 }
 
 /// A trajectory on its way.
-struct Descent {
-    reading: Reading,
+struct Descent<S> {
+    stride: S,
     target: Horizontal,
     position: Horizontal,
     /// Waypoints that have been reached.
@@ -303,10 +330,10 @@ struct Descent {
     steps: u8,
 }
 
-impl Descent {
+impl<S: Stride> Descent<S> {
     #[inline(always)]
-    fn new(start: Horizontal, target: Horizontal, reading: Reading) -> Self {
-        Self { reading, target, position: start, passed: 0, steps: 0 }
+    fn new(start: Horizontal, target: Horizontal, stride: S) -> Self {
+        Self { stride, target, position: start, passed: 0, steps: 0 }
     }
 
     /// Whether the position is a waypoint, and not the start or between two.
@@ -322,13 +349,10 @@ impl Descent {
         if self.passed >= WAYPOINTS {
             return false;
         }
-        let (steps, step_m) = match self.reading {
-            Reading::Waypoint | Reading::Gradient => (1, SPACING_M),
-            Reading::Quarters => (4, 0.25 * SPACING_M),
-        };
+        let steps = self.stride.steps();
         self.steps += 1;
         let left = self.target.minus(self.position).norm_squared();
-        if left <= step_m * step_m && self.reading != Reading::Gradient {
+        if self.stride.ends_within_m().is_some_and(|step_m| left <= step_m * step_m) {
             if left == 0.0 && self.passed > 0 {
                 return false;
             }
@@ -338,11 +362,7 @@ impl Descent {
             // Where the forces cancel it stays.
             if squared > 1e-12 {
                 let inverse = inverse_root(squared);
-                let factor = match self.reading {
-                    Reading::Gradient if GRADIENT_STEP * squared * inverse < SPACING_M => GRADIENT_STEP,
-                    _ => step_m * inverse,
-                };
-                self.position = self.position.plus(force.times(factor));
+                self.position = self.position.plus(force.times(self.stride.factor(squared, inverse)));
             }
         }
         if self.steps == steps {
@@ -358,13 +378,13 @@ impl Descent {
 /// [`Scene::roll`]'s trajectory, looking at every obstacle at every step.
 #[must_use]
 pub fn roll_plainly(
-    field: &Field,
-    reading: Reading,
+    field: &impl ForceField,
+    stride: impl Stride,
     start: Horizontal,
     target: Horizontal,
     obstacles: &[Obstacle],
 ) -> Trajectory {
-    let mut descent = Descent::new(start, target, reading);
+    let mut descent = Descent::new(start, target, stride);
     let mut trajectory = [target; WAYPOINTS];
     while descent.follow(field.force(descent.position, target, obstacles), &mut trajectory) {}
     trajectory
@@ -373,7 +393,7 @@ pub fn roll_plainly(
 /// [`roll_plainly`] in the main paper's field.
 #[must_use]
 pub fn roll(gains: &Gains, start: Horizontal, target: Horizontal, obstacles: &[Obstacle]) -> Trajectory {
-    roll_plainly(&Field { gains: *gains, ..Field::default() }, Reading::Waypoint, start, target, obstacles)
+    roll_plainly(&Field { gains: *gains }, Waypoint, start, target, obstacles)
 }
 
 /// The cost of a trajectory from `start` (eq. 41-45).
@@ -482,7 +502,6 @@ pub fn swept_clearance_m(start: Horizontal, trajectory: &[Horizontal], obstacles
 mod tests {
     use super::*;
     use crate::base::rng::Rng;
-    use crate::planning::field::{Exponent, Kind, Law};
     use std::vec::Vec as StdVec;
 
     const GAINS: Gains = Gains { k_att: 1.0, k_rep: 0.2, influence_m: 0.8, swirl: 0.0 };
@@ -553,28 +572,24 @@ mod tests {
     }
 
     #[test]
-    fn leaving_out_what_is_far_changes_no_bit_in_any_law_reading_or_density() {
+    fn leaving_out_what_is_far_changes_no_bit_at_any_density() {
         let mut scene = Scene::new();
         let (mut slid, mut alone) = (0, 0);
         for seed in 0..3000_u64 {
             let density = [1.0, 1.0, 4.0, 0.3, 0.03, 0.001][(seed % 6) as usize];
             let (obstacles, gains, target) = forest(seed, density);
-            let exponent = [Exponent::Half, Exponent::One, Exponent::Two][(seed / 7 % 3) as usize];
-            let kind = if seed % 2 == 0 { Kind::Logarithmic } else { Kind::ALL[(seed / 2 % 6) as usize] };
-            let field = Field { law: Law { exponent, ..Law::of(kind) }, gains };
-            let reading =
-                [Reading::Waypoint, Reading::Waypoint, Reading::Quarters, Reading::Gradient][(seed / 6 % 4) as usize];
+            let field = Field { gains };
             // Away from the origin positions are rounded.
             let shift = Horizontal { north: 1e3, east: -2e3 }.times((seed % 5) as f32);
             let obstacles: StdVec<Obstacle> =
                 obstacles.iter().map(|o| Obstacle { center_ned_m: o.center_ned_m.plus(shift), ..*o }).collect();
             let target = target.plus(shift);
             scene.gather(shift, obstacles.iter().copied());
-            let (trajectory, price) = scene.roll(&field, reading, target);
+            let (trajectory, price) = scene.roll(&field, target);
             let ordered: StdVec<Obstacle> = scene.obstacles().collect();
-            let plain = roll_plainly(&field, reading, shift, target, &ordered);
+            let plain = roll_plainly(&field, Waypoint, shift, target, &ordered);
             let wanted = cost(shift, &plain, target, &obstacles);
-            assert_eq!(bits(&trajectory, &price), bits(&plain, &wanted), "seed {seed}, {field:?}, {reading:?}");
+            assert_eq!(bits(&trajectory, &price), bits(&plain, &wanted), "seed {seed}, {field:?}");
             slid += i32::from(price.turns > 0.1);
             alone += i32::from(1.0 / price.proximity > gains.influence_m);
         }
@@ -587,9 +602,9 @@ mod tests {
         let mut apart = 0;
         for seed in 0..1000 {
             let (obstacles, gains, target) = forest(seed, 1.0);
-            let field = Field { gains, ..Field::default() };
+            let field = Field { gains };
             scene.gather(Horizontal::default(), obstacles.iter().copied());
-            let (trajectory, price) = scene.roll(&field, Reading::Waypoint, target);
+            let (trajectory, price) = scene.roll(&field, target);
             let (exact, total) = in_double(&gains, target, &obstacles);
             let gap = trajectory
                 .iter()
@@ -688,32 +703,5 @@ mod tests {
                 assert!((turn - core::f32::consts::TAU * steps / 200.0).abs() < limit, "{i} {j}: {turn}");
             }
         }
-    }
-
-    #[test]
-    fn the_readings_take_one_step_or_four_or_a_fiftieth_of_the_force() {
-        let (start, target) = (Horizontal::default(), Horizontal { north: 2.0, east: 0.0 });
-        let pillar =
-            Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.3 }, reach_m: 0.4, ..Obstacle::default() };
-        let field = Field { gains: GAINS, ..Field::default() };
-        let first = |reading| roll_plainly(&field, reading, start, target, &[pillar])[0];
-        let force = field.force(start, target, &[pillar]);
-        assert!(first(Reading::Waypoint).minus(force.times(SPACING_M / force.norm())).norm() < 1e-6);
-        assert!(first(Reading::Gradient).minus(force.times(0.02)).norm() < 1e-6);
-        let mut position = start;
-        for _ in 0..4 {
-            let force = field.force(position, target, &[pillar]);
-            position = position.plus(force.times(0.25 * SPACING_M / force.norm()));
-        }
-        assert!(first(Reading::Quarters).minus(position).norm() < 1e-6);
-        // Without obstacles a fiftieth of the rest is left behind at each of 15 steps.
-        let end = roll_plainly(&field, Reading::Gradient, start, target, &[])[14];
-        assert!((end.north - 2.0 * (1.0 - 0.98_f32.powi(15))).abs() < 1e-5, "{end:?}");
-        // And no step is longer than the others' even deep inside an obstacle.
-        let deep =
-            Obstacle { center_ned_m: Horizontal { north: 0.0, east: -0.1 }, reach_m: 0.6, ..Obstacle::default() };
-        let khatib = Field { law: Law::of(Kind::Khatib), ..field };
-        let leap = roll_plainly(&khatib, Reading::Gradient, start, target, &[deep])[0];
-        assert!((leap.norm() - SPACING_M).abs() < 1e-6, "{leap:?}");
     }
 }

@@ -8,6 +8,7 @@ use anstyle::Style;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::planning::apf;
 use foxhound_core::planning::planner;
 use foxhound_link::mailbox::Setup;
 use foxhound_sim::autopilot::tlog;
@@ -134,8 +135,7 @@ pub(super) enum EstimatorName {
 
 /// A planner by its name, as clap wants it.
 pub(super) fn planner_parser() -> impl TypedValueParser<Value = planner::Config> {
-    PossibleValuesParser::new(planner::NAMES)
-        .try_map(|name| planner::Config::named(&name).ok_or("there is no such planner"))
+    PossibleValuesParser::new(apf::NAMES).try_map(|name| apf::named(&name).ok_or("there is no such planner"))
 }
 
 impl From<EstimatorName> for Estimator {

@@ -19,7 +19,7 @@
 use heapless::Vec;
 
 use super::bend::bend;
-use super::paper::{draw, nearest, weighted};
+use super::sampling::{draw, nearest, weighted};
 use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -27,7 +27,7 @@ use crate::base::obstacle::Obstacle;
 use crate::base::rng::Rng;
 use crate::localize::goal::posterior::{Estimate, Posterior};
 use crate::planning::field::{Field, Gains};
-use crate::planning::rollout::{Cost, Reading, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
+use crate::planning::rollout::{Cost, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
 use crate::planning::wavefront::{ROUTE_MAX, Wavefront, Window};
 
 /// Stream of the posterior's random numbers.
@@ -451,8 +451,8 @@ fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizont
 fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizontal, target: Horizontal, margin_m: f32) {
     let distance_m = target.minus(start).norm();
     scratch.scene.gather_all(start, &scratch.obstacles);
-    let field = |gains| Field { law: config.law, gains };
-    (scratch.initial, _) = scratch.scene.roll(&field(config.gains), Reading::Waypoint, target);
+    let field = |gains| Field { gains };
+    (scratch.initial, _) = scratch.scene.roll(&field(config.gains), target);
     for index in 0..SAMPLES {
         // One of the ten trusts the sight: almost no repulsion, so almost straight.
         let gains = if index == 0 {
@@ -465,7 +465,7 @@ fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizont
         } else {
             draw(config, rng)
         };
-        let (trajectory, cost) = scratch.scene.roll(&field(gains), Reading::Waypoint, target);
+        let (trajectory, cost) = scratch.scene.roll(&field(gains), target);
         scratch.gains[index] = gains;
         scratch.costs[index] = soft(cost);
         let checked = &trajectory[..usize::from(config.checked_segments).min(WAYPOINTS)];

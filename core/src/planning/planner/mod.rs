@@ -2,7 +2,8 @@
 //!
 //! The main paper's method (section III-B, Algorithm 2): draw ten sets of field parameters (eq. 38-40), follow each field,
 //! cost each trajectory (eq. 41-45), weigh them by `w = exp(-S / lambda)` (eq. 46), average their offsets from the initial
-//! trajectory (eq. 47) and follow the sampled trajectory nearest to that average. Three kinds:
+//! trajectory (eq. 47) and follow the sampled trajectory nearest to that average. Three kinds, of which
+//! the first two are in [`crate::planning::apf`]:
 //!
 //! - [`Kind::Paper`], to the letter, with eq. 47's `|T_j - T_init|` read as the signed offset point by point (a distance
 //!   cannot be added to a point);
@@ -16,7 +17,7 @@
 
 use heapless::Vec;
 
-use crate::base::error::{ConfigError, check};
+use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Obstacle};
 use crate::base::pose::Pose;
@@ -27,14 +28,16 @@ use crate::localize::source::Sighting;
 use crate::mapping::lor::{self, LINES_MAX, Line};
 use crate::mapping::map::CIRCLES_MAX;
 use crate::planning::explore::{self, Explored};
-use crate::planning::field::{self, Gains, Law};
-use crate::planning::rollout::{Reading, Scene, Trajectory, WAYPOINTS};
+use crate::planning::field::Gains;
+use crate::planning::rollout::{Scene, Trajectory, WAYPOINTS};
 use crate::planning::wavefront::{self, Wavefront};
 
+pub mod baseline;
 mod bend;
 mod foxhound;
-mod paper;
-pub use paper::{NAMES, Offsets};
+pub mod sampling;
+
+use baseline::{Law, Offsets, Reading};
 
 /// Parameter samples of one replan (main paper, section IV).
 pub const SAMPLES: usize = 10;
@@ -67,9 +70,9 @@ pub struct Config {
     pub gains_min: Gains,
     /// Temperature of eq. 46, in units of the cost.
     pub lambda: f32,
-    /// How the field repels.
+    /// How the field of the papers' planners repels.
     pub law: Law,
-    /// How trajectories follow it.
+    /// How their trajectories follow it.
     pub reading: Reading,
     /// What a wall is.
     pub lor: lor::Config,
@@ -124,7 +127,7 @@ impl Config {
             gains_sigma,
             gains_min: Gains { k_att: 0.05, k_rep: 0.005, influence_m: 0.05, swirl: 0.0 },
             lambda: 1.0,
-            law: Law::of(field::Kind::Logarithmic),
+            law: Law::of(baseline::Kind::Logarithmic),
             reading: Reading::Waypoint,
             lor: lor::Config::DEFAULT,
             bends: true,
@@ -144,8 +147,15 @@ impl Config {
     /// Checks the configuration.
     ///
     /// # Errors
-    /// The field that is out of range.
+    /// The field that is out of range, or `planner.kind` or `planner.law.kind` where they are of the papers, the value being
+    /// their number.
     pub fn build(&self) -> Result<Planner, ConfigError> {
+        for (field, number) in [("planner.kind", self.kind as u8), ("planner.law.kind", self.law.kind as u8)] {
+            if number != 0 {
+                let why = Why::Inconsistent("the papers' planners and fields are not part of this program");
+                return Err(ConfigError { field, value: f32::from(number), why });
+            }
+        }
         for (field, value, min) in [
             ("planner.gains.k_att", self.gains.k_att, self.gains_min.k_att),
             ("planner.gains.k_rep", self.gains.k_rep, self.gains_min.k_rep),
@@ -160,7 +170,6 @@ impl Config {
             check("planner.gains_sigma", value, 0.0, 100.0)?;
         }
         check("planner.lambda", self.lambda, 1e-3, 1e3)?;
-        self.law.check()?;
         check("planner.vehicle_radius_m", self.vehicle_radius_m, 0.0, 5.0)?;
         check("planner.margin_m", self.margin_m, 0.0, 5.0)?;
         check("planner.tight_margin_m", self.tight_margin_m, 0.0, self.margin_m)?;
@@ -284,7 +293,8 @@ pub struct Plan {
 
 impl Plan {
     /// The plan to stay at the start.
-    fn brake(config: &Config, request: &PlanRequest) -> Self {
+    #[must_use]
+    pub fn brake(config: &Config, request: &PlanRequest) -> Self {
         Self {
             id: request.id,
             verdict: Verdict::Brake,
@@ -315,7 +325,8 @@ pub struct Scratch {
     pub feasible: [bool; SAMPLES],
     /// The known obstacles, in the end those that matter within the horizon.
     obstacles: Vec<Obstacle, CIRCLES_MAX>,
-    scene: Scene,
+    /// The obstacles as rollouts look at them.
+    pub scene: Scene,
     memory: foxhound::Memory,
     explore: explore::State,
 }
@@ -379,10 +390,7 @@ impl Planner {
 
     /// Answers one request.
     pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
-        let mut plan = match self.config.kind {
-            Kind::Foxhound => self.seek(scratch, request),
-            Kind::Paper | Kind::Standard => paper::plan(&self.config, scratch, request),
-        };
+        let mut plan = self.seek(scratch, request);
         if request.wants_lines {
             plan.lines = self.lines(request);
         }
@@ -415,8 +423,9 @@ impl Planner {
     }
 
     /// The walls among the known obstacles. Its memory is on the stack: it is not used together with the rest.
+    #[must_use]
     #[inline(never)]
-    fn lines(&self, request: &PlanRequest) -> Vec<Line, LINES_MAX> {
+    pub fn lines(&self, request: &PlanRequest) -> Vec<Line, LINES_MAX> {
         let mut scratch = lor::Scratch::new();
         let points = lor::points_of(&request.circles, request.position_ned_m);
         self.lines.find(&mut scratch, &points)
@@ -447,19 +456,17 @@ mod tests {
         }
     }
 
-    fn plan(kind: Kind, request: &PlanRequest) -> (Plan, Scratch) {
+    fn plan(request: &PlanRequest) -> (Plan, Scratch) {
         let mut scratch = Scratch::default();
-        let plan = Config::of(kind).build().unwrap().plan(&mut scratch, request);
+        let plan = Config::default().build().unwrap().plan(&mut scratch, request);
         (plan, scratch)
     }
 
     #[test]
-    fn all_kinds_fly_straight_through_the_open() {
-        for kind in [Kind::Foxhound, Kind::Paper, Kind::Standard] {
-            let (plan, _) = plan(kind, &request(&[]));
-            assert_eq!(plan.verdict, Verdict::Follow);
-            assert!(plan.waypoints_ned_m[14].minus(Horizontal { north: 2.0, east: 0.0 }).norm() < 1e-4, "{kind:?}");
-        }
+    fn it_flies_straight_through_the_open() {
+        let (plan, _) = plan(&request(&[]));
+        assert_eq!(plan.verdict, Verdict::Follow);
+        assert!(plan.waypoints_ned_m[14].minus(Horizontal { north: 2.0, east: 0.0 }).norm() < 1e-4);
     }
 
     #[test]
@@ -496,7 +503,7 @@ mod tests {
         let least_m = |gust_margin_m: f32, gap_m: f32| {
             let east_m = 0.3 + 0.5 * gap_m;
             let request = PlanRequest { gust_margin_m, ..request(&[(1.0, east_m, 0.3), (1.0, -east_m, 0.3)]) };
-            let (plan, _) = plan(Kind::Foxhound, &request);
+            let (plan, _) = plan(&request);
             let obstacles: std::vec::Vec<_> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
             swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles)
         };
@@ -510,37 +517,11 @@ mod tests {
     #[test]
     fn an_obstacle_exactly_on_the_line_is_passed_on_one_side() {
         let request = request(&[(1.0, 0.0, 0.3)]);
-        let (plan, _) = plan(Kind::Foxhound, &request);
+        let (plan, _) = plan(&request);
         assert_eq!(plan.verdict, Verdict::Follow);
         // To the place beside the pillar from which the target is in sight.
         let end = plan.waypoints_ned_m[14];
         assert!(end.north > 0.6 && end.east.abs() > 0.4 && end.minus(plan.target_ned_m).norm() < 0.2, "{end:?}");
-    }
-
-    #[test]
-    fn the_paper_mode_follows_the_sample_nearest_to_the_weighted_mean() {
-        let request = request(&[(1.0, 0.1, 0.25), (1.4, -0.5, 0.2)]);
-        let (plan, scratch) = plan(Kind::Paper, &request);
-        // Eq. 46-47 again, in f64 and without the shift of the exponent.
-        let weights: std::vec::Vec<f64> = scratch.costs.iter().map(|s| (-f64::from(*s)).exp()).collect();
-        let total: f64 = weights.iter().sum();
-        let mean = |t: usize, pick: &dyn Fn(&Horizontal) -> f32| {
-            let initial = f64::from(pick(&scratch.initial[t]));
-            let offset: f64 =
-                weights.iter().zip(&scratch.samples).map(|(w, s)| w * (f64::from(pick(&s[t])) - initial)).sum();
-            initial + offset / total
-        };
-        let distance = |s: &Trajectory| -> f64 {
-            (0..WAYPOINTS)
-                .map(|t| {
-                    let north = f64::from(s[t].north) - mean(t, &|p| p.north);
-                    let east = f64::from(s[t].east) - mean(t, &|p| p.east);
-                    north.hypot(east)
-                })
-                .sum()
-        };
-        let best = scratch.samples.iter().map(distance).fold(f64::INFINITY, f64::min);
-        assert!((distance(&plan.waypoints_ned_m) - best).abs() < 1e-4);
     }
 
     /// A wall 20 m long across the way to a source that is known, and the vehicle in front of its middle.
@@ -594,15 +575,15 @@ mod tests {
                 (p.north, p.east, 0.2)
             })
             .collect();
-        assert_eq!(plan(Kind::Foxhound, &request(&ring)).0.verdict, Verdict::Brake);
+        assert_eq!(plan(&request(&ring)).0.verdict, Verdict::Brake);
     }
 
     #[test]
     fn same_seed_same_plan_and_another_seed_another() {
         let request = request(&[(1.0, 0.1, 0.3)]);
         let other = PlanRequest { seed: 10, ..request.clone() };
-        assert_eq!(plan(Kind::Foxhound, &request).0, plan(Kind::Foxhound, &request).0);
-        assert_ne!(plan(Kind::Foxhound, &request).1.gains, plan(Kind::Foxhound, &other).1.gains);
+        assert_eq!(plan(&request).0, plan(&request).0);
+        assert_ne!(plan(&request).1.gains, plan(&other).1.gains);
     }
 
     #[test]
@@ -617,5 +598,7 @@ mod tests {
         assert_eq!(refused(&|c| c.gains.influence_m = -1.0), "planner.gains.influence_m");
         assert_eq!(refused(&|c| c.gains_sigma.swirl = -1.0), "planner.gains_sigma");
         assert_eq!(refused(&|c| c.checked_segments = 0), "planner.checked_segments");
+        assert_eq!(refused(&|c| c.kind = Kind::Paper), "planner.kind");
+        assert_eq!(refused(&|c| c.law = Law::of(baseline::Kind::Khatib)), "planner.law.kind");
     }
 }

@@ -24,7 +24,7 @@ use foxhound_computer::frozen::Watch;
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
-use foxhound_core::planning::field::{Field, Gains, Law};
+use foxhound_core::planning::field::{Field, Gains};
 
 use foxhound_core::base::math::{armv7em, portable};
 use foxhound_core::base::obstacle::Circle;
@@ -39,7 +39,7 @@ use foxhound_core::localize::source::Sighting;
 use foxhound_core::mapping::map::{self, Map};
 use foxhound_core::mapping::scan::{self, SECTORS_MAX, Scan, Sector};
 use foxhound_core::planning::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Scratch};
-use foxhound_core::planning::rollout::{Cost, Reading, SPACING_M, Scene, Trajectory, WAYPOINTS};
+use foxhound_core::planning::rollout::{Cost, SPACING_M, Scene, Trajectory, WAYPOINTS};
 use foxhound_core::signal::phase::{self, Complex, Phasors};
 use foxhound_core::signal::spectrum::tone::{Reference, Window};
 use foxhound_core::signal::spectrum::{Backend, Spectrum};
@@ -630,7 +630,7 @@ fn rollouts(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             worst = worst.max(measure(&mut || {
                 scene.gather_all(Horizontal::default(), black_box(&obstacles));
                 for (sample, field) in samples.iter_mut().zip(black_box(&fields)) {
-                    *sample = scene.roll(field, Reading::Waypoint, target);
+                    *sample = scene.roll(field, target);
                 }
             }));
             naive_worst = naive_worst.max(measure(&mut || {
@@ -684,7 +684,7 @@ fn draw(config: &planner::Config, rng: &mut Rng) -> Field {
         influence_m: above(mean.influence_m, sigma.influence_m, least.influence_m),
         swirl: above(mean.swirl, sigma.swirl, -100.0),
     };
-    Field { law: Law::default(), gains }
+    Field { gains }
 }
 
 /// Eq. 33 and 36 as they stand.

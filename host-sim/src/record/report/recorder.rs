@@ -7,8 +7,9 @@ use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
 use foxhound_core::landing::pad::{Detector, Seen};
+use foxhound_core::planning::apf::{self, NAMES};
 use foxhound_core::planning::field;
-use foxhound_core::planning::planner::{self, NAMES, SAMPLES, Scratch, Verdict};
+use foxhound_core::planning::planner::{self, SAMPLES, Scratch, Verdict};
 use foxhound_core::planning::rollout::Trajectory;
 use serde_json::Value;
 
@@ -113,7 +114,7 @@ impl Recorder {
 }
 
 fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin {
-    let is_it = |name: &&str| planner::Config::named(name) == Some(mission.planner);
+    let is_it = |name: &&str| apf::named(name) == Some(mission.planner);
     let values = Values::of(config);
     let number = |value: f32| finite(value).map_or(Value::Null, Value::from);
     let parameters = TABLE.iter().zip(Id::all()).map(|(row, id)| Parameter {
@@ -299,7 +300,7 @@ fn potential(config: &planner::Config, plan: &planner::Plan, obstacles: &[Obstac
     let start = plan.start_ned_m;
     let offset = |step: i32| step as f32 * FIELD_STEP_M;
     let raster = |gains: field::Gains| {
-        let field = field::Field { law: config.law, gains };
+        let field = apf::Field { law: config.law, gains };
         let value = |(row, column)| {
             let place = ned::Horizontal { north: start.north + offset(row), east: start.east + offset(column) };
             rounded(f64::from(field.potential(place, plan.target_ned_m, obstacles)), 3)

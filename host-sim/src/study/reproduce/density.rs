@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::doa::bearing::Estimator;
-use foxhound_core::planning::field::Field;
+use foxhound_core::planning::apf::{self, AnyPlanner, Field};
 use foxhound_core::planning::planner::{self, Kind};
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
@@ -247,7 +247,7 @@ fn drawn(options: &Options) -> Result<Suite, InputError> {
 }
 
 /// One pair, flown as published.
-fn fly_kinematic(flight: &Flight, planner: &planner::Planner, rules: Rules) -> (Flown, Vec<Horizontal>) {
+fn fly_kinematic(flight: &Flight, planner: &AnyPlanner, rules: Rules) -> (Flown, Vec<Horizontal>) {
     let flown = kinematic::fly(&flight.scenario, planner, rules, flight.seed);
     let ratio = |length_m: f64| (flight.reference_length_m > 0.0).then(|| length_m / flight.reference_length_m);
     let tolerance_m = rules.tolerance_m.unwrap_or(flight.scenario.goal_tolerance);
@@ -269,9 +269,9 @@ fn fly_kinematic(flight: &Flight, planner: &planner::Planner, rules: Rules) -> (
     (line, flown.path)
 }
 
-fn planner_of(name: &str, vehicle_radius_m: f64) -> Result<planner::Planner, InputError> {
-    let config = planner::Config::named(name).ok_or_else(|| InputError::new(format!("{name}: no such planner")))?;
-    Ok(planner::Config { vehicle_radius_m: vehicle_radius_m as f32, ..config }.build()?)
+fn planner_of(name: &str, vehicle_radius_m: f64) -> Result<AnyPlanner, InputError> {
+    let config = apf::named(name).ok_or_else(|| InputError::new(format!("{name}: no such planner")))?;
+    Ok(AnyPlanner::build(&planner::Config { vehicle_radius_m: vehicle_radius_m as f32, ..config })?)
 }
 
 /// All flights as published, by the baseline and by the paper's planner.

@@ -8,7 +8,8 @@
 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::mapping::map::CIRCLES_MAX;
-use foxhound_core::planning::planner::{PlanRequest, Planner, Scratch};
+use foxhound_core::planning::apf::AnyPlanner;
+use foxhound_core::planning::planner::{PlanRequest, Scratch};
 use serde::Serialize;
 
 use crate::drive::flight::Ending;
@@ -107,7 +108,7 @@ impl Known<'_> {
 }
 
 /// Flies a scenario.
-pub(super) fn fly(scenario: &Scenario, planner: &Planner, rules: Rules, seed: u64) -> Flown {
+pub(super) fn fly(scenario: &Scenario, planner: &AnyPlanner, rules: Rules, seed: u64) -> Flown {
     let world = scenario.world();
     let goal = world.source;
     let start = Horizontal::from_xy(scenario.start);
@@ -174,13 +175,13 @@ pub(super) fn fly(scenario: &Scenario, planner: &Planner, rules: Rules, seed: u6
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::planning::planner;
+    use foxhound_core::planning::apf;
 
     fn fly_past(obstacles: &str, rules: Rules) -> Flown {
         let text = format!(
             r#"{{"start":[1,5],"goal":[9,5],"bearing":{{"sigma_deg":0}},"goal_tolerance":0.3,"obstacles":{obstacles}}}"#
         );
-        let planner = planner::Config::named("standard").unwrap().build().unwrap();
+        let planner = AnyPlanner::build(&apf::named("standard").unwrap()).unwrap();
         fly(&Scenario::parse(&text).unwrap(), &planner, rules, 1)
     }
 

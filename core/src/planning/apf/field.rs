@@ -1,4 +1,4 @@
-//! Artificial potential fields: attraction to the target, repulsion from circles.
+//! Artificial potential fields of the main paper and of the variants paper.
 //!
 //! A field is its [`Law`] and its [`Gains`]. All laws share the attraction (main paper, eq. 33; variants paper, eq. 1-2)
 //!
@@ -32,31 +32,13 @@
 //! Inside a circle, and closer than a centimetre to it, the force of all but `virtual_force` stays what it is there, and
 //! the potential goes on linearly: both are finite everywhere. At the very centre an obstacle does not repel.
 //!
-//! Our planner adds a swirl: a share of the repulsion, turned by a right angle, which carries the vehicle round what
-//! stands exactly in its way. It has no potential.
+//! The swirl that our planner adds has no potential.
 
-use crate::base::error::{ConfigError, check};
-use crate::base::math::inverse_root;
+use super::law::Repels as _;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
-
-mod law;
-pub use law::{Exponent, Kind, Law};
-
-/// The parameters that the planner samples (eq. 38-40), and the swirl.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Gains {
-    /// Attraction constant.
-    pub k_att: f32,
-    /// Repulsion constant.
-    pub k_rep: f32,
-    /// Influence range of an obstacle's boundary, `d_0`.
-    pub influence_m: f32,
-    /// Share of the repulsion that acts sideways; positive turns clockwise (leaves the obstacle to the right).
-    pub swirl: f32,
-}
+use crate::planning::field::{self, ForceField, Gains, Pole, Pull, repulsion};
+use crate::planning::planner::baseline::{Kind, Law};
 
 /// A potential field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -68,27 +50,11 @@ pub struct Field {
     pub gains: Gains,
 }
 
-/// What the inner loop needs of an obstacle.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Pole {
-    pub(crate) center: Horizontal,
-    pub(crate) reach: f32,
-    /// Square of the distance from the centre up to which it acts.
-    pub(crate) squared_range: f32,
-}
-
-/// The force at a place, and the least clearance of the obstacles that act there or of those before.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Pull {
-    pub(crate) force: Horizontal,
-    pub(crate) clearance: f32,
-}
-
 impl Field {
-    /// The force at a position.
+    /// The field that flies, where it is that one.
     #[must_use]
-    pub fn force(&self, position: Horizontal, target: Horizontal, obstacles: &[Obstacle]) -> Horizontal {
-        self.pull(position, target, obstacles.iter().map(|o| self.pole(o.center_ned_m, o.reach_m)), f32::INFINITY).force
+    pub(super) fn flown(&self) -> Option<field::Field> {
+        (self.law.kind == Kind::Logarithmic).then_some(field::Field { gains: self.gains })
     }
 
     /// The potential at a position, for plots and tests; zero where no obstacle acts at the target.
@@ -105,32 +71,27 @@ impl Field {
         }
         0.5 * self.gains.k_att * error.norm_squared() + repulsion * self.law.fade(error.norm_squared()).0
     }
+}
 
-    pub(crate) fn pole(&self, center: Horizontal, reach: f32) -> Pole {
-        let range = reach + self.gains.influence_m;
-        Pole { center, reach, squared_range: range * range }
+impl ForceField for Field {
+    #[inline(always)]
+    fn gains(&self) -> &Gains {
+        &self.gains
     }
 
-    /// The force, from any selection of the obstacles that holds those within their range, in their order.
     #[inline(always)]
-    pub(crate) fn pull(
+    fn pull(
         &self,
         position: Horizontal,
         target: Horizontal,
         poles: impl Iterator<Item = Pole>,
         clearance: f32,
     ) -> Pull {
-        let to_target = target.minus(position);
-        let attraction = to_target.times(self.gains.k_att);
-        let (law, gains) = (&self.law, &self.gains);
-        let swirled =
-            |push: Horizontal| push.plus(Horizontal { north: -push.east, east: push.north }.times(gains.swirl));
-        // The default on its own, for speed.
-        if law.kind == Kind::Logarithmic {
-            let (push, clearance) =
-                repulsion(position, poles, clearance, |distance, _| law::logarithmic(gains, distance));
-            return Pull { force: attraction.plus(swirled(push)), clearance };
+        if let Some(flown) = self.flown() {
+            return flown.pull(position, target, poles, clearance);
         }
+        let (law, gains) = (&self.law, &self.gains);
+        let to_target = target.minus(position);
         let mut shares = 0.0;
         let (push, clearance) = repulsion(position, poles, clearance, |distance, norm| {
             let (strength, share) = law.strength(gains, distance, norm);
@@ -138,38 +99,14 @@ impl Field {
             strength
         });
         let (push, aside) = law.complete(gains, push, shares, to_target);
-        Pull { force: attraction.plus(swirled(push)).plus(aside), clearance }
+        Pull { force: gains.attraction(to_target).plus(gains.swirled(push)).plus(aside), clearance }
     }
-}
-
-/// Sum of what acts along the lines from the obstacles, and the least clearance.
-#[inline(always)]
-fn repulsion(
-    position: Horizontal,
-    poles: impl Iterator<Item = Pole>,
-    mut clearance: f32,
-    mut strength: impl FnMut(f32, f32) -> f32,
-) -> (Horizontal, f32) {
-    let mut push = Horizontal::default();
-    for pole in poles {
-        let away = position.minus(pole.center);
-        let squared = away.norm_squared();
-        if squared < pole.squared_range {
-            let inverse = inverse_root(squared);
-            let norm = squared * inverse;
-            let distance = norm - pole.reach;
-            if distance < clearance {
-                clearance = distance;
-            }
-            push = push.plus(away.times(strength(distance, norm) * inverse));
-        }
-    }
-    (push, clearance)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planning::planner::baseline::Exponent;
 
     const TARGET: Horizontal = Horizontal { north: 2.0, east: -1.0 };
 
@@ -306,16 +243,6 @@ mod tests {
         assert!((east(Kind::Logarithmic, 1.0) - (3.0 + 2.0 / 0.4)).abs() < 1e-4);
         assert!((east(Kind::InverseDistance, 1.0) - (3.0 + 2.0 / 0.16)).abs() < 1e-4);
         assert_eq!(east(Kind::Logarithmic, 0.39), 3.0);
-    }
-
-    #[test]
-    fn the_swirl_turns_the_repulsion_by_a_right_angle_clockwise() {
-        let gains = Gains { k_att: 0.0, k_rep: 1.0, influence_m: 1.0, swirl: 0.5 };
-        let field = Field { law: Law::default(), gains };
-        // Repelled to the north: clockwise of that is east.
-        let north = Horizontal { north: 1.0, east: 0.0 };
-        let force = field.force(north, north, &[obstacle(0.0, 0.0, 0.5)]);
-        assert!((force.north - 2.0).abs() < 1e-5 && (force.east - 1.0).abs() < 1e-5, "{force:?}");
     }
 
     #[test]

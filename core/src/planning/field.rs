@@ -1,0 +1,206 @@
+//! The artificial potential field that the planner's samples follow: attraction to the target, repulsion from circles.
+//!
+//! After the main paper (eq. 33, 35 and 36),
+//!
+//! `F = -k_att (x - x_d) + sum k / d n`
+//!
+//! over the obstacles within the influence range `d_0`. There `d` is the distance between the boundaries of vehicle and
+//! obstacle, and `n` the unit vector away from the obstacle. Inside a circle, and closer than a centimetre to it, the force
+//! stays what it is there: it is finite everywhere. At the very centre an obstacle does not repel.
+//!
+//! Our planner adds a swirl: a share of the repulsion, turned by a right angle, which carries the vehicle round what
+//! stands exactly in its way.
+//!
+//! Other fields may stand in its place ([`ForceField`]): those of the variants paper, and the potentials of all of them, are in
+//! [`crate::planning::apf`].
+
+use crate::base::math::inverse_root;
+use crate::base::ned::Horizontal;
+use crate::base::obstacle::Obstacle;
+
+/// Distance below which a repulsion stops growing.
+pub const DISTANCE_MIN_M: f32 = 0.01;
+
+/// The parameters that the planner samples (eq. 38-40), and the swirl.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Gains {
+    /// Attraction constant.
+    pub k_att: f32,
+    /// Repulsion constant.
+    pub k_rep: f32,
+    /// Influence range of an obstacle's boundary, `d_0`.
+    pub influence_m: f32,
+    /// Share of the repulsion that acts sideways; positive turns clockwise (leaves the obstacle to the right).
+    pub swirl: f32,
+}
+
+/// The main paper's field, with a swirl.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Field {
+    /// How strong it is.
+    pub gains: Gains,
+}
+
+/// What the inner loop needs of an obstacle.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pole {
+    /// Where it is.
+    pub center: Horizontal,
+    /// How close its boundary lets the vehicle's centre come.
+    pub reach: f32,
+    /// Square of the distance from the centre up to which it acts.
+    pub squared_range: f32,
+}
+
+/// The force at a place, and the least clearance of the obstacles that act there or of those before.
+#[derive(Clone, Copy, Debug)]
+pub struct Pull {
+    /// The force.
+    pub force: Horizontal,
+    /// The clearance.
+    pub clearance: f32,
+}
+
+/// What a trajectory can follow.
+pub trait ForceField {
+    /// How strong it is.
+    fn gains(&self) -> &Gains;
+
+    /// The force, from any selection of the obstacles that holds those within their range, in their order.
+    fn pull(&self, position: Horizontal, target: Horizontal, poles: impl Iterator<Item = Pole>, clearance: f32)
+    -> Pull;
+
+    /// An obstacle, and how far it acts.
+    #[inline(always)]
+    fn pole(&self, center: Horizontal, reach: f32) -> Pole {
+        let range = reach + self.gains().influence_m;
+        Pole { center, reach, squared_range: range * range }
+    }
+
+    /// The force at a position.
+    #[must_use]
+    fn force(&self, position: Horizontal, target: Horizontal, obstacles: &[Obstacle]) -> Horizontal {
+        self.pull(position, target, obstacles.iter().map(|o| self.pole(o.center_ned_m, o.reach_m)), f32::INFINITY).force
+    }
+}
+
+impl Gains {
+    /// What pulls towards the target (eq. 33).
+    #[must_use]
+    #[inline(always)]
+    pub fn attraction(&self, to_target: Horizontal) -> Horizontal {
+        to_target.times(self.k_att)
+    }
+
+    /// A push with the swirl's share of it.
+    #[must_use]
+    #[inline(always)]
+    pub fn swirled(&self, push: Horizontal) -> Horizontal {
+        push.plus(Horizontal { north: -push.east, east: push.north }.times(self.swirl))
+    }
+
+    /// The force of eq. 36 along the line from an obstacle.
+    #[must_use]
+    #[inline(always)]
+    pub fn logarithmic(&self, distance: f32) -> f32 {
+        // Without the division where it is not needed, which makes the compiler branch and is faster than to choose.
+        if distance > DISTANCE_MIN_M { self.k_rep / distance } else { self.k_rep * (1.0 / DISTANCE_MIN_M) }
+    }
+}
+
+impl ForceField for Field {
+    #[inline(always)]
+    fn gains(&self) -> &Gains {
+        &self.gains
+    }
+
+    #[inline(always)]
+    fn pull(
+        &self,
+        position: Horizontal,
+        target: Horizontal,
+        poles: impl Iterator<Item = Pole>,
+        clearance: f32,
+    ) -> Pull {
+        let gains = &self.gains;
+        let attraction = gains.attraction(target.minus(position));
+        let (push, clearance) = repulsion(position, poles, clearance, |distance, _| gains.logarithmic(distance));
+        Pull { force: attraction.plus(gains.swirled(push)), clearance }
+    }
+}
+
+/// Sum of what acts along the lines from the obstacles, and the least clearance.
+#[inline(always)]
+pub fn repulsion(
+    position: Horizontal,
+    poles: impl Iterator<Item = Pole>,
+    mut clearance: f32,
+    mut strength: impl FnMut(f32, f32) -> f32,
+) -> (Horizontal, f32) {
+    let mut push = Horizontal::default();
+    for pole in poles {
+        let away = position.minus(pole.center);
+        let squared = away.norm_squared();
+        if squared < pole.squared_range {
+            let inverse = inverse_root(squared);
+            let norm = squared * inverse;
+            let distance = norm - pole.reach;
+            if distance < clearance {
+                clearance = distance;
+            }
+            push = push.plus(away.times(strength(distance, norm) * inverse));
+        }
+    }
+    (push, clearance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TARGET: Horizontal = Horizontal { north: 2.0, east: -1.0 };
+
+    fn obstacle(north: f32, east: f32, reach_m: f32) -> Obstacle {
+        Obstacle { center_ned_m: Horizontal { north, east }, reach_m, ..Obstacle::default() }
+    }
+
+    #[test]
+    fn the_swirl_turns_the_repulsion_by_a_right_angle_clockwise() {
+        let gains = Gains { k_att: 0.0, k_rep: 1.0, influence_m: 1.0, swirl: 0.5 };
+        let field = Field { gains };
+        // Repelled to the north: clockwise of that is east.
+        let north = Horizontal { north: 1.0, east: 0.0 };
+        let force = field.force(north, north, &[obstacle(0.0, 0.0, 0.5)]);
+        assert!((force.north - 2.0).abs() < 1e-5 && (force.east - 1.0).abs() < 1e-5, "{force:?}");
+    }
+
+    #[test]
+    fn the_force_of_the_main_paper_is_what_is_printed() {
+        let gains = Gains { k_att: 3.0, k_rep: 2.0, influence_m: 1.0, swirl: 0.0 };
+        let position = Horizontal { north: 0.0, east: 1.0 };
+        let east = |influence_m| {
+            let field = Field { gains: Gains { influence_m, ..gains } };
+            field.force(position, Horizontal { north: 0.0, east: 2.0 }, &[obstacle(0.0, 0.0, 0.6)]).east
+        };
+        assert!((east(1.0) - (3.0 + 2.0 / 0.4)).abs() < 1e-4);
+        assert_eq!(east(0.39), 3.0);
+    }
+
+    #[test]
+    fn inside_an_obstacle_and_at_its_centre_and_at_the_target_the_force_is_finite() {
+        let pillar = obstacle(0.0, 0.0, 0.5);
+        let field = Field { gains: Gains { k_att: 1.3, k_rep: 0.2, influence_m: 0.8, swirl: 0.3 } };
+        for east in [0.0, 1e-38, 1e-22, 1e-20, 1e-12, 1e-6, 0.2, 0.499_999, 0.5, 0.5001] {
+            let at = Horizontal { north: 0.0, east };
+            for target in [TARGET, at, Horizontal::default()] {
+                let force = field.force(at, target, &[pillar]);
+                assert!(force.is_finite(), "at {east}: {force:?}");
+            }
+        }
+        let inside = Horizontal { north: 0.0, east: 0.2 };
+        assert!(field.force(inside, inside, &[pillar]).east > 0.0);
+    }
+}
