@@ -130,7 +130,7 @@ fn a_source_whose_place_is_known_is_flown_to_straight_whatever_the_bearings_say(
 fn every_planner_flies_by_its_name_and_another_name_is_refused_with_the_list() {
     let open_field = root().join("tests/scenarios/open_field.json").to_string_lossy().into_owned();
     let mut hashes = std::collections::BTreeSet::new();
-    for name in foxhound_core::planning::apf::NAMES {
+    for name in foxhound_papers::apf::NAMES {
         let (code, report) = fly(&["--planner", name, "--scenario", &open_field]);
         assert_eq!((code, report["result"].as_str()), (0, Some("reached")), "{name}: {report}");
         let forest = fly(&["--planner", name]).1;
@@ -139,7 +139,7 @@ fn every_planner_flies_by_its_name_and_another_name_is_refused_with_the_list() {
     }
     // Sun's factor to the power of zero is Khatib's field, and Rizqi's is another only in its core, where the guard does not
     // let the vehicle go.
-    assert_eq!(hashes.len(), foxhound_core::planning::apf::NAMES.len() - 2);
+    assert_eq!(hashes.len(), foxhound_papers::apf::NAMES.len() - 2);
     let output = foxhound_tests::run(&["fly", "--planner", "astar"]);
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && error.contains("virtual_force"), "{error}");

@@ -9,6 +9,7 @@
 extern crate std;
 
 pub mod aoa;
+pub mod apf;
 pub mod filters;
 pub mod mixture;
 pub mod multipath;

@@ -1,11 +1,11 @@
 //! The papers' systems beside the core's own, for a flight.
 
 use crate::aoa::{self, AnyEstimator};
+use crate::apf::{self, AnyPlanner};
 use foxhound_core::base::error::ConfigError;
 use foxhound_core::doa::bearing::{Bearing, Finder};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{Config, Guidance};
-use foxhound_core::planning::apf::{self, AnyPlanner};
 use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
 use foxhound_core::signal::phase::Phasors;
 

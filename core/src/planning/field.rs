@@ -12,7 +12,7 @@
 //! stands exactly in its way.
 //!
 //! Other fields may stand in its place ([`ForceField`]): those of the variants paper, and the potentials of all of them, are in
-//! [`crate::planning::apf`].
+//! the crate `foxhound-papers`.
 
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;

@@ -1,7 +1,6 @@
 //! A trajectory from what is believed of the source and what is in the way, and where to look when nothing is heard. It may
 //! import `base`, `mapping` and `localize`.
 
-pub mod apf;
 pub mod belief;
 pub mod explore;
 pub mod field;

@@ -2,8 +2,8 @@
 //!
 //! The main paper descends the gradient for 15 steps (section IV) and leaves the step open. What flies
 //! is one force evaluation and 2 m / 15 of path in its direction ([`Waypoint`]), which is what its budget allows (two metres of
-//! target distance in fifteen waypoints); other readings are in [`crate::planning::apf`]. Cost by eq. 41-45: length, error at the end, turns,
-//! proximity.
+//! target distance in fifteen waypoints); other readings are in the crate `foxhound-papers`. Cost by
+//! eq. 41-45: length, error at the end, turns, proximity.
 //!
 //! [`Scene::roll`] does both at once and is the one to use: it looks only at obstacles that the next few steps can come into
 //! the range of, and takes the proximity from the distances that the force needs anyway. That leaves out nothing: its

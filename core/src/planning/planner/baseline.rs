@@ -1,5 +1,5 @@
 //! What a configuration may name of the papers' planners, so that one configuration says all of a flight. What they do is in
-//! [`crate::planning::apf`].
+//! the crate `foxhound-papers`.
 
 /// The laws of repulsion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 //! The main paper's method (section III-B, Algorithm 2): draw ten sets of field parameters (eq. 38-40), follow each field,
 //! cost each trajectory (eq. 41-45), weigh them by `w = exp(-S / lambda)` (eq. 46), average their offsets from the initial
 //! trajectory (eq. 47) and follow the sampled trajectory nearest to that average. Three kinds, of which
-//! the first two are in [`crate::planning::apf`]:
+//! the first two are in the crate `foxhound-papers`:
 //!
 //! - [`Kind::Paper`], to the letter, with eq. 47's `|T_j - T_init|` read as the signed offset point by point (a distance
 //!   cannot be added to a point);

@@ -113,7 +113,7 @@ mod tests {
         assert!(refused(r#"{"bearing":{"snr_db":20,"only":false}}"#).contains("bearing.only"));
         assert!(refused(r#"{"bearing":{"snr_db":20},"faults":{"clock_back_s":4}}"#).contains("faults.clock_back_s"));
         let mut paper = mission(None);
-        paper.planner = foxhound_core::planning::apf::named("paper").unwrap();
+        paper.planner = foxhound_papers::apf::named("paper").unwrap();
         assert!(needs(&mut paper).unwrap_err().contains("--planner"));
     }
 }

@@ -219,7 +219,7 @@ mod tests {
         assert_eq!(of(&suite, &part, 1, planner, estimator), base);
         let larger = Suite { drone_radius: 0.2, ..suite.clone() };
         let fewer = Selection { pairs: Some(1), ..selection.clone() };
-        let paper = foxhound_core::planning::apf::named("paper").unwrap();
+        let paper = foxhound_papers::apf::named("paper").unwrap();
         let others = [
             of(&larger, &selection, 1, planner, estimator),
             of(&suite, &fewer, 1, planner, estimator),

@@ -7,10 +7,10 @@ use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
 use foxhound_core::landing::pad::{Detector, Seen};
-use foxhound_core::planning::apf::{self, NAMES};
 use foxhound_core::planning::field;
 use foxhound_core::planning::planner::{self, SAMPLES, Scratch, Verdict};
 use foxhound_core::planning::rollout::Trajectory;
+use foxhound_papers::apf::{self, NAMES};
 use serde_json::Value;
 
 use super::record::{

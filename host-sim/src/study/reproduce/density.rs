@@ -15,8 +15,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::doa::bearing::Estimator;
-use foxhound_core::planning::apf::{self, AnyPlanner, Field};
 use foxhound_core::planning::planner::{self, Kind};
+use foxhound_papers::apf::{self, AnyPlanner, Field};
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 

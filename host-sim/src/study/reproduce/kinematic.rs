@@ -8,8 +8,8 @@
 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::mapping::map::CIRCLES_MAX;
-use foxhound_core::planning::apf::AnyPlanner;
 use foxhound_core::planning::planner::{PlanRequest, Scratch};
+use foxhound_papers::apf::AnyPlanner;
 use serde::Serialize;
 
 use crate::drive::flight::Ending;
@@ -175,7 +175,7 @@ pub(super) fn fly(scenario: &Scenario, planner: &AnyPlanner, rules: Rules, seed:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::planning::apf;
+    use foxhound_papers::apf;
 
     fn fly_past(obstacles: &str, rules: Rules) -> Flown {
         let text = format!(

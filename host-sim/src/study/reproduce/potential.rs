@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use foxhound_core::base::obstacle::Obstacle;
-use foxhound_core::planning::apf::Field;
+use foxhound_papers::apf::Field;
 use plotters::coord::Shift;
 use plotters::prelude::{
     ChartBuilder, Circle, DrawingArea, DrawingBackend, IntoFont as _, PathElement, Polygon, RGBColor, Rectangle,

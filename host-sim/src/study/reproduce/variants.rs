@@ -1,7 +1,7 @@
 //! `apf-variants`: four potential fields in four scenes with local minima, as the variants paper compares them on a
 //! quadrotor (its fig. 2 to 5 and Table I).
 //!
-//! The forces are [`foxhound_core::planning::apf::field`]'s, to the letter. The paper gives the force to a controller as a
+//! The forces are [`foxhound_papers::apf::field`]'s, to the letter. The paper gives the force to a controller as a
 //! set-point and prints neither gains nor limits; here a point flows along the force, `dx/dt = F`, with `k_a = 1`, which
 //! makes the times comparable (21 m to within 5 cm take 6.05 s without an obstacle, the paper's fields take 3 to 13 s). Its
 //! obstacles are points; a hull of the default radius that reaches one has collided. The dynamic obstacle's speed is not
@@ -16,9 +16,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use foxhound_core::base::obstacle::Obstacle;
-use foxhound_core::planning::apf::Field;
 use foxhound_core::planning::field::{ForceField as _, Gains};
 use foxhound_core::planning::planner::baseline::{Kind, Law};
+use foxhound_papers::apf::Field;
 use serde::Serialize;
 
 use super::potential::{Scene as Pictured, draw_heat, draw_surface};

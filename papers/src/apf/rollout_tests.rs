@@ -1,9 +1,9 @@
 //! Rollouts in every field and in every reading, against the ones that leave nothing out.
 
 use super::*;
-use crate::planning::field::ForceField as _;
-use crate::planning::planner::baseline::Kind;
-use crate::planning::rollout::{cost, roll_plainly};
+use foxhound_core::planning::field::ForceField as _;
+use foxhound_core::planning::planner::baseline::Kind;
+use foxhound_core::planning::rollout::{cost, roll_plainly};
 use std::vec::Vec as StdVec;
 
 const GAINS: Gains = Gains { k_att: 1.0, k_rep: 0.2, influence_m: 0.8, swirl: 0.0 };

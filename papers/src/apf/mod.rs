@@ -9,15 +9,15 @@
 //! built: the request brings it. When it comes within range of a goal whose place is known, or would lie behind it, it
 //! becomes the goal.
 
-use crate::base::error::{ConfigError, Why};
-use crate::base::ned::Horizontal;
-use crate::base::obstacle::Obstacle;
-use crate::base::rng::Rng;
-use crate::planning::field::Gains;
-use crate::planning::planner::baseline::{self, Exponent, Law, Offsets, Reading};
-use crate::planning::planner::sampling::{average, draw, nearest};
-use crate::planning::planner::{Config, Kind, Plan, PlanRequest, Planner, SAMPLES, Scratch, Verdict};
-use crate::planning::rollout::{Cost, SPACING_M, Scene, Stride, Trajectory, WAYPOINTS, Waypoint};
+use foxhound_core::base::error::{ConfigError, Why};
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::obstacle::Obstacle;
+use foxhound_core::base::rng::Rng;
+use foxhound_core::planning::field::Gains;
+use foxhound_core::planning::planner::baseline::{self, Exponent, Law, Offsets, Reading};
+use foxhound_core::planning::planner::sampling::{average, draw, nearest};
+use foxhound_core::planning::planner::{Config, Kind, Plan, PlanRequest, Planner, SAMPLES, Scratch, Verdict};
+use foxhound_core::planning::rollout::{Cost, SPACING_M, Scene, Stride, Trajectory, WAYPOINTS, Waypoint};
 
 pub mod field;
 mod law;
@@ -256,8 +256,8 @@ mod rollout_tests;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::obstacle::Circle;
-    use crate::planning::explore;
+    use foxhound_core::base::obstacle::Circle;
+    use foxhound_core::planning::explore;
     use std::vec::Vec as StdVec;
 
     fn request(seed: u64) -> PlanRequest {
@@ -355,8 +355,13 @@ mod tests {
             let obstacles: StdVec<Obstacle> = scratch.scene.obstacles().collect();
             let field = Field { law: config.law, gains: config.gains };
             let (start, target) = (request.start_ned_m, request.target_ned_m);
-            let plain =
-                crate::planning::rollout::roll_plainly(&field, Steps(config.reading), start, target, &obstacles);
+            let plain = foxhound_core::planning::rollout::roll_plainly(
+                &field,
+                Steps(config.reading),
+                start,
+                target,
+                &obstacles,
+            );
             assert_eq!(plan.waypoints_ned_m, plain, "{name}");
         }
     }

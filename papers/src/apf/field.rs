@@ -35,10 +35,10 @@
 //! The swirl that our planner adds has no potential.
 
 use super::law::Repels as _;
-use crate::base::ned::Horizontal;
-use crate::base::obstacle::Obstacle;
-use crate::planning::field::{self, ForceField, Gains, Pole, Pull, repulsion};
-use crate::planning::planner::baseline::{Kind, Law};
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::obstacle::Obstacle;
+use foxhound_core::planning::field::{self, ForceField, Gains, Pole, Pull, repulsion};
+use foxhound_core::planning::planner::baseline::{Kind, Law};
 
 /// A potential field.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -106,7 +106,7 @@ impl ForceField for Field {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planning::planner::baseline::Exponent;
+    use foxhound_core::planning::planner::baseline::Exponent;
 
     const TARGET: Horizontal = Horizontal { north: 2.0, east: -1.0 };
 

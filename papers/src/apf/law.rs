@@ -1,10 +1,10 @@
 //! How the fields repel: equations in the documentation of [`super::field`].
 
-use crate::base::error::{ConfigError, check};
-use crate::base::math::sqrt;
-use crate::base::ned::Horizontal;
-use crate::planning::field::{DISTANCE_MIN_M, Gains};
-use crate::planning::planner::baseline::{Exponent, Kind, Law};
+use foxhound_core::base::error::{ConfigError, check};
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::planning::field::{DISTANCE_MIN_M, Gains};
+use foxhound_core::planning::planner::baseline::{Exponent, Kind, Law};
 
 /// What a law does.
 pub(super) trait Repels {
