@@ -26,6 +26,7 @@ pub fn wrap_pi(angle_rad: f32) -> f32 {
 }
 
 /// The nearest whole number, halves away from zero: `libm::roundf` for `|x| < 2^23`, in a quarter of its instructions.
+#[inline(always)]
 fn nearest(x: f32) -> i32 {
     // The largest number below a half: with a half, what is just below one would be rounded twice.
     const BELOW_HALF: f32 = 0.5 - 0.25 * f32::EPSILON;
@@ -39,6 +40,13 @@ fn nearest(x: f32) -> i32 {
 /// single-precision functions.
 #[must_use]
 pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
+    sin_cos_inlined(angle_rad)
+}
+
+/// [`sin_cos`] without a call, for the innermost loops of another crate.
+#[must_use]
+#[inline(always)]
+pub fn sin_cos_inlined(angle_rad: f32) -> (f32, f32) {
     let index = nearest(angle_rad * FRAC_2_PI);
     let quadrant = index as f32;
     // pi/2 in three parts, so that the products are exact for the quadrants that matter. Adding zero makes zero of minus

@@ -99,10 +99,10 @@ impl Lines {
     /// The walls among points in any order, the longest first. Points that are no numbers, or absurd, are not looked at.
     pub fn find(&self, scratch: &mut Scratch, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
         let Scratch { lor, mixture, owners } = scratch;
-        self.lines.find_among(lor, points_ned_m, |points, propose| {
+        self.lines.find_among(lor, points_ned_m, |points, proposals| {
             mixture.cluster(&self.prior, points, owners);
             for component in &mixture.components {
-                propose(&component.moments);
+                proposals.add(&component.moments);
             }
         })
     }

@@ -5,7 +5,7 @@ use heapless::{Deque, Vec};
 use super::matrix::{Symmetric, Vector, at_least, dot, plus, scaled};
 use super::solver::Solver;
 use super::{Kept, LOOKS};
-use foxhound_core::base::units::sin_cos;
+use foxhound_core::base::units::sin_cos_inlined as sin_cos;
 
 /// Looks whose yaw is this close to each other share a covariance.
 const SAME_YAW_RAD: f32 = 1.0 / 57.295_78;

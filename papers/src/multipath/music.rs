@@ -5,7 +5,7 @@ use super::matrix::{Symmetric, Vector, dot, plus, scaled};
 use super::solver::Solver;
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::sort::sort_by_key;
-use foxhound_core::base::units::sin_cos;
+use foxhound_core::base::units::sin_cos_inlined as sin_cos;
 
 /// Rounds of Jacobi rotations: the off-diagonal is below rounding after four.
 const SWEEPS: u8 = 4;

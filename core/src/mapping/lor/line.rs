@@ -42,6 +42,7 @@ impl Line {
 
     /// Whether its normal is a unit vector and its offset a number that is not absurd.
     #[must_use]
+    #[inline]
     pub fn is_valid(&self) -> bool {
         let norm2 = self.normal_ned.norm_squared();
         norm2 > 0.999 && norm2 < 1.001 && libm::fabsf(self.offset_m) < 1e6
@@ -62,18 +63,21 @@ impl Line {
 
     /// Signed distance of a point from the line, positive on the side of the normal.
     #[must_use]
+    #[inline]
     pub fn distance_m(&self, point_ned_m: Horizontal) -> f32 {
         self.normal_ned.dot(point_ned_m) - self.offset_m
     }
 
     /// The mirror image of a point.
     #[must_use]
+    #[inline]
     pub fn mirror(&self, point_ned_m: Horizontal) -> Horizontal {
         point_ned_m.minus(self.normal_ned.times(2.0 * self.distance_m(point_ned_m)))
     }
 
     /// The mirror image of a direction.
     #[must_use]
+    #[inline]
     pub fn mirror_direction(&self, direction_ned: Horizontal) -> Horizontal {
         direction_ned.minus(self.normal_ned.times(2.0 * self.normal_ned.dot(direction_ned)))
     }

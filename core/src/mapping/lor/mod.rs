@@ -125,6 +125,25 @@ impl Scratch {
     }
 }
 
+/// Lines that may be walls.
+#[derive(Debug)]
+pub struct Proposals<'a> {
+    thickness_max: f32,
+    lines: &'a mut Vec<Line, PROPOSED_MAX>,
+}
+
+impl Proposals<'_> {
+    /// Proposes the line of a cluster, by its moments.
+    pub fn add(&mut self, moments: &Moments) {
+        let Some(spread) = moments.spread() else { return };
+        // Twice as thick as a wall may be: strays may yet leave.
+        let thickest = 2.0 * self.thickness_max;
+        if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
+            let _ = self.lines.push(spread.line_through(moments.mean_ned_m));
+        }
+    }
+}
+
 /// Rounds of points going to lines and lines being fitted to them: strays leave, and what a stray kept away comes.
 const ROUNDS: u8 = 4;
 /// In place of a proposed line: none.
@@ -138,9 +157,9 @@ impl Lines {
     pub fn find(&self, scratch: &mut Scratch, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
         let config = &self.config;
         let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m: self.joined_m() };
-        self.find_among(scratch, points_ned_m, |points, propose| {
+        self.find_among(scratch, points_ned_m, |points, proposals| {
             for piece in &split_merge::pieces(&limits, points) {
-                propose(&piece.moments);
+                proposals.add(&piece.moments);
             }
         })
     }
@@ -157,7 +176,7 @@ impl Lines {
         &self,
         scratch: &mut Scratch,
         points_ned_m: &[Horizontal],
-        cluster: impl FnOnce(&[Horizontal], &mut dyn FnMut(&Moments)),
+        cluster: impl FnOnce(&[Horizontal], &mut Proposals<'_>),
     ) -> Vec<Line, LINES_MAX> {
         let usable =
             |point: &&Horizontal| libm::fabsf(point.north) <= PLACE_MAX_M && libm::fabsf(point.east) <= PLACE_MAX_M;
@@ -167,7 +186,17 @@ impl Lines {
         for point in points_ned_m.iter().filter(usable).take(POINTS_MAX) {
             let _ = scratch.points.push(point.minus(origin));
         }
-        self.propose(scratch, cluster);
+        scratch.proposed.clear();
+        cluster(
+            &scratch.points,
+            &mut Proposals { thickness_max: self.config.thickness_max, lines: &mut scratch.proposed },
+        );
+        self.walls(scratch, origin)
+    }
+
+    /// The walls among the points that are relative to an origin, from the proposed lines.
+    #[inline(never)]
+    fn walls(&self, scratch: &mut Scratch, origin: Horizontal) -> Vec<Line, LINES_MAX> {
         scratch.owners = [UNASKED; POINTS_MAX];
         let mut found: Vec<Fit, PROPOSED_MAX> = Vec::new();
         for round in 1..=ROUNDS {
@@ -198,20 +227,6 @@ impl Lines {
             });
         }
         lines
-    }
-
-    /// Lines that may be walls.
-    fn propose(&self, scratch: &mut Scratch, cluster: impl FnOnce(&[Horizontal], &mut dyn FnMut(&Moments))) {
-        let Scratch { points, proposed, .. } = scratch;
-        proposed.clear();
-        cluster(points, &mut |moments| {
-            let Some(spread) = moments.spread() else { return };
-            // Twice as thick as a wall may be: strays may yet leave.
-            let thickest = 2.0 * self.config.thickness_max;
-            if moments.count > 1.5 && spread.across_m2 <= thickest * thickest * spread.along_m2 {
-                let _ = proposed.push(spread.line_through(moments.mean_ned_m));
-            }
-        });
     }
 
     /// Gives every point to the nearest proposed line that it may be part of. Whether that changed anything.

@@ -46,7 +46,10 @@ impl Known<1> {
     /// Where the ray meets no line; the state is as it was.
     #[inline(never)]
     pub fn step_moving(&self, state: &mut polar::Moving, sighting: &Sighting) -> Result<Heard, Degenerate> {
-        self.step(state, sighting)
+        if !sighting.is_plausible() {
+            return Ok(Heard::Refused);
+        }
+        Ok(self.filter.step_moving(state, &fold(&self.lines, sighting)?))
     }
 }
 
