@@ -85,6 +85,18 @@ fn no_image_holds_an_allocator_and_the_product_writes_no_floats() {
 }
 
 #[test]
+#[ignore = "needs both images: cargo xtask test"]
+fn the_twin_holds_the_systems_of_the_papers_and_the_product_none() {
+    let count = |variable: &str| {
+        let data = std::fs::read(std::env::var(variable).unwrap()).unwrap();
+        let file = object::File::parse(&*data).unwrap();
+        file.symbols().filter(|symbol| symbol.name().is_ok_and(|name| name.contains("foxhound_papers"))).count()
+    };
+    assert_eq!(count("FOXHOUND_G474_ELF"), 0);
+    assert!(count("FOXHOUND_QEMU_ELF") > 0);
+}
+
+#[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn without_a_doorbell_the_image_beats_once_a_second_and_sends_no_motion() {
     // QEMU alone, as a stranger would start it: UART0 into a file, no shared memory, no doorbell.

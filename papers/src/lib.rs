@@ -3,6 +3,31 @@
 //! The systems of the published papers that Foxhound is built on, as printed and repaired, where the vehicle does not fly
 //! them. The simulator, the benchmark and the twin of the firmware in QEMU compare them with what flies, which is in
 //! [`foxhound_core`]; the image for the vehicle links none of them. Like the core this crate has no heap, no clock and no IO.
+//!
+//! | paper | module | as printed | repaired | command |
+//! |---|---|---|---|---|
+//! | main paper | [`aoa`] | Algorithm 1 with its half-plane rule; the pair, the crossings of two, three and more antennas | the half-plane by magnitudes, and by cross-correlation | `foxhound reproduce aoa-circle`, `aoa-crb`; `--estimator` |
+//! | main paper | [`apf`] | Algorithm 2; eq. 47 as a distance; the plain field; descent by the gradient | eq. 47 as a signed offset; steps of a fixed length, whole or in quarters | `foxhound reproduce apf-density`; `--planner` |
+//! | variants paper | [`apf`] | Khatib's, Rizqi's and Sun's fields and the virtual force | signs, directions and powers where forces and potentials contradict each other | `foxhound reproduce apf-variants` |
+//! | mmWave paper | [`filters`] | the Cartesian filter, and both filters behind a wall | the polar filter behind walls that are known, or not quite | `foxhound reproduce localize` |
+//! | mmWave paper | [`mixture`] | walls from a Dirichlet-process mixture of Gaussians | | none: its tests compare it with scikit-learn |
+//! | rotating vehicle's paper | [`rotating`] | the lemmas about outliers | the sharp bound of the second one | `foxhound reproduce stretch` |
+//! | none: ours | [`multipath`] | MUSIC over several looks | two paths by maximum likelihood | `foxhound bearing --looks` |
+//!
+//! What else the papers have flies, or is shared with what flies, and is in the core: the potential field and the draws of the
+//! main paper (`planning`), the belief planner of the mmWave paper (`planning::belief`), the antenna that turns (`doa::rss`).
+//!
+//! A flight is flown with [`AllSystems`] in place of the core's own systems; the configuration then names any of them.
+//!
+//! ## Sources
+//!
+//! - *Main paper*: S. M. Mulla, A. Kanakapudi, L. Narasimhan, A. Tiwari, "RF-source Seeking with Obstacle Avoidance using
+//!   Real-time Modified Artificial Potential Fields in Unknown Environments", [arXiv 2506.06811](https://arxiv.org/abs/2506.06811).
+//! - *Variants paper*: a comparison of potential fields on a quadrotor in four scenes with local minima.
+//! - *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources".
+//! - *Rotating vehicle's paper*: RF source seeking with a single-wing rotating micro aerial vehicle.
+//!
+//! Numbers of equations are those of the paper that is named.
 #![no_std]
 
 #[cfg(test)]
