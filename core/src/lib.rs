@@ -28,6 +28,62 @@
 //! the same parts in the same order: what it does and after whom, `Config` with defaults in SI units, `build` which checks
 //! it, the immutable stage, its `State` and outputs, `step`, tests.
 //!
+//! ## Three programs
+//!
+//! Every stage is driven alike: a `Config` is checked by `build` and gives the stage, which never changes; what changes is a `State`
+//! of the caller's; time and samples are arguments. `core/examples` has these three at length: samples that become bearings, a path
+//! around pillars, and the whole chain in a loop with a vehicle.
+//!
+//! ```
+//! # use foxhound_core::ConfigError;
+//! use foxhound_core::base::adc::Snapshot;
+//! use foxhound_core::doa::{array, bearing};
+//! use foxhound_core::signal::phase;
+//!
+//! let extractor = phase::Config::default().build::<256>()?;
+//! let finder = bearing::Config::default().build(array::Config::default().build()?)?;
+//! let mut state = phase::State::default();
+//! let phasors = extractor.step(&mut state, &Snapshot::zeroed());
+//! assert!(!finder.find(&phasors).valid, "silence has no bearing");
+//! # Ok::<(), ConfigError>(())
+//! ```
+//!
+//! ```
+//! # use foxhound_core::ConfigError;
+//! use foxhound_core::base::ned::Horizontal;
+//! use foxhound_core::base::obstacle::Circle;
+//! use foxhound_core::planning::planner::{Config, PlanRequest, Scratch, Verdict};
+//!
+//! let planner = Config::default().build()?;
+//! let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
+//! let mut request = PlanRequest { known_source_ned_m, ..PlanRequest::default() };
+//! let center_ned_m = Horizontal { north: 1.0, east: 0.1 };
+//! let pillar = Circle { center_ned_m, radius_m: 0.3, ..Circle::default() };
+//! assert!(request.circles.push(pillar).is_ok());
+//! let plan = planner.plan(&mut Scratch::new(), &request);
+//! assert_eq!(plan.verdict, Verdict::Follow);
+//! # Ok::<(), ConfigError>(())
+//! ```
+//!
+//! ```
+//! # use foxhound_core::ConfigError;
+//! use foxhound_core::base::adc::Snapshot;
+//! use foxhound_core::base::time::Instant;
+//! use foxhound_core::guidance::mission::{Control, Outcome};
+//! use foxhound_core::guidance::{Config, FrontEnd, Input};
+//!
+//! let guidance = Config::default().build::<256>()?;
+//! let mut state = guidance.start();
+//! let frame = Snapshot::zeroed();
+//! let input = Input {
+//!     front_end: FrontEnd::Snapshot(&frame),
+//!     control: Control::NotInControl,
+//!     ..Input::at(Instant(0))
+//! };
+//! assert_eq!(guidance.step(&mut state, &input).outcome, Outcome::NotInControl);
+//! # Ok::<(), ConfigError>(())
+//! ```
+//!
 //! ## Frames and units
 //!
 //! North-east-down and body forward-right-down everywhere; azimuth from the nose, clockwise positive. Metres, metres a

@@ -95,6 +95,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         ("tests, each crate", &["--lib", "--bins"][..]),
         ("tests, whole system", &["--test", "*"]),
         ("tests, documentation", &["--doc"]),
+        ("tests, examples of the core", &["--package", "foxhound-core", "--examples"]),
     ] {
         let mut test = cargo();
         test.arg("test").args(kind).args(["--", "--include-ignored"]);

@@ -137,6 +137,26 @@ pub struct Input<'a, const N: usize> {
     pub plan: Option<&'a Plan>,
 }
 
+impl<const N: usize> Input<'_, N> {
+    /// A step in which nothing was heard from anyone.
+    #[must_use]
+    pub const fn at(now: Instant) -> Self {
+        Self {
+            now,
+            front_end: FrontEnd::Nothing,
+            ownship: None,
+            scan: None,
+            points: None,
+            circles: None,
+            look: None,
+            height_m: None,
+            is_landed: false,
+            control: Control::LinkLost,
+            plan: None,
+        }
+    }
+}
+
 /// What one step came to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

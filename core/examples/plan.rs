@@ -1,0 +1,34 @@
+//! A path around obstacles: `cargo run --package foxhound-core --example plan`.
+
+use foxhound_core::ConfigError;
+use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::obstacle::Circle;
+use foxhound_core::planning::planner::{Config, PlanRequest, Scratch, Verdict};
+
+fn main() -> Result<(), ConfigError> {
+    let planner = Config::default().build()?;
+    // 33 KB, reused from plan to plan. Firmware has it in a static.
+    let mut scratch = Box::new(Scratch::new());
+    let source_ned_m = Horizontal { north: 6.0, east: 0.0 };
+    let mut request = PlanRequest {
+        seed: 1,
+        direction_ned: Horizontal { north: 1.0, east: 0.0 },
+        target_ned_m: source_ned_m,
+        known_source_ned_m: Some(source_ned_m),
+        ..PlanRequest::default()
+    };
+    for (north, east, radius_m) in [(1.0, 0.1, 0.3), (2.2, -0.5, 0.25)] {
+        let pillar = Circle { center_ned_m: Horizontal { north, east }, radius_m, ..Circle::default() };
+        assert!(request.circles.push(pillar).is_ok(), "there is room for 128");
+    }
+    let plan = planner.plan(&mut scratch, &request);
+    println!("{:?}, cost {:.3}, gains {:?}", plan.verdict, plan.cost, plan.gains);
+    for place in plan.waypoints_ned_m {
+        println!("  {:6.3} m north {:6.3} m east", place.north, place.east);
+        for pillar in &request.circles {
+            assert!(place.minus(pillar.center_ned_m).norm() > pillar.radius_m + 0.15);
+        }
+    }
+    assert_eq!(plan.verdict, Verdict::Follow);
+    Ok(())
+}
