@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 
 use foxhound_computer::log::frame::Deframer;
 use foxhound_computer::log::{Codes, Record};
+use foxhound_computer::twin::{Fault, Setup};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Estimator;
@@ -16,7 +17,6 @@ use foxhound_core::planning::planner;
 use foxhound_link::CharArray;
 use foxhound_link::dialect::PARAM_SET_DATA;
 use foxhound_link::framer::{FRAME_MAX, Header, encode_data};
-use foxhound_link::mailbox::{Fault, Setup};
 use foxhound_sim::drive::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
 use foxhound_sim::drive::flight::{self, Mission};
 use foxhound_sim::drive::qemu::QemuComputer;

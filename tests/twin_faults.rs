@@ -4,9 +4,9 @@
 use std::path::PathBuf;
 
 use foxhound_computer::deadline;
+use foxhound_computer::twin::{Fault, Setup};
 use foxhound_core::guidance::mission::Behaviour;
 use foxhound_link::dialect::MavMessage;
-use foxhound_link::mailbox::{Fault, Setup};
 use foxhound_sim::autopilot::Start;
 use foxhound_sim::drive::campaign::{self, KINDS, Kind};
 use foxhound_sim::drive::qemu::QemuComputer;

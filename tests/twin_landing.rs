@@ -4,10 +4,10 @@
 
 use std::path::Path;
 
+use foxhound_computer::twin::Setup;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::landing::Stage;
 use foxhound_core::planning::planner;
-use foxhound_link::mailbox::Setup;
 use foxhound_sim::drive::computer::HostComputer;
 use foxhound_sim::drive::flight::{self, Mission};
 use foxhound_sim::drive::qemu::QemuComputer;

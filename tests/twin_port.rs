@@ -9,12 +9,12 @@ use std::process::{Child, Command, Stdio};
 use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant as WallInstant};
 
+use foxhound_computer::twin::Setup;
 use foxhound_core::base::adc::Snapshot;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
-use foxhound_link::mailbox::Setup;
 use foxhound_sim::autopilot::transport::{Address, Line, Listen};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::tools::frames::Recording;

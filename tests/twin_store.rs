@@ -8,12 +8,12 @@ use std::path::Path;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use foxhound_computer::flight::Keeper as _;
 use foxhound_computer::store::{Kept, PAGES, Store};
+use foxhound_computer::twin::{self, Fault, Setup};
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{self, Id, Values};
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_link::dialect::{COMMAND_LONG_DATA, HEARTBEAT_DATA, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA};
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
-use foxhound_link::mailbox::{self, Fault, Setup};
 use foxhound_link::{CharArray, MessageData};
 use foxhound_sim::drive::qemu::{QemuComputer, QemuError};
 use foxhound_tests::qemu_image;
@@ -28,7 +28,7 @@ struct Flash(Vec<u8>);
 impl Flash {
     fn of(computer: &QemuComputer) -> Self {
         let mut bytes = vec![0; BYTES];
-        computer.memory().read_exact_at(&mut bytes, mailbox::STORE_AT as u64).unwrap();
+        computer.memory().read_exact_at(&mut bytes, twin::STORE_AT as u64).unwrap();
         Self(bytes.into_iter().map(|byte| !byte).collect())
     }
 }
@@ -204,7 +204,7 @@ fn the_image_starts_with_anything_in_its_flash() {
         twin.set(param::FH_RADIUS, 0.3);
         twin.tell(&storage(1.0));
         let junk: Vec<u8> = (0..BYTES).map(|at| fill ^ (at as u8).wrapping_mul(fill)).collect();
-        twin.computer.memory().write_all_at(&junk, mailbox::STORE_AT as u64).unwrap();
+        twin.computer.memory().write_all_at(&junk, twin::STORE_AT as u64).unwrap();
         twin.computer.inject(Fault::PowerCut { after_us: 10 });
         while twin.step(&[]).is_ok() {}
         twin.computer.recover(&setup()).unwrap();

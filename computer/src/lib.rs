@@ -19,6 +19,7 @@
 //! | [`tone`] | the test tone of a board that can make one |
 //! | [`restart`] | why the computer has restarted: what is kept over a reset |
 //! | [`store`] | what is kept while the power is off |
+//! | [`twin`] | the memory that the twin in QEMU shares with the simulator: frames in, reports out |
 #![no_std]
 
 #[cfg(test)]
@@ -38,6 +39,7 @@ pub mod selftest;
 pub mod store;
 pub mod timing;
 pub mod tone;
+pub mod twin;
 
 /// Samples of one channel in one snapshot.
 pub const SAMPLES_PER_CHANNEL: usize = 256;

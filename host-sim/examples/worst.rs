@@ -8,9 +8,9 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use foxhound_computer::twin::Setup;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner;
-use foxhound_link::mailbox::Setup;
 use foxhound_sim::drive::flight::{self, Mission};
 use foxhound_sim::drive::qemu::{QemuComputer, Worst};
 use foxhound_sim::scenario::Scenario;

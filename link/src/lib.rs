@@ -49,7 +49,6 @@ pub mod dialect {
 pub mod companion;
 pub mod failsafe;
 pub mod framer;
-pub mod mailbox;
 pub mod params;
 pub mod signing;
 

@@ -5,7 +5,7 @@
 //! | MAVLink | UART0, or from the autopilot by the memory: see `line` |
 //! | doorbell of the simulator | UART1 |
 //! | maintenance port | UART2 |
-//! | frames and reports | the mailbox at `0x2100_0000`, layout in `foxhound_link::mailbox` |
+//! | frames and reports | the mailbox at `0x2100_0000`, layout in `foxhound_computer::twin` |
 //! | what is kept | the memory behind the mailbox: see `flash` |
 //! | time | timers 0 and 1 |
 //!
@@ -33,10 +33,10 @@ use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Timer};
 use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, End, Record, Restart};
+use foxhound_computer::twin::{self, Arrivals, Block};
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
-use foxhound_link::mailbox::{self, Arrivals, Block};
 use static_cell::ConstStaticCell;
 
 use super::{Call, Done, LockStep, Step, Watermark, last_words, stack};
@@ -73,7 +73,7 @@ const BELL_TIMEOUT: Duration = Duration::from_secs(5);
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
 static LINK: InterruptExecutor = InterruptExecutor::new();
 
-static BLOCK: ConstStaticCell<Block> = ConstStaticCell::new([0; mailbox::BLOCK_BYTES]);
+static BLOCK: ConstStaticCell<Block> = ConstStaticCell::new([0; twin::BLOCK_BYTES]);
 static ARRIVALS: ConstStaticCell<Arrivals<N>> = ConstStaticCell::new(Arrivals::new());
 
 /// The board, started.
@@ -110,7 +110,7 @@ pub fn start() -> Board {
     clock::start();
     uart::start();
     let (receiver, transmitter, mut doorbell) = uart::ends();
-    doorbell.ring(mailbox::BOOTED);
+    doorbell.ring(twin::BOOTED);
     let (port_receiver, port_transmitter) = uart::port();
     Board {
         guidance: GUIDANCE.start(Interrupt::GuidanceExecutor),
@@ -206,11 +206,11 @@ impl Pacer {
         loop {
             let (Pace::Free { next: alarm } | Pace::LockStep { alarm }) = self.pace;
             match select(self.doorbell.wait(), Timer::at(alarm)).await {
-                Either::First(mailbox::SETUP) => {
-                    read(mailbox::SETUP_AT, self.block);
+                Either::First(twin::SETUP) => {
+                    read(twin::SETUP_AT, self.block);
                     line::AUTOPILOT.open();
                     line::PORT.open();
-                    match mailbox::Setup::decode(self.block) {
+                    match twin::Setup::decode(self.block) {
                         Ok(setup) => {
                             self.setup = setup.guidance;
                             return Call::Setup(&self.setup);
@@ -218,7 +218,7 @@ impl Pacer {
                         Err(error) => self.refuse(format_args!("{error}")),
                     }
                 }
-                Either::First(mailbox::FRAME) => match self.take_in() {
+                Either::First(twin::FRAME) => match self.take_in() {
                     Ok(()) => break,
                     Err(reason) => self.refuse(reason),
                 },
@@ -240,7 +240,7 @@ impl Pacer {
             lock_step: Some(LockStep {
                 rx_expected: step.rx_expected,
                 camera_expected: step.camera_expected,
-                holds_plan: step.fault == Some(mailbox::Fault::StarvePlanner),
+                holds_plan: step.fault == Some(twin::Fault::StarvePlanner),
                 begin: mischief::measured,
             }),
             front_end: step.front_end,
@@ -254,13 +254,13 @@ impl Pacer {
                 "the twin runs freely (no setup yet, or a bell silent for 5 s): send a setup first"
             ));
         }
-        read(mailbox::STEP_AT, self.block);
+        read(twin::STEP_AT, self.block);
         self.arrivals.decode(self.block).map_err(|error| match error {
-            mailbox::Error::Magic => {
+            twin::Error::Magic => {
                 format_args!("the step block is empty or of another version")
             }
-            mailbox::Error::Length => format_args!("the step block has an impossible length"),
-            mailbox::Error::Content => format_args!("the step block cannot be read"),
+            twin::Error::Length => format_args!("the step block has an impossible length"),
+            twin::Error::Content => format_args!("the step block cannot be read"),
         })
     }
 
@@ -276,7 +276,7 @@ impl Pacer {
         match result {
             Ok(()) => {
                 uart::drained(tx_total).await;
-                let written = mailbox::Ready { tx_total }.encode(self.block);
+                let written = twin::Ready { tx_total }.encode(self.block);
                 self.answer(written);
             }
             Err(error) => self.refuse(format_args!("{error}")),
@@ -289,14 +289,14 @@ impl Pacer {
             return;
         };
         uart::drained(done.tx_total).await;
-        let report = mailbox::Report {
+        let report = twin::Report {
             sequence: self.arrivals.step().sequence,
             output: done.output,
             tx_total: done.tx_total,
             fast_ticks: done.fast_ticks,
             late: done.late,
             stack_bytes: self.stack.look(),
-            plan: done.plan.map(|planned| mailbox::Planned {
+            plan: done.plan.map(|planned| twin::Planned {
                 id: planned.plan.id,
                 waypoints_ned_m: planned.plan.waypoints_ned_m,
                 samples_ned_m: planned.samples_ned_m,
@@ -307,27 +307,27 @@ impl Pacer {
         self.answer(written);
     }
 
-    fn answer(&mut self, written: Result<(), mailbox::Error>) {
+    fn answer(&mut self, written: Result<(), twin::Error>) {
         mischief::pause();
         self.pace = Pace::LockStep { alarm: embassy_time::Instant::now() + BELL_TIMEOUT };
         match written {
             Ok(()) => {
-                write(mailbox::REPORT_AT, self.block);
-                self.doorbell.ring(mailbox::DONE);
+                write(twin::REPORT_AT, self.block);
+                self.doorbell.ring(twin::DONE);
             }
             Err(error) => self.refuse(format_args!("the report: {error}")),
         }
     }
 
     fn refuse(&mut self, reason: core::fmt::Arguments<'_>) {
-        mailbox::encode_refusal(self.block, reason);
-        write(mailbox::REPORT_AT, self.block);
-        self.doorbell.ring(mailbox::REFUSED);
+        twin::encode_refusal(self.block, reason);
+        write(twin::REPORT_AT, self.block);
+        self.doorbell.ring(twin::REFUSED);
     }
 }
 
 const PSRAM: usize = 0x2100_0000;
-const _: () = assert!(mailbox::BLOCK_BYTES.is_multiple_of(4));
+const _: () = assert!(twin::BLOCK_BYTES.is_multiple_of(4));
 
 /// Takes a block out of the memory that we share with the simulator.
 fn read(from: usize, block: &mut Block) {

@@ -6,10 +6,10 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Args;
+use foxhound_computer::twin::Setup;
 use foxhound_core::base::time::Instant as Time;
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
-use foxhound_link::mailbox::Setup;
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::autopilot::transport::{Address, Line};
 use foxhound_sim::drive::companion::{self, Config, News};

@@ -2,7 +2,7 @@
 //!
 //! The vehicle flies to and fro between two places past pillars, beside a modelled autopilot. Every few seconds one fault
 //! happens, by a seed: from outside (noise and cuts on the line, an autopilot that restarts, converters that freeze) or
-//! inside ([`Fault`](foxhound_link::mailbox::Fault): power cuts at any instruction, panics, faults of the processor, a stolen processor, a starved
+//! inside ([`Fault`](foxhound_computer::twin::Fault): power cuts at any instruction, panics, faults of the processor, a stolen processor, a starved
 //! planner, spoiled flash). Then the pilot takes over and enters the mode afresh, and the vehicle must fly on, or stand
 //! still and say why. What is asked of every fault:
 //!
@@ -23,7 +23,7 @@ mod report;
 
 use std::path::Path;
 
-use foxhound_link::mailbox::Setup;
+use foxhound_computer::twin::Setup;
 pub use kind::{KINDS, Kind};
 pub use record::{Head, Record};
 pub use report::{Complaint, Report, Row};

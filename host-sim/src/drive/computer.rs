@@ -7,6 +7,7 @@ use std::fmt;
 use foxhound_computer::camera::{Came, Camera, Sighted};
 use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
 use foxhound_computer::selftest::{self, Report};
+use foxhound_computer::twin::Planned;
 use foxhound_core::ConfigError;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
@@ -16,7 +17,6 @@ use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
 use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
 use foxhound_link::companion::{self, Companion};
-use foxhound_link::mailbox::Planned;
 use foxhound_link::signing::Signing;
 use foxhound_papers::AllSystems;
 

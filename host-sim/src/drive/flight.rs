@@ -11,6 +11,7 @@
 use std::fmt;
 use std::io;
 
+use foxhound_computer::twin::Planned;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::response;
@@ -19,7 +20,6 @@ use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::guidance::{self, FrontEnd, turning};
 use foxhound_core::landing as core_landing;
 use foxhound_core::planning::{explore, planner};
-use foxhound_link::mailbox::Planned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

@@ -1,7 +1,7 @@
 //! The flight computer in QEMU: starts the firmware's twin, hands it frames, takes back what it says.
 //!
 //! Every step is in lock-step: the step's inputs are laid into the memory that both sides share (layout in
-//! [`foxhound_link::mailbox`]), a byte on the second serial line rings the bell, and the answer is awaited. The first
+//! [`foxhound_computer::twin`]), a byte on the second serial line rings the bell, and the answer is awaited. The first
 //! serial line carries the very bytes of MAVLink that the firmware would send and take. The result does not depend on
 //! how fast either side runs.
 //!
@@ -23,10 +23,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant as WallInstant};
 
+use foxhound_computer::twin::{self, BLOCK_BYTES, Fault, Planned, Ready, Report, Setup, Step};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{FrontEnd, Output};
-use foxhound_link::mailbox::{self, BLOCK_BYTES, Fault, Planned, Ready, Report, Setup, Step};
 use object::{Object as _, ObjectSection as _, ObjectSegment as _};
 use serde::{Deserialize, Serialize};
 
@@ -284,7 +284,7 @@ impl QemuComputer {
         (self.rx_total, self.tx_total, self.late_steps) = (0, 0, 0);
         (self.camera_total, self.camera_laid) = (0, 0);
         self.write_setup(setup)?;
-        let block = self.ring(mailbox::SETUP)?;
+        let block = self.ring(twin::SETUP)?;
         let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
         self.drain()?;
         self.drained.clear();
@@ -294,7 +294,7 @@ impl QemuComputer {
 
     fn await_boot(&mut self) -> Result<(), QemuError> {
         match self.answer()? {
-            mailbox::BOOTED => Ok(()),
+            twin::BOOTED => Ok(()),
             other => Err(self.lost(format!("the firmware begins with {other:#04x}"))),
         }
     }
@@ -305,7 +305,7 @@ impl QemuComputer {
     /// [`QemuError::Refused`] for a configuration that does not build: the old one goes on.
     pub fn set_up(&mut self, setup: &Setup) -> Result<(), QemuError> {
         self.write_setup(setup)?;
-        let block = self.ring(mailbox::SETUP)?;
+        let block = self.ring(twin::SETUP)?;
         let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
         // What it sent while it ran freely belongs to no step.
         self.take_sent(ready.tx_total)?;
@@ -318,7 +318,7 @@ impl QemuComputer {
         setup.encode(&mut block).map_err(|error| self.lost(format!("the setup: {error}")))?;
         self.write_rx_total()?;
         self.write_camera_total()?;
-        Ok(self.memory.write_all_at(&block, mailbox::SETUP_AT as u64)?)
+        Ok(self.memory.write_all_at(&block, twin::SETUP_AT as u64)?)
     }
 
     /// One step of the fast loop. `rx` are the bytes that the autopilot has sent since the last step.
@@ -347,8 +347,8 @@ impl QemuComputer {
         let is_stolen = matches!(step.fault, Some(Fault::Steal { .. }));
         let mut block = [0; BLOCK_BYTES];
         step.encode(&mut block).map_err(|error| self.lost(format!("the step: {error}")))?;
-        self.memory.write_all_at(&block, mailbox::STEP_AT as u64)?;
-        let block = self.ring(mailbox::FRAME)?;
+        self.memory.write_all_at(&block, twin::STEP_AT as u64)?;
+        let block = self.ring(twin::FRAME)?;
         let report = Report::decode(&block).map_err(|error| self.lost(format!("the report: {error}")))?;
         if report.sequence != self.sequence {
             return Err(self.lost(format!("step {} was answered with step {}", self.sequence, report.sequence)));
@@ -358,8 +358,8 @@ impl QemuComputer {
         self.late_steps = report.late;
         self.worst.add(Worst {
             // A storm's instructions are not guidance's.
-            fast_instructions: if is_stolen { 0 } else { mailbox::instructions(report.fast_ticks) },
-            plan_instructions: report.plan.as_ref().map_or(0, |plan| mailbox::instructions(plan.ticks)),
+            fast_instructions: if is_stolen { 0 } else { twin::instructions(report.fast_ticks) },
+            plan_instructions: report.plan.as_ref().map_or(0, |plan| twin::instructions(plan.ticks)),
             stack_bytes: report.stack_bytes,
             late_steps: report.late,
         });
@@ -381,52 +381,52 @@ impl QemuComputer {
         if self.camera_by_line {
             return Ok(self.port.write_patiently(bytes)?);
         }
-        let at = self.camera_laid as usize % mailbox::PORT_BYTES;
+        let at = self.camera_laid as usize % twin::PORT_BYTES;
         self.camera_laid = self.camera_laid.wrapping_add(bytes.len() as u32);
-        if bytes.len() > mailbox::PORT_BYTES {
+        if bytes.len() > twin::PORT_BYTES {
             return Err(self.lost(format!("{} bytes of a camera are more than a step can take", bytes.len())));
         }
-        let (before, after) = bytes.split_at(bytes.len().min(mailbox::PORT_BYTES - at));
-        self.memory.write_all_at(before, (mailbox::PORT_AT + at) as u64)?;
-        self.memory.write_all_at(after, mailbox::PORT_AT as u64)?;
+        let (before, after) = bytes.split_at(bytes.len().min(twin::PORT_BYTES - at));
+        self.memory.write_all_at(before, (twin::PORT_AT + at) as u64)?;
+        self.memory.write_all_at(after, twin::PORT_AT as u64)?;
         Ok(self.write_camera_total()?)
     }
 
     /// Lets it hear what the autopilot says.
     fn say(&mut self, rx: &[u8]) -> Result<(), QemuError> {
-        let at = self.rx_total as usize % mailbox::LINE_BYTES;
+        let at = self.rx_total as usize % twin::LINE_BYTES;
         self.rx_total = self.rx_total.wrapping_add(rx.len() as u32);
         if !self.is_quick {
             return Ok(self.mavlink.write_all(rx)?);
         }
-        if rx.len() > mailbox::LINE_BYTES {
+        if rx.len() > twin::LINE_BYTES {
             return Err(self.lost(format!("{} bytes are more than a step can take", rx.len())));
         }
-        let (before, after) = rx.split_at(rx.len().min(mailbox::LINE_BYTES - at));
-        self.memory.write_all_at(before, (mailbox::LINE_AT + at) as u64)?;
-        self.memory.write_all_at(after, mailbox::LINE_AT as u64)?;
+        let (before, after) = rx.split_at(rx.len().min(twin::LINE_BYTES - at));
+        self.memory.write_all_at(before, (twin::LINE_AT + at) as u64)?;
+        self.memory.write_all_at(after, twin::LINE_AT as u64)?;
         Ok(self.write_rx_total()?)
     }
 
     fn write_rx_total(&self) -> io::Result<()> {
         let total = if self.is_quick { self.rx_total } else { 0 };
-        self.memory.write_all_at(&total.to_le_bytes(), mailbox::LINE_TOTAL_AT as u64)
+        self.memory.write_all_at(&total.to_le_bytes(), twin::LINE_TOTAL_AT as u64)
     }
 
     fn write_camera_total(&self) -> io::Result<()> {
-        self.memory.write_all_at(&self.camera_laid.to_le_bytes(), mailbox::PORT_TOTAL_AT as u64)
+        self.memory.write_all_at(&self.camera_laid.to_le_bytes(), twin::PORT_TOTAL_AT as u64)
     }
 
     /// Rings the bell, waits for the answer, and fetches the report block.
-    fn ring(&mut self, bell: u8) -> Result<mailbox::Block, QemuError> {
+    fn ring(&mut self, bell: u8) -> Result<twin::Block, QemuError> {
         self.bell.write_all(&[bell])?;
         let answer = self.answer()?;
         let mut block = [0; BLOCK_BYTES];
-        self.memory.read_exact_at(&mut block, mailbox::REPORT_AT as u64)?;
+        self.memory.read_exact_at(&mut block, twin::REPORT_AT as u64)?;
         match answer {
-            mailbox::DONE => Ok(block),
-            mailbox::BOOTED => Err(QemuError::Restarted),
-            mailbox::REFUSED => match mailbox::decode_refusal(&block) {
+            twin::DONE => Ok(block),
+            twin::BOOTED => Err(QemuError::Restarted),
+            twin::REFUSED => match twin::decode_refusal(&block) {
                 Ok(reason) => Err(QemuError::Refused(reason.to_owned())),
                 Err(error) => Err(self.lost(format!("the firmware refused, and the reason is lost: {error}"))),
             },

@@ -15,6 +15,7 @@ use foxhound_computer::flight::{Flight, Keeper, Receiver, Step};
 use foxhound_computer::log::frame::{Deframer, Frame};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
+use foxhound_computer::twin::Planned;
 use foxhound_core::base::adc::Snapshot;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
@@ -25,7 +26,6 @@ use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Output};
 use foxhound_core::landing::pad::Look;
 use foxhound_core::planning::planner::{Plan, Scratch};
 use foxhound_link::companion::{self, Companion};
-use foxhound_link::mailbox::Planned;
 use foxhound_papers::AllSystems;
 use serde::Serialize;
 

@@ -26,6 +26,7 @@ use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::planning::field::{Field, Gains};
 
+use foxhound_computer::twin::instructions;
 use foxhound_core::base::math::{armv7em, portable};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::pose::Pose;
@@ -45,7 +46,6 @@ use foxhound_core::signal::spectrum::tone::{Reference, Window};
 use foxhound_core::signal::spectrum::{Backend, Spectrum};
 use foxhound_firmware::app::SAMPLES_PER_CHANNEL as N;
 use foxhound_firmware::boards::board;
-use foxhound_link::mailbox::instructions;
 use foxhound_papers::multipath::{self, Look};
 use idsp::Lowpass;
 use microfft::real::rfft_256;

@@ -8,7 +8,7 @@
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use foxhound_computer::part::{self, BLANK, Refused};
 use foxhound_computer::store::PAGES;
-use foxhound_link::mailbox;
+use foxhound_computer::twin;
 
 const PAGE_BYTES: usize = 2048;
 const BYTES: u32 = PAGES * PAGE_BYTES as u32;
@@ -25,7 +25,7 @@ impl Flash {
 
     /// A word of the shared memory, in two halves; `at` is inside and whole.
     fn halves(at: u32) -> [*mut u32; 2] {
-        let low = (super::PSRAM + mailbox::STORE_AT + at as usize) as *mut u32;
+        let low = (super::PSRAM + twin::STORE_AT + at as usize) as *mut u32;
         [low, low.wrapping_add(1)]
     }
 

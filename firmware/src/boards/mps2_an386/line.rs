@@ -1,5 +1,5 @@
 //! Bytes of the autopilot, and of a camera, by the memory that we share with the simulator, as by DMA: layout in
-//! `foxhound_link::mailbox`.
+//! `foxhound_computer::twin`.
 //!
 //! QEMU's serial line costs the simulator's machine a dozen changes of thread for every byte. A simulator that flies for hours
 //! fills the rings before it rings the bell; one that fills nothing has UART0 and UART2. What was written before the setup of this start
@@ -9,7 +9,7 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering, fence};
 use core::task::Waker;
 
 use embassy_sync::waitqueue::AtomicWaker;
-use foxhound_link::mailbox::{LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT};
+use foxhound_computer::twin::{LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT};
 
 use super::PSRAM;
 

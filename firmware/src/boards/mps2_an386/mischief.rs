@@ -8,7 +8,7 @@ use core::hint::black_box;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
-use foxhound_link::mailbox::Fault;
+use foxhound_computer::twin::Fault;
 
 use super::clock::ticks;
 use super::interrupt::{Interrupt, unmask};

@@ -2,12 +2,12 @@
 
 use std::os::unix::fs::FileExt as _;
 
+use foxhound_computer::twin::{self, Fault, Setup};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::FrontEnd;
 use foxhound_core::guidance::mission::{Behaviour, Outcome};
 use foxhound_link::dialect::MavMessage;
-use foxhound_link::mailbox::{self, Fault, Setup};
 
 use super::kind::Kind;
 use super::report::Row;
@@ -225,7 +225,7 @@ impl Flight {
         let memory = self.trial.computer.qemu.memory();
         let mut flash = vec![0; STORE_BYTES];
         // What cannot be read or written shows as a flash that is not spoiled.
-        if memory.read_exact_at(&mut flash, mailbox::STORE_AT as u64).is_err() {
+        if memory.read_exact_at(&mut flash, twin::STORE_AT as u64).is_err() {
             return;
         }
         for _ in 0..1 + (40.0 * self.random.uniform()) as usize {
@@ -237,7 +237,7 @@ impl Flight {
                 flash[at] ^= 1 << ((8.0 * self.random.uniform()) as u8 & 7);
             }
         }
-        let _ = memory.write_all_at(&flash, mailbox::STORE_AT as u64);
+        let _ = memory.write_all_at(&flash, twin::STORE_AT as u64);
     }
 
     pub(super) fn run(&mut self, seconds: f64) {

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use foxhound_computer::twin::Setup;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::FrontEnd;
 use foxhound_core::planning::planner;
-use foxhound_link::mailbox::Setup;
 use serde_json::Value;
 
 use super::{G474Computer, Heard, Needs, Options};
