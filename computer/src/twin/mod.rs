@@ -1,4 +1,4 @@
-//! The mailbox: how a simulator hands frames to the firmware's twin in QEMU, and what it gets back.
+//! The memory that the firmware's twin in QEMU shares with the simulator: how frames go in, and what comes back.
 //!
 //! The twin's external memory is a file shared with the simulator. A byte on UART1 rings the bell, as the half-transfer
 //! interrupt of a DMA does on the real board; a byte back says that the answer lies ready. Here is only the layout; who
@@ -277,9 +277,9 @@ pub enum Error {
 impl core::fmt::Display for Error {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::Magic => "the mailbox block is empty or of another version",
-            Self::Length => "the mailbox block is too small for its content",
-            Self::Content => "the mailbox block cannot be read",
+            Self::Magic => "the shared block is empty or of another version",
+            Self::Length => "the shared block is too small for its content",
+            Self::Content => "the shared block cannot be read",
         })
     }
 }

@@ -5,8 +5,8 @@
 //! | MAVLink | UART0, or from the autopilot by the memory: see `line` |
 //! | doorbell of the simulator | UART1 |
 //! | maintenance port | UART2 |
-//! | frames and reports | the mailbox at `0x2100_0000`, layout in `foxhound_computer::twin` |
-//! | what is kept | the memory behind the mailbox: see `flash` |
+//! | frames and reports | the shared memory at `0x2100_0000`, layout in `foxhound_computer::twin` |
+//! | what is kept | the memory behind it: see `flash` |
 //! | time | timers 0 and 1 |
 //!
 //! It runs freely from its own time, 50 steps a second with no frames, until the simulator sends a setup. From then on
@@ -14,7 +14,7 @@
 //! everything that the step has set off is finished. When the bell stays silent for 5 s the twin runs freely again,
 //! from the time where it stood, so that the autopilot is not left alone; it then wants a new setup.
 
-#![expect(unsafe_code, reason = "registers, vectors and the mailbox's memory")]
+#![expect(unsafe_code, reason = "registers, vectors and the shared memory")]
 
 mod clock;
 mod console;

@@ -1,4 +1,4 @@
-//! A flash in the memory that we share with the simulator, behind the mailbox: it outlives our resets, and the simulator can
+//! A flash in the memory that we share with the simulator, behind its blocks: it outlives our resets, and the simulator can
 //! look at it and spoil it.
 //!
 //! It behaves as the one of the STM32G4: words of 8 bytes, pages of 2 KB, and a word that is not blank takes zeros only, and
