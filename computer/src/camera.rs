@@ -10,14 +10,15 @@
 //!
 //! A line is looked at as soon as its checksum is right and then forgotten: there is room for one. Whatever is wrong with a
 //! frame (a size that is none, a line that is missing, short, damaged or out of order, an end that does not come) is said
-//! in the [`Look`] that it ends in, and the next frame begins afresh. The camera needs no clock: how old the frame is says
-//! the camera, and what time it is says who takes the look ([`Sighted::look`]).
+//! in the [`PadObservation`] that it ends in, and the next frame begins afresh. The camera needs no clock: how old the
+//! frame is says the camera, and what time it is says who takes the look ([`Sighted::look`]).
 //!
 //! After a zero a record is expected, after the zero that ends a good one text. A zero that ends anything else begins a
 //! record, so that one that got lost costs no more than the record that it belongs to.
 
 use foxhound_core::base::time::Instant;
-use foxhound_core::landing::pad::{Bad, Detector, Format, Header, Look, Seen, State, WIDTH_MAX};
+use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
+use foxhound_core::landing::pad::{Detector, Format, Header, State, WIDTH_MAX};
 
 use crate::log::frame::{Finder, Frame, stuffed_bytes};
 
@@ -54,8 +55,8 @@ pub struct Sighted {
 impl Sighted {
     /// What it says to somebody who takes it now.
     #[must_use]
-    pub const fn look(&self, now: Instant) -> Look {
-        Look { time: Instant(now.0.saturating_sub(self.age_us as u64)), seen: self.seen }
+    pub const fn look(&self, now: Instant) -> PadObservation {
+        PadObservation { time: Instant(now.0.saturating_sub(self.age_us as u64)), seen: self.seen }
     }
 }
 

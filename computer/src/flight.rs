@@ -22,7 +22,7 @@ use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Input, Output};
-use foxhound_core::landing::pad::Look;
+use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::planning::planner::{Plan, Planner};
 use foxhound_link::companion::{self, Companion, Exam, Examined};
 use foxhound_link::params::Storage;
@@ -69,7 +69,7 @@ pub struct Step<'a> {
     /// Obstacles that a sensor delivers as circles already.
     pub circles: Option<&'a [Circle]>,
     /// What the camera has seen.
-    pub look: Option<Look>,
+    pub look: Option<PadObservation>,
     /// The planner's answer, once, as soon as there is one.
     pub plan: Option<&'a Plan>,
 }

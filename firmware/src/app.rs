@@ -38,7 +38,8 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, Guidance};
-use foxhound_core::landing::pad::{Detector, Look};
+use foxhound_core::landing::observation::PadObservation;
+use foxhound_core::landing::pad::Detector;
 use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
 use foxhound_core::planning::rollout::WAYPOINTS;
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
@@ -427,7 +428,7 @@ fn report(flight: &mut Flight<'_>, store: &mut Store<Flash>, log: &mut Log<'_>) 
 
 /// One step.
 #[inline(never)]
-fn fly(flight: &mut Flight<'_>, step: &Step<'_>, look: Option<Look>, plan: Option<&Planned>) -> Stepped {
+fn fly(flight: &mut Flight<'_>, step: &Step<'_>, look: Option<PadObservation>, plan: Option<&Planned>) -> Stepped {
     let plan = plan.map(|planned| &planned.plan);
     let step = flight::Step { now: step.now, front_end: step.front_end, circles: step.circles, look, plan };
     flight.step(&step, board::ticks)

@@ -15,7 +15,8 @@ use foxhound_computer::log::{Log, State};
 use foxhound_computer::port::{Command, Lines, Status, Waiting};
 use foxhound_computer::timing::Task;
 use foxhound_core::guidance::mission::Control;
-use foxhound_core::landing::pad::{Detector, Look};
+use foxhound_core::landing::observation::PadObservation;
+use foxhound_core::landing::pad::Detector;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -87,7 +88,7 @@ impl Port {
     }
 
     /// What the camera has seen since the last step; in lock-step as soon as all that belongs before this step was looked at.
-    pub async fn look(&self, step: &Step<'_>, feeder: &mut Feeder) -> Option<Look> {
+    pub async fn look(&self, step: &Step<'_>, feeder: &mut Feeder) -> Option<PadObservation> {
         if let Some(lock_step) = &step.lock_step {
             while LOOKED_AT.load(Ordering::Relaxed) != lock_step.camera_expected {
                 PROGRESS.wait().await;

@@ -1,7 +1,8 @@
 //! Any lines: frames of any size, whole, broken or out of order, with discs and noise, through the pad detector.
 
 use foxhound_core::base::time::Instant;
-use foxhound_core::landing::pad::{Camera, Config, Format, Header, Seen, State};
+use foxhound_core::landing::observation::Seen;
+use foxhound_core::landing::pad::{Camera, Config, Format, Header, State};
 
 use super::{Draw, Noise, Reached};
 

@@ -14,7 +14,7 @@ use foxhound_core::guidance::mission::{Behaviour, Control, Outcome};
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::landing;
-use foxhound_core::landing::pad::{Bad, Look, Nothing, Pad, Seen};
+use foxhound_core::landing::observation::{Bad, Nothing, Pad, PadObservation, Seen};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::scan::{Frame, Points, SECTORS_MAX, Scan, Sector};
 use foxhound_core::planning::planner::baseline::{self, Law, Offsets, Reading};
@@ -378,7 +378,7 @@ struct Odd {
     points: Option<Points>,
     bearing: Option<Bearing>,
     plan: Option<Plan>,
-    look: Option<Look>,
+    look: Option<PadObservation>,
     is_silent: bool,
 }
 
@@ -621,7 +621,7 @@ fn bearing(azimuth_rad: f32, sigma_rad: f32, time: Instant) -> Bearing {
     }
 }
 
-fn look(draw: &mut Draw<'_>, now: Instant) -> Look {
+fn look(draw: &mut Draw<'_>, now: Instant) -> PadObservation {
     let seen = match draw.below(4) {
         0 => Seen::Bad(Bad::Cut),
         1 => Seen::Nothing(Nothing::Shape),
@@ -633,7 +633,7 @@ fn look(draw: &mut Draw<'_>, now: Instant) -> Look {
             is_cut: draw.flag(),
         }),
     };
-    Look { time: draw_time(draw, now), seen }
+    PadObservation { time: draw_time(draw, now), seen }
 }
 
 fn any_bearing(draw: &mut Draw<'_>, now: Instant) -> Bearing {

@@ -1,9 +1,8 @@
 //! Pictures of the simulated camera, each alone: shown twice to a new detector, and the second look counts.
 
 use foxhound_core::base::time::Instant;
-use foxhound_core::landing::pad::{
-    Bad, Camera, Config, Detector, Format, HEIGHT_MAX, Header, Look, Seen, State, WIDTH_MAX,
-};
+use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
+use foxhound_core::landing::pad::{Camera, Config, Detector, Format, HEIGHT_MAX, Header, State, WIDTH_MAX};
 use foxhound_sim::world::camera::random::{Recipe, shot};
 use foxhound_sim::world::camera::watch::alone;
 use foxhound_sim::world::camera::{Ground, Lighting, PAD_RED, Pose, Scene, Size, Target, render};
@@ -137,7 +136,7 @@ fn pad_of(
     detector: &Detector,
     frame: &foxhound_sim::world::camera::Frame,
     height_m: Option<f32>,
-) -> foxhound_core::landing::pad::Pad {
+) -> foxhound_core::landing::observation::Pad {
     match alone(detector, frame, height_m, 1).seen {
         Seen::Pad(pad) => pad,
         other => panic!("{other:?}"),
@@ -257,7 +256,7 @@ fn each_bad_frame_has_its_name_and_the_next_good_one_is_seen() {
         assert_eq!(detector.end(&mut state).seen, Seen::Bad(Bad::NotBegun));
         detector.begin(&mut state, &header, Some(2.0)).unwrap();
         good.lines().for_each(|(row, bytes)| detector.line(&mut state, row, bytes).unwrap());
-        let Look { time, seen } = detector.end(&mut state);
+        let PadObservation { time, seen } = detector.end(&mut state);
         assert!(time == Instant(7) && matches!(seen, Seen::Pad(_)), "after {bad:?}: {seen:?}");
     }
 }

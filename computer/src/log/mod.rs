@@ -27,7 +27,7 @@ use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{self, COUNT, Values};
 use foxhound_core::guidance::{self, FrontEnd, Heard};
-use foxhound_core::landing::pad::Look;
+use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::mapping::map::DELIVERY_MAX;
 use heapless::Vec;
 use serde::{Deserialize, Serialize, Serializer};
@@ -185,7 +185,7 @@ pub enum Record<'a> {
     /// Text for people.
     Text(&'a str),
     /// What the camera has seen.
-    Look(Look),
+    Look(PadObservation),
 }
 
 impl<'a> Record<'a> {
@@ -316,7 +316,7 @@ impl<'a> Log<'a> {
         &mut self,
         front_end: FrontEnd<'_, N>,
         circles: Option<&[Circle]>,
-        look: Option<&Look>,
+        look: Option<&PadObservation>,
         came: &Stepped,
         ordered: bool,
     ) {

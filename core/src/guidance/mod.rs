@@ -25,6 +25,7 @@ use crate::doa::array;
 use crate::doa::bearing::{self, Bearing, Finder, Flags};
 use crate::guidance::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::guidance::systems::Systems;
+use crate::landing::observation::PadObservation;
 use crate::landing::{self, Advice, Lander, pad};
 use crate::localize::goal;
 use crate::localize::goal::posterior::Estimate;
@@ -126,7 +127,7 @@ pub struct Input<'a, const N: usize> {
     /// Obstacles that a sensor delivers as circles already.
     pub circles: Option<&'a [Circle]>,
     /// What the camera that looks down has seen.
-    pub look: Option<pad::Look>,
+    pub look: Option<PadObservation>,
     /// The height over the ground by a range finder, where there is one and it reads.
     pub height_m: Option<f32>,
     /// The autopilot says that the vehicle stands on the ground.

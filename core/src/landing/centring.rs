@@ -12,7 +12,7 @@
 //!
 //! Cost: in the bench's `landing_step`.
 
-use super::pad::Pad;
+use super::observation::Pad;
 use super::pose::Pose;
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;

@@ -63,13 +63,14 @@ use crate::localize::source::Estimate;
 
 pub mod arrival;
 pub mod centring;
+pub mod observation;
 pub mod pad;
 pub mod pose;
 pub mod search;
 mod stages;
 
 use centring::Taken;
-use pad::{Look, Seen};
+use observation::{PadObservation, Seen};
 use pose::{Pose, Poses};
 
 /// Own position and attitude older than this are none.
@@ -251,7 +252,7 @@ pub struct Facts<'a> {
     /// What the filters of the source believe: that it is seen directly.
     pub estimate: Option<&'a Estimate>,
     /// A frame that was looked at.
-    pub look: Option<Look>,
+    pub look: Option<PadObservation>,
     /// The autopilot says that it has landed.
     pub is_landed: bool,
     /// The guard braked in the last step.
@@ -474,7 +475,7 @@ impl Lander {
     }
 
     /// Frames -> pad.
-    fn look(&self, state: &mut State, look: Option<&Look>, here: &Here) {
+    fn look(&self, state: &mut State, look: Option<&PadObservation>, here: &Here) {
         let ground_down_m = here.height_m.map(|height_m| here.down_m + height_m);
         if let (Some(ground_down_m), Some(height_m)) = (ground_down_m, here.height_m) {
             state.track.level(ground_down_m, height_m, here.tick_s);

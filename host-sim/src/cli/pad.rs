@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use foxhound_core::landing::pad::{Camera, Config, Format, HEIGHT_MAX, Pad, SIDE_MIN, Seen, WIDTH_MAX};
+use foxhound_core::landing::observation::{Pad, Seen};
+use foxhound_core::landing::pad::{Camera, Config, Format, HEIGHT_MAX, SIDE_MIN, WIDTH_MAX};
 use foxhound_sim::scenario::input::{InputError, check_within};
 use foxhound_sim::world::camera::picture::{Picture, mark};
 use foxhound_sim::world::camera::random::{Recipe, shot};

@@ -23,7 +23,7 @@ use foxhound_core::base::units::wrap_pi;
 use foxhound_core::guidance::param::{self, Values};
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Output};
-use foxhound_core::landing::pad::Look;
+use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::planning::planner::{Plan, Scratch};
 use foxhound_link::companion::{self, Companion};
 use foxhound_papers::AllSystems;
@@ -254,7 +254,7 @@ struct Flown {
     /// What belongs to the next step.
     bytes: Vec<Vec<u8>>,
     circles: Option<Vec<Circle>>,
-    look: Option<Look>,
+    look: Option<PadObservation>,
     answers: Answers,
 }
 

@@ -46,7 +46,7 @@ mod tests {
     use foxhound_computer::camera::{Came, Camera, Sighted};
     use foxhound_core::base::time::Instant;
     use foxhound_core::landing::Config;
-    use foxhound_core::landing::pad::{Bad, Seen};
+    use foxhound_core::landing::observation::{Bad, Seen};
 
     use super::*;
     use crate::world::camera::{self, Size, random};

@@ -1,6 +1,6 @@
 //! Whatever the facts are: demands are finite, inside the limits, and change no faster than they may.
 
-use super::super::pad::{Bad, Look, Nothing, Pad, Seen};
+use super::super::observation::{Bad, Nothing, Pad, PadObservation, Seen};
 use super::super::*;
 use super::{TICK_US, nothing};
 use crate::base::rng::Rng;
@@ -65,7 +65,7 @@ fn bearing(rng: &mut Rng, now: u64, wildness: f32) -> Bearing {
     }
 }
 
-fn look(rng: &mut Rng, now: u64, wildness: f32) -> Look {
+fn look(rng: &mut Rng, now: u64, wildness: f32) -> PadObservation {
     let time = Instant(now - (rng.uniform() * 250_000.0) as u64);
     let kind = rng.uniform();
     let seen = if kind < 0.7 {
@@ -81,7 +81,7 @@ fn look(rng: &mut Rng, now: u64, wildness: f32) -> Look {
     } else {
         Seen::Bad(Bad::Line)
     };
-    Look { time, seen }
+    PadObservation { time, seen }
 }
 
 #[test]

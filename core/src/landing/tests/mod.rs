@@ -8,7 +8,7 @@ mod table;
 
 use core::mem::size_of;
 
-use super::pad::{Bad, Look, Pad, Seen};
+use super::observation::{Bad, Pad, PadObservation, Seen};
 use super::*;
 
 pub(super) const TICK_US: u64 = 20_000;
@@ -62,7 +62,7 @@ fn shown_late(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seco
     for tick in 0..(seconds * 50.0) as u64 {
         let micros = 10_000_000 + tick * TICK_US;
         let ownship = hovering(micros, place, yaw_rad);
-        let look = seen(tick).map(|seen| Look { time: Instant(micros - late_us), seen });
+        let look = seen(tick).map(|seen| PadObservation { time: Instant(micros - late_us), seen });
         let facts = Facts { ownship: Some(&ownship), estimate: Some(&estimate), look, ..nothing(micros) };
         advice = lander.step(&mut state, &facts);
     }

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::vec::Vec;
 
-use super::super::pad::{Bad, Look, Nothing, Pad, Seen};
+use super::super::observation::{Bad, Nothing, Pad, PadObservation, Seen};
 use super::super::*;
 use super::{TICK_US, nothing};
 use crate::base::rng::Rng;
@@ -167,7 +167,7 @@ pub(super) struct Flight {
     roll_rad: f32,
     pitch_rad: f32,
     told: VecDeque<Ownship>,
-    looks: VecDeque<Option<Look>>,
+    looks: VecDeque<Option<PadObservation>>,
     /// Phases of the bias over the place.
     phases: [f32; 4],
     pub(super) lands_at: Option<Horizontal>,
@@ -251,17 +251,20 @@ impl Flight {
     }
 
     /// What the camera sees at this moment.
-    fn look(&mut self) -> Look {
+    fn look(&mut self) -> PadObservation {
         let time = self.now();
         let world = self.world;
         if world.camera == Camera::Bad {
-            return Look { time, seen: Seen::Bad(Bad::Flat) };
+            return PadObservation { time, seen: Seen::Bad(Bad::Flat) };
         }
-        let empty = Look { time, seen: Seen::Nothing(Nothing::NoRegion) };
+        let empty = PadObservation { time, seen: Seen::Nothing(Nothing::NoRegion) };
         if self.rng.uniform() < world.false_share {
             let (forward, right) = (self.rng.gaussian() * 0.4, self.rng.gaussian() * 0.3);
             let radius = 0.05 + 0.2 * self.rng.uniform();
-            return Look { time, seen: Seen::Pad(Pad { forward, right, radius, confidence: 0.5, is_cut: false }) };
+            return PadObservation {
+                time,
+                seen: Seen::Pad(Pad { forward, right, radius, confidence: 0.5, is_cut: false }),
+            };
         }
         let is_covered = inside(world.covered_s, self.time_s()) || self.rng.uniform() < world.missed_share;
         let Some(pad) = world.pad_ned_m.filter(|_| !is_covered) else { return empty };
@@ -287,7 +290,7 @@ impl Flight {
             confidence: 0.9,
             is_cut,
         };
-        Look { time, seen: Seen::Pad(pad) }
+        PadObservation { time, seen: Seen::Pad(pad) }
     }
 
     /// What the array hears at this moment.

@@ -8,7 +8,7 @@ use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::sin_cos;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
-use foxhound_core::landing::pad::{Look, Pad, Seen};
+use foxhound_core::landing::observation::{Pad, PadObservation, Seen};
 use foxhound_core::landing::{Config, Facts, Stage, State};
 use foxhound_firmware::boards::board;
 
@@ -56,7 +56,8 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         let pad =
             Pad { forward: forward / down, right: right / down, radius: 0.25 / down, confidence: 1.0, is_cut: false };
         let is_in_sight = down > 0.1 && pad.forward.abs() < 0.4 && pad.right.abs() < 0.55;
-        let look = (step % LOOK_TICKS == 0 && is_in_sight).then_some(Look { time: now, seen: Seen::Pad(pad) });
+        let look =
+            (step % LOOK_TICKS == 0 && is_in_sight).then_some(PadObservation { time: now, seen: Seen::Pad(pad) });
         let facts = Facts {
             now,
             ownship: Some(&ownship),

@@ -4,7 +4,8 @@ use core::hint::black_box;
 
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
-use foxhound_core::landing::pad::{Config, Format, Header, Seen, State};
+use foxhound_core::landing::observation::Seen;
+use foxhound_core::landing::pad::{Config, Format, Header, State};
 use foxhound_firmware::boards::board;
 use static_cell::ConstStaticCell;
 
@@ -74,7 +75,7 @@ fn frame(
     let mut seen = None;
     let end = measure(&mut || seen = Some(detector.end(state).seen));
     total += end;
-    (total, seen.unwrap_or(Seen::Bad(foxhound_core::landing::pad::Bad::NotBegun)))
+    (total, seen.unwrap_or(Seen::Bad(foxhound_core::landing::observation::Bad::NotBegun)))
 }
 
 /// Red in the disc, rough and grey around it, here and there a red grain.
