@@ -16,9 +16,11 @@
 //! After a zero a record is expected, after the zero that ends a good one text. A zero that ends anything else begins a
 //! record, so that one that got lost costs no more than the record that it belongs to.
 
+use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
+use foxhound_core::guidance;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
-use foxhound_core::landing::pad::{Detector, Format, Header, State, WIDTH_MAX};
+use foxhound_core::landing::pad::{self, Detector, Format, Header, State, WIDTH_MAX};
 
 use crate::log::frame::{Finder, Frame, stuffed_bytes};
 
@@ -33,6 +35,18 @@ pub const END: u8 = 34;
 const ROOM: usize = stuffed_bytes(1 + 5 + 2 * WIDTH_MAX as usize + 4);
 /// So old a frame says nothing.
 const AGE_MAX_US: u32 = 2_000_000;
+
+/// What finds the pad in the frames of the camera that is configured.
+///
+/// # Errors
+/// The field that is out of range; none is where guidance was built from the same configuration.
+pub fn detector(config: &guidance::Config) -> Result<Detector, ConfigError> {
+    let landing = config.landing.unwrap_or_default();
+    let camera = pad::Camera { focal_widths: landing.focal_widths };
+    // What the vehicle believes of its height may come from the pad's own size.
+    let height_tolerance = 0.15;
+    pad::Config { camera, pad_radius_m: landing.pad_radius_m, height_tolerance }.build()
+}
 
 /// What a byte brought.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -24,6 +24,7 @@ use cortex_m::{asm, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::zerocopy_channel::{self, Channel, Sender};
+use foxhound_computer::camera;
 use foxhound_computer::deadline::{self, Monitor};
 use foxhound_computer::flight::{self, Stepped};
 use foxhound_computer::log::Log;
@@ -281,7 +282,7 @@ pub async fn guide(
                         flight.companion.require_entry();
                     }
                     tell(&mut flight, &restart, start);
-                    port.set_detector(flight.guidance.detector());
+                    port.set_detector(flight.config);
                     store.overrule();
                     port.drain().await;
                     port.log.begin("set up", needs_entry, &flight);
@@ -302,7 +303,7 @@ pub async fn guide(
                 }
                 if flight.serve(&mut port.log.keeper(&mut store)) {
                     planning.begin_anew();
-                    port.set_detector(flight.guidance.detector());
+                    port.set_detector(flight.config);
                 }
                 store.keep_up(step.now, flight.companion);
                 let is_starved = step.lock_step.is_some_and(|lock_step| lock_step.holds_plan);
@@ -446,9 +447,11 @@ pub struct Begun {
 
 impl Begun {
     /// What pad the camera looks for.
-    #[must_use]
-    pub const fn detector(&self) -> Detector {
-        self.flight.guidance.detector()
+    ///
+    /// # Errors
+    /// The field of the configuration that is refused.
+    pub fn detector(&self) -> Result<Detector, ConfigError> {
+        camera::detector(self.flight.config)
     }
 }
 

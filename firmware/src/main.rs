@@ -18,12 +18,13 @@ fn main() -> ! {
 #[inline(never)]
 fn start() -> Desk {
     let board = board::start();
-    let (begun, (planning, desk)) = match app::begin_with(board.flash).and_then(|begun| Ok((begun, app::planning()?))) {
+    let ready = app::begin_with(board.flash).and_then(|begun| Ok((begun.detector()?, begun, app::planning()?)));
+    let (detector, begun, (planning, desk)) = match ready {
         Ok(all) => all,
         Err(error) => app::refuse(error),
     };
     board.link.spawn(task(app::transmit(board.transmitter, &OUTGOING)));
-    let (port, log, camera) = port::ends(begun.detector());
+    let (port, log, camera) = port::ends(detector);
     board.link.spawn(task(port::listen(board.port_receiver, camera)));
     board.link.spawn(task(port::speak(board.port_transmitter, log)));
     let line = Line::new(board.receiver, &OUTGOING);

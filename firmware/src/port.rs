@@ -9,11 +9,12 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
-use foxhound_computer::camera::{Came, Camera, Sighted};
+use foxhound_computer::camera::{self, Came, Camera, Sighted};
 use foxhound_computer::log::ring::{Consumer, Ring};
 use foxhound_computer::log::{Log, State};
 use foxhound_computer::port::{Command, Lines, Status, Waiting};
 use foxhound_computer::timing::Task;
+use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::landing::pad::Detector;
@@ -104,9 +105,11 @@ impl Port {
         HEIGHT_M.store(height_m.unwrap_or(f32::NAN).to_bits(), Ordering::Relaxed);
     }
 
-    /// Another pad is looked for, or with another camera.
-    pub fn set_detector(&self, detector: Detector) {
-        DETECTOR.signal(detector);
+    /// Another pad is looked for, or with another camera: of a configuration that guidance runs with.
+    pub fn set_detector(&self, config: &guidance::Config) {
+        if let Ok(detector) = camera::detector(config) {
+            DETECTOR.signal(detector);
+        }
     }
 
     /// Somebody wants to know how it is.

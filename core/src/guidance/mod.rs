@@ -26,7 +26,7 @@ use crate::doa::bearing::{self, Bearing, Finder, Flags};
 use crate::guidance::mission::{Behaviour, Control, Facts, Outcome, Progress};
 use crate::guidance::systems::Systems;
 use crate::landing::observation::PadObservation;
-use crate::landing::{self, Advice, Lander, pad};
+use crate::landing::{self, Advice, Lander};
 use crate::localize::goal;
 use crate::localize::goal::posterior::Estimate;
 use crate::localize::link_state::{self, Classifier, Sightline};
@@ -339,7 +339,6 @@ impl Config {
                 Some(landing) => Some(landing.build()?),
                 None => None,
             },
-            detector: self.landing.unwrap_or_default().detector()?,
         })
     }
 }
@@ -374,7 +373,6 @@ pub struct Guidance<const N: usize> {
     mission: mission::Mission,
     turning: Option<turning::Turning>,
     lander: Option<Lander>,
-    detector: pad::Detector,
 }
 
 /// What the fast loop carries from step to step.
@@ -527,12 +525,6 @@ impl<const N: usize> State<N> {
 }
 
 impl<const N: usize> Guidance<N> {
-    /// What finds the pad in the frames of a camera.
-    #[must_use]
-    pub const fn detector(&self) -> pad::Detector {
-        self.detector
-    }
-
     /// The state before the first step.
     #[must_use]
     pub fn start(&self) -> State<N> {

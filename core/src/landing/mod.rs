@@ -136,24 +136,12 @@ impl Config {
         check("landing.approach_s", self.approach_s, 1.0, 600.0)?;
         check("landing.attempt_s", self.attempt_s, 1.0, 600.0)?;
         check("landing.total_s", self.total_s, 1.0, 3600.0)?;
-        self.detector()?;
         Ok(Lander {
             config: *self,
             arrival: self.arrival.build()?,
             search: self.search.build()?,
             pilot: self.centring.build()?,
         })
-    }
-
-    /// What finds the pad in the frames of this camera.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn detector(&self) -> Result<pad::Detector, ConfigError> {
-        let camera = pad::Camera { focal_widths: self.focal_widths };
-        // What the vehicle believes of its height may come from the pad's own size.
-        let height_tolerance = 0.15;
-        pad::Config { camera, pad_radius_m: self.pad_radius_m, height_tolerance }.build()
     }
 }
 

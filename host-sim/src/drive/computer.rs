@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use foxhound_computer::camera::{Came, Camera, Sighted};
+use foxhound_computer::camera::{self, Came, Camera, Sighted};
 use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
 use foxhound_computer::selftest::{self, Report};
 use foxhound_computer::twin::Planned;
@@ -156,7 +156,7 @@ impl HostComputer {
             store: None,
             recording: None,
             receiver: Receiver::new(None, &selftest::Config::default())?,
-            camera: Camera::new(guidance.detector()),
+            camera: Camera::new(camera::detector(config)?),
             sighted: None,
             guidance,
         })
@@ -239,7 +239,8 @@ impl Computer for HostComputer {
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
         let height_m = self.state.height_m();
         // As the firmware does: with the parameters that hold now.
-        self.camera.set_detector(self.guidance.detector());
+        let detector = camera::detector(&self.config).map_err(|error| ComputerError(error.to_string()))?;
+        self.camera.set_detector(detector);
         for byte in bytes {
             if let Some(Came::Sighted(sighted)) = self.camera.push(*byte, height_m) {
                 self.sighted = Some(sighted);

@@ -43,9 +43,9 @@ pub fn record(kind: u8, number: u32, content: &[u8]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use foxhound_computer::camera::{Came, Camera, Sighted};
+    use foxhound_computer::camera::{Came, Camera, Sighted, detector};
     use foxhound_core::base::time::Instant;
-    use foxhound_core::landing::Config;
+    use foxhound_core::guidance::Config;
     use foxhound_core::landing::observation::{Bad, Seen};
 
     use super::*;
@@ -55,7 +55,7 @@ mod tests {
     const HEADER: Header = Header { time: Instant(0), width_px: 160, height_px: 120, format: Format::Rgb565 };
 
     fn camera() -> Camera {
-        Camera::new(Config::default().detector().unwrap())
+        Camera::new(detector(&Config::default()).unwrap())
     }
 
     /// What is typed, and what the frames come to.
@@ -81,7 +81,7 @@ mod tests {
     fn a_pad_is_seen_through_the_line_as_it_is_seen_without() {
         let recipe = random::Recipe { height_m: [1.0, 3.0], hidden: 0.0, ..random::Recipe::PAD };
         let lens = camera::Camera::default();
-        let detector = Config::default().detector().unwrap();
+        let detector = detector(&Config::default()).unwrap();
         for seed in 0..20 {
             let frame = random::shot(&recipe, &lens, seed).frame;
             assert_eq!(frame.size, Size::USUAL);

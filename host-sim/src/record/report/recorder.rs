@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use foxhound_computer::camera;
 use foxhound_core::base::ned;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::guidance;
@@ -57,7 +58,7 @@ impl Recorder {
         let empty = Scratch::new();
         let mut recorder = Self {
             config: planner,
-            detector: config.landing.unwrap_or_default().detector().ok(),
+            detector: camera::detector(config).ok(),
             focal_widths: config.landing.unwrap_or_default().focal_widths.into(),
             begun_s: None,
             steps: 0,
