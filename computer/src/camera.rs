@@ -20,7 +20,7 @@ use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
-use foxhound_core::landing::pad::{self, Detector, Format, Header, State, WIDTH_MAX};
+use foxhound_pad::{self as pad, Detector, Format, Header, State, WIDTH_MAX};
 
 use crate::log::frame::{Finder, Frame, stuffed_bytes};
 

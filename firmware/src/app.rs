@@ -40,10 +40,10 @@ use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, Guidance};
 use foxhound_core::landing::observation::PadObservation;
-use foxhound_core::landing::pad::Detector;
 use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
 use foxhound_core::planning::rollout::WAYPOINTS;
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
+use foxhound_pad::Detector;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::boards::board::{self, Flash, Pacer, Receiver, Transmitter, Watchdog};

@@ -17,7 +17,7 @@ use foxhound_computer::timing::Task;
 use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::landing::observation::PadObservation;
-use foxhound_core::landing::pad::Detector;
+use foxhound_pad::Detector;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 

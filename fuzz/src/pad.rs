@@ -2,7 +2,7 @@
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::Seen;
-use foxhound_core::landing::pad::{Camera, Config, Format, Header, State};
+use foxhound_pad::{Camera, Config, Format, Header, State};
 
 use super::{Draw, Noise, Reached};
 

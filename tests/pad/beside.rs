@@ -4,8 +4,8 @@ use std::io::Write as _;
 use std::process::Stdio;
 
 use foxhound_core::landing::observation::Seen;
-use foxhound_core::landing::pad::Format;
-use foxhound_core::landing::pad::{Camera, Config};
+use foxhound_pad::Format;
+use foxhound_pad::{Camera, Config};
 use foxhound_sim::world::camera::random::{Recipe, shot};
 use foxhound_sim::world::camera::watch::alone;
 use foxhound_sim::world::camera::{Frame, Size};

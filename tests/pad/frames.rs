@@ -2,7 +2,7 @@
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
-use foxhound_core::landing::pad::{Camera, Config, Detector, Format, HEIGHT_MAX, Header, State, WIDTH_MAX};
+use foxhound_pad::{Camera, Config, Detector, Format, HEIGHT_MAX, Header, State, WIDTH_MAX};
 use foxhound_sim::world::camera::random::{Recipe, shot};
 use foxhound_sim::world::camera::watch::alone;
 use foxhound_sim::world::camera::{Ground, Lighting, PAD_RED, Pose, Scene, Size, Target, render};

@@ -2,7 +2,7 @@
 //! `doa` and `localize`.
 //!
 //! The planner brings the vehicle near; [`arrival`] says when it is there, or cannot say; [`search`] looks for what is not found,
-//! within limits; [`centring`] goes above the pad and down. What is seen of the pad is [`pad`]'s. [`Lander::step`] is asked
+//! within limits; [`centring`] goes above the pad and down. What is seen of the pad is the detector's, a crate of its own (`foxhound-pad`). [`Lander::step`] is asked
 //! in every step of the fast loop; as long as it has no demand the planner is followed, and the guard has the last word
 //! on all of it. Without a camera the vehicle stays above the beacon and hands over; that the autopilot is to land it there
 //! is the user's to say ([`Config::request_land`]).
@@ -64,7 +64,6 @@ use crate::localize::source::Estimate;
 pub mod arrival;
 pub mod centring;
 pub mod observation;
-pub mod pad;
 pub mod pose;
 pub mod search;
 mod stages;

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use foxhound_core::landing::observation::{Pad, Seen};
-use foxhound_core::landing::pad::{Camera, Config, Format, HEIGHT_MAX, SIDE_MIN, WIDTH_MAX};
+use foxhound_pad::{Camera, Config, Format, HEIGHT_MAX, SIDE_MIN, WIDTH_MAX};
 use foxhound_sim::scenario::input::{InputError, check_within};
 use foxhound_sim::world::camera::picture::{Picture, mark};
 use foxhound_sim::world::camera::random::{Recipe, shot};

@@ -2,7 +2,7 @@
 
 use foxhound_computer::camera::{BEGIN, END, LINE};
 use foxhound_core::doa::calibration::record::crc32;
-use foxhound_core::landing::pad::{Format, Header};
+use foxhound_pad::{Format, Header};
 
 /// All records of one frame, whose pixels are line after line, with its age when its last byte has been sent.
 #[must_use]

@@ -5,8 +5,8 @@ use core::hint::black_box;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::Seen;
-use foxhound_core::landing::pad::{Config, Format, Header, State};
 use foxhound_firmware::boards::board;
+use foxhound_pad::{Config, Format, Header, State};
 use static_cell::ConstStaticCell;
 
 use crate::row;
@@ -40,7 +40,7 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 /// The instructions of a frame, without those that make it.
 fn frame(
     measure: &impl Fn(&mut dyn FnMut()) -> u32,
-    detector: &foxhound_core::landing::pad::Detector,
+    detector: &foxhound_pad::Detector,
     state: &mut State,
     format: Format,
     seed: u64,

@@ -5,9 +5,9 @@ use std::f32::consts::TAU;
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::Output;
-use foxhound_core::landing::pad::Format;
 use foxhound_core::landing::{Advice, Stage};
 use foxhound_link::dialect::DISTANCE_SENSOR_DATA;
+use foxhound_pad::Format;
 use serde::Serialize;
 
 use crate::scenario::{self, inside};

@@ -8,10 +8,10 @@ use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
 use foxhound_core::landing::observation::Seen;
-use foxhound_core::landing::pad::Detector;
 use foxhound_core::planning::field;
 use foxhound_core::planning::planner::{self, SAMPLES, Scratch, Verdict};
 use foxhound_core::planning::rollout::Trajectory;
+use foxhound_pad::Detector;
 use foxhound_papers::apf::{self, NAMES};
 use serde_json::Value;
 

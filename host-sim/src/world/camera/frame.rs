@@ -1,7 +1,7 @@
 //! Frames as a camera delivers them.
 
 use foxhound_core::base::time::Instant;
-use foxhound_core::landing::pad::{Format, Header};
+use foxhound_pad::{Format, Header};
 
 /// What a camera delivers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

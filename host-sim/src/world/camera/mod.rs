@@ -15,7 +15,7 @@ pub mod watch;
 
 use std::f32::consts::TAU;
 
-pub use foxhound_core::landing::pad::Camera;
+pub use foxhound_pad::Camera;
 pub use frame::{Frame, Size};
 pub use ground::Ground;
 pub use light::{Colour, Lighting, Shadow, lamp};

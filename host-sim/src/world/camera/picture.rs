@@ -4,7 +4,7 @@ use std::io::{BufRead, Seek};
 use std::path::Path;
 
 use foxhound_core::landing::observation::Seen;
-use foxhound_core::landing::pad::{Format, HEIGHT_MAX, WIDTH_MAX};
+use foxhound_pad::{Format, HEIGHT_MAX, WIDTH_MAX};
 
 use super::frame::{Frame, Size};
 use crate::scenario::input::InputError;

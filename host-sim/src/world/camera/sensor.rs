@@ -1,6 +1,6 @@
 //! From light to bytes: vignette, flare, blur, noise, gamma, bits.
 
-use foxhound_core::landing::pad::Format;
+use foxhound_pad::Format;
 
 use super::frame::{Frame, Size};
 use super::light::{Colour, Lighting};

@@ -2,7 +2,7 @@
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
-use foxhound_core::landing::pad::{Detector, State};
+use foxhound_pad::{Detector, State};
 
 use super::frame::Frame;
 

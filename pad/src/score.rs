@@ -3,8 +3,8 @@
 //! Each measure is what a person would look at, from about zero to one. None of them decides alone: a pad of six pixels whose edge a
 //! leaf hides and a half disc differ in several of them by a little. A network of twelve units weighs them.
 
-use crate::base::math::sqrt;
-use crate::base::units::between;
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::units::between;
 
 use super::Format;
 use super::fit::{Fit, SECTORS};

@@ -8,7 +8,7 @@
 //!
 //! Floating point, since it is a few dozen points of a few regions in a frame.
 
-use crate::base::math::sqrt;
+use foxhound_core::base::math::sqrt;
 
 use super::regions::{Outline, ROWS};
 
@@ -330,13 +330,13 @@ fn improve(disc: &Disc, points: &[Point], scale: f32, prior: Option<Prior>, is_c
     let step = solve(&mut matrix)?;
     let [x, y, radius, p, q] = step;
     let most = 0.5 * disc.radius;
-    let held = |step: f32, most: f32| crate::base::units::between(step, -most, most);
+    let held = |step: f32, most: f32| foxhound_core::base::units::between(step, -most, most);
     let next = Disc {
         x: disc.x + held(x, most),
         y: disc.y + held(y, most),
         radius: disc.radius + held(radius, most),
-        p: crate::base::units::between(disc.p + p, -0.3, 0.3),
-        q: crate::base::units::between(disc.q + q, -0.3, 0.3),
+        p: foxhound_core::base::units::between(disc.p + p, -0.3, 0.3),
+        q: foxhound_core::base::units::between(disc.q + q, -0.3, 0.3),
     };
     (next.x.is_finite() && next.y.is_finite() && next.radius > 0.5 && next.p.is_finite() && next.q.is_finite())
         .then_some(next)
@@ -396,7 +396,8 @@ fn judge(disc: &Disc, points: &[Point], origin: Point, size_px: [u16; 2]) -> Fit
     let length = |pair: [f32; 2]| 2.0 * sqrt(pair[0] * pair[0] + pair[1] * pair[1]) / count;
     let mut sectors = 0;
     for at in 0..SECTORS {
-        let (sine, cosine) = crate::base::units::sin_cos((at as f32 + 0.5) * core::f32::consts::TAU / SECTORS as f32);
+        let (sine, cosine) =
+            foxhound_core::base::units::sin_cos((at as f32 + 0.5) * core::f32::consts::TAU / SECTORS as f32);
         let (x, y) = (disc.x + origin.x + disc.radius * cosine, disc.y + origin.y + disc.radius * sine);
         let is_inside = x > 0.5 && y > 0.5 && x < f32::from(size_px[0]) - 0.5 && y < f32::from(size_px[1]) - 0.5;
         sectors += u32::from(is_inside);

@@ -17,6 +17,10 @@
 //!
 //! Pixels and regions are integers; the last step, of a few dozen points a frame, is `f32`. Cost: the bench's
 //! `pad_160x120`.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
 
 mod fit;
 mod light;
@@ -26,10 +30,10 @@ mod score;
 mod tests;
 mod weights;
 
-use crate::base::error::{ConfigError, check};
-use crate::base::math::sqrt;
-use crate::base::time::Instant;
-use crate::landing::observation::{Bad, Nothing, Pad, PadObservation, Seen};
+use foxhound_core::base::error::{ConfigError, check};
+use foxhound_core::base::math::sqrt;
+use foxhound_core::base::time::Instant;
+use foxhound_core::landing::observation::{Bad, Nothing, Pad, PadObservation, Seen};
 
 use fit::Prior;
 use light::Light;
