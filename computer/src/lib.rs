@@ -6,7 +6,7 @@
 //! | module | what |
 //! |---|---|
 //! | [`flight`] | one step: link, guidance, link; the same lines in the firmware and in the simulator |
-//! | [`camera`] | frames of a camera that looks down, and what the pad detector makes of them |
+//! | [`camera`] | frames of a camera that looks down, and what the pad detector makes of them; with the feature `pad`, which is on unless it is turned off |
 //! | [`circular`] | reading a ring that DMA writes |
 //! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
 //! | [`log`] | what goes into a flight, written down so that the host can fly it again |
@@ -25,6 +25,7 @@
 #[cfg(test)]
 extern crate std;
 
+#[cfg(feature = "pad")]
 pub mod camera;
 pub mod circular;
 pub mod deadline;

@@ -59,6 +59,9 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
 
     stages.run("format", || attend(cargo().args(["fmt", "--all", "--check"])))?;
     stages.run("lints, host", || clippy(&["--workspace", "--exclude", "foxhound-firmware", "--all-targets"]))?;
+    stages.run("lints, no camera", || {
+        clippy(&["--package", "foxhound-computer", "--no-default-features", "--all-targets"])
+    })?;
     for board in Board::ALL {
         let feature = format!("board-{}", board.name());
         let firmware = ["--package", "foxhound-firmware", "--target", TARGET, "--profile", "firmware"];
