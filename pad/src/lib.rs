@@ -17,6 +17,9 @@
 //!
 //! Pixels and regions are integers; the last step, of a few dozen points a frame, is `f32`. Cost: the bench's
 //! `pad_160x120`.
+//!
+//! The weights of the score are in `weights`, which says what they were trained on. `foxhound pad --render --seed N` draws such
+//! a picture; the program that trained them is not in the repository, so no command reproduces them.
 #![no_std]
 
 #[cfg(test)]
