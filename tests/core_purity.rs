@@ -1,4 +1,4 @@
-//! The core stays what it says it is, and so do the papers' systems: no standard library, no heap.
+//! The core stays what it says it is, and so do the papers' systems and the pad's detector: no standard library, no heap.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -47,14 +47,17 @@ fn the_core_depends_on_no_crate_beyond_the_known_ones() {
 }
 
 #[test]
-fn the_papers_depend_on_the_core_and_on_nothing_that_it_does_not() {
-    let (papers, core) = (built_from("foxhound-papers"), built_from("foxhound-core"));
-    assert_eq!(papers.difference(&core).collect::<Vec<_>>(), ["foxhound-papers"]);
-    assert!(papers.contains("foxhound-core"));
+fn papers_and_pad_depend_on_the_core_and_on_nothing_that_it_does_not() {
+    let core = built_from("foxhound-core");
+    for package in ["foxhound-papers", "foxhound-pad"] {
+        let its = built_from(package);
+        assert_eq!(its.difference(&core).collect::<Vec<_>>(), [package]);
+        assert!(its.contains("foxhound-core"));
+    }
 }
 
 #[test]
-fn core_and_papers_name_neither_alloc_nor_std_outside_of_tests() {
+fn core_papers_and_pad_name_neither_alloc_nor_std_outside_of_tests() {
     fn sources(dir: &std::path::Path, found: &mut Vec<std::path::PathBuf>) {
         for entry in std::fs::read_dir(dir).unwrap() {
             let path = entry.unwrap().path();
@@ -68,6 +71,7 @@ fn core_and_papers_name_neither_alloc_nor_std_outside_of_tests() {
     let mut files = Vec::new();
     sources(&root().join("core/src"), &mut files);
     sources(&root().join("papers/src"), &mut files);
+    sources(&root().join("pad/src"), &mut files);
     assert!(files.len() > 20);
     // Files that are a module of their own, there for tests only: `#[cfg(test)] mod scenes;` in the same folder or in
     // that of the file's name.
