@@ -231,14 +231,27 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
                     if !(range_m <= scan.range_max_m) {
                         continue;
                     }
-                    let bearing_rad = yaw_rad + scan.first_azimuth_rad + scan.step_rad * index as f32;
-                    let away = Horizontal::from_bearing(wrap_pi(bearing_rad)).times(range_m);
-                    let hit = ownship.position_ned_m.horizontal().plus(away);
-                    let out = out_m(hit, state.map().circles().map(|c| (c.center_ned_m, c.radius_m)));
+                    let middle_rad = yaw_rad + scan.first_azimuth_rad + scan.step_rad * index as f32;
+                    // Which of a wide sector's rays hit it does not say: at least one of these places is occupied.
+                    let hits: Vec<Horizontal, 9> = (-4..=4)
+                        .map(|ray| {
+                            let aside_rad = 0.25 * ray as f32 * scan.outermost_ray() * scan.step_rad;
+                            let away = Horizontal::from_bearing(wrap_pi(middle_rad + aside_rad)).times(range_m);
+                            ownship.position_ned_m.horizontal().plus(away)
+                        })
+                        .collect();
+                    let out_of = |circles: &[(Horizontal, f32)]| {
+                        let out = hits.iter().map(|hit| out_m(*hit, circles.iter().copied()));
+                        out.fold(f32::INFINITY, f32::min)
+                    };
+                    let known: Vec<_, 128> = state.map().circles().map(|c| (c.center_ned_m, c.radius_m)).collect();
+                    let out = out_of(&known);
                     assert!(out < 0.021, "{episode}: a hit lies {out} m out of the map");
                     hits_in_map += 1;
                     if state.near().len() < OBSTACLES_MAX {
-                        let out = out_m(hit, state.near().iter().map(|o| (o.center_ned_m, o.reach_m - radius_m)));
+                        let near: Vec<_, 64> =
+                            state.near().iter().map(|o| (o.center_ned_m, o.reach_m - radius_m)).collect();
+                        let out = out_of(&near);
                         assert!(out < 0.021, "{episode}: a hit lies {out} m out of what the guard heeds");
                         hits_near += 1;
                     }

@@ -234,10 +234,10 @@ impl Keeper {
         map.note_taken(look.time, now);
         let mut index = Index::new(look.origin_ned_m);
         index.place_all(&map.known);
+        self.thin_out(map, &mut index);
         for seen in &look.detections {
             self.absorb(map, &mut index, now, look, seen);
         }
-        self.thin_out(map, &mut index);
         map.sweep();
     }
 

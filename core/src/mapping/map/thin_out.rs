@@ -2,18 +2,21 @@
 //! is room for more of it.
 //!
 //! A surface that is seen from several sides leaves more circles than it needs: patches from before its pillar was
-//! recognised, and between pillars. A few circles are asked in each look, in turn.
+//! recognised, and between pillars. A few circles are asked before each look is taken in, in turn: what of the look is then not
+//! covered any more is added again.
 
 use super::index::Index;
-use super::{CIRCLES_MAX, DOOMED, Keeper, Known, Map, Origin};
+use super::{AVERAGED, CIRCLES_MAX, DOOMED, Keeper, Known, Map, Origin};
 use crate::base::ned::Horizontal;
 
 /// From so many circles on.
 const FULL: usize = CIRCLES_MAX * 3 / 4;
 /// Circles that are asked in a look.
 const ASKED: usize = 12;
-/// A covered circle sticks out of the others by this much at most.
-const STICK_OUT_M: f32 = 0.03;
+/// The rim of a covered circle sticks out of the others by this much at most, where it is looked at.
+const STICK_OUT_M: f32 = 0.02;
+/// Larger ones are not asked: their rim is looked at too far apart.
+const RADIUS_MAX_M: f32 = 0.3;
 /// Where its rim is looked at.
 const RIM: [(f32, f32); 12] = [
     (1.0, 0.0),
@@ -48,22 +51,29 @@ impl Keeper {
     }
 }
 
-/// Whether other circles cover one: those that stand, and are pillars where it is one.
+/// Whether other circles cover one, as far as they were measured and not their doubt: those that stand, through which nothing has
+/// been seen, and which are pillars where it is one.
 fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
-    let Some(known) = all.get(at).filter(|known| known.origin != Origin::Given && stands(known)) else { return false };
+    let is_asked =
+        |known: &&Known| known.origin != Origin::Given && known.circle.radius_m <= RADIUS_MAX_M && stands(known);
+    let Some(known) = all.get(at).filter(is_asked) else { return false };
     let circle = &known.circle;
     let near = index.near(circle.center_ned_m, circle.radius_m + STICK_OUT_M);
     RIM.iter().all(|(north, east)| {
         let rim = circle.center_ned_m.plus(Horizontal { north: *north, east: *east }.times(circle.radius_m));
         near.filter(|other| *other != at).any(|other| {
-            let Some(other) = all.get(other).filter(|other| stands(other) && (other.is_round() || !known.is_round()))
+            let Some(other) = all.get(other).filter(|other| covers(other) && (other.is_round() || !known.is_round()))
             else {
                 return false;
             };
-            let reach_m = other.circle.radius_m + STICK_OUT_M;
+            let reach_m = other.radius_m + STICK_OUT_M;
             rim.minus(other.circle.center_ned_m).norm_squared() <= reach_m * reach_m
         })
     })
+}
+
+fn covers(known: &Known) -> bool {
+    stands(known) && matches!(known.clear_looks, 0 | AVERAGED)
 }
 
 fn stands(known: &Known) -> bool {
@@ -158,5 +168,22 @@ mod tests {
         let before = map.known.len();
         look(&mut map, 10);
         assert_eq!(map.known.len(), before);
+    }
+
+    #[test]
+    fn neither_a_circles_doubt_nor_one_that_is_seen_through_covers_another() {
+        for (sigma_m, clear_looks) in [(0.3, 0), (0.005, 1)] {
+            let mut map = Map::default();
+            for at in 0..FULL / 2 {
+                let center = Horizontal { north: 2.0 * at as f32, east: 2.0 };
+                let pillar = known(center, 0.1 + sigma_m, Origin::Seen(Kind::Pillar));
+                map.known.push(Known { radius_m: 0.1, sigma_m, clear_looks, ..pillar }).unwrap();
+                let east = if clear_looks == 0 { 2.2 } else { 2.0 };
+                let patch = known(Horizontal { east, ..center }, 0.06, Origin::Seen(Kind::Patch));
+                map.known.push(patch).unwrap();
+            }
+            look(&mut map, 40);
+            assert_eq!(map.known.len(), FULL, "{sigma_m}");
+        }
     }
 }
