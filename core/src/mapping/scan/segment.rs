@@ -144,11 +144,15 @@ impl Fitter {
             Sector::Hit(hit_m) => hit_m > edge_m,
             Sector::Unknown => false,
         };
-        let outermost_rad = scan.outermost_ray() * scan.step_rad;
+        let outermost_rad = between(scan.outermost_ray() * scan.step_rad, -0.1, 0.1);
         let mut index = begin;
         for left in (0..count).rev() {
             let range_m = range_at(index);
-            let beside = |at: usize| if continues(range_at(at), range_m) { range_at(at) } else { 0.0 };
+            // The last sector is the first one's neighbour in a full turn only.
+            let beside = |at: usize, is_next: bool| {
+                let is_neighbour = turn.is_some() || (if is_next { at > 0 } else { index > 0 });
+                if is_neighbour && continues(range_at(at), range_m) { range_at(at) } else { 0.0 }
+            };
             let next = if index + 1 == count { 0 } else { index + 1 };
             if range_m > 0.0 {
                 let goes_on = left > 0 && (turn.is_some() || next > 0) && continues(range_m, range_at(next));
@@ -160,7 +164,7 @@ impl Fitter {
                     its |= FREE_BEHIND;
                 }
                 // Cannot fail: as many places as sectors.
-                let side = nearer_side(beside(before(index)), range_m, beside(next));
+                let side = nearer_side(beside(before(index), false), range_m, beside(next, true));
                 let _ = look.points_m.push(turned_a_little(direction, side * outermost_rad).times(range_m));
                 marks.push(its);
             }
