@@ -82,10 +82,10 @@ struct View<'a> {
 impl View<'_> {
     /// Whether the sensor sees something behind a circle, or nothing where it stands.
     fn passes(&self, known: &Known, away: Horizontal, distance_m: f32) -> bool {
-        let turn = self.turn.map_or(0.0, |turn| turn as f32);
         let mut middle = wrap_pi(away.bearing_rad() - self.first_ned_rad) / self.scan.step_rad;
-        if turn > 0.0 && middle < -0.5 {
-            middle += turn;
+        // A scan of more than half a turn goes on past it.
+        if middle < -0.5 {
+            middle += core::f32::consts::TAU / libm::fabsf(self.scan.step_rad);
         }
         // Nearer than this, a hit is the circle's or in front of it.
         let (front_m, side_m) = if known.origin == Origin::Given {
