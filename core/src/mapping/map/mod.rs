@@ -8,9 +8,10 @@
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
 //!
 //! So after each look every hit is covered, however wrong the store was, unless the store is full: then the circle farthest
-//! from the vehicle gives way and [`Map::overflow_count`] says so. Before it is full, what others cover is forgotten (`thin_out`). What is out of sight stays, but for circles that move:
-//! those are carried along and forgotten when unseen for a while. A circle moves when its filter says so with four sigma
-//! for several looks in a row, so that the change of the view of a standing pillar does not set it in motion.
+//! from the vehicle gives way and [`Map::overflow_count`] says so. Before it is full, what others cover is forgotten
+//! (`thin_out`). What is out of sight stays, but for circles that move: those are carried along and forgotten when unseen
+//! for a while. A circle moves when its filter says so with four sigma for several looks in a row, so that the change of the
+//! view of a standing pillar does not set it in motion.
 //!
 //! The cost of a look is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` say what it is.
 //!
