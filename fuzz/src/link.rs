@@ -190,7 +190,7 @@ impl Flight {
                 radius_m: draw.any(0.0, 2.0),
                 velocity_ned_mps: Horizontal::default(),
             };
-            self.companion.publish_surroundings(now, [circle].iter());
+            self.companion.publish_surroundings(now, [circle].into_iter());
         }
     }
 

@@ -317,7 +317,6 @@ fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
     if draw.flag() {
         config.map.moving_memory_s = draw.field(config.map.moving_memory_s, 0.1, 60.0);
         config.map.clear_looks = draw.below(6);
-        config.map.inflation_sigmas = draw.field(config.map.inflation_sigmas, 0.0, 5.0);
         config.goal.target_distance_m = draw.field(config.goal.target_distance_m, 0.5, 20.0);
         config.response.dead_time_s = draw.field(config.response.dead_time_s, 0.0, 0.1);
         config.response.lag_s = draw.field(config.response.lag_s, 0.0, 5.0);
@@ -572,7 +571,7 @@ impl Flight {
             is_calm,
         };
         step.check(&about);
-        assert!(self.state.map().circles().all(Circle::is_plausible), "the map: {}", about());
+        assert!(self.state.map().circles().all(|circle| circle.is_plausible()), "the map: {}", about());
         assert!(self.state.map().circles().count() <= CIRCLES_MAX);
         if let Some(bearing_rad) = output.source_bearing_ned_rad {
             assert!(bearing_rad.abs() <= PI + 1e-5, "the source's bearing: {}", about());

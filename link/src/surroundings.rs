@@ -21,7 +21,7 @@ const RANGE_CM: u16 = 2_000;
 pub(crate) fn message(
     time_us: u64,
     ownship: &Ownship,
-    circles: &mut dyn Iterator<Item = &Circle>,
+    circles: &mut dyn Iterator<Item = Circle>,
 ) -> OBSTACLE_DISTANCE_DATA {
     let mut distances = [u16::MAX; SECTORS];
     let here = ownship.position_ned_m.horizontal();
@@ -77,7 +77,7 @@ mod tests {
         };
         // Ahead (east) at 4 m, right (south) at 2 m behind a nearer one, and one that is too far.
         let circles = [circle(10.0, 10.0, 1.0), circle(7.0, 5.0, 0.5), circle(8.0, 5.0, 0.5), circle(10.0, -30.0, 1.0)];
-        let message = message(3, &ownship, &mut circles.iter());
+        let message = message(3, &ownship, &mut circles.into_iter());
         assert_eq!((message.frame, message.increment, message.angle_offset), (12, 5, 0.0));
         let near = |sector: usize, cm: u16| message.distances[sector].abs_diff(cm) <= 1;
         assert!(near(0, 400) && near(71, 400) && near(2, 400), "{:?}", message.distances);
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn who_stands_in_a_circle_is_touched_all_round() {
-        let message = message(3, &Ownship::default(), &mut [circle(0.1, 0.0, 1.0)].iter());
+        let message = message(3, &Ownship::default(), &mut [circle(0.1, 0.0, 1.0)].into_iter());
         assert!(message.distances.iter().all(|cm| *cm == 0));
     }
 }

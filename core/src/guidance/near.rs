@@ -22,7 +22,7 @@ pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec
     let mut rings = [FAR; CIRCLES_MAX];
     let mut counts = [0_u8; FAR as usize];
     for (circle, ring) in map.circles().zip(&mut rings) {
-        let reach_m = guard.obstacle(circle).reach_m;
+        let reach_m = guard.obstacle(&circle).reach_m;
         let limit = reach_m + NEAR_M;
         let squared = circle.center_ned_m.minus(place).norm_squared();
         if squared < limit * limit {
@@ -44,7 +44,7 @@ pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec
         if ring < whole || (ring == whole && ring < FAR && left > 0) {
             left -= u8::from(ring == whole);
             // Cannot fail: so many places were shared out.
-            let _ = near.push(guard.obstacle(circle));
+            let _ = near.push(guard.obstacle(&circle));
         }
     }
 }
@@ -81,6 +81,6 @@ pub(super) fn copy(map: &Map, circles: &mut Vec<Circle, CIRCLES_MAX>) {
     circles.clear();
     for circle in map.circles() {
         // Cannot fail: as many places.
-        let _ = circles.push(*circle);
+        let _ = circles.push(circle);
     }
 }

@@ -369,8 +369,12 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
         }
         near::gather(&guidance.guard, &state.map, Horizontal::default(), &mut state.near);
         let clearance = |o: &Obstacle| o.center_ned_m.norm() - o.reach_m;
-        let mut all: StdVec<f32> =
-            state.map.circles().map(|c| clearance(&guidance.guard.obstacle(c))).filter(|c| *c < near::NEAR_M).collect();
+        let mut all: StdVec<f32> = state
+            .map
+            .circles()
+            .map(|c| clearance(&guidance.guard.obstacle(&c)))
+            .filter(|c| *c < near::NEAR_M)
+            .collect();
         all.sort_by(f32::total_cmp);
         let farthest = state.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
         assert_eq!(state.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");

@@ -260,7 +260,7 @@ impl Computer for HostComputer {
     }
 
     fn remembered(&self) -> Vec<Circle> {
-        self.state.map().circles().copied().collect()
+        self.state.map().circles().collect()
     }
 
     fn considered(&self) -> Option<Considered<'_>> {

@@ -559,7 +559,7 @@ impl Companion {
     }
 
     /// Takes what is remembered of the obstacles, for whoever wants to see it.
-    pub fn publish_surroundings<'a>(&mut self, now: Instant, mut circles: impl Iterator<Item = &'a Circle>) {
+    pub fn publish_surroundings(&mut self, now: Instant, mut circles: impl Iterator<Item = Circle>) {
         if let Some(ownship) = self.ownship() {
             self.report_surroundings(now, &ownship, &mut circles);
         }

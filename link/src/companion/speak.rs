@@ -381,7 +381,7 @@ impl Companion {
         &mut self,
         now: Instant,
         ownship: &Ownship,
-        circles: &mut dyn Iterator<Item = &Circle>,
+        circles: &mut dyn Iterator<Item = Circle>,
     ) {
         self.telemetry.surroundings_due = now.plus_micros(SURROUNDINGS_PERIOD_US);
         self.outbox.post_surroundings(&surroundings::message(now.0, ownship, circles));

@@ -134,7 +134,7 @@ fn what_is_remembered_of_the_obstacles_is_told_where_asked_for() {
             bench.say(&position(time_boot_ms));
             bench.say(&attitude(time_boot_ms, 0.0));
             if bench.companion.wants_surroundings(bench.now()) {
-                bench.companion.publish_surroundings(bench.now(), [circle].iter());
+                bench.companion.publish_surroundings(bench.now(), [circle].into_iter());
             }
             bench.step(10_000);
             told.extend(bench.take_sent().into_iter().filter_map(|sent| match sent.message {

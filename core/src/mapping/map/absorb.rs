@@ -140,7 +140,7 @@ impl Keeper {
         let mut nearest: Option<(usize, f32)> = None;
         for at in index.near(seen.center_ned_m, beyond_m) {
             let Some(known) = map.known.get_mut(at) else { continue };
-            let away = known.circle.center_ned_m.minus(origin);
+            let away = known.center_ned_m.minus(origin);
             let squared = away.minus(center).norm_squared();
             let reach_m = known.radius_m + beyond_m;
             if squared > reach_m * reach_m {
@@ -173,7 +173,7 @@ impl Keeper {
         }
         for at in met {
             if let Some(known) = map.known.get(usize::from(at)) {
-                covered.mark(known, known.circle.center_ned_m.minus(origin));
+                covered.mark(known, known.center_ned_m.minus(origin));
             }
         }
         let count = covered.points_m.len();
@@ -200,7 +200,7 @@ impl Keeper {
             turn: scan.turn().map(|turn| turn as i32),
         };
         for known in &mut map.known {
-            let away = known.circle.center_ned_m.minus(view.origin_ned_m);
+            let away = known.center_ned_m.minus(view.origin_ned_m);
             let squared = away.norm_squared();
             let range_max_m = scan.range_max_m;
             if squared < known.radius_m * known.radius_m || squared > range_max_m * range_max_m {

@@ -77,7 +77,7 @@ impl Index {
     /// Notes where a circle is that has a place in the store.
     #[inline(never)]
     pub(super) fn place(&mut self, at: usize, known: &Known) {
-        let away = known.circle.center_ned_m.minus(self.origin_ned_m);
+        let away = known.center_ned_m.minus(self.origin_ned_m);
         if let Some(squared) = self.squared_bits.get_mut(at) {
             *squared = away.norm_squared().to_bits();
         }
@@ -120,7 +120,7 @@ impl Index {
             self.doomed = left;
             return (Some(at), true);
         }
-        let mut most = newcomer.circle.center_ned_m.minus(self.origin_ned_m).norm_squared().to_bits();
+        let mut most = newcomer.center_ned_m.minus(self.origin_ned_m).norm_squared().to_bits();
         let mut farthest = None;
         for (at, squared) in self.squared_bits.iter().enumerate() {
             if *squared > most {
@@ -146,7 +146,6 @@ fn bins(middle_m: f32, reach_m: f32) -> impl Iterator<Item = usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::obstacle::Circle;
     use crate::base::rng::Rng;
     use crate::mapping::map::{Motion, Origin};
     use std::vec::Vec;
@@ -155,7 +154,7 @@ mod tests {
         let center_ned_m = Horizontal { north: spread_m * rng.gaussian(), east: spread_m * rng.gaussian() };
         let radius_m = 0.05 + rng.uniform() * rng.uniform();
         Known {
-            circle: Circle { center_ned_m, radius_m, ..Circle::default() },
+            center_ned_m,
             radius_m,
             sigma_m: 0.01,
             slope_ned_mps: Horizontal::default(),
@@ -176,7 +175,7 @@ mod tests {
                 let all: Vec<Known> = (0..CIRCLES_MAX)
                     .map(|_| {
                         let mut known = known(&mut rng, spread_m);
-                        known.circle.center_ned_m = known.circle.center_ned_m.plus(origin);
+                        known.center_ned_m = known.center_ned_m.plus(origin);
                         known
                     })
                     .collect();
@@ -184,12 +183,11 @@ mod tests {
                 index.place_all(&all);
                 index.doom(7);
                 for _ in 0..20 {
-                    let (place, reach_m) = (all[(rng.uniform() * 127.0) as usize].circle.center_ned_m, rng.uniform());
+                    let (place, reach_m) = (all[(rng.uniform() * 127.0) as usize].center_ned_m, rng.uniform());
                     let found: Vec<usize> = index.near(place, reach_m).collect();
                     assert!(found.windows(2).all(|pair| pair[0] < pair[1]) && !found.contains(&7));
                     for (at, known) in all.iter().enumerate().filter(|(at, _)| *at != 7) {
-                        let is_near =
-                            known.circle.center_ned_m.minus(place).norm() < 0.999 * (known.radius_m + reach_m);
+                        let is_near = known.center_ned_m.minus(place).norm() < 0.999 * (known.radius_m + reach_m);
                         assert!(!is_near || found.contains(&at), "{at}: {known:?} {place:?} {reach_m}");
                         near += usize::from(is_near && spread_m == 2.0);
                     }
@@ -204,14 +202,14 @@ mod tests {
     fn what_is_to_be_forgotten_gives_way_first_and_then_the_farthest_unless_the_newcomer_is_farther() {
         let mut rng = Rng::new(2, 9);
         let mut all: Vec<Known> = (0..CIRCLES_MAX).map(|_| known(&mut rng, 2.0)).collect();
-        all[90].circle.center_ned_m = Horizontal { north: 50.0, east: 0.0 };
+        all[90].center_ned_m = Horizontal { north: 50.0, east: 0.0 };
         let mut index = Index::new(Horizontal::default());
         index.place_all(&all);
         index.doom(30);
         let mut newcomer = known(&mut rng, 1.0);
         assert_eq!(index.give_way(&newcomer), (Some(30), true));
         assert_eq!(index.give_way(&newcomer), (Some(90), false));
-        newcomer.circle.center_ned_m = Horizontal { north: 0.0, east: 51.0 };
+        newcomer.center_ned_m = Horizontal { north: 0.0, east: 51.0 };
         assert_eq!(index.give_way(&newcomer), (None, false));
     }
 }

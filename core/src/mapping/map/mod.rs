@@ -15,7 +15,7 @@
 //!
 //! The cost of a look is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` say what it is.
 //!
-//! The radius that is told is the measured one plus [`Config::inflation_sigmas`] of its sigma, nothing for exact circles.
+//! The radius that is told is the measured one plus its sigma, nothing for exact circles.
 
 use heapless::Vec;
 
@@ -42,6 +42,8 @@ pub const DELIVERY_MAX: usize = 64;
 
 /// Sigma below which averaging does not bring it, so that the map follows if the vehicle's own position drifts.
 const SIGMA_MIN_M: f32 = 0.005;
+/// Sigmas that a circle's radius is told larger by.
+const INFLATION_SIGMAS: f32 = 1.0;
 /// A ray that passes a circle's rim on the inside by more than this, unhindered, speaks against the circle.
 const RIM_M: f32 = 0.03;
 /// A patch inside a pillar may stick out by this much.
@@ -66,15 +68,13 @@ pub struct Config {
     pub clear_looks: u8,
     /// A hit this close to a known circle is part of it.
     pub cover_m: f32,
-    /// Sigmas that a circle's radius is told larger by.
-    pub inflation_sigmas: f32,
     /// Slower than this nothing moves.
     pub moving_min_mps: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { moving_memory_s: 3.0, clear_looks: 3, cover_m: 0.018, inflation_sigmas: 1.0, moving_min_mps: 0.10 }
+        Self { moving_memory_s: 3.0, clear_looks: 3, cover_m: 0.018, moving_min_mps: 0.10 }
     }
 }
 
@@ -87,7 +87,6 @@ impl Config {
         check("map.moving_memory_s", self.moving_memory_s, 0.1, 60.0)?;
         check("map.clear_looks", f32::from(self.clear_looks), 1.0, 100.0)?;
         check("map.cover_m", self.cover_m, 0.001, 0.5)?;
-        check("map.inflation_sigmas", self.inflation_sigmas, 0.0, 5.0)?;
         check("map.moving_min_mps", self.moving_min_mps, 0.01, 5.0)?;
         Ok(Keeper { config: *self })
     }
@@ -108,19 +107,18 @@ enum Origin {
     Seen(Kind),
 }
 
-/// A remembered circle.
+/// A remembered circle: 32 bytes, of which there are [`CIRCLES_MAX`].
 #[derive(Clone, Copy, Debug)]
 struct Known {
-    /// As it is told: inflated, and with a velocity only if it moves.
-    circle: Circle,
+    center_ned_m: Horizontal,
     /// As it was measured.
     radius_m: f32,
     /// Standard deviation of centre and radius.
     sigma_m: f32,
     /// Its velocity, if it moves.
     slope_ned_mps: Horizontal,
-    motion: Motion,
     seen_ms: u32,
+    motion: Motion,
     origin: Origin,
     clear_looks: u8,
 }
@@ -128,6 +126,20 @@ struct Known {
 impl Known {
     fn is_round(&self) -> bool {
         self.origin != Origin::Seen(Kind::Patch)
+    }
+
+    fn velocity_ned_mps(&self) -> Horizontal {
+        if self.motion.moves() { self.slope_ned_mps } else { Horizontal::default() }
+    }
+
+    /// As it is told: larger by its doubt unless it was delivered, and with a velocity only if it moves.
+    fn circle(&self) -> Circle {
+        let doubt_m = if self.origin == Origin::Given { 0.0 } else { INFLATION_SIGMAS * self.sigma_m };
+        Circle {
+            center_ned_m: self.center_ned_m,
+            radius_m: self.radius_m + doubt_m,
+            velocity_ned_mps: self.velocity_ned_mps(),
+        }
     }
 }
 
@@ -146,8 +158,8 @@ pub struct Map {
 
 impl Map {
     /// The remembered circles.
-    pub fn circles(&self) -> impl Iterator<Item = &Circle> + Clone {
-        self.known.iter().map(|known| &known.circle)
+    pub fn circles(&self) -> impl Iterator<Item = Circle> + Clone {
+        self.known.iter().map(Known::circle)
     }
 
     /// When the newest look was measured that has been taken in, even if it saw nothing.
@@ -269,7 +281,7 @@ impl Keeper {
         let mut next = 0;
         for circle in plausible {
             let known = Known {
-                circle: *circle,
+                center_ned_m: circle.center_ned_m,
                 radius_m: circle.radius_m,
                 sigma_m: SIGMA_MIN_M,
                 slope_ned_mps: circle.velocity_ned_mps,
@@ -307,12 +319,12 @@ impl Keeper {
         map.carried = now;
         let (memory_s, now_ms) = (self.config.moving_memory_s, millis(now));
         map.known.retain_mut(|known| {
-            let velocity = known.circle.velocity_ned_mps;
+            let velocity = known.velocity_ned_mps();
             if velocity.norm_squared() == 0.0 {
                 return true;
             }
-            known.circle.center_ned_m = known.circle.center_ned_m.plus(velocity.times(dt_s));
-            seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle.is_plausible()
+            known.center_ned_m = known.center_ned_m.plus(velocity.times(dt_s));
+            seconds_between(known.seen_ms, now_ms) <= memory_s && known.circle().is_plausible()
         });
     }
 
@@ -329,7 +341,7 @@ impl Keeper {
         known.clear_looks = AVERAGED;
         let margin_m = self.config.cover_m;
         let covers = |known: &Known| {
-            let center = known.circle.center_ned_m.minus(origin_ned_m);
+            let center = known.center_ned_m.minus(origin_ned_m);
             let reach_m = known.radius_m + margin_m;
             points_m.iter().all(|point| point.minus(center).norm_squared() <= reach_m * reach_m)
         };
@@ -339,8 +351,8 @@ impl Keeper {
             let dt_s = seconds_between(known.seen_ms, now_ms);
             let share = known.sigma_m * known.sigma_m / (known.sigma_m * known.sigma_m + seen.sigma_m * seen.sigma_m);
             let sighting = Sighting { center: seen.center_ned_m, sigma_m: seen.sigma_m, share, dt_s };
-            let (center, least_mps) = (known.circle.center_ned_m, self.config.moving_min_mps);
-            known.circle.center_ned_m = known.motion.step(&mut known.slope_ned_mps, center, &sighting, least_mps);
+            let (center, least_mps) = (known.center_ned_m, self.config.moving_min_mps);
+            known.center_ned_m = known.motion.step(&mut known.slope_ned_mps, center, &sighting, least_mps);
             known.radius_m += (seen.radius_m - known.radius_m) * share;
             let sigma_m = known.sigma_m * sqrt(1.0 - share);
             known.sigma_m = if sigma_m > SIGMA_MIN_M { sigma_m } else { SIGMA_MIN_M };
@@ -350,41 +362,34 @@ impl Keeper {
                 return;
             }
             known.origin = Origin::Seen(Kind::Pillar);
-            known.circle.radius_m = known.radius_m + self.config.inflation_sigmas * known.sigma_m;
-            known.circle.velocity_ned_mps =
-                if known.motion.moves() { known.slope_ned_mps } else { Horizontal::default() };
         }
         known.seen_ms = now_ms;
     }
 
     /// What was seen, as it would be remembered; nothing, and counted, if it is absurd.
     fn known_of(&self, map: &mut Map, now: Instant, seen: &Detection) -> Option<Known> {
-        let circle = Circle {
+        let known = Known {
             center_ned_m: seen.center_ned_m,
-            radius_m: seen.radius_m + self.config.inflation_sigmas * seen.sigma_m,
-            velocity_ned_mps: Horizontal::default(),
-        };
-        if !circle.is_plausible() || !(seen.sigma_m > 0.0) {
-            map.refuse(1);
-            return None;
-        }
-        Some(Known {
-            circle,
             radius_m: seen.radius_m,
             sigma_m: seen.sigma_m,
             slope_ned_mps: Horizontal::default(),
-            motion: Motion::default(),
             seen_ms: millis(now),
+            motion: Motion::default(),
             origin: Origin::Seen(seen.kind),
             clear_looks: 0,
-        })
+        };
+        if !known.circle().is_plausible() || !(seen.sigma_m > 0.0) {
+            map.refuse(1);
+            return None;
+        }
+        Some(known)
     }
 }
 
 /// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
 /// order each time: it is looked for behind the last one that was found first.
 fn seen_before(known: &[Known], index: &Index, circle: &Circle, next: usize) -> Option<usize> {
-    let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle == *circle && k.origin == Origin::Given);
+    let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle() == *circle && k.origin == Origin::Given);
     Some(next).filter(is_it).or_else(|| index.near(circle.center_ned_m, 0.0).find(is_it))
 }
 
@@ -397,7 +402,7 @@ fn seen_nearby(known: &[Known], index: &Index, circle: &Circle, now_ms: u32) -> 
         if k.seen_ms == now_ms && k.origin == Origin::Given {
             return false;
         }
-        let away = k.circle.center_ned_m.minus(circle.center_ned_m);
+        let away = k.center_ned_m.minus(circle.center_ned_m);
         away.norm_squared() < near_m * near_m && libm::fabsf(k.radius_m - circle.radius_m) < 0.05
     })
 }
@@ -405,7 +410,7 @@ fn seen_nearby(known: &[Known], index: &Index, circle: &Circle, now_ms: u32) -> 
 /// Whether a circle is inside another, but for what a bad fit may stick out.
 fn holds(outer: &Circle, inner: &Known) -> bool {
     let reach_m = outer.radius_m + STICK_OUT_M - inner.radius_m;
-    let away = outer.center_ned_m.minus(inner.circle.center_ned_m);
+    let away = outer.center_ned_m.minus(inner.center_ned_m);
     reach_m > 0.0 && away.norm_squared() < reach_m * reach_m
 }
 

@@ -54,10 +54,12 @@ impl Keeper {
 /// Whether other circles cover one, as far as they were measured and not their doubt: those that stand, through which nothing has
 /// been seen, and which are pillars where it is one.
 fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
-    let is_asked =
-        |known: &&Known| known.origin != Origin::Given && known.circle.radius_m <= RADIUS_MAX_M && stands(known);
+    let is_asked = |known: &&Known| known.origin != Origin::Given && stands(known);
     let Some(known) = all.get(at).filter(is_asked) else { return false };
-    let circle = &known.circle;
+    let circle = known.circle();
+    if circle.radius_m > RADIUS_MAX_M {
+        return false;
+    }
     let near = index.near(circle.center_ned_m, circle.radius_m + STICK_OUT_M);
     RIM.iter().all(|(north, east)| {
         let rim = circle.center_ned_m.plus(Horizontal { north: *north, east: *east }.times(circle.radius_m));
@@ -67,7 +69,7 @@ fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
                 return false;
             };
             let reach_m = other.radius_m + STICK_OUT_M;
-            rim.minus(other.circle.center_ned_m).norm_squared() <= reach_m * reach_m
+            rim.minus(other.center_ned_m).norm_squared() <= reach_m * reach_m
         })
     })
 }
@@ -77,7 +79,7 @@ fn covers(known: &Known) -> bool {
 }
 
 fn stands(known: &Known) -> bool {
-    known.circle.velocity_ned_mps == Horizontal::default() && known.clear_looks != DOOMED
+    known.velocity_ned_mps() == Horizontal::default() && known.clear_looks != DOOMED
 }
 
 #[cfg(test)]
@@ -92,7 +94,7 @@ mod tests {
 
     fn known(center_ned_m: Horizontal, radius_m: f32, origin: Origin) -> Known {
         Known {
-            circle: Circle { center_ned_m, radius_m, ..Circle::default() },
+            center_ned_m,
             radius_m,
             sigma_m: 0.005,
             slope_ned_mps: Horizontal::default(),
@@ -131,9 +133,9 @@ mod tests {
         let mut rng = Rng::new(5, 0);
         for _ in 0..20 {
             let mut map = row(&mut rng);
-            let before: Vec<Circle> = map.circles().copied().collect();
+            let before: Vec<Circle> = map.circles().collect();
             look(&mut map, 40);
-            let after: Vec<Circle> = map.circles().copied().collect();
+            let after: Vec<Circle> = map.circles().collect();
             assert!(after.len() <= FULL + ASKED && after.len() < before.len(), "{}", after.len());
             let pillars = map.known.iter().filter(|known| known.is_round()).count();
             assert_eq!(pillars, 24);
@@ -162,7 +164,8 @@ mod tests {
             if at % 2 == 0 {
                 known.origin = Origin::Given;
             } else {
-                known.circle.velocity_ned_mps = Horizontal { north: 0.001, east: 0.0 };
+                known.slope_ned_mps = Horizontal { north: 0.001, east: 0.0 };
+                known.motion = Motion::of(known.slope_ned_mps);
             }
         }
         let before = map.known.len();

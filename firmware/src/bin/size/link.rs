@@ -39,7 +39,7 @@ fn run(companion: &mut Companion, now: Instant) {
         companion.publish(now, output);
     }
     if companion.wants_surroundings(now) {
-        companion.publish_surroundings(now, black_box(&[] as &[Circle]).iter());
+        companion.publish_surroundings(now, black_box(&[] as &[Circle]).iter().copied());
     }
     companion.poll(now);
     companion.transmit(black_box(&mut [0; 64]));
