@@ -2,7 +2,7 @@
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::planning::planner::{Config, PlanRequest, Scratch, Verdict};
 
 fn main() -> Result<(), ConfigError> {
@@ -18,14 +18,14 @@ fn main() -> Result<(), ConfigError> {
         ..PlanRequest::default()
     };
     for (north, east, radius_m) in [(1.0, 0.1, 0.3), (2.2, -0.5, 0.25)] {
-        let pillar = Circle { center_ned_m: Horizontal { north, east }, radius_m, ..Circle::default() };
-        assert!(request.circles.push(pillar).is_ok(), "there is room for 128");
+        let pillar = Disc { center_ned_m: Horizontal { north, east }, radius_m, moves: false };
+        assert!(request.discs.push(pillar).is_ok(), "there is room for 128");
     }
     let plan = planner.plan(&mut scratch, &request);
     println!("{:?}, cost {:.3}, gains {:?}", plan.verdict, plan.cost, plan.gains);
     for place in plan.waypoints_ned_m {
         println!("  {:6.3} m north {:6.3} m east", place.north, place.east);
-        for pillar in &request.circles {
+        for pillar in &request.discs {
             assert!(place.minus(pillar.center_ned_m).norm() > pillar.radius_m + 0.15);
         }
     }

@@ -51,15 +51,15 @@
 //! ```
 //! # use foxhound_core::ConfigError;
 //! use foxhound_core::base::ned::Horizontal;
-//! use foxhound_core::base::obstacle::Circle;
+//! use foxhound_core::base::obstacle::Disc;
 //! use foxhound_core::planning::planner::{Config, PlanRequest, Scratch, Verdict};
 //!
 //! let planner = Config::default().build()?;
 //! let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
 //! let mut request = PlanRequest { known_source_ned_m, ..PlanRequest::default() };
 //! let center_ned_m = Horizontal { north: 1.0, east: 0.1 };
-//! let pillar = Circle { center_ned_m, radius_m: 0.3, ..Circle::default() };
-//! assert!(request.circles.push(pillar).is_ok());
+//! let pillar = Disc { center_ned_m, radius_m: 0.3, moves: false };
+//! assert!(request.discs.push(pillar).is_ok());
 //! let plan = planner.plan(&mut Scratch::new(), &request);
 //! assert_eq!(plan.verdict, Verdict::Follow);
 //! # Ok::<(), ConfigError>(())

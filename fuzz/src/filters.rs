@@ -4,7 +4,7 @@
 use std::f32::consts::{PI, TAU};
 
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
@@ -496,12 +496,12 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
     while !draw.rest.is_empty() && reached.answers < 8 {
         let mut points = points(draw);
         if draw.flag() {
-            let circles = points.iter().map(|center_ned_m| Circle {
+            let circles = points.iter().map(|center_ned_m| Disc {
                 center_ned_m: *center_ned_m,
                 radius_m: 0.1,
-                ..Circle::default()
+                ..Disc::default()
             });
-            let circles: Vec<Circle> = circles.collect();
+            let circles: Vec<Disc> = circles.collect();
             points = lor::points_of(&circles, place(draw)).to_vec();
         }
         let found = if is_in_any_order {
@@ -541,7 +541,7 @@ fn search(draw: &mut Draw<'_>) -> Reached {
     let mut circles = Vec::new();
     while !draw.rest.is_empty() && reached.answers < 64 {
         if draw.below(8) == 0 {
-            circles = points(draw).into_iter().take(128).map(|center_ned_m| circle(draw, center_ned_m)).collect();
+            circles = points(draw).into_iter().take(128).map(|center_ned_m| disc(draw, center_ned_m)).collect();
         }
         match draw.below(16) {
             0 => here = place(draw),
@@ -577,12 +577,6 @@ fn search(draw: &mut Draw<'_>) -> Reached {
     reached
 }
 
-fn circle(draw: &mut Draw<'_>, center_ned_m: Horizontal) -> Circle {
-    let moves = draw.below(16) == 0;
-    let velocity_ned_mps = if moves {
-        Horizontal { north: draw.any(-2.0, 2.0), east: draw.any(-2.0, 2.0) }
-    } else {
-        Horizontal::default()
-    };
-    Circle { center_ned_m, radius_m: draw.field(0.15, 0.0, 2.0), velocity_ned_mps }
+fn disc(draw: &mut Draw<'_>, center_ned_m: Horizontal) -> Disc {
+    Disc { center_ned_m, radius_m: draw.field(0.15, 0.0, 2.0), moves: draw.below(16) == 0 }
 }

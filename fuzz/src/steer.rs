@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use foxhound_core::base::ned::{Horizontal, Ned};
-use foxhound_core::base::obstacle::{Circle, Obstacle};
+use foxhound_core::base::obstacle::{Circle, Neighbour};
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
@@ -277,7 +277,7 @@ fn check_way(
     limits: &guard::Config,
     setpoint: Setpoint,
     situation: &Situation,
-    obstacles: &[Obstacle],
+    obstacles: &[Neighbour],
     about: &dyn Fn() -> String,
 ) {
     let (position, rest) = (situation.position_ned_m, situation.rest_ned_m);
@@ -289,8 +289,8 @@ fn check_way(
     let (before_m, after_m) = (limits.fence.depth_m(rest), limits.fence.depth_m(end));
     assert!(after_m >= before_m.min(0.0) - 1e-2, "fence, {before_m} then {after_m}: {}", about());
     // The map lets no other circles through.
-    let is_sane = |o: &Obstacle| o.reach_m.is_finite() && o.center_ned_m.norm() < NEAR_M;
-    let stands = |o: &&Obstacle| o.velocity_ned_mps == Horizontal::default() && is_sane(o);
+    let is_sane = |o: &Neighbour| o.reach_m.is_finite() && o.center_ned_m.norm() < NEAR_M;
+    let stands = |o: &&Neighbour| o.velocity_ned_mps == Horizontal::default() && is_sane(o);
     for obstacle in obstacles.iter().filter(stands) {
         let reach_m = f64::from(obstacle.reach_m);
         let committed_m = from_segment_m(obstacle.center_ned_m, position, rest) - reach_m;

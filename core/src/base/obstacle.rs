@@ -28,6 +28,35 @@ impl Circle {
     }
 }
 
+/// A circle as a plan is made for it: where it is now, and whether it will stay there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Disc {
+    /// Centre.
+    pub center_ned_m: Horizontal,
+    /// Radius.
+    pub radius_m: f32,
+    /// Whether it moves.
+    pub moves: bool,
+}
+
+impl Disc {
+    /// Whether it is finite, not negative and not absurd.
+    #[must_use]
+    pub fn is_plausible(&self) -> bool {
+        let Self { center_ned_m, radius_m, .. } = *self;
+        Circle { center_ned_m, radius_m, ..Circle::default() }.is_plausible()
+    }
+}
+
+impl From<Circle> for Disc {
+    fn from(circle: Circle) -> Self {
+        let Circle { center_ned_m, radius_m, velocity_ned_mps } = circle;
+        Self { center_ned_m, radius_m, moves: velocity_ned_mps != Horizontal::default() }
+    }
+}
+
 /// An obstacle as the field sees it: the circle within which the vehicle's centre must not come.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -36,12 +65,36 @@ pub struct Obstacle {
     pub center_ned_m: Horizontal,
     /// Radius of the obstacle plus that of the vehicle.
     pub reach_m: f32,
-    /// Velocity; the field takes obstacles as they stand, the guard does not.
-    pub velocity_ned_mps: Horizontal,
 }
 
 impl Obstacle {
-    /// A circle as an obstacle to a vehicle of the given radius.
+    /// A disc as an obstacle to a vehicle of the given radius.
+    #[must_use]
+    pub fn of(disc: &Disc, vehicle_radius_m: f32) -> Self {
+        Self { center_ned_m: disc.center_ned_m, reach_m: disc.radius_m + vehicle_radius_m }
+    }
+
+    /// Distance from the vehicle's boundary to the obstacle's (eq. 35); negative inside.
+    #[must_use]
+    pub fn clearance_m(&self, position_ned_m: Horizontal) -> f32 {
+        position_ned_m.minus(self.center_ned_m).norm() - self.reach_m
+    }
+}
+
+/// An obstacle near the vehicle, as the guard sees it: with its velocity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Neighbour {
+    /// Centre.
+    pub center_ned_m: Horizontal,
+    /// Radius of the obstacle plus that of the vehicle.
+    pub reach_m: f32,
+    /// Velocity.
+    pub velocity_ned_mps: Horizontal,
+}
+
+impl Neighbour {
+    /// A circle as a neighbour of a vehicle of the given radius.
     #[must_use]
     pub fn of(circle: &Circle, vehicle_radius_m: f32) -> Self {
         Self {
@@ -51,9 +104,15 @@ impl Obstacle {
         }
     }
 
-    /// Distance from the vehicle's boundary to the obstacle's (eq. 35); negative inside.
+    /// Distance from the vehicle's boundary to the obstacle's; negative inside.
     #[must_use]
     pub fn clearance_m(&self, position_ned_m: Horizontal) -> f32 {
-        position_ned_m.minus(self.center_ned_m).norm() - self.reach_m
+        self.standing().clearance_m(position_ned_m)
+    }
+
+    /// As it stands now.
+    #[must_use]
+    pub fn standing(&self) -> Obstacle {
+        Obstacle { center_ned_m: self.center_ned_m, reach_m: self.reach_m }
     }
 }

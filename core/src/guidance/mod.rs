@@ -13,7 +13,7 @@ use heapless::Vec;
 use crate::base::adc::Snapshot;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::{Circle, Obstacle};
+use crate::base::obstacle::{Circle, Neighbour};
 use crate::base::ownship::{Agreement, Ownship, Stale};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
@@ -408,7 +408,7 @@ pub struct State<const N: usize> {
     is_blocked: bool,
     height_m: Option<f32>,
     /// Obstacles near the vehicle, as of this step.
-    near: Vec<Obstacle, OBSTACLES_MAX>,
+    near: Vec<Neighbour, OBSTACLES_MAX>,
     ownship: Option<Ownship>,
     agreement: Agreement,
     last_flags: Flags,
@@ -491,7 +491,7 @@ impl<const N: usize> State<N> {
 
     /// Obstacles near the vehicle, as the guard took them in the last step.
     #[must_use]
-    pub fn near(&self) -> &[Obstacle] {
+    pub fn near(&self) -> &[Neighbour] {
         &self.near
     }
 
@@ -1100,7 +1100,7 @@ impl<const N: usize> Guidance<N> {
         let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
         state.request.search = state.is_searching.then_some(Search { now, pose });
         state.request.sightings = state.goal.take_sightings();
-        near::copy(&state.map, &mut state.request.circles);
+        near::copy(&state.map, &mut state.request.discs);
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));
         true
     }

@@ -6,7 +6,7 @@ use heapless::Vec;
 use super::OBSTACLES_MAX;
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::{Circle, Obstacle};
+use crate::base::obstacle::{Disc, Neighbour};
 use crate::control::guard::Guard;
 use crate::mapping::map::{CIRCLES_MAX, Map};
 use crate::planning::rollout::swept_clearance_m;
@@ -18,7 +18,7 @@ pub(super) const FAR: u8 = 64;
 
 /// Lists what is near the vehicle: the nearest, where there is no room for all of it.
 #[inline(never)]
-pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec<Obstacle, OBSTACLES_MAX>) {
+pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec<Neighbour, OBSTACLES_MAX>) {
     let mut rings = [FAR; CIRCLES_MAX];
     let mut counts = [0_u8; FAR as usize];
     for (circle, ring) in map.circles().zip(&mut rings) {
@@ -53,7 +53,7 @@ pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec
 /// there, and than the margin.
 #[inline(never)]
 pub(super) fn stands_in_the_way(
-    near: &[Obstacle],
+    near: &[Neighbour],
     rest_ned_m: Horizontal,
     next_ned_m: &[Horizontal],
     margin_m: f32,
@@ -71,16 +71,16 @@ pub(super) fn stands_in_the_way(
         }
         let at_rest = obstacle.clearance_m(rest_ned_m) - 0.01;
         let least = if at_rest < margin_m { at_rest } else { margin_m };
-        swept_clearance_m(rest_ned_m, next_ned_m, core::slice::from_ref(obstacle)) < least
+        swept_clearance_m(rest_ned_m, next_ned_m, &[obstacle.standing()]) < least
     })
 }
 
 /// Copies what is known.
 #[inline(never)]
-pub(super) fn copy(map: &Map, circles: &mut Vec<Circle, CIRCLES_MAX>) {
-    circles.clear();
+pub(super) fn copy(map: &Map, discs: &mut Vec<Disc, CIRCLES_MAX>) {
+    discs.clear();
     for circle in map.circles() {
         // Cannot fail: as many places.
-        let _ = circles.push(circle);
+        let _ = discs.push(circle.into());
     }
 }

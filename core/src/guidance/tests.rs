@@ -368,7 +368,7 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
             guidance.map.observe_circles(&mut state.map, Instant(1), Horizontal::default(), part).unwrap();
         }
         near::gather(&guidance.guard, &state.map, Horizontal::default(), &mut state.near);
-        let clearance = |o: &Obstacle| o.center_ned_m.norm() - o.reach_m;
+        let clearance = |o: &Neighbour| o.center_ned_m.norm() - o.reach_m;
         let mut all: StdVec<f32> = state
             .map
             .circles()

@@ -21,7 +21,7 @@ use micromath::F32;
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::Obstacle;
+use crate::base::obstacle::Neighbour;
 use crate::base::pose::Pose;
 use crate::base::units::{between, wrap_pi};
 use crate::mapping::scan::{Ranges, SECTORS_MAX, Scan};
@@ -268,7 +268,7 @@ impl Looker {
 
     /// Takes in that a sensor has delivered circles: it saw its whole field of view, up to the obstacles that are known.
     /// `vehicle_radius_m` is what their reach is larger by.
-    pub fn note_circles(&self, sight: &mut Sight, obstacles: &[Obstacle], vehicle_radius_m: f32, pose: &Pose) {
+    pub fn note_circles(&self, sight: &mut Sight, obstacles: &[Neighbour], vehicle_radius_m: f32, pose: &Pose) {
         let latest = &mut sight.latest;
         latest.rays = self.rays as u8;
         latest.closes = self.fov_rad > 6.2;
@@ -544,7 +544,7 @@ mod tests {
     #[test]
     fn circles_throw_shadows() {
         let (looker, mut sight) = (looker(), Sight::default());
-        let post = Obstacle { center_ned_m: at(1.0, 0.0), reach_m: 0.35, ..Obstacle::default() };
+        let post = Neighbour { center_ned_m: at(1.0, 0.0), reach_m: 0.35, ..Neighbour::default() };
         looker.note_circles(&mut sight, &[post], 0.15, &pose(0.0, 0.0, 0.0));
         assert_eq!(looker.cover(&sight, at(0.6, 0.0)), Cover::Seen);
         assert_eq!(looker.cover(&sight, at(1.4, 0.0)), Cover::Hidden);
@@ -574,7 +574,7 @@ mod tests {
                 let mut absurd = scan([Sector::Hit(north); SECTORS_MAX]);
                 absurd.first_azimuth_rad = east;
                 looker.note_scan(&mut sight, &absurd, &pose(north, east, north));
-                let circle = Obstacle { center_ned_m: at(north, east), reach_m: east, ..Obstacle::default() };
+                let circle = Neighbour { center_ned_m: at(north, east), reach_m: east, ..Neighbour::default() };
                 looker.note_circles(&mut sight, &[circle], 0.15, &pose(east, 0.0, 0.0));
                 looker.stand(&mut sight, at(north, east), 0.15);
                 let _ = looker.cover(&sight, at(north, east));

@@ -106,16 +106,9 @@ impl Cost {
 pub struct Scene {
     start: Horizontal,
     /// Ring by ring, in a ring as they were given; [`Scene::obstacles`] says what the order is good for.
-    obstacles: Vec<Known, CIRCLES_MAX>,
+    obstacles: Vec<Obstacle, CIRCLES_MAX>,
     /// How many of them have a clearance from the start within the first ring, the first two and so on.
     within: [u8; RINGS],
-}
-
-/// What of an obstacle is remembered.
-#[derive(Clone, Copy, Debug, Default)]
-struct Known {
-    center: Horizontal,
-    reach: f32,
 }
 
 /// Obstacles that the next few steps can come into the range of.
@@ -155,7 +148,7 @@ impl Scene {
         for (obstacle, ring) in obstacles.zip(rings) {
             let Some(place) = places.get_mut(usize::from(ring)) else { continue };
             if let Some(known) = self.obstacles.get_mut(usize::from(*place)) {
-                *known = Known { center: obstacle.center_ned_m, reach: obstacle.reach_m };
+                *known = obstacle;
             }
             *place += 1;
         }
@@ -171,15 +164,11 @@ impl Scene {
 
     /// The obstacles in the order in which their forces are added up.
     pub fn obstacles(&self) -> impl Iterator<Item = Obstacle> {
-        self.obstacles.iter().map(|known| Obstacle {
-            center_ned_m: known.center,
-            reach_m: known.reach,
-            ..Obstacle::default()
-        })
+        self.obstacles.iter().copied()
     }
 
     /// At least all obstacles whose clearance from the start is not greater.
-    fn within(&self, clearance_m: f32) -> &[Known] {
+    fn within(&self, clearance_m: f32) -> &[Obstacle] {
         let count = self.within.get(ring(clearance_m)).map_or(CIRCLES_MAX, |count| usize::from(*count));
         self.obstacles.get(..count).unwrap_or(&self.obstacles)
     }
@@ -211,7 +200,7 @@ impl Scene {
                 if index >= self.within(closest + far_m(WAYPOINTS)).len() {
                     break;
                 }
-                closest = nearest(trajectory, known.center, known.reach, closest);
+                closest = nearest(trajectory, known.center_ned_m, known.reach_m, closest);
             }
         }
         cost.proximity = proximity(closest);
@@ -250,12 +239,12 @@ impl Scene {
         let farthest = trajectory.iter().map(|w| w.minus(self.start).norm_squared()).fold(0.0, larger);
         let near = self.within(margin_m + sqrt(farthest) + SLACK_M);
         near.iter().all(|known| {
-            let mut from = self.start.minus(known.center);
-            let at_start = from.norm() - known.reach - 1e-3;
-            let least = known.reach + if at_start < margin_m { at_start } else { margin_m };
+            let mut from = self.start.minus(known.center_ned_m);
+            let at_start = from.norm() - known.reach_m - 1e-3;
+            let least = known.reach_m + if at_start < margin_m { at_start } else { margin_m };
             least <= 0.0
                 || trajectory.iter().all(|waypoint| {
-                    let to = waypoint.minus(known.center);
+                    let to = waypoint.minus(known.center_ned_m);
                     let squared = squared_to_segment(from, to);
                     from = to;
                     squared >= least * least
@@ -294,7 +283,7 @@ fn far_m(steps: usize) -> f32 {
 }
 
 /// Those of the obstacles that a block of steps from here can come into the range of.
-fn shorten(known: &[Known], position: Horizontal, field: &impl ForceField, list: &mut ShortList) {
+fn shorten(known: &[Obstacle], position: Horizontal, field: &impl ForceField, list: &mut ShortList) {
     let ahead = field.gains().influence_m + far_m(BLOCK);
     list.clear();
     // Four at a time: a compiler that is to mind the size does not do so by itself.
@@ -311,11 +300,11 @@ fn shorten(known: &[Known], position: Horizontal, field: &impl ForceField, list:
 }
 
 #[inline(always)]
-fn list_if_near(known: &Known, position: Horizontal, ahead: f32, field: &impl ForceField, list: &mut ShortList) {
-    let limit = known.reach + ahead;
-    if position.minus(known.center).norm_squared() < limit * limit {
+fn list_if_near(known: &Obstacle, position: Horizontal, ahead: f32, field: &impl ForceField, list: &mut ShortList) {
+    let limit = known.reach_m + ahead;
+    if position.minus(known.center_ned_m).norm_squared() < limit * limit {
         // As many places as obstacles.
-        let _ = list.push(field.pole(known.center, known.reach));
+        let _ = list.push(field.pole(known.center_ned_m, known.reach_m));
     }
 }
 
@@ -523,8 +512,7 @@ mod tests {
         let mut trajectory = [Horizontal { north: 1.0, east: 1.0 }; WAYPOINTS];
         trajectory[0] = Horizontal { north: 1.0, east: 0.0 };
         let target = Horizontal { north: 1.0, east: 3.0 };
-        let obstacle =
-            Obstacle { center_ned_m: Horizontal { north: 0.0, east: 1.0 }, reach_m: 0.5, ..Obstacle::default() };
+        let obstacle = Obstacle { center_ned_m: Horizontal { north: 0.0, east: 1.0 }, reach_m: 0.5 };
         let cost = cost(start, &trajectory, target, &[obstacle]);
         assert!((cost.length - 2.0).abs() < 5e-6 && (cost.error - 2.0).abs() < 1e-6);
         assert!((cost.turns - core::f32::consts::FRAC_PI_2).abs() < 1e-5);
@@ -537,8 +525,7 @@ mod tests {
     fn a_segment_that_jumps_over_a_pillar_is_seen() {
         let start = Horizontal::default();
         let trajectory = [Horizontal { north: 2.0, east: 0.0 }];
-        let pillar =
-            Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.05 }, reach_m: 0.2, ..Obstacle::default() };
+        let pillar = Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.05 }, reach_m: 0.2 };
         assert!((swept_clearance_m(start, &trajectory, &[pillar]) + 0.15).abs() < 1e-5);
     }
 
@@ -553,7 +540,6 @@ mod tests {
                     east: side_m * (rng.uniform() - 0.5),
                 },
                 reach_m: 0.25 + 0.23 * rng.uniform(),
-                ..Obstacle::default()
             })
             .collect();
         let above = |value: f32, least: f32| if value > least { value } else { least };

@@ -572,7 +572,7 @@ mod tests {
     use std::vec::Vec as StdVec;
 
     fn pillar(north: f32, east: f32, reach_m: f32) -> Obstacle {
-        Obstacle { center_ned_m: Horizontal { north, east }, reach_m, ..Obstacle::default() }
+        Obstacle { center_ned_m: Horizontal { north, east }, reach_m }
     }
 
     fn march(start: Horizontal, obstacles: &[Obstacle]) -> Box<Window> {

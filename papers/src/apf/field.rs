@@ -111,7 +111,7 @@ mod tests {
     const TARGET: Horizontal = Horizontal { north: 2.0, east: -1.0 };
 
     fn obstacle(north: f32, east: f32, reach_m: f32) -> Obstacle {
-        Obstacle { center_ned_m: Horizontal { north, east }, reach_m, ..Obstacle::default() }
+        Obstacle { center_ned_m: Horizontal { north, east }, reach_m }
     }
 
     /// All laws, Sun's with each exponent.

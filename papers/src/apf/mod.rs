@@ -150,8 +150,8 @@ pub fn own(config: &Config) -> Config {
 /// Answers one request.
 fn plan(config: &Config, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
     let target = target(request);
-    let circles = request.circles.iter();
-    scratch.scene.gather(request.start_ned_m, circles.map(|circle| Obstacle::of(circle, config.vehicle_radius_m)));
+    let discs = request.discs.iter();
+    scratch.scene.gather(request.start_ned_m, discs.map(|disc| Obstacle::of(disc, config.vehicle_radius_m)));
     let field = |gains| Field { law: config.law, gains };
     let (initial, cost) = roll(&scratch.scene, &field(config.gains), config.reading, target);
     scratch.initial = initial;
@@ -256,26 +256,20 @@ mod rollout_tests;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::base::obstacle::Circle;
+    use foxhound_core::base::obstacle::Disc;
     use foxhound_core::planning::explore;
     use std::vec::Vec as StdVec;
 
     fn request(seed: u64) -> PlanRequest {
         let mut rng = Rng::new(seed, 78);
-        let circles = (0..6)
-            .map(|_| Circle {
+        let discs = (0..6)
+            .map(|_| Disc {
                 center_ned_m: Horizontal { north: 0.4 + 2.0 * rng.uniform(), east: -1.0 + 2.0 * rng.uniform() },
                 radius_m: 0.1 + 0.2 * rng.uniform(),
-                ..Circle::default()
+                ..Disc::default()
             })
             .collect();
-        PlanRequest {
-            id: 1,
-            seed,
-            target_ned_m: Horizontal { north: 2.0, east: 0.0 },
-            circles,
-            ..PlanRequest::default()
-        }
+        PlanRequest { id: 1, seed, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, discs, ..PlanRequest::default() }
     }
 
     fn run(name: &str, request: &PlanRequest) -> (Plan, Scratch) {
@@ -287,7 +281,7 @@ mod tests {
     #[test]
     fn all_kinds_fly_straight_through_the_open() {
         for name in ["foxhound", "paper", "standard"] {
-            let (plan, _) = run(name, &PlanRequest { circles: heapless::Vec::new(), ..request(1) });
+            let (plan, _) = run(name, &PlanRequest { discs: heapless::Vec::new(), ..request(1) });
             assert_eq!(plan.verdict, Verdict::Follow);
             assert!(plan.waypoints_ned_m[14].minus(Horizontal { north: 2.0, east: 0.0 }).norm() < 1e-4, "{name}");
         }
@@ -303,9 +297,9 @@ mod tests {
     #[test]
     fn the_paper_mode_follows_the_sample_nearest_to_the_weighted_mean() {
         let circle =
-            |north, east, radius_m| Circle { center_ned_m: Horizontal { north, east }, radius_m, ..Circle::default() };
-        let circles = [circle(1.0, 0.1, 0.25), circle(1.4, -0.5, 0.2)].into_iter().collect();
-        let (plan, scratch) = run("paper", &PlanRequest { seed: 9, circles, ..request(1) });
+            |north, east, radius_m| Disc { center_ned_m: Horizontal { north, east }, radius_m, ..Disc::default() };
+        let discs = [circle(1.0, 0.1, 0.25), circle(1.4, -0.5, 0.2)].into_iter().collect();
+        let (plan, scratch) = run("paper", &PlanRequest { seed: 9, discs, ..request(1) });
         // Eq. 46-47 again, in f64 and without the shift of the exponent.
         let weights: std::vec::Vec<f64> = scratch.costs.iter().map(|s| (-f64::from(*s)).exp()).collect();
         let total: f64 = weights.iter().sum();
@@ -424,7 +418,7 @@ mod tests {
             let (_, mut scratch) = run("paper", &request);
             let chosen = nearest(&scratch, &optimal(&scratch, 1.0, Offsets::Signed).unwrap());
             let (start, target) = (request.start_ned_m, request.target_ned_m);
-            let obstacles: StdVec<Obstacle> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
+            let obstacles: StdVec<Obstacle> = request.discs.iter().map(|c| Obstacle::of(c, 0.15)).collect();
             for (sample, cost) in scratch.samples.iter().zip(&mut scratch.costs) {
                 let closest = obstacles
                     .iter()

@@ -16,7 +16,6 @@ fn forest(seed: u64, density: f32) -> (StdVec<Obstacle>, Gains, Horizontal) {
         .map(|_| Obstacle {
             center_ned_m: Horizontal { north: side_m * (rng.uniform() - 0.5), east: side_m * (rng.uniform() - 0.5) },
             reach_m: 0.25 + 0.23 * rng.uniform(),
-            ..Obstacle::default()
         })
         .collect();
     let above = |value: f32, least: f32| if value > least { value } else { least };
@@ -66,7 +65,7 @@ fn leaving_out_what_is_far_changes_no_bit_in_any_law_reading_or_density() {
 #[test]
 fn the_readings_take_one_step_or_four_or_a_fiftieth_of_the_force() {
     let (start, target) = (Horizontal::default(), Horizontal { north: 2.0, east: 0.0 });
-    let pillar = Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.3 }, reach_m: 0.4, ..Obstacle::default() };
+    let pillar = Obstacle { center_ned_m: Horizontal { north: 1.0, east: 0.3 }, reach_m: 0.4 };
     let field = Field { gains: GAINS, ..Field::default() };
     let first = |reading| roll_plainly(&field, Steps(reading), start, target, &[pillar])[0];
     let force = field.force(start, target, &[pillar]);
@@ -82,7 +81,7 @@ fn the_readings_take_one_step_or_four_or_a_fiftieth_of_the_force() {
     let end = roll_plainly(&field, Steps(Reading::Gradient), start, target, &[])[14];
     assert!((end.north - 2.0 * (1.0 - 0.98_f32.powi(15))).abs() < 1e-5, "{end:?}");
     // And no step is longer than the others' even deep inside an obstacle.
-    let deep = Obstacle { center_ned_m: Horizontal { north: 0.0, east: -0.1 }, reach_m: 0.6, ..Obstacle::default() };
+    let deep = Obstacle { center_ned_m: Horizontal { north: 0.0, east: -0.1 }, reach_m: 0.6 };
     let khatib = Field { law: Law::of(Kind::Khatib), ..field };
     let leap = roll_plainly(&khatib, Steps(Reading::Gradient), start, target, &[deep])[0];
     assert!((leap.norm() - SPACING_M).abs() < 1e-6, "{leap:?}");

@@ -2,7 +2,7 @@
 
 use super::*;
 use foxhound_core::base::math::sqrt;
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::rng::Rng;
 use std::vec::Vec;
 
@@ -312,7 +312,7 @@ fn the_two_faces_of_a_corridor_stay_two_walls_and_the_longest_come_first() {
 
 #[test]
 fn the_face_of_a_wall_is_found_behind_a_chain_of_circles() {
-    let circle = |north: f32, east: f32| Circle { center_ned_m: at(north, east), radius_m: 0.1, ..Circle::default() };
+    let circle = |north: f32, east: f32| Disc { center_ned_m: at(north, east), radius_m: 0.1, ..Disc::default() };
     // A chain of small circles behind the face of a wall, as the map has it.
     let chain: Vec<_> = (0..20).map(|k| circle(5.1, -5.0 + 0.5 * k as f32)).collect();
     for method in [Method::Mixture, Method::SplitMerge] {

@@ -28,7 +28,7 @@ use heapless::Vec;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::math::sqrt;
 use crate::base::ned::{Horizontal, Ned};
-use crate::base::obstacle::{Circle, Obstacle};
+use crate::base::obstacle::{Circle, Neighbour};
 use crate::base::pose::Pose;
 use crate::base::units::{between, sin_cos};
 use crate::control::track::Demand;
@@ -317,15 +317,15 @@ enum Way {
 }
 
 /// The obstacles that can matter in a step.
-type Near = Vec<Obstacle, CLOSE_MAX>;
+type Near = Vec<Neighbour, CLOSE_MAX>;
 /// Half-spaces of all obstacles and of the fence.
 type HalfSpaces = Vec<HalfSpace, { CLOSE_MAX + CORNERS_MAX }>;
 
 impl Guard {
     /// The obstacle that a known circle is to this vehicle.
     #[must_use]
-    pub fn obstacle(&self, circle: &Circle) -> Obstacle {
-        Obstacle::of(circle, self.config.vehicle_radius_m)
+    pub fn obstacle(&self, circle: &Circle) -> Neighbour {
+        Neighbour::of(circle, self.config.vehicle_radius_m)
     }
 
     /// Takes in what a scan has looked at.
@@ -334,7 +334,7 @@ impl Guard {
     }
 
     /// Takes in that a sensor has delivered circles; `obstacles` are all that are known near the vehicle.
-    pub fn look_circles(&self, state: &mut State, obstacles: &[Obstacle], pose: &Pose) {
+    pub fn look_circles(&self, state: &mut State, obstacles: &[Neighbour], pose: &Pose) {
         self.looker.note_circles(&mut state.sight, obstacles, self.config.vehicle_radius_m, pose);
     }
 
@@ -344,7 +344,7 @@ impl Guard {
         state: &mut State,
         demand: &Demand,
         situation: &Situation,
-        obstacles: &[Obstacle],
+        obstacles: &[Neighbour],
         dt_s: f32,
     ) -> Ruling {
         let c = &self.config;
@@ -382,7 +382,7 @@ impl Guard {
         state: &mut State,
         demand: &Demand,
         situation: &Situation,
-        obstacles: &[Obstacle],
+        obstacles: &[Neighbour],
         dt_s: f32,
     ) -> Option<(Horizontal, Action, Option<f32>)> {
         let c = &self.config;
@@ -497,7 +497,7 @@ impl Guard {
         &self,
         command_ned_mps: Horizontal,
         situation: &Situation,
-        obstacles: &[Obstacle],
+        obstacles: &[Neighbour],
         near: &mut Near,
     ) -> Option<f32> {
         let c = &self.config;
@@ -510,7 +510,7 @@ impl Guard {
             let fastest_mps = if v_max_mps > command_mps { v_max_mps } else { command_mps };
             let range_m = self.range_m(SLACK * fastest_mps) + c.margin_m + situation.gust_margin_m;
             let range_m = if range_m > underway_m { range_m } else { underway_m };
-            let is_near = |obstacle: &&Obstacle| {
+            let is_near = |obstacle: &&Neighbour| {
                 let drift_m =
                     libm::fabsf(obstacle.velocity_ned_mps.north) + libm::fabsf(obstacle.velocity_ned_mps.east);
                 let limit_m = obstacle.reach_m + range_m + drift_m * (1.0 + delay_s);
@@ -546,7 +546,7 @@ impl Guard {
     }
 
     /// What circles and fence say of the velocity, and whether something comes at the vehicle so that it cannot just stay.
-    fn bound(&self, situation: &Situation, near: &[Obstacle], v_max_mps: f32, half_spaces: &mut HalfSpaces) -> bool {
+    fn bound(&self, situation: &Situation, near: &[Neighbour], v_max_mps: f32, half_spaces: &mut HalfSpaces) -> bool {
         let c = &self.config;
         let (rest, delay_s) = (situation.rest_ned_m, situation.delay_s);
         let mut is_threatened = false;
@@ -591,7 +591,7 @@ impl Guard {
     /// Whether a command keeps the vehicle out of every circle: on the way to its rest point, from there until the command
     /// is braked away, and on the straight line to where it leads next. What touches a circle already may move if it does
     /// not go deeper.
-    fn is_clear(&self, velocity: Horizontal, situation: &Situation, near: &[Obstacle]) -> bool {
+    fn is_clear(&self, velocity: Horizontal, situation: &Situation, near: &[Neighbour]) -> bool {
         let (position, rest) = (situation.position_ned_m, situation.rest_ned_m);
         let (ahead, ahead_s) = self.ahead(velocity, rest);
         let (underway_m, ahead_m) = (position.minus(rest).norm(), ahead.minus(rest).norm());
@@ -629,7 +629,7 @@ impl Guard {
     }
 
     /// What has been seen of the places where an obstacle would touch the hull on its way.
-    fn way(&self, sight: &Sight, velocity: Horizontal, situation: &Situation, near: &[Obstacle]) -> Way {
+    fn way(&self, sight: &Sight, velocity: Horizontal, situation: &Situation, near: &[Neighbour]) -> Way {
         let speed = velocity.norm();
         if speed < CREEP_MPS {
             return Way::Seen;
@@ -655,7 +655,7 @@ impl Guard {
                 }
                 let cover = self.looker.cover(sight, place);
                 // What could stand there unseen is inside of what is known, but for the margin that is kept from it.
-                let is_known = |obstacle: &Obstacle| {
+                let is_known = |obstacle: &Neighbour| {
                     let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;
                     limit_m > 0.0 && obstacle.center_ned_m.minus(place).norm_squared() < limit_m * limit_m
                 };
@@ -663,7 +663,7 @@ impl Guard {
                     continue;
                 }
                 // What was hidden from elsewhere can be looked at by now, unless something known stands before it.
-                let is_before = |obstacle: &Obstacle| {
+                let is_before = |obstacle: &Neighbour| {
                     let place_m =
                         Horizontal::distance_to_segment(obstacle.center_ned_m, situation.position_ned_m, place);
                     place_m < obstacle.reach_m - radius_m

@@ -6,8 +6,8 @@ use std::vec::Vec;
 
 const DT: f32 = 0.02;
 
-fn wall(north: f32, reach_m: f32) -> Obstacle {
-    Obstacle { center_ned_m: Horizontal { north, east: 0.0 }, reach_m, ..Obstacle::default() }
+fn wall(north: f32, reach_m: f32) -> Neighbour {
+    Neighbour { center_ned_m: Horizontal { north, east: 0.0 }, reach_m, ..Neighbour::default() }
 }
 
 fn demand(north: f32, east: f32) -> Demand {
@@ -15,7 +15,7 @@ fn demand(north: f32, east: f32) -> Demand {
 }
 
 /// Flies a demand with an ideal vehicle (rest point = position) and returns the smallest clearance and the end.
-fn fly(demand: Demand, obstacles: &[Obstacle], yaw_rad: f32) -> (f32, Horizontal) {
+fn fly(demand: Demand, obstacles: &[Neighbour], yaw_rad: f32) -> (f32, Horizontal) {
     let (guard, mut state) = (Config::default().build().unwrap(), State::default());
     let mut at = Horizontal::default();
     let mut closest = f32::INFINITY;
@@ -77,7 +77,7 @@ fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
             ..Situation::default()
         };
         let obstacles: Vec<_> =
-            (0..4).map(|_| Obstacle { center_ned_m: vector(), reach_m: 0.3, velocity_ned_mps: vector() }).collect();
+            (0..4).map(|_| Neighbour { center_ned_m: vector(), reach_m: 0.3, velocity_ned_mps: vector() }).collect();
         let setpoint = guard.step(&mut state, &demand, &situation, &obstacles, DT).setpoint;
         let velocity = setpoint.velocity_ned_mps;
         assert!(velocity.is_finite() && setpoint.yaw_rate_radps.is_finite());
@@ -90,7 +90,7 @@ fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
 }
 
 /// Where an ideal vehicle ends after 20 s under a demand, with a gust margin.
-fn ends(from: Horizontal, demand: Demand, gust_margin_m: f32, obstacles: &[Obstacle]) -> Horizontal {
+fn ends(from: Horizontal, demand: Demand, gust_margin_m: f32, obstacles: &[Neighbour]) -> Horizontal {
     let (guard, mut state) = (Config::default().build().unwrap(), State::default());
     let mut at = from;
     for _ in 0..1000 {
@@ -108,7 +108,7 @@ fn gusts_keep_it_farther_away_and_let_it_go_away_by_itself() {
     let gusty = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[wall]);
     assert!((calm.north - gusty.north - 0.4).abs() < 0.01, "{calm:?} {gusty:?}");
     // In gusts what seems to go away is no farther than it is.
-    let leaving = Obstacle { velocity_ned_mps: at(0.2, 0.1), ..wall };
+    let leaving = Neighbour { velocity_ned_mps: at(0.2, 0.1), ..wall };
     let near = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[leaving]);
     assert!((near.north - gusty.north).abs() < 0.01, "{near:?} {gusty:?}");
     // A vehicle that holds where gusts could carry it into the wall does not stay.
@@ -144,8 +144,8 @@ fn at(north: f32, east: f32) -> Horizontal {
     Horizontal { north, east }
 }
 
-fn pillar(north: f32, east: f32, radius_m: f32) -> Obstacle {
-    Obstacle { center_ned_m: at(north, east), reach_m: radius_m + 0.15, ..Obstacle::default() }
+fn pillar(north: f32, east: f32, radius_m: f32) -> Neighbour {
+    Neighbour { center_ned_m: at(north, east), reach_m: radius_m + 0.15, ..Neighbour::default() }
 }
 
 /// A vehicle that follows commands after a dead time and with a lag, as `response` thinks of it.
@@ -185,7 +185,7 @@ impl Vehicle {
 
 /// The monitor: distance in f64 from a braking path to an obstacle's boundary, by the distance of a point to a segment
 /// written apart from the guard's.
-fn monitored_clearance_m(rest: Horizontal, command: Horizontal, a_max_mps2: f32, obstacle: &Obstacle) -> f64 {
+fn monitored_clearance_m(rest: Horizontal, command: Horizontal, a_max_mps2: f32, obstacle: &Neighbour) -> f64 {
     let f = |v: Horizontal| (f64::from(v.north), f64::from(v.east));
     let ((x, y), (vx, vy), (cx, cy)) = (f(rest), f(command), f(obstacle.center_ned_m));
     let speed = vx.hypot(vy);
@@ -232,10 +232,10 @@ fn an_independent_monitor_finds_every_braking_path_clear() {
 }
 
 /// Pillars whose surface a ray of the view meets first, in f64.
-fn visible(pillars: &[Obstacle], from: Horizontal, yaw_rad: f32) -> Vec<usize> {
+fn visible(pillars: &[Neighbour], from: Horizontal, yaw_rad: f32) -> Vec<usize> {
     let first_hit = |degree: i32| {
         let angle = f64::from(yaw_rad) + f64::from(degree).to_radians();
-        let hit = |o: &Obstacle| {
+        let hit = |o: &Neighbour| {
             let away = o.center_ned_m.minus(from);
             let (x, y, r) = (f64::from(away.north), f64::from(away.east), f64::from(o.reach_m - 0.15));
             let along = x * angle.cos() + y * angle.sin();
@@ -254,7 +254,7 @@ fn set_off(seed: u64, looks: bool) -> (f32, f32) {
     let guard = Config::default().build().unwrap();
     let mut rng = Rng::new(seed, 4);
     // Close pillars all round, some of them touching the way.
-    let mut pillars: Vec<Obstacle> = Vec::new();
+    let mut pillars: Vec<Neighbour> = Vec::new();
     for _ in 0..100 {
         if pillars.len() == 5 {
             break;
@@ -371,7 +371,7 @@ fn what_comes_at_it_is_evaded_from_a_standstill_even_into_the_unseen() {
             let (mut vehicle, mut state) = (Vehicle::new(Horizontal::default(), steps, lag_s), State::default());
             let mut closest_m = f32::INFINITY;
             for step in 0..1000 {
-                let mover = Obstacle {
+                let mover = Neighbour {
                     center_ned_m: at(3.0 - 0.3 * DT * step as f32, offset_m),
                     reach_m: 0.45,
                     velocity_ned_mps: at(-0.3, 0.0),
@@ -520,7 +520,7 @@ fn the_nearest_allowed_velocity_is_allowed_and_none_is_nearer() {
 fn half_spaces_that_do_not_agree_brake_and_are_counted() {
     let guard = Config::default().build().unwrap();
     let mut state = State::default();
-    let jaw = |north: f32| Obstacle {
+    let jaw = |north: f32| Neighbour {
         center_ned_m: at(north, 0.0),
         reach_m: 0.45,
         velocity_ned_mps: at(-0.5 * north.signum(), 0.0),

@@ -21,7 +21,7 @@ use heapless::Vec;
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::Circle;
+use crate::base::obstacle::Disc;
 
 pub mod fit;
 pub mod line;
@@ -350,19 +350,18 @@ fn length_m(line: &Line) -> f32 {
 /// counts with its centre; one that moves is no wall.
 #[must_use]
 pub fn points_of<'a>(
-    circles: impl IntoIterator<Item = &'a Circle>,
+    discs: impl IntoIterator<Item = &'a Disc>,
     seen_from_ned_m: Horizontal,
 ) -> Vec<Horizontal, POINTS_MAX> {
     let mut points: Vec<(f32, Horizontal), POINTS_MAX> = Vec::new();
-    for circle in circles {
-        if !circle.is_plausible() || circle.velocity_ned_mps != Horizontal::default() {
+    for disc in discs {
+        if disc.moves || !disc.is_plausible() {
             continue;
         }
-        let towards = seen_from_ned_m.minus(circle.center_ned_m);
+        let towards = seen_from_ned_m.minus(disc.center_ned_m);
         let away_m = towards.norm();
-        let face =
-            if away_m > circle.radius_m { towards.times(circle.radius_m / away_m) } else { Horizontal::default() };
-        let point = circle.center_ned_m.plus(face);
+        let face = if away_m > disc.radius_m { towards.times(disc.radius_m / away_m) } else { Horizontal::default() };
+        let point = disc.center_ned_m.plus(face);
         if points.push((turn(point.minus(seen_from_ned_m)), point)).is_err() {
             break;
         }

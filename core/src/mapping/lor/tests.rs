@@ -7,9 +7,9 @@ fn at(north: f32, east: f32) -> Horizontal {
 #[test]
 fn remembered_circles_count_with_the_place_that_faces_the_vehicle_in_the_order_of_their_bearings() {
     let circle =
-        |north: f32, east: f32, radius_m: f32| Circle { center_ned_m: at(north, east), radius_m, ..Circle::default() };
+        |north: f32, east: f32, radius_m: f32| Disc { center_ned_m: at(north, east), radius_m, ..Disc::default() };
     let here = at(1.0, 1.0);
-    let mover = Circle { velocity_ned_mps: at(0.2, 0.0), ..circle(3.0, 3.0, 0.2) };
+    let mover = Disc { moves: true, ..circle(3.0, 3.0, 0.2) };
     let circles = [
         circle(1.0, 3.0, 0.5),
         circle(4.0, 1.0, 1.0),

@@ -223,8 +223,7 @@ fn the_largest_eigenvalue_and_its_derivative_are_those_of_finite_differences() {
 fn the_rooms_derivative_is_that_of_finite_differences() {
     let mut rng = Rng::new(6, 24);
     for _ in 0..200 {
-        let obstacles =
-            [Obstacle { center_ned_m: place(&mut rng, 4.0), reach_m: rng.uniform(), ..Obstacle::default() }];
+        let obstacles = [Obstacle { center_ned_m: place(&mut rng, 4.0), reach_m: rng.uniform() }];
         let here = place(&mut rng, 8.0);
         let near = Near::look(&obstacles, [here.north, here.east], 0.09, 0.5, None);
         let room = |here: [f32; 2]| near.room(0, &obstacles, here).unwrap();
@@ -246,11 +245,7 @@ fn the_rooms_derivative_is_that_of_finite_differences() {
 fn the_nearest_of_three_hundred_obstacles_are_found_and_hold_as_long_as_they_say() {
     let mut rng = Rng::new(7, 25);
     let obstacles: Vec<Obstacle> = (0..300)
-        .map(|_| Obstacle {
-            center_ned_m: place(&mut rng, 40.0),
-            reach_m: 0.2 + 0.3 * rng.uniform(),
-            ..Obstacle::default()
-        })
+        .map(|_| Obstacle { center_ned_m: place(&mut rng, 40.0), reach_m: 0.2 + 0.3 * rng.uniform() })
         .collect();
     let mut before = None;
     for _ in 0..200 {
@@ -295,7 +290,7 @@ fn config() -> Config {
 }
 
 fn circle(north: f32, east: f32, reach_m: f32) -> Obstacle {
-    Obstacle { center_ned_m: Horizontal { north, east }, reach_m, ..Obstacle::default() }
+    Obstacle { center_ned_m: Horizontal { north, east }, reach_m }
 }
 
 /// `n` circles of a metre's square each around the way.
@@ -560,9 +555,8 @@ fn whatever_the_problem_the_path_is_finite() {
     let mut rng = Rng::new(9, 28);
     let mut scratch = Scratch::<3, 20>::new();
     for case in 0..400 {
-        let obstacles: Vec<Obstacle> = (0..case % 20)
-            .map(|_| Obstacle { center_ned_m: place(&mut rng, 10.0), reach_m: rng.uniform(), ..Obstacle::default() })
-            .collect();
+        let obstacles: Vec<Obstacle> =
+            (0..case % 20).map(|_| Obstacle { center_ned_m: place(&mut rng, 10.0), reach_m: rng.uniform() }).collect();
         let wild = |rng: &mut Rng| libm::expf(12.0 * rng.uniform() - 6.0);
         let config = Config {
             q_terminal: wild(&mut rng),

@@ -23,7 +23,7 @@ use core::f32::consts::TAU;
 
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::Circle;
+use crate::base::obstacle::Disc;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::base::units::{between, sin_cos, wrap_pi};
@@ -200,7 +200,7 @@ impl Explorer {
         pose: &Pose,
         range_m: f32,
         fov_rad: f32,
-        circles: impl Iterator<Item = &'a Circle> + Clone,
+        discs: impl Iterator<Item = &'a Disc> + Clone,
     ) -> Explored {
         let here = pose.position_ned_m;
         let has_pose = here.norm_squared() < 1e12 && libm::fabsf(pose.yaw_rad) < 1e3;
@@ -217,11 +217,11 @@ impl Explorer {
         if !has_pose {
             return state.target.map_or(Explored::NoPose, |target| Explored::Target(grid.place_of(target.cell)));
         }
-        let circles = circles.filter(|circle| circle.is_plausible());
-        self.look(state, &grid, pose, range_m, fov_rad, circles.clone());
+        let discs = discs.filter(|disc| disc.is_plausible());
+        self.look(state, &grid, pose, range_m, fov_rad, discs.clone());
         self.lose_patience(state, &grid, now, here);
         // What moves will have moved on.
-        let standing = circles.filter(|circle| circle.velocity_ned_mps == Horizontal::default());
+        let standing = discs.filter(|disc| !disc.moves);
         let passages = self.passages(&grid, standing);
         let candidates = self.candidates(state, &grid, &passages);
         let Some((cell, is_connected)) = self.choose(state, &grid, pose, &passages, &candidates) else {
@@ -244,7 +244,7 @@ impl Explorer {
         pose: &Pose,
         range_m: f32,
         fov_rad: f32,
-        circles: impl Iterator<Item = &'a Circle> + Clone,
+        discs: impl Iterator<Item = &'a Disc> + Clone,
     ) {
         let here = pose.position_ned_m;
         let heading = Horizontal::from_bearing(pose.yaw_rad);
@@ -259,14 +259,14 @@ impl Explorer {
             let is_in_view = away_m <= range_m && (sees_around || heading.dot(away) >= edge * away_m);
             // What is in the cell itself does not hide it.
             let free_m = away_m - 0.5 * grid.cell_m;
-            let hides = |circle: &Circle| {
-                let towards = circle.center_ned_m.minus(here);
+            let hides = |disc: &Disc| {
+                let towards = disc.center_ned_m.minus(here);
                 let along = towards.dot(away);
                 let across = towards.north * away.east - towards.east * away.north;
-                let reach = (circle.radius_m + self.config.shade_m) * away_m;
+                let reach = (disc.radius_m + self.config.shade_m) * away_m;
                 along > 0.0 && along < free_m * away_m && across * across < reach * reach
             };
-            if is_in_view && !circles.clone().any(hides) {
+            if is_in_view && !discs.clone().any(hides) {
                 set(&mut state.looked, cell);
             }
         }
@@ -286,13 +286,13 @@ impl Explorer {
         }
     }
 
-    fn passages<'a>(&self, grid: &Grid, circles: impl Iterator<Item = &'a Circle>) -> Passages {
+    fn passages<'a>(&self, grid: &Grid, discs: impl Iterator<Item = &'a Disc>) -> Passages {
         let mut passages = Passages { covered: [0; SIDE], east: [0; SIDE], north: [0; SIDE] };
         // From 0 to the width of a cell there is the side, beyond is beside it.
         let beside = |along_m: f32| along_m - between(along_m, 0.0, grid.cell_m);
-        for circle in circles {
-            let reach_m = circle.radius_m + self.config.clearance_m;
-            let (center, reach2) = (circle.center_ned_m, reach_m * reach_m);
+        for disc in discs {
+            let reach_m = disc.radius_m + self.config.clearance_m;
+            let (center, reach2) = (disc.center_ned_m, reach_m * reach_m);
             for cell in grid.cells_within(center, reach_m + grid.cell_m) {
                 let off = center.minus(grid.place_of(cell));
                 let (north2, east2) = (off.north * off.north, off.east * off.east);

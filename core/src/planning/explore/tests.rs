@@ -14,13 +14,13 @@ fn seconds(s: f32) -> Instant {
 }
 
 /// A wall as the map has it: small circles in a row.
-fn wall(from: Horizontal, to: Horizontal) -> Vec<Circle> {
+fn wall(from: Horizontal, to: Horizontal) -> Vec<Disc> {
     let count = (to.minus(from).norm() / 0.3) as usize + 1;
     let place = |k: usize| from.plus(to.minus(from).times(k as f32 / count as f32));
-    (0..=count).map(|k| Circle { center_ned_m: place(k), radius_m: 0.1, ..Circle::default() }).collect()
+    (0..=count).map(|k| Disc { center_ned_m: place(k), radius_m: 0.1, ..Disc::default() }).collect()
 }
 
-fn square(half_m: f32) -> Vec<Circle> {
+fn square(half_m: f32) -> Vec<Disc> {
     let corners = [at(-half_m, -half_m), at(-half_m, half_m), at(half_m, half_m), at(half_m, -half_m)];
     (0..4).flat_map(|k| wall(corners[k], corners[(k + 1) % 4])).collect()
 }
@@ -44,7 +44,7 @@ fn coarse(index: usize) -> Horizontal {
 
 impl Ways {
     /// From a place, among circles.
-    fn new(here: Horizontal, circles: &[Circle]) -> Self {
+    fn new(here: Horizontal, circles: &[Disc]) -> Self {
         let mut taken = std::vec![false; (FINE * FINE) as usize];
         for circle in circles {
             let reach_m = circle.radius_m + VEHICLE_M;
@@ -105,12 +105,12 @@ const AROUND: Sensor = Sensor { range_m: 4.0, fov_rad: TAU };
 const AHEAD: Sensor = Sensor { range_m: 4.0, fov_rad: 1.6 };
 
 /// A vehicle that goes where it is sent, by ways that it knows of, and knows the circles that it has been near to.
-fn fly(config: &Config, sensor: &Sensor, world: &[Circle], begins: Horizontal) -> Flight {
+fn fly(config: &Config, sensor: &Sensor, world: &[Disc], begins: Horizontal) -> Flight {
     let explorer = config.build().unwrap();
     let mut pose = Pose { position_ned_m: begins, yaw_rad: 0.3 };
     let mut flight =
         Flight { poses: Vec::new(), targets: Vec::new(), blocked: 0, outcome: Explored::NoPose, state: State::new() };
-    let mut known: Vec<Circle> = Vec::new();
+    let mut known: Vec<Disc> = Vec::new();
     let mut unknown = world.to_vec();
     for step in 0..10_000 {
         let here = pose.position_ned_m;
@@ -143,19 +143,19 @@ fn fly(config: &Config, sensor: &Sensor, world: &[Circle], begins: Horizontal) -
 }
 
 /// Whether a place was ever in the sensor's view with nothing in between, by the world as it is.
-fn was_seen(place: Horizontal, flight: &Flight, sensor: &Sensor, world: &[Circle]) -> bool {
+fn was_seen(place: Horizontal, flight: &Flight, sensor: &Sensor, world: &[Disc]) -> bool {
     flight.poses.iter().any(|pose| {
         let away = place.minus(pose.position_ned_m);
         let off_rad = wrap_pi(away.bearing_rad() - pose.yaw_rad).abs();
         let hidden =
-            |c: &Circle| Horizontal::distance_to_segment(c.center_ned_m, pose.position_ned_m, place) < c.radius_m;
+            |c: &Disc| Horizontal::distance_to_segment(c.center_ned_m, pose.position_ned_m, place) < c.radius_m;
         away.norm() < 0.75
             || (away.norm() <= sensor.range_m && off_rad <= 0.5 * sensor.fov_rad && !world.iter().any(hidden))
     })
 }
 
 /// Share of the places of a square, half a metre apart, that were seen.
-fn seen_share(half_m: f32, flight: &Flight, sensor: &Sensor, world: &[Circle]) -> f32 {
+fn seen_share(half_m: f32, flight: &Flight, sensor: &Sensor, world: &[Disc]) -> f32 {
     let count = (2.0 * half_m / 0.5) as i32;
     let (mut seen, mut all) = (0.0, 0.0);
     for k in 1..count * count {
@@ -200,7 +200,7 @@ fn the_room_behind_the_door_is_found_wherever_the_door_is() {
 fn no_target_is_farther_from_the_beginning_than_the_radius_and_none_is_in_an_obstacle() {
     let config = Config { radius_m: 6.0, limit_s: 3600.0, ..Config::default() };
     let begins = at(3.0, -4.0);
-    let pillar = Circle { center_ned_m: at(5.0, -2.0), radius_m: 1.2, ..Circle::default() };
+    let pillar = Disc { center_ned_m: at(5.0, -2.0), radius_m: 1.2, ..Disc::default() };
     let flight = fly(&config, &AHEAD, &[pillar], begins);
     assert_eq!(flight.outcome, Explored::Exhausted);
     assert!(flight.targets.len() > 3);
@@ -303,7 +303,7 @@ fn poses_ranges_and_circles_that_are_no_numbers_do_no_harm() {
     assert_eq!(explorer.step(&mut state, seconds(1.0), &nowhere, 3.0, TAU, [].iter()), here);
     for (k, value) in (0..odd.len().pow(4)).map(|k| (k, move |n: u32| odd[k / odd.len().pow(n) % odd.len()])) {
         let pose = Pose { position_ned_m: at(value(0), value(1)), yaw_rad: value(2) };
-        let circle = Circle { center_ned_m: at(value(1), value(3)), radius_m: value(2), ..Circle::default() };
+        let circle = Disc { center_ned_m: at(value(1), value(3)), radius_m: value(2), ..Disc::default() };
         let outcome = explorer.step(&mut state, seconds(1.0), &pose, value(3), value(2), [circle].iter());
         if let Explored::Target(target) = outcome {
             assert!(target.is_finite(), "{k}");

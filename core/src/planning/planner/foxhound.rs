@@ -170,11 +170,11 @@ pub(super) fn plan(
         way.clear();
     }
     scratch.obstacles.clear();
-    for circle in &request.circles {
+    for disc in &request.discs {
         // What moves is gone by then, and to make way for it for longer is to meet it more often.
-        let gust_margin_m = if circle.velocity_ned_mps == Horizontal::default() { request.gust_margin_m } else { 0.0 };
+        let gust_margin_m = if disc.moves { 0.0 } else { request.gust_margin_m };
         let radius_m = config.vehicle_radius_m + gust_margin_m;
-        let _ = scratch.obstacles.push(Obstacle::of(circle, radius_m));
+        let _ = scratch.obstacles.push(Obstacle::of(disc, radius_m));
     }
     progress.step(start, toward);
     let far = progress.until_far == Some(0);

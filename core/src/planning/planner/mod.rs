@@ -19,7 +19,7 @@ use heapless::Vec;
 
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::{Circle, Obstacle};
+use crate::base::obstacle::{Disc, Obstacle};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::localize::goal::SIGHTINGS_MAX;
@@ -250,7 +250,7 @@ pub struct PlanRequest {
     /// Whether the lines of reflection are wanted.
     pub wants_lines: bool,
     /// The known obstacles.
-    pub circles: Vec<Circle, CIRCLES_MAX>,
+    pub discs: Vec<Disc, CIRCLES_MAX>,
 }
 
 /// What came of a request.
@@ -407,8 +407,8 @@ impl Planner {
             return foxhound::plan(&self.config, &self.wavefront, scratch, request, request.known_source_ned_m);
         };
         let (range_m, fov_rad) = (self.config.sees_m, self.config.sees_rad);
-        let circles = request.circles.iter();
-        match explorer.step(&mut scratch.explore, search.now, &search.pose, range_m, fov_rad, circles) {
+        let discs = request.discs.iter();
+        match explorer.step(&mut scratch.explore, search.now, &search.pose, range_m, fov_rad, discs) {
             Explored::Target(place_ned_m) => {
                 let plan = foxhound::plan(&self.config, &self.wavefront, scratch, request, Some(place_ned_m));
                 if plan.verdict == Verdict::Brake {
@@ -427,7 +427,7 @@ impl Planner {
     #[inline(never)]
     pub fn lines(&self, request: &PlanRequest) -> Vec<Line, LINES_MAX> {
         let mut scratch = lor::Scratch::new();
-        let points = lor::points_of(&request.circles, request.position_ned_m);
+        let points = lor::points_of(&request.discs, request.position_ned_m);
         self.lines.find(&mut scratch, &points)
     }
 }
@@ -439,19 +439,19 @@ mod tests {
     use crate::planning::rollout::swept_clearance_m;
 
     fn request(circles: &[(f32, f32, f32)]) -> PlanRequest {
-        let circles = circles
+        let discs = circles
             .iter()
-            .map(|(north, east, radius_m)| Circle {
+            .map(|(north, east, radius_m)| Disc {
                 center_ned_m: Horizontal { north: *north, east: *east },
                 radius_m: *radius_m,
-                ..Circle::default()
+                ..Disc::default()
             })
             .collect();
         PlanRequest {
             id: 1,
             seed: 9,
             target_ned_m: Horizontal { north: 2.0, east: 0.0 },
-            circles,
+            discs,
             ..PlanRequest::default()
         }
     }
@@ -480,7 +480,7 @@ mod tests {
             let mut request = request(&[place(), place(), place(), place()]);
             (request.seed, request.begins) = (seed, true);
             let plan = planner.plan(&mut scratch, &request);
-            let obstacles: std::vec::Vec<_> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
+            let obstacles: std::vec::Vec<_> = request.discs.iter().map(|c| Obstacle::of(c, 0.15)).collect();
             let at_start = obstacles.iter().map(|o| o.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
             match plan.verdict {
                 Verdict::Follow => {
@@ -504,7 +504,7 @@ mod tests {
             let east_m = 0.3 + 0.5 * gap_m;
             let request = PlanRequest { gust_margin_m, ..request(&[(1.0, east_m, 0.3), (1.0, -east_m, 0.3)]) };
             let (plan, _) = plan(&request);
-            let obstacles: std::vec::Vec<_> = request.circles.iter().map(|c| Obstacle::of(c, 0.15)).collect();
+            let obstacles: std::vec::Vec<_> = request.discs.iter().map(|c| Obstacle::of(c, 0.15)).collect();
             swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles)
         };
         // Between them, there is 0.15 m on either side; with gusts it goes round, or does not come near.

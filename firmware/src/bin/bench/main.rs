@@ -23,12 +23,11 @@ use dsp_process::SplitProcess as _;
 use foxhound_computer::frozen::Watch;
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::planning::field::{Field, Gains};
 
 use foxhound_computer::twin::instructions;
 use foxhound_core::base::math::{armv7em, portable};
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::{Circle, Neighbour, Obstacle};
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
@@ -582,7 +581,11 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let (mut worst, mut worst_look) = (0, 0);
     for seed in 0..FORESTS {
         let mut rng = Rng::new(seed, 11);
-        let obstacles = forest(&mut rng);
+        let obstacles = forest(&mut rng).map(|Obstacle { center_ned_m, reach_m }| Neighbour {
+            center_ned_m,
+            reach_m,
+            velocity_ned_mps: Horizontal::default(),
+        });
         let (mut state, yaw_rad) = (guard::State::default(), wrap_pi(TAU * rng.uniform()));
         let rest_ned_m = Horizontal::from_bearing(yaw_rad).times(0.1);
         for step in 0..25 {
@@ -670,7 +673,7 @@ fn forest(rng: &mut Rng) -> [Obstacle; OBSTACLES] {
             east: (k % 8) as f32 - 3.5 + 0.8 * (rng.uniform() - 0.5),
         };
         let room = center_ned_m.norm() - 0.05;
-        Obstacle { center_ned_m, reach_m: (0.25 + 0.23 * rng.uniform()).min(room), ..Obstacle::default() }
+        Obstacle { center_ned_m, reach_m: (0.25 + 0.23 * rng.uniform()).min(room) }
     })
 }
 
@@ -765,7 +768,7 @@ fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch
             velocity_ned_mps: Horizontal::default(),
         };
         // There are as many places.
-        let _ = request.circles.push(circle);
+        let _ = request.discs.push(circle.into());
     }
     // From the same place again and again: from the ninth on some look far.
     let mut worst = 0;

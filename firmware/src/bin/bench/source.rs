@@ -5,7 +5,7 @@ use core::f32::consts::TAU;
 use core::hint::black_box;
 
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
@@ -232,7 +232,7 @@ fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         board::halt(format_args!("the search does not build"))
     };
     let (mut state, mut rng) = (explore::State::new(), Rng::new(6, 40));
-    let circles = room(&mut rng, 0.1).map(|center_ned_m| Circle { center_ned_m, radius_m: 0.15, ..Circle::default() });
+    let circles = room(&mut rng, 0.1).map(|center_ned_m| Disc { center_ned_m, radius_m: 0.15, ..Disc::default() });
     // As far as the planner takes its sensor to see, and all around.
     let sees_m = planner::Config::default().sees_m;
     let (mut here, mut most) = (Horizontal::default(), 0);

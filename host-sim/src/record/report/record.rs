@@ -6,7 +6,7 @@
 //! record never holds NaN.
 
 use foxhound_core::base::ned;
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::control::guard::Action;
 use foxhound_core::doa::bearing::Flags;
 use serde::Serialize;
@@ -316,12 +316,12 @@ pub(super) fn core_xy(vector: ned::Horizontal) -> Xy {
     [milli(f64::from(vector.east)), milli(f64::from(vector.north))]
 }
 
-pub(super) fn circles<'a>(circles: impl IntoIterator<Item = &'a Circle>) -> Vec<[f64; 3]> {
-    let one = |circle: &Circle| {
-        let [x, y] = core_xy(circle.center_ned_m);
-        [x, y, milli(f64::from(circle.radius_m))]
+pub(super) fn circles(discs: impl IntoIterator<Item = Disc>) -> Vec<[f64; 3]> {
+    let one = |disc: Disc| {
+        let [x, y] = core_xy(disc.center_ned_m);
+        [x, y, milli(f64::from(disc.radius_m))]
     };
-    circles.into_iter().map(one).collect()
+    discs.into_iter().map(one).collect()
 }
 
 pub(super) const fn guard(action: Action) -> &'static str {

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use foxhound_computer::camera;
 use foxhound_core::base::ned;
-use foxhound_core::base::obstacle::Obstacle;
+use foxhound_core::base::obstacle::{Disc, Obstacle};
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
 use foxhound_core::landing::observation::Seen;
@@ -76,7 +76,7 @@ impl Recorder {
         let step = step(moment, self.config.vehicle_radius_m);
         self.records.push(Record::Step(Step { time_s, ..step }));
         if self.steps.is_multiple_of(REMEMBERED_STEPS) {
-            let circles_m = circles(&moment.computer.remembered());
+            let circles_m = circles(moment.computer.remembered().into_iter().map(Disc::from));
             if circles_m != self.remembered {
                 self.remembered.clone_from(&circles_m);
                 self.records.push(Record::Remembered(Remembered { time_s, circles_m }));
@@ -231,7 +231,7 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
         _ => Origin::Bent,
     };
     let obstacles: Vec<Obstacle> =
-        request.circles.iter().map(|circle| Obstacle::of(circle, config.vehicle_radius_m)).collect();
+        request.discs.iter().map(|circle| Obstacle::of(circle, config.vehicle_radius_m)).collect();
     let particles: Vec<(ned::Horizontal, f32)> = scratch.particles().collect();
     let heaviest = particles.iter().map(|(_, weight)| *weight).fold(0.0, f32::max);
     let kept = particles.iter().filter(|(_, weight)| *weight > PARTICLE_MIN * heaviest);
@@ -248,7 +248,7 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
         gains: gains(&plan.gains),
         samples: if draws { samples(scratch) } else { Vec::new() },
         chosen,
-        circles_m: circles(&request.circles),
+        circles_m: circles(request.discs.iter().copied()),
         particles: kept.map(|(place, weight)| particle(*place, weight / heaviest)).collect(),
         belief: belief(&particles),
         field: potential(config, plan, &obstacles),

@@ -428,7 +428,6 @@ impl Pictured {
         let reach = |pillar: &crate::world::Pillar| Obstacle {
             center_ned_m: pillar.center.to_core(),
             reach_m: (pillar.radius_m + scenario.drone_radius) as f32,
-            ..Obstacle::default()
         };
         Scene {
             title: format!("Potential (eq. 36, 37) on a map of row {}", self.flight.place.row),

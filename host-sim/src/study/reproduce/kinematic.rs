@@ -6,7 +6,7 @@
 //!
 //! What the paper leaves open is in [`Rules`].
 
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::planner::{PlanRequest, Scratch};
 use foxhound_papers::apf::AnyPlanner;
@@ -94,15 +94,15 @@ impl Known<'_> {
     }
 
     /// The known pillars as the planner takes them, the nearest first.
-    fn circles(&self, from: Horizontal) -> impl Iterator<Item = Circle> {
+    fn circles(&self, from: Horizontal) -> impl Iterator<Item = Disc> {
         let gap = |pillar: &Pillar| pillar.center.minus(from).norm() - pillar.radius_m;
         let mut known: Vec<&Pillar> =
             self.pillars.iter().zip(&self.seen).filter(|(_, seen)| **seen).map(|(pillar, _)| pillar).collect();
         known.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
-        known.into_iter().take(CIRCLES_MAX).map(|pillar| Circle {
+        known.into_iter().take(CIRCLES_MAX).map(|pillar| Disc {
             center_ned_m: pillar.center.to_core(),
             radius_m: pillar.radius_m as f32,
-            ..Circle::default()
+            ..Disc::default()
         })
     }
 }
@@ -137,7 +137,7 @@ pub(super) fn fly(scenario: &Scenario, planner: &AnyPlanner, rules: Rules, seed:
             position_ned_m: here,
             target_ned_m: position.along(Horizontal::from_bearing(heard_rad), TARGET_M).to_core(),
             known_source_ned_m: Some(goal.to_core()),
-            circles: known.circles(position).collect(),
+            discs: known.circles(position).collect(),
             ..PlanRequest::default()
         };
         let plan = planner.plan(&mut scratch, &request);

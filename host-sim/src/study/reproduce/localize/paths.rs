@@ -90,7 +90,6 @@ fn obstacles() -> [Obstacle; 3] {
     OBSTACLES.map(|([x, y], radius_m)| Obstacle {
         center_ned_m: Core { north: y, east: x },
         reach_m: radius_m + ROBOT_RADIUS_M,
-        ..Obstacle::default()
     })
 }
 

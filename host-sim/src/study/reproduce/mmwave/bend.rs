@@ -93,11 +93,7 @@ impl Bend {
             .collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         let obstacles: Vec<Obstacle> = (near.iter().take(OBSTACLES_MAX))
-            .map(|(_, point)| Obstacle {
-                center_ned_m: point.to_core(),
-                reach_m: CLEARANCE_M as f32 + 0.1,
-                ..Obstacle::default()
-            })
+            .map(|(_, point)| Obstacle { center_ned_m: point.to_core(), reach_m: CLEARANCE_M as f32 + 0.1 })
             .collect();
         let [nn, ne, ee] = answer.estimate.covariance_m2;
         let scale = (VARIANCE_MAX_M2 / nn.max(ee)).min(1.0);

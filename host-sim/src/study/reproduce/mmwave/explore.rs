@@ -4,7 +4,7 @@
 //! of that has been looked at.
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
 use foxhound_core::planning::explore::{self, Explored};
@@ -40,12 +40,9 @@ impl Explorer {
 
     /// Where to go next; `None` when nothing is left to explore.
     pub(super) fn target(&mut self, known: &Known, place: Horizontal, cycle: u32) -> Option<Horizontal> {
-        let circle = |point: &Horizontal| Circle {
-            center_ned_m: point.to_core(),
-            radius_m: POINT_RADIUS_M,
-            ..Circle::default()
-        };
-        let circles: Vec<Circle> = known.points().iter().map(circle).collect();
+        let circle =
+            |point: &Horizontal| Disc { center_ned_m: point.to_core(), radius_m: POINT_RADIUS_M, ..Disc::default() };
+        let circles: Vec<Disc> = known.points().iter().map(circle).collect();
         let pose = Pose { position_ned_m: place.to_core(), yaw_rad: 0.0 };
         let now = Instant(u64::from(cycle) * CYCLE_US);
         for _ in 0..2 {
