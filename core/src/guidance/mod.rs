@@ -573,8 +573,8 @@ impl<const N: usize> Guidance<N> {
             trace,
         } = state;
         (*tick, *activated, *plans_late, *is_plan_late) = (0, 0, 0, false);
-        *phase = phase::State::default();
-        *map = Map::default();
+        phase.clear();
+        map.clear();
         *refused = Refused::default();
         *gathering = Gathering::default();
         *link = link_state::State::new();
@@ -596,7 +596,7 @@ impl<const N: usize> Guidance<N> {
         *ownship = None;
         *agreement = Agreement::default();
         *last_flags = Flags::default();
-        *request = PlanRequest::default();
+        request.clear();
         *due = None;
         *pending = None;
         *active = None;

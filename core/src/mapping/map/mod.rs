@@ -157,6 +157,14 @@ pub struct Map {
 }
 
 impl Map {
+    /// Back to an empty store, in place.
+    pub fn clear(&mut self) {
+        let Self { known, taken, carried, asked, overflow_count, refused_count } = self;
+        known.clear();
+        (*taken, *carried, *asked) = (None, Instant::default(), 0);
+        (*overflow_count, *refused_count) = (0, 0);
+    }
+
     /// The remembered circles.
     pub fn circles(&self) -> impl Iterator<Item = Circle> + Clone {
         self.known.iter().map(Known::circle)

@@ -207,6 +207,28 @@ impl<const N: usize> Default for State<N> {
 }
 
 impl<const N: usize> State<N> {
+    /// Back to the state before the first snapshot, in place.
+    pub fn clear(&mut self) {
+        let Self {
+            spectrum,
+            reference,
+            solver,
+            tracked,
+            floors,
+            variance,
+            left_over,
+            floor_due_in,
+            interferer,
+            leakage,
+        } = self;
+        spectrum.clear();
+        *reference = Reference::default();
+        *solver = Solver::default();
+        (*tracked, *floor_due_in, *interferer) = (None, 0, false);
+        (*floors, *variance) = ([QUANTISATION; CHANNELS], [QUANTISATION; CHANNELS]);
+        (*left_over, *leakage) = ([0.0; CHANNELS], [0.0; CHANNELS]);
+    }
+
     /// Forgets the tone: for a snapshot that has nothing to do with the ones before.
     pub fn reset(&mut self) {
         self.tracked = None;

@@ -58,6 +58,12 @@ impl<const N: usize> Default for Spectrum<N> {
 }
 
 impl<const N: usize> Spectrum<N> {
+    /// All powers zero, in place.
+    pub fn clear(&mut self) {
+        self.pairs.as_flattened_mut().fill(0);
+        self.exponents.fill(0);
+    }
+
     /// The lengths there are transforms for.
     const LENGTH_IS_SUPPORTED: () =
         assert!(N.is_power_of_two() && N >= 64 && N <= 1024, "N is 64, 128, 256, 512 or 1024");
