@@ -10,22 +10,23 @@ fn main() -> Result<(), ConfigError> {
     // 33 KB, reused from plan to plan. Firmware has it in a static.
     let mut scratch = Box::new(Scratch::new());
     let source_ned_m = Horizontal { north: 6.0, east: 0.0 };
-    let mut request = PlanRequest {
+    let request = PlanRequest {
         seed: 1,
         direction_ned: Horizontal { north: 1.0, east: 0.0 },
         target_ned_m: source_ned_m,
         known_source_ned_m: Some(source_ned_m),
         ..PlanRequest::default()
     };
-    for (north, east, radius_m) in [(1.0, 0.1, 0.3), (2.2, -0.5, 0.25)] {
-        let pillar = Disc { center_ned_m: Horizontal { north, east }, radius_m, moves: false };
-        assert!(request.discs.push(pillar).is_ok(), "there is room for 128");
-    }
-    let plan = planner.plan(&mut scratch, &request);
+    let known = [(1.0, 0.1, 0.3), (2.2, -0.5, 0.25)].map(|(north, east, radius_m)| Disc {
+        center_ned_m: Horizontal { north, east },
+        radius_m,
+        moves: false,
+    });
+    let plan = planner.plan(&mut scratch, &request, &known);
     println!("{:?}, cost {:.3}, gains {:?}", plan.verdict, plan.cost, plan.gains);
     for place in plan.waypoints_ned_m {
         println!("  {:6.3} m north {:6.3} m east", place.north, place.east);
-        for pillar in &request.discs {
+        for pillar in &known {
             assert!(place.minus(pillar.center_ned_m).norm() > pillar.radius_m + 0.15);
         }
     }

@@ -3,7 +3,7 @@
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::ned::{Horizontal, Ned};
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::{Circle, Disc};
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
@@ -62,7 +62,10 @@ fn main() -> Result<(), ConfigError> {
         };
         let output = guidance.step(&mut state, &input);
         // The slow loop, which on the vehicle runs at a lower priority.
-        plan = output.plan_requested.then(|| planner.plan(&mut scratch, state.request()));
+        plan = output.plan_requested.then(|| {
+            let known: Vec<Disc> = state.map().discs().collect();
+            planner.plan(&mut scratch, state.request(), &known)
+        });
 
         velocity = output.setpoint.velocity_ned_mps;
         yaw_rad += 0.02 * output.setpoint.yaw_rate_radps;

@@ -56,11 +56,10 @@
 //!
 //! let planner = Config::default().build()?;
 //! let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
-//! let mut request = PlanRequest { known_source_ned_m, ..PlanRequest::default() };
+//! let request = PlanRequest { known_source_ned_m, ..PlanRequest::default() };
 //! let center_ned_m = Horizontal { north: 1.0, east: 0.1 };
 //! let pillar = Disc { center_ned_m, radius_m: 0.3, moves: false };
-//! assert!(request.discs.push(pillar).is_ok());
-//! let plan = planner.plan(&mut Scratch::new(), &request);
+//! let plan = planner.plan(&mut Scratch::new(), &request, &[pillar]);
 //! assert_eq!(plan.verdict, Verdict::Follow);
 //! # Ok::<(), ConfigError>(())
 //! ```

@@ -35,15 +35,18 @@ use foxhound_computer::store::Store;
 use foxhound_computer::timing::{Feeds, Task};
 use foxhound_core::ConfigError;
 use foxhound_core::base::ned::Horizontal;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, Guidance};
 use foxhound_core::landing::observation::PadObservation;
+use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
 use foxhound_core::planning::rollout::WAYPOINTS;
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
 use foxhound_pad::Detector;
+use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::boards::board::{self, Flash, Pacer, Receiver, Transmitter, Watchdog};
@@ -102,6 +105,8 @@ struct Order {
     systems: Systems,
     /// Answer this.
     request: PlanRequest,
+    /// Around these.
+    known: Vec<Disc, CIRCLES_MAX>,
 }
 
 /// A plan, and how it came about.
@@ -156,8 +161,8 @@ pub fn planning() -> Result<(Planning, Desk), ConfigError> {
     static ORDERS: StaticCell<Channel<'static, Mutex, Order>> = StaticCell::new();
     static PLANS: StaticCell<Channel<'static, Mutex, Planned>> = StaticCell::new();
     let systems = Systems::build(&guidance::Config::default())?;
-    let order = ORDER.init_with(|| [Order { systems, request: PlanRequest::default() }]);
-    let [Order { systems, request }] = &*order;
+    let order = ORDER.init_with(|| [Order { systems, request: PlanRequest::default(), known: Vec::new() }]);
+    let [Order { systems, request, .. }] = &*order;
     let nothing = [[Horizontal::default(); WAYPOINTS]; board::SAMPLES_KEPT];
     let planned = [Planned { plan: systems.brake(request), samples_ned_m: nothing, ticks: 0 }];
     let planned = PLANNED.init(planned);
@@ -197,6 +202,8 @@ impl Planning {
         let Some(order) = self.orders.try_send() else { return false };
         order.systems.clone_from(flight.systems);
         order.request.clone_from(flight.state.request());
+        order.known.clear();
+        order.known.extend(flight.state.map().discs());
         self.orders.send_done();
         self.is_ordered = true;
         true
@@ -236,7 +243,7 @@ pub fn plan(desk: Desk) -> ! {
 #[inline(never)]
 fn replan(scratch: &mut Scratch, order: &Order, planned: &mut Planned) {
     let begin = board::ticks();
-    planned.plan = order.systems.plan(scratch, &order.request);
+    planned.plan = order.systems.plan(scratch, &order.request, &order.known);
     planned.ticks = board::ticks().wrapping_sub(begin);
     for (kept, sample) in planned.samples_ned_m.iter_mut().zip(&scratch.samples) {
         *kept = *sample;

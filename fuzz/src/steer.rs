@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use foxhound_core::base::ned::{Horizontal, Ned};
-use foxhound_core::base::obstacle::{Circle, Neighbour};
+use foxhound_core::base::obstacle::{Circle, Disc, Neighbour};
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
@@ -484,9 +484,13 @@ impl Flight {
         self.step(&odd);
     }
 
+    fn known(&self) -> Vec<Disc> {
+        self.state.map().discs().collect()
+    }
+
     /// A plan that no planner made, or the active one, or one that was asked for, bent.
     fn any_plan(&self, draw: &mut Draw<'_>) -> Plan {
-        let mut plan = self.systems.plan(&mut Scratch::default(), self.state.request());
+        let mut plan = self.systems.plan(&mut Scratch::default(), self.state.request(), &self.known());
         plan.id = if draw.below(4) == 0 { draw.word() } else { plan.id };
         let index = usize::from(draw.byte()) % plan.waypoints_ned_m.len();
         plan.waypoints_ned_m[index] = place(draw);
@@ -531,7 +535,8 @@ impl Flight {
         self.check(&output, odd);
         self.fly(&output);
         if output.plan_requested && self.is_planned {
-            let plan = self.systems.plan(&mut self.scratch, self.state.request());
+            let known = self.known();
+            let plan = self.systems.plan(&mut self.scratch, self.state.request(), &known);
             check_plan(&plan, self.state.request());
             self.reached.answers += 1;
             self.reached.usable += u32::from(plan.verdict == Verdict::Follow);

@@ -3,6 +3,7 @@
 use crate::aoa::{self, AnyEstimator};
 use crate::apf::{self, AnyPlanner};
 use foxhound_core::base::error::ConfigError;
+use foxhound_core::base::obstacle::Disc;
 use foxhound_core::doa::bearing::{Bearing, Finder};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{Config, Guidance};
@@ -32,8 +33,8 @@ impl Systems for AllSystems {
         self.estimator.find(finder, phasors)
     }
 
-    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
-        self.planner.plan(scratch, request)
+    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
+        self.planner.plan(scratch, request, known)
     }
 
     fn brake(&self, request: &PlanRequest) -> Plan {

@@ -471,7 +471,7 @@ impl<const N: usize> Default for State<N> {
 }
 
 impl<const N: usize> State<N> {
-    /// The plan request that is under way.
+    /// The plan request that is under way. It is made with the obstacles that [`Self::map`] knew at its step.
     #[must_use]
     pub fn request(&self) -> &PlanRequest {
         &self.request
@@ -1100,7 +1100,6 @@ impl<const N: usize> Guidance<N> {
         let pose = Pose { position_ned_m: situation.position_ned_m, yaw_rad: situation.yaw_rad };
         state.request.search = state.is_searching.then_some(Search { now, pose });
         state.request.sightings = state.goal.take_sightings();
-        near::copy(&state.map, &mut state.request.discs);
         state.due = Some(state.tick.wrapping_add(self.handover_ticks));
         true
     }

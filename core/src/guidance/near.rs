@@ -6,7 +6,7 @@ use heapless::Vec;
 use super::OBSTACLES_MAX;
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::{Disc, Neighbour};
+use crate::base::obstacle::Neighbour;
 use crate::control::guard::Guard;
 use crate::mapping::map::{CIRCLES_MAX, Map};
 use crate::planning::rollout::swept_clearance_m;
@@ -73,14 +73,4 @@ pub(super) fn stands_in_the_way(
         let least = if at_rest < margin_m { at_rest } else { margin_m };
         swept_clearance_m(rest_ned_m, next_ned_m, &[obstacle.standing()]) < least
     })
-}
-
-/// Copies what is known.
-#[inline(never)]
-pub(super) fn copy(map: &Map, discs: &mut Vec<Disc, CIRCLES_MAX>) {
-    discs.clear();
-    for circle in map.circles() {
-        // Cannot fail: as many places.
-        let _ = discs.push(circle.into());
-    }
 }

@@ -1,6 +1,7 @@
 //! The two places of the chain at which another system may stand: what finds bearings, and what plans.
 
 use crate::base::error::ConfigError;
+use crate::base::obstacle::Disc;
 use crate::doa::bearing::{Bearing, Finder};
 use crate::guidance::{Config, Guidance};
 use crate::planning::planner::{Plan, PlanRequest, Planner, Scratch};
@@ -28,8 +29,8 @@ pub trait Systems: Clone + core::fmt::Debug + Sized {
         finder.find(phasors)
     }
 
-    /// Answers one request.
-    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan;
+    /// Answers one request; `known` are the known obstacles.
+    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan;
 
     /// The answer that says to stay where the request starts.
     fn brake(&self, request: &PlanRequest) -> Plan;
@@ -41,8 +42,8 @@ impl Systems for Planner {
         config.planner.build()
     }
 
-    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
-        Self::plan(self, scratch, request)
+    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
+        Self::plan(self, scratch, request, known)
     }
 
     fn brake(&self, request: &PlanRequest) -> Plan {

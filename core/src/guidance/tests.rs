@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::base::ned::Ned;
+use crate::base::obstacle::Disc;
 use crate::base::units::wrap_pi;
 use crate::doa::bearing::Quality;
 use crate::planning::planner::Scratch;
@@ -105,7 +106,7 @@ impl Flight {
             twist(step, &mut input);
             let output = guidance.step(&mut state, &input);
             if output.plan_requested {
-                ready = Some((step + self.planning, planner.plan(&mut scratch, state.request())));
+                ready = Some((step + self.planning, planner.plan(&mut scratch, state.request(), &known(&state))));
             }
             report.outputs.push(output);
 
@@ -138,6 +139,10 @@ const PILLARS: [(f32, f32, f32); 7] = [
     (6.4, -0.6, 0.3),
     (8.0, 0.4, 0.25),
 ];
+
+fn known<const N: usize>(state: &State<N>) -> std::vec::Vec<Disc> {
+    state.map.discs().collect()
+}
 
 #[test]
 fn it_reaches_the_source_through_pillars_without_touching_one() {
@@ -355,7 +360,7 @@ fn garbage_on_every_input_never_reaches_the_setpoint() {
 fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_are_near() {
     let guidance = Config::default().build::<64>().unwrap();
     let mut rng = crate::base::rng::Rng::new(6, 0);
-    for crowd in [0, 10, 64, 65, 100, 128] {
+    for crowd in [0, 10, 64, 65, 100, 192] {
         let mut state = guidance.start();
         let circles: StdVec<Circle> = (0..crowd)
             .map(|k| Circle {
@@ -431,7 +436,7 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
                 plan: plan.as_ref(),
             },
         );
-        plan = output.plan_requested.then(|| planner.plan(&mut scratch, state.request()));
+        plan = output.plan_requested.then(|| planner.plan(&mut scratch, state.request(), &known(&state)));
         flight.line.push_back(output.setpoint);
         let acting = flight.line.pop_front().unwrap();
         let to = acting.velocity_ned_mps.horizontal().minus(flight.velocity).times(DT / 0.5);
@@ -521,7 +526,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
         // As a log is flown again: without the codes.
         assert_eq!(guidance.step(&mut again, &input), output, "{step}");
         heard_count += u32::from(heard.bearing.valid);
-        plan = output.plan_requested.then(|| planner.plan(&mut scratch, whole.request()));
+        plan = output.plan_requested.then(|| planner.plan(&mut scratch, whole.request(), &known(&whole)));
     }
     assert!(heard_count > 350 && whole.map().circles().count() > 10, "{heard_count}");
 }

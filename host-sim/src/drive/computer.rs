@@ -9,13 +9,13 @@ use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
 use foxhound_computer::selftest::{self, Report};
 use foxhound_computer::twin::Planned;
 use foxhound_core::ConfigError;
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::{Circle, Disc};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
-use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
+use foxhound_core::planning::planner::{Plan, Scratch};
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::signing::Signing;
 use foxhound_papers::AllSystems;
@@ -48,8 +48,8 @@ pub struct StepReport {
 /// What the planner went by and considered for a plan.
 #[derive(Clone, Copy, Debug)]
 pub struct Considered<'a> {
-    /// What it was asked.
-    pub request: &'a PlanRequest,
+    /// The obstacles that it knew.
+    pub known: &'a [Disc],
     /// What it answered.
     pub plan: &'a Plan,
     /// What it drew, where this plan needed it; what it drew before, where not.
@@ -132,6 +132,8 @@ pub struct HostComputer {
     systems: AllSystems,
     scratch: Scratch,
     finished: Option<Plan>,
+    /// What it was made around.
+    known: Vec<Disc>,
     store: Option<Store>,
     recording: Option<Recording>,
     receiver: Receiver,
@@ -153,6 +155,7 @@ impl HostComputer {
             systems: AllSystems::build(config)?,
             scratch: Scratch::default(),
             finished: None,
+            known: Vec::new(),
             store: None,
             recording: None,
             receiver: Receiver::new(None, &selftest::Config::default())?,
@@ -224,7 +227,8 @@ impl Computer for HostComputer {
         tx.truncate(length);
         let mut planned = None;
         if output.plan_requested {
-            let plan = self.systems.plan(&mut self.scratch, self.state.request());
+            self.known = self.state.map().discs().collect();
+            let plan = self.systems.plan(&mut self.scratch, self.state.request(), &self.known);
             planned = Some(Planned {
                 id: plan.id,
                 waypoints_ned_m: plan.waypoints_ned_m,
@@ -265,7 +269,7 @@ impl Computer for HostComputer {
 
     fn considered(&self) -> Option<Considered<'_>> {
         let plan = self.finished.as_ref()?;
-        Some(Considered { request: self.state.request(), plan, scratch: &self.scratch })
+        Some(Considered { known: &self.known, plan, scratch: &self.scratch })
     }
 }
 

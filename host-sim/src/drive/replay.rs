@@ -17,7 +17,7 @@ use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
 use foxhound_computer::twin::Planned;
 use foxhound_core::base::adc::Snapshot;
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::{Circle, Disc};
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::guidance::param::{self, Values};
@@ -336,7 +336,8 @@ impl Flown {
         while self.companion.transmit(&mut [0; 512]) > 0 {}
         let mut planned = None;
         if step.ordered {
-            let plan = self.systems.plan(scratch, self.state.request());
+            let known: Vec<Disc> = self.state.map().discs().collect();
+            let plan = self.systems.plan(scratch, self.state.request(), &known);
             planned = Some(Planned {
                 id: plan.id,
                 waypoints_ned_m: plan.waypoints_ned_m,

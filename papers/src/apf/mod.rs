@@ -11,7 +11,7 @@
 
 use foxhound_core::base::error::{ConfigError, Why};
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::base::obstacle::Obstacle;
+use foxhound_core::base::obstacle::{Disc, Obstacle};
 use foxhound_core::base::rng::Rng;
 use foxhound_core::planning::field::Gains;
 use foxhound_core::planning::planner::baseline::{self, Exponent, Law, Offsets, Reading};
@@ -121,14 +121,14 @@ impl AnyPlanner {
         Ok(Self { config: *config, own })
     }
 
-    /// Answers one request.
-    pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+    /// Answers one request; `known` are the known obstacles.
+    pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
         if self.config.kind == Kind::Foxhound {
-            return self.own.plan(scratch, request);
+            return self.own.plan(scratch, request, known);
         }
-        let mut plan = plan(&self.config, scratch, request);
+        let mut plan = plan(&self.config, scratch, request, known);
         if request.wants_lines {
-            plan.lines = self.own.lines(request);
+            plan.lines = self.own.lines(request.position_ned_m, known);
         }
         plan
     }
@@ -148,10 +148,9 @@ pub fn own(config: &Config) -> Config {
 }
 
 /// Answers one request.
-fn plan(config: &Config, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+fn plan(config: &Config, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
     let target = target(request);
-    let discs = request.discs.iter();
-    scratch.scene.gather(request.start_ned_m, discs.map(|disc| Obstacle::of(disc, config.vehicle_radius_m)));
+    scratch.scene.gather(request.start_ned_m, known.iter().map(|disc| Obstacle::of(disc, config.vehicle_radius_m)));
     let field = |gains| Field { law: config.law, gains };
     let (initial, cost) = roll(&scratch.scene, &field(config.gains), config.reading, target);
     scratch.initial = initial;
@@ -256,32 +255,34 @@ mod rollout_tests;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use foxhound_core::base::obstacle::Disc;
     use foxhound_core::planning::explore;
     use std::vec::Vec as StdVec;
 
     fn request(seed: u64) -> PlanRequest {
+        PlanRequest { id: 1, seed, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, ..PlanRequest::default() }
+    }
+
+    fn known(seed: u64) -> StdVec<Disc> {
         let mut rng = Rng::new(seed, 78);
-        let discs = (0..6)
+        (0..6)
             .map(|_| Disc {
                 center_ned_m: Horizontal { north: 0.4 + 2.0 * rng.uniform(), east: -1.0 + 2.0 * rng.uniform() },
                 radius_m: 0.1 + 0.2 * rng.uniform(),
                 ..Disc::default()
             })
-            .collect();
-        PlanRequest { id: 1, seed, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, discs, ..PlanRequest::default() }
+            .collect()
     }
 
-    fn run(name: &str, request: &PlanRequest) -> (Plan, Scratch) {
+    fn run(name: &str, request: &PlanRequest, known: &[Disc]) -> (Plan, Scratch) {
         let mut scratch = Scratch::default();
-        let plan = AnyPlanner::build(&named(name).unwrap()).unwrap().plan(&mut scratch, request);
+        let plan = AnyPlanner::build(&named(name).unwrap()).unwrap().plan(&mut scratch, request, known);
         (plan, scratch)
     }
 
     #[test]
     fn all_kinds_fly_straight_through_the_open() {
         for name in ["foxhound", "paper", "standard"] {
-            let (plan, _) = run(name, &PlanRequest { discs: heapless::Vec::new(), ..request(1) });
+            let (plan, _) = run(name, &request(1), &[]);
             assert_eq!(plan.verdict, Verdict::Follow);
             assert!(plan.waypoints_ned_m[14].minus(Horizontal { north: 2.0, east: 0.0 }).norm() < 1e-4, "{name}");
         }
@@ -298,8 +299,8 @@ mod tests {
     fn the_paper_mode_follows_the_sample_nearest_to_the_weighted_mean() {
         let circle =
             |north, east, radius_m| Disc { center_ned_m: Horizontal { north, east }, radius_m, ..Disc::default() };
-        let discs = [circle(1.0, 0.1, 0.25), circle(1.4, -0.5, 0.2)].into_iter().collect();
-        let (plan, scratch) = run("paper", &PlanRequest { seed: 9, discs, ..request(1) });
+        let known = [circle(1.0, 0.1, 0.25), circle(1.4, -0.5, 0.2)];
+        let (plan, scratch) = run("paper", &PlanRequest { seed: 9, ..request(1) }, &known);
         // Eq. 46-47 again, in f64 and without the shift of the exponent.
         let weights: std::vec::Vec<f64> = scratch.costs.iter().map(|s| (-f64::from(*s)).exp()).collect();
         let total: f64 = weights.iter().sum();
@@ -326,7 +327,7 @@ mod tests {
     fn every_name_is_a_planner_that_flies_and_no_two_are_the_same() {
         let plans: StdVec<StdVec<Trajectory>> = NAMES
             .iter()
-            .map(|name| (0..30).map(|seed| run(name, &request(seed)).0.waypoints_ned_m).collect())
+            .map(|name| (0..30).map(|seed| run(name, &request(seed), &known(seed)).0.waypoints_ned_m).collect())
             .collect();
         for (i, paths) in plans.iter().enumerate() {
             assert!(paths.iter().flatten().all(|w| w.is_finite()), "{}", NAMES[i]);
@@ -344,7 +345,7 @@ mod tests {
     fn the_standard_planner_follows_its_field_without_sampling() {
         let request = request(3);
         for name in ["standard", "khatib", "rizqi", "sun", "virtual_force", "inverse_distance", "standard_quarters"] {
-            let (plan, scratch) = run(name, &request);
+            let (plan, scratch) = run(name, &request, &known(3));
             let config = named(name).unwrap();
             let obstacles: StdVec<Obstacle> = scratch.scene.obstacles().collect();
             let field = Field { law: config.law, gains: config.gains };
@@ -364,14 +365,14 @@ mod tests {
     fn read_to_the_letter_equation_47_moves_every_point_to_the_north_east() {
         let (mut moved, mut other) = (0, 0);
         for seed in 0..200 {
-            let (plan, scratch) = run("paper_scalar", &request(seed));
+            let (plan, scratch) = run("paper_scalar", &request(seed), &known(seed));
             let optimal = optimal(&scratch, 1.0, Offsets::Scalar).unwrap();
             for (point, initial) in optimal.iter().zip(&scratch.initial) {
                 let offset = point.minus(*initial);
                 assert!(offset.north >= 0.0 && (offset.north - offset.east).abs() < 1e-5);
                 moved += i32::from(offset.north > 0.05);
             }
-            other += i32::from(plan.waypoints_ned_m != run("paper", &request(seed)).0.waypoints_ned_m);
+            other += i32::from(plan.waypoints_ned_m != run("paper", &request(seed), &known(seed)).0.waypoints_ned_m);
         }
         assert!(moved > 500 && other > 20, "{moved} {other}");
     }
@@ -380,7 +381,7 @@ mod tests {
     fn the_temporary_target_becomes_a_known_goal_within_its_range_and_not_before() {
         let target = |north| {
             let goal = Some(Horizontal { north, east: 0.1 });
-            let (plan, _) = run("paper", &PlanRequest { known_source_ned_m: goal, ..request(1) });
+            let (plan, _) = run("paper", &PlanRequest { known_source_ned_m: goal, ..request(1) }, &known(1));
             plan.target_ned_m
         };
         assert_eq!(target(2.4), Horizontal { north: 2.4, east: 0.1 });
@@ -415,10 +416,11 @@ mod tests {
     fn the_cheap_roots_and_angles_of_the_cost_never_change_the_choice() {
         for seed in 0..3000 {
             let request = request(seed);
-            let (_, mut scratch) = run("paper", &request);
+            let known = known(seed);
+            let (_, mut scratch) = run("paper", &request, &known);
             let chosen = nearest(&scratch, &optimal(&scratch, 1.0, Offsets::Signed).unwrap());
             let (start, target) = (request.start_ned_m, request.target_ned_m);
-            let obstacles: StdVec<Obstacle> = request.discs.iter().map(|c| Obstacle::of(c, 0.15)).collect();
+            let obstacles: StdVec<Obstacle> = known.iter().map(|c| Obstacle::of(c, 0.15)).collect();
             for (sample, cost) in scratch.samples.iter().zip(&mut scratch.costs) {
                 let closest = obstacles
                     .iter()

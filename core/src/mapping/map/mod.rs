@@ -22,7 +22,7 @@ use heapless::Vec;
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::Circle;
+use crate::base::obstacle::{Circle, Disc};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::mapping::scan::{Detection, Kind, Look, Refusal, Scan};
@@ -168,6 +168,11 @@ impl Map {
     /// The remembered circles.
     pub fn circles(&self) -> impl Iterator<Item = Circle> + Clone {
         self.known.iter().map(Known::circle)
+    }
+
+    /// The same for a plan.
+    pub fn discs(&self) -> impl Iterator<Item = Disc> + Clone {
+        self.circles().map(Disc::from)
     }
 
     /// When the newest look was measured that has been taken in, even if it saw nothing.

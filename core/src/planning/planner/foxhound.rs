@@ -23,7 +23,7 @@ use super::sampling::{draw, nearest, weighted};
 use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::Obstacle;
+use crate::base::obstacle::{Disc, Obstacle};
 use crate::base::rng::Rng;
 use crate::localize::goal::posterior::{Estimate, Posterior};
 use crate::planning::field::{Field, Gains};
@@ -156,7 +156,7 @@ pub(super) fn plan(
     config: &Config,
     wavefront: &Wavefront,
     scratch: &mut Scratch,
-    request: &PlanRequest,
+    (request, discs): (&PlanRequest, &[Disc]),
     known: Option<Horizontal>,
 ) -> Plan {
     let start = request.start_ned_m;
@@ -170,7 +170,7 @@ pub(super) fn plan(
         way.clear();
     }
     scratch.obstacles.clear();
-    for disc in &request.discs {
+    for disc in discs {
         // What moves is gone by then, and to make way for it for longer is to meet it more often.
         let gust_margin_m = if disc.moves { 0.0 } else { request.gust_margin_m };
         let radius_m = config.vehicle_radius_m + gust_margin_m;

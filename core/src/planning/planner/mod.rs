@@ -249,8 +249,6 @@ pub struct PlanRequest {
     pub search: Option<Search>,
     /// Whether the lines of reflection are wanted.
     pub wants_lines: bool,
-    /// The known obstacles.
-    pub discs: Vec<Disc, CIRCLES_MAX>,
 }
 
 impl PlanRequest {
@@ -271,7 +269,6 @@ impl PlanRequest {
             learn,
             search,
             wants_lines,
-            discs,
         } = self;
         (*id, *seed, *fresh, *begins, *wants_lines, *gust_margin_m) = (0, 0, false, false, false, 0.0);
         for place in [start_ned_m, target_ned_m, position_ned_m, direction_ned] {
@@ -279,7 +276,6 @@ impl PlanRequest {
         }
         (*known_source_ned_m, *learn, *search) = (None, None, None);
         sightings.clear();
-        discs.clear();
     }
 }
 
@@ -418,29 +414,34 @@ impl Planner {
         Plan::brake(&self.config, request)
     }
 
-    /// Answers one request.
-    pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
-        let mut plan = self.seek(scratch, request);
+    /// Answers one request; `known` are the known obstacles.
+    pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
+        let mut plan = self.seek(scratch, request, known);
         if request.wants_lines {
-            plan.lines = self.lines(request);
+            plan.lines = self.lines(request.position_ned_m, known);
         }
         plan
     }
 
     /// To the source; to where nobody has looked, when it is not heard.
-    fn seek(&self, scratch: &mut Scratch, request: &PlanRequest) -> Plan {
+    fn seek(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
         if request.begins {
             scratch.explore.end();
         }
         let (Some(search), Some(explorer)) = (&request.search, &self.explorer) else {
             scratch.explore.end();
-            return foxhound::plan(&self.config, &self.wavefront, scratch, request, request.known_source_ned_m);
+            return foxhound::plan(
+                &self.config,
+                &self.wavefront,
+                scratch,
+                (request, known),
+                request.known_source_ned_m,
+            );
         };
         let (range_m, fov_rad) = (self.config.sees_m, self.config.sees_rad);
-        let discs = request.discs.iter();
-        match explorer.step(&mut scratch.explore, search.now, &search.pose, range_m, fov_rad, discs) {
+        match explorer.step(&mut scratch.explore, search.now, &search.pose, range_m, fov_rad, known.iter()) {
             Explored::Target(place_ned_m) => {
-                let plan = foxhound::plan(&self.config, &self.wavefront, scratch, request, Some(place_ned_m));
+                let plan = foxhound::plan(&self.config, &self.wavefront, scratch, (request, known), Some(place_ned_m));
                 if plan.verdict == Verdict::Brake {
                     scratch.explore.blocked();
                 }
@@ -455,9 +456,9 @@ impl Planner {
     /// The walls among the known obstacles. Its memory is on the stack: it is not used together with the rest.
     #[must_use]
     #[inline(never)]
-    pub fn lines(&self, request: &PlanRequest) -> Vec<Line, LINES_MAX> {
+    pub fn lines(&self, seen_from_ned_m: Horizontal, known: &[Disc]) -> Vec<Line, LINES_MAX> {
         let mut scratch = lor::Scratch::new();
-        let points = lor::points_of(&request.discs, request.position_ned_m);
+        let points = lor::points_of(known, seen_from_ned_m);
         self.lines.find(&mut scratch, &points)
     }
 }
@@ -468,33 +469,36 @@ mod tests {
     use crate::base::rng::Rng;
     use crate::planning::rollout::swept_clearance_m;
 
-    fn request(circles: &[(f32, f32, f32)]) -> PlanRequest {
-        let discs = circles
+    type Discs = std::vec::Vec<Disc>;
+
+    fn discs(circles: &[(f32, f32, f32)]) -> Discs {
+        circles
             .iter()
             .map(|(north, east, radius_m)| Disc {
                 center_ned_m: Horizontal { north: *north, east: *east },
                 radius_m: *radius_m,
                 ..Disc::default()
             })
-            .collect();
-        PlanRequest {
-            id: 1,
-            seed: 9,
-            target_ned_m: Horizontal { north: 2.0, east: 0.0 },
-            discs,
-            ..PlanRequest::default()
-        }
+            .collect()
     }
 
-    fn plan(request: &PlanRequest) -> (Plan, Scratch) {
+    fn request() -> PlanRequest {
+        PlanRequest { id: 1, seed: 9, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, ..PlanRequest::default() }
+    }
+
+    fn plan(request: &PlanRequest, known: &[Disc]) -> (Plan, Scratch) {
         let mut scratch = Scratch::default();
-        let plan = Config::default().build().unwrap().plan(&mut scratch, request);
+        let plan = Config::default().build().unwrap().plan(&mut scratch, request, known);
         (plan, scratch)
+    }
+
+    fn obstacles(known: &[Disc]) -> std::vec::Vec<Obstacle> {
+        known.iter().map(|disc| Obstacle::of(disc, 0.15)).collect()
     }
 
     #[test]
     fn it_flies_straight_through_the_open() {
-        let (plan, _) = plan(&request(&[]));
+        let (plan, _) = plan(&request(), &[]);
         assert_eq!(plan.verdict, Verdict::Follow);
         assert!(plan.waypoints_ned_m[14].minus(Horizontal { north: 2.0, east: 0.0 }).norm() < 1e-4);
     }
@@ -507,10 +511,9 @@ mod tests {
         for seed in 0..400_u64 {
             let mut rng = Rng::new(seed, 77);
             let mut place = || (0.3 + 2.0 * rng.uniform(), -1.0 + 2.0 * rng.uniform(), 0.1 + 0.25 * rng.uniform());
-            let mut request = request(&[place(), place(), place(), place()]);
-            (request.seed, request.begins) = (seed, true);
-            let plan = planner.plan(&mut scratch, &request);
-            let obstacles: std::vec::Vec<_> = request.discs.iter().map(|c| Obstacle::of(c, 0.15)).collect();
+            let known = discs(&[place(), place(), place(), place()]);
+            let plan = planner.plan(&mut scratch, &PlanRequest { seed, begins: true, ..request() }, &known);
+            let obstacles = obstacles(&known);
             let at_start = obstacles.iter().map(|o| o.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
             match plan.verdict {
                 Verdict::Follow => {
@@ -532,10 +535,9 @@ mod tests {
     fn gusts_make_the_way_wider_and_a_narrow_gap_none() {
         let least_m = |gust_margin_m: f32, gap_m: f32| {
             let east_m = 0.3 + 0.5 * gap_m;
-            let request = PlanRequest { gust_margin_m, ..request(&[(1.0, east_m, 0.3), (1.0, -east_m, 0.3)]) };
-            let (plan, _) = plan(&request);
-            let obstacles: std::vec::Vec<_> = request.discs.iter().map(|c| Obstacle::of(c, 0.15)).collect();
-            swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles)
+            let known = discs(&[(1.0, east_m, 0.3), (1.0, -east_m, 0.3)]);
+            let (plan, _) = plan(&PlanRequest { gust_margin_m, ..request() }, &known);
+            swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles(&known))
         };
         // Between them, there is 0.15 m on either side; with gusts it goes round, or does not come near.
         assert!(least_m(0.0, 0.6) < 0.16);
@@ -546,8 +548,7 @@ mod tests {
 
     #[test]
     fn an_obstacle_exactly_on_the_line_is_passed_on_one_side() {
-        let request = request(&[(1.0, 0.0, 0.3)]);
-        let (plan, _) = plan(&request);
+        let (plan, _) = plan(&request(), &discs(&[(1.0, 0.0, 0.3)]));
         assert_eq!(plan.verdict, Verdict::Follow);
         // To the place beside the pillar from which the target is in sight.
         let end = plan.waypoints_ned_m[14];
@@ -555,19 +556,19 @@ mod tests {
     }
 
     /// A wall 20 m long across the way to a source that is known, and the vehicle in front of its middle.
-    fn wide_wall() -> PlanRequest {
+    fn wide_wall() -> (PlanRequest, Discs) {
         let wall: std::vec::Vec<_> = (0..61).map(|k| (1.5, (k as f32 - 30.0) * 0.33, 0.2)).collect();
         let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
-        PlanRequest { known_source_ned_m, begins: true, ..request(&wall) }
+        (PlanRequest { known_source_ned_m, begins: true, ..request() }, discs(&wall))
     }
 
     #[test]
     fn a_wall_wider_than_the_window_is_gone_round() {
         let planner = Config::default().build().unwrap();
-        let (mut scratch, mut request) = (Scratch::default(), wide_wall());
+        let (mut scratch, (mut request, known)) = (Scratch::default(), wide_wall());
         let source = request.known_source_ned_m.unwrap();
         for _ in 0..80 {
-            let plan = planner.plan(&mut scratch, &request);
+            let plan = planner.plan(&mut scratch, &request, &known);
             request.begins = false;
             request.id += 1;
             request.start_ned_m = plan.waypoints_ned_m[5];
@@ -581,12 +582,12 @@ mod tests {
     #[test]
     fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_again() {
         let planner = Config::default().build().unwrap();
-        let (mut scratch, mut request) = (Scratch::default(), wide_wall());
+        let (mut scratch, (mut request, known)) = (Scratch::default(), wide_wall());
         request.start_ned_m.north = 1.0;
         let mut verdict = |begins| {
             request.begins = begins;
             request.id += 1;
-            planner.plan(&mut scratch, &request).verdict
+            planner.plan(&mut scratch, &request, &known).verdict
         };
         assert_eq!(verdict(true), Verdict::Follow);
         let follows = (0..200).take_while(|_| verdict(false) == Verdict::Follow).count();
@@ -605,15 +606,15 @@ mod tests {
                 (p.north, p.east, 0.2)
             })
             .collect();
-        assert_eq!(plan(&request(&ring)).0.verdict, Verdict::Brake);
+        assert_eq!(plan(&request(), &discs(&ring)).0.verdict, Verdict::Brake);
     }
 
     #[test]
     fn same_seed_same_plan_and_another_seed_another() {
-        let request = request(&[(1.0, 0.1, 0.3)]);
+        let (request, known) = (request(), discs(&[(1.0, 0.1, 0.3)]));
         let other = PlanRequest { seed: 10, ..request.clone() };
-        assert_eq!(plan(&request).0, plan(&request).0);
-        assert_ne!(plan(&request).1.gains, plan(&other).1.gains);
+        assert_eq!(plan(&request, &known).0, plan(&request, &known).0);
+        assert_ne!(plan(&request, &known).1.gains, plan(&other, &known).1.gains);
     }
 
     #[test]

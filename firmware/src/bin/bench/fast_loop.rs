@@ -5,7 +5,7 @@ use core::hint::black_box;
 
 use foxhound_core::base::adc::Snapshot;
 use foxhound_core::base::ned::{Horizontal, Ned};
-use foxhound_core::base::obstacle::Circle;
+use foxhound_core::base::obstacle::{Circle, Disc};
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;
@@ -13,9 +13,10 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
-use foxhound_core::mapping::map::DELIVERY_MAX;
+use foxhound_core::mapping::map::{CIRCLES_MAX, DELIVERY_MAX};
 use foxhound_core::mapping::scan::{Frame, POINTS_MAX, Points, Scan};
 use foxhound_core::planning::planner::{Plan, Planner, Scratch};
+use heapless::Vec;
 use static_cell::StaticCell;
 
 use crate::{N, ranges, receive, row};
@@ -91,7 +92,10 @@ impl Loop<'_> {
         let mut output = None;
         let count = measure(&mut || output = Some(self.guidance.step(self.state, black_box(&input))));
         let requested = output.is_some_and(|output: Output| output.plan_requested);
-        self.plan = requested.then(|| self.planner.plan(self.scratch, self.state.request()));
+        self.plan = requested.then(|| {
+            let known: Vec<Disc, CIRCLES_MAX> = self.state.map().discs().collect();
+            self.planner.plan(self.scratch, self.state.request(), &known)
+        });
         (count, output)
     }
 }

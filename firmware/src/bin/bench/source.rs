@@ -225,7 +225,7 @@ fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     row("rss_rotation", rotation, 15_000);
 }
 
-/// A room of 128 circles with a door, and what lies outside.
+/// A room of as many circles as are remembered, with a door, and what lies outside.
 #[inline(never)]
 fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(explorer) = explore::Config::default().build() else {

@@ -219,7 +219,7 @@ fn picture(detector: Option<&Detector>, focal_widths: f64, shown: &flight::Pictu
 
 /// A plan, but for its time and trace.
 fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> Plan {
-    let Considered { request, plan, scratch } = considered;
+    let Considered { known, plan, scratch } = considered;
     let chosen = (0..SAMPLES)
         .find(|index| draws && scratch.samples[*index] == plan.waypoints_ned_m && scratch.gains[*index] == plan.gains);
     let chosen = chosen.filter(|_| plan.verdict == Verdict::Follow);
@@ -230,8 +230,7 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
         _ if draws => Origin::Straight,
         _ => Origin::Bent,
     };
-    let obstacles: Vec<Obstacle> =
-        request.discs.iter().map(|circle| Obstacle::of(circle, config.vehicle_radius_m)).collect();
+    let obstacles: Vec<Obstacle> = known.iter().map(|disc| Obstacle::of(disc, config.vehicle_radius_m)).collect();
     let particles: Vec<(ned::Horizontal, f32)> = scratch.particles().collect();
     let heaviest = particles.iter().map(|(_, weight)| *weight).fold(0.0, f32::max);
     let kept = particles.iter().filter(|(_, weight)| *weight > PARTICLE_MIN * heaviest);
@@ -248,7 +247,7 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
         gains: gains(&plan.gains),
         samples: if draws { samples(scratch) } else { Vec::new() },
         chosen,
-        circles_m: circles(request.discs.iter().copied()),
+        circles_m: circles(known.iter().copied()),
         particles: kept.map(|(place, weight)| particle(*place, weight / heaviest)).collect(),
         belief: belief(&particles),
         field: potential(config, plan, &obstacles),

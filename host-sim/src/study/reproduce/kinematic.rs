@@ -94,16 +94,17 @@ impl Known<'_> {
     }
 
     /// The known pillars as the planner takes them, the nearest first.
-    fn circles(&self, from: Horizontal) -> impl Iterator<Item = Disc> {
+    fn discs(&self, from: Horizontal) -> Vec<Disc> {
         let gap = |pillar: &Pillar| pillar.center.minus(from).norm() - pillar.radius_m;
         let mut known: Vec<&Pillar> =
             self.pillars.iter().zip(&self.seen).filter(|(_, seen)| **seen).map(|(pillar, _)| pillar).collect();
         known.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
-        known.into_iter().take(CIRCLES_MAX).map(|pillar| Disc {
+        let disc = |pillar: &Pillar| Disc {
             center_ned_m: pillar.center.to_core(),
             radius_m: pillar.radius_m as f32,
-            ..Disc::default()
-        })
+            moves: false,
+        };
+        known.into_iter().take(CIRCLES_MAX).map(disc).collect()
     }
 }
 
@@ -137,10 +138,9 @@ pub(super) fn fly(scenario: &Scenario, planner: &AnyPlanner, rules: Rules, seed:
             position_ned_m: here,
             target_ned_m: position.along(Horizontal::from_bearing(heard_rad), TARGET_M).to_core(),
             known_source_ned_m: Some(goal.to_core()),
-            discs: known.circles(position).collect(),
             ..PlanRequest::default()
         };
-        let plan = planner.plan(&mut scratch, &request);
+        let plan = planner.plan(&mut scratch, &request, &known.discs(position));
         flown.replans += 1;
         for waypoint in plan.waypoints_ned_m.iter().take(rules.followed) {
             let step = from_core(*waypoint).minus(position);
