@@ -7,6 +7,7 @@ use super::*;
 use crate::base::ned::Ned;
 use crate::base::rng::Rng;
 use crate::base::units::wrap_pi;
+use crate::mapping::map::CIRCLES_MAX;
 use crate::mapping::scan::{Frame, POINTS_MAX, Ranges, SECTORS_MAX, Sector};
 
 const EPISODES: u64 = 240;
@@ -244,7 +245,8 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
                         let out = hits.iter().map(|hit| out_m(*hit, circles.iter().copied()));
                         out.fold(f32::INFINITY, f32::min)
                     };
-                    let known: Vec<_, 128> = state.map().circles().map(|c| (c.center_ned_m, c.radius_m)).collect();
+                    let known: Vec<_, CIRCLES_MAX> =
+                        state.map().circles().map(|c| (c.center_ned_m, c.radius_m)).collect();
                     let out = out_of(&known);
                     assert!(out < 0.021, "{episode}: a hit lies {out} m out of the map");
                     hits_in_map += 1;

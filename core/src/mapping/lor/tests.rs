@@ -36,5 +36,5 @@ fn a_configuration_that_contradicts_itself_is_refused() {
 
 #[test]
 fn the_scratch_is_small() {
-    assert!(core::mem::size_of::<Scratch>() <= 1_700, "{}", core::mem::size_of::<Scratch>());
+    assert!(core::mem::size_of::<Scratch>() <= 12 * POINTS_MAX, "{}", core::mem::size_of::<Scratch>());
 }

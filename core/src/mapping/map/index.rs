@@ -5,6 +5,8 @@
 //! every [`BINS`] bins and keep where a circle was before it moved: what is named has to be looked at, and nothing that is
 //! near is left out.
 
+use heapless::binary_heap::{BinaryHeap, Max};
+
 use super::{CIRCLES_MAX, Known};
 use crate::base::ned::Horizontal;
 
@@ -51,6 +53,9 @@ pub(super) struct Index {
     east: [Places; BINS],
     /// Squared distance of each circle from the vehicle, as its bits, which are in the same order.
     squared_bits: [u32; CIRCLES_MAX],
+    /// The same with their places, the farthest first, from when the first one has to give way. One that does not agree with
+    /// `squared_bits` has moved.
+    farthest: BinaryHeap<(u32, u8), Max, CIRCLES_MAX>,
     /// Circles that are to be forgotten. They are near nothing, and give way first.
     doomed: Places,
 }
@@ -63,6 +68,7 @@ impl Index {
             north: [Places::NONE; BINS],
             east: [Places::NONE; BINS],
             squared_bits: [0; CIRCLES_MAX],
+            farthest: BinaryHeap::new(),
             doomed: Places::NONE,
         }
     }
@@ -80,6 +86,10 @@ impl Index {
         let away = known.center_ned_m.minus(self.origin_ned_m);
         if let Some(squared) = self.squared_bits.get_mut(at) {
             *squared = away.norm_squared().to_bits();
+            if !self.farthest.is_empty() && self.farthest.push((*squared, at as u8)).is_err() {
+                // It is gathered anew when it is needed.
+                self.farthest.clear();
+            }
         }
         for (scale, middle_m) in [(&mut self.north, away.north), (&mut self.east, away.east)] {
             for bin in bins(middle_m, known.radius_m) {
@@ -120,14 +130,25 @@ impl Index {
             self.doomed = left;
             return (Some(at), true);
         }
-        let mut most = newcomer.center_ned_m.minus(self.origin_ned_m).norm_squared().to_bits();
-        let mut farthest = None;
-        for (at, squared) in self.squared_bits.iter().enumerate() {
-            if *squared > most {
-                (farthest, most) = (Some(at), *squared);
+        if self.farthest.is_empty() {
+            for (at, squared) in self.squared_bits.iter().enumerate() {
+                // Cannot fail: as many places.
+                let _ = self.farthest.push((*squared, at as u8));
             }
         }
-        (farthest, false)
+        let least = newcomer.center_ned_m.minus(self.origin_ned_m).norm_squared().to_bits();
+        while let Some((squared, at)) = self.farthest.peek().copied() {
+            let at = usize::from(at);
+            let has_moved = self.squared_bits.get(at) != Some(&squared);
+            if !has_moved && squared <= least {
+                break;
+            }
+            self.farthest.pop();
+            if !has_moved {
+                return (Some(at), false);
+            }
+        }
+        (None, false)
     }
 }
 
@@ -183,7 +204,8 @@ mod tests {
                 index.place_all(&all);
                 index.doom(7);
                 for _ in 0..20 {
-                    let (place, reach_m) = (all[(rng.uniform() * 127.0) as usize].center_ned_m, rng.uniform());
+                    let (place, reach_m) =
+                        (all[(rng.uniform() * (CIRCLES_MAX - 1) as f32) as usize].center_ned_m, rng.uniform());
                     let found: Vec<usize> = index.near(place, reach_m).collect();
                     assert!(found.windows(2).all(|pair| pair[0] < pair[1]) && !found.contains(&7));
                     for (at, known) in all.iter().enumerate().filter(|(at, _)| *at != 7) {

@@ -36,7 +36,7 @@ use index::Index;
 use motion::{Motion, Sighting};
 
 /// Most circles that are remembered.
-pub const CIRCLES_MAX: usize = 128;
+pub const CIRCLES_MAX: usize = 192;
 /// Most circles that one delivery may hold; the rest of a longer one is not looked at.
 pub const DELIVERY_MAX: usize = 64;
 

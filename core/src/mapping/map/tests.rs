@@ -85,12 +85,12 @@ fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_mo
 fn the_farthest_circle_gives_way_when_the_store_is_full() {
     let (keeper, mut map) = (keeper(), Map::default());
     for k in 0..CIRCLES_MAX as i32 + 10 {
-        let far = circle(100.0 - k as f32, 0.0, 0.2);
+        let far = circle(300.0 - k as f32, 0.0, 0.2);
         keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[far]).unwrap();
     }
     assert_eq!(map.circles().count(), CIRCLES_MAX);
     assert_eq!(map.overflow_count(), 10);
-    assert!(map.circles().all(|c| c.center_ned_m.north < 91.0));
+    assert!(map.circles().all(|c| c.center_ned_m.north < 291.0));
 }
 
 #[test]

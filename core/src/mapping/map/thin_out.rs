@@ -17,20 +17,32 @@ const ASKED: usize = 12;
 const STICK_OUT_M: f32 = 0.02;
 /// Larger ones are not asked: their rim is looked at too far apart.
 const RADIUS_MAX_M: f32 = 0.3;
-/// Where its rim is looked at.
-const RIM: [(f32, f32); 12] = [
+/// Where its rim is looked at: every 15 degrees.
+const RIM: [(f32, f32); 24] = [
     (1.0, 0.0),
-    (0.866_025_4, 0.5),
-    (0.5, 0.866_025_4),
+    (0.9659258, 0.258819),
+    (0.8660254, 0.5),
+    (0.7071068, 0.7071068),
+    (0.5, 0.8660254),
+    (0.258819, 0.9659258),
     (0.0, 1.0),
-    (-0.5, 0.866_025_4),
-    (-0.866_025_4, 0.5),
+    (-0.258819, 0.9659258),
+    (-0.5, 0.8660254),
+    (-0.7071068, 0.7071068),
+    (-0.8660254, 0.5),
+    (-0.9659258, 0.258819),
     (-1.0, 0.0),
-    (-0.866_025_4, -0.5),
-    (-0.5, -0.866_025_4),
+    (-0.9659258, -0.258819),
+    (-0.8660254, -0.5),
+    (-0.7071068, -0.7071068),
+    (-0.5, -0.8660254),
+    (-0.258819, -0.9659258),
     (0.0, -1.0),
-    (0.5, -0.866_025_4),
-    (0.866_025_4, -0.5),
+    (0.258819, -0.9659258),
+    (0.5, -0.8660254),
+    (0.7071068, -0.7071068),
+    (0.8660254, -0.5),
+    (0.9659258, -0.258819),
 ];
 
 impl Keeper {
@@ -105,10 +117,13 @@ mod tests {
         }
     }
 
+    /// Each with four patches, more than fill the store up.
+    const PILLARS: usize = FULL / 4;
+
     /// A row of pillars, each with patches that lie in it and beside it.
     fn row(rng: &mut Rng) -> Map {
         let mut map = Map::default();
-        for pillar in 0..24 {
+        for pillar in 0..PILLARS {
             let center = Horizontal { north: 0.33 * pillar as f32, east: 2.0 };
             map.known.push(known(center, 0.2, Origin::Seen(Kind::Pillar))).unwrap();
             for _ in 0..4 {
@@ -138,7 +153,7 @@ mod tests {
             let after: Vec<Circle> = map.circles().collect();
             assert!(after.len() <= FULL + ASKED && after.len() < before.len(), "{}", after.len());
             let pillars = map.known.iter().filter(|known| known.is_round()).count();
-            assert_eq!(pillars, 24);
+            assert_eq!(pillars, PILLARS);
             for lost in before.iter().filter(|circle| !after.contains(circle)) {
                 for _ in 0..50 {
                     let bearing_rad = core::f32::consts::TAU * rng.uniform();
