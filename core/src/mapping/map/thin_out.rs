@@ -5,6 +5,8 @@
 //! recognised, and between pillars. A few circles are asked before each look is taken in, in turn: what of the look is then not
 //! covered any more is added again.
 
+use core::f32::consts::FRAC_1_SQRT_2;
+
 use super::index::Index;
 use super::{AVERAGED, CIRCLES_MAX, DOOMED, Keeper, Known, Map, Origin};
 use crate::base::ned::Horizontal;
@@ -22,25 +24,25 @@ const RIM: [(f32, f32); 24] = [
     (1.0, 0.0),
     (0.9659258, 0.258819),
     (0.8660254, 0.5),
-    (0.7071068, 0.7071068),
+    (FRAC_1_SQRT_2, FRAC_1_SQRT_2),
     (0.5, 0.8660254),
     (0.258819, 0.9659258),
     (0.0, 1.0),
     (-0.258819, 0.9659258),
     (-0.5, 0.8660254),
-    (-0.7071068, 0.7071068),
+    (-FRAC_1_SQRT_2, FRAC_1_SQRT_2),
     (-0.8660254, 0.5),
     (-0.9659258, 0.258819),
     (-1.0, 0.0),
     (-0.9659258, -0.258819),
     (-0.8660254, -0.5),
-    (-0.7071068, -0.7071068),
+    (-FRAC_1_SQRT_2, -FRAC_1_SQRT_2),
     (-0.5, -0.8660254),
     (-0.258819, -0.9659258),
     (0.0, -1.0),
     (0.258819, -0.9659258),
     (0.5, -0.8660254),
-    (0.7071068, -0.7071068),
+    (FRAC_1_SQRT_2, -FRAC_1_SQRT_2),
     (0.8660254, -0.5),
     (0.9659258, -0.258819),
 ];
