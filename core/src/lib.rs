@@ -10,7 +10,7 @@
 //! ```
 //!
 //! One file (or folder) is one room, and the rooms stand on nine floors. A floor imports those only that are named behind
-//! it; `tests/floors.rs` holds that:
+//! it; `tests/proof/floors.rs` holds that:
 //!
 //! | floor | what it is for | imports |
 //! |---|---|---|

@@ -75,7 +75,7 @@ fn written(times: u64, barn: &Path, only: &str) -> Result<String, Box<dyn Error>
         "# Every setting\n\n\
          `cargo xtask campaign` writes this page: every combination of obstacle sensor, bearings, vehicle and radius of the hull (m) over\n\
          every kind of world. All seeds are from the test range, {} up to {} (`host-sim/src/study/seeds.rs`), on which nothing is tuned.\n\
-         `tests/matrix.rs` flies a part of it in every run. What did not end as expected is named below each table; the\n\
+         `tests/flight/matrix.rs` flies a part of it in every run. What did not end as expected is named below each table; the\n\
          depth of a collision is how far the hull was inside an obstacle when the flight was ended.\n",
         seeds::TEST.start,
         seeds::TEST.end - 1,

@@ -8,7 +8,7 @@
 //!                    `-> sensor --OBSTACLE_DISTANCE--^
 //! ```
 //!
-//! Each folder imports the ones below it only; `tests/floors.rs` holds that. From the top:
+//! Each folder imports the ones below it only; `tests/proof/floors.rs` holds that. From the top:
 //!
 //! | folder | what it is for | imports |
 //! |---|---|---|

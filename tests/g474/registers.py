@@ -4,7 +4,7 @@ A register is a line: offset, reset value, fields. A field is `NAME[:width][@bit
 before. Access: `rw` (default), `r` read-only, `w` write-only, `s` set by software and cleared by hardware, `c1` cleared by
 writing 1, `c0` cleared by writing 0. Whatever no field names is reserved.
 
-`python registers.py` prints all of it as JSON; `tests/g474.rs` compares that with a second source.
+`python registers.py` prints all of it as JSON; `tests/twin/g474.rs` compares that with a second source.
 """
 
 import json

@@ -2,7 +2,7 @@
 //!
 //! It comes from the types that the files are read into, with their comments, defaults and ranges. What one number has to
 //! do with another is not in it: that a pulse is no longer than its period, say. `scenarios/scenario.schema.json` is what
-//! `foxhound schema` prints; `tests/scenarios.rs` holds it to that.
+//! `foxhound schema` prints; `tests/flight/scenarios.rs` holds it to that.
 
 use schemars::generate::SchemaSettings;
 use serde_json::Value;

@@ -1,5 +1,5 @@
 //! The framer beside the reader and the writer of `mavlink-core` 0.21, another implementation of the same frames. Both
-//! use our dialect's types: those are compared with pymavlink in `tests/mavlink_peers.rs`.
+//! use our dialect's types: those are compared with pymavlink in `tests/link/mavlink_peers.rs`.
 
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, MavlinkVersion, encode};

@@ -1,4 +1,4 @@
-//! Signing, rule by rule. The frame of pymavlink is the oracle here; `tests/signing.rs` has pymavlink itself.
+//! Signing, rule by rule. The frame of pymavlink is the oracle here; `tests/link/signing.rs` has pymavlink itself.
 
 use foxhound_core::base::time::Instant;
 use foxhound_link::dialect::{ATTITUDE_DATA, HEARTBEAT_DATA, MavMessage, SETUP_SIGNING_DATA};

@@ -1,8 +1,8 @@
 //! What is in a message, as JSON Schema: Foxglove's own messages, as far as they are used, and ours.
 //!
 //! Foxglove knows its messages by their names. The fields are those of <https://docs.foxglove.dev/docs/sdk/schemas>;
-//! `tests/logs.rs` compares each with the definitions that Foxglove publishes. A schema is exact: all fields are there, but for
-//! those that may be missing, and no others.
+//! `tests/cli/logs.rs` compares each with the definitions that Foxglove publishes. A schema is exact: all fields are
+//! there, but for those that may be missing, and no others.
 
 use serde_json::{Map, Value, json};
 

@@ -12,7 +12,8 @@
 //! | `page/tables.js`, `main.js` | words and numbers; playing, keys, themes |
 //! | `page/live.js` | fetches the records of a flight under way; in no other page |
 //!
-//! Most of a page is the potential of its plans. That of the built-in mission has less than 1.5 MB (`tests/report.rs`).
+//! Most of a page is the potential of its plans. That of the built-in mission has less than 1.5 MB
+//! (`tests/cli/report.rs`).
 
 use std::fs;
 use std::path::Path;

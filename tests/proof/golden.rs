@@ -1,7 +1,7 @@
 //! Golden traces: every bearing, plan and setpoint of these flights, folded into one hash each.
 //!
-//! A change that means to alter flights renews the table: `INSTA_UPDATE=always cargo test -p foxhound-tests --test golden`,
-//! and shows it in its diff.
+//! A change that means to alter flights renews the table:
+//! `INSTA_UPDATE=always cargo test -p foxhound-tests --test proof golden`, and shows it in its diff.
 
 use std::fmt::Write as _;
 

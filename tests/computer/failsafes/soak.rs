@@ -5,7 +5,7 @@ use foxhound_sim::drive::soak::{Config, Laps, Report, fly_laps, keep_link};
 use foxhound_sim::drive::trial::{Clocks, Step};
 use foxhound_sim::scenario::Software;
 
-use crate::stand::{BOTH, Stand, Stream, scenario};
+use super::stand::{BOTH, Stand, Stream, scenario};
 
 const HOUR_US: u64 = 3_600_000_000;
 /// Milliseconds of a u32 are over after 49.7 days.

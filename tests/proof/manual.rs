@@ -194,7 +194,7 @@ fn every_file_of_ours_that_a_page_names_is_there() {
         for span in spans(&read(&page)) {
             let is_path = span.chars().all(|c| c.is_ascii_alphanumeric() || "/._-".contains(c));
             if is_path && FOLDERS.iter().any(|folder| span.starts_with(folder)) {
-                // A test may be a file or a folder: `tests/failsafes`.
+                // A test may be a file or a folder: `tests/computer/failsafes`.
                 assert!(root().join(&span).exists(), "{} names {span}, which is not there", page.display());
                 checked += 1;
             }

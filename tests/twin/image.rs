@@ -28,7 +28,7 @@ fn the_built_in_mission_flies_the_same_in_qemu_and_in_process() {
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn sixty_simulated_seconds_end_in_the_same_hash() {
     let via = format!("qemu:{}", qemu_image());
-    let scenario = root().join("tests/parity/sixty_seconds.json");
+    let scenario = root().join("tests/twin/sixty_seconds.json");
     let scenario = ["--seed", "11", "--scenario", &scenario.to_string_lossy()];
     let (host, twin) = (fly("host", &scenario), fly(&via, &scenario));
     assert!(host.1["time_s"].as_f64().unwrap() >= 60.0, "{}", host.1);

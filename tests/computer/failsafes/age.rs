@@ -8,7 +8,7 @@ use foxhound_sim::drive::trial::{Clocks, Step};
 use foxhound_sim::scenario::Software;
 use foxhound_sim::world::random::Random;
 
-use crate::stand::{BOTH, STANDS_MPS, Stand, is_zero, manual};
+use super::stand::{BOTH, STANDS_MPS, Stand, is_zero, manual};
 
 /// `setpoint_age_max_s`, and a period of the stream.
 const OLDEST_US: u64 = 250_000 + 50_000;

@@ -1,6 +1,6 @@
 //! The properties that the fuzz targets look for exceptions to, on seeded cases.
 
-#[path = "../fuzz/src/lib.rs"]
+#[path = "../../fuzz/src/lib.rs"]
 pub mod properties;
 
 use properties::{Reached, filters, frames, link, looks, pad, steer};

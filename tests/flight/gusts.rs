@@ -35,7 +35,7 @@ fn in_gusts_of_one_and_of_one_and_a_half_metres_a_second_nothing_is_touched_and_
 /// The flights past walls, gaps and pillars that are known to collide: a gust larger than all before it is not foreseen.
 const COLLIDES: [(&str, u64); 1] = [("gaps, scan", 1_000_028)];
 
-/// What has room for the margin, beside ArduCopter; what PX4 makes of it is in `tests/matrix.rs`.
+/// What has room for the margin, beside ArduCopter; what PX4 makes of it is in `tests/flight/matrix.rs`.
 #[test]
 fn in_gusts_of_two_and_a_half_metres_a_second_walls_gaps_and_pillars_are_passed() {
     let rows: Vec<Row> = roomy().map(|scene| flown(scene.name, STRONG.name)).collect();

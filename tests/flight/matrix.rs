@@ -4,9 +4,10 @@
 //! ([`foxhound_sim::study::seeds`]). The
 //! whole product: `cargo xtask campaign`, `docs/results/matrix.md`.
 //!
-//! What is known to fail is listed flight by flight in `tests/snapshots`, collisions in [`COLLIDES`] besides, with their cause. A flight
-//! that fails and is not listed fails the test, and so does a listed one that no longer fails. A change that mends some renews
-//! the lists: `INSTA_UPDATE=always cargo test -p foxhound-tests --test matrix`, and shows it in its diff.
+//! What is known to fail is listed flight by flight in `tests/flight/snapshots`, collisions in [`COLLIDES`] besides,
+//! with their cause. A flight that fails and is not listed fails the test, and so does a listed one that no longer
+//! fails. A change that mends some renews the lists:
+//! `INSTA_UPDATE=always cargo test -p foxhound-tests --test flight matrix`, and shows it in its diff.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

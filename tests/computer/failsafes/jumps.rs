@@ -4,7 +4,7 @@ use foxhound_sim::autopilot::Start;
 use foxhound_sim::drive::trial::{Clocks, Step, Trial};
 use foxhound_sim::scenario::Software;
 
-use crate::stand::{BOTH, Stand, Stream, scenario};
+use super::stand::{BOTH, Stand, Stream, scenario};
 
 const SEEDS: u64 = 4;
 const TURN_RAD: f64 = 30.0 * std::f64::consts::PI / 180.0;

@@ -11,7 +11,7 @@ use foxhound_sim::study::{matrix, seeds};
 use foxhound_tests::{root, run_json};
 use serde_json::{Map, Value, json};
 
-/// The traps as their files have them; `tests/matrix.rs` flies them in every setting.
+/// The traps as their files have them; `tests/flight/matrix.rs` flies them in every setting.
 #[test]
 fn every_trap_ends_as_it_should_for_twenty_of_twenty_seeds() {
     let worlds = matrix::traps(&root().join("tests/traps"), &seeds::test(20)).unwrap();

@@ -5,7 +5,7 @@ use foxhound_sim::autopilot::{Battery, Start, Wire};
 use foxhound_sim::drive::trial::{Step, parameter};
 use foxhound_sim::scenario::Software;
 
-use crate::stand::{BOTH, BRAKES_M, BRAKES_S, Stand, Stream, manual};
+use super::stand::{BOTH, BRAKES_M, BRAKES_S, Stand, Stream, manual};
 
 const STANDBY: u8 = 3;
 const ACTIVE: u8 = 4;

@@ -1,0 +1,9 @@
+//! The commands, and the files and pages that they write, are what the manual says.
+
+mod command_line;
+mod live;
+mod logs;
+mod maps_and_suites;
+mod parameters;
+mod report;
+mod shards;

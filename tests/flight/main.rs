@@ -1,0 +1,11 @@
+//! Flights in the simulator arrive, hit nothing and land, in every setting that is flown.
+
+mod closed_loop;
+mod gusts;
+mod landing;
+mod matrix;
+mod multipath;
+mod navigation;
+mod pad;
+mod scenarios;
+mod turning;

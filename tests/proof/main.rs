@@ -1,0 +1,9 @@
+//! What must hold after every change: equal traces, imports in one direction, bad input refused, a true manual.
+
+mod bad_input;
+mod core_purity;
+mod floors;
+// Public, for the properties are a library's: `fuzz/src/lib.rs`.
+pub mod fuzz_properties;
+mod golden;
+mod manual;

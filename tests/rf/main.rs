@@ -1,0 +1,6 @@
+//! Bearings, calibration and the link's state are as accurate as we claim, on signals that these tests make themselves.
+
+mod bearing_accuracy;
+mod calibration;
+mod direction_finding;
+mod link_state;
