@@ -6,7 +6,7 @@ use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use foxhound_tests::{Program, foxhound, python, qemu_image, root, run};
+use foxhound_tests::{Program, foxhound, python, qemu_image, root, run, take_machine};
 use serde_json::Value;
 
 /// A flight that is served; it ends with the test.
@@ -174,6 +174,7 @@ fn look_at(arguments: &[&str]) {
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_the_end() {
+    let _machine = take_machine();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.html");
     let path = path.to_str().unwrap();
@@ -185,6 +186,7 @@ fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_says_so_when_the_flight_is_cut_off() {
+    let _machine = take_machine();
     let served = Served::with(&["fly", "--speed", "0.5"]);
     look_at(&[&served.address, "--cut", &served.child.id().to_string()]);
 }

@@ -1,4 +1,6 @@
 //! The commands, and the files and pages that they write, are what the manual says.
+//!
+//! Browsers and a Ray cluster start many processes: their tests take the machine one after the other.
 
 mod command_line;
 mod live;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use foxhound_tests::{Program, foxhound, python, qemu_image, root, run_json};
+use foxhound_tests::{Program, foxhound, python, qemu_image, root, run_json, take_machine};
 use serde_json::Value;
 
 /// Largest page of the built-in mission.
@@ -272,12 +272,14 @@ fn look_at(page: &str) {
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_shows_the_page_moves_through_it_and_asks_nobody() {
+    let _machine = take_machine();
     look_at(&Flown::with(&[]).page);
 }
 
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_flight_that_goes_wrong_under_a_name_that_is_markup_is_shown_as_well() {
+    let _machine = take_machine();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scenario.json");
     let scenario = r#"{"name":"</script><img src=x onerror=alert(1)>","bearing":{"snr_db":20,"dropout":[2,99]},

@@ -4,7 +4,7 @@
 use std::fs::{create_dir, read, read_to_string, write};
 use std::path::{Path, PathBuf};
 
-use foxhound_tests::{foxhound, python, root, run};
+use foxhound_tests::{foxhound, python, root, run, take_machine};
 use serde_json::{Value, json};
 
 fn text(path: &Path) -> String {
@@ -118,6 +118,7 @@ fn program() -> PathBuf {
 #[test]
 #[ignore = "needs Ray: cargo xtask test"]
 fn a_ray_cluster_of_two_workers_comes_to_the_bytes_of_the_suite() {
+    let _machine = take_machine();
     let dir = tempfile::tempdir().unwrap();
     let suite = suite(dir.path());
     let output = python()

@@ -21,7 +21,7 @@ use foxhound_sim::drive::companion::Pace;
 use foxhound_sim::scenario::{self, VehicleModel};
 use foxhound_sim::world::Pose;
 use foxhound_sim::world::vehicle::Vehicle;
-use foxhound_tests::{foxhound, python, qemu_image, root, run, run_json};
+use foxhound_tests::{foxhound, python, qemu_image, root, run, run_json, share_machine};
 use serde_json::Value;
 
 const STEP_US: u64 = 10_000;
@@ -255,21 +255,25 @@ fn flies_to_the_beacon(listen: &str) {
 
 #[test]
 fn over_tcp_it_flies_among_pillars_to_the_beacon_and_stops_there() {
+    let _machine = share_machine();
     flies_to_the_beacon("tcp:127.0.0.1:0");
 }
 
 #[test]
 fn over_udp_it_flies_among_pillars_to_the_beacon_and_stops_there() {
+    let _machine = share_machine();
     flies_to_the_beacon("udp:127.0.0.1:0");
 }
 
 #[test]
 fn over_a_serial_port_it_flies_among_pillars_to_the_beacon_and_stops_there() {
+    let _machine = share_machine();
     flies_to_the_beacon("pty");
 }
 
 #[test]
 fn an_autopilot_that_sends_first_is_answered() {
+    let _machine = share_machine();
     // A port that was free a moment ago.
     let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let address = format!("udpin:127.0.0.1:{port}");
@@ -283,6 +287,7 @@ fn an_autopilot_that_sends_first_is_answered() {
 
 #[test]
 fn it_waits_for_the_mode_holds_when_it_is_taken_away_and_goes_on_when_it_is_given_back() {
+    let _machine = share_machine();
     let bench = Bench::at("tcp:127.0.0.1:0", [0.0, 0.0, -5.0], LOITER);
     let companion = start(&bench.address, &["--source=7,0,-5"]);
     let before = bench.wait("two heartbeats", |heard| heard.heartbeats >= 2);
@@ -305,6 +310,7 @@ fn it_waits_for_the_mode_holds_when_it_is_taken_away_and_goes_on_when_it_is_give
 
 #[test]
 fn an_autopilot_that_starts_anew_is_called_again_and_must_give_the_mode_afresh() {
+    let _machine = share_machine();
     let bench = Bench::new("tcp:127.0.0.1:0");
     let companion = start(&bench.address, &["--source=6,0,-5"]);
     let heard = bench.wait("on the way", |heard| heard.position_ned_m[0] > 1.0);
@@ -326,6 +332,7 @@ fn an_autopilot_that_starts_anew_is_called_again_and_must_give_the_mode_afresh()
 
 #[test]
 fn interrupted_it_stops_the_vehicle_first() {
+    let _machine = share_machine();
     let bench = Bench::new("tcp:127.0.0.1:0");
     let companion = start(&bench.address, &["--source=40,0,-5"]);
     bench.wait("some speed", |heard| heard.speed_mps > 0.6);
@@ -339,6 +346,7 @@ fn interrupted_it_stops_the_vehicle_first() {
 
 #[test]
 fn at_the_time_limit_it_stops_the_vehicle_and_says_so() {
+    let _machine = share_machine();
     let bench = Bench::new("udp:127.0.0.1:0");
     let (code, report) = ended(start(&bench.address, &["--source=40,0,-5", "--max-time", "4"]));
     assert_eq!((code, &report["result"], &report["reason"]), (1, &"timeout".into(), &"nominal".into()), "{report}");
@@ -350,11 +358,13 @@ fn at_the_time_limit_it_stops_the_vehicle_and_says_so() {
 
 #[test]
 fn a_stranger_can_try_it_with_the_modelled_arducopter_and_a_bad_line() {
+    let _machine = share_machine();
     tried_with("arducopter");
 }
 
 #[test]
 fn a_stranger_can_try_it_with_the_modelled_px4_and_a_bad_line() {
+    let _machine = share_machine();
     tried_with("px4");
 }
 
@@ -380,6 +390,7 @@ fn tried_with(software: &str) {
 
 #[test]
 fn bad_usage_is_refused_and_named() {
+    let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| {
         let path = dir.path().join(name);
@@ -447,6 +458,7 @@ fn bad_usage_is_refused_and_named() {
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_firmware_in_qemu_flies_among_pillars_to_the_beacon_and_stops_there() {
+    let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::new("tcp:127.0.0.1:0");
     let via = format!("qemu:{}", qemu_image());
@@ -458,6 +470,7 @@ fn the_firmware_in_qemu_flies_among_pillars_to_the_beacon_and_stops_there() {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn pymavlink_reads_the_log_without_bad_data() {
+    let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let bench = Bench::new("tcp:127.0.0.1:0");
     let log = dir.path().join("flight.tlog");

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::Framer;
-use foxhound_tests::{Program, foxhound};
+use foxhound_tests::{Program, foxhound, take_machine};
 use serde_json::Value;
 
 const GAP_MAX_S: f64 = 0.1;
@@ -315,11 +315,13 @@ fn expect(source: &str, least_s: f64) {
 
 #[test]
 fn an_attack_on_the_page_neither_ends_nor_slows_the_flight() {
+    let _machine = take_machine();
     expect("0,9,-5", 5.0);
 }
 
 #[test]
 #[ignore = "takes a minute: by hand"]
 fn nor_does_an_attack_of_a_minute() {
+    let _machine = take_machine();
     expect("0,80,-5", 60.0);
 }

@@ -9,7 +9,7 @@ use std::process::Stdio;
 use foxhound_link::Message as _;
 use foxhound_link::dialect::MavMessage;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, MavlinkVersion, encode, known, known_ids};
-use foxhound_tests::{python, root};
+use foxhound_tests::{python, root, share_machine};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro128PlusPlus;
 use serde_json::Value;
@@ -139,6 +139,7 @@ fn any_payload(random: &mut Xoshiro128PlusPlus) -> [u8; 255] {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn pymavlink_reads_our_frames_and_writes_the_same() {
+    let _machine = share_machine();
     let mut random = Xoshiro128PlusPlus::seed_from_u64(61);
     let (mut sent, mut lines) = (Vec::new(), String::new());
     for &id in MavMessage::all_ids() {
@@ -166,6 +167,7 @@ fn pymavlink_reads_our_frames_and_writes_the_same() {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn we_read_pymavlinks_frames_and_write_the_same() {
+    let _machine = share_machine();
     let mut arguments = vec!["write".to_owned(), "62".to_owned(), EACH.to_string()];
     arguments.extend(MavMessage::all_ids().iter().map(u32::to_string));
     let output = peer("per_frame.py", &arguments, String::new());
@@ -190,6 +192,7 @@ fn we_read_pymavlinks_frames_and_write_the_same() {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn every_published_message_that_pymavlink_knows_is_in_our_table_as_it_knows_it() {
+    let _machine = share_machine();
     let mut table = String::new();
     for id in known_ids() {
         let known = known(id).unwrap();

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
-use foxhound_tests::{Program, foxhound, python, root, run_json};
+use foxhound_tests::{Program, foxhound, python, root, run_json, share_machine};
 use serde_json::Value;
 
 const V_MAX: f64 = 2.0;
@@ -172,12 +172,14 @@ fn mavsdk_reads_every_word(software: &str, landing_frame: f64) {
 #[test]
 #[ignore = "needs MAVSDK: cargo xtask test"]
 fn mavsdk_in_the_place_of_ardupilot_reads_every_word_and_sets_parameters() {
+    let _machine = share_machine();
     mavsdk_reads_every_word("ardupilot", 12.0);
 }
 
 #[test]
 #[ignore = "needs MAVSDK: cargo xtask test"]
 fn mavsdk_in_the_place_of_px4_reads_every_word_and_sets_parameters() {
+    let _machine = share_machine();
     mavsdk_reads_every_word("px4", 1.0);
 }
 
@@ -252,6 +254,7 @@ fn rate_hz(times_us: &[u64], from_us: u64, to_us: u64) -> f64 {
 #[test]
 #[ignore = "needs MAVProxy: cargo xtask test"]
 fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {
+    let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let mut command = foxhound();
     command.args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]);

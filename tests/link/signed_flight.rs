@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use foxhound_tests::{Program, foxhound, python, root, run};
+use foxhound_tests::{Program, foxhound, python, root, run, share_machine};
 use serde_json::{Value, json};
 
 const KEY: &str = "00112233445566778899aabbccddeeff0123456789abcdeffedcba9876543210";
@@ -36,6 +36,7 @@ fn flown(address: &str, arguments: &[&str]) -> Value {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn with_one_key_pymavlink_takes_every_frame_and_is_believed() {
+    let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let key = key_file(dir.path(), "key", KEY);
     let arguments = ["--source=5,0,-5", "--max-time", "60", "--key", &key];
@@ -53,6 +54,7 @@ fn with_one_key_pymavlink_takes_every_frame_and_is_believed() {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn with_another_key_or_none_nothing_is_believed_and_nothing_moves() {
+    let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let key = key_file(dir.path(), "other", OTHER);
     // Without a key the companion hears everything, and is heard by nobody.
@@ -67,6 +69,7 @@ fn with_another_key_or_none_nothing_is_believed_and_nothing_moves() {
 
 #[test]
 fn with_a_key_an_autopilot_that_does_not_sign_is_not_moved() {
+    let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let key = key_file(dir.path(), "key", KEY);
     let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
@@ -81,6 +84,7 @@ fn with_a_key_an_autopilot_that_does_not_sign_is_not_moved() {
 
 #[test]
 fn a_bad_key_file_is_refused_and_what_stands_in_it_is_not_told() {
+    let _machine = share_machine();
     let dir = tempfile::tempdir().unwrap();
     let short = key_file(dir.path(), "short", &KEY[2..]);
     let zero = key_file(dir.path(), "zero", &"0".repeat(64));

@@ -11,7 +11,7 @@ use foxhound_link::dialect::{
 };
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode};
 use foxhound_link::signing::{Key, Setup, Signing, TIMESTAMP_MAX, Verdict, set_up};
-use foxhound_tests::{python, root};
+use foxhound_tests::{python, root, share_machine};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -135,6 +135,7 @@ fn signed(signing: &mut Signing, source: &mut Xoshiro256PlusPlus) -> Vec<u8> {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn pymavlink_takes_what_we_sign_and_refuses_what_is_wrong_or_old() {
+    let _machine = share_machine();
     let mut source = Xoshiro256PlusPlus::seed_from_u64(60);
     let key = random_key(&mut source);
     let mut peer = Peer::new(&key);
@@ -166,6 +167,7 @@ fn pymavlink_takes_what_we_sign_and_refuses_what_is_wrong_or_old() {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn we_take_what_pymavlink_signs_and_refuse_what_is_wrong_or_old() {
+    let _machine = share_machine();
     let mut source = Xoshiro256PlusPlus::seed_from_u64(61);
     let key = random_key(&mut source);
     let mut peer = Peer::new(&key);
@@ -199,6 +201,7 @@ fn we_take_what_pymavlink_signs_and_refuse_what_is_wrong_or_old() {
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn a_key_from_pymavlink_makes_us_understand_each_other() {
+    let _machine = share_machine();
     let mut source = Xoshiro256PlusPlus::seed_from_u64(62);
     let key = random_key(&mut source);
     let mut peer = Peer::new(&key);

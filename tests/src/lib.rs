@@ -3,7 +3,7 @@
 use std::io::{BufRead as _, BufReader, Lines};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
-use std::sync::OnceLock;
+use std::sync::{OnceLock, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
 use serde_json::Value;
 
@@ -94,6 +94,21 @@ pub fn python() -> Command {
         Ok(path) => Command::new(path),
         Err(_) => fail("FOXHOUND_PYTHON names no Python; `cargo xtask test` makes one and runs this test"),
     }
+}
+
+/// The tests of a program run beside one another. Those that measure time, or start many processes, must not disturb one
+/// another: they hold this, shared or alone.
+static MACHINE: RwLock<()> = RwLock::new(());
+
+/// Held by a test that may run beside others that share the machine, but not beside one that takes it.
+pub fn share_machine() -> RwLockReadGuard<'static, ()> {
+    // A test that failed while it held the lock has left nothing undone.
+    MACHINE.read().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Held by a test beside which no other may run that shares the machine or takes it.
+pub fn take_machine() -> RwLockWriteGuard<'static, ()> {
+    MACHINE.write().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A program beside the test, which ends with it, however that ends.
