@@ -22,6 +22,7 @@ fn verbs() -> Vec<String> {
     names.filter(|name| *name != "help").map(str::to_owned).collect()
 }
 
+/// Every command has a help text, and the program accepts each example in it.
 #[test]
 fn every_command_has_a_help_with_examples_that_it_understands() {
     let verbs = verbs();
@@ -49,6 +50,7 @@ fn every_command_has_a_help_with_examples_that_it_understands() {
     }
 }
 
+/// The script for bash completes commands, options and values.
 #[test]
 fn bash_completes_commands_options_and_values() {
     let script = printed(&["completions", "bash"]);
@@ -73,6 +75,7 @@ fn bash_completes_commands_options_and_values() {
     assert!(verbs.iter().all(|verb| offered.contains(verb)), "{verbs:?} in {offered:?}");
 }
 
+/// The scripts for the other shells contain every command.
 #[test]
 fn the_scripts_of_the_other_shells_know_every_command() {
     for (shell, begin) in
@@ -86,6 +89,7 @@ fn the_scripts_of_the_other_shells_know_every_command() {
     }
 }
 
+/// Every command has a manual page with its options and examples.
 #[test]
 fn there_is_a_manual_page_for_every_command_with_its_options_and_examples() {
     let folder = tempfile::tempdir().unwrap();
@@ -118,6 +122,7 @@ fn there_is_a_manual_page_for_every_command_with_its_options_and_examples() {
     }
 }
 
+/// `--quiet` leaves only results and errors, and `--json` prints nothing but JSON.
 #[test]
 fn quiet_leaves_results_and_errors_and_json_leaves_nothing_but_json() {
     let folder = tempfile::tempdir().unwrap();
@@ -146,6 +151,7 @@ fn quiet_leaves_results_and_errors_and_json_leaves_nothing_but_json() {
     assert_eq!(run_json(&["params", "--json"]).0, 0);
 }
 
+/// Output is coloured on a terminal or when colour is asked for, and nowhere else.
 #[test]
 fn colours_are_for_terminals_and_for_who_asks_for_them() {
     let coloured = |variables: &[(&str, &str)], arguments: &[&str]| {

@@ -86,6 +86,7 @@ fn last_time_s(records: &[Value]) -> f64 {
     records.iter().rev().find_map(|record| record["time_s"].as_f64()).unwrap_or(0.0)
 }
 
+/// The live page receives the flight as it runs, and its records are those of the finished report.
 #[test]
 fn the_flight_is_told_as_it_runs_and_in_the_end_it_is_that_of_the_report() {
     let folder = tempfile::tempdir().unwrap();
@@ -112,6 +113,7 @@ fn the_flight_is_told_as_it_runs_and_in_the_end_it_is_that_of_the_report() {
     assert!(!page.contains("connect-src"), "a file asks nobody");
 }
 
+/// Watching a flight live does not change its result.
 #[test]
 fn being_watched_live_changes_nothing() {
     let served = Served::with(&["fly", "--speed", "1000", "--seed", "3"]);
@@ -120,6 +122,7 @@ fn being_watched_live_changes_nothing() {
     assert_eq!(served.stop().1, serde_json::from_slice::<Value>(&alone.stdout).unwrap());
 }
 
+/// `companion --live` serves a flight beside an autopilot.
 #[test]
 fn a_flight_beside_an_autopilot_is_served_as_well() {
     let mut autopilot = Program::start(foxhound().args(["autopilot", "--json", "--listen", "tcp:127.0.0.1:0"]));
@@ -132,6 +135,7 @@ fn a_flight_beside_an_autopilot_is_served_as_well() {
     assert_eq!((code, &records[records.len() - 1]["report"]), (0, &printed));
 }
 
+/// A flight of the image in QEMU is served with the same records as the same flight on the desktop.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_image_in_qemu_is_served_as_well() {
@@ -140,6 +144,7 @@ fn the_image_in_qemu_is_served_as_well() {
     assert_eq!(records(&via)[1..], records("host")[1..]);
 }
 
+/// A port that is taken or an option that does not fit is refused by name.
 #[test]
 fn what_cannot_be_served_is_refused_by_the_option() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -171,6 +176,7 @@ fn look_at(arguments: &[&str]) {
     assert!(said.contains("all checks passed"), "{said}");
 }
 
+/// A browser that opens the live page at any time sees the drone move, and the finished report at the end.
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_the_end() {
@@ -183,6 +189,7 @@ fn browsers_see_the_drone_move_on_whenever_they_come_and_the_finished_report_at_
     assert_eq!(served.stop().0, 0);
 }
 
+/// When the flight's program is killed, the live page says that it was cut off and still shows what was flown.
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_says_so_when_the_flight_is_cut_off() {

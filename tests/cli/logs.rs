@@ -34,6 +34,7 @@ fn manual() -> String {
     std::fs::read_to_string(root().join("docs/logs.md")).unwrap()
 }
 
+/// Writing an MCAP file does not change the flight, and the file stays below 3 MB.
 #[test]
 fn watching_a_flight_for_its_file_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
@@ -45,6 +46,7 @@ fn watching_a_flight_for_its_file_changes_nothing() {
     assert!(bytes.len() as u64 <= MCAP_BYTES, "{} bytes", bytes.len());
 }
 
+/// A log file that cannot be written is refused, and the message names it.
 #[test]
 fn a_file_that_cannot_be_written_is_named() {
     let folder = tempfile::tempdir().unwrap();
@@ -64,6 +66,7 @@ fn a_file_that_cannot_be_written_is_named() {
     }
 }
 
+/// The reader by the makers of MCAP reads the file, and finds the flight that was flown.
 #[test]
 #[ignore = "needs the Python package mcap: cargo xtask test"]
 fn the_makers_of_mcap_read_the_flight_that_was_flown() {
@@ -100,6 +103,7 @@ fn the_makers_of_mcap_read_the_flight_that_was_flown() {
     assert_eq!(manual.matches("| `/").count(), found["counts"].as_object().unwrap().len());
 }
 
+/// `companion` writes an MCAP file of a flight beside an autopilot.
 #[test]
 #[ignore = "needs the Python package mcap: cargo xtask test"]
 fn a_flight_beside_an_autopilot_is_written_as_well() {
@@ -126,6 +130,7 @@ fn three_flights() -> Value {
         {"row": 2, "instance": 3, "obstacles": [[7.0, 5.0, 1.2]], "pairs": [[2.0, 5.0, 7.0, 5.0, 5.0]]}]})
 }
 
+/// `PyArrow` reads the CSV and Parquet tables of a suite.
 #[test]
 #[ignore = "needs the Python package pyarrow: cargo xtask test"]
 fn pyarrow_reads_the_tables_of_a_suite() {
@@ -144,6 +149,7 @@ fn pyarrow_reads_the_tables_of_a_suite() {
     assert_eq!(found["nulls"], 3, "two without a pillar, one without a reference");
 }
 
+/// The manual lists every column of the tables.
 #[test]
 fn every_column_is_in_the_manual() {
     let manual = manual();
@@ -152,6 +158,7 @@ fn every_column_is_in_the_manual() {
     }
 }
 
+/// pymavlink reads the telemetry log of a flight.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn pymavlink_reads_the_telemetry_log_of_a_flight() {

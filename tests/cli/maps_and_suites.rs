@@ -60,6 +60,7 @@ fn counted_density(obstacles: &Value) -> (f64, f64) {
     (mean, shares.iter().map(|share| (share - mean).powi(2)).sum::<f64>() / 100.0)
 }
 
+/// `foxhound maps` draws maps with the densities of the main paper's Table I, and describes them correctly.
 #[test]
 fn maps_have_the_densities_of_table_i_and_are_described_as_they_are() {
     let dir = tempfile::tempdir().unwrap();
@@ -94,6 +95,7 @@ fn maps_have_the_densities_of_table_i_and_are_described_as_they_are() {
     }
 }
 
+/// A seed always draws the same maps; another hull radius changes only the pairs of start and goal.
 #[test]
 fn a_seed_draws_the_same_maps_every_time_and_another_radius_only_other_pairs() {
     let drawn = |seed: &str, radius: &str| {
@@ -114,6 +116,7 @@ fn a_seed_draws_the_same_maps_every_time_and_another_radius_only_other_pairs() {
     assert_ne!(first["maps"][1]["pairs"], wider["maps"][1]["pairs"]);
 }
 
+/// A seed draws the same map on every machine.
 #[test]
 fn a_seed_draws_the_same_map_on_every_machine() {
     let dir = tempfile::tempdir().unwrap();
@@ -131,6 +134,7 @@ fn a_seed_draws_the_same_map_on_every_machine() {
     assert_eq!(sum(&map["pairs"], 4, 1e6), 82_737_275);
 }
 
+/// The result of a suite does not depend on how many flights run in parallel.
 #[test]
 fn a_suite_comes_to_the_same_however_many_flights_are_flown_at_a_time() {
     let dir = tempfile::tempdir().unwrap();
@@ -148,6 +152,7 @@ fn a_suite_comes_to_the_same_however_many_flights_are_flown_at_a_time() {
     assert_eq!(alone, flown("5"));
 }
 
+/// The report of a suite has the documented fields, and its counts are those of its flights.
 #[test]
 fn the_report_has_the_fields_of_the_interface_and_its_counts_are_those_of_the_flights() {
     let dir = tempfile::tempdir().unwrap();
@@ -185,6 +190,7 @@ fn the_report_has_the_fields_of_the_interface_and_its_counts_are_those_of_the_fl
     assert_eq!(report["all"]["collisions"], 0);
 }
 
+/// A suite in which every goal is reached ends with exit code 0, and rows and pairs can be selected.
 #[test]
 fn reaching_every_goal_is_exit_code_zero_and_rows_and_pairs_can_be_picked() {
     let dir = tempfile::tempdir().unwrap();
@@ -196,6 +202,7 @@ fn reaching_every_goal_is_exit_code_zero_and_rows_and_pairs_can_be_picked() {
     assert_eq!(report["all"]["runs"], 2);
 }
 
+/// A flight of a suite is the same as the flight that `foxhound fly` makes of it.
 #[test]
 fn a_flight_of_a_suite_is_the_one_that_fly_flies() {
     let dir = tempfile::tempdir().unwrap();
@@ -221,6 +228,7 @@ fn a_flight_of_a_suite_is_the_one_that_fly_flies() {
     assert_eq!(serde_json::from_str::<Value>(lines.lines().nth(1).unwrap()).unwrap(), flight);
 }
 
+/// Every flight of a suite has its own seed.
 #[test]
 fn every_flight_has_a_seed_of_its_own() {
     let dir = tempfile::tempdir().unwrap();
@@ -238,6 +246,7 @@ fn every_flight_has_a_seed_of_its_own() {
     assert_eq!(hashes.len(), 40);
 }
 
+/// A bad suite file is refused, and the message names the field.
 #[test]
 fn bad_suites_are_refused_and_name_the_field() {
     let dir = tempfile::tempdir().unwrap();
@@ -312,6 +321,7 @@ fn bad_suites_are_refused_and_name_the_field() {
     }
 }
 
+/// Maps that are impossible to draw are refused.
 #[test]
 fn maps_that_cannot_be_are_refused() {
     for (arguments, word) in [
@@ -333,6 +343,7 @@ fn maps_that_cannot_be_are_refused() {
     }
 }
 
+/// Maps with ten thousand pillars, or with duplicate ones, are flown without a crash of the program.
 #[test]
 fn ten_thousand_and_duplicate_pillars_are_flown_without_a_fall() {
     // A carpet of pillars beside the way, and each of them twice.

@@ -13,6 +13,7 @@ use foxhound_link::framer::{Content, FRAME_MAX, Framer, Header, encode_data};
 use foxhound_link::params::{Params, Reply, Storage};
 use foxhound_tests::{python, root, run, run_json};
 
+/// `docs/parameters.md` is what `foxhound params --markdown` prints.
 #[test]
 fn the_manuals_page_is_what_the_command_prints() {
     let printed = run(&["params", "--markdown"]);
@@ -21,6 +22,7 @@ fn the_manuals_page_is_what_the_command_prints() {
     assert!(printed.status.success() && String::from_utf8(printed.stdout).unwrap() == page, "{advice}");
 }
 
+/// `foxhound params` lists the values that a file and `--set` give, the latter first.
 #[test]
 fn values_are_listed_with_what_was_set_from_the_file_and_after_it() {
     let dir = tempfile::tempdir().unwrap();
@@ -38,6 +40,7 @@ fn values_are_listed_with_what_was_set_from_the_file_and_after_it() {
     assert_eq!(value("FH_LAG"), (0.5, 0.5, "s".to_owned()));
 }
 
+/// A bad value or an unknown name is refused, and the message names the parameter.
 #[test]
 fn bad_values_are_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();
@@ -75,6 +78,7 @@ fn bad_values_are_refused_by_name() {
     }
 }
 
+/// A flight uses the parameters that it is given, and those of its scenario for the rest.
 #[test]
 fn a_flight_goes_by_the_parameters_that_it_is_given_and_by_its_scenario_else() {
     let dir = tempfile::tempdir().unwrap();
@@ -147,6 +151,7 @@ impl Companion {
     }
 }
 
+/// pymavlink, as a ground station, lists, sets, reads back and stores the parameters.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn pymavlink_lists_sets_reads_back_and_stores_them() {

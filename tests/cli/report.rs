@@ -50,6 +50,7 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
+/// The HTML report contains the flight that was flown.
 #[test]
 fn the_page_holds_the_flight_that_was_flown() {
     let flown = Flown::with(&[]);
@@ -111,6 +112,7 @@ fn cost(plan: &Value, sample: &Value, radius_m: f64) -> f64 {
     length_m + distance(&places[places.len() - 1], &target) + turns_rad + (1.0 / nearest_m.max(0.01)).min(5.0)
 }
 
+/// The costs in the report are those of the trajectories that it draws.
 #[test]
 fn the_costs_are_those_of_the_trajectories_that_are_drawn() {
     let flown = Flown::with(&[]);
@@ -148,6 +150,7 @@ fn potential(plan: &Value, gains: &Value, place: [f64; 2], radius_m: f64) -> Opt
     clear_m.iter().all(|metres| *metres > 0.02).then(|| (attraction, clear_m.iter().map(push).sum()))
 }
 
+/// The potential in the report is the paper's, around the obstacles that the planner knew.
 #[test]
 fn the_potential_is_the_one_of_the_paper_around_the_obstacles_that_the_planner_knew() {
     let flown = Flown::with(&[]);
@@ -175,6 +178,7 @@ fn the_potential_is_the_one_of_the_paper_around_the_obstacles_that_the_planner_k
     assert!(compared > 10_000 && repelled > 200, "{compared} {repelled}");
 }
 
+/// The position estimate in the report is the one that guidance used.
 #[test]
 fn the_belief_is_the_one_that_guidance_flies_by() {
     let flown = Flown::with(&[]);
@@ -195,6 +199,7 @@ fn the_belief_is_the_one_that_guidance_flies_by() {
     assert!(compared > 15, "{compared}");
 }
 
+/// Every planner, and a world with moving obstacles, has a report.
 #[test]
 fn every_planner_and_a_world_that_moves_have_a_report() {
     let movers = root().join("tests/traps/movers.json");
@@ -218,6 +223,7 @@ fn every_planner_and_a_world_that_moves_have_a_report() {
     }
 }
 
+/// The report of the image in QEMU equals that of the same flight on the desktop.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_report_of_the_image_in_qemu_is_that_of_the_host() {
@@ -227,6 +233,7 @@ fn the_report_of_the_image_in_qemu_is_that_of_the_host() {
     assert_eq!(host.records[0]["parameters"], qemu.records[0]["parameters"]);
 }
 
+/// The report of a flight beside an autopilot shows the positions that the autopilot reported.
 #[test]
 fn a_flight_beside_an_autopilot_has_a_report_of_where_that_says_it_is() {
     let folder = tempfile::tempdir().unwrap();
@@ -269,6 +276,7 @@ fn look_at(page: &str) {
     assert!(said.contains("all checks passed"), "{said}");
 }
 
+/// A browser shows the report, its controls work, and it requests nothing from the network.
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_shows_the_page_moves_through_it_and_asks_nobody() {
@@ -276,6 +284,7 @@ fn a_browser_shows_the_page_moves_through_it_and_asks_nobody() {
     look_at(&Flown::with(&[]).page);
 }
 
+/// A flight that fails, in a scenario whose name is HTML, is shown correctly and its markup is not executed.
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_flight_that_goes_wrong_under_a_name_that_is_markup_is_shown_as_well() {

@@ -39,6 +39,7 @@ fn merge(files: &[String], extra: &[&str]) -> (Option<i32>, Vec<u8>, String) {
     (output.status.code(), output.stdout, String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
+/// Four shards of a suite merge to the same bytes as one shard and as the whole suite.
 #[test]
 fn four_shards_merge_to_the_bytes_of_one_and_of_the_whole_suite() {
     let dir = tempfile::tempdir().unwrap();
@@ -64,6 +65,7 @@ fn four_shards_merge_to_the_bytes_of_one_and_of_the_whole_suite() {
     assert_eq!(table(&[&["merge"], files.as_slice()].concat()), table(&["suite", &suite]));
 }
 
+/// With more shards than flights some shards are empty, and the merged result is still that of the whole.
 #[test]
 fn more_shards_than_flights_leave_some_empty_and_merge_all_the_same() {
     let dir = tempfile::tempdir().unwrap();
@@ -75,6 +77,7 @@ fn more_shards_than_flights_leave_some_empty_and_merge_all_the_same() {
     assert_eq!(merge(&files, &[]).1, whole.stdout);
 }
 
+/// Shards that do not belong together, or lack flights, are refused, and the message names the shard.
 #[test]
 fn shards_that_do_not_make_one_suite_are_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();
@@ -115,6 +118,7 @@ fn program() -> PathBuf {
     PathBuf::from(foxhound().get_program())
 }
 
+/// A Ray cluster of two workers gives the same bytes as the suite in one piece.
 #[test]
 #[ignore = "needs Ray: cargo xtask test"]
 fn a_ray_cluster_of_two_workers_comes_to_the_bytes_of_the_suite() {
@@ -135,6 +139,7 @@ fn a_ray_cluster_of_two_workers_comes_to_the_bytes_of_the_suite() {
     assert!(errors.contains("4 shards on 2 nodes"), "both workers flew: {errors}");
 }
 
+/// `examples/snr_sweep.py` writes a table within 15 % of the bound, and a plot where Matplotlib is installed.
 #[test]
 #[ignore = "needs NumPy and Matplotlib: cargo xtask test"]
 fn the_sweep_of_the_snr_writes_a_table_near_the_bound_and_a_plot_where_matplotlib_is() {

@@ -119,11 +119,13 @@ fn every_flight_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>)
     assert_ne!(untouched, trace_hash, "the parameter was set and meant something");
 }
 
+/// A flight on the desktop is replayed from its log with identical bits.
 #[test]
 fn a_flight_in_process_is_flown_again_to_the_last_bit() {
     every_flight_is_flown_again(host);
 }
 
+/// A flight of the firmware in QEMU is replayed from its log on the desktop with identical bits.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn a_flight_of_the_firmware_is_flown_again_to_the_last_bit() {
@@ -161,6 +163,7 @@ impl Computer for Starved {
     }
 }
 
+/// Plans that arrived late in flight are applied at the same steps in the replay.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn plans_that_come_late_are_handed_in_at_their_steps_again() {
@@ -213,6 +216,7 @@ fn log() -> Vec<u8> {
     flown(&mission, host(&mission)).0
 }
 
+/// The replay names the step at which an input was changed, and reports lost bytes as a gap.
 #[test]
 fn a_changed_input_is_named_by_its_step_and_lost_bytes_are_named_as_a_gap() {
     let log = log();
@@ -255,6 +259,7 @@ fn a_changed_input_is_named_by_its_step_and_lost_bytes_are_named_as_a_gap() {
     }
 }
 
+/// Garbage between frames changes nothing, and a log may end anywhere.
 #[test]
 fn rubbish_around_frames_changes_nothing_and_a_log_can_end_anywhere() {
     let log = log();
@@ -280,6 +285,7 @@ fn rubbish_around_frames_changes_nothing_and_a_log_can_end_anywhere() {
     assert_eq!((summary.trace_hash, summary.first_difference), (whole.trace_hash, None));
 }
 
+/// The replay reports samples that differ from those that were flown.
 #[test]
 fn codes_that_are_others_are_told() {
     let mut log = pieces(&log());
@@ -302,6 +308,7 @@ fn codes_that_are_others_are_told() {
     assert!(!summary.is_identical());
 }
 
+/// The exit code of `foxhound replay` tells whether the replay is identical, differs, or found nothing.
 #[test]
 fn the_command_says_identical_different_and_nothing_there_by_its_exit_code() {
     let dir = tempfile::tempdir().unwrap();
@@ -324,6 +331,7 @@ fn the_command_says_identical_different_and_nothing_there_by_its_exit_code() {
     }
 }
 
+/// The firmware in QEMU answers every command on its maintenance port.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_firmware_answers_at_its_maintenance_port() {

@@ -164,6 +164,7 @@ fn assert_found(mut bench: Bench, check: Check, channels: &[usize], words: &str)
     assert!(bench.texts.iter().any(|text| text == &format!("Foxhound: self-test: {words}")), "{:?}", bench.texts);
 }
 
+/// A good receiver passes the self-test, and its measured values are the true ones.
 #[test]
 fn a_good_receiver_passes_and_what_is_measured_of_it_is_what_it_is() {
     for seed in 1..=3 {
@@ -200,6 +201,7 @@ fn a_good_receiver_passes_and_what_is_measured_of_it_is_what_it_is() {
     }
 }
 
+/// A fault of a channel is reported with the number of that channel.
 #[test]
 fn what_is_wrong_with_a_channel_is_named_with_the_channel() {
     for seed in 1..=3 {
@@ -233,6 +235,7 @@ fn what_is_wrong_with_a_channel_is_named_with_the_channel() {
     }
 }
 
+/// A noisy channel, an unsteady one and two that carry the same signal are each reported.
 #[test]
 fn a_noisy_an_unsteady_and_a_doubled_channel_are_named() {
     let found = |spoil: Spoil, check, channels: &[usize], words: &str| {
@@ -263,6 +266,7 @@ fn a_noisy_an_unsteady_and_a_doubled_channel_are_named() {
     found(frozen, Check::Frozen, &[2], "channel 3 frozen");
 }
 
+/// A slow sample clock is distinguished from missing frames.
 #[test]
 fn a_clock_that_is_slow_is_told_from_frames_that_are_left_out() {
     let mut bench = Bench::new(good(), 1);
@@ -278,6 +282,7 @@ fn a_clock_that_is_slow_is_told_from_frames_that_are_left_out() {
     assert_eq!(bench.self_test().verdict, Verdict::Pass);
 }
 
+/// A frame in which a channel is frozen gives no bearing, and the next frame does.
 #[test]
 fn a_frame_in_which_a_channel_stands_still_gives_no_bearing_and_its_successor_does() {
     for seed in 1..=3 {
@@ -299,6 +304,7 @@ fn a_frame_in_which_a_channel_stands_still_gives_no_bearing_and_its_successor_do
     }
 }
 
+/// The self-test is refused while the vehicle is armed, and stops when it is armed during the test.
 #[test]
 fn armed_it_is_refused_and_one_that_is_armed_meanwhile_is_interrupted() {
     for command in [SELF_TEST, CALIBRATE] {
@@ -354,6 +360,7 @@ fn calibrated_by_the_command(frames: &[Snapshot<256>], azimuth_deg: Option<f64>)
     calibrate::calibrate(&Recording::read(&path).unwrap(), array, &options).unwrap().1
 }
 
+/// Calibration on board equals that of `foxhound calibrate`, and bearings are correct after it.
 #[test]
 fn calibrated_on_board_it_is_as_the_command_calibrates_it_and_the_bearing_is_right_afterwards() {
     for (seed, azimuth_deg) in [(1, None), (2, Some(30.0)), (3, Some(-110.0))] {
@@ -403,6 +410,7 @@ fn calibrated_on_board_it_is_as_the_command_calibrates_it_and_the_bearing_is_rig
     }
 }
 
+/// Exchanged cables are reported after a calibration with a source off the nose.
 #[test]
 fn exchanged_cables_are_named_once_the_channels_are_calibrated_by_a_source_beside_the_nose() {
     for seed in 1..=3 {
@@ -423,6 +431,7 @@ fn exchanged_cables_are_named_once_the_channels_are_calibrated_by_a_source_besid
     }
 }
 
+/// A receiver that fails the self-test is not calibrated, and its old calibration stays.
 #[test]
 fn a_receiver_that_fails_is_not_calibrated_and_an_old_calibration_stays() {
     let mut bench = Bench::new(good(), 1);

@@ -29,6 +29,7 @@ fn fly_all(flights: Vec<Vec<String>>) -> Vec<(i32, Value)> {
     })
 }
 
+/// The built-in mission reaches the beacon without a collision for 20 of 20 held-out seeds.
 #[test]
 fn the_built_in_mission_is_reached_without_a_collision_by_twenty_of_twenty_seeds() {
     let flights = seeds::test(20).map(|seed| vec!["--seed".into(), seed.to_string()]).collect();
@@ -41,6 +42,7 @@ fn the_built_in_mission_is_reached_without_a_collision_by_twenty_of_twenty_seeds
     }
 }
 
+/// The same seed gives the same trace hash, and another seed another one.
 #[test]
 fn the_same_seed_gives_the_same_trace_and_another_seed_another() {
     let hash = |seed: &str| fly(&["--seed", seed]).1["trace_hash"].as_str().unwrap().to_string();
@@ -50,6 +52,7 @@ fn the_same_seed_gives_the_same_trace_and_another_seed_another() {
     assert_eq!(first.len(), 16);
 }
 
+/// Every scenario in `tests/scenarios` ends with the result that it expects.
 #[test]
 fn every_scenario_ends_as_it_expects() {
     let mut flights = Vec::new();
@@ -88,6 +91,7 @@ fn every_scenario_ends_as_it_expects() {
     }
 }
 
+/// The JSON report of a flight has exactly the documented fields.
 #[test]
 fn the_report_has_every_field_of_the_interface_and_no_others_by_surprise() {
     let (_, report) = fly(&["--seed", "1"]);
@@ -107,6 +111,7 @@ fn the_report_has_every_field_of_the_interface_and_no_others_by_surprise() {
     }
 }
 
+/// A source at a known position is flown to directly, whatever the bearings say.
 #[test]
 fn a_source_whose_place_is_known_is_flown_to_straight_whatever_the_bearings_say() {
     let dir = tempfile::tempdir().unwrap();
@@ -126,6 +131,7 @@ fn a_source_whose_place_is_known_is_flown_to_straight_whatever_the_bearings_say(
     assert!(lengths_m[..3].iter().sum::<f64>() > 1.02 * lengths_m[3..].iter().sum::<f64>(), "{lengths_m:?}");
 }
 
+/// Every planner can be selected by name, and an unknown name is refused with the list.
 #[test]
 fn every_planner_flies_by_its_name_and_another_name_is_refused_with_the_list() {
     let open_field = root().join("tests/scenarios/open_field.json").to_string_lossy().into_owned();

@@ -34,12 +34,14 @@ fn hands_over(row: &Row, reasons: &[&str]) {
     assert!(row.handed_over.keys().all(|reason| reasons.contains(reason)), "{row:?}");
 }
 
+/// With a camera, in calm air, every flight lands on the pad.
 #[test]
 fn with_a_camera_it_comes_down_on_the_pad() {
     let row = flown("camera, calm");
     assert_eq!(u64::from(row.on_pad), FLIGHTS, "{row:?}");
 }
 
+/// With a camera, in gusts of 3 m/s and with other red objects in sight, every flight lands on the pad.
 #[test]
 fn in_gusts_of_three_metres_a_second_and_with_red_things_about_it_does_as_well() {
     for name in ["camera, gusts of 3 m/s", "camera, gusts of 3 m/s, red things about"] {
@@ -48,6 +50,7 @@ fn in_gusts_of_three_metres_a_second_and_with_red_things_about_it_does_as_well()
     }
 }
 
+/// Without a camera every flight hovers near the beacon and hands over.
 #[test]
 fn without_a_camera_it_hovers_above_the_beacon_and_hands_over() {
     for name in ["no camera, calm", "no camera, gusts of 3 m/s", "no camera, no range finder, bearings to 10 deg only"]
@@ -56,6 +59,7 @@ fn without_a_camera_it_hovers_above_the_beacon_and_hands_over() {
     }
 }
 
+/// Where there is no pad no flight lands, and at least 80 % hand over near the beacon.
 #[test]
 fn where_there_is_no_pad_it_hands_over_mostly_above_the_beacon() {
     // Of 100 flights 93 do (`cargo xtask landings`); of the first 24 only 19.
@@ -92,6 +96,7 @@ fn fly(mission: &Mission, computer: &mut HostComputer) -> Record {
     record
 }
 
+/// A camera that sends no usable frames ends the landing in a hover above 1 m that gives the reason.
 #[test]
 fn frames_that_are_no_frames_end_in_a_hover_that_says_why() {
     for (landing, reason) in [
@@ -107,6 +112,7 @@ fn frames_that_are_no_frames_end_in_a_hover_that_says_why() {
     }
 }
 
+/// A camera that is blind for a second during the landing does not prevent it.
 #[test]
 fn a_camera_that_comes_back_in_time_is_used() {
     let mission = near(r#"{"camera":{"blind":[7,8]}}"#);
@@ -115,6 +121,7 @@ fn a_camera_that_comes_back_in_time_is_used() {
     assert_eq!(record.report.result, Ending::Reached);
 }
 
+/// After touchdown the autopilot is asked to land and disarm only if the user configured it.
 #[test]
 fn on_the_ground_the_autopilot_is_asked_to_disarm_only_where_the_user_wants_it() {
     for (wants, asked) in [(true, true), (false, false)] {
@@ -136,6 +143,7 @@ fn on_the_ground_the_autopilot_is_asked_to_disarm_only_where_the_user_wants_it()
     }
 }
 
+/// A landing is replayed from its log with identical bits.
 #[test]
 fn a_landing_is_flown_again_from_its_log_to_the_last_bit() {
     let mission = near("{}");

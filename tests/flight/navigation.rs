@@ -11,6 +11,7 @@ use foxhound_sim::study::{matrix, seeds};
 use foxhound_tests::{root, run_json};
 use serde_json::{Map, Value, json};
 
+/// All 22 traps end as expected, without a collision, for 20 of 20 held-out seeds.
 /// The traps as their files have them; `tests/flight/matrix.rs` flies them in every setting.
 #[test]
 fn every_trap_ends_as_it_should_for_twenty_of_twenty_seeds() {
@@ -44,6 +45,7 @@ fn check(suite: &str, extra: &[&str], success: f64, ratio: f64) {
     assert!(all["mean_whole_length_ratio"].as_f64().unwrap() <= ratio, "{extra:?}: {report}");
 }
 
+/// Of 800 flights through pillar forests at least 99 % arrive, with every noise and vehicle, and none collides.
 #[test]
 fn eight_hundred_flights_through_pillar_forests_all_arrive_and_none_touches() {
     let dir = tempfile::tempdir().unwrap();
@@ -55,6 +57,7 @@ fn eight_hundred_flights_through_pillar_forests_all_arrive_and_none_touches() {
     check(&suite, &["--snr-db", "20", "--pairs", "10"], 0.9975, 1.06);
 }
 
+/// With a hull radius of 0.20 m at least 99.5 % of 800 flights through pillar forests arrive, and none collides.
 #[test]
 fn a_wider_hull_arrives_as_well() {
     let dir = tempfile::tempdir().unwrap();
@@ -82,6 +85,7 @@ const ROWS: Rows = Rows {
     gap_m: [0.9, 0.9],
 };
 
+/// Six rows of thin pillars with gaps of 0.9 m are passed by every flight, with four sensors and two vehicles.
 #[test]
 fn rows_of_pillars_by_scan_and_waveforms_are_passed_and_none_is_touched() {
     let dir = tempfile::tempdir().unwrap();
@@ -103,6 +107,7 @@ fn rows_of_pillars_by_scan_and_waveforms_are_passed_and_none_is_touched() {
     }
 }
 
+/// At least 149 of 150 of BARN's worlds are passed in every setting, without a collision.
 /// BARN's worlds lie beside the repository, where they lie at all: their origin and licence are with them.
 #[test]
 fn barns_worlds_by_scan_and_waveforms_are_passed_and_none_is_touched() {

@@ -30,6 +30,7 @@ fn validator() -> Validator {
     jsonschema::validator_for(&read(&root().join("scenarios/scenario.schema.json"))).unwrap()
 }
 
+/// `scenarios/scenario.schema.json` is what `foxhound schema` prints.
 #[test]
 fn the_schema_is_the_one_that_the_program_prints() {
     let printed = run(&["schema"]);
@@ -38,6 +39,7 @@ fn the_schema_is_the_one_that_the_program_prints() {
     jsonschema::meta::validate(&serde_json::from_str(&file).unwrap()).unwrap();
 }
 
+/// Every scenario is valid against the schema.
 #[test]
 fn every_scenario_is_valid_against_the_schema() {
     let validator = validator();
@@ -49,6 +51,7 @@ fn every_scenario_is_valid_against_the_schema() {
     }
 }
 
+/// What the program refuses in a scenario, the schema refuses too.
 #[test]
 fn what_the_reader_refuses_the_schema_refuses_as_well() {
     let validator = validator();
@@ -82,6 +85,7 @@ fn what_the_reader_refuses_the_schema_refuses_as_well() {
     }
 }
 
+/// Every scenario says why it exists, and the library has one of each kind.
 #[test]
 fn every_scenario_says_why_it_is_there_and_the_library_has_one_of_each_kind() {
     let list = std::fs::read_to_string(root().join("scenarios/README.md")).unwrap();
@@ -114,6 +118,7 @@ fn flown(path: &Path) -> Vec<(String, String)> {
     (1..=SEEDS).map(fly).collect()
 }
 
+/// Every scenario ends as its `expect` says, over seeds 1 to 10.
 #[test]
 fn every_scenario_comes_to_what_it_says() {
     let waiting = Mutex::new(files("scenarios"));

@@ -46,6 +46,7 @@ fn assert_reached(flights: &[(i32, Value)]) {
     }
 }
 
+/// A vehicle that turns with one directional antenna reaches a beacon 10 m away among pillars, without a collision.
 #[test]
 fn one_antenna_that_turns_finds_a_beacon_ten_metres_off_among_pillars() {
     let flights = fly(&scenario("turning_antenna.json"), SEEDS);
@@ -54,6 +55,7 @@ fn one_antenna_that_turns_finds_a_beacon_ten_metres_off_among_pillars() {
     assert!(flights.iter().all(|(_, report)| (15.0..60.0).contains(&number(report, "time_s"))), "{flights:?}");
 }
 
+/// Other turn rates, antenna patterns and a slower vehicle reach the beacon as well.
 #[test]
 fn other_rates_and_lobes_and_a_slower_vehicle_do_as_well() {
     for change in [
@@ -69,6 +71,7 @@ fn other_rates_and_lobes_and_a_slower_vehicle_do_as_well() {
     }
 }
 
+/// A flight in which two of four channels die continues by turning, and reaches the beacon.
 #[test]
 fn a_flight_in_which_two_of_four_channels_die_goes_on_by_turning() {
     let mut scenario = scenario("two_channels_die.json");
@@ -82,6 +85,7 @@ fn a_flight_in_which_two_of_four_channels_die_goes_on_by_turning() {
     assert!(flights.iter().all(|(_, report)| number(report, "time_s") > slowest_s + 2.0), "{slowest_s} {flights:?}");
 }
 
+/// Two dead channels of omnidirectional antennas end in a hold that says `ambiguous`; one dead channel does not.
 #[test]
 fn an_array_that_hears_the_same_all_round_holds_when_two_channels_die_and_says_why() {
     let mut scenario = scenario("two_channels_die.json");
@@ -99,6 +103,7 @@ fn an_array_that_hears_the_same_all_round_holds_when_two_channels_die_and_says_w
     assert_reached(&fly(&scenario, 4));
 }
 
+/// When the beacon falls silent the vehicle holds, and it arrives when the beacon returns.
 #[test]
 fn a_beacon_that_falls_silent_is_waited_for_and_found_when_it_is_back() {
     let mut scenario = scenario("turning_antenna.json");

@@ -253,24 +253,28 @@ fn flies_to_the_beacon(listen: &str) {
     assert!(counts["counts"]["32"].as_u64().unwrap() > 100, "{counts}");
 }
 
+/// Over TCP the companion flies among pillars to the beacon and stops there.
 #[test]
 fn over_tcp_it_flies_among_pillars_to_the_beacon_and_stops_there() {
     let _machine = share_machine();
     flies_to_the_beacon("tcp:127.0.0.1:0");
 }
 
+/// Over UDP the companion flies among pillars to the beacon and stops there.
 #[test]
 fn over_udp_it_flies_among_pillars_to_the_beacon_and_stops_there() {
     let _machine = share_machine();
     flies_to_the_beacon("udp:127.0.0.1:0");
 }
 
+/// Over a serial port the companion flies among pillars to the beacon and stops there.
 #[test]
 fn over_a_serial_port_it_flies_among_pillars_to_the_beacon_and_stops_there() {
     let _machine = share_machine();
     flies_to_the_beacon("pty");
 }
 
+/// An autopilot that sends first, from a port of its own, is answered and flown to the beacon.
 #[test]
 fn an_autopilot_that_sends_first_is_answered() {
     let _machine = share_machine();
@@ -285,6 +289,7 @@ fn an_autopilot_that_sends_first_is_answered() {
     well_behaved(&bench.heard());
 }
 
+/// It waits for the mode, holds when the mode is taken away, and continues when it is given back.
 #[test]
 fn it_waits_for_the_mode_holds_when_it_is_taken_away_and_goes_on_when_it_is_given_back() {
     let _machine = share_machine();
@@ -308,6 +313,7 @@ fn it_waits_for_the_mode_holds_when_it_is_taken_away_and_goes_on_when_it_is_give
     well_behaved(&bench.heard());
 }
 
+/// After a restart of the autopilot it connects again, and waits until the mode is entered again.
 #[test]
 fn an_autopilot_that_starts_anew_is_called_again_and_must_give_the_mode_afresh() {
     let _machine = share_machine();
@@ -330,6 +336,7 @@ fn an_autopilot_that_starts_anew_is_called_again_and_must_give_the_mode_afresh()
     well_behaved(&bench.heard());
 }
 
+/// When interrupted, the companion stops the vehicle before it ends.
 #[test]
 fn interrupted_it_stops_the_vehicle_first() {
     let _machine = share_machine();
@@ -344,6 +351,7 @@ fn interrupted_it_stops_the_vehicle_first() {
     assert!(heard.speed_mps < 0.4, "{}", heard.speed_mps);
 }
 
+/// At the time limit the companion stops the vehicle and reports a timeout.
 #[test]
 fn at_the_time_limit_it_stops_the_vehicle_and_says_so() {
     let _machine = share_machine();
@@ -356,12 +364,14 @@ fn at_the_time_limit_it_stops_the_vehicle_and_says_so() {
     assert_eq!((code, &report["result"], &report["reason"]), (1, &"timeout".into(), &"link_lost".into()), "{report}");
 }
 
+/// Beside `foxhound autopilot` as ArduCopter, over a line that damages bytes, the beacon is reached.
 #[test]
 fn a_stranger_can_try_it_with_the_modelled_arducopter_and_a_bad_line() {
     let _machine = share_machine();
     tried_with("arducopter");
 }
 
+/// Beside `foxhound autopilot` as PX4, over a line that damages bytes, the beacon is reached.
 #[test]
 fn a_stranger_can_try_it_with_the_modelled_px4_and_a_bad_line() {
     let _machine = share_machine();
@@ -388,6 +398,7 @@ fn tried_with(software: &str) {
     assert!(last["fastest_setpoint_mps"].as_f64().unwrap() <= 2.0, "{last}");
 }
 
+/// Bad options are refused by name, with exit code 2 and nothing on standard output.
 #[test]
 fn bad_usage_is_refused_and_named() {
     let _machine = share_machine();
@@ -455,6 +466,7 @@ fn bad_usage_is_refused_and_named() {
     }
 }
 
+/// The firmware in QEMU flies among pillars to the beacon, over TCP and in real time, and stops there.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_firmware_in_qemu_flies_among_pillars_to_the_beacon_and_stops_there() {
@@ -467,6 +479,7 @@ fn the_firmware_in_qemu_flies_among_pillars_to_the_beacon_and_stops_there() {
     assert!(bench.heard().min_clearance_m > 0.0);
 }
 
+/// pymavlink reads the telemetry log without bad data, in both directions and with the true time.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn pymavlink_reads_the_log_without_bad_data() {

@@ -313,12 +313,14 @@ fn expect(source: &str, least_s: f64) {
     }
 }
 
+/// An attack on the live page neither ends the flight nor delays a setpoint by more than 0.1 s.
 #[test]
 fn an_attack_on_the_page_neither_ends_nor_slows_the_flight() {
     let _machine = take_machine();
     expect("0,9,-5", 5.0);
 }
 
+/// An attack on the live page for a minute neither ends nor delays the flight.
 #[test]
 #[ignore = "takes a minute: by hand"]
 fn nor_does_an_attack_of_a_minute() {

@@ -136,6 +136,7 @@ fn any_payload(random: &mut Xoshiro128PlusPlus) -> [u8; 255] {
     payload
 }
 
+/// pymavlink reads our frames of every message with random values, and writes the same bytes.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn pymavlink_reads_our_frames_and_writes_the_same() {
@@ -164,6 +165,7 @@ fn pymavlink_reads_our_frames_and_writes_the_same() {
     }
 }
 
+/// We read pymavlink's frames of every message with random values, and write the same bytes.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn we_read_pymavlinks_frames_and_write_the_same() {
@@ -189,6 +191,7 @@ fn we_read_pymavlinks_frames_and_write_the_same() {
     assert_eq!((counters.frames as usize, counters.skipped_bytes, counters.bad_crc), (read, 0, 0));
 }
 
+/// Our table of message lengths and checksums equals pymavlink's for every message that it knows.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn every_published_message_that_pymavlink_knows_is_in_our_table_as_it_knows_it() {

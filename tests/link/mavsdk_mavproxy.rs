@@ -169,6 +169,7 @@ fn mavsdk_reads_every_word(software: &str, landing_frame: f64) {
     );
 }
 
+/// MAVSDK, in the place of ArduPilot, reads every message at the right rate and sets parameters.
 #[test]
 #[ignore = "needs MAVSDK: cargo xtask test"]
 fn mavsdk_in_the_place_of_ardupilot_reads_every_word_and_sets_parameters() {
@@ -176,6 +177,7 @@ fn mavsdk_in_the_place_of_ardupilot_reads_every_word_and_sets_parameters() {
     mavsdk_reads_every_word("ardupilot", 12.0);
 }
 
+/// MAVSDK, in the place of PX4, reads every message at the right rate and sets parameters.
 #[test]
 #[ignore = "needs MAVSDK: cargo xtask test"]
 fn mavsdk_in_the_place_of_px4_reads_every_word_and_sets_parameters() {
@@ -251,6 +253,7 @@ fn rate_hz(times_us: &[u64], from_us: u64, to_us: u64) -> f64 {
     count as f64 / ((to_us - from_us) as f64 * 1e-6)
 }
 
+/// `MAVProxy` routes every frame, and the message rates that it changes are restored within 6 s.
 #[test]
 #[ignore = "needs MAVProxy: cargo xtask test"]
 fn mavproxy_routes_without_loss_and_its_greedy_stream_requests_are_corrected() {

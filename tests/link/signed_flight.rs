@@ -33,6 +33,7 @@ fn flown(address: &str, arguments: &[&str]) -> Value {
     serde_json::from_str(&companion.lines().next().unwrap().unwrap()).unwrap()
 }
 
+/// With the same key on both sides pymavlink accepts every frame, and the flight reaches the beacon.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn with_one_key_pymavlink_takes_every_frame_and_is_believed() {
@@ -51,6 +52,7 @@ fn with_one_key_pymavlink_takes_every_frame_and_is_believed() {
     assert!(told["texts"].as_array().unwrap().contains(&"Foxhound: paused".into()), "{told}");
 }
 
+/// With another key, or none, no message is accepted by the autopilot and the vehicle does not move.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn with_another_key_or_none_nothing_is_believed_and_nothing_moves() {
@@ -67,6 +69,7 @@ fn with_another_key_or_none_nothing_is_believed_and_nothing_moves() {
     }
 }
 
+/// With a key, an autopilot that does not sign is ignored, and receives no setpoint.
 #[test]
 fn with_a_key_an_autopilot_that_does_not_sign_is_not_moved() {
     let _machine = share_machine();
@@ -82,6 +85,7 @@ fn with_a_key_an_autopilot_that_does_not_sign_is_not_moved() {
     assert!(last["heartbeats"].as_u64().unwrap() > 2 && last["setpoints"] == 0, "{last}");
 }
 
+/// A bad key file is refused, and the message does not show the key.
 #[test]
 fn a_bad_key_file_is_refused_and_what_stands_in_it_is_not_told() {
     let _machine = share_machine();

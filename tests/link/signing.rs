@@ -132,6 +132,7 @@ fn signed(signing: &mut Signing, source: &mut Xoshiro256PlusPlus) -> Vec<u8> {
     frame
 }
 
+/// pymavlink accepts what we sign, and refuses our frames once they are changed or old.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn pymavlink_takes_what_we_sign_and_refuses_what_is_wrong_or_old() {
@@ -164,6 +165,7 @@ fn pymavlink_takes_what_we_sign_and_refuses_what_is_wrong_or_old() {
     assert!(peer.takes(&signed(&mut signing(key, 8, TIMESTAMP_MAX - 1), &mut source)), "the last timestamp");
 }
 
+/// We accept what pymavlink signs, and refuse its frames once they are changed or old.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn we_take_what_pymavlink_signs_and_refuse_what_is_wrong_or_old() {
@@ -198,6 +200,7 @@ fn we_take_what_pymavlink_signs_and_refuse_what_is_wrong_or_old() {
     assert_eq!(ours.check(NOW, &stranger.sign(1, 0, timestamp + 5000, 1)), Verdict::WrongSignature);
 }
 
+/// A key that pymavlink sets up lets both sides verify each other.
 #[test]
 #[ignore = "needs pymavlink: cargo xtask test"]
 fn a_key_from_pymavlink_makes_us_understand_each_other() {

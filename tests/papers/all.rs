@@ -40,6 +40,7 @@ fn content(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     files
 }
 
+/// `reproduce all` writes every experiment, and a second run repeats only those that are incomplete.
 #[test]
 fn all_experiments_are_written_and_a_second_run_makes_again_what_is_not_whole_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
@@ -93,6 +94,7 @@ fn all_experiments_are_written_and_a_second_run_makes_again_what_is_not_whole_an
     assert_eq!(kept(&all(&folder, &["--seed", "2"])), ["apf-variants"], "in which nothing is random");
 }
 
+/// The page shows the published numbers beside ours, and refers to nothing on the network.
 #[test]
 fn the_page_has_the_published_numbers_beside_ours_and_asks_nobody_for_anything() {
     let folder = tempfile::tempdir().unwrap();
@@ -128,6 +130,7 @@ fn the_page_has_the_published_numbers_beside_ours_and_asks_nobody_for_anything()
     assert_eq!(figures, files.filter(|file| file.as_str().unwrap().ends_with(".svg")).count());
 }
 
+/// A folder that cannot be created and a missing option are refused.
 #[test]
 fn a_folder_that_cannot_be_and_a_missing_one_are_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -145,6 +148,7 @@ fn a_folder_that_cannot_be_and_a_missing_one_are_refused() {
     }
 }
 
+/// A browser shows every figure of the page from disk and requests nothing from the network.
 #[test]
 #[ignore = "needs a browser: cargo xtask test"]
 fn a_browser_shows_every_figure_from_disk_and_asks_nobody() {

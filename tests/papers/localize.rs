@@ -19,6 +19,7 @@ fn row<'a>(filters: &'a Value, name: &str) -> &'a Value {
     rows.iter().find(|row| row["name"] == name).unwrap()
 }
 
+/// In sight, the filter's errors match its covariance; the median error after the paper's leg is at most 0.5 m.
 #[test]
 fn filters_localize_as_the_paper_shows_and_ours_know_how_well() {
     let filters = report("filters");
@@ -67,6 +68,7 @@ fn filters_localize_as_the_paper_shows_and_ours_know_how_well() {
     }
 }
 
+/// Paths that minimise the covariance reduce it by a factor of 2.3 in sight, without touching an obstacle.
 #[test]
 fn paths_on_which_bearings_tell_more_halve_the_covariance_and_touch_nothing() {
     let paths = report("paths");
@@ -84,6 +86,7 @@ fn paths_on_which_bearings_tell_more_halve_the_covariance_and_touch_nothing() {
     }
 }
 
+/// A path at most 10 % longer than the straight one finds the range to 1.5 m, three times as well.
 #[test]
 fn a_tenth_more_of_a_way_tells_the_range_that_the_straight_one_does_not() {
     let leg = report("leg");

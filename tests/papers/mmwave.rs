@@ -24,6 +24,7 @@ fn row(report: &Value, noise: usize, agent: &str) -> Value {
     rows.iter().find(|row| row["agent"] == agent).unwrap().clone()
 }
 
+/// With noise, our filters find at least as many transmitters as following the raw angle, on shorter paths.
 #[test]
 fn filters_find_more_transmitters_on_shorter_ways_than_the_raw_angle_of_arrival() {
     let folder = tempfile::tempdir().unwrap();
@@ -57,6 +58,7 @@ fn filters_find_more_transmitters_on_shorter_ways_than_the_raw_angle_of_arrival(
     }
 }
 
+/// The same seed gives the same output, and another seed another one.
 #[test]
 fn the_seed_decides_everything() {
     let few = |seed: &str| run(&["reproduce", "mmwave", "--json", "--scenarios", "6", "--seed", seed]).stdout;
@@ -66,6 +68,7 @@ fn the_seed_decides_everything() {
     assert_ne!(few("6"), one);
 }
 
+/// The option `--scenarios` is refused for other experiments.
 #[test]
 fn scenarios_belong_to_mmwave_only() {
     let output = run(&["reproduce", "aoa-crb", "--scenarios", "10"]);

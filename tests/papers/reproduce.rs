@@ -35,6 +35,7 @@ fn check_tally(tally: &Value, runs: f64) {
     }
 }
 
+/// A small comparison of the planners is complete and consistent, and depends on the seed only.
 #[test]
 fn a_small_comparison_is_complete_and_the_same_again_with_the_same_seed_only() {
     let report = density("10", &[]);
@@ -65,6 +66,7 @@ fn a_small_comparison_is_complete_and_the_same_again_with_the_same_seed_only() {
     assert_ne!(density("10", &["--seed", "2"])["rows"], report["rows"]);
 }
 
+/// The figures are written to the folder that is asked for, and nothing else is.
 #[test]
 fn the_pictures_are_written_where_they_are_asked_for_and_nowhere_else() {
     let folder = tempfile::tempdir().unwrap();
@@ -90,6 +92,7 @@ fn the_pictures_are_written_where_they_are_asked_for_and_nowhere_else() {
     }
 }
 
+/// 100 pairs a row give the success rates that the manual claims, to 1 %.
 #[test]
 fn a_hundred_pairs_a_row_give_the_numbers_of_the_readme() {
     let report = density("100", &[]);
@@ -112,6 +115,7 @@ fn a_hundred_pairs_a_row_give_the_numbers_of_the_readme() {
     }
 }
 
+/// The four potential fields agree with the paper's table in the cells where an independent check does.
 #[test]
 fn the_four_fields_agree_with_the_printed_table_where_an_independent_check_says_so() {
     let (status, report) = run_json(&["reproduce", "apf-variants", "--json"]);
@@ -141,6 +145,7 @@ fn the_four_fields_agree_with_the_printed_table_where_an_independent_check_says_
     assert!(number(&one, "/path_length_m") > 21.0 && number(&one, "/time_s") > 6.0, "{one}");
 }
 
+/// Bad arguments are refused, and the message says what is wrong.
 #[test]
 fn bad_arguments_are_refused_with_a_word_on_what_is_wrong() {
     for (arguments, word) in [

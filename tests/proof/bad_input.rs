@@ -42,6 +42,7 @@ fn npy(dtype: &str, shape: &str, bytes: usize) -> Vec<u8> {
     file
 }
 
+/// A bad scenario is refused, and the message names the field.
 #[test]
 fn bad_scenarios_name_the_field() {
     let fly = ["fly", "--json", "--scenario", "{}"];
@@ -68,6 +69,7 @@ fn bad_scenarios_name_the_field() {
     assert!(text.contains("obstacles"), "suggests the nearest key: {text}");
 }
 
+/// A bad file of samples is refused, and the message says what is wrong.
 #[test]
 fn bad_frame_files_say_what_is_wrong() {
     let bearing = ["bearing", "--json", "--adc", "{}", "--array", "{array}"];
@@ -85,6 +87,7 @@ fn bad_frame_files_say_what_is_wrong() {
     }
 }
 
+/// A bad description of the antenna array is refused, and the message names the field.
 #[test]
 fn bad_arrays_name_the_field() {
     let bearing = ["bearing", "--json", "--adc", "{npy}", "--array", "{}"];
@@ -106,6 +109,7 @@ fn bad_arrays_name_the_field() {
     }
 }
 
+/// Missing files and files that are no firmware image are refused.
 #[test]
 fn missing_files_and_foreign_images_are_refused() {
     for arguments in [
@@ -209,6 +213,7 @@ fn bad_documents() -> Vec<(Vec<u8>, Expected)> {
     texts.into_iter().map(|(text, expected)| (text.to_vec(), expected)).collect()
 }
 
+/// Every unusual scenario is refused by field, value and range, or flown to a result with a name.
 #[test]
 fn every_strange_scenario_is_refused_by_field_value_and_range_or_flown_to_a_named_end() {
     let far_row = |k: usize| format!(r#"{{"x":{},"y":{},"r":0.3}}"#, 10 + k % 100, k / 100);
@@ -304,6 +309,7 @@ fn suite_of(obstacles: &str, pairs: &str) -> String {
     format!(r#"{{"max_time_s":40,"maps":[{{"row":1,"instance":0,"obstacles":[{obstacles}],"pairs":[{pairs}]}}]}}"#)
 }
 
+/// Every unusual suite is refused by field, value and range, or flown to a result with a name.
 #[test]
 fn every_strange_suite_is_refused_by_field_value_and_range_or_flown_to_a_named_end() {
     let pair = "[1,1,9,9,11.4]";
@@ -354,6 +360,7 @@ fn every_strange_suite_is_refused_by_field_value_and_range_or_flown_to_a_named_e
     run_each(&refused.collect::<Vec<_>>(), &["maps", "--describe"], |_, _, _, _, _| ());
 }
 
+/// Maps that cannot be drawn are refused, and the message names the field.
 #[test]
 fn maps_that_cannot_be_are_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();
@@ -410,6 +417,7 @@ fn message(arguments: &[&str]) -> String {
     text
 }
 
+/// Every bad option is refused in one message with name, value and range.
 #[test]
 fn every_bad_option_is_refused_by_name_value_and_range_in_one_message() {
     let dir = tempfile::tempdir().unwrap();

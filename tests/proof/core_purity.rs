@@ -38,6 +38,7 @@ fn built_from(package: &str) -> BTreeSet<String> {
     text.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect()
 }
 
+/// The core depends on no crate but the listed ones, which are `no_std` and allocate nothing.
 #[test]
 fn the_core_depends_on_no_crate_beyond_the_known_ones() {
     let found = built_from("foxhound-core");
@@ -46,6 +47,7 @@ fn the_core_depends_on_no_crate_beyond_the_known_ones() {
     assert!(unknown.is_empty(), "new under the core: {unknown:?}");
 }
 
+/// The crates of the papers and the pad depend on the core and on what it depends on, and nothing else.
 #[test]
 fn papers_and_pad_depend_on_the_core_and_on_nothing_that_it_does_not() {
     let core = built_from("foxhound-core");
@@ -56,6 +58,7 @@ fn papers_and_pad_depend_on_the_core_and_on_nothing_that_it_does_not() {
     }
 }
 
+/// The code of core, papers and pad uses neither `alloc` nor `std`, except in tests.
 #[test]
 fn core_papers_and_pad_name_neither_alloc_nor_std_outside_of_tests() {
     fn sources(dir: &std::path::Path, found: &mut Vec<std::path::PathBuf>) {

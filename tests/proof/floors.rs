@@ -199,16 +199,19 @@ fn check_imports(layout: &Layout) {
     assert_eq!(arrows, allowed);
 }
 
+/// Every import between modules of the core is one of the allowed ones, and each allowed one is used.
 #[test]
 fn every_import_of_the_core_goes_to_a_floor_that_is_allowed() {
     check_imports(&CORE);
 }
 
+/// Every import between folders of the simulator is one of the allowed ones, and each allowed one is used.
 #[test]
 fn every_import_of_the_simulator_goes_to_a_folder_that_is_allowed() {
     check_imports(&SIMULATOR);
 }
 
+/// The allowed imports contain no cycle.
 #[test]
 fn no_imports_of_floors_go_round() {
     for Layout { floors, .. } in [CORE, SIMULATOR] {
@@ -223,6 +226,7 @@ fn no_imports_of_floors_go_round() {
     }
 }
 
+/// The crate roots declare the listed modules and nothing else.
 #[test]
 fn the_roots_declare_the_floors_and_nothing_else() {
     for Layout { sources, floors, exported, roofs, .. } in [CORE, SIMULATOR] {
@@ -237,6 +241,7 @@ fn the_roots_declare_the_floors_and_nothing_else() {
     }
 }
 
+/// The check finds an import in whatever way it is written.
 #[test]
 fn an_import_is_seen_however_it_is_written() {
     let named = |text: &str| {

@@ -24,18 +24,21 @@ fn run(property: fn(&[u8]) -> Reached, cases: u64, longest: u32) -> (u64, Reache
     (configured, sum)
 }
 
+/// Any samples and configuration give finite bearings with a sigma.
 #[test]
 fn any_frames_and_configurations_give_finite_bearings_with_a_sigma() {
     let (configured, sum) = run(frames, 4000, 2000);
     assert!(configured > 1000 && sum.usable > 500, "too shallow: {configured} configured, {sum:?}");
 }
 
+/// Any frames of a moving array give finite directions with a sigma.
 #[test]
 fn any_looks_give_finite_arrivals_with_a_sigma() {
     let (configured, sum) = run(looks, 8000, 2000);
     assert!(configured > 1000 && sum.usable > 1000, "too shallow: {configured} configured, {sum:?}");
 }
 
+/// Any bytes leave the link in a valid state, and its own frames are whole.
 #[test]
 fn any_bytes_leave_the_link_sane_and_its_own_frames_whole() {
     let (configured, sum) = run(link, 4000, 4000);
@@ -45,6 +48,7 @@ fn any_bytes_leave_the_link_sane_and_its_own_frames_whole() {
     );
 }
 
+/// Any inputs of guidance give finite plans, and finite setpoints within the limits.
 #[test]
 fn any_steering_gives_finite_setpoints_inside_the_limits_and_finite_plans() {
     let (configured, sum) = run(steer, 2400, 3000);
@@ -54,6 +58,7 @@ fn any_steering_gives_finite_setpoints_inside_the_limits_and_finite_plans() {
     );
 }
 
+/// Any measurements leave every filter's covariance finite, symmetric and positive.
 #[test]
 fn any_measurements_leave_every_filter_finite_symmetric_and_positive() {
     let (configured, sum) = run(filters, 8000, 2000);
@@ -63,6 +68,7 @@ fn any_measurements_leave_every_filter_finite_symmetric_and_positive() {
     );
 }
 
+/// Any camera lines leave the pad detector in a valid state.
 #[test]
 fn any_lines_leave_the_pad_detector_sane() {
     let (configured, sum) = run(pad, 4000, 400);

@@ -7,6 +7,7 @@ use std::fmt::Write as _;
 
 use foxhound_tests::{root, run_json};
 
+/// A set of flights gives the recorded results and trace hashes, bit for bit.
 #[test]
 fn flights_are_the_ones_on_record() {
     let mut files: Vec<_> =

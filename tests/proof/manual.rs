@@ -116,6 +116,7 @@ fn is_our_run(command: &str) -> bool {
     command.starts_with("cargo run ") && !command.contains("--example") && !command.contains(" -p ")
 }
 
+/// Every page of the manual is in its summary, and the summary names no other.
 #[test]
 fn every_page_is_in_the_summary_and_the_summary_names_no_other() {
     let listed: Vec<PathBuf> =
@@ -128,6 +129,7 @@ fn every_page_is_in_the_summary_and_the_summary_names_no_other() {
     assert_eq!(unique, there);
 }
 
+/// Every link and picture of the manual leads to a file and a heading that exist.
 #[test]
 fn every_link_and_picture_leads_to_a_file_and_a_heading_that_are_there() {
     let mut checked = 0;
@@ -157,6 +159,7 @@ fn every_link_and_picture_leads_to_a_file_and_a_heading_that_are_there() {
     assert!(checked > 60, "only {checked} links found");
 }
 
+/// Every picture of the manual is shown on a page.
 #[test]
 fn every_picture_is_shown_on_a_page() {
     let shown: BTreeSet<PathBuf> = pages_and_readme()
@@ -174,6 +177,7 @@ fn every_picture_is_shown_on_a_page() {
     }
 }
 
+/// Every file of the repository that the manual names exists.
 #[test]
 fn every_file_of_ours_that_a_page_names_is_there() {
     const FOLDERS: [&str; 11] = [
@@ -203,6 +207,7 @@ fn every_file_of_ours_that_a_page_names_is_there() {
     assert!(checked > 60, "only {checked} names found");
 }
 
+/// Every benchmark row that the manual's list of modules names is in `docs/bench.md`.
 #[test]
 fn every_row_that_a_room_names_is_counted() {
     let (rooms, bench) = (read(Path::new("docs/rooms.md")), read(Path::new("docs/bench.md")));
@@ -216,6 +221,7 @@ fn every_row_that_a_room_names_is_counted() {
     }
 }
 
+/// The program accepts every command that the manual shows.
 #[test]
 fn every_command_that_the_manual_shows_is_one_that_the_program_takes() {
     let mut checked = 0;
@@ -233,6 +239,7 @@ fn every_command_that_the_manual_shows_is_one_that_the_program_takes() {
     assert!(checked > 60, "only {checked} commands found");
 }
 
+/// The check of the commands would find one that the program refuses.
 #[test]
 fn a_command_that_the_program_does_not_take_would_be_found() {
     let page =
@@ -245,6 +252,7 @@ fn a_command_that_the_program_does_not_take_would_be_found() {
     }
 }
 
+/// The first command of the README prints the lines and draws the picture that it shows.
 #[test]
 fn the_first_command_prints_and_draws_what_the_readme_shows() {
     let dir = tempfile::tempdir().unwrap();
@@ -265,6 +273,7 @@ fn blocks(text: &str, language: &str) -> Vec<String> {
         .collect()
 }
 
+/// The scenario of the manual is flown to its beacon.
 #[test]
 fn the_scenario_of_the_manual_is_flown_to_its_beacon() {
     let scenarios = blocks(&read(Path::new("docs/simulator.md")), "json");
@@ -276,6 +285,7 @@ fn the_scenario_of_the_manual_is_flown_to_its_beacon() {
     assert_eq!((code, flight["result"].as_str()), (0, Some("reached")), "{flight}");
 }
 
+/// The Python program of the manual runs and prints the documented values.
 #[test]
 #[ignore = "needs Python: cargo xtask test"]
 fn the_python_of_the_manual_runs() {

@@ -111,6 +111,7 @@ fn worst(errors: &[f64]) -> f64 {
     errors.iter().copied().fold(0.0, f64::max)
 }
 
+/// Without noise, on a circle of 5 m, the mean error of the bearing is at most 0.05 degrees.
 #[test]
 fn without_noise_the_circle_at_five_metres_is_right_to_a_twentieth_of_a_degree() {
     // On a bin and off: the paper reports 1.48 deg.
@@ -123,6 +124,7 @@ fn without_noise_the_circle_at_five_metres_is_right_to_a_twentieth_of_a_degree()
     }
 }
 
+/// At 5 m the wave is coherent, and its curvature gives the range except near the axes.
 #[test]
 fn five_metres_away_the_wave_is_coherent_and_its_curvature_tells_the_range_between_the_axes() {
     let answers = lines(&circle(37.37 * FS / 256.0, Some(40.0), 5), &["--independent"]);
@@ -142,6 +144,7 @@ fn five_metres_away_the_wave_is_coherent_and_its_curvature_tells_the_range_betwe
     assert!((0.03..0.05).contains(&rms), "{rms} of 1 / R over {hints} lines");
 }
 
+/// At 20 dB the error of the bearing is at most 0.16 degrees (Cramer-Rao bound: 0.142).
 #[test]
 fn at_twenty_decibels_the_error_is_at_the_bound() {
     // Cramer-Rao: lambda / (2 pi s sqrt(N SNR)) = 0.142 deg.
@@ -160,6 +163,7 @@ fn at_twenty_decibels_the_error_is_at_the_bound() {
     assert!((0.8..=1.25).contains(&consistency), "NEES {consistency}");
 }
 
+/// The paper's own algorithm is available for comparison, and mirrors half of the circle.
 #[test]
 fn the_papers_algorithm_is_there_as_a_baseline_and_mirrors_half_of_the_circle() {
     let (errors, _) = errors(&circle(37.0 * FS / 256.0, None, 3), &["--estimator", "paper"]);

@@ -163,6 +163,7 @@ fn rms_over_bound(lines: &[Value], azimuths: &[Option<f64>], snr_db: f64) -> (f6
     ((squares / n).sqrt() / bound_deg, nees / n)
 }
 
+/// One frame at 40 dB calibrates uneven channels to 1.3 of the bound; before it every frame is `uncalibrated`.
 #[test]
 fn one_frame_at_40_db_makes_uneven_channels_good_and_before_it_every_frame_is_uncalibrated() {
     let bench = Bench::new("require_calibration = true # it flies\n");
@@ -192,6 +193,7 @@ fn one_frame_at_40_db_makes_uneven_channels_good_and_before_it_every_frame_is_un
     assert!(ratio <= 1.35, "{ratio} of the bound at 30 dB");
 }
 
+/// A calibration table that was changed, or is for another frequency, makes every frame `uncalibrated`.
 #[test]
 fn a_changed_or_foreign_table_makes_every_frame_uncalibrated() {
     let bench = Bench::new("");
@@ -212,6 +214,7 @@ fn a_changed_or_foreign_table_makes_every_frame_uncalibrated() {
     }
 }
 
+/// Two tones give the skew of the channels, and with it 1.15 of the bound at any frequency.
 #[test]
 fn two_tones_tell_the_skew_and_with_it_the_bound_is_reached_at_any_frequency() {
     let bench = Bench::new("");
@@ -236,6 +239,7 @@ fn two_tones_tell_the_skew_and_with_it_the_bound_is_reached_at_any_frequency() {
     }
 }
 
+/// A known skew of 0.75 samples costs at most 10 % of accuracy.
 #[test]
 fn a_configured_skew_of_three_quarters_of_a_sample_costs_nothing() {
     let skew_samples = [0.0, 0.75, -0.75, 0.4];
@@ -247,6 +251,7 @@ fn a_configured_skew_of_three_quarters_of_a_sample_costs_nothing() {
     assert!(ratio <= 1.10, "{ratio} of the bound");
 }
 
+/// A turn on the spot calibrates the channels, and swapped channels are reported.
 #[test]
 fn a_turn_on_the_spot_calibrates_and_names_swapped_channels() {
     let bench = Bench::new("");
@@ -267,6 +272,7 @@ fn a_turn_on_the_spot_calibrates_and_names_swapped_channels() {
     assert!(text.contains("channels 2 and 3 look swapped"), "{text}");
 }
 
+/// Frames and arrays that cannot be used for a calibration are refused, and the message says why.
 #[test]
 fn frames_and_arrays_that_will_not_do_are_refused_by_name() {
     let bench = Bench::new("");

@@ -24,6 +24,7 @@ fn check(outcome: &Value, counts: &Value) {
     assert!(low < balanced && balanced < high && high - low < 0.10, "{outcome}");
 }
 
+/// On new scenes the classifier is better than the best thresholds on the signal level, with 95 % confidence.
 #[test]
 fn fresh_scenes_are_told_apart_better_than_the_level_alone_can_with_its_best_thresholds() {
     let arguments = ["link-state", "--json", "--seed", "4711", "--scenes", "500"];
@@ -47,6 +48,7 @@ fn fresh_scenes_are_told_apart_better_than_the_level_alone_can_with_its_best_thr
     assert_eq!(run_json(&arguments).1, report, "the same seed, the same scenes");
 }
 
+/// Training again gives the weights in the repository, byte for byte.
 #[test]
 fn training_anew_gives_the_weights_of_the_repository_byte_for_byte() {
     let repository = root().to_string_lossy().into_owned();
@@ -58,6 +60,7 @@ fn training_anew_gives_the_weights_of_the_repository_byte_for_byte() {
     assert_eq!(own, report);
 }
 
+/// A folder that is not the repository is refused.
 #[test]
 fn another_folder_is_no_repository() {
     let folder = tempfile::tempdir().unwrap();

@@ -20,6 +20,7 @@ const TWIN_US: u32 = 29;
 /// What the watchdog waits for, on the twin's clock.
 const WATCHDOG_US: u32 = 4_000_000;
 
+/// After every fault the vehicle continues, or stands and says why, and every restart is reported.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn after_every_fault_the_vehicle_flies_on_or_stands_and_says_why_and_every_restart_is_told() {
@@ -35,6 +36,7 @@ fn after_every_fault_the_vehicle_flies_on_or_stands_and_says_why_and_every_resta
     }
 }
 
+/// A mission with faults ends the same way when it is flown again.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn a_mission_that_is_flown_again_ends_the_same_way_fault_by_fault() {
@@ -91,6 +93,7 @@ impl Seeker {
     }
 }
 
+/// A late step is counted and reported, and changes nothing else.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn a_late_step_is_counted_and_told_and_changes_nothing_else() {
@@ -115,6 +118,7 @@ fn a_late_step_is_counted_and_told_and_changes_nothing_else() {
     assert_eq!((calm.told(), stormy.told()), (Some(0.0), Some(30.0)));
 }
 
+/// When only late steps run, the watchdog restarts the image, and the vehicle stands until the mode is entered again.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn late_steps_alone_do_not_feed_the_watchdog_and_after_it_the_vehicle_stands_until_the_mode_is_entered_afresh() {

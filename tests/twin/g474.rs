@@ -167,6 +167,7 @@ fn frame<D: MessageData>(message: &D) -> Vec<u8> {
     bytes[..length].to_vec()
 }
 
+/// The image for the NUCLEO-G474RE boots and runs for a minute without a restart.
 #[test]
 fn it_boots_and_runs_for_a_minute_without_a_restart() {
     let mut bench = Bench::start(Options { seed: 1, ..Options::default() });
@@ -176,6 +177,7 @@ fn it_boots_and_runs_for_a_minute_without_a_restart() {
     assert!(!bench.has_said("restart"), "{:?}", bench.texts);
 }
 
+/// It flies to the beacon with the trace hash of the desktop and of QEMU at every step.
 #[test]
 fn it_flies_to_the_beacon_with_the_hash_of_the_desktop_and_of_qemu() {
     let flown = trial::fly(Path::new(&g474_image()), Some(Path::new(&qemu_image())), 1).unwrap();
@@ -255,6 +257,7 @@ impl Computer for Flooded {
     }
 }
 
+/// A line that is full of telemetry, noise and breaks delays no task.
 #[test]
 fn a_line_that_is_full_of_telemetry_noise_and_breaks_starves_nothing() {
     let scenario = Scenario { max_time_s: 9.0, ..Scenario::built_in() };
@@ -289,6 +292,7 @@ fn a_line_that_is_full_of_telemetry_noise_and_breaks_starves_nothing() {
     assert!(record.report.path_length_m > 3.0, "it flies: {} m", record.report.path_length_m);
 }
 
+/// Without a crystal it runs on the internal oscillator and reports it.
 #[test]
 fn without_a_crystal_it_runs_on_the_internal_oscillator_and_says_so() {
     let mut bench = Bench::start(Options { seed: 3, no_crystal: true });
@@ -298,6 +302,7 @@ fn without_a_crystal_it_runs_on_the_internal_oscillator_and_says_so() {
     assert!(bench.has_said("no crystal"), "{:?}", bench.texts);
 }
 
+/// After an overrun of a converter new frames arrive.
 #[test]
 fn after_an_overrun_of_a_converter_frames_come_again() {
     let mut bench = Bench::start(Options { seed: 4, ..Options::default() });
@@ -312,6 +317,7 @@ fn after_an_overrun_of_a_converter_frames_come_again() {
     assert!(!bench.has_said("does not"), "{:?}", bench.texts);
 }
 
+/// Noise and breaks on the line lose only the bytes that they hit.
 #[test]
 fn noise_and_breaks_on_the_line_cost_the_bytes_that_they_hit() {
     let mut bench = Bench::start(Options { seed: 5, ..Options::default() });
@@ -328,6 +334,7 @@ fn noise_and_breaks_on_the_line_cost_the_bytes_that_they_hit() {
     bench.assert_beats(2.0);
 }
 
+/// When the power is cut during a save, the old value or the new one remains.
 #[test]
 fn a_save_that_the_power_cuts_off_leaves_the_old_value_or_the_new_one() {
     let mut values = Vec::new();
@@ -346,6 +353,7 @@ fn a_save_that_the_power_cuts_off_leaves_the_old_value_or_the_new_one() {
     assert!(values.iter().all(|value| [1.0, 0.7].contains(value)), "{values:?}");
 }
 
+/// Saved values remain after every kind of restart.
 #[test]
 fn what_was_saved_is_there_after_every_kind_of_restart() {
     let mut bench = Bench::start(Options { seed: 20, ..Options::default() });
@@ -373,6 +381,7 @@ fn what_was_saved_is_there_after_every_kind_of_restart() {
     assert!(bitten - before < 4e6, "{:?}", bench.resets);
 }
 
+/// Random contents of the memory at power-on do not change the start.
 #[test]
 fn memory_that_starts_as_noise_starts_no_other_way() {
     for seed in 30..34 {
@@ -383,6 +392,7 @@ fn memory_that_starts_as_noise_starts_no_other_way() {
     }
 }
 
+/// An image for another board, or a scenario that the board cannot fly, is refused.
 #[test]
 fn an_image_of_another_board_is_refused_and_so_is_what_cannot_be_flown() {
     let elf = g474_image();
@@ -499,6 +509,7 @@ fn kind_of(block: &str, register: &str) -> String {
     if block == "DMAMUX1" { format!("{block}.CCR") } else { format!("{block}.{register}") }
 }
 
+/// The emulator's registers agree with stm32-metapac and with ST's SVD file, except for listed differences.
 #[test]
 fn the_registers_of_the_model_are_those_of_two_other_sources() {
     let output = python().arg("-B").arg(root().join("tests/g474/registers.py")).output().unwrap();

@@ -12,6 +12,7 @@ fn fly(via: &str, extra: &[&str]) -> (i32, serde_json::Value) {
     run_json(&arguments)
 }
 
+/// The built-in mission has the same trace hash in QEMU and on the desktop.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_built_in_mission_flies_the_same_in_qemu_and_in_process() {
@@ -24,6 +25,7 @@ fn the_built_in_mission_flies_the_same_in_qemu_and_in_process() {
     }
 }
 
+/// A flight of 60 simulated seconds has the same trace hash in QEMU and on the desktop.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn sixty_simulated_seconds_end_in_the_same_hash() {
@@ -35,6 +37,7 @@ fn sixty_simulated_seconds_end_in_the_same_hash() {
     assert_eq!(host.1["trace_hash"], twin.1["trace_hash"], "host {} twin {}", host.1, twin.1);
 }
 
+/// pymavlink reads the bytes that the firmware sends, and their content is right.
 #[test]
 #[ignore = "needs QEMU, the image and pymavlink: cargo xtask test"]
 fn pymavlink_reads_the_firmwares_own_bytes() {
@@ -48,6 +51,7 @@ fn pymavlink_reads_the_firmwares_own_bytes() {
     assert!(text.contains("all checks passed"), "{text}");
 }
 
+/// In the mode but without antennas the image streams zero velocity at 20 Hz.
 #[test]
 #[ignore = "needs QEMU, the image and pymavlink: cargo xtask test"]
 fn in_the_mode_without_antennas_the_image_streams_zero_velocity() {
@@ -57,6 +61,7 @@ fn in_the_mode_without_antennas_the_image_streams_zero_velocity() {
     assert!(text.contains("all checks passed"), "{text}");
 }
 
+/// An image for another board is refused.
 #[test]
 #[ignore = "needs QEMU and both images: cargo xtask test"]
 fn an_image_for_another_board_is_refused() {
@@ -65,6 +70,7 @@ fn an_image_for_another_board_is_refused() {
     assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
+/// No image contains an allocator, and the product contains no code that prints floating-point numbers.
 #[test]
 #[ignore = "needs both images: cargo xtask test"]
 fn no_image_holds_an_allocator_and_the_product_writes_no_floats() {
@@ -84,6 +90,7 @@ fn no_image_holds_an_allocator_and_the_product_writes_no_floats() {
     }
 }
 
+/// The image for QEMU contains the papers' systems, and the product contains none of them.
 #[test]
 #[ignore = "needs both images: cargo xtask test"]
 fn the_twin_holds_the_systems_of_the_papers_and_the_product_none() {
@@ -96,6 +103,7 @@ fn the_twin_holds_the_systems_of_the_papers_and_the_product_none() {
     assert!(count("FOXHOUND_QEMU_ELF") > 0);
 }
 
+/// Without a simulator the image sends a heartbeat a second and no setpoint.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn without_a_doorbell_the_image_beats_once_a_second_and_sends_no_motion() {

@@ -36,12 +36,14 @@ fn both(mission: &Mission, is_on_line: bool) {
     assert_eq!((here.trace_hash, here.landing), (there.trace_hash, there.landing));
 }
 
+/// The image in QEMU lands exactly as the desktop does, bit for bit.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_image_lands_as_the_host_does_bit_for_bit() {
     both(&mission(r#"{"pad":[0.2,0.1]}"#), false);
 }
 
+/// Camera frames that arrive over the serial line are used as well.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn frames_that_come_by_the_serial_line_are_seen_as_well() {

@@ -66,6 +66,7 @@ impl Drop for Alone {
     }
 }
 
+/// The `bringup` command reports what works and what is missing.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn bring_up_finds_what_works_and_what_is_missing() {
@@ -95,6 +96,7 @@ fn bring_up_finds_what_works_and_what_is_missing() {
     assert!(answers.iter().any(|line| line.as_str().unwrap().starts_with("step: ")), "{report:#}");
 }
 
+/// Frames that are read back over the maintenance port are those that went in.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn frames_come_out_of_the_port_as_they_went_in() {
@@ -146,6 +148,7 @@ fn frames_come_out_of_the_port_as_they_went_in() {
     assert!((azimuth_deg - 45.0).abs() < 3.0, "{last}");
 }
 
+/// Noise and breaks on the autopilot's line do not stop or restart the image.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn noise_and_breaks_on_the_autopilots_line_stop_nothing() {

@@ -143,6 +143,7 @@ fn storage(param1: f32) -> COMMAND_LONG_DATA {
     COMMAND_LONG_DATA { target_system: 1, target_component: 191, command: 245, param1, ..Default::default() }
 }
 
+/// When the power is cut while the image saves parameters, the old or the new ones remain.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn a_power_cut_while_the_image_stores_leaves_the_old_or_the_new_parameters() {
@@ -196,6 +197,7 @@ fn a_power_cut_while_the_image_stores_leaves_the_old_or_the_new_parameters() {
     assert!(olds > 2 && news > 2, "{olds} old, {news} new: cut too early or too late");
 }
 
+/// The image starts with any contents of its flash.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn the_image_starts_with_anything_in_its_flash() {
@@ -220,6 +222,7 @@ fn the_image_starts_with_anything_in_its_flash() {
     }
 }
 
+/// Values that are saved in a copy of the flash are found in it.
 #[test]
 fn a_copy_of_a_flash_keeps() {
     let mut store = Store::new(Flash(vec![0xff; BYTES]));

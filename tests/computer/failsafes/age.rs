@@ -92,6 +92,7 @@ fn fly_with_random_faults(software: Software, seed: u64) -> Stand {
     stand
 }
 
+/// Whatever goes wrong, every setpoint that moves is younger than its limit.
 #[test]
 fn whatever_goes_wrong_every_setpoint_was_published_within_its_limit_or_is_zero() {
     for software in BOTH {
@@ -103,6 +104,7 @@ fn whatever_goes_wrong_every_setpoint_was_published_within_its_limit_or_is_zero(
     }
 }
 
+/// When guidance stops, its last setpoint is not repeated.
 #[test]
 fn a_guidance_that_stands_still_is_not_repeated() {
     for software in BOTH {
@@ -118,6 +120,7 @@ fn a_guidance_that_stands_still_is_not_repeated() {
     }
 }
 
+/// From the first heartbeat after the pilot leaves the mode, no setpoint moves and the vehicle stands.
 #[test]
 fn from_the_next_heartbeat_after_the_mode_was_left_no_setpoint_moves_and_the_vehicle_stands() {
     for software in BOTH {

@@ -87,6 +87,7 @@ fn assert_no_worse(field: Field, jumps: &[Jump], extra_m: f64, why: &str) {
     }
 }
 
+/// A jump of the autopilot's position by 5 m costs at most 0.5 m of path and no clearance, announced or not.
 #[test]
 fn five_metres_in_any_direction_lead_nowhere_else_announced_or_not() {
     for (index, step_ned_m) in [[5.0, 0.0, 0.0], [-3.0, 4.0, 0.0], [0.0, -5.0, 0.0]].into_iter().enumerate() {
@@ -95,6 +96,7 @@ fn five_metres_in_any_direction_lead_nowhere_else_announced_or_not() {
     }
 }
 
+/// A jump of the autopilot's height by 2 m changes the true height by less than 0.1 m.
 #[test]
 fn two_metres_up_or_down_leave_the_true_height_alone() {
     for down_m in [-2.0, 2.0] {
@@ -103,6 +105,7 @@ fn two_metres_up_or_down_leave_the_true_height_alone() {
     }
 }
 
+/// Four jumps in a row cost no more than four times one jump.
 #[test]
 fn several_jumps_in_a_row_add_nothing_up() {
     let jumps = [[5.0, 0.0, 0.0], [-2.0, 4.0, 1.0], [0.0, -3.0, -2.0], [-5.0, 5.0, 0.0]].into_iter().enumerate().map(
@@ -116,6 +119,7 @@ fn several_jumps_in_a_row_add_nothing_up() {
     assert_no_worse(ALL, &jumps.collect::<Vec<_>>(), 4.0 * EXTRA_M, "four jumps");
 }
 
+/// A heading that is wrong by 30 degrees and corrected in flight leads to no collision among the pillars behind.
 #[test]
 fn a_wrong_heading_that_the_filter_puts_right_in_flight_is_right_among_the_pillars_that_follow() {
     // Until it is put right, what is seen and heard is turned, and what is flown is not: no place for pillars.
@@ -126,6 +130,7 @@ fn a_wrong_heading_that_the_filter_puts_right_in_flight_is_right_among_the_pilla
     }
 }
 
+/// A heading that becomes wrong by 30 degrees in flight makes the path longer, but the beacon is reached.
 #[test]
 fn a_heading_that_is_right_and_becomes_wrong_bends_the_way_to_the_beacon() {
     for turn_rad in [-TURN_RAD, TURN_RAD] {
@@ -137,6 +142,7 @@ fn a_heading_that_is_right_and_becomes_wrong_bends_the_way_to_the_beacon() {
     }
 }
 
+/// A jump makes the vehicle brake within half a second and continue, and the autopilot accepts every setpoint.
 #[test]
 fn a_jump_makes_it_stop_for_half_a_second_and_the_setpoints_stay_in_the_mode() {
     for software in BOTH {

@@ -45,6 +45,7 @@ fn expect_silence_and_its_end(stand: &mut Stand, why: &str) {
     assert_eq!(obeyed, stand.software == Software::ArduCopter, "{why}");
 }
 
+/// With nothing wrong, it flies to the beacon and reports that it is active.
 #[test]
 fn none_it_flies_to_the_beacon_and_says_that_it_is_active() {
     for software in BOTH {
@@ -54,6 +55,7 @@ fn none_it_flies_to_the_beacon_and_says_that_it_is_active() {
     }
 }
 
+/// It commands nothing before it has heard an autopilot.
 #[test]
 fn no_autopilot_nothing_is_commanded_before_one_is_heard() {
     for software in BOTH {
@@ -67,6 +69,7 @@ fn no_autopilot_nothing_is_commanded_before_one_is_heard() {
     }
 }
 
+/// Without heartbeats for 2.5 s it stops, and it continues when they return.
 #[test]
 fn link_quiet_without_heartbeats_for_two_and_a_half_seconds_it_stops_and_goes_on_when_they_are_back() {
     for software in BOTH {
@@ -80,6 +83,7 @@ fn link_quiet_without_heartbeats_for_two_and_a_half_seconds_it_stops_and_goes_on
     }
 }
 
+/// Without heartbeats for 5 s it falls silent, and then waits until the mode is entered again.
 #[test]
 fn link_lost_after_five_seconds_it_is_silent_and_waits_for_a_fresh_entry() {
     for software in BOTH {
@@ -104,6 +108,7 @@ fn link_lost_after_five_seconds_it_is_silent_and_waits_for_a_fresh_entry() {
     }
 }
 
+/// Without position telemetry it first stops, then falls silent, and continues when telemetry returns.
 #[test]
 fn ownship_lost_without_telemetry_it_stops_then_is_silent_and_goes_on() {
     for software in BOTH {
@@ -120,6 +125,7 @@ fn ownship_lost_without_telemetry_it_stops_then_is_silent_and_goes_on() {
     }
 }
 
+/// Telemetry that is 1.5 s late stops it for as long as that lasts.
 #[test]
 fn telemetry_that_is_late_by_a_second_and_a_half_stops_it_for_as_long() {
     for software in BOTH {
@@ -134,6 +140,7 @@ fn telemetry_that_is_late_by_a_second_and_a_half_stops_it_for_as_long() {
     }
 }
 
+/// Estimator flags that say that nothing is known stop it, even if position numbers keep coming.
 #[test]
 fn estimator_flags_that_say_nothing_is_known_stop_it_though_the_numbers_go_on() {
     for software in BOTH {
@@ -151,6 +158,7 @@ fn estimator_flags_that_say_nothing_is_known_stop_it_though_the_numbers_go_on() 
     }
 }
 
+/// When the pilot leaves the mode it gives up control, and it continues when the pilot returns.
 #[test]
 fn not_in_mode_the_pilot_takes_the_vehicle_and_gives_it_back() {
     for software in BOTH {
@@ -165,6 +173,7 @@ fn not_in_mode_the_pilot_takes_the_vehicle_and_gives_it_back() {
     }
 }
 
+/// When the pilot disarms it gives up control, and it continues when the pilot arms again.
 #[test]
 fn not_in_mode_the_pilot_disarms_and_arms_again() {
     for software in BOTH {
@@ -178,6 +187,7 @@ fn not_in_mode_the_pilot_disarms_and_arms_again() {
     }
 }
 
+/// On the ground it waits for the pilot's take-off, then flies, and waits again after a landing.
 #[test]
 fn on_ground_it_waits_for_the_take_off_that_its_pilot_asks_for_and_then_flies_and_for_the_landing() {
     for software in BOTH {
@@ -213,6 +223,7 @@ fn on_ground_it_waits_for_the_take_off_that_its_pilot_asks_for_and_then_flies_an
     }
 }
 
+/// A critical battery makes it hold; a low one only prevents a start.
 #[test]
 fn battery_critical_it_holds_while_low_only_keeps_it_from_beginning() {
     for software in BOTH {
@@ -238,6 +249,7 @@ fn battery_critical_it_holds_while_low_only_keeps_it_from_beginning() {
     }
 }
 
+/// A breached fence stops it on ArduPilot, which reports the breach.
 #[test]
 fn fence_breached_it_stops_on_ardupilot_which_says_so() {
     let mut stand = Stand::under_way(Software::ArduCopter);
@@ -248,6 +260,7 @@ fn fence_breached_it_stops_on_ardupilot_which_says_so() {
     stand.expect_beacon("inside the fence again");
 }
 
+/// A radio channel, selected by a parameter, switches it off and on.
 #[test]
 fn switched_off_a_channel_that_a_ground_station_names_by_parameter_stops_and_starts_it() {
     for software in BOTH {
@@ -278,6 +291,7 @@ fn switched_off_a_channel_that_a_ground_station_names_by_parameter_stops_and_sta
     }
 }
 
+/// A ground station can pause it and let it continue.
 #[test]
 fn paused_a_ground_station_stops_it_and_lets_it_go_on() {
     for software in BOTH {
@@ -291,6 +305,7 @@ fn paused_a_ground_station_stops_it_and_lets_it_go_on() {
     }
 }
 
+/// When more than a fifth of the frames is damaged it stops, until the link is good again.
 #[test]
 fn link_noisy_when_more_than_a_fifth_of_the_frames_is_damaged_it_stops_until_they_are_not() {
     for software in BOTH {
@@ -309,6 +324,7 @@ fn link_noisy_when_more_than_a_fifth_of_the_frames_is_damaged_it_stops_until_the
     }
 }
 
+/// After a restart of the autopilot in flight it commands nothing until the mode is entered again.
 #[test]
 fn entry_needed_an_autopilot_that_restarts_in_flight_is_not_commanded_until_its_mode_is_entered_again() {
     for software in BOTH {
@@ -330,6 +346,7 @@ fn entry_needed_an_autopilot_that_restarts_in_flight_is_not_commanded_until_its_
     }
 }
 
+/// An autopilot that starts up already in the mode receives zero setpoints only.
 #[test]
 fn entry_needed_an_autopilot_that_wakes_up_in_the_mode_is_sent_zeros() {
     let mut stand = Stand::under_way(Software::ArduCopter);
@@ -343,6 +360,7 @@ fn entry_needed_an_autopilot_that_wakes_up_in_the_mode_is_sent_zeros() {
     stand.expect_beacon("entered afresh");
 }
 
+/// A second autopilot on the same link changes nothing.
 #[test]
 fn a_second_autopilot_on_the_link_changes_nothing() {
     for software in BOTH {
@@ -355,6 +373,7 @@ fn a_second_autopilot_on_the_link_changes_nothing() {
     }
 }
 
+/// Without fresh obstacle data it stops, until data arrives again.
 #[test]
 fn stale_obstacles_stop_it_until_something_is_seen_again() {
     for software in BOTH {
@@ -377,6 +396,7 @@ fn told(stand: &Stand, from: usize) -> Vec<String> {
     texts.filter(|text| text.contains("position") || text.contains("velocity")).collect()
 }
 
+/// A frozen position, or a velocity that contradicts it, makes it hold, and is reported once.
 #[test]
 fn stale_ownship_a_position_that_stands_still_and_a_velocity_that_contradicts_it_hold_and_are_told_once() {
     for software in BOTH {

@@ -31,6 +31,7 @@ fn assert_sound(report: &Report, why: &str) {
     assert_eq!(u64::from(report.restarts_counted), report.restarts, "{why}: {report:?}");
 }
 
+/// A simulated day of link time with constant faults causes no drift and ends in control.
 #[test]
 fn a_day_of_link_time_with_faults_all_the_time_drifts_by_nothing_and_ends_in_control() {
     for software in BOTH {
@@ -42,6 +43,7 @@ fn a_day_of_link_time_with_faults_all_the_time_drifts_by_nothing_and_ends_in_con
     }
 }
 
+/// Clocks that start far ahead change nothing.
 #[test]
 fn clocks_far_ahead_change_nothing() {
     for software in BOTH {
@@ -53,6 +55,7 @@ fn clocks_far_ahead_change_nothing() {
     }
 }
 
+/// An overflow of the autopilot's millisecond clock in flight is not taken for a restart.
 #[test]
 fn milliseconds_of_the_autopilot_that_overflow_in_flight_are_no_restart() {
     for software in BOTH {
@@ -68,6 +71,7 @@ fn milliseconds_of_the_autopilot_that_overflow_in_flight_are_no_restart() {
     }
 }
 
+/// The whole computer flies back and forth for half an hour with constant faults and touches nothing.
 #[test]
 fn the_whole_computer_flies_to_and_fro_for_half_an_hour_and_touches_nothing() {
     std::thread::scope(|scope| {

@@ -44,6 +44,7 @@ impl Score {
     }
 }
 
+/// On the same pictures the detector finds more pads than `OpenCV` and reports fewer false ones.
 #[test]
 fn the_detector_finds_more_and_invents_less_than_opencv_on_the_same_pictures() {
     let (camera, detector) = (Camera::default(), Config::default().build().unwrap());
@@ -110,6 +111,7 @@ fn the_detector_finds_more_and_invents_less_than_opencv_on_the_same_pictures() {
     }
 }
 
+/// Pads that `OpenCV` has drawn are found as well, with hardly any false detection.
 #[test]
 fn what_opencv_draws_is_seen_as_well_and_hardly_anything_else_is() {
     let detector = Config::default().build().unwrap();

@@ -2,6 +2,7 @@
 
 use foxhound_tests::{run, run_json};
 
+/// `foxhound pad` finds the pad in a picture that it draws, and again in that picture's file.
 #[test]
 fn the_command_finds_the_pad_in_its_own_picture_and_in_that_file_again() {
     let dir = tempfile::tempdir().unwrap();
@@ -15,6 +16,7 @@ fn the_command_finds_the_pad_in_its_own_picture_and_in_that_file_again() {
     assert!(["pad", "nothing"].contains(&again["seen"].as_str().unwrap()), "{again}");
 }
 
+/// `foxhound pad` refuses bad pictures and options by name.
 #[test]
 fn bad_pictures_and_options_are_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();

@@ -74,6 +74,7 @@ fn run(recipe: &Recipe, count: u64, inside: [f32; 2]) -> Tally {
     }
 }
 
+/// The pad is found in any light, and its centre is correct.
 #[test]
 fn the_pad_is_found_in_any_light_and_its_centre_is_right() {
     let tally = run(&Recipe::PAD, FRAMES, [1.0, 1.0]);
@@ -91,6 +92,7 @@ fn the_pad_is_found_in_any_light_and_its_centre_is_right() {
 /// Of pads of 12 pixels and more. 99.3 % are reached.
 const RATE: f64 = 0.99;
 
+/// A pad that the edge of the picture cuts is found in most cases.
 #[test]
 fn a_pad_that_the_border_cuts_is_mostly_found() {
     let near = Recipe { is_whole: false, height_m: [0.4, 1.2], ..Recipe::PAD };
@@ -104,6 +106,7 @@ fn a_pad_that_the_border_cuts_is_mostly_found() {
     assert!(tally.rate() >= 0.88 && tally.rms(tally.straight) <= 0.03, "{tally:?}");
 }
 
+/// Pictures without a pad hardly ever give a detection.
 #[test]
 fn where_there_is_no_pad_hardly_any_is_seen() {
     let tally = run(&Recipe::CLUTTER, FRAMES, [0.0, 1.0]);
@@ -115,6 +118,7 @@ fn where_there_is_no_pad_hardly_any_is_seen() {
 /// Pads seen where there are none. 0.10 % are reached.
 const FALSE_RATE: f64 = 0.001;
 
+/// With a grey camera only some pads are found.
 #[test]
 fn a_grey_camera_finds_only_some() {
     let size = Size { format: Format::Grey, ..Size::USUAL };
@@ -143,6 +147,7 @@ fn pad_of(
     }
 }
 
+/// Up in the picture is forward and right is right, and the lean of the vehicle is not removed.
 #[test]
 fn ahead_is_forward_and_starboard_is_right_and_a_lean_is_not_taken_out() {
     let detector = Config::default().build().unwrap();
@@ -177,6 +182,7 @@ fn ahead_is_forward_and_starboard_is_right_and_a_lean_is_not_taken_out() {
     }
 }
 
+/// A disc of another size is taken for the pad only if the height is unknown.
 #[test]
 fn a_disc_of_another_size_is_the_pad_only_where_the_height_is_unknown() {
     let detector = Config::default().build().unwrap();
@@ -193,6 +199,7 @@ fn feed(detector: &Detector, state: &mut State, rows: impl IntoIterator<Item = u
     rows.into_iter().try_for_each(|row| detector.line(state, row, &line))
 }
 
+/// Every kind of bad frame has a name, and the next good frame is used.
 #[test]
 fn each_bad_frame_has_its_name_and_the_next_good_one_is_seen() {
     let detector = Config::default().build().unwrap();
