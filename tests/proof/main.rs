@@ -7,3 +7,4 @@ mod floors;
 pub mod fuzz_properties;
 mod golden;
 mod manual;
+mod readme;

@@ -27,7 +27,7 @@ fn pages() -> Vec<PathBuf> {
 }
 
 fn pages_and_readme() -> Vec<PathBuf> {
-    let others = ["README.md", "CONTRIBUTING.md"].map(PathBuf::from);
+    let others = ["README.md", "CONTRIBUTING.md", "tests/README.md"].map(PathBuf::from);
     pages().into_iter().chain(others).collect()
 }
 
