@@ -5,3 +5,5 @@ pub mod guard;
 pub mod gust;
 pub mod response;
 pub mod track;
+#[cfg(test)]
+pub(crate) mod vehicle;

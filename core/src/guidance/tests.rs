@@ -4,21 +4,19 @@ use super::*;
 use crate::base::ned::Ned;
 use crate::base::obstacle::Disc;
 use crate::base::units::wrap_pi;
+use crate::control::vehicle::Vehicle;
 use crate::doa::bearing::Quality;
 use crate::planning::planner::Scratch;
 use std::vec::Vec as StdVec;
 
 const DT: f32 = 0.02;
 
-/// A vehicle with dead time and lag among pillars, seen as circles within 3 m and 90 deg; bearings without noise.
+/// A vehicle among pillars, seen as circles within 3 m and 90 deg; bearings without noise.
 struct Flight {
     config: Config,
     pillars: StdVec<Circle>,
     source: Horizontal,
-    position: Horizontal,
-    velocity: Horizontal,
-    yaw: f32,
-    line: std::collections::VecDeque<Setpoint>,
+    vehicle: Vehicle,
     /// Steps that the planner needs.
     planning: u32,
 }
@@ -41,16 +39,13 @@ impl Flight {
             config: Config::default(),
             pillars: pillars.iter().map(circle).collect(),
             source: Horizontal { north: source.0, east: source.1 },
-            position: Horizontal::default(),
-            velocity: Horizontal::default(),
-            yaw: 0.0,
-            line: std::vec![Setpoint::default(); 16].into(),
+            vehicle: Vehicle::new(Horizontal::default(), 16, 0.5),
             planning: 1,
         }
     }
 
     fn bearing(&self, now: Instant) -> Bearing {
-        let azimuth_rad = wrap_pi(self.source.minus(self.position).bearing_rad() - self.yaw);
+        let azimuth_rad = wrap_pi(self.source.minus(self.vehicle.position).bearing_rad() - self.vehicle.yaw_rad);
         Bearing {
             time: now,
             valid: true,
@@ -65,8 +60,8 @@ impl Flight {
 
     fn visible(&self) -> StdVec<Circle> {
         let seen = |c: &&Circle| {
-            let away = c.center_ned_m.minus(self.position);
-            away.norm() - c.radius_m < 3.0 && wrap_pi(away.bearing_rad() - self.yaw).abs() < 0.785
+            let away = c.center_ned_m.minus(self.vehicle.position);
+            away.norm() - c.radius_m < 3.0 && wrap_pi(away.bearing_rad() - self.vehicle.yaw_rad).abs() < 0.785
         };
         self.pillars.iter().filter(seen).copied().collect()
     }
@@ -83,10 +78,10 @@ impl Flight {
             let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
             let ownship = Ownship {
                 position_time: now,
-                position_ned_m: ned(self.position),
-                velocity_ned_mps: ned(self.velocity),
+                position_ned_m: ned(self.vehicle.position),
+                velocity_ned_mps: ned(self.vehicle.velocity),
                 attitude_time: now,
-                yaw_rad: self.yaw,
+                yaw_rad: self.vehicle.yaw_rad,
                 ..Ownship::default()
             };
             let plan = ready.take_if(|(at, _)| *at <= step).map(|(_, plan)| plan);
@@ -110,17 +105,12 @@ impl Flight {
             }
             report.outputs.push(output);
 
-            self.line.push_back(output.setpoint);
-            let acting = self.line.pop_front().unwrap();
-            self.velocity =
-                self.velocity.plus(acting.velocity_ned_mps.horizontal().minus(self.velocity).times(DT / 0.5));
-            self.position = self.position.plus(self.velocity.times(DT));
-            self.yaw = wrap_pi(self.yaw + acting.yaw_rate_radps * DT);
+            self.vehicle.follow(&output.setpoint);
             for pillar in &self.pillars {
-                let clearance = pillar.center_ned_m.minus(self.position).norm() - pillar.radius_m - 0.15;
+                let clearance = pillar.center_ned_m.minus(self.vehicle.position).norm() - pillar.radius_m - 0.15;
                 report.closest_m = report.closest_m.min(clearance);
             }
-            if self.source.minus(self.position).norm() < 0.5 {
+            if self.source.minus(self.vehicle.position).norm() < 0.5 {
                 report.reached = true;
                 break;
             }
@@ -186,7 +176,7 @@ fn a_planner_that_is_always_late_means_hold_and_is_counted() {
     let report = flight.run(5.0, |_, _| {});
     let end = report.outputs.last().unwrap();
     assert_eq!(end.outcome, Outcome::PlanLate);
-    assert!(end.plans_late > 10 && flight.position.norm() < 1e-3);
+    assert!(end.plans_late > 10 && flight.vehicle.position.norm() < 1e-3);
 }
 
 #[test]
@@ -275,7 +265,7 @@ fn told_otherwise(every: u32, tell: impl Fn(&mut Ownship, &Ownship)) -> (f32, u3
     });
     let held = report.outputs.iter().position(|output| output.outcome == Outcome::StaleOwnship);
     let stale = report.outputs.last().unwrap().stale;
-    (flight.position.north - at.get(), held.map_or(u32::MAX, |held| held as u32 - 200), stale)
+    (flight.vehicle.position.north - at.get(), held.map_or(u32::MAX, |held| held as u32 - 200), stale)
 }
 
 #[test]
@@ -406,7 +396,7 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
         let mut points = Points { time: now, frame: scan::Frame::Body, ..Points::default() };
         for beam in 0..8 {
             let azimuth = beam as f32 * core::f32::consts::FRAC_PI_4;
-            let range_m = (wall_m - flight.position.north) / libm::cosf(azimuth + flight.yaw);
+            let range_m = (wall_m - flight.vehicle.position.north) / libm::cosf(azimuth + flight.vehicle.yaw_rad);
             if range_m > 0.0 && range_m < 3.0 {
                 points.points_m.push(Horizontal::from_bearing(azimuth).times(range_m)).unwrap();
             }
@@ -414,10 +404,10 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
         let ned = |h: Horizontal| Ned { north: h.north, east: h.east, down: -5.0 };
         let ownship = Ownship {
             position_time: now,
-            position_ned_m: ned(flight.position),
-            velocity_ned_mps: ned(flight.velocity),
+            position_ned_m: ned(flight.vehicle.position),
+            velocity_ned_mps: ned(flight.vehicle.velocity),
             attitude_time: now,
-            yaw_rad: flight.yaw,
+            yaw_rad: flight.vehicle.yaw_rad,
             ..Ownship::default()
         };
         let output = guidance.step(
@@ -437,16 +427,11 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
             },
         );
         plan = output.plan_requested.then(|| planner.plan(&mut scratch, state.request(), &known(&state)));
-        flight.line.push_back(output.setpoint);
-        let acting = flight.line.pop_front().unwrap();
-        let to = acting.velocity_ned_mps.horizontal().minus(flight.velocity).times(DT / 0.5);
-        flight.velocity = flight.velocity.plus(to);
-        flight.position = flight.position.plus(flight.velocity.times(DT));
-        flight.yaw = wrap_pi(flight.yaw + acting.yaw_rate_radps * DT);
-        fastest = fastest.max(flight.velocity.north);
-        assert!(flight.position.north < wall_m - 0.15, "it hits the wall after {step} steps: {output:?}");
+        flight.vehicle.follow(&output.setpoint);
+        fastest = fastest.max(flight.vehicle.velocity.north);
+        assert!(flight.vehicle.position.north < wall_m - 0.15, "it hits the wall after {step} steps: {output:?}");
     }
-    assert!(fastest > 0.3 && flight.position.north > 1.0, "{fastest} {:?}", flight.position);
+    assert!(fastest > 0.3 && flight.vehicle.position.north > 1.0, "{fastest} {:?}", flight.vehicle.position);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::base::rng::Rng;
+use crate::control::vehicle::Vehicle;
 use std::vec::Vec;
 
 const DT: f32 = 0.02;
@@ -148,38 +149,16 @@ fn pillar(north: f32, east: f32, radius_m: f32) -> Neighbour {
     Neighbour { center_ned_m: at(north, east), reach_m: radius_m + 0.15, ..Neighbour::default() }
 }
 
-/// A vehicle that follows commands after a dead time and with a lag, as `response` thinks of it.
-struct Vehicle {
-    position: Horizontal,
-    velocity: Horizontal,
-    yaw_rad: f32,
-    line: std::collections::VecDeque<Horizontal>,
-    lag_s: f32,
-}
-
-impl Vehicle {
-    fn new(position: Horizontal, steps: usize, lag_s: f32) -> Self {
-        let line = std::vec![Horizontal::default(); steps].into();
-        Self { position, velocity: Horizontal::default(), yaw_rad: 0.0, line, lag_s }
-    }
-
-    fn situation(&self) -> Situation {
-        let pending = self.line.iter().fold(Horizontal::default(), |sum, v| sum.plus(*v));
-        Situation {
-            position_ned_m: self.position,
-            rest_ned_m: self.position.plus(self.velocity.times(self.lag_s)).plus(pending.times(DT)),
-            yaw_rad: self.yaw_rad,
-            delay_s: self.lag_s + self.line.len() as f32 * DT,
-            ..Situation::default()
-        }
-    }
-
-    fn follow(&mut self, setpoint: &Setpoint) {
-        self.line.push_back(setpoint.velocity_ned_mps.horizontal());
-        let acting = self.line.pop_front().unwrap();
-        self.velocity = self.velocity.plus(acting.minus(self.velocity).times(DT / self.lag_s.max(DT)));
-        self.position = self.position.plus(self.velocity.times(DT));
-        self.yaw_rad = crate::base::units::wrap_pi(self.yaw_rad + setpoint.yaw_rate_radps * DT);
+/// What the guard is told of a vehicle.
+fn situation(vehicle: &Vehicle) -> Situation {
+    let commands = vehicle.pending.iter().map(|setpoint| setpoint.velocity_ned_mps.horizontal());
+    let pending = commands.fold(Horizontal::default(), Horizontal::plus);
+    Situation {
+        position_ned_m: vehicle.position,
+        rest_ned_m: vehicle.position.plus(vehicle.velocity.times(vehicle.lag_s)).plus(pending.times(DT)),
+        yaw_rad: vehicle.yaw_rad,
+        delay_s: vehicle.lag_s + vehicle.pending.len() as f32 * DT,
+        ..Situation::default()
     }
 }
 
@@ -215,7 +194,7 @@ fn an_independent_monitor_finds_every_braking_path_clear() {
             if step % 30 == 0 {
                 wish = demand(1.5 * rng.gaussian(), 1.5 * rng.gaussian());
             }
-            let situation = vehicle.situation();
+            let situation = situation(&vehicle);
             let ruling = guard.step(&mut state, &wish, &situation, &field, DT);
             let command = ruling.setpoint.velocity_ned_mps.horizontal();
             for obstacle in &field {
@@ -286,7 +265,7 @@ fn set_off(seed: u64, looks: bool) -> (f32, f32) {
         }
         let towards = look.unwrap_or(heading_rad);
         let yaw_rate_radps = 2.5 * crate::base::units::wrap_pi(towards - vehicle.yaw_rad);
-        let ruling = guard.step(&mut state, &Demand { yaw_rate_radps, ..wish }, &vehicle.situation(), &near, DT);
+        let ruling = guard.step(&mut state, &Demand { yaw_rate_radps, ..wish }, &situation(&vehicle), &near, DT);
         look = ruling.look_ned_rad;
         vehicle.follow(&ruling.setpoint);
         closest_m = pillars.iter().map(|o| o.clearance_m(vehicle.position)).fold(closest_m, f32::min);
@@ -355,7 +334,7 @@ fn it_passes_a_gap_that_is_little_wider_than_itself() {
         }
         let yaw_rate_radps = 2.5 * (look_rad - vehicle.yaw_rad);
         let wish = Demand { yaw_rate_radps, ..demand(1.0, 0.0) };
-        let ruling = guard.step(&mut state, &wish, &vehicle.situation(), &wall, DT);
+        let ruling = guard.step(&mut state, &wish, &situation(&vehicle), &wall, DT);
         look_rad = ruling.look_ned_rad.unwrap_or(0.0);
         vehicle.follow(&ruling.setpoint);
         assert!(wall.iter().all(|o| o.clearance_m(vehicle.position) > 0.0));
@@ -380,7 +359,7 @@ fn what_comes_at_it_is_evaded_from_a_standstill_even_into_the_unseen() {
                     let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: 0.0 };
                     guard.look_circles(&mut state, &[mover], &pose);
                 }
-                let ruling = guard.step(&mut state, &Demand::default(), &vehicle.situation(), &[mover], DT);
+                let ruling = guard.step(&mut state, &Demand::default(), &situation(&vehicle), &[mover], DT);
                 vehicle.follow(&ruling.setpoint);
                 closest_m = closest_m.min(mover.clearance_m(vehicle.position));
             }
@@ -402,14 +381,14 @@ fn the_fence_is_never_left_and_from_outside_it_comes_back() {
             if step % 60 == 0 {
                 wish = demand(3.0 * rng.gaussian(), 3.0 * rng.gaussian());
             }
-            let ruling = guard.step(&mut state, &wish, &vehicle.situation(), &[], DT);
+            let ruling = guard.step(&mut state, &wish, &situation(&vehicle), &[], DT);
             vehicle.follow(&ruling.setpoint);
             assert!(fence.depth_m(vehicle.position) > 0.2, "seed {seed}: {:?}", vehicle.position);
         }
         let mut outside = Vehicle::new(at(9.0, 0.0), 16, 0.5);
         let mut state = State::default();
         for _ in 0..1500 {
-            let ruling = guard.step(&mut state, &demand(1.0, 0.0), &outside.situation(), &[], DT);
+            let ruling = guard.step(&mut state, &demand(1.0, 0.0), &situation(&outside), &[], DT);
             outside.follow(&ruling.setpoint);
             assert!(outside.position.north < 9.01);
         }
