@@ -6,7 +6,7 @@ use std::{env, fs, io};
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = PathBuf::from(env::var("OUT_DIR")?);
     let twin = env::var_os("CARGO_FEATURE_BOARD_MPS2_AN386").is_some();
-    let map = if twin { "src/boards/mps2_an386/memory.x" } else { "../memory.x" };
+    let map = if twin { "src/boards/mps2_an386/memory.x" } else { "src/boards/nucleo_g474re/memory.x" };
     place(Path::new(map), &out.join("memory.x"))?;
     if twin {
         // cortex-m-rt asks for the names of a chip's interrupts; this board's table holds the functions themselves.
@@ -16,8 +16,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo::rustc-link-arg-bins={argument}");
     }
-    // The linker would look in the folder it is started in first, and there lies the map of the default board.
-    println!("cargo::rustc-link-arg-bins=--remap-inputs=memory.x={}", out.join("memory.x").display());
     println!("cargo::rerun-if-changed=build.rs");
     Ok(())
 }

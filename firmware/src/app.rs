@@ -5,7 +5,7 @@
 //! | frames, bytes, time | interrupts of the board | each other, by their priorities |
 //! | [`guide`]: link and guidance, a step for every frame | the guidance executor, an interrupt | the above |
 //! | [`transmit`]: bytes from the link to the serial line | the link executor, an interrupt | the above |
-//! | [`listen`](crate::port::listen), [`speak`](crate::port::speak): the maintenance port | the link executor, too | the above |
+//! | [`listen`](crate::console::listen), [`speak`](crate::console::speak): the maintenance port | the link executor, too | the above |
 //! | [`plan`] | the thread | everything |
 //!
 //! The thread runs no executor: it has one thing to do, sleeps by `wfi` when there is nothing, and so wakes the same way on
@@ -51,7 +51,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::boards::board::{self, Flash, Pacer, Receiver, Transmitter, Watchdog};
 use crate::boards::{Call, Done, LockStep, Step};
-use crate::port::Port;
+use crate::console::Port;
 use crate::timing::{self, measured};
 
 pub use foxhound_computer::SAMPLES_PER_CHANNEL;

@@ -19,8 +19,10 @@ compile_error!("choose one board only: board-nucleo_g474re or board-mps2_an386")
 #[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod app;
 #[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
+mod arm;
+#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod boards;
 #[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
-pub mod port;
+pub mod console;
 #[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod timing;

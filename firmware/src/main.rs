@@ -5,7 +5,7 @@
 use embassy_executor::SpawnToken;
 use foxhound_firmware::app::{self, Desk, Line, Outgoing};
 use foxhound_firmware::boards::board;
-use foxhound_firmware::port;
+use foxhound_firmware::console;
 
 static OUTGOING: Outgoing = Outgoing::new();
 
@@ -24,9 +24,9 @@ fn start() -> Desk {
         Err(error) => app::refuse(error),
     };
     board.link.spawn(task(app::transmit(board.transmitter, &OUTGOING)));
-    let (port, log, camera) = port::ends(detector);
-    board.link.spawn(task(port::listen(board.port_receiver, camera)));
-    board.link.spawn(task(port::speak(board.port_transmitter, log)));
+    let (port, log, camera) = console::ends(detector);
+    board.link.spawn(task(console::listen(board.port_receiver, camera)));
+    board.link.spawn(task(console::speak(board.port_transmitter, log)));
     let line = Line::new(board.receiver, &OUTGOING);
     let guide = app::guide(board.pacer, board.watchdog, board.restart, begun, line, port, planning);
     board.guidance.spawn(task(guide));

@@ -25,16 +25,9 @@
 //! | `uptime_s() -> u32` | since the start |
 //! | `halt(reason) -> !` | it cannot go on |
 //! | `restart() -> !` | somebody wants it |
-//! | `last_words(words)`, `on_fault`, `is_memory` | for [`last_words`] |
+//! | `last_words(words)`, `on_fault`, `is_memory` | for [`crash_record`](crate::arm::crash_record) |
 //!
-//! Everything `unsafe` of the firmware is in the boards, and in the modules that they share.
-
-#[expect(unsafe_code, reason = "memory that a reset leaves alone, the fault vector")]
-mod last_words;
-#[expect(unsafe_code, reason = "the stack as memory")]
-mod stack;
-
-pub use stack::Watermark;
+//! Everything `unsafe` of the firmware is in the boards, and in [`arm`](crate::arm), which they share.
 
 #[cfg(feature = "board-mps2_an386")]
 pub mod mps2_an386;

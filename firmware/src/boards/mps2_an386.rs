@@ -17,7 +17,7 @@
 #![expect(unsafe_code, reason = "registers, vectors and the shared memory")]
 
 mod clock;
-mod console;
+mod ending;
 mod flash;
 mod interrupt;
 mod line;
@@ -39,14 +39,16 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
 use static_cell::ConstStaticCell;
 
-use super::{Call, Done, LockStep, Step, Watermark, last_words, stack};
+use super::{Call, Done, LockStep, Step};
 use crate::app::SAMPLES_PER_CHANNEL as N;
+use crate::arm::crash_record;
+use crate::arm::stack::{self, Watermark};
 use interrupt::Interrupt;
 use uart::Doorbell;
 
-pub use super::last_words::restart;
+pub use crate::arm::crash_record::restart;
 pub use clock::{TICKS_PER_US, ticks, uptime_s};
-pub use console::{halt, last_words, on_fault};
+pub use ending::{halt, last_words, on_fault};
 pub use flash::Flash;
 pub use uart::{PortReceiver, PortTransmitter, Receiver, Transmitter};
 pub use watchdog::Watchdog;
@@ -137,8 +139,8 @@ pub fn start() -> Board {
 
 /// Why we are here: the power came, or somebody reset the machine, or we did.
 fn why() -> Restart {
-    let record = last_words::take();
-    let is_warm = last_words::was_running();
+    let record = crash_record::take();
+    let is_warm = crash_record::was_running();
     let cause = match record {
         Some(Record { end: End::Watchdog, .. }) => Cause::Watchdog,
         Some(_) => Cause::Software,
@@ -149,7 +151,7 @@ fn why() -> Restart {
 }
 
 /// Whether so many bytes from there on are data memory.
-pub(super) fn is_memory(address: u32, bytes: u32) -> bool {
+pub(crate) fn is_memory(address: u32, bytes: u32) -> bool {
     (0x2000_0000..0x2002_0000 - bytes).contains(&address)
 }
 

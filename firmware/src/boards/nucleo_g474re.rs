@@ -19,7 +19,7 @@
 
 mod acquisition;
 mod clocks;
-mod console;
+mod ending;
 mod flash;
 mod serial;
 mod tone;
@@ -39,14 +39,16 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
 use static_cell::ConstStaticCell;
 
-use super::{Call, Done, Step, Watermark, last_words, stack};
+use super::{Call, Done, Step};
 use crate::app::SAMPLES_PER_CHANNEL as N;
+use crate::arm::crash_record;
+use crate::arm::stack::{self, Watermark};
 use acquisition::Acquisition;
 use clocks::CLOCK_MHZ;
 use tone::Tone;
 
-pub use super::last_words::restart;
-pub use console::{halt, last_words, on_fault, ticks, uptime_s};
+pub use crate::arm::crash_record::restart;
+pub use ending::{halt, last_words, on_fault, ticks, uptime_s};
 pub use flash::Flash;
 pub use serial::{PortReceiver, PortTransmitter, Receiver, Transmitter};
 
@@ -95,7 +97,7 @@ pub struct Board {
 /// Starts the board. To be called once.
 pub fn start() -> Board {
     stack::paint();
-    let restart = Restart { cause: cause(), record: last_words::take() };
+    let restart = Restart { cause: cause(), record: crash_record::take() };
     // Before anything is waited for.
     DBGMCU.apb1lfzr().modify(|w| w.set_iwdg(true));
     // SAFETY: nobody else takes it from what embassy hands out.
@@ -139,7 +141,7 @@ fn cause() -> Cause {
     let flags = RCC.csr().read();
     RCC.csr().modify(|w| w.set_rmvf(true));
     // A brown-out shows at every power-up, too: it is one where memory has not been lost. The pin shows at every reset.
-    let power = if last_words::was_running() { Cause::BrownOut } else { Cause::Power };
+    let power = if crash_record::was_running() { Cause::BrownOut } else { Cause::Power };
     let causes = [
         (flags.iwdgrstf() || flags.wwdgrstf(), Cause::Watchdog),
         (flags.sftrstf(), Cause::Software),
@@ -151,7 +153,7 @@ fn cause() -> Cause {
 }
 
 /// Whether so many bytes from there on are data memory.
-pub(super) fn is_memory(address: u32, bytes: u32) -> bool {
+pub(crate) fn is_memory(address: u32, bytes: u32) -> bool {
     (0x2000_0000..0x2002_0000 - bytes).contains(&address)
 }
 

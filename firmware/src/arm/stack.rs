@@ -28,7 +28,7 @@ fn bottom() -> u32 {
 }
 
 /// Makes a fault of an overflow (Armv7-M Architecture Reference Manual, B3.5). To be called once, early.
-pub(super) fn guard(mpu: &mut MPU) {
+pub(crate) fn guard(mpu: &mut MPU) {
     const REGION: u32 = 0;
     /// 2^(14 + 1) bytes.
     const SIZE: u32 = 14 << 1;
@@ -48,7 +48,7 @@ pub(super) fn guard(mpu: &mut MPU) {
 }
 
 /// Paints what is free of the stack. To be called once, early.
-pub(super) fn paint() {
+pub(crate) fn paint() {
     let until = cortex_m::register::msp::read().saturating_sub(GAP_BYTES);
     let mut at = bottom();
     while at < until {
@@ -69,7 +69,7 @@ pub struct Watermark {
 
 impl Watermark {
     /// Nothing is known yet.
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { deepest: top(), at: bottom() }
     }
 

@@ -7,7 +7,7 @@ use core::fmt;
 
 use defmt_semihosting as _;
 
-use super::super::last_words::{fault, starved};
+use crate::arm::crash_record::{fault, starved};
 
 /// The end of a program that cannot even begin.
 pub fn halt(reason: fmt::Arguments<'_>) -> ! {

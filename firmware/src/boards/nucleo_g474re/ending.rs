@@ -5,7 +5,7 @@ use core::fmt;
 use defmt_rtt as _;
 use foxhound_computer::restart::End;
 
-use super::super::last_words;
+use crate::arm::crash_record;
 
 /// Cycles of the core; wraps after some seconds.
 #[must_use]
@@ -22,7 +22,7 @@ pub fn uptime_s() -> u32 {
 /// It cannot go on: says why, and begins anew.
 pub fn halt(reason: fmt::Arguments<'_>) -> ! {
     last_words(reason);
-    last_words::end(End::Halt, 0, 0, reason.as_str().unwrap_or("halt").as_bytes())
+    crash_record::end(End::Halt, 0, 0, reason.as_str().unwrap_or("halt").as_bytes())
 }
 
 /// Says why it ends, to a debugger.
@@ -42,6 +42,6 @@ pub unsafe extern "C" fn on_fault() {
         "movt r1, #:upper16:_stack_start",
         "msr  msp, r1",
         "b    {fault}",
-        fault = sym last_words::fault,
+        fault = sym crash_record::fault,
     )
 }

@@ -13,7 +13,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::SCB;
 use foxhound_computer::restart::{self, End, Record, TEXT_BYTES, WORDS};
 
-use super::board;
+use crate::boards::board;
 
 /// Words that a reset leaves alone.
 struct Kept(UnsafeCell<MaybeUninit<[u32; WORDS]>>);
@@ -26,7 +26,7 @@ unsafe impl Sync for Kept {}
 static KEPT: Kept = Kept(UnsafeCell::new(MaybeUninit::uninit()));
 
 /// What the last run left, if it did. To be called once, at the start.
-pub(super) fn take() -> Option<Record> {
+pub(crate) fn take() -> Option<Record> {
     let kept = KEPT.0.get().cast::<[u32; WORDS]>();
     // SAFETY: aligned and ours, see `Kept`. Any words are valid ones, and volatile access does not care who wrote them.
     let mut words = unsafe { kept.read_volatile() };
@@ -38,7 +38,7 @@ pub(super) fn take() -> Option<Record> {
 
 /// Whether the program has been running in this memory before; from now on it has. After the power was away for long
 /// enough memory holds anything.
-pub(super) fn was_running() -> bool {
+pub(crate) fn was_running() -> bool {
     /// Set since the program has begun.
     // SAFETY: as for `KEPT`; any bits are a valid one.
     #[unsafe(link_section = ".uninit.foxhound_warm")]
@@ -48,7 +48,7 @@ pub(super) fn was_running() -> bool {
 }
 
 /// Writes down why, and restarts.
-pub(super) fn end(end: End, address: u32, status: u32, text: &[u8]) -> ! {
+pub(crate) fn end(end: End, address: u32, status: u32, text: &[u8]) -> ! {
     cortex_m::interrupt::disable();
     let record = Record::new(end, address, status, board::uptime_s(), text);
     // SAFETY: interrupts are off, and only a fault can come; that ends in here, too, and does not come back.
@@ -88,7 +88,7 @@ unsafe extern "C" fn HardFault() {
 }
 
 /// The end of a fault: `frame` is where the processor has stacked its registers, or would have.
-pub(super) extern "C" fn fault(frame: u32) -> ! {
+pub(crate) extern "C" fn fault(frame: u32) -> ! {
     // SAFETY: reading this register has no effect.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
     board::last_words(format_args!("fault"));
@@ -97,7 +97,7 @@ pub(super) extern "C" fn fault(frame: u32) -> ! {
 
 /// The end of a program that did not feed the watchdog, where that asks first.
 #[cfg(feature = "board-mps2_an386")]
-pub(super) extern "C" fn starved(frame: u32) -> ! {
+pub(crate) extern "C" fn starved(frame: u32) -> ! {
     let address = interrupted(frame);
     board::last_words(format_args!("watchdog at {address:#010x}"));
     end(End::Watchdog, address, 0, b"")
