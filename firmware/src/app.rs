@@ -289,7 +289,7 @@ pub async fn guide(
                         flight.companion.require_entry();
                     }
                     tell(&mut flight, &restart, start);
-                    port.set_detector(flight.config);
+                    look_for_pad(&mut port, flight.config);
                     store.overrule();
                     port.drain().await;
                     port.log.begin("set up", needs_entry, &flight);
@@ -310,7 +310,7 @@ pub async fn guide(
                 }
                 if flight.serve(&mut port.log.keeper(&mut store)) {
                     planning.begin_anew();
-                    port.set_detector(flight.config);
+                    look_for_pad(&mut port, flight.config);
                 }
                 store.keep_up(step.now, flight.companion);
                 let is_starved = step.lock_step.is_some_and(|lock_step| lock_step.holds_plan);
@@ -372,6 +372,15 @@ pub async fn guide(
                 port.flush();
             }
         }
+    }
+}
+
+/// Looks for the pad that is configured from now on; where there is no detector for it, says so in the log.
+#[inline(never)]
+fn look_for_pad(port: &mut Port, config: &guidance::Config) {
+    if let Err(error) = port.set_detector(config) {
+        port.log.text("error: no detector for this pad; still looks for the one before. Refused:");
+        port.log.text(error.field);
     }
 }
 

@@ -14,6 +14,7 @@ use foxhound_computer::log::ring::{Consumer, Ring};
 use foxhound_computer::log::{Log, State};
 use foxhound_computer::port::{Command, Lines, Status, Waiting};
 use foxhound_computer::timing::Task;
+use foxhound_core::ConfigError;
 use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::landing::observation::PadObservation;
@@ -106,10 +107,12 @@ impl Port {
     }
 
     /// Another pad is looked for, or with another camera: of a configuration that guidance runs with.
-    pub fn set_detector(&self, config: &guidance::Config) {
-        if let Ok(detector) = camera::detector(config) {
-            DETECTOR.signal(detector);
-        }
+    ///
+    /// # Errors
+    /// The field of the configuration for which there is no detector; the one before it goes on.
+    pub fn set_detector(&self, config: &guidance::Config) -> Result<(), ConfigError> {
+        DETECTOR.signal(camera::detector(config)?);
+        Ok(())
     }
 
     /// Somebody wants to know how it is.
