@@ -20,10 +20,11 @@
 //! Whether a step is in time, and what a late one means for the vehicle, is [`foxhound_computer::deadline`]'s business. The
 //! watchdog is fed here ([`Feeder`]), by a step that was in time, and nowhere else but where a simulator's frame is waited for.
 
-use cortex_m::{asm, interrupt};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::zerocopy_channel::{self, Channel, Sender};
+use embedded_storage::nor_flash::NorFlash;
+use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::camera;
 use foxhound_computer::deadline::{self, Monitor};
 use foxhound_computer::flight::{self, Stepped};
@@ -34,7 +35,6 @@ use foxhound_computer::selftest::{self, Refused};
 use foxhound_computer::store::Store;
 use foxhound_computer::timing::{Feeds, Task};
 use foxhound_core::ConfigError;
-use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::Values;
@@ -42,19 +42,17 @@ use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, Guidance};
 use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::mapping::map::CIRCLES_MAX;
-use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
-use foxhound_core::planning::rollout::WAYPOINTS;
+use foxhound_core::planning::planner::{PlanRequest, Scratch};
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
 use foxhound_pad::Detector;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::boards::board::{self, Flash, Pacer, Receiver, Transmitter, Watchdog};
-use crate::boards::{Call, Done, LockStep, Step};
-use crate::console::Port;
+use crate::board::{
+    Board, Call, Done, LockStep, Pacer, Planned, Read as _, Receiver as _, Samples, Step, Watchdog, Write as _,
+};
+use crate::console::Console;
 use crate::timing::{self, measured};
-
-pub use foxhound_computer::SAMPLES_PER_CHANNEL;
 
 /// Bytes that are taken from the link at a time; it goes on with a frame that does not fit.
 const TRANSMIT_BYTES: usize = 256;
@@ -80,12 +78,42 @@ type Systems = foxhound_papers::AllSystems;
 
 type Flight<'a> = flight::Flight<'a, Systems>;
 
+/// What a board keeps of a plan's samples.
+pub type Kept<B> = <<B as Board>::Pacer as Pacer>::Samples;
+
+/// The memory that both ends of the planner share.
+pub struct Shared<S: 'static> {
+    order: StaticCell<[Order; 1]>,
+    planned: StaticCell<[Planned<S>; 1]>,
+    orders: StaticCell<Channel<'static, Mutex, Order>>,
+    plans: StaticCell<Channel<'static, Mutex, Planned<S>>>,
+}
+
+impl<S> Shared<S> {
+    /// Not in use yet.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            order: StaticCell::new(),
+            planned: StaticCell::new(),
+            orders: StaticCell::new(),
+            plans: StaticCell::new(),
+        }
+    }
+}
+
+impl<S> Default for Shared<S> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// Guidance's end of the planner: one order and one answer at a time, each written and read where it lies. Guidance gives no
 /// second order before the handover tick of the first; one that finds the place taken even then is dropped, and its plan
 /// counts as late.
-pub struct Planning {
+pub struct Planning<S: 'static> {
     orders: Sender<'static, Mutex, Order>,
-    plans: zerocopy_channel::Receiver<'static, Mutex, Planned>,
+    plans: zerocopy_channel::Receiver<'static, Mutex, Planned<S>>,
     /// An order has no answer yet that was taken.
     is_ordered: bool,
     /// The next answer is to a flight that has ended.
@@ -93,9 +121,9 @@ pub struct Planning {
 }
 
 /// The planner's own end.
-pub struct Desk {
+pub struct Desk<S: 'static> {
     orders: zerocopy_channel::Receiver<'static, Mutex, Order>,
-    plans: Sender<'static, Mutex, Planned>,
+    plans: Sender<'static, Mutex, Planned<S>>,
 }
 
 /// An order to the planner.
@@ -109,21 +137,9 @@ struct Order {
     known: Vec<Disc, CIRCLES_MAX>,
 }
 
-/// A plan, and how it came about.
-#[derive(Clone, Debug)]
-pub struct Planned {
-    /// The plan.
-    pub plan: Plan,
-    /// The sampled trajectories that it was made from.
-    pub samples_ned_m: [[Horizontal; WAYPOINTS]; board::SAMPLES_KEPT],
-    /// Length of the replan, in `board::ticks`.
-    pub ticks: u32,
-}
-
 /// Bytes to the autopilot, from the pipe onto the serial line.
-#[embassy_executor::task]
-pub async fn transmit(mut line: Transmitter, outgoing: &'static Outgoing) {
-    measured(Task::Transmit, async {
+pub async fn transmit<B: Board>(mut line: B::Transmitter, outgoing: &'static Outgoing) {
+    measured::<B, _>(Task::Transmit, async {
         let mut bytes = [0; PIECE_BYTES];
         loop {
             let count = outgoing.read(&mut bytes).await;
@@ -134,19 +150,19 @@ pub async fn transmit(mut line: Transmitter, outgoing: &'static Outgoing) {
 }
 
 /// The watchdog, and how it is fed.
-pub struct Feeder {
-    watchdog: Watchdog,
+struct Feeder<B: Board> {
+    watchdog: B::Watchdog,
     feeds: Feeds,
     /// Somebody wants to see what happens without.
     is_starved: bool,
 }
 
-impl Feeder {
+impl<B: Board> Feeder<B> {
     /// It begins anew, but where somebody wants to see what happens then.
-    pub fn feed(&mut self) {
+    fn feed(&mut self) {
         if !self.is_starved {
             self.watchdog.feed();
-            self.feeds.feed(embassy_time::Instant::now().as_micros());
+            self.feeds.feed(B::uptime_us());
         }
     }
 }
@@ -155,44 +171,39 @@ impl Feeder {
 ///
 /// # Errors
 /// The field of the built-in configuration that is refused.
-pub fn planning() -> Result<(Planning, Desk), ConfigError> {
-    static ORDER: StaticCell<[Order; 1]> = StaticCell::new();
-    static PLANNED: StaticCell<[Planned; 1]> = StaticCell::new();
-    static ORDERS: StaticCell<Channel<'static, Mutex, Order>> = StaticCell::new();
-    static PLANS: StaticCell<Channel<'static, Mutex, Planned>> = StaticCell::new();
+pub fn planning<S: Samples>(shared: &'static Shared<S>) -> Result<(Planning<S>, Desk<S>), ConfigError> {
     let systems = Systems::build(&guidance::Config::default())?;
-    let order = ORDER.init_with(|| [Order { systems, request: PlanRequest::default(), known: Vec::new() }]);
+    let order = shared.order.init_with(|| [Order { systems, request: PlanRequest::default(), known: Vec::new() }]);
     let [Order { systems, request, .. }] = &*order;
-    let nothing = [[Horizontal::default(); WAYPOINTS]; board::SAMPLES_KEPT];
-    let planned = [Planned { plan: systems.brake(request), samples_ned_m: nothing, ticks: 0 }];
-    let planned = PLANNED.init(planned);
-    let (order_tx, order_rx) = ORDERS.init_with(|| Channel::new(order)).split();
-    let (plan_tx, plan_rx) = PLANS.init_with(|| Channel::new(planned)).split();
+    let planned = [Planned { plan: systems.brake(request), samples_ned_m: S::NONE, ticks: 0 }];
+    let planned = shared.planned.init(planned);
+    let (order_tx, order_rx) = shared.orders.init_with(|| Channel::new(order)).split();
+    let (plan_tx, plan_rx) = shared.plans.init_with(|| Channel::new(planned)).split();
     let planning = Planning { orders: order_tx, plans: plan_rx, is_ordered: false, is_stale: false };
     Ok((planning, Desk { orders: order_rx, plans: plan_tx }))
 }
 
-impl Planning {
+impl<S: Samples> Planning<S> {
     /// The answer that waits, if one does.
-    fn answer(&mut self) -> Option<&Planned> {
+    fn answer<B: Board>(&mut self) -> Option<&Planned<S>> {
         if self.is_stale && self.plans.try_receive().is_some() {
-            self.take();
+            self.take::<B>();
         }
         self.plans.try_receive().map(|planned| &*planned)
     }
 
     /// The answer has been used.
-    fn take(&mut self) {
+    fn take<B: Board>(&mut self) {
         if let Some(planned) = self.plans.try_receive() {
-            timing::note(Task::Plan, planned.ticks);
+            timing::note::<B>(Task::Plan, planned.ticks);
             self.plans.receive_done();
             (self.is_ordered, self.is_stale) = (false, false);
         }
     }
 
     /// What was ordered before is of no use any more.
-    fn begin_anew(&mut self) {
-        self.take();
+    fn begin_anew<B: Board>(&mut self) {
+        self.take::<B>();
         self.is_stale = self.is_ordered;
     }
 
@@ -218,21 +229,16 @@ impl Planning {
 }
 
 /// The planner: answers orders, and may be pre-empted at any moment. To be called by the thread when all is set up.
-pub fn plan(desk: Desk) -> ! {
+pub fn plan<B: Board>(desk: Desk<Kept<B>>) -> ! {
     static SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(Scratch::new());
     let scratch = SCRATCH.take();
     let Desk { mut orders, mut plans } = desk;
     loop {
         let (Some(order), Some(planned)) = (orders.try_receive(), plans.try_send()) else {
-            // An interrupt that comes in between still ends the sleep.
-            interrupt::free(|_| {
-                if orders.is_empty() || plans.is_full() {
-                    asm::wfi();
-                }
-            });
+            B::sleep_unless(|| !orders.is_empty() && !plans.is_full());
             continue;
         };
-        replan(scratch, order, planned);
+        replan::<B>(scratch, order, planned);
         // In this order: the plan wakes guidance, which may go on for many steps before we do, and order the next one.
         orders.receive_done();
         plans.send_done();
@@ -241,32 +247,31 @@ pub fn plan(desk: Desk) -> ! {
 
 /// Answers one order.
 #[inline(never)]
-fn replan(scratch: &mut Scratch, order: &Order, planned: &mut Planned) {
-    let begin = board::ticks();
+fn replan<B: Board>(scratch: &mut Scratch, order: &Order, planned: &mut Planned<Kept<B>>) {
+    let begin = B::ticks();
     planned.plan = order.systems.plan(scratch, &order.request, &order.known);
-    planned.ticks = board::ticks().wrapping_sub(begin);
-    for (kept, sample) in planned.samples_ned_m.iter_mut().zip(&scratch.samples) {
+    planned.ticks = B::ticks().wrapping_sub(begin);
+    for (kept, sample) in planned.samples_ned_m.as_mut().iter_mut().zip(&scratch.samples) {
         *kept = *sample;
     }
 }
 
 /// The fast loop: does what the board's pacer says, a step at a time.
-#[embassy_executor::task]
-pub async fn guide(
-    mut pacer: Pacer,
-    watchdog: Watchdog,
+pub async fn guide<B: Board>(
+    mut pacer: B::Pacer,
+    watchdog: B::Watchdog,
     restart: Restart,
-    begun: Begun,
-    mut line: Line,
-    mut port: Port,
-    mut planning: Planning,
+    begun: Begun<B>,
+    mut line: Line<B>,
+    mut console: Console,
+    mut planning: Planning<Kept<B>>,
 ) {
     let Begun { mut flight, mut store, start } = begun;
-    let mut feeder = Feeder { watchdog, feeds: Feeds::default(), is_starved: false };
+    let mut feeder = Feeder::<B> { watchdog, feeds: Feeds::default(), is_starved: false };
     // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
     flight.companion.require_entry();
     tell(&mut flight, &restart, start);
-    port.log.begin(&restart.words(start), true, &flight);
+    console.log.begin(&restart.words(start), true, &flight);
     let mut monitor = Monitor::new(deadline::Config::default());
     loop {
         pacer.follow(flight.config);
@@ -282,77 +287,77 @@ pub async fn guide(
                 planning.settle().await;
                 let begun = flight.begin_anew(config);
                 if begun.is_ok() {
-                    planning.begin_anew();
+                    planning.begin_anew::<B>();
                     // A simulator that sets up a board for the first time may begin in the mode.
                     let needs_entry = restart.cause != Cause::Power;
                     if needs_entry {
                         flight.companion.require_entry();
                     }
                     tell(&mut flight, &restart, start);
-                    look_for_pad(&mut port, flight.config);
+                    look_for_pad(&mut console, flight.config);
                     store.overrule();
-                    port.drain().await;
-                    port.log.begin("set up", needs_entry, &flight);
-                    port.drain().await;
+                    console.drain().await;
+                    console.log.begin("set up", needs_entry, &flight);
+                    console.drain().await;
                 }
                 pacer.accept(begun, line.tx_total).await;
                 feeder.feed();
             }
             Call::Step(step) => {
                 let lock_step = step.lock_step.is_some();
-                let mut begin = board::ticks();
-                line.read(flight.companion, &mut port.log, &step).await;
-                timing::note(Task::Receive, board::ticks().wrapping_sub(begin));
-                let look = port.look(&step, &mut feeder).await;
+                let mut begin = B::ticks();
+                line.read(flight.companion, &mut console.log, &step).await;
+                timing::note::<B>(Task::Receive, B::ticks().wrapping_sub(begin));
+                let look = console.look(&step, || feeder.feed()).await;
                 if let Some(lock_step) = &step.lock_step {
                     // The simulator's time is not ours.
                     begin = (lock_step.begin)();
                 }
-                if flight.serve(&mut port.log.keeper(&mut store)) {
-                    planning.begin_anew();
-                    look_for_pad(&mut port, flight.config);
+                if flight.serve(&mut console.log.keeper(&mut store)) {
+                    planning.begin_anew::<B>();
+                    look_for_pad(&mut console, flight.config);
                 }
                 store.keep_up(step.now, flight.companion);
                 let is_starved = step.lock_step.is_some_and(|lock_step| lock_step.holds_plan);
-                let stepped = fly(&mut flight, &step, look, planning.answer().filter(|_| !is_starved));
+                let stepped = fly::<B>(&mut flight, &step, look, planning.answer::<B>().filter(|_| !is_starved));
                 if !is_starved {
-                    planning.take();
+                    planning.take::<B>();
                 }
-                timing::note(Task::Step, stepped.ticks);
-                let mut end = board::ticks();
+                timing::note::<B>(Task::Step, stepped.ticks);
+                let mut end = B::ticks();
                 line.write(flight.companion, lock_step).await;
                 if !lock_step {
-                    end = board::ticks();
+                    end = B::ticks();
                 }
-                let taken_us = end.wrapping_sub(begin) / board::TICKS_PER_US;
+                let taken_us = end.wrapping_sub(begin) / B::TICKS_PER_US;
                 if monitor.step(taken_us, store.take_written()).feeds() {
                     feeder.feed();
                 }
                 let deadline::Counts { late, longest_us, .. } = monitor.counts();
                 let ordered = stepped.output.plan_requested && planning.order(&flight);
-                port.log.step(step.front_end, step.circles, look.as_ref(), &stepped, ordered);
-                port.log.deadlines(monitor.counts());
-                port.set_height(flight.state.height_m());
+                console.log.step(step.front_end, step.circles, look.as_ref(), &stepped, ordered);
+                console.log.deadlines(monitor.counts());
+                console.set_height(flight.state.height_m());
                 let lost = pacer.lost().saturating_add(flight.receiver.frozen());
                 flight.companion.note_pace(Pace { longest_us, late, lost });
                 let Stepped { output, ticks: fast_ticks, .. } = stepped;
                 if lock_step {
                     planning.settle().await;
-                    port.drain().await;
+                    console.drain().await;
                 }
-                let plan = planning.answer();
+                let plan = planning.answer::<B>();
                 pacer.done(Done { output, fast_ticks, late, tx_total: line.tx_total, plan }).await;
-                if let Some(command) = port.command(flight.companion.control(output.time)) {
+                if let Some(command) = console.command(flight.companion.control(output.time)) {
                     feeder.is_starved |= command == Command::Watchdog { is_sure: true };
-                    if carry_out(command, &mut flight, &mut store, &mut port) {
-                        port.drain().await;
-                        board::restart();
+                    if carry_out(command, &mut flight, &mut store, &mut console) {
+                        console.drain().await;
+                        B::restart();
                     }
                 }
-                if port.is_telling() {
-                    port.tell(&Status {
-                        board: board::NAME,
-                        uptime_s: board::uptime_s(),
+                if console.is_telling() {
+                    console.tell(&Status {
+                        board: B::NAME,
+                        uptime_s: B::uptime_s(),
                         restart: &restart,
                         clock: pacer.clock(),
                         deadlines: monitor.counts(),
@@ -362,14 +367,14 @@ pub async fn guide(
                         line_errors: line.receiver.errors(),
                         received: line.receiver.waiting(),
                         sent: Waiting { most: line.most_waiting, room: OUTGOING_BYTES as u32, lost: 0 },
-                        log: port.waiting(),
+                        log: console.waiting(),
                         starts: start,
                         feeds: feeder.feeds,
-                        watchdog_us: Watchdog::PERIOD_US,
+                        watchdog_us: <B::Watchdog as Watchdog>::PERIOD_US,
                     });
                 }
-                report(&mut flight, &mut store, &mut port.log);
-                port.flush();
+                report(&mut flight, &mut store, &mut console.log);
+                console.flush();
             }
         }
     }
@@ -377,10 +382,10 @@ pub async fn guide(
 
 /// Looks for the pad that is configured from now on; where there is no detector for it, says so in the log.
 #[inline(never)]
-fn look_for_pad(port: &mut Port, config: &guidance::Config) {
-    if let Err(error) = port.set_detector(config) {
-        port.log.text("error: no detector for this pad; still looks for the one before. Refused:");
-        port.log.text(error.field);
+fn look_for_pad(console: &mut Console, config: &guidance::Config) {
+    if let Err(error) = console.set_detector(config) {
+        console.log.text("error: no detector for this pad; still looks for the one before. Refused:");
+        console.log.text(error.field);
     }
 }
 
@@ -392,15 +397,20 @@ fn tell(flight: &mut Flight<'_>, restart: &Restart, start: u32) {
 }
 
 /// The built-in configuration does not build.
-pub fn refuse(error: ConfigError) -> ! {
+pub fn refuse<B: Board>(error: ConfigError) -> ! {
     // Not its value and range: to write numbers takes 17 KB of flash.
-    board::halt(format_args!("the built-in configuration: {}", error.field))
+    B::halt(format_args!("the built-in configuration: {}", error.field))
 }
 
 /// Does what somebody at the maintenance port wants; true where that is a restart.
 #[inline(never)]
-fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>, end: &mut Port) -> bool {
-    let log = &mut end.log;
+fn carry_out<F: NorFlash>(
+    command: Command,
+    flight: &mut Flight<'_>,
+    store: &mut Store<F>,
+    console: &mut Console,
+) -> bool {
+    let log = &mut console.log;
     let mut examine = |exam| match flight.examine(exam) {
         Ok(()) => log.text("listens"),
         Err(Refused::Busy) => log.text("error: an examination is under way"),
@@ -408,7 +418,7 @@ fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>
     };
     match command {
         Command::Help => HELP.iter().for_each(|line| log.text(line)),
-        Command::Status => end.begin_status(),
+        Command::Status => console.begin_status(),
         Command::FactoryReset { is_sure: false } => log.text("forgets everything that is stored: `factory-reset yes`"),
         Command::FactoryReset { is_sure: true } if store.factory_reset() => {
             log.text("forgotten; `restart` begins anew");
@@ -431,7 +441,7 @@ fn carry_out(command: Command, flight: &mut Flight<'_>, store: &mut Store<Flash>
 /// What an examination of the receiver came to: told at the port, and kept where it is a calibration. Guidance has begun
 /// anew with that, and so does the log.
 #[inline(never)]
-fn report(flight: &mut Flight<'_>, store: &mut Store<Flash>, log: &mut Log<'_>) {
+fn report<F: NorFlash>(flight: &mut Flight<'_>, store: &mut Store<F>, log: &mut Log<'_>) {
     if let Some(report) = flight.take_report() {
         port::tell_report(&report, |line| log.text(line));
     }
@@ -445,23 +455,28 @@ fn report(flight: &mut Flight<'_>, store: &mut Store<Flash>, log: &mut Log<'_>) 
 
 /// One step.
 #[inline(never)]
-fn fly(flight: &mut Flight<'_>, step: &Step<'_>, look: Option<PadObservation>, plan: Option<&Planned>) -> Stepped {
+fn fly<B: Board>(
+    flight: &mut Flight<'_>,
+    step: &Step<'_>,
+    look: Option<PadObservation>,
+    plan: Option<&Planned<Kept<B>>>,
+) -> Stepped {
     let plan = plan.map(|planned| &planned.plan);
     let step = flight::Step { now: step.now, front_end: step.front_end, circles: step.circles, look, plan };
-    flight.step(&step, board::ticks)
+    flight.step(&step, B::ticks)
 }
 
 // The stack holds one of the large parts at a time, while it is built: hence a function for each.
 
 /// What guidance begins with.
-pub struct Begun {
+pub struct Begun<B: Board> {
     flight: Flight<'static>,
-    store: Store<Flash>,
+    store: Store<B::Flash>,
     /// How often the computer was started.
     start: u32,
 }
 
-impl Begun {
+impl<B: Board> Begun<B> {
     /// What pad the camera looks for.
     ///
     /// # Errors
@@ -477,32 +492,35 @@ impl Begun {
 /// # Errors
 /// The field of the built-in configuration that is refused.
 #[inline(never)]
-pub fn begin_with(flash: Flash) -> Result<Begun, ConfigError> {
+pub fn begin_with<B: Board>(flash: B::Flash) -> Result<Begun<B>, ConfigError> {
     // It is made on the stack: before anything else is there.
     let state = first_state();
     begin_in(state, flash)
 }
 
 #[inline(never)]
-fn begin_in(state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>, flash: Flash) -> Result<Begun, ConfigError> {
+fn begin_in<B: Board>(
+    state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>,
+    flash: B::Flash,
+) -> Result<Begun<B>, ConfigError> {
     let mut store = Store::new(flash);
     let start = store.begin();
     let mut config = guidance::Config::default();
     store.calibrate(&mut config);
-    let mut flight = begin(&config, state)?;
+    let mut flight = begin::<B>(&config, state)?;
     store.resume(Instant(0), &mut flight);
     Ok(Begun { flight, store, start })
 }
 
 #[inline(never)]
-fn begin(
+fn begin<B: Board>(
     config: &guidance::Config,
     state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>,
 ) -> Result<Flight<'static>, ConfigError> {
     static CONFIG: StaticCell<guidance::Config> = StaticCell::new();
     static SYSTEMS: StaticCell<Systems> = StaticCell::new();
     static RECEIVER: StaticCell<flight::Receiver> = StaticCell::new();
-    let receiver = RECEIVER.init(flight::Receiver::new(board::SAMPLE_TIMER, &selftest::Config::default())?);
+    let receiver = RECEIVER.init(flight::Receiver::new(B::SAMPLE_TIMER, &selftest::Config::default())?);
     let config = CONFIG.init(receiver.fit(config)?);
     let guidance = first_guidance(config)?;
     let systems = SYSTEMS.init(Systems::build(config)?);
@@ -529,8 +547,8 @@ fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, 
 }
 
 /// The serial line as guidance sees it.
-pub struct Line {
-    receiver: Receiver,
+pub struct Line<B: Board> {
+    receiver: B::Receiver,
     outgoing: &'static Outgoing,
     rx_total: u32,
     tx_total: u32,
@@ -538,10 +556,10 @@ pub struct Line {
     most_waiting: u32,
 }
 
-impl Line {
+impl<B: Board> Line<B> {
     /// Nothing has been heard or said.
     #[must_use]
-    pub const fn new(receiver: Receiver, outgoing: &'static Outgoing) -> Self {
+    pub const fn new(receiver: B::Receiver, outgoing: &'static Outgoing) -> Self {
         Self { receiver, outgoing, rx_total: 0, tx_total: 0, most_waiting: 0 }
     }
 

@@ -22,9 +22,7 @@ use foxhound_pad::Detector;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::app::Feeder;
-use crate::boards::Step;
-use crate::boards::board::{PortReceiver, PortTransmitter};
+use crate::board::{Board, Read as _, Step, Write as _};
 use crate::timing::{self, measured};
 
 /// What a step brings, and the codes of a frame.
@@ -51,7 +49,7 @@ static LOOKED_AT: AtomicU32 = AtomicU32::new(0);
 static PROGRESS: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// Guidance's end.
-pub struct Port {
+pub struct Console {
     /// The flight log, which carries the answers, too.
     pub log: Log<'static>,
     lines: Lines,
@@ -66,15 +64,15 @@ const PARTS: usize = 5;
 
 /// The ends of the log and of the lines, and the camera. To be called once.
 #[inline(never)]
-pub fn ends(detector: Detector) -> (Port, Consumer<'static>, &'static mut Camera) {
+pub fn ends(detector: Detector) -> (Console, Consumer<'static>, &'static mut Camera) {
     static CAMERA: StaticCell<Camera> = StaticCell::new();
     let (producer, consumer) = RING.take().ends();
-    let port =
-        Port { log: Log::resume(producer, State::default()), lines: Lines::new(), telling: None, most_waiting: 0 };
-    (port, consumer, CAMERA.init_with(|| Camera::new(detector)))
+    let console =
+        Console { log: Log::resume(producer, State::default()), lines: Lines::new(), telling: None, most_waiting: 0 };
+    (console, consumer, CAMERA.init_with(|| Camera::new(detector)))
 }
 
-impl Port {
+impl Console {
     /// The next command that was typed and may be carried out now; others are answered.
     #[inline(never)]
     pub fn command(&mut self, control: Control) -> Option<Command> {
@@ -90,12 +88,13 @@ impl Port {
     }
 
     /// What the camera has seen since the last step; in lock-step as soon as all that belongs before this step was looked at.
-    pub async fn look(&self, step: &Step<'_>, feeder: &mut Feeder) -> Option<PadObservation> {
+    ///
+    /// `feed` is called as often as a piece of a frame was looked at: a whole frame at once takes longer than a step.
+    pub async fn look(&self, step: &Step<'_>, mut feed: impl FnMut()) -> Option<PadObservation> {
         if let Some(lock_step) = &step.lock_step {
             while LOOKED_AT.load(Ordering::Relaxed) != lock_step.camera_expected {
                 PROGRESS.wait().await;
-                // A whole frame at once takes longer than a step; from a camera it comes piece by piece.
-                feeder.feed();
+                feed();
             }
         }
         SIGHTED.try_take().map(|sighted| sighted.look(step.now))
@@ -164,9 +163,8 @@ impl Port {
 }
 
 /// Bytes that somebody types, and the frames of a camera. Where lines come faster than guidance reads them, all waits.
-#[embassy_executor::task]
-pub async fn listen(mut line: PortReceiver, camera: &'static mut Camera) {
-    measured(Task::Listen, async {
+pub async fn listen<B: Board>(mut line: B::ConsoleReceiver, camera: &'static mut Camera) {
+    measured::<B, _>(Task::Listen, async {
         let mut bytes = [0; PIECE_BYTES];
         loop {
             let count = line.read(&mut bytes).await;
@@ -199,9 +197,8 @@ fn look_at(camera: &mut Camera, bytes: &[u8]) -> Vec<u8, PIECE_BYTES> {
 }
 
 /// The log, onto the port.
-#[embassy_executor::task]
-pub async fn speak(mut line: PortTransmitter, mut log: Consumer<'static>) {
-    measured(Task::Speak, async {
+pub async fn speak<B: Board>(mut line: B::ConsoleTransmitter, mut log: Consumer<'static>) {
+    measured::<B, _>(Task::Speak, async {
         let mut bytes = [0; 64];
         loop {
             let count = log.read(&mut bytes);

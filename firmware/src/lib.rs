@@ -1,28 +1,31 @@
 //! # Foxhound firmware
 //!
 //! The same two functions as in the simulator, `guidance::Guidance::step` and `planner::Planner::plan`, driven by
-//! interrupts: [`app`] holds the tasks, [`boards`] everything that differs from board to board.
+//! interrupts.
+//!
+//! | module | what | imports |
+//! |---|---|---|
+//! | [`board`] | what the application asks of a board: [`board::Board`] | |
+//! | [`timing`] | how long the tasks take | `board` |
+//! | [`console`] | the maintenance port | `board`, `timing` |
+//! | [`app`] | the tasks | `board`, `timing`, `console` |
+//! | `arm` | what the boards with an Arm Cortex-M share | `board` |
+//! | [`boards`] | everything that differs from board to board | `board`, `arm` |
+//!
+//! So no board knows the application, nor the application a board; [`program`] brings them together, and `tests/floors.rs` holds it.
 //!
 //! ```text
-//!  antennas -> board::Pacer --> app::guide --> outgoing --> app::transmit -> board::Transmitter -> autopilot
-//!  autopilot -> board::Receiver -----^  |    ^
-//!                                orders v    | plans
-//!                                   app::plan (may be pre-empted by all of the above)
+//!  antennas -> Pacer --> app::guide --> outgoing --> app::transmit -> Transmitter -> autopilot
+//!  autopilot -> Receiver ----^  |    ^
+//!                        orders v    | plans
+//!                           app::plan (may be pre-empted by all of the above)
 //! ```
 #![no_std]
 
-#[cfg(not(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386")))]
-compile_error!("choose a board: --features board-nucleo_g474re or board-mps2_an386");
-#[cfg(all(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
-compile_error!("choose one board only: board-nucleo_g474re or board-mps2_an386");
-
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod app;
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 mod arm;
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
+pub mod board;
 pub mod boards;
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
 pub mod console;
-#[cfg(any(feature = "board-nucleo_g474re", feature = "board-mps2_an386"))]
+pub mod program;
 pub mod timing;

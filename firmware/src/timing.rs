@@ -8,18 +8,18 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use foxhound_computer::timing::{CYCLES_PER_US, Table, Task, Times};
 
-use crate::boards::board;
+use crate::board::Board;
 
 static TABLE: Mutex<CriticalSectionRawMutex, RefCell<Table>> =
     Mutex::new(RefCell::new([const { Times::new() }; Task::ALL.len()]));
 
-/// Takes note of a run that took so many `board::ticks`.
+/// Takes note of a run that took so many ticks of the board.
 #[inline(never)]
-pub fn note(task: Task, ticks: u32) {
+pub fn note<B: Board>(task: Task, ticks: u32) {
     TABLE.lock(|table| {
         if let Some(times) = table.borrow_mut().get_mut(task as usize) {
             // One and the same on the NUCLEO-G474RE.
-            times.add((u64::from(ticks) * u64::from(CYCLES_PER_US) / u64::from(board::TICKS_PER_US)) as u32);
+            times.add((u64::from(ticks) * u64::from(CYCLES_PER_US) / u64::from(B::TICKS_PER_US)) as u32);
         }
     });
 }
@@ -31,12 +31,12 @@ pub fn table() -> Table {
 }
 
 /// A task of which every activation is measured.
-pub async fn measured<F: Future>(task: Task, future: F) -> F::Output {
+pub async fn measured<B: Board, F: Future>(task: Task, future: F) -> F::Output {
     let mut future = pin!(future);
     poll_fn(|context| {
-        let begin = board::ticks();
+        let begin = B::ticks();
         let polled = future.as_mut().poll(context);
-        note(task, board::ticks().wrapping_sub(begin));
+        note::<B>(task, B::ticks().wrapping_sub(begin));
         polled
     })
     .await

@@ -43,7 +43,7 @@ const LEVELS: [(&str, &[&str]); 4] = [
 ];
 
 /// What the thread does before guidance and the planner run.
-const START_UP: &str = "foxhound_firmware::start";
+const START_UP: &str = "foxhound_firmware::program::start";
 /// The levels that pre-empt it.
 const AROUND_START_UP: [&str; 2] = ["link", "DMA, time, serial lines"];
 

@@ -7,13 +7,22 @@
 use core::cell::UnsafeCell;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
+use core::ops::Range;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
 use foxhound_computer::restart::{self, End, Record, TEXT_BYTES, WORDS};
 
-use crate::boards::board;
+use crate::board::Board;
+
+/// A board that says why a program ends, and knows where its registers may lie.
+pub(crate) trait LastWords: Board {
+    /// Data memory.
+    const MEMORY: Range<u32>;
+    /// Says why it ends, to whoever listens.
+    fn last_words(words: fmt::Arguments<'_>);
+}
 
 /// Words that a reset leaves alone.
 struct Kept(UnsafeCell<MaybeUninit<[u32; WORDS]>>);
@@ -48,21 +57,21 @@ pub(crate) fn was_running() -> bool {
 }
 
 /// Writes down why, and restarts.
-pub(crate) fn end(end: End, address: u32, status: u32, text: &[u8]) -> ! {
+pub(crate) fn end<B: Board>(end: End, address: u32, status: u32, text: &[u8]) -> ! {
     cortex_m::interrupt::disable();
-    let record = Record::new(end, address, status, board::uptime_s(), text);
+    let record = Record::new(end, address, status, B::uptime_s(), text);
     // SAFETY: interrupts are off, and only a fault can come; that ends in here, too, and does not come back.
     unsafe { KEPT.0.get().cast::<[u32; WORDS]>().write_volatile(record.encode()) };
     SCB::sys_reset()
 }
 
 /// Somebody wants a restart.
-pub fn restart() -> ! {
-    end(End::Wanted, 0, 0, b"")
+pub(crate) fn restart<B: Board>() -> ! {
+    end::<B>(End::Wanted, 0, 0, b"")
 }
 
-#[panic_handler]
-fn panic(info: &PanicInfo<'_>) -> ! {
+/// The end of a panic.
+pub(crate) fn panicked<B: LastWords>(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
     let mut text = Tail { bytes: [0; TEXT_BYTES], length: 0 };
     if let Some(location) = info.location() {
@@ -71,41 +80,29 @@ fn panic(info: &PanicInfo<'_>) -> ! {
         let mut digits = [0; 10];
         let _ = text.write_str(decimal(location.line(), &mut digits));
     }
-    board::last_words(format_args!("panic at {}", text.text()));
-    end(End::Panic, 0, 0, text.text().as_bytes())
-}
-
-/// A fault of the processor; everything but a fault in here comes through it. The stack may be what is broken: a new one.
-// SAFETY: the name is that of the vector. Nothing returns from here.
-#[unsafe(no_mangle)]
-#[unsafe(naked)]
-unsafe extern "C" fn HardFault() {
-    core::arch::naked_asm!(
-        "mrs  r0, msp",
-        "b    {begin}",
-        begin = sym board::on_fault,
-    )
+    B::last_words(format_args!("panic at {}", text.text()));
+    end::<B>(End::Panic, 0, 0, text.text().as_bytes())
 }
 
 /// The end of a fault: `frame` is where the processor has stacked its registers, or would have.
-pub(crate) extern "C" fn fault(frame: u32) -> ! {
+pub(crate) extern "C" fn fault<B: LastWords>(frame: u32) -> ! {
     // SAFETY: reading this register has no effect.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
-    board::last_words(format_args!("fault"));
-    end(End::Fault, interrupted(frame), status, b"")
+    B::last_words(format_args!("fault"));
+    end::<B>(End::Fault, interrupted(frame, &B::MEMORY), status, b"")
 }
 
 /// The end of a program that did not feed the watchdog, where that asks first.
 #[cfg(feature = "board-mps2_an386")]
-pub(crate) extern "C" fn starved(frame: u32) -> ! {
-    let address = interrupted(frame);
-    board::last_words(format_args!("watchdog at {address:#010x}"));
-    end(End::Watchdog, address, 0, b"")
+pub(crate) extern "C" fn starved<B: LastWords>(frame: u32) -> ! {
+    let address = interrupted(frame, &B::MEMORY);
+    B::last_words(format_args!("watchdog at {address:#010x}"));
+    end::<B>(End::Watchdog, address, 0, b"")
 }
 
 /// Where the program was, where its registers are in memory.
-fn interrupted(frame: u32) -> u32 {
-    if !board::is_memory(frame, 32) {
+fn interrupted(frame: u32, memory: &Range<u32>) -> u32 {
+    if !(memory.start..memory.end - 32).contains(&frame) {
         return 0;
     }
     // SAFETY: `frame` is a word-aligned place in RAM; the processor keeps its stack pointer so.

@@ -26,46 +26,40 @@ mod registers;
 mod uart;
 mod watchdog;
 
+use core::fmt;
+use core::ops::Range;
 use core::sync::atomic::{Ordering, fence};
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Timer};
+use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, End, Record, Restart};
+use foxhound_computer::sampling;
 use foxhound_computer::twin::{self, Arrivals, Block};
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::planning::planner::SAMPLES;
+use foxhound_core::planning::rollout::Trajectory;
 use static_cell::ConstStaticCell;
 
-use super::{Call, Done, LockStep, Step};
-use crate::app::SAMPLES_PER_CHANNEL as N;
-use crate::arm::crash_record;
+use crate::arm;
+use crate::arm::crash_record::{self, LastWords};
 use crate::arm::stack::{self, Watermark};
+use crate::board::{self, Board, Call, Done, LockStep, Parts, Step};
 use interrupt::Interrupt;
 use uart::Doorbell;
 
-pub use crate::arm::crash_record::restart;
-pub use clock::{TICKS_PER_US, ticks, uptime_s};
-pub use ending::{halt, last_words, on_fault};
 pub use flash::Flash;
-pub use uart::{PortReceiver, PortTransmitter, Receiver, Transmitter};
+pub use uart::{ConsoleReceiver, ConsoleTransmitter, Receiver, Transmitter};
 pub use watchdog::Watchdog;
-
-/// Samples of a plan that are kept for somebody to see: the simulator.
-pub const SAMPLES_KEPT: usize = foxhound_core::planning::planner::SAMPLES;
-
-/// The name of this board.
-pub const NAME: &str = "mps2_an386";
-
-/// What paces the samples: the simulator, at any rate.
-pub const SAMPLE_TIMER: Option<foxhound_computer::sampling::Timer> = None;
 
 // SAFETY: the memory map keeps this section and puts it into flash; it is only read, from outside.
 #[unsafe(link_section = ".foxhound_board")]
 #[used]
-static MARK: [u8; NAME.len()] = *b"mps2_an386";
+static MARK: [u8; Machine::NAME.len()] = *b"mps2_an386";
 
 /// A step of the free run.
 const FREE_RUN_PERIOD: Duration = Duration::from_millis(20);
@@ -78,49 +72,76 @@ static LINK: InterruptExecutor = InterruptExecutor::new();
 static BLOCK: ConstStaticCell<Block> = ConstStaticCell::new([0; twin::BLOCK_BYTES]);
 static ARRIVALS: ConstStaticCell<Arrivals<N>> = ConstStaticCell::new(Arrivals::new());
 
-/// The board, started.
-pub struct Board {
-    /// The fast loop.
-    pub guidance: SendSpawner,
-    /// Bytes to and from the autopilot.
-    pub link: SendSpawner,
-    /// From the autopilot.
-    pub receiver: Receiver,
-    /// To the autopilot.
-    pub transmitter: Transmitter,
-    /// From the maintenance port.
-    pub port_receiver: PortReceiver,
-    /// To the maintenance port.
-    pub port_transmitter: PortTransmitter,
-    /// What to do next.
-    pub pacer: Pacer,
-    /// Runs from now on.
-    pub watchdog: Watchdog,
-    /// Why we are here.
-    pub restart: Restart,
-    /// What is kept while the power is off.
-    pub flash: Flash,
+/// The twin.
+#[derive(Debug)]
+pub struct Machine;
+
+impl Board for Machine {
+    const NAME: &'static str = "mps2_an386";
+    const TICKS_PER_US: u32 = clock::TICKS_PER_US;
+    /// The simulator samples, at any rate.
+    const SAMPLE_TIMER: Option<sampling::Timer> = None;
+
+    type Spawner = SendSpawner;
+    type Receiver = Receiver;
+    type Transmitter = Transmitter;
+    type ConsoleReceiver = ConsoleReceiver;
+    type ConsoleTransmitter = ConsoleTransmitter;
+    type Pacer = Pacer;
+    type Watchdog = Watchdog;
+    type Flash = Flash;
+
+    fn start() -> Parts<Self> {
+        start()
+    }
+
+    fn ticks() -> u32 {
+        clock::ticks()
+    }
+
+    fn uptime_us() -> u64 {
+        embassy_time::Instant::now().as_micros()
+    }
+
+    fn sleep_unless(is_ready: impl Fn() -> bool) {
+        arm::sleep_unless(is_ready);
+    }
+
+    fn halt(why: fmt::Arguments<'_>) -> ! {
+        ending::halt(why)
+    }
+
+    fn restart() -> ! {
+        crash_record::restart::<Self>()
+    }
 }
 
-/// Starts the board. To be called once.
-pub fn start() -> Board {
+impl LastWords for Machine {
+    const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
+
+    fn last_words(words: fmt::Arguments<'_>) {
+        ending::last_words(words);
+    }
+}
+
+fn start() -> Parts<Machine> {
     stack::paint();
     let restart = why();
-    let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
+    let Some(mut core) = cortex_m::Peripherals::take() else { ending::halt(format_args!("started twice")) };
     stack::guard(&mut core.MPU);
     interrupt::prioritise(&mut core.NVIC);
     clock::start();
     uart::start();
     let (receiver, transmitter, mut doorbell) = uart::ends();
     doorbell.ring(twin::BOOTED);
-    let (port_receiver, port_transmitter) = uart::port();
-    Board {
+    let (console_receiver, console_transmitter) = uart::console_ends();
+    Parts {
         guidance: GUIDANCE.start(Interrupt::GuidanceExecutor),
         link: LINK.start(Interrupt::LinkExecutor),
         receiver,
         transmitter,
-        port_receiver,
-        port_transmitter,
+        console_receiver,
+        console_transmitter,
         pacer: Pacer {
             doorbell,
             block: BLOCK.take(),
@@ -150,11 +171,6 @@ fn why() -> Restart {
     Restart { cause, record }
 }
 
-/// Whether so many bytes from there on are data memory.
-pub(crate) fn is_memory(address: u32, bytes: u32) -> bool {
-    (0x2000_0000..0x2002_0000 - bytes).contains(&address)
-}
-
 /// Says what to do next.
 pub struct Pacer {
     doorbell: Doorbell,
@@ -174,37 +190,20 @@ enum Pace {
     LockStep { alarm: embassy_time::Instant },
 }
 
-impl Pacer {
-    /// How much of the stack was ever used, as far as is known.
-    #[must_use]
-    pub fn stack_bytes(&self) -> u32 {
+impl board::Pacer for Pacer {
+    /// The simulator looks at all of them.
+    type Samples = [Trajectory; SAMPLES];
+
+    fn stack_bytes(&self) -> u32 {
         self.stack.bytes()
     }
 
-    /// The simulator's.
-    #[must_use]
-    pub fn clock(&self) -> Clock {
+    fn clock(&self) -> Clock {
         Clock::Simulated
     }
 
-    /// The simulator samples as it says.
-    pub fn follow(&mut self, _config: &guidance::Config) {}
-
-    /// The simulator loses none.
-    pub fn lost(&self) -> u32 {
-        0
-    }
-
-    /// There is nothing that sounds.
-    pub fn sound(&mut self, _sounds: bool) {}
-
-    /// There is nothing that could be wrong for good.
-    pub fn trouble(&mut self) -> Option<&'static str> {
-        None
-    }
-
     /// Waits for the bell or, running freely, for the next period.
-    pub async fn next(&mut self) -> Call<'_> {
+    async fn next(&mut self) -> Call<'_> {
         loop {
             let (Pace::Free { next: alarm } | Pace::LockStep { alarm }) = self.pace;
             match select(self.doorbell.wait(), Timer::at(alarm)).await {
@@ -250,7 +249,45 @@ impl Pacer {
         })
     }
 
-    fn take_in(&mut self) -> Result<(), core::fmt::Arguments<'static>> {
+    /// Answers a setup.
+    async fn accept(&mut self, result: Result<(), ConfigError>, tx_total: u32) {
+        match result {
+            Ok(()) => {
+                uart::drained(tx_total).await;
+                let written = twin::Ready { tx_total }.encode(self.block);
+                self.answer(written);
+            }
+            Err(error) => self.refuse(format_args!("{error}")),
+        }
+    }
+
+    /// Answers a step.
+    async fn done(&mut self, done: Done<'_, Self::Samples>) {
+        let Pace::LockStep { .. } = self.pace else {
+            return;
+        };
+        uart::drained(done.tx_total).await;
+        let report = twin::Report {
+            sequence: self.arrivals.step().sequence,
+            output: done.output,
+            tx_total: done.tx_total,
+            fast_ticks: done.fast_ticks,
+            late: done.late,
+            stack_bytes: self.stack.look(),
+            plan: done.plan.map(|planned| twin::Planned {
+                id: planned.plan.id,
+                waypoints_ned_m: planned.plan.waypoints_ned_m,
+                samples_ned_m: planned.samples_ned_m,
+                ticks: planned.ticks,
+            }),
+        };
+        let written = report.encode(self.block);
+        self.answer(written);
+    }
+}
+
+impl Pacer {
+    fn take_in(&mut self) -> Result<(), fmt::Arguments<'static>> {
         if matches!(self.pace, Pace::Free { .. }) {
             return Err(format_args!(
                 "the twin runs freely (no setup yet, or a bell silent for 5 s): send a setup first"
@@ -273,42 +310,6 @@ impl Pacer {
         Step { now: self.now, lock_step: None, front_end: FrontEnd::Nothing, circles: None }
     }
 
-    /// Answers a setup.
-    pub async fn accept(&mut self, result: Result<(), ConfigError>, tx_total: u32) {
-        match result {
-            Ok(()) => {
-                uart::drained(tx_total).await;
-                let written = twin::Ready { tx_total }.encode(self.block);
-                self.answer(written);
-            }
-            Err(error) => self.refuse(format_args!("{error}")),
-        }
-    }
-
-    /// Answers a step.
-    pub async fn done(&mut self, done: Done<'_>) {
-        let Pace::LockStep { .. } = self.pace else {
-            return;
-        };
-        uart::drained(done.tx_total).await;
-        let report = twin::Report {
-            sequence: self.arrivals.step().sequence,
-            output: done.output,
-            tx_total: done.tx_total,
-            fast_ticks: done.fast_ticks,
-            late: done.late,
-            stack_bytes: self.stack.look(),
-            plan: done.plan.map(|planned| twin::Planned {
-                id: planned.plan.id,
-                waypoints_ned_m: planned.plan.waypoints_ned_m,
-                samples_ned_m: planned.samples_ned_m,
-                ticks: planned.ticks,
-            }),
-        };
-        let written = report.encode(self.block);
-        self.answer(written);
-    }
-
     fn answer(&mut self, written: Result<(), twin::Error>) {
         mischief::pause();
         self.pace = Pace::LockStep { alarm: embassy_time::Instant::now() + BELL_TIMEOUT };
@@ -321,7 +322,7 @@ impl Pacer {
         }
     }
 
-    fn refuse(&mut self, reason: core::fmt::Arguments<'_>) {
+    fn refuse(&mut self, reason: fmt::Arguments<'_>) {
         twin::encode_refusal(self.block, reason);
         write(twin::REPORT_AT, self.block);
         self.doorbell.ring(twin::REFUSED);

@@ -24,102 +24,124 @@ mod flash;
 mod serial;
 mod tone;
 
+use core::fmt;
+use core::ops::Range;
+
+use cortex_m::peripheral::DWT;
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt::{InterruptExt as _, Priority};
 use embassy_stm32::pac::{DBGMCU, RCC};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{interrupt, peripherals};
 use embassy_time::with_timeout;
+use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::sampling::Timer;
-use foxhound_core::ConfigError;
 use foxhound_core::base::adc::Snapshot;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
+use foxhound_core::planning::rollout::Trajectory;
 use static_cell::ConstStaticCell;
 
-use super::{Call, Done, Step};
-use crate::app::SAMPLES_PER_CHANNEL as N;
-use crate::arm::crash_record;
+use crate::arm;
+use crate::arm::crash_record::{self, LastWords};
 use crate::arm::stack::{self, Watermark};
+use crate::board::{self, Board, Call, Done, Parts, Step};
 use acquisition::Acquisition;
 use clocks::CLOCK_MHZ;
 use tone::Tone;
 
-pub use crate::arm::crash_record::restart;
-pub use ending::{halt, last_words, on_fault, ticks, uptime_s};
 pub use flash::Flash;
-pub use serial::{PortReceiver, PortTransmitter, Receiver, Transmitter};
-
-/// Samples of a plan that are kept for somebody to see.
-pub const SAMPLES_KEPT: usize = 0;
-
-/// The name of this board.
-pub const NAME: &str = "nucleo_g474re";
+pub use serial::{Receiver, Transmitter};
 
 // SAFETY: the memory map keeps this section and puts it into flash; it is only read, from outside.
 #[unsafe(link_section = ".foxhound_board")]
 #[used]
-static MARK: [u8; NAME.len()] = *b"nucleo_g474re";
-
-/// What paces the samples.
-pub const SAMPLE_TIMER: Option<Timer> = Some(acquisition::TIMER);
+static MARK: [u8; Machine::NAME.len()] = *b"nucleo_g474re";
 
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
 static LINK: InterruptExecutor = InterruptExecutor::new();
 static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
 
-/// The board, started.
-pub struct Board {
-    /// The fast loop.
-    pub guidance: SendSpawner,
-    /// Bytes to and from the autopilot.
-    pub link: SendSpawner,
-    /// From the autopilot.
-    pub receiver: Receiver,
-    /// To the autopilot.
-    pub transmitter: Transmitter,
-    /// From the maintenance port.
-    pub port_receiver: PortReceiver,
-    /// To the maintenance port.
-    pub port_transmitter: PortTransmitter,
-    /// What to do next.
-    pub pacer: Pacer,
-    /// Runs from now on.
-    pub watchdog: Watchdog,
-    /// Why we are here.
-    pub restart: Restart,
-    /// What is kept while the power is off.
-    pub flash: Flash,
+/// The NUCLEO-G474RE.
+#[derive(Debug)]
+pub struct Machine;
+
+impl Board for Machine {
+    const NAME: &'static str = "nucleo_g474re";
+    const TICKS_PER_US: u32 = CLOCK_MHZ;
+    const SAMPLE_TIMER: Option<Timer> = Some(acquisition::TIMER);
+
+    type Spawner = SendSpawner;
+    type Receiver = Receiver;
+    type Transmitter = Transmitter;
+    type ConsoleReceiver = Receiver;
+    type ConsoleTransmitter = Transmitter;
+    type Pacer = Pacer;
+    type Watchdog = Watchdog;
+    type Flash = Flash;
+
+    fn start() -> Parts<Self> {
+        start()
+    }
+
+    /// Cycles of the core; wraps after some seconds.
+    fn ticks() -> u32 {
+        DWT::cycle_count()
+    }
+
+    fn uptime_us() -> u64 {
+        embassy_time::Instant::now().as_micros()
+    }
+
+    fn sleep_unless(is_ready: impl Fn() -> bool) {
+        arm::sleep_unless(is_ready);
+    }
+
+    fn halt(why: fmt::Arguments<'_>) -> ! {
+        ending::halt(why)
+    }
+
+    fn restart() -> ! {
+        crash_record::restart::<Self>()
+    }
 }
 
-/// Starts the board. To be called once.
-pub fn start() -> Board {
+impl LastWords for Machine {
+    const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
+
+    fn last_words(words: fmt::Arguments<'_>) {
+        ending::last_words(words);
+    }
+}
+
+fn start() -> Parts<Machine> {
     stack::paint();
     let restart = Restart { cause: cause(), record: crash_record::take() };
     // Before anything is waited for.
     DBGMCU.apb1lfzr().modify(|w| w.set_iwdg(true));
     // SAFETY: nobody else takes it from what embassy hands out.
-    let mut watchdog = IndependentWatchdog::new(unsafe { peripherals::IWDG::steal() }, Watchdog::PERIOD_US);
+    let mut watchdog =
+        IndependentWatchdog::new(unsafe { peripherals::IWDG::steal() }, <Watchdog as board::Watchdog>::PERIOD_US);
     watchdog.unleash();
-    let Some(mut core) = cortex_m::Peripherals::take() else { halt(format_args!("started twice")) };
+    let Some(mut core) = cortex_m::Peripherals::take() else { ending::halt(format_args!("started twice")) };
     stack::guard(&mut core.MPU);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     let (board, clock) = clocks::start();
-    let [(receiver, transmitter), (port_receiver, port_transmitter)] = serial::start();
+    let [(receiver, transmitter), (console_receiver, console_transmitter)] = serial::start();
 
     // Two vectors whose peripherals are off.
     interrupt::CORDIC.set_priority(Priority::P6);
     interrupt::FMAC.set_priority(Priority::P8);
-    Board {
+    Parts {
         guidance: GUIDANCE.start(interrupt::CORDIC),
         link: LINK.start(interrupt::FMAC),
         receiver,
         transmitter,
-        port_receiver,
-        port_transmitter,
+        console_receiver,
+        console_transmitter,
         pacer: Pacer {
             acquisition: Acquisition::new(),
             tone: Tone::new(),
@@ -152,20 +174,14 @@ fn cause() -> Cause {
     causes.into_iter().find(|(is_set, _)| *is_set).map_or(Cause::Other, |(_, cause)| cause)
 }
 
-/// Whether so many bytes from there on are data memory.
-pub(crate) fn is_memory(address: u32, bytes: u32) -> bool {
-    (0x2000_0000..0x2002_0000 - bytes).contains(&address)
-}
-
 /// Restarts the board when it is not fed.
 pub struct Watchdog(IndependentWatchdog<'static, peripherals::IWDG>);
 
-impl Watchdog {
-    /// It restarts the board when no step was in time for so long: 25 steps.
-    pub const PERIOD_US: u32 = 500_000;
+impl board::Watchdog for Watchdog {
+    /// 25 steps.
+    const PERIOD_US: u32 = 500_000;
 
-    /// Begins anew.
-    pub fn feed(&mut self) {
+    fn feed(&mut self) {
         self.0.pet();
     }
 }
@@ -184,38 +200,33 @@ pub struct Pacer {
     clock_told: bool,
 }
 
-impl Pacer {
-    /// How much of the stack was ever used, as far as is known.
-    #[must_use]
-    pub fn stack_bytes(&self) -> u32 {
+impl board::Pacer for Pacer {
+    type Samples = [Trajectory; 0];
+
+    fn stack_bytes(&self) -> u32 {
         self.stack.bytes()
     }
 
-    /// What the clock is.
-    #[must_use]
-    pub fn clock(&self) -> Clock {
+    fn clock(&self) -> Clock {
         self.clock
     }
 
-    /// Samples as the configuration that holds says, which was fitted to [`SAMPLE_TIMER`].
-    pub fn follow(&mut self, config: &guidance::Config) {
+    fn follow(&mut self, config: &guidance::Config) {
         if let Ok(sampling) = acquisition::TIMER.sampling(config) {
             self.acquisition.sample(sampling);
         }
     }
 
-    /// Frames that did not come or were no use, since the start.
-    pub fn lost(&self) -> u32 {
+    fn lost(&self) -> u32 {
         self.lost
     }
 
-    /// The test tone sounds or does not.
-    pub fn sound(&mut self, sounds: bool) {
+    fn sound(&mut self, sounds: bool) {
         self.tone.sound(sounds);
     }
 
     /// What is wrong for good, once each.
-    pub fn trouble(&mut self) -> Option<&'static str> {
+    fn trouble(&mut self) -> Option<&'static str> {
         if self.clock == Clock::Internal && !core::mem::replace(&mut self.clock_told, true) {
             defmt::warn!("the crystal does not start: HSI");
             return Some("Foxhound: no crystal, HSI: rate off by 1 %");
@@ -226,7 +237,7 @@ impl Pacer {
     }
 
     /// Waits for the next frame; after two that did not come, the link goes on without.
-    pub async fn next(&mut self) -> Call<'_> {
+    async fn next(&mut self) -> Call<'_> {
         let patience = self.acquisition.patience();
         let fresh = match with_timeout(patience, self.acquisition.ready()).await {
             Ok(block) => self.acquisition.take(block, self.snapshot),
@@ -247,11 +258,8 @@ impl Pacer {
         })
     }
 
-    /// Nobody sets this board up from outside.
-    pub async fn accept(&mut self, _result: Result<(), ConfigError>, _tx_total: u32) {}
-
     /// Logs what a step took.
-    pub async fn done(&mut self, done: Done<'_>) {
+    async fn done(&mut self, done: Done<'_, Self::Samples>) {
         let stack_bytes = self.stack.look();
         defmt::trace!(
             "guidance took {} cycles: {}; {} late, {} bytes of stack",
@@ -262,9 +270,6 @@ impl Pacer {
         );
     }
 }
-
-/// Of [`ticks`].
-pub const TICKS_PER_US: u32 = CLOCK_MHZ;
 
 #[interrupt]
 fn CORDIC() {

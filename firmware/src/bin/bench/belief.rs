@@ -8,7 +8,8 @@ use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::mapping::lor::Line;
 use foxhound_core::planning::belief::{Bound, Config, Guess, Outcome, Problem, Scratch};
-use foxhound_firmware::boards::board;
+use foxhound_firmware::board::Board as _;
+use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 
 use super::{OBSTACLES, forest, row};
 
@@ -132,7 +133,7 @@ fn worst<const M: usize>(
                 break;
             }
             if outcome == Outcome::Refused {
-                board::halt(format_args!("the belief-space planner refuses a problem"));
+                Twin::halt(format_args!("the belief-space planner refuses a problem"));
             }
             worst.iteration = worst.iteration.max(count.saturating_sub(before));
             before = count;

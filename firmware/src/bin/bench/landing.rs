@@ -10,7 +10,8 @@ use foxhound_core::base::units::sin_cos;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::landing::observation::{Pad, PadObservation, Seen};
 use foxhound_core::landing::{Config, Facts, Stage, State};
-use foxhound_firmware::boards::board;
+use foxhound_firmware::board::Board as _;
+use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 
 use crate::row;
 
@@ -23,7 +24,7 @@ const STEPS_MAX: u32 = 6_000;
 #[inline(never)]
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let config = Config { has_camera: true, ..Config::default() };
-    let Ok(lander) = config.build() else { board::halt(format_args!("the lander does not build")) };
+    let Ok(lander) = config.build() else { Twin::halt(format_args!("the lander does not build")) };
     let (mut state, mut worst) = (State::default(), 0);
     let mut place = Ned { north: -3.0, east: 0.5, down: -3.0 };
     let mut velocity = Ned::default();
@@ -87,5 +88,5 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             down: if place.down + TICK_S * velocity.down < 0.0 { place.down + TICK_S * velocity.down } else { 0.0 },
         };
     }
-    board::halt(format_args!("it does not land: {:?}", state.stage()))
+    Twin::halt(format_args!("it does not land: {:?}", state.stage()))
 }

@@ -4,7 +4,8 @@ use core::hint::black_box;
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::Values;
-use foxhound_firmware::boards::board;
+use foxhound_firmware::board::Board as _;
+use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::{
     ATTITUDE_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, OBSTACLE_DISTANCE_DATA, SYS_STATUS_DATA,
@@ -23,7 +24,7 @@ const CEILING: u32 = 5_667_000;
 /// A second of a line that carries nothing but telemetry which we read, as close as it comes.
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(mut companion) = Config::default().build_with(Values::DEFAULT) else {
-        board::halt(format_args!("the link does not build"));
+        Twin::halt(format_args!("the link does not build"));
     };
     let mut stream = Stream { bytes: [0; STEP_BYTES], length: 0, sequence: 0 };
     let mut sum = 0;
@@ -34,7 +35,7 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         leave(&mut companion);
     }
     if companion.counters().framer.frames < 1000 {
-        board::halt(format_args!("the link has not heard what was said"));
+        Twin::halt(format_args!("the link has not heard what was said"));
     }
     row("link_full_line_second", sum, CEILING);
 }

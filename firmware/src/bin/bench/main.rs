@@ -25,6 +25,7 @@ use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::planning::field::{Field, Gains};
 
+use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::twin::instructions;
 use foxhound_core::base::math::{armv7em, portable};
 use foxhound_core::base::obstacle::{Disc, Neighbour, Obstacle};
@@ -43,8 +44,8 @@ use foxhound_core::planning::rollout::{Cost, SPACING_M, Scene, Trajectory, WAYPO
 use foxhound_core::signal::phase::{self, Complex, Phasors};
 use foxhound_core::signal::spectrum::tone::{Reference, Window};
 use foxhound_core::signal::spectrum::{Backend, Spectrum};
-use foxhound_firmware::app::SAMPLES_PER_CHANNEL as N;
-use foxhound_firmware::boards::board;
+use foxhound_firmware::board::Board as _;
+use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use foxhound_papers::multipath::{self, Look};
 use idsp::Lowpass;
 use microfft::real::rfft_256;
@@ -71,7 +72,7 @@ static SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(Scratch::new());
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    board::start().watchdog.stop();
+    Twin::start().watchdog.stop();
     let empty = count(&mut || {});
     let measure = |task: &mut dyn FnMut()| count(task).saturating_sub(empty);
 
@@ -87,7 +88,7 @@ fn main() -> ! {
     obstacle_looks(&measure);
     let config = guidance::Config::default();
     let (Ok(guidance), Ok(planner)) = (config.build(), config.planner.build()) else {
-        board::halt(format_args!("the built-in configuration does not build"))
+        Twin::halt(format_args!("the built-in configuration does not build"))
     };
     let scratch = SCRATCH.take();
     fast_loop::rows(&measure, &guidance, &planner, scratch, snapshot);
@@ -106,9 +107,9 @@ fn main() -> ! {
 #[inline(never)]
 fn count(task: &mut dyn FnMut()) -> u32 {
     let task = black_box(task);
-    let begin = board::ticks();
+    let begin = Twin::ticks();
     task();
-    instructions(board::ticks().wrapping_sub(begin))
+    instructions(Twin::ticks().wrapping_sub(begin))
 }
 
 fn row(name: &str, instructions: u32, ceiling: u32) {
@@ -127,7 +128,7 @@ fn kernels<const M: usize>(seed: u64) -> u32 {
     let mut words = Words(Rng::new(seed, 3));
     let check = |same: bool, name: &str| {
         if !same {
-            board::halt(format_args!("kernel {name} differs from the portable one, N = {M}"));
+            Twin::halt(format_args!("kernel {name} differs from the portable one, N = {M}"));
         }
     };
     for round in 0..ROUNDS {
@@ -392,10 +393,10 @@ fn unit(angle_rad: f32) -> Complex {
 fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) {
     let config = guidance::Config::default();
     let (Ok(extractor), Ok(array)) = (config.phase.build::<N>(), config.array.build()) else {
-        board::halt(format_args!("the built-in front end does not build"))
+        Twin::halt(format_args!("the built-in front end does not build"))
     };
     let Ok(finder) = config.bearing.build(array) else {
-        board::halt(format_args!("the built-in estimator does not build"))
+        Twin::halt(format_args!("the built-in estimator does not build"))
     };
     let mut state = phase::State::default();
     let mut phasors = None;
@@ -450,10 +451,10 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
     const LOOKS: usize = multipath::LOOKS;
     let config = guidance::Config::default();
     let (Ok(extractor), Ok(array)) = (config.phase.build::<64>(), config.array.build()) else {
-        board::halt(format_args!("the built-in front end does not build"))
+        Twin::halt(format_args!("the built-in front end does not build"))
     };
     let (Ok(finder), Ok(looks)) = (config.bearing.build(array), multipath::Config::default().build(&array)) else {
-        board::halt(format_args!("the built-in estimator does not build"))
+        Twin::halt(format_args!("the built-in estimator does not build"))
     };
     // Of a silent snapshot, for the parts that no look here changes.
     let silence = extractor.step(&mut phase::State::default(), &Snapshot::zeroed());
@@ -497,7 +498,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
 #[inline(never)]
 fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let (Ok(fitter), Ok(keeper)) = (scan::Config::default().build(), map::Config::default().build()) else {
-        board::halt(format_args!("the built-in obstacle memory does not build"))
+        Twin::halt(format_args!("the built-in obstacle memory does not build"))
     };
     let mut rng = Rng::new(13, 13);
     let mut flight = |world: &[[f32; 3]], noise_m: f32, looks: u64| {
@@ -576,7 +577,7 @@ fn ranges(world: &[[f32; 3]], pose: &Pose, noise_m: f32, rng: &mut Rng) -> Scan 
 #[inline(never)]
 fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(guard) = guard::Config::default().build() else {
-        board::halt(format_args!("the built-in guard does not build"))
+        Twin::halt(format_args!("the built-in guard does not build"))
     };
     let (mut worst, mut worst_look) = (0, 0);
     for seed in 0..FORESTS {
@@ -647,11 +648,11 @@ fn rollouts(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 let costs = (our_cost.total() / their_cost.total() - 1.0).abs();
                 // Where a trajectory hops from side to side, rounding grows from hop to hop.
                 if apart_m > 0.01 || costs > 0.005 {
-                    board::halt(format_args!("a rollout is {apart_m} m and {costs} of the cost from the naive one"));
+                    Twin::halt(format_args!("a rollout is {apart_m} m and {costs} of the cost from the naive one"));
                 }
             }
             if cheapest(&samples) != cheapest(&naive) {
-                board::halt(format_args!("the naive rollouts lead to another choice"));
+                Twin::halt(format_args!("the naive rollouts lead to another choice"));
             }
         }
         // The paper's gains reach farther: more is in range. Above the design's 100 000 since the image is compiled for size.

@@ -17,7 +17,8 @@ use foxhound_core::localize::source::{Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, Line};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::{explore, planner};
-use foxhound_firmware::boards::board;
+use foxhound_firmware::board::Board as _;
+use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use foxhound_papers::filters::reflected::{Known, unknown};
 
 use super::row;
@@ -72,7 +73,7 @@ fn filters(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let wall = Line::of_slope_intercept([0.4, 10.0]);
     let image = wall.mirror(SOURCE_NED_M);
     let (Ok(filter), Ok(guessed)) = (polar::Config::DEFAULT.build(), unknown::Config::DEFAULT.build()) else {
-        board::halt(format_args!("the built-in filters do not build"))
+        Twin::halt(format_args!("the built-in filters do not build"))
     };
     let known = Known { filter, lines: [wall] };
     let mut state = polar::Resting::new();
@@ -91,7 +92,7 @@ fn filters(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     };
     let mut state = unknown::State::new();
     if guessed.begin(&mut state, &guess).is_err() {
-        board::halt(format_args!("the filter of an unknown line does not begin"));
+        Twin::halt(format_args!("the filter of an unknown line does not begin"));
     }
     row("ekf_unknown_line", worst(measure, image, |heard| _ = black_box(guessed.step(&mut state, heard))), 800);
 }
@@ -99,7 +100,7 @@ fn filters(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 /// Around the corner of [`Path`]'s wall, then in view; three walls are known.
 #[inline(never)]
 fn several(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(bank) = bank::Config::DEFAULT.build() else { board::halt(format_args!("the built-in bank does not build")) };
+    let Ok(bank) = bank::Config::DEFAULT.build() else { Twin::halt(format_args!("the built-in bank does not build")) };
     let wall = |from: [f32; 2], to: [f32; 2]| {
         let at = |[north, east]: [f32; 2]| Horizontal { north, east };
         Line::between(at(from), at(to)).unwrap_or_default()
@@ -173,7 +174,7 @@ fn room(rng: &mut Rng, strays: f32) -> [Horizontal; CIRCLES_MAX] {
 #[inline(never)]
 fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(lines) = lor::Config::DEFAULT.build() else {
-        board::halt(format_args!("the split and merge does not build"))
+        Twin::halt(format_args!("the split and merge does not build"))
     };
     let mut scratch = lor::Scratch::new();
     let mut rng = Rng::new(4, 40);
@@ -185,7 +186,7 @@ fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     for k in 0..STEPS {
         let (count, found) = find(0.0);
         if found != 4 {
-            board::halt(format_args!("the split and merge finds {found} walls of 4"));
+            Twin::halt(format_args!("the split and merge finds {found} walls of 4"));
         }
         most = most.max(count);
         most_with_strays = most_with_strays.max(find((1 + k % 7) as f32 / 7.0).0);
@@ -199,7 +200,7 @@ fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     const READINGS: usize = 120;
     let config = rss::Config::default();
-    let Ok(seeker) = config.build() else { board::halt(format_args!("the seeking does not build")) };
+    let Ok(seeker) = config.build() else { Twin::halt(format_args!("the seeking does not build")) };
     let (mut state, mut rng) = (rss::State::new(), Rng::new(5, 40));
     let (mut reading, mut rotation, mut rotations) = (0, 0, 0);
     for k in 0..(STEPS + 1) * READINGS {
@@ -219,7 +220,7 @@ fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         }
     }
     if rotations < STEPS - 1 {
-        board::halt(format_args!("the antenna turned {rotations} times"));
+        Twin::halt(format_args!("the antenna turned {rotations} times"));
     }
     row("rss_step", reading, 500);
     row("rss_rotation", rotation, 15_000);
@@ -229,7 +230,7 @@ fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 #[inline(never)]
 fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(explorer) = explore::Config::default().build() else {
-        board::halt(format_args!("the search does not build"))
+        Twin::halt(format_args!("the search does not build"))
     };
     let (mut state, mut rng) = (explore::State::new(), Rng::new(6, 40));
     let circles = room(&mut rng, 0.1).map(|center_ned_m| Disc { center_ned_m, radius_m: 0.15, ..Disc::default() });

@@ -49,12 +49,6 @@ pub fn ticks() -> u32 {
     !TIMER0.read(Register::TIMER_VALUE)
 }
 
-/// Seconds since the start.
-#[must_use]
-pub fn uptime_s() -> u32 {
-    (CLOCK.now() / TICK_HZ) as u32
-}
-
 impl Clock {
     /// Sets the alarm, or says that it is too late for that.
     fn set_alarm(&self, at: u64) -> bool {

@@ -4,33 +4,40 @@
 //! the fault handler answers such a breakpoint with "failed" and goes on behind it.
 
 use core::fmt;
+use core::panic::PanicInfo;
 
 use defmt_semihosting as _;
 
-use crate::arm::crash_record::{fault, starved};
+use super::Machine;
+use crate::arm::crash_record::{self, fault, starved};
 
 /// The end of a program that cannot even begin.
-pub fn halt(reason: fmt::Arguments<'_>) -> ! {
+pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
     last_words(reason);
     semihosting::process::exit(1)
 }
 
 /// Says why it ends.
-pub fn last_words(words: fmt::Arguments<'_>) {
+pub(super) fn last_words(words: fmt::Arguments<'_>) {
     semihosting::eprintln!("foxhound: {words}");
 }
 
-/// Steps over a semihosting breakpoint that nobody answered; everything else is the end, on a stack begun anew.
-///
-/// # Safety
-/// To be reached from the vector only.
-// SAFETY: comes from the vector with the main stack, the only one in use, in r0. It reads the exception frame at its top,
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    crash_record::panicked::<Machine>(info)
+}
+
+/// A fault of the processor. Steps over a semihosting breakpoint that nobody answered; everything else is the end, on a stack
+/// begun anew.
+// SAFETY: the name is that of the vector, and the main stack is the only one in use. It reads the exception frame at its top,
 // if that is in memory, and changes in it only r0 and the program counter, after having seen that this points to `bkpt 0xab`
 // (0xbeab) inside the program's memory. It uses no register that the exception entry does not save.
+#[unsafe(no_mangle)]
 #[unsafe(naked)]
-pub unsafe extern "C" fn on_fault() {
+unsafe extern "C" fn HardFault() {
     core::arch::naked_asm!(
+        "mrs  r0, msp",
         "movw r2, #0",
         "movt r2, #0x2000",
         "cmp  r0, r2",
@@ -52,7 +59,7 @@ pub unsafe extern "C" fn on_fault() {
         "movt r1, #:upper16:_stack_start",
         "msr  msp, r1",
         "b    {fault}",
-        fault = sym fault,
+        fault = sym fault::<Machine>,
     )
 }
 
@@ -67,6 +74,6 @@ unsafe extern "C" fn NonMaskableInt() {
         "movt r1, #:upper16:_stack_start",
         "msr  msp, r1",
         "b    {starved}",
-        starved = sym starved,
+        starved = sym starved::<Machine>,
     )
 }

@@ -87,5 +87,5 @@ static __INTERRUPTS: [extern "C" fn(); 32] = {
 };
 
 extern "C" fn unexpected() {
-    super::halt(format_args!("an interrupt that nobody handles"));
+    super::ending::halt(format_args!("an interrupt that nobody handles"));
 }

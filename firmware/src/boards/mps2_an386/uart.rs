@@ -20,6 +20,7 @@ use foxhound_computer::port::Waiting;
 use super::interrupt::{Interrupt, unmask};
 use super::line;
 use super::registers::{Peripheral, Register, UART0, UART1, UART2};
+use crate::board::{self, Read, Write};
 
 const TX_FULL: u32 = 1;
 const RX_FULL: u32 = 1 << 1;
@@ -87,20 +88,19 @@ pub(super) fn ends() -> (Receiver, Transmitter, Doorbell) {
 
 /// From the maintenance port.
 #[derive(Debug)]
-pub struct PortReceiver(());
+pub struct ConsoleReceiver(());
 
 /// To the maintenance port.
 #[derive(Debug)]
-pub struct PortTransmitter(());
+pub struct ConsoleTransmitter(());
 
 /// The ends of the maintenance port, once.
-pub(super) fn port() -> (PortReceiver, PortTransmitter) {
-    (PortReceiver(()), PortTransmitter(()))
+pub(super) fn console_ends() -> (ConsoleReceiver, ConsoleTransmitter) {
+    (ConsoleReceiver(()), ConsoleTransmitter(()))
 }
 
-impl Receiver {
-    /// Takes the bytes that are there.
-    pub fn try_read(&mut self, bytes: &mut [u8]) -> usize {
+impl board::Receiver for Receiver {
+    fn try_read(&mut self, bytes: &mut [u8]) -> usize {
         self.most = self.most.max(RING.len() as u32);
         let count = match line::AUTOPILOT.take(bytes, Waker::noop()) {
             0 => RING.try_read(bytes).unwrap_or(0),
@@ -111,19 +111,18 @@ impl Receiver {
     }
 
     /// Bytes that waited in the ring.
-    #[must_use]
-    pub fn waiting(&self) -> Waiting {
+    fn waiting(&self) -> Waiting {
         Waiting { most: self.most, room: RING_BYTES as u32, lost: 0 }
     }
 
     /// There is no noise on the line.
-    #[must_use]
-    pub const fn errors(&self) -> u32 {
+    fn errors(&self) -> u32 {
         0
     }
+}
 
-    /// Waits for bytes.
-    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
+impl Read for Receiver {
+    async fn read(&mut self, bytes: &mut [u8]) -> usize {
         let count = poll_fn(|context| match line::AUTOPILOT.take(bytes, context.waker()) {
             0 => Pin::new(&mut RING.read(bytes)).poll(context),
             count => Poll::Ready(count),
@@ -134,9 +133,9 @@ impl Receiver {
     }
 }
 
-impl Transmitter {
-    /// Sends bytes; returns when the last one has been taken.
-    pub async fn write(&mut self, bytes: &[u8]) {
+impl Write for Transmitter {
+    /// Returns when the last byte has been taken.
+    async fn write(&mut self, bytes: &[u8]) {
         for piece in part::pieces(bytes, PIECE_BYTES) {
             let transfer = Transfer::begin(&IS_SENDING, piece);
             for byte in piece {
@@ -157,7 +156,7 @@ impl Transfer {
         let is_busy = is_sending.swap(true, Ordering::Relaxed);
         let taken = part::transfer(piece.as_ptr().addr(), piece.len(), &DMA_REACHES);
         if let Err(refused) = if is_busy { Err(Refused::Busy) } else { taken } {
-            super::halt(format_args!("the part refuses {}", refused.words()));
+            super::ending::halt(format_args!("the part refuses {}", refused.words()));
         }
         Self(is_sending)
     }
@@ -182,9 +181,8 @@ async fn send(uart: Peripheral, interrupt: Interrupt, room: &AtomicWaker, byte: 
     uart.write(Register::Data, u32::from(byte));
 }
 
-impl PortReceiver {
-    /// Waits for bytes.
-    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
+impl Read for ConsoleReceiver {
+    async fn read(&mut self, bytes: &mut [u8]) -> usize {
         let count = poll_fn(|context| match line::PORT.take(bytes, context.waker()) {
             0 => Pin::new(&mut TYPED.read(bytes)).poll(context),
             count => Poll::Ready(count),
@@ -195,9 +193,9 @@ impl PortReceiver {
     }
 }
 
-impl PortTransmitter {
-    /// Sends bytes; returns when the last one has been taken.
-    pub async fn write(&mut self, bytes: &[u8]) {
+impl Write for ConsoleTransmitter {
+    /// Returns when the last byte has been taken.
+    async fn write(&mut self, bytes: &[u8]) {
         for piece in part::pieces(bytes, PIECE_BYTES) {
             let transfer = Transfer::begin(&PORT_IS_SENDING, piece);
             for byte in piece {

@@ -2,6 +2,7 @@
 //! comes to zero for the first time, and resets the machine at the second.
 
 use super::registers::{Register, WATCHDOG};
+use crate::board;
 
 /// Opens the registers for writing.
 const KEY: u32 = 0x1ACC_E551;
@@ -15,13 +16,10 @@ const TICKS_PER_US: u32 = 25;
 pub struct Watchdog(());
 
 impl Watchdog {
-    /// It ends the program when it was not fed for so long.
-    pub const PERIOD_US: u32 = 4_000_000;
-
     /// Starts it.
     pub(super) fn start() -> Self {
         WATCHDOG.write(Register::Lock, KEY);
-        WATCHDOG.write(Register::WATCHDOG_LOAD, Self::PERIOD_US * TICKS_PER_US);
+        WATCHDOG.write(Register::WATCHDOG_LOAD, <Self as board::Watchdog>::PERIOD_US * TICKS_PER_US);
         WATCHDOG.write(Register::WATCHDOG_CONTROL, INTERRUPT_ENABLE | RESET_ENABLE);
         Self(())
     }
@@ -30,9 +28,12 @@ impl Watchdog {
     pub fn stop(self) {
         WATCHDOG.write(Register::WATCHDOG_CONTROL, 0);
     }
+}
 
-    /// Begins anew.
-    pub fn feed(&mut self) {
+impl board::Watchdog for Watchdog {
+    const PERIOD_US: u32 = 4_000_000;
+
+    fn feed(&mut self) {
         WATCHDOG.write(Register::WATCHDOG_CLEAR, 1);
     }
 }

@@ -49,12 +49,12 @@ use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, DM
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, block_for};
+use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::sampling::{Sampling, Timer};
 use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::time;
 
 use super::CLOCK_MHZ;
-use crate::app::SAMPLES_PER_CHANNEL as N;
 
 /// TIM6, by which samples are taken.
 pub const TIMER: Timer =

@@ -27,6 +27,7 @@ use foxhound_computer::part::{self, Refused};
 use foxhound_computer::restart::End;
 use foxhound_computer::store::PAGES;
 
+use super::Machine;
 use crate::arm::crash_record;
 
 const PAGE_BYTES: usize = 2048;
@@ -75,7 +76,7 @@ fn read_word(at: u32) -> Option<[u8; 8]> {
 unsafe fn NonMaskableInt() {
     let state = FLASH.eccr().read();
     if !(state.eccd() || state.eccd2()) || !IS_READING.load(Ordering::SeqCst) {
-        crash_record::end(End::Halt, 0, 0, b"flash or RAM damaged");
+        crash_record::end::<Machine>(End::Halt, 0, 0, b"flash or RAM damaged");
     }
     // What is set is cleared by writing it.
     FLASH.eccr().write_value(state);

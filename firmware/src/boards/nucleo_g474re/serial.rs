@@ -30,6 +30,7 @@ use foxhound_computer::part;
 use foxhound_computer::port::Waiting;
 
 use super::CLOCK_MHZ;
+use crate::board::{self, Read, Write};
 
 const BAUD: u32 = 921_600;
 /// Bytes that are sent in one transfer.
@@ -91,11 +92,6 @@ pub struct Receiver {
 
 /// The sending end of a line.
 pub struct Transmitter(&'static Line);
-
-/// From the maintenance port.
-pub type PortReceiver = Receiver;
-/// To the maintenance port.
-pub type PortTransmitter = Transmitter;
 
 /// Both lines: the autopilot's, then the maintenance port's. To be called once, when the clocks run and DMA1 is clocked.
 pub(super) fn start() -> [(Receiver, Transmitter); 2] {
@@ -280,9 +276,8 @@ impl Line {
     }
 }
 
-impl Receiver {
-    /// Takes what has come, as far as it fits; 0 where there is nothing.
-    pub fn try_read(&mut self, bytes: &mut [u8]) -> usize {
+impl board::Receiver for Receiver {
+    fn try_read(&mut self, bytes: &mut [u8]) -> usize {
         let line = self.line;
         if line.is_stopped.swap(false, Ordering::Relaxed) {
             line.receive();
@@ -292,35 +287,34 @@ impl Receiver {
         self.cursor.take(bytes, line.ring.len() as u32, || line.written(), byte)
     }
 
-    /// Waits for bytes: until the line is idle or a half of the ring is full.
-    pub async fn read(&mut self, bytes: &mut [u8]) -> usize {
+    fn waiting(&self) -> Waiting {
+        let Counts { lost, most } = self.cursor.counts();
+        Waiting { most, room: self.line.ring.len() as u32, lost }
+    }
+
+    /// Interrupts for noise, framing errors and overruns since the start.
+    fn errors(&self) -> u32 {
+        self.line.errors.load(Ordering::Relaxed)
+    }
+}
+
+impl Read for Receiver {
+    /// Waits until the line is idle or a half of the ring is full.
+    async fn read(&mut self, bytes: &mut [u8]) -> usize {
         poll_fn(|context| {
             self.line.received.register(context.waker());
-            match self.try_read(bytes) {
+            match board::Receiver::try_read(self, bytes) {
                 0 => Poll::Pending,
                 count => Poll::Ready(count),
             }
         })
         .await
     }
-
-    /// What became of the bytes.
-    #[must_use]
-    pub fn waiting(&self) -> Waiting {
-        let Counts { lost, most } = self.cursor.counts();
-        Waiting { most, room: self.line.ring.len() as u32, lost }
-    }
-
-    /// Interrupts for noise, framing errors and overruns since the start.
-    #[must_use]
-    pub fn errors(&self) -> u32 {
-        self.line.errors.load(Ordering::Relaxed)
-    }
 }
 
-impl Transmitter {
-    /// Sends any number of bytes; returns when DMA has handed over the last one.
-    pub async fn write(&mut self, bytes: &[u8]) {
+impl Write for Transmitter {
+    /// Returns when DMA has handed over the last byte.
+    async fn write(&mut self, bytes: &[u8]) {
         let line = self.0;
         let channel = line.sends.index;
         let dma = DMA1.ch(channel);
