@@ -1,4 +1,4 @@
-//! Takes in the board that is chosen, puts its memory map where the linker looks for it, and links the way cortex-m-rt and defmt
+//! Takes in the board that is chosen, or the host, where the program is built for that; puts its memory map where the linker looks for it, and links the way cortex-m-rt and defmt
 //! want it.
 //!
 //! A board is a file `NAME.rs` in `src/boards`, with its memory map `NAME/memory.x` beside it, and the feature `board-NAME`.
@@ -14,13 +14,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let module = format!("#[path = {folder:?}]\nmod folder {{\n    pub mod {name};\n}}\npub use folder::{name};\n");
     let alias = format!("/// The board that is chosen.\npub type Chosen = {name}::Machine;\n");
     fs::write(out.join("chosen.rs"), module + &alias)?;
-    place_linker_scripts(&folder.join(name), &out)?;
+    if name != HOST {
+        place_linker_scripts(&folder.join(name), &out)?;
+    }
     println!("cargo::rerun-if-changed={}", folder.display());
     println!("cargo::rerun-if-changed=build.rs");
     Ok(())
 }
 
-/// The one board that has its feature set.
+/// The board that needs no feature: this machine.
+const HOST: &str = "host";
+
+/// The one board that has its feature set; the host, where the program is built for that.
 fn chosen(folder: &Path) -> Result<String, Box<dyn std::error::Error>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -31,8 +36,11 @@ fn chosen(folder: &Path) -> Result<String, Box<dyn std::error::Error>> {
     }
     names.sort();
     let is_chosen = |name: &&String| env::var_os(format!("CARGO_FEATURE_BOARD_{}", name.to_uppercase())).is_some();
+    let is_host = env::var("CARGO_CFG_TARGET_OS")? != "none";
     let mut chosen = names.iter().filter(is_chosen);
     match (chosen.next(), chosen.next()) {
+        (None, _) if is_host => Ok(HOST.to_owned()),
+        (Some(name), _) if is_host => Err(format!("board-{name} is not for this machine: add --target").into()),
         (Some(name), None) => Ok(name.clone()),
         _ => Err(format!("choose one board: --features board-NAME, where NAME is one of {}", names.join(", ")).into()),
     }

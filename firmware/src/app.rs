@@ -18,7 +18,7 @@
 //! control only.
 //!
 //! Whether a step is in time, and what a late one means for the vehicle, is [`foxhound_computer::deadline`]'s business. The
-//! watchdog is fed here ([`Feeder`]), by a step that was in time, and nowhere else but where a simulator's frame is waited for.
+//! watchdog is fed here (`Feeder`), by a step that was in time, and nowhere else but where a simulator's frame is waited for.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;

@@ -12,7 +12,7 @@
 //! | `arm` | what the boards with an Arm Cortex-M share | `board` |
 //! | [`boards`] | everything that differs from board to board | `board`, `arm` |
 //!
-//! So no board knows the application, nor the application a board; [`program`] brings them together, and `tests/floors.rs` holds it.
+//! So no board knows the application, nor the application a board; `program` brings them together, and `tests/floors.rs` holds it.
 //!
 //! ```text
 //!  antennas -> Pacer --> app::guide --> outgoing --> app::transmit -> Transmitter -> autopilot
@@ -20,12 +20,14 @@
 //!                        orders v    | plans
 //!                           app::plan (may be pre-empted by all of the above)
 //! ```
-#![no_std]
+#![cfg_attr(target_os = "none", no_std)]
 
 pub mod app;
+#[cfg(target_os = "none")]
 mod arm;
 pub mod board;
 pub mod boards;
 pub mod console;
+#[cfg(target_os = "none")]
 pub mod program;
 pub mod timing;

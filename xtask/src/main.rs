@@ -1,6 +1,6 @@
 //! Developer commands: `cargo xtask <test | fresh | firmware | size | panics | stack | flash | qemu <boot | fly | bench | faults> | bench | parity | g474 | soak | gusts | campaign | landings>`.
 //!
-//! The firmware is no default member of the workspace, because it does not build for the host: these commands build it
+//! Of the firmware the host builds what needs no hardware; these commands build it
 //! for its own target.
 
 mod bench;

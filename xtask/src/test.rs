@@ -58,7 +58,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     let clippy = |arguments: &[&str]| attend(cargo().arg("clippy").args(arguments).arg("--").args(lints));
 
     stages.run("format", || attend(cargo().args(["fmt", "--all", "--check"])))?;
-    stages.run("lints, host", || clippy(&["--workspace", "--exclude", "foxhound-firmware", "--all-targets"]))?;
+    stages.run("lints, host", || clippy(&["--workspace", "--all-targets"]))?;
     stages.run("lints, no camera", || {
         clippy(&["--package", "foxhound-computer", "--no-default-features", "--all-targets"])
     })?;
@@ -70,7 +70,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
     }
     stages.run("documentation", || {
         let mut doc = cargo();
-        doc.args(["doc", "--no-deps", "--workspace", "--exclude", "foxhound-firmware"]);
+        doc.args(["doc", "--no-deps", "--workspace"]);
         attend(doc.env("RUSTDOCFLAGS", lints.join(" ")))
     })?;
 
