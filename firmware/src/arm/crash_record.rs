@@ -92,16 +92,8 @@ pub(crate) extern "C" fn fault<B: LastWords>(frame: u32) -> ! {
     end::<B>(End::Fault, interrupted(frame, &B::MEMORY), status, b"")
 }
 
-/// The end of a program that did not feed the watchdog, where that asks first.
-#[cfg(feature = "board-mps2_an386")]
-pub(crate) extern "C" fn starved<B: LastWords>(frame: u32) -> ! {
-    let address = interrupted(frame, &B::MEMORY);
-    B::last_words(format_args!("watchdog at {address:#010x}"));
-    end::<B>(End::Watchdog, address, 0, b"")
-}
-
 /// Where the program was, where its registers are in memory.
-fn interrupted(frame: u32, memory: &Range<u32>) -> u32 {
+pub(crate) fn interrupted(frame: u32, memory: &Range<u32>) -> u32 {
     if !(memory.start..memory.end - 32).contains(&frame) {
         return 0;
     }

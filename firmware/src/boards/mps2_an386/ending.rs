@@ -7,9 +7,10 @@ use core::fmt;
 use core::panic::PanicInfo;
 
 use defmt_semihosting as _;
+use foxhound_computer::restart::End;
 
 use super::Machine;
-use crate::arm::crash_record::{self, fault, starved};
+use crate::arm::crash_record::{self, LastWords as _, fault};
 
 /// The end of a program that cannot even begin.
 pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
@@ -63,6 +64,13 @@ unsafe extern "C" fn HardFault() {
     )
 }
 
+/// The end of a program that did not feed the watchdog, which asks first.
+extern "C" fn starved(frame: u32) -> ! {
+    let address = crash_record::interrupted(frame, &Machine::MEMORY);
+    last_words(format_args!("watchdog at {address:#010x}"));
+    crash_record::end::<Machine>(End::Watchdog, address, 0, b"")
+}
+
 /// The watchdog's interrupt.
 // SAFETY: the name is that of the vector. Nothing returns from here, and the stack is begun anew.
 #[unsafe(no_mangle)]
@@ -74,6 +82,6 @@ unsafe extern "C" fn NonMaskableInt() {
         "movt r1, #:upper16:_stack_start",
         "msr  msp, r1",
         "b    {starved}",
-        starved = sym starved::<Machine>,
+        starved = sym starved,
     )
 }
