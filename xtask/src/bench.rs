@@ -10,8 +10,9 @@ use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
+use crate::board;
 use crate::build::Image;
-use crate::{Board, Failure, qemu};
+use crate::{Failure, qemu};
 
 /// CMSIS-DSP routines, four channels of 256 samples, and their instructions.
 const CMSIS_DSP: [(&str, u32); 4] =
@@ -19,7 +20,7 @@ const CMSIS_DSP: [(&str, u32); 4] =
 
 /// Builds the bench image, runs it, and prints what it counted.
 pub(crate) fn run(json: bool) -> Result<(), Failure> {
-    let image = Image::build(Board::Mps2An386, "bench")?;
+    let image = Image::build(board::TWIN, "bench")?;
     let output = qemu(&image)
         .args(["-serial", "null"])
         .output()

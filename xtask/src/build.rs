@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use object::{Object as _, ObjectSection as _};
 
-use crate::{Board, Failure, attend};
+use crate::{Failure, attend};
 
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
@@ -25,7 +25,7 @@ pub(crate) struct Size {
 
 impl Image {
     /// Builds one of the firmware's programs.
-    pub(crate) fn build(board: Board, program: &str) -> Result<Self, Failure> {
+    pub(crate) fn build(board: &str, program: &str) -> Result<Self, Failure> {
         install_target()?;
         let mut cargo = cargo();
         cargo
@@ -40,12 +40,12 @@ impl Image {
                 "--target",
                 TARGET,
             ])
-            .args(["--features", &format!("board-{}", board.name())])
+            .args(["--features", &format!("board-{board}")])
             .arg("--message-format=json-render-diagnostics")
             .stderr(Stdio::inherit());
         let output = cargo.output().map_err(|error| Failure(format!("cargo cannot be started: {error}")))?;
         if !output.status.success() {
-            return Err(Failure(format!("the firmware for {} does not build", board.name())));
+            return Err(Failure(format!("the firmware for {board} does not build")));
         }
         // One JSON object a line; the program's own says where it was put.
         let built = String::from_utf8_lossy(&output.stdout)
@@ -55,7 +55,7 @@ impl Image {
             .find_map(|message| message["executable"].as_str().map(PathBuf::from))
             .ok_or_else(|| Failure("cargo does not say where the image is".to_owned()))?;
         // Cargo puts every board's image in the same place.
-        let elf = built.with_file_name(format!("{program}-{}.elf", board.name()));
+        let elf = built.with_file_name(format!("{program}-{board}.elf"));
         std::fs::copy(&built, &elf).map_err(|error| Failure(format!("{}: {error}", elf.display())))?;
         Ok(Self { elf })
     }

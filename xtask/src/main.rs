@@ -4,6 +4,7 @@
 //! for its own target.
 
 mod bench;
+mod board;
 mod build;
 mod fresh;
 mod g474;
@@ -20,7 +21,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
 use serde_json::json;
 
 use build::Image;
@@ -48,9 +49,9 @@ enum Task {
     },
     /// Build the release image of a board and say how large it is
     Firmware {
-        /// The board
-        #[arg(long)]
-        board: Board,
+        /// The board: a name of `firmware/src/boards`
+        #[arg(long, value_parser = board::named)]
+        board: String,
         /// Print one JSON object: board, elf, `flash_bytes`, `ram_bytes`
         #[arg(long)]
         json: bool,
@@ -164,29 +165,7 @@ enum Twin {
     },
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-#[value(rename_all = "snake_case")]
-enum Board {
-    /// NUCLEO-G474RE
-    #[value(name = "nucleo_g474re")]
-    NucleoG474re,
-    /// The twin in QEMU
-    #[value(name = "mps2_an386")]
-    Mps2An386,
-}
-
-impl Board {
-    const ALL: [Self; 2] = [Self::NucleoG474re, Self::Mps2An386];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::NucleoG474re => "nucleo_g474re",
-            Self::Mps2An386 => "mps2_an386",
-        }
-    }
-}
-
-/// The flash that a program may take, and the memory for variables and for the stack: `memory.x` of both boards.
+/// The flash that a program may take, and the memory for variables and for the stack: every board's `memory.x`.
 const FLASH_BYTES: u64 = 496 << 10;
 const RAM_BYTES: u64 = 88 << 10;
 const STACK_BYTES: u64 = 40 << 10;
@@ -215,18 +194,18 @@ fn run(task: &Task) -> Result<(), Failure> {
     match task {
         Task::Test { no_run } => test::run(*no_run),
         Task::Fresh { no_run } => fresh::run(*no_run),
-        Task::Firmware { board, json } => firmware(*board, *json),
+        Task::Firmware { board, json } => firmware(board, *json),
         Task::Size { json } => size::run(*json),
         Task::Panics { json } => panics::run(*json),
         Task::Stack { json } => stack::run(*json),
         Task::Flash => {
-            let image = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
+            let image = Image::build(board::NUCLEO, "foxhound-firmware")?;
             let mut probe = Command::new("probe-rs");
             probe.args(["run", "--chip", "STM32G474RETx"]).arg(&image.elf);
             attend(&mut probe)
         }
         Task::Qemu(Twin::Boot { serial }) => {
-            let image = Image::build(Board::Mps2An386, "foxhound-firmware")?;
+            let image = Image::build(board::TWIN, "foxhound-firmware")?;
             eprintln!("UART0 (MAVLink) is at {serial}; end with Ctrl-C");
             let mut qemu = qemu(&image);
             qemu.args(["-serial", serial]);
@@ -245,12 +224,12 @@ fn run(task: &Task) -> Result<(), Failure> {
     }
 }
 
-fn firmware(board: Board, json: bool) -> Result<(), Failure> {
+fn firmware(board: &str, json: bool) -> Result<(), Failure> {
     let image = Image::build(board, "foxhound-firmware")?;
     let size = image.size()?;
     if json {
         let line = json!({
-            "board": board.name(),
+            "board": board,
             "elf": image.elf,
             "flash_bytes": size.flash_bytes,
             "ram_bytes": size.ram_bytes,

@@ -9,9 +9,10 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use serde_json::json;
 
+use crate::Failure;
+use crate::board;
 use crate::build::Image;
 use crate::thumb::Program;
-use crate::{Board, Failure};
 
 /// What runs in flight: guidance and the link's part of a step, parameters, the replan, what comes in, what goes out, frames of the
 /// camera. Around them is embassy, which polls a finished task never and an executor's queue always.
@@ -41,7 +42,7 @@ fn is_meant(excused: &str, name: &str) -> bool {
 
 /// Builds the image, prints where a panic can begin, and fails where no proof says that it does not.
 pub(crate) fn run(json: bool) -> Result<(), Failure> {
-    let program = Program::read(&Image::build(Board::NucleoG474re, "foxhound-firmware")?)?;
+    let program = Program::read(&Image::build(board::NUCLEO, "foxhound-firmware")?)?;
     let mut unproven = BTreeSet::new();
     let (mut roots, mut rows) = (Vec::new(), Vec::new());
     for root in ROOTS {

@@ -8,14 +8,15 @@ use std::process::Stdio;
 
 use serde_json::Value;
 
+use crate::Failure;
+use crate::board;
 use crate::build::{Image, cargo, workspace};
-use crate::{Board, Failure};
 
 const PLANNERS: [&str; 3] = ["foxhound", "paper", "standard"];
 
 /// Flies, and prints a table.
 pub(crate) fn run(flights: u32) -> Result<(), Failure> {
-    let image = Image::build(Board::Mps2An386, "foxhound-firmware")?;
+    let image = Image::build(board::TWIN, "foxhound-firmware")?;
     let via = format!("qemu:{}", image.elf.display());
     let scenarios = scenarios()?;
 

@@ -8,9 +8,10 @@ use std::collections::BTreeMap;
 use object::{Object as _, ObjectSection as _, ObjectSymbol as _};
 use serde_json::json;
 
+use crate::Failure;
+use crate::board;
 use crate::build::Image;
 use crate::thumb::readable;
-use crate::{Board, Failure};
 
 /// What the link may take, signing and parameters included.
 const TEXT_MAX: u64 = 16 * 1024;
@@ -19,8 +20,8 @@ const LISTED: usize = 24;
 
 /// Builds both images, prints what lies between them, and fails when that is too much or needs a heap.
 pub(crate) fn run(json: bool) -> Result<(), Failure> {
-    let base = Program::read(&Image::build(Board::NucleoG474re, "size_base")?)?;
-    let link = Program::read(&Image::build(Board::NucleoG474re, "size_link")?)?;
+    let base = Program::read(&Image::build(board::NUCLEO, "size_base")?)?;
+    let link = Program::read(&Image::build(board::NUCLEO, "size_link")?)?;
     let (text, rodata) = (link.text.saturating_sub(base.text), link.rodata.saturating_sub(base.rodata));
     if json {
         let largest: Vec<_> =

@@ -10,10 +10,11 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 
+use crate::Failure;
+use crate::board;
 use crate::build::Image;
 use crate::panics::is_panic;
 use crate::thumb::Program;
-use crate::{Board, Failure};
 
 /// Registers with those of the floating point unit, and the word that keeps them aligned (`PushStack`, Armv7-M B1.5.6).
 const EXCEPTION_BYTES: u32 = 26 * 4 + 4;
@@ -89,7 +90,7 @@ const INDIRECT: &[(&str, &[&str])] = &[
 
 /// Builds the image, prints what each level takes and what takes it, and fails where it is too much or not known.
 pub(crate) fn run(json: bool) -> Result<(), Failure> {
-    let image = Image::build(Board::NucleoG474re, "foxhound-firmware")?;
+    let image = Image::build(board::NUCLEO, "foxhound-firmware")?;
     let program = Program::read(&image)?;
     let variables = image.size()?.ram_bytes;
     let (mut stack, mut around) = (0, 0);

@@ -5,8 +5,9 @@ use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
+use crate::board;
 use crate::build::{Image, cargo, workspace};
-use crate::{Board, Failure, attend, bench};
+use crate::{Failure, attend, bench};
 
 /// The built-in mission with many seeds, on the host and in QEMU.
 pub(crate) fn fly(seeds: u32) -> Result<(), Failure> {
@@ -60,7 +61,7 @@ pub(crate) fn faults(missions: u32, faults: u32, record: &Path, seed: Option<u64
 }
 
 fn image() -> Result<Image, Failure> {
-    Image::build(Board::Mps2An386, "foxhound-firmware")
+    Image::build(board::TWIN, "foxhound-firmware")
 }
 
 /// `cargo run` of the simulator, in release.
