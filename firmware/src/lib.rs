@@ -9,8 +9,9 @@
 //! | [`timing`] | how long the tasks take | `board` |
 //! | [`console`] | the maintenance port | `board`, `timing` |
 //! | [`app`] | the tasks | `board`, `timing`, `console` |
-//! | `arm` | what the boards with an Arm Cortex-M share | `board` |
-//! | [`boards`] | everything that differs from board to board | `board`, `arm` |
+//! | `arm` | what the boards with an Arm Cortex-M share | `board`, `register_values` |
+//! | [`register_values`] | sums behind registers | |
+//! | [`boards`] | everything that differs from board to board | `board`, `arm`, `register_values` |
 //!
 //! So no board knows the application, nor the application a board; `program` brings them together, and `tests/floors.rs` holds it.
 //!
@@ -30,4 +31,5 @@ pub mod boards;
 pub mod console;
 #[cfg(target_os = "none")]
 pub mod program;
+pub mod register_values;
 pub mod timing;

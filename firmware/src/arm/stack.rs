@@ -8,6 +8,8 @@ use core::ptr;
 
 use cortex_m::peripheral::MPU;
 
+use crate::register_values::region_size;
+
 const PAINT: u32 = 0x5AFE_57AC;
 /// Words that one look looks at.
 const WORDS: u32 = 64;
@@ -30,8 +32,8 @@ fn bottom() -> u32 {
 /// Makes a fault of an overflow (Armv7-M Architecture Reference Manual, B3.5). To be called once, early.
 pub(crate) fn guard(mpu: &mut MPU) {
     const REGION: u32 = 0;
-    /// 2^(14 + 1) bytes.
-    const SIZE: u32 = 14 << 1;
+    const BYTES: u32 = 32 << 10;
+    const SIZE: u32 = region_size(BYTES);
     const EXECUTE_NEVER: u32 = 1 << 28;
     const ENABLE: u32 = 1;
     /// What no region names is as without the unit.
@@ -39,7 +41,7 @@ pub(crate) fn guard(mpu: &mut MPU) {
     // SAFETY: nothing uses the memory of this region, and everything else stays as it was.
     unsafe {
         mpu.rnr.write(REGION);
-        mpu.rbar.write(bottom() - (32 << 10));
+        mpu.rbar.write(bottom() - BYTES);
         mpu.rasr.write(EXECUTE_NEVER | SIZE | ENABLE);
         mpu.ctrl.write(BACKGROUND | ENABLE);
     }

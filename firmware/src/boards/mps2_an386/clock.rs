@@ -12,6 +12,7 @@ use embassy_time_queue_utils::Queue;
 
 use super::interrupt::{Interrupt, unmask};
 use super::registers::{Register, TIMER0, TIMER1};
+use crate::register_values::{alarm_count, wide_count};
 
 const TIMER_HZ: u64 = 25_000_000;
 const PER_TICK: u64 = TIMER_HZ / TICK_HZ;
@@ -57,12 +58,8 @@ impl Clock {
         if at == u64::MAX {
             return true;
         }
-        let now = self.now();
-        if at <= now {
-            return false;
-        }
         // A far alarm rings early, finds nothing to do and is set again.
-        let wait = (at - now).saturating_mul(PER_TICK).min(u64::from(u32::MAX)) as u32;
+        let Some(wait) = alarm_count(self.now(), at, PER_TICK) else { return false };
         TIMER1.write(Register::TIMER_RELOAD, wait);
         TIMER1.write(Register::TIMER_VALUE, wait);
         TIMER1.write(Register::TIMER_CONTROL, ENABLE | INTERRUPT_ENABLE);
@@ -88,7 +85,7 @@ impl Driver for Clock {
                 low = ticks();
                 high = high.wrapping_add(1);
             }
-            ((u64::from(high) << 32) | u64::from(low)) / PER_TICK
+            wide_count(high, low) / PER_TICK
         })
     }
 

@@ -21,6 +21,7 @@ use super::interrupt::{Interrupt, unmask};
 use super::line;
 use super::registers::{Peripheral, Register, UART0, UART1, UART2};
 use crate::board::{self, Read, Write};
+use crate::register_values::baud_divider;
 
 const TX_FULL: u32 = 1;
 const RX_FULL: u32 = 1 << 1;
@@ -33,8 +34,7 @@ const RX_INTERRUPT_ENABLE: u32 = 1 << 3;
 const TX_INTERRUPT: u32 = 1;
 const RX_INTERRUPT: u32 = 1 << 1;
 
-/// 25 MHz over 921 600 baud.
-const DIVIDER: u32 = 27;
+const DIVIDER: u32 = baud_divider(25_000_000, 921_600, 1);
 
 /// What comes in a step of 20 ms at 921 600 baud.
 const RING_BYTES: usize = 2048;

@@ -55,6 +55,7 @@ use foxhound_core::base::adc::{CHANNELS, Snapshot};
 use foxhound_core::base::time;
 
 use super::CLOCK_MHZ;
+use crate::register_values::{half_block_us, patience_us, ring_half};
 
 /// TIM6, by which samples are taken.
 pub const TIMER: Timer =
@@ -315,7 +316,7 @@ impl Acquisition {
             self.restart();
             return false;
         }
-        let half = (block.count.wrapping_sub(1) & 1) as usize;
+        let half = ring_half(block.count);
         let rings = RINGS.0.get().cast::<[[u16; N]; 2]>();
         compiler_fence(Ordering::Acquire);
         let raw = core::array::from_fn(|channel| {
@@ -323,8 +324,8 @@ impl Acquisition {
             // if we are later than that, the check below says so and what was read is thrown away.
             unsafe { &*rings.add(channel).cast::<[u16; N]>().add(half) }
         });
-        let half_block_cycles = (N as u64 - 1) * u64::from(self.sampling.map_or(0, |sampling| sampling.cycles)) / 2;
-        let half_block = Duration::from_micros(half_block_cycles.div_ceil(u64::from(CLOCK_MHZ)));
+        let cycles = self.sampling.map_or(0, |sampling| sampling.cycles);
+        let half_block = Duration::from_micros(half_block_us(N as u64, cycles, CLOCK_MHZ));
         let middle = time::Instant(block.end.saturating_sub(half_block).as_micros());
         snapshot.fill_from_unsigned(middle, raw);
         compiler_fence(Ordering::Acquire);
@@ -334,7 +335,7 @@ impl Acquisition {
     /// So long is waited for a frame: for two that do not come, and a twentieth. The autopilot's bytes of that time fit its ring.
     pub fn patience(&self) -> Duration {
         let cycles = self.sampling.map_or(0, |sampling| u64::from(sampling.cycles * sampling.blocks) * N as u64);
-        Duration::from_micros((cycles * 41 / 20 / u64::from(CLOCK_MHZ)).max(1_000))
+        Duration::from_micros(patience_us(cycles, CLOCK_MHZ))
     }
 
     /// Why there are no frames and will be none.

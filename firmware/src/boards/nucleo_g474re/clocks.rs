@@ -32,8 +32,13 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::{Peripherals, rcc};
 use foxhound_computer::port::Clock;
 
+use crate::register_values::{pll_hz, prescaler};
+
 /// HCLK, and all clocks derived from it.
 pub(super) const CLOCK_MHZ: u32 = 170;
+const CLOCK_HZ: u32 = CLOCK_MHZ * 1_000_000;
+const HSE_HZ: u32 = 24_000_000;
+const _: () = assert!(pll_hz(HSE_HZ, 6, 85, 2) == CLOCK_HZ && pll_hz(HSI_MHZ * 1_000_000, 4, 85, 2) == CLOCK_HZ);
 /// Of the core, until it is raised.
 const HSI_MHZ: u32 = 16;
 /// The crystal starts in some 2 ms (DS12288, HSE oscillator characteristics).
@@ -47,7 +52,7 @@ pub(super) fn start() -> (Peripherals, Clock) {
     let mut config = embassy_stm32::Config::default();
     if clock == Clock::Crystal {
         // It is left on.
-        config.rcc.hse = Some(rcc::Hse { freq: Hertz(24_000_000), mode: rcc::HseMode::Oscillator });
+        config.rcc.hse = Some(rcc::Hse { freq: Hertz(HSE_HZ), mode: rcc::HseMode::Oscillator });
     }
     let peripherals = embassy_stm32::init(config);
     raise(clock);
@@ -99,7 +104,7 @@ fn raise(clock: Clock) {
 
 /// embassy has started its timer, the one that the feature `time-driver-tim15` names, for 16 MHz; nobody has read it yet.
 fn set_time_driver() {
-    TIM15.psc().write_value((CLOCK_MHZ * 1_000_000 / embassy_time::TICK_HZ as u32 - 1) as u16);
+    TIM15.psc().write_value(prescaler(CLOCK_HZ, embassy_time::TICK_HZ as u32) as u16);
     // The prescaler holds from an update on, which is to raise no interrupt.
     TIM15.cr1().modify(|w| w.set_urs(Urs::COUNTER_ONLY));
     TIM15.egr().write(|w| w.set_ug(true));

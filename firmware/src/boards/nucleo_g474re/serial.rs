@@ -31,6 +31,7 @@ use foxhound_computer::port::Waiting;
 
 use super::CLOCK_MHZ;
 use crate::board::{self, Read, Write};
+use crate::register_values::baud_divider;
 
 const BAUD: u32 = 921_600;
 /// Bytes that are sent in one transfer.
@@ -106,9 +107,9 @@ pub(super) fn start() -> [(Receiver, Transmitter); 2] {
     let _ = RCC.apb1enr2().read();
     let clock_hz = CLOCK_MHZ * 1_000_000;
     let ends = [
-        AUTOPILOT.start((clock_hz + BAUD / 2) / BAUD),
+        AUTOPILOT.start(baud_divider(clock_hz, BAUD, 1)),
         // LPUART: 256 times finer.
-        PORT.start(((u64::from(clock_hz) * 256 + u64::from(BAUD) / 2) / u64::from(BAUD)) as u32),
+        PORT.start(baud_divider(clock_hz, BAUD, 256)),
     ];
     for (transmits, receives, function) in [(9, 10, 7), (2, 3, 12)] {
         for pin in [transmits, receives] {
