@@ -27,7 +27,6 @@ mod uart;
 mod watchdog;
 
 use core::fmt;
-use core::ops::Range;
 use core::sync::atomic::{Ordering, fence};
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
@@ -46,7 +45,7 @@ use foxhound_core::planning::rollout::Trajectory;
 use static_cell::ConstStaticCell;
 
 use crate::arm;
-use crate::arm::crash_record::{self, LastWords};
+use crate::arm::crash_record;
 use crate::arm::stack::{self, Watermark};
 use crate::board::{self, Board, Call, Done, LockStep, Parts, Step};
 use interrupt::Interrupt;
@@ -113,14 +112,6 @@ impl Board for Machine {
 
     fn restart() -> ! {
         crash_record::restart::<Self>()
-    }
-}
-
-impl LastWords for Machine {
-    const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
-
-    fn last_words(words: fmt::Arguments<'_>) {
-        ending::last_words(words);
     }
 }
 

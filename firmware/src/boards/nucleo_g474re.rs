@@ -25,7 +25,6 @@ mod serial;
 mod tone;
 
 use core::fmt;
-use core::ops::Range;
 
 use cortex_m::peripheral::DWT;
 use embassy_executor::{InterruptExecutor, SendSpawner};
@@ -45,7 +44,7 @@ use foxhound_core::planning::rollout::Trajectory;
 use static_cell::ConstStaticCell;
 
 use crate::arm;
-use crate::arm::crash_record::{self, LastWords};
+use crate::arm::crash_record;
 use crate::arm::stack::{self, Watermark};
 use crate::board::{self, Board, Call, Done, Parts, Step};
 use acquisition::Acquisition;
@@ -105,14 +104,6 @@ impl Board for Machine {
 
     fn restart() -> ! {
         crash_record::restart::<Self>()
-    }
-}
-
-impl LastWords for Machine {
-    const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
-
-    fn last_words(words: fmt::Arguments<'_>) {
-        ending::last_words(words);
     }
 }
 

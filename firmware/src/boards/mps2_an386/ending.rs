@@ -4,24 +4,28 @@
 //! the fault handler answers such a breakpoint with "failed" and goes on behind it.
 
 use core::fmt;
+use core::ops::Range;
 use core::panic::PanicInfo;
 
 use defmt_semihosting as _;
 use foxhound_computer::restart::End;
 
 use super::Machine;
-use crate::arm::crash_record::{self, LastWords as _, fault};
+use crate::arm::crash_record::{self, LastWords, fault};
 
 /// The end of a program that cannot even begin.
 pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
-    last_words(reason);
+    Machine::last_words(reason);
     semihosting::process::exit(1)
 }
 
-/// Says why it ends.
-pub(super) fn last_words(words: fmt::Arguments<'_>) {
-    semihosting::eprintln!("foxhound: {words}");
+impl LastWords for Machine {
+    const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
+
+    fn last_words(words: fmt::Arguments<'_>) {
+        semihosting::eprintln!("foxhound: {words}");
+    }
 }
 
 #[panic_handler]
@@ -67,7 +71,7 @@ unsafe extern "C" fn HardFault() {
 /// The end of a program that did not feed the watchdog, which asks first.
 extern "C" fn starved(frame: u32) -> ! {
     let address = crash_record::interrupted(frame, &Machine::MEMORY);
-    last_words(format_args!("watchdog at {address:#010x}"));
+    Machine::last_words(format_args!("watchdog at {address:#010x}"));
     crash_record::end::<Machine>(End::Watchdog, address, 0, b"")
 }
 

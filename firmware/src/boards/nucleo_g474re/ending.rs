@@ -1,23 +1,28 @@
 //! How the program ends; its last words go to a debugger.
 
 use core::fmt;
+use core::ops::Range;
 use core::panic::PanicInfo;
 
 use defmt_rtt as _;
 use foxhound_computer::restart::End;
 
 use super::Machine;
-use crate::arm::crash_record;
+use crate::arm::crash_record::{self, LastWords};
 
 /// It cannot go on: says why, and begins anew.
 pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
-    last_words(reason);
+    Machine::last_words(reason);
     crash_record::end::<Machine>(End::Halt, 0, 0, reason.as_str().unwrap_or("halt").as_bytes())
 }
 
-/// Says why it ends, to a debugger.
-pub(super) fn last_words(words: fmt::Arguments<'_>) {
-    defmt::error!("{}", defmt::Display2Format(&words));
+impl LastWords for Machine {
+    const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
+
+    /// To a debugger.
+    fn last_words(words: fmt::Arguments<'_>) {
+        defmt::error!("{}", defmt::Display2Format(&words));
+    }
 }
 
 #[panic_handler]
