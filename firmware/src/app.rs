@@ -214,7 +214,10 @@ impl<S: Samples> Planning<S> {
         order.systems.clone_from(flight.systems);
         order.request.clone_from(flight.state.request());
         order.known.clear();
-        order.known.extend(flight.state.map().discs());
+        for disc in flight.state.map().discs() {
+            // There are as many places.
+            let _ = order.known.push(disc);
+        }
         self.orders.send_done();
         self.is_ordered = true;
         true
@@ -384,7 +387,7 @@ pub async fn guide<B: Board>(
 #[inline(never)]
 fn look_for_pad(console: &mut Console, config: &guidance::Config) {
     if let Err(error) = console.set_detector(config) {
-        console.log.text("error: no detector for this pad; still looks for the one before. Refused:");
+        console.log.text("error: pad refused, the one before stays:");
         console.log.text(error.field);
     }
 }

@@ -13,7 +13,8 @@
 //! | [`register_values`] | sums behind registers | |
 //! | [`boards`] | everything that differs from board to board | `board`, `arm`, `register_values` |
 //!
-//! So no board knows the application, nor the application a board; `program` brings them together, and `tests/floors.rs` holds it.
+//! So no board knows the application, nor the application a board; `program` brings them together, and
+//! `tests/proof/floors.rs` holds it.
 //!
 //! ```text
 //!  antennas -> Pacer --> app::guide --> outgoing --> app::transmit -> Transmitter -> autopilot

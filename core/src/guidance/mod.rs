@@ -596,7 +596,7 @@ impl<const N: usize> Guidance<N> {
         *ownship = None;
         *agreement = Agreement::default();
         *last_flags = Flags::default();
-        request.clear();
+        *request = PlanRequest::default();
         *due = None;
         *pending = None;
         *active = None;

@@ -251,34 +251,6 @@ pub struct PlanRequest {
     pub wants_lines: bool,
 }
 
-impl PlanRequest {
-    /// Back to the default, in place.
-    pub fn clear(&mut self) {
-        let Self {
-            id,
-            seed,
-            fresh,
-            begins,
-            start_ned_m,
-            target_ned_m,
-            position_ned_m,
-            direction_ned,
-            sightings,
-            gust_margin_m,
-            known_source_ned_m,
-            learn,
-            search,
-            wants_lines,
-        } = self;
-        (*id, *seed, *fresh, *begins, *wants_lines, *gust_margin_m) = (0, 0, false, false, false, 0.0);
-        for place in [start_ned_m, target_ned_m, position_ned_m, direction_ned] {
-            *place = Horizontal::default();
-        }
-        (*known_source_ned_m, *learn, *search) = (None, None, None);
-        sightings.clear();
-    }
-}
-
 /// What came of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
