@@ -41,6 +41,7 @@ impl Image {
                 TARGET,
             ])
             .args(["--features", &format!("board-{board}")])
+            .args(["--config", &same_everywhere()])
             .arg("--message-format=json-render-diagnostics")
             .stderr(Stdio::inherit());
         let output = cargo.output().map_err(|error| Failure(format!("cargo cannot be started: {error}")))?;
@@ -81,6 +82,15 @@ impl Image {
         }
         Ok(size)
     }
+}
+
+/// Where crates lie on this machine is no part of the image, which names places in them: its size would depend on it.
+fn same_everywhere() -> String {
+    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cargo"))).unwrap_or_default();
+    let flags = [format!("--remap-path-prefix={}=crates", home.join("registry").join("src").display())];
+    // An array of strings is written alike in Rust and in TOML.
+    format!("target.{TARGET}.rustflags = {flags:?}")
 }
 
 /// The cargo that runs us, in the root of the repository.
