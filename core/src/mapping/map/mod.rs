@@ -37,6 +37,8 @@ use motion::{Motion, Sighting};
 
 /// Most circles that are remembered.
 pub const CIRCLES_MAX: usize = 192;
+const _: () =
+    assert!(CIRCLES_MAX.is_multiple_of(32) && CIRCLES_MAX < 256, "sets of places are words, places are bytes");
 /// Most circles that one delivery may hold; the rest of a longer one is not looked at.
 pub const DELIVERY_MAX: usize = 64;
 
