@@ -6,7 +6,7 @@ use std::path::Path;
 use foxhound_tests::root;
 
 /// The crates that `cargo test` tests.
-const CRATES: [&str; 7] = ["core", "papers", "pad", "link", "computer", "host-sim", "tests"];
+const CRATES: [&str; 8] = ["core", "papers", "pad", "link", "computer", "firmware", "host-sim", "tests"];
 
 fn main() -> std::io::Result<()> {
     // Whoever names tests, or wants the ignored ones, knows what runs.

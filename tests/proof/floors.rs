@@ -236,12 +236,13 @@ fn every_import_of_the_simulator_goes_to_a_folder_that_is_allowed() {
     check_imports(&SIMULATOR);
 }
 
-/// The allowed imports contain no cycle.
+/// Every import between modules of the firmware is one of the allowed ones, and each allowed one is used.
 #[test]
 fn every_import_of_the_firmware_goes_to_a_module_that_is_allowed() {
     check_imports(&FIRMWARE);
 }
 
+/// The allowed imports contain no cycle.
 #[test]
 fn no_imports_of_floors_go_round() {
     for Layout { floors, .. } in LAYOUTS {
