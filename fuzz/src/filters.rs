@@ -13,6 +13,7 @@ use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
 use foxhound_core::localize::pursuit;
 use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, LINES_MAX, Line};
+use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::planning::explore::{self, Explored};
 use foxhound_papers::filters::cartesian;
 use foxhound_papers::filters::reflected::{Known, literal, unknown};
@@ -541,7 +542,7 @@ fn search(draw: &mut Draw<'_>) -> Reached {
     let mut circles = Vec::new();
     while !draw.rest.is_empty() && reached.answers < 64 {
         if draw.below(8) == 0 {
-            circles = points(draw).into_iter().take(128).map(|center_ned_m| disc(draw, center_ned_m)).collect();
+            circles = points(draw).into_iter().take(CIRCLES_MAX).map(|center_ned_m| disc(draw, center_ned_m)).collect();
         }
         match draw.below(16) {
             0 => here = place(draw),

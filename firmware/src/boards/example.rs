@@ -71,6 +71,7 @@ impl Board for Machine {
 
     fn start() -> Parts<Self> {
         stack::paint();
+        let record = crash_record::take();
         let Some(mut core) = cortex_m::Peripherals::take() else { Self::halt(format_args!("started twice")) };
         stack::guard(&mut core.MPU);
         core.DCB.enable_trace();
@@ -96,7 +97,7 @@ impl Board for Machine {
             console_transmitter: Transmitter,
             pacer: Pacer { stack: Watermark::new() },
             watchdog: Watchdog,
-            restart: Restart { cause, record: crash_record::take() },
+            restart: Restart { cause, record },
             flash: Flash,
         }
     }

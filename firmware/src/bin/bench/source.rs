@@ -191,7 +191,7 @@ fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         most = most.max(count);
         most_with_strays = most_with_strays.max(find((1 + k % 7) as f32 / 7.0).0);
     }
-    row("lines_split_merge_128", most, 0);
+    row("lines_split_merge_full", most, 0);
     row("lines_split_merge_strays", most_with_strays, 0);
 }
 
@@ -250,5 +250,5 @@ fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             _ => state.end(),
         }
     }
-    row("explore_128", most, 0);
+    row("explore_full", most, 0);
 }
