@@ -234,4 +234,31 @@ mod tests {
         newcomer.center_ned_m = Horizontal { north: 0.0, east: 51.0 };
         assert_eq!(index.give_way(&newcomer), (None, false));
     }
+
+    #[test]
+    fn what_gives_way_is_what_a_search_through_all_finds_however_circles_move_and_are_replaced() {
+        let mut rng = Rng::new(3, 9);
+        let far = |known: &Known| known.center_ned_m.norm_squared();
+        for _ in 0..20 {
+            let mut all: Vec<Known> = (0..CIRCLES_MAX).map(|_| known(&mut rng, 2.0)).collect();
+            let mut index = Index::new(Horizontal::default());
+            index.place_all(&all);
+            for round in 0..500 {
+                for _ in 0..round % 4 {
+                    let at = (rng.uniform() * (CIRCLES_MAX - 1) as f32) as usize;
+                    all[at] = known(&mut rng, 2.0);
+                    index.place(at, &all[at]);
+                }
+                let newcomer = known(&mut rng, 2.0);
+                let farthest = all.iter().map(far).fold(0.0, f32::max);
+                let (place, is_doomed) = index.give_way(&newcomer);
+                assert!(!is_doomed);
+                assert_eq!(place.map(|at| far(&all[at])), Some(farthest).filter(|most| *most > far(&newcomer)));
+                if let Some(at) = place {
+                    index.place(at, &newcomer);
+                    all[at] = newcomer;
+                }
+            }
+        }
+    }
 }
