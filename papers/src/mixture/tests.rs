@@ -4,6 +4,7 @@ use super::*;
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::rng::Rng;
+use foxhound_core::mapping::lor::POINTS_MAX;
 use std::vec::Vec;
 
 const NOISE_M: f32 = 0.05;
@@ -330,5 +331,5 @@ fn a_configuration_that_contradicts_itself_is_refused() {
 
 #[test]
 fn the_scratch_is_small() {
-    assert!(core::mem::size_of::<Scratch>() <= 3_200, "{}", core::mem::size_of::<Scratch>());
+    assert!(core::mem::size_of::<Scratch>() <= 25 * POINTS_MAX, "{}", core::mem::size_of::<Scratch>());
 }
