@@ -11,13 +11,17 @@ use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::base::units::wrap_pi;
+use crate::base::units::{between, wrap_pi};
 use crate::mapping::scan::{Detection, Kind, Look, POINTS_MAX, Scan, Sector};
 
 /// So many pillars at most are looked at again when the one that was seen has been averaged.
 const MET_MAX: usize = 4;
 /// No hit sticks out of the circle of its detection by more than this.
 const OUT_M: f32 = 0.03;
+/// A patch may be explained by what is known so far beside its hits, however wide the sectors are.
+const BESIDE_MAX_M: f32 = 0.10;
+/// What is nearer has to be covered where it is told: the vehicle may be about to pass it.
+pub(super) const BESIDE_FROM_M: f32 = 1.0;
 
 /// A bit for each hit.
 #[derive(Clone, Copy, Debug, Default)]
@@ -44,6 +48,10 @@ struct Covered<'a> {
     points_m: &'a [Horizontal],
     face_m: Horizontal,
     margin_m: f32,
+    /// Direction of the hits, how far from the middle of its sector each may be, and how far it is taken to be.
+    toward: Horizontal,
+    beside_m: f32,
+    sides: &'a [i8],
     all: Bits,
     /// In a pillar or a circle that was delivered.
     by_round: Bits,
@@ -58,14 +66,29 @@ impl Covered<'_> {
         let is_round = known.is_round();
         for (index, point) in self.points_m.iter().enumerate().take(POINTS_MAX) {
             let noted = if is_round { &self.by_round } else { &self.all };
-            if !noted.has(index) && covers(*point) {
+            if !noted.has(index) && (covers(*point) || self.covers_beside(index, point.minus(center_m), known.radius_m))
+            {
                 self.all.set(index);
                 if is_round {
                     self.by_round.set(index);
                 }
             }
         }
-        self.is_face |= covers(self.face_m);
+        self.is_face |= covers(self.face_m) || self.covers_beside(0, self.face_m.minus(center_m), known.radius_m);
+    }
+
+    /// Whether a circle covers a place in the sector of a hit, as far from the vehicle as the hit, which is at `away` from its centre.
+    fn covers_beside(&self, index: usize, away: Horizontal, radius_m: f32) -> bool {
+        let Some(side) = self.sides.get(index).filter(|_| self.beside_m != 0.0) else { return false };
+        let side = 0.01 * f32::from(*side);
+        let (back_m, on_m) = (self.beside_m * (-1.0 - side), self.beside_m * (1.0 - side));
+        let (least_m, most_m) = if back_m < on_m { (back_m, on_m) } else { (on_m, back_m) };
+        let across_m = self.toward.north * away.east - self.toward.east * away.north;
+        let moved_m = between(-across_m, between(least_m, -BESIDE_MAX_M, 0.0), between(most_m, 0.0, BESIDE_MAX_M));
+        let (along_m, across_m) = (away.dot(self.toward), across_m + moved_m);
+        // Half of the margin is for the arc, which is straight here.
+        let reach_m = radius_m + 0.5 * self.margin_m;
+        along_m * along_m + across_m * across_m <= reach_m * reach_m
     }
 }
 
@@ -125,10 +148,15 @@ impl Keeper {
     pub(super) fn absorb(&self, map: &mut Map, index: &mut Index, now: Instant, look: &Look, seen: &Detection) {
         let origin = look.origin_ned_m;
         let center = seen.center_ned_m.minus(origin);
+        let face_m = seen.face_ned_m.minus(origin);
+        let (toward, beside_m) = beside(look, seen, face_m);
         let mut covered = Covered {
             points_m: look.points_of(seen),
-            face_m: seen.face_ned_m.minus(origin),
+            face_m,
             margin_m: self.config.cover_m,
+            toward,
+            beside_m,
+            sides: look.sides.get(usize::from(seen.from)..usize::from(seen.to)).unwrap_or_default(),
             all: Bits::default(),
             by_round: Bits::default(),
             is_face: false,
@@ -213,6 +241,17 @@ impl Keeper {
             }
         }
     }
+}
+
+/// In which direction the hits of a patch lie, and how far from the middles of their sectors they may be: each is the nearest of
+/// several rays, and it is not said which. A pillar is fitted to where its hits are taken to be.
+fn beside(look: &Look, seen: &Detection, face_m: Horizontal) -> (Horizontal, f32) {
+    let is_far = |point: &Horizontal| point.norm_squared() > BESIDE_FROM_M * BESIDE_FROM_M;
+    if look.beside_rad == 0.0 || seen.kind == Kind::Pillar || !look.points_of(seen).iter().all(is_far) {
+        return (Horizontal::default(), 0.0);
+    }
+    let (squared, inverse) = (face_m.norm_squared(), inverse_root(face_m.norm_squared()));
+    (face_m.times(inverse), look.beside_rad * squared * inverse)
 }
 
 /// Whether a known pillar may be the one that is seen.

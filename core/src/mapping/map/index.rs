@@ -178,7 +178,7 @@ mod tests {
             center_ned_m,
             radius_m,
             sigma_m: 0.01,
-            slope_ned_mps: Horizontal::default(),
+            slope_or_front: Horizontal::default(),
             motion: Motion::default(),
             seen_ms: 0,
             origin: Origin::Given,

@@ -6,8 +6,9 @@
 //! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
 //!    a poor glimpse of a better known one. If the average leaves out what was just seen, that is added beside what was known.
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
+//!    What a wide sector tells from more than a metre away may stand a little beside its hit, too (`absorb`).
 //!
-//! So after each look every hit is covered, however wrong the store was, unless the store is full: then the circle farthest
+//! So after each look every hit is covered, or else what may be behind it, however wrong the store was, unless the store is full: then the circle farthest
 //! from the vehicle gives way and [`Map::overflow_count`] says so. Before it is full, what others cover is forgotten
 //! (`thin_out`). What is out of sight stays, but for circles that move: those are carried along and forgotten when unseen
 //! for a while. A circle moves when its filter says so with four sigma for several looks in a row, so that the change of the
@@ -20,7 +21,7 @@
 use heapless::Vec;
 
 use crate::base::error::{ConfigError, check};
-use crate::base::math::sqrt;
+use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Disc};
 use crate::base::pose::Pose;
@@ -117,8 +118,8 @@ struct Known {
     radius_m: f32,
     /// Standard deviation of centre and radius.
     sigma_m: f32,
-    /// Its velocity, if it moves.
-    slope_ned_mps: Horizontal,
+    /// Of what is round: its velocity, if it moves. Of a patch, which never does: the unit vector towards where it was seen from.
+    slope_or_front: Horizontal,
     seen_ms: u32,
     motion: Motion,
     origin: Origin,
@@ -131,7 +132,7 @@ impl Known {
     }
 
     fn velocity_ned_mps(&self) -> Horizontal {
-        if self.motion.moves() { self.slope_ned_mps } else { Horizontal::default() }
+        if self.motion.moves() { self.slope_or_front } else { Horizontal::default() }
     }
 
     /// As it is told: larger by its doubt unless it was delivered, and with a velocity only if it moves.
@@ -299,7 +300,7 @@ impl Keeper {
                 center_ned_m: circle.center_ned_m,
                 radius_m: circle.radius_m,
                 sigma_m: SIGMA_MIN_M,
-                slope_ned_mps: circle.velocity_ned_mps,
+                slope_or_front: circle.velocity_ned_mps,
                 motion: Motion::of(circle.velocity_ned_mps),
                 seen_ms: now_ms,
                 origin: Origin::Given,
@@ -367,7 +368,7 @@ impl Keeper {
             let share = known.sigma_m * known.sigma_m / (known.sigma_m * known.sigma_m + seen.sigma_m * seen.sigma_m);
             let sighting = Sighting { center: seen.center_ned_m, sigma_m: seen.sigma_m, share, dt_s };
             let (center, least_mps) = (known.center_ned_m, self.config.moving_min_mps);
-            known.center_ned_m = known.motion.step(&mut known.slope_ned_mps, center, &sighting, least_mps);
+            known.center_ned_m = known.motion.step(&mut known.slope_or_front, center, &sighting, least_mps);
             known.radius_m += (seen.radius_m - known.radius_m) * share;
             let sigma_m = known.sigma_m * sqrt(1.0 - share);
             known.sigma_m = if sigma_m > SIGMA_MIN_M { sigma_m } else { SIGMA_MIN_M };
@@ -387,7 +388,7 @@ impl Keeper {
             center_ned_m: seen.center_ned_m,
             radius_m: seen.radius_m,
             sigma_m: seen.sigma_m,
-            slope_ned_mps: Horizontal::default(),
+            slope_or_front: front_of(seen),
             seen_ms: millis(now),
             motion: Motion::default(),
             origin: Origin::Seen(seen.kind),
@@ -420,6 +421,15 @@ fn seen_nearby(known: &[Known], index: &Index, circle: &Circle, now_ms: u32) -> 
         let away = k.center_ned_m.minus(circle.center_ned_m);
         away.norm_squared() < near_m * near_m && libm::fabsf(k.radius_m - circle.radius_m) < 0.05
     })
+}
+
+/// The unit vector from a patch towards where it is seen from. What is round has none, and stands at first.
+fn front_of(seen: &Detection) -> Horizontal {
+    if seen.kind != Kind::Patch {
+        return Horizontal::default();
+    }
+    let front = seen.face_ned_m.minus(seen.center_ned_m);
+    front.times(inverse_root(front.norm_squared()))
 }
 
 /// Whether a circle is inside another, but for what a bad fit may stick out.

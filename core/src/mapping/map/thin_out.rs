@@ -17,8 +17,14 @@ const FULL: usize = CIRCLES_MAX * 3 / 4;
 const ASKED: usize = 12;
 /// The rim of a covered circle sticks out of the others by this much at most, where it is looked at.
 const STICK_OUT_M: f32 = 0.02;
-/// Larger ones are not asked: their rim is looked at too far apart.
+/// The middle of a patch's chord sticks out of the others by this much at most: nothing fits in there.
+const BETWEEN_M: f32 = 0.08;
+/// Larger pillars are not asked: their rim is looked at too far apart.
 const RADIUS_MAX_M: f32 = 0.3;
+/// Nor are patches of a longer chord: it is looked at in the middle alone.
+const CHORD_MAX_M: f32 = 0.45;
+const COS_30: f32 = 0.8660254;
+const TAN_30: f32 = 0.57735026;
 /// Where its rim is looked at: every 15 degrees.
 const RIM: [(f32, f32); 24] = [
     (1.0, 0.0),
@@ -66,26 +72,45 @@ impl Keeper {
 }
 
 /// Whether other circles cover one, as far as they were measured and not their doubt: those that stand, through which nothing has
-/// been seen, and which are pillars where it is one.
+/// been seen, and which may stand for it.
+///
+/// Of what is round the whole rim has to be covered. A patch is known by its front alone: by the two ends of its chord. What
+/// was seen between them was seen as a gap that is too narrow for a hit, if at all, and the bulge in front of it is nothing but
+/// the circle's.
 fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
     let is_asked = |known: &&Known| known.origin != Origin::Given && stands(known);
     let Some(known) = all.get(at).filter(is_asked) else { return false };
     let circle = known.circle();
-    if circle.radius_m > RADIUS_MAX_M {
-        return false;
-    }
-    let near = index.near(circle.center_ned_m, circle.radius_m + STICK_OUT_M);
-    RIM.iter().all(|(north, east)| {
-        let rim = circle.center_ned_m.plus(Horizontal { north: *north, east: *east }.times(circle.radius_m));
-        near.filter(|other| *other != at).any(|other| {
-            let Some(other) = all.get(other).filter(|other| covers(other) && (other.is_round() || !known.is_round()))
-            else {
-                return false;
-            };
-            let reach_m = other.radius_m + STICK_OUT_M;
-            rim.minus(other.center_ned_m).norm_squared() <= reach_m * reach_m
+    let center = circle.center_ned_m;
+    let near = index.near(center, circle.radius_m + BETWEEN_M);
+    let is_in_others = |place: Horizontal, slack_m: f32| {
+        near.filter(|other| *other != at).filter_map(|other| all.get(other)).any(|other| {
+            let reach_m = other.radius_m + slack_m;
+            place.minus(other.center_ned_m).norm_squared() <= reach_m * reach_m
+                && covers(other)
+                && may_stand_for(other, known)
         })
-    })
+    };
+    if known.is_round() {
+        return circle.radius_m <= RADIUS_MAX_M
+            && RIM.iter().all(|(north, east)| {
+                let side = Horizontal { north: *north, east: *east };
+                is_in_others(center.plus(side.times(circle.radius_m)), STICK_OUT_M)
+            });
+    }
+    // Its radius is its chord's length, where there is one: the ends lie 30 degrees to either side of its front.
+    let middle = known.slope_or_front.times(COS_30 * known.radius_m);
+    let end = Horizontal { north: -middle.east, east: middle.north }.times(TAN_30);
+    let middle = center.plus(middle);
+    circle.radius_m <= CHORD_MAX_M
+        && is_in_others(middle.plus(end), STICK_OUT_M)
+        && is_in_others(middle.minus(end), STICK_OUT_M)
+        && is_in_others(middle, BETWEEN_M)
+}
+
+/// Whether a circle may stand for another: a patch says nothing of a pillar, nor of what was seen from its other side.
+fn may_stand_for(one: &Known, other: &Known) -> bool {
+    one.is_round() || !other.is_round() && one.slope_or_front.dot(other.slope_or_front) > 0.0
 }
 
 fn covers(known: &Known) -> bool {
@@ -111,7 +136,7 @@ mod tests {
             center_ned_m,
             radius_m,
             sigma_m: 0.005,
-            slope_ned_mps: Horizontal::default(),
+            slope_or_front: Horizontal { north: 0.0, east: -1.0 },
             motion: Motion::default(),
             seen_ms: 0,
             origin,
@@ -150,22 +175,47 @@ mod tests {
         let mut rng = Rng::new(5, 0);
         for _ in 0..20 {
             let mut map = row(&mut rng);
-            let before: Vec<Circle> = map.circles().collect();
+            let before: Vec<Known> = map.known.iter().copied().collect();
             look(&mut map, 40);
             let after: Vec<Circle> = map.circles().collect();
             assert!(after.len() <= FULL + ASKED && after.len() < before.len(), "{}", after.len());
             let pillars = map.known.iter().filter(|known| known.is_round()).count();
             assert_eq!(pillars, PILLARS);
-            for lost in before.iter().filter(|circle| !after.contains(circle)) {
-                for _ in 0..50 {
-                    let bearing_rad = core::f32::consts::TAU * rng.uniform();
-                    let point = lost.center_ned_m.plus(Horizontal::from_bearing(bearing_rad).times(lost.radius_m));
-                    let outside = |c: &Circle| point.minus(c.center_ned_m).norm() - c.radius_m;
+            for lost in before.iter().filter(|known| !after.contains(&known.circle())) {
+                let front_rad = lost.slope_or_front.bearing_rad();
+                for turn_deg in [-30.0_f32, 30.0] {
+                    let end = Horizontal::from_bearing(front_rad + turn_deg.to_radians()).times(lost.radius_m);
+                    let end = lost.center_ned_m.plus(end);
+                    let outside = |c: &Circle| end.minus(c.center_ned_m).norm() - c.radius_m;
                     let nearest = after.iter().map(outside).fold(f32::INFINITY, f32::min);
                     // Twice where what covered it was covered in its turn.
                     assert!(nearest < 2.0 * STICK_OUT_M, "{lost:?}: {nearest}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn chords_between_pillars_go_and_what_was_seen_from_the_other_side_stays() {
+        let front = Horizontal { north: 0.0, east: -1.0 };
+        for (seen_from, is_other_round) in
+            [(front, true), (front, false), (front.times(-1.0), true), (front.times(-1.0), false)]
+        {
+            let mut map = Map::default();
+            let kind = if is_other_round { Kind::Pillar } else { Kind::Patch };
+            // More than the store asks about, so that it asks about all of them.
+            for at in 0..FULL {
+                let center = Horizontal { north: 0.33 * at as f32, east: 2.0 };
+                map.known.push(known(center, 0.2, Origin::Seen(kind))).unwrap();
+            }
+            // From the foremost point of one to that of the next.
+            let chord_m = 0.33;
+            let middle = Horizontal { north: 0.33 * 10.5, east: 2.0 }.plus(seen_from.times(0.2 - COS_30 * chord_m));
+            let link = Known { slope_or_front: seen_from, ..known(middle, chord_m, Origin::Seen(Kind::Patch)) };
+            map.known.push(link).unwrap();
+            look(&mut map, 40);
+            let has_gone = !map.circles().any(|circle| circle == link.circle());
+            assert_eq!(has_gone, is_other_round || seen_from == front, "{seen_from:?} {kind:?}");
         }
     }
 
@@ -181,8 +231,8 @@ mod tests {
             if at % 2 == 0 {
                 known.origin = Origin::Given;
             } else {
-                known.slope_ned_mps = Horizontal { north: 0.001, east: 0.0 };
-                known.motion = Motion::of(known.slope_ned_mps);
+                known.slope_or_front = Horizontal { north: 0.001, east: 0.0 };
+                known.motion = Motion::of(known.slope_or_front);
             }
         }
         let before = map.known.len();

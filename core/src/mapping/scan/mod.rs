@@ -291,6 +291,10 @@ pub struct Look {
     pub detections: Vec<Detection, DETECTIONS_MAX>,
     /// Hits refused because they were not finite or absurd.
     pub refused: u16,
+    /// Of hits of wide sectors: how far from the middle of its sector it may be, and how far each is taken to be, in 100ths of that.
+    pub beside_rad: f32,
+    /// See `beside_rad`. Empty where each hit is a ray's.
+    pub sides: Vec<i8, POINTS_MAX>,
 }
 
 impl Look {

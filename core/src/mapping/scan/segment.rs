@@ -82,6 +82,7 @@ impl Fitter {
             return Err(Refusal::NoOwnship);
         }
         (look.time, look.origin_ned_m) = (scan.time, pose.position_ned_m);
+        look.beside_rad = scan.outermost_ray() * scan.step_rad;
         let mut marks = Marks::default();
         self.trace(scan, pose, look, &mut marks);
         look.check()?;
@@ -165,6 +166,7 @@ impl Fitter {
                 }
                 // Cannot fail: as many places as sectors.
                 let side = nearer_side(beside(before(index), false), range_m, beside(next, true));
+                let _ = look.sides.push((100.0 * side) as i8);
                 let _ = look.points_m.push(turned_a_little(direction, side * outermost_rad).times(range_m));
                 marks.push(its);
             }
