@@ -14,7 +14,7 @@
 //! | `Uncalibrated` | no usable bearing for 1 s, the last one for want of a calibration | hold |
 //! | `Ambiguous` | the same, the last one because directions could not be told apart | hold |
 //! | `NoSignal` | the same, for any other reason | hold; search, where `guidance::Config::explore` says how, then hold |
-//! | `GoalUnreachable` | no path for 15 s, or no progress beyond 1 m in 20 s; while a plan is late neither time runs | hold until a fresh entry |
+//! | `GoalUnreachable` | no path for 15 s (time on a path is taken off), or no progress beyond 1 m in 20 s; while a plan is late neither time runs | hold until a fresh entry |
 //! | `Fault` | a stage reported what must not happen (a demand that is not finite) | hold |
 //! | `NoPath` | the planner answered with a brake plan | hold, ask again every 0.5 s |
 //! | `PlanLate` | the plan has run out, or there is none, or it brakes, or is braked, and the next was not there in time | hold, ask again at once |
@@ -216,12 +216,20 @@ pub struct Facts {
 pub struct State {
     /// The last step in control.
     looked: Instant,
+    /// The last step that came to [`Mission::conclude`].
+    concluded: Instant,
     no_path_since: Option<Instant>,
     stall_since: Option<(Instant, Horizontal)>,
     given_up: bool,
 }
 
 impl State {
+    /// A path that is found for a moment now and then is none: time on a path takes off as much as time without one has put on.
+    fn follow(&mut self, now: Instant) {
+        let since = self.no_path_since.map(|since| since.plus_micros(2 * now.0.saturating_sub(self.concluded.0)));
+        self.no_path_since = since.filter(|since| *since < now);
+    }
+
     /// The planner's delay says nothing of the goal: neither clock counts it.
     fn wait(&mut self, micros: u64) {
         if let Some(since) = &mut self.no_path_since {
@@ -311,8 +319,9 @@ impl Mission {
         if progress == Progress::NoPath {
             state.no_path_since.get_or_insert(now);
         } else if progress == Progress::Following {
-            state.no_path_since = None;
+            state.follow(now);
         }
+        state.concluded = now;
         match progress {
             Progress::Following | Progress::RanOut => Outcome::Nominal,
             Progress::NoPath => Outcome::NoPath,
@@ -502,6 +511,27 @@ mod tests {
             let given_up_s = given_up.unwrap() as f32 * 0.02;
             assert!((given_up_s - expected_s).abs() < 0.05, "{progress:?}, {late_steps} late: {given_up_s}");
         }
+    }
+
+    #[test]
+    fn a_path_that_is_found_for_a_moment_now_and_then_does_not_put_off_giving_up_and_one_half_of_the_time_does() {
+        let mission = Config::default().build().unwrap();
+        let run = |without_steps: u64| {
+            let mut state = State::default();
+            (0..5_000_u64).find(|step| {
+                let now = Instant(NOW.0 + step * 20_000);
+                let (at, place_ned_m) = (Some(now), Horizontal { north: 0.02 * *step as f32, east: 0.0 });
+                let facts =
+                    Facts { now, position: at, attitude: at, obstacles: at, bearing: at, place_ned_m, ..fresh() };
+                let outcome = mission.admit(&mut state, &facts);
+                let is_without = step % 100 < without_steps;
+                mission.conclude(&mut state, now, if is_without { Progress::NoPath } else { Progress::Following });
+                outcome == Outcome::GoalUnreachable
+            })
+        };
+        // 15 s without one, with one for a quarter of the time: 1.5 s and -0.5 s in 2 s.
+        assert!(run(75).is_some_and(|step| (27.0..31.0).contains(&(step as f32 * 0.02))), "{:?}", run(75));
+        assert_eq!(run(50), None);
     }
 
     #[test]
