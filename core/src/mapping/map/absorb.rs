@@ -66,29 +66,51 @@ impl Covered<'_> {
         let is_round = known.is_round();
         for (index, point) in self.points_m.iter().enumerate().take(POINTS_MAX) {
             let noted = if is_round { &self.by_round } else { &self.all };
-            if !noted.has(index) && (covers(*point) || self.covers_beside(index, point.minus(center_m), known.radius_m))
-            {
-                self.all.set(index);
-                if is_round {
-                    self.by_round.set(index);
-                }
+            if !noted.has(index) && covers(*point) {
+                self.note(index, is_round);
             }
         }
-        self.is_face |= covers(self.face_m) || self.covers_beside(0, self.face_m.minus(center_m), known.radius_m);
+        self.is_face |= covers(self.face_m);
+        if self.beside_m != 0.0 {
+            self.mark_beside(known, center_m);
+        }
     }
 
-    /// Whether a circle covers a place in the sector of a hit, as far from the vehicle as the hit, which is at `away` from its centre.
-    fn covers_beside(&self, index: usize, away: Horizontal, radius_m: f32) -> bool {
-        let Some(side) = self.sides.get(index).filter(|_| self.beside_m != 0.0) else { return false };
-        let side = 0.01 * f32::from(*side);
-        let (back_m, on_m) = (self.beside_m * (-1.0 - side), self.beside_m * (1.0 - side));
-        let (least_m, most_m) = if back_m < on_m { (back_m, on_m) } else { (on_m, back_m) };
-        let across_m = self.toward.north * away.east - self.toward.east * away.north;
-        let moved_m = between(-across_m, between(least_m, -BESIDE_MAX_M, 0.0), between(most_m, 0.0, BESIDE_MAX_M));
-        let (along_m, across_m) = (away.dot(self.toward), across_m + moved_m);
+    fn note(&mut self, index: usize, is_round: bool) {
+        self.all.set(index);
+        if is_round {
+            self.by_round.set(index);
+        }
+    }
+
+    /// The same of what may lie elsewhere in its sector, as far from the vehicle.
+    #[inline(never)]
+    fn mark_beside(&mut self, known: &Known, center_m: Horizontal) {
         // Half of the margin is for the arc, which is straight here.
-        let reach_m = radius_m + 0.5 * self.margin_m;
-        along_m * along_m + across_m * across_m <= reach_m * reach_m
+        let reach_m = known.radius_m + 0.5 * self.margin_m;
+        let toward = self.toward;
+        let beside_m = self.beside_m;
+        let covers = |point: Horizontal, side: i8| {
+            let away = point.minus(center_m);
+            let along_m = away.dot(toward);
+            let left = reach_m * reach_m - along_m * along_m;
+            if left < 0.0 {
+                return false;
+            }
+            let side = 0.01 * f32::from(side);
+            let (back_m, on_m) = (beside_m * (-1.0 - side), beside_m * (1.0 - side));
+            let (least_m, most_m) = if back_m < on_m { (back_m, on_m) } else { (on_m, back_m) };
+            let across_m = toward.north * away.east - toward.east * away.north;
+            let across_m =
+                across_m + between(-across_m, between(least_m, -BESIDE_MAX_M, 0.0), between(most_m, 0.0, BESIDE_MAX_M));
+            across_m * across_m <= left
+        };
+        for (index, (point, side)) in self.points_m.iter().zip(self.sides).enumerate() {
+            if covers(*point, *side) {
+                self.note(index, known.is_round());
+            }
+        }
+        self.is_face |= self.sides.first().is_some_and(|side| covers(self.face_m, *side));
     }
 }
 

@@ -166,8 +166,10 @@ impl Fitter {
                 }
                 // Cannot fail: as many places as sectors.
                 let side = nearer_side(beside(before(index), false), range_m, beside(next, true));
-                let _ = look.sides.push((100.0 * side) as i8);
                 let _ = look.points_m.push(turned_a_little(direction, side * outermost_rad).times(range_m));
+                if outermost_rad != 0.0 {
+                    let _ = look.sides.push((100.0 * side) as i8);
+                }
                 marks.push(its);
             }
             direction = if next == 0 { start } else { turned.on(direction) };
