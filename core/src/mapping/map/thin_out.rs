@@ -7,7 +7,7 @@
 
 use core::f32::consts::FRAC_1_SQRT_2;
 
-use super::index::Index;
+use super::index::{Index, Places};
 use super::{AVERAGED, CIRCLES_MAX, DOOMED, Keeper, Known, Map, Origin};
 use crate::base::ned::Horizontal;
 
@@ -83,14 +83,7 @@ fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
     let circle = known.circle();
     let center = circle.center_ned_m;
     let near = index.near(center, circle.radius_m + BETWEEN_M);
-    let is_in_others = |place: Horizontal, slack_m: f32| {
-        near.filter(|other| *other != at).filter_map(|other| all.get(other)).any(|other| {
-            let reach_m = other.radius_m + slack_m;
-            place.minus(other.center_ned_m).norm_squared() <= reach_m * reach_m
-                && covers(other)
-                && may_stand_for(other, known)
-        })
-    };
+    let is_in_others = |place: Horizontal, slack_m: f32| is_in_others(all, near, at, known, place, slack_m);
     if known.is_round() {
         return circle.radius_m <= RADIUS_MAX_M
             && RIM.iter().all(|(north, east)| {
@@ -106,6 +99,16 @@ fn is_covered(all: &[Known], index: &Index, at: usize) -> bool {
         && is_in_others(middle.plus(end), STICK_OUT_M)
         && is_in_others(middle.minus(end), STICK_OUT_M)
         && is_in_others(middle, BETWEEN_M)
+}
+
+/// Whether a place is in one of the circles that may stand for a known one, or sticks out of it by a little.
+#[inline(never)]
+fn is_in_others(all: &[Known], mut near: Places, at: usize, known: &Known, place: Horizontal, slack_m: f32) -> bool {
+    near.any(|other| {
+        let Some(one) = all.get(other).filter(|_| other != at) else { return false };
+        let reach_m = one.radius_m + slack_m;
+        place.minus(one.center_ned_m).norm_squared() <= reach_m * reach_m && covers(one) && may_stand_for(one, known)
+    })
 }
 
 /// Whether a circle may stand for another: a patch says nothing of a pillar, nor of what was seen from its other side.
