@@ -81,6 +81,7 @@ fn check(stages: &mut Stages, no_run: bool) -> Result<(), Failure> {
         doc.args(["doc", "--no-deps", "--workspace"]);
         attend(doc.env("RUSTDOCFLAGS", lints.join(" ")))
     })?;
+    stages.run("packages", package)?;
 
     let nucleo = stages.run("image, nucleo_g474re", || fitting(board::NUCLEO))?;
     let twin = stages.run("image, mps2_an386", || fitting(board::TWIN))?;
@@ -161,6 +162,13 @@ fn fitting(board: &str) -> Result<Image, Failure> {
         return Err(Failure(format!("{board} is over its budget")));
     }
     Ok(image)
+}
+
+/// Makes the packages of the crates that other projects can use, and builds each from its package alone: a file that lies outside of it
+/// would be missed there. Everything that they need is fetched by now.
+fn package() -> Result<(), Failure> {
+    let crates = ["core", "link", "pad", "papers"].map(|name| format!("--package=foxhound-{name}"));
+    attend(cargo().args(["package", "--offline", "--allow-dirty"]).args(crates))
 }
 
 /// Whether the compiler is that of `rust-toolchain.toml`, whose warnings are errors.
