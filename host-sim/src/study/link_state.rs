@@ -7,7 +7,6 @@
 mod examination;
 mod legs;
 mod scenes;
-mod training;
 mod writing;
 
 pub use examination::{Baseline, Outcome, Report};
@@ -19,8 +18,8 @@ use foxhound_core::localize::link_state::weights::WEIGHTS;
 use foxhound_core::localize::link_state::{Classifier, HIDDEN, Weights};
 use rayon::prelude::*;
 
+use super::network::{Network, Rows};
 use legs::{Chain, Sample};
-use training::{Network, Rows};
 
 /// Seed of the weights in the repository.
 pub const SEED: u64 = 1;

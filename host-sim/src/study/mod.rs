@@ -17,3 +17,5 @@ pub mod link_state;
 pub mod matrix;
 pub mod reproduce;
 pub mod seeds;
+
+mod network;
