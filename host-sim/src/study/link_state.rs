@@ -15,10 +15,10 @@ pub use writing::{DOCUMENT_FILE, WEIGHTS_FILE, document, measured, source};
 
 use foxhound_core::ConfigError;
 use foxhound_core::localize::link_state::weights::WEIGHTS;
-use foxhound_core::localize::link_state::{Classifier, HIDDEN, Weights};
+use foxhound_core::localize::link_state::{CLASSES, Classifier, FEATURES, HIDDEN, Weights};
 use rayon::prelude::*;
 
-use super::network::{Network, Rows};
+use super::network::{Network, Recipe, Rows};
 use legs::{Chain, Sample};
 
 /// Seed of the weights in the repository.
@@ -29,6 +29,8 @@ pub const TRAINING_SCENES: u32 = 5000;
 pub const EXAMINATION_SCENES: u32 = 500;
 /// Passes over the training set.
 const EPOCHS: usize = 12;
+/// Weight decay.
+const DECAY: f64 = 1e-4;
 /// Purposes of the random numbers, one a scene.
 const TRAINING: u64 = 1 << 32;
 const EXAMINATION: u64 = 2 << 32;
@@ -109,7 +111,8 @@ impl Contender {
                 rows.classes.push(sample.class);
             }
         }
-        Network::train(&rows, self.hidden, EPOCHS, seed)
+        let recipe = Recipe { hidden: self.hidden, classes: CLASSES, epochs: EPOCHS, decay: DECAY };
+        Network::train(&rows, &recipe, seed)
     }
 
     fn examine(&self, network: &Network, scenes: &[Vec<Sample>]) -> Ablation {
@@ -142,7 +145,34 @@ pub fn train(seed: u64, ablate: bool) -> Result<(Trained, Vec<Ablation>), Config
     }
     let networks: Vec<Network> = contenders.par_iter().map(|contender| contender.train(&lessons, seed)).collect();
     let ablations = contenders.par_iter().zip(&networks).map(|(c, network)| c.examine(network, &exam)).collect();
-    let weights = networks.first().and_then(Network::weights).unwrap_or(WEIGHTS);
+    let weights = networks.first().and_then(weights_of).unwrap_or(WEIGHTS);
     let report = Report::of(&Classifier::new(weights.clone()), seed, &exam);
     Ok((Trained { weights, report }, ablations))
+}
+
+/// A network in the core's form, the scaling folded into the first layer; `None` when the shape is another.
+fn weights_of(network: &Network) -> Option<Weights> {
+    if network.inputs != FEATURES || network.hidden != HIDDEN {
+        return None;
+    }
+    let mut weights = Weights {
+        hidden: [[0.0; FEATURES]; HIDDEN],
+        hidden_bias: [0.0; HIDDEN],
+        output: [[0.0; HIDDEN]; CLASSES],
+        output_bias: [0.0; CLASSES],
+    };
+    let [hidden, output] = network.layers();
+    for (h, row) in hidden.enumerate() {
+        let mut bias = row[FEATURES];
+        for (k, [mean, inverse]) in network.scaling.iter().enumerate() {
+            weights.hidden[h][k] = (row[k] * inverse) as f32;
+            bias -= row[k] * inverse * mean;
+        }
+        weights.hidden_bias[h] = bias as f32;
+    }
+    for (class, row) in output.enumerate() {
+        weights.output[class] = std::array::from_fn(|k| row[k] as f32);
+        weights.output_bias[class] = row[HIDDEN] as f32;
+    }
+    Some(weights)
 }

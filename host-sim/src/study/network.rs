@@ -1,16 +1,25 @@
 //! Training of a small network: Adam (Kingma and Ba 2015) on mini-batches, in `f64`, the same numbers from the same seed on
 //! every machine.
 
-use foxhound_core::localize::link_state::{CLASSES, FEATURES, HIDDEN, Weights};
-
 use crate::world::random::Random;
 
 /// Samples of a step.
 const BATCH: usize = 128;
-/// Weight decay.
-const DECAY: f64 = 1e-4;
 /// Step length, at first; it falls to a hundredth.
 const RATE: f64 = 4e-3;
+
+/// How a network is trained.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Recipe {
+    /// Neurons between the inputs and the classes.
+    pub(super) hidden: usize,
+    /// How many classes.
+    pub(super) classes: usize,
+    /// Passes over the rows.
+    pub(super) epochs: usize,
+    /// Weight decay.
+    pub(super) decay: f64,
+}
 
 /// Rows of numbers with their classes.
 #[derive(Clone, Debug, Default)]
@@ -21,32 +30,34 @@ pub(super) struct Rows {
 
 impl Rows {
     /// How much a row of each class counts, so that classes count alike.
-    fn class_weights(&self) -> [f64; CLASSES] {
-        let mut counts = [0.0; CLASSES];
+    fn class_weights(&self, classes: usize) -> Vec<f64> {
+        let mut counts = vec![0.0; classes];
         for class in &self.classes {
             counts[*class] += 1.0;
         }
         let total: f64 = counts.iter().sum();
-        counts.map(|count: f64| total / (CLASSES as f64 * count.max(1.0)))
+        counts.iter().map(|count: &f64| total / (classes as f64 * count.max(1.0))).collect()
     }
 }
 
 /// A network of any number of inputs; without hidden neurons, a logistic regression.
 #[derive(Clone, Debug)]
 pub(super) struct Network {
-    inputs: usize,
-    hidden: usize,
+    pub(super) inputs: usize,
+    pub(super) hidden: usize,
+    classes: usize,
     /// Mean and inverse standard deviation of each input.
-    scaling: Vec<[f64; 2]>,
+    pub(super) scaling: Vec<[f64; 2]>,
     /// All weights: hidden rows (with the bias last), then output rows (the same).
     weights: Vec<f64>,
 }
 
 impl Network {
     /// Trains one.
-    pub(super) fn train(rows: &Rows, hidden: usize, epochs: usize, seed: u64) -> Self {
+    pub(super) fn train(rows: &Rows, recipe: &Recipe, seed: u64) -> Self {
         let inputs = rows.inputs.first().map_or(0, Vec::len);
-        let mut network = Self { inputs, hidden, scaling: scaling(rows, inputs), weights: Vec::new() };
+        let Recipe { hidden, classes, .. } = *recipe;
+        let mut network = Self { inputs, hidden, classes, scaling: scaling(rows, inputs), weights: Vec::new() };
         let mut random = Random::new(seed, 77);
         let width = if hidden == 0 { inputs } else { hidden };
         let mut layer = |rows: usize, columns: usize| {
@@ -57,14 +68,15 @@ impl Network {
             }
         };
         layer(hidden, inputs);
-        layer(CLASSES, width);
-        network.descend(rows, epochs, &mut random);
+        layer(classes, width);
+        network.descend(rows, recipe, &mut random);
         network
     }
 
-    fn descend(&mut self, rows: &Rows, epochs: usize, random: &mut Random) {
+    fn descend(&mut self, rows: &Rows, recipe: &Recipe, random: &mut Random) {
+        let Recipe { epochs, decay, .. } = *recipe;
         let scaled: Vec<Vec<f64>> = rows.inputs.iter().map(|row| self.scaled(row)).collect();
-        let class_weights = rows.class_weights();
+        let class_weights = rows.class_weights(self.classes);
         let count = self.weights.len();
         let (mut first, mut second, mut gradient) = (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
         let mut order: Vec<usize> = (0..scaled.len()).collect();
@@ -76,7 +88,7 @@ impl Network {
                 order.swap(last, other);
             }
             for batch in order.chunks(BATCH) {
-                gradient.iter_mut().zip(&self.weights).for_each(|(g, w)| *g = DECAY * w);
+                gradient.iter_mut().zip(&self.weights).for_each(|(g, w)| *g = decay * w);
                 for row in batch {
                     let class = rows.classes[*row];
                     self.add_gradient(&scaled[*row], class, class_weights[class] / batch.len() as f64, &mut gradient);
@@ -113,14 +125,20 @@ impl Network {
         self.hidden * (self.inputs + 1)
     }
 
-    fn softmax(&self, hidden: &[f64]) -> [f64; CLASSES] {
-        let mut scores = [0.0; CLASSES];
-        let rows = self.weights[self.split()..].chunks_exact(hidden.len() + 1);
-        scores.iter_mut().zip(rows).for_each(|(score, row)| *score = affine(row, hidden));
+    /// Rows of the hidden layer, then of the output layer: the weights, and the bias last.
+    pub(super) fn layers(&self) -> [impl Iterator<Item = &[f64]>; 2] {
+        let (hidden, output) = self.weights.split_at(self.split());
+        let width = if self.hidden == 0 { self.inputs } else { self.hidden };
+        [hidden.chunks_exact(self.inputs + 1), output.chunks_exact(width + 1)]
+    }
+
+    fn softmax(&self, hidden: &[f64]) -> Vec<f64> {
+        let [_, rows] = self.layers();
+        let scores: Vec<f64> = rows.map(|row| affine(row, hidden)).collect();
         let most = scores.iter().copied().fold(f64::MIN, f64::max);
-        let powers = scores.map(|score| libm::exp(score - most));
+        let powers: Vec<f64> = scores.iter().map(|score| libm::exp(score - most)).collect();
         let sum: f64 = powers.iter().sum();
-        powers.map(|power| power / sum)
+        powers.iter().map(|power| power / sum).collect()
     }
 
     /// Adds the gradient of the weighted cross-entropy of one row.
@@ -152,32 +170,6 @@ impl Network {
             best = if *p > probabilities[best] { class } else { best };
         }
         best
-    }
-
-    /// The core's form, the scaling folded into the first layer; `None` when the shape is another.
-    pub(super) fn weights(&self) -> Option<Weights> {
-        if self.inputs != FEATURES || self.hidden != HIDDEN {
-            return None;
-        }
-        let mut weights = Weights {
-            hidden: [[0.0; FEATURES]; HIDDEN],
-            hidden_bias: [0.0; HIDDEN],
-            output: [[0.0; HIDDEN]; CLASSES],
-            output_bias: [0.0; CLASSES],
-        };
-        for (h, row) in self.weights.as_chunks::<{ FEATURES + 1 }>().0.iter().take(HIDDEN).enumerate() {
-            let mut bias = row[FEATURES];
-            for (k, [mean, inverse]) in self.scaling.iter().enumerate() {
-                weights.hidden[h][k] = (row[k] * inverse) as f32;
-                bias -= row[k] * inverse * mean;
-            }
-            weights.hidden_bias[h] = bias as f32;
-        }
-        for (class, row) in self.weights[self.split()..].as_chunks::<{ HIDDEN + 1 }>().0.iter().enumerate() {
-            weights.output[class] = std::array::from_fn(|k| row[k] as f32);
-            weights.output_bias[class] = row[HIDDEN] as f32;
-        }
-        Some(weights)
     }
 }
 
@@ -224,19 +216,23 @@ mod tests {
         right.count() as f64 / rows.classes.len() as f64
     }
 
+    fn train(seed: u64, hidden: usize, epochs: usize, start: u64) -> Network {
+        Network::train(&crossed(seed), &Recipe { hidden, classes: 2, epochs, decay: 1e-4 }, start)
+    }
+
     #[test]
     fn hidden_neurons_learn_what_no_plane_parts_and_the_same_again_with_the_same_seed() {
-        let network = Network::train(&crossed(1), 8, 300, 3);
+        let network = train(1, 8, 300, 3);
         assert!(rate(&network, &crossed(2)) > 0.97);
-        assert!(rate(&Network::train(&crossed(1), 0, 300, 3), &crossed(2)) < 0.75);
-        assert_eq!(Network::train(&crossed(1), 8, 300, 3).weights, network.weights);
-        assert_ne!(Network::train(&crossed(1), 8, 300, 4).weights, network.weights);
+        assert!(rate(&train(1, 0, 300, 3), &crossed(2)) < 0.75);
+        assert_eq!(train(1, 8, 300, 3).weights, network.weights);
+        assert_ne!(train(1, 8, 300, 4).weights, network.weights);
     }
 
     #[test]
     fn the_gradient_is_that_of_finite_differences() {
         let rows = crossed(3);
-        let mut network = Network::train(&rows, 5, 1, 3);
+        let mut network = train(3, 5, 1, 3);
         let loss = |network: &Network, k: usize| {
             let scaled = network.scaled(&rows.inputs[k]);
             -libm::log(network.softmax(&network.hidden(&scaled))[rows.classes[k]])
