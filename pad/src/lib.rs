@@ -18,8 +18,9 @@
 //! Pixels and regions are integers; the last step, of a few dozen points a frame, is `f32`. Cost: the bench's
 //! `pad_160x120`.
 //!
-//! The weights of the score are in `weights`, which says what they were trained on. `foxhound pad --render --seed N` draws such
-//! a picture; the program that trained them is not in the repository, so no command reproduces them.
+//! The weights of the score are in [`WEIGHTS`], whose file says what they were trained on. `foxhound pad --render --seed N` draws such
+//! a picture. `foxhound pad --train` trains others by the same recipe; the program that trained these is lost, so no
+//! command reproduces them bit for bit.
 #![no_std]
 
 #[cfg(test)]
@@ -41,7 +42,9 @@ use foxhound_core::landing::observation::{Bad, Nothing, Pad, PadObservation, See
 use fit::Prior;
 use light::Light;
 use regions::{Mask, Region, Regions, WORDS, most};
-use score::{Sight, measures, score};
+pub use score::{Candidate, MEASURES, UNITS, Weights};
+use score::{Sight, measures};
+pub use weights::WEIGHTS;
 
 /// Widest frame, in pixels.
 pub const WIDTH_MAX: u16 = 320;
@@ -288,12 +291,17 @@ impl Detector {
 
     /// Ends the frame and says what it shows.
     pub fn end(&self, state: &mut State) -> PadObservation {
-        let seen = self.judge(state);
+        self.end_with(state, |candidate| WEIGHTS.score(&candidate.measures))
+    }
+
+    /// The same with another score: what is above 0 is the pad. So other weights are trained and compared.
+    pub fn end_with(&self, state: &mut State, score: impl FnMut(&Candidate) -> f32) -> PadObservation {
+        let seen = self.judge(state, score);
         state.stage = Stage::Idle;
         PadObservation { time: state.header.time, seen }
     }
 
-    fn judge(&self, state: &mut State) -> Seen {
+    fn judge(&self, state: &mut State, mut score: impl FnMut(&Candidate) -> f32) -> Seen {
         match state.stage {
             Stage::Spoilt(bad) => return Seen::Bad(bad),
             Stage::Idle => return Seen::Bad(Bad::NotBegun),
@@ -334,7 +342,8 @@ impl Detector {
             if let Some(slot) = parts.get_mut(turn) {
                 *slot = Some(*region);
             }
-            match self.look(region, narrow, size_px, expected_px, state.header.format) {
+            let format = state.header.format;
+            match self.look(region, narrow, size_px, expected_px, format, &mut score) {
                 Ok(pad) => {
                     if best.is_none_or(|best| pad.confidence > best.confidence) {
                         best = Some(pad);
@@ -364,6 +373,7 @@ impl Detector {
         size_px: [u16; 2],
         expected_px: Option<f32>,
         format: Format,
+        score: &mut impl FnMut(&Candidate) -> f32,
     ) -> Result<Pad, Nothing> {
         // Far too small or too large for a pad: no fit is needed to see that.
         let area = region.area as f32;
@@ -421,19 +431,19 @@ impl Detector {
         if !is_cut && fill + seen < WHOLE_MIN {
             return Err(Nothing::Hidden);
         }
-        let score = score(&measures);
-        if !(score > 0.0) {
-            return Err(Nothing::Shape);
-        }
-        let confidence = 0.5 + 0.5 * score / (score + 2.0);
         // Up in the picture is forward.
-        Ok(Pad {
+        let pad = Pad {
             forward: (0.5 * height - fit.disc.y) / focal_px,
             right: (fit.disc.x - 0.5 * width) / focal_px,
             radius: radius / focal_px,
-            confidence,
+            confidence: 0.0,
             is_cut,
-        })
+        };
+        let score = score(&Candidate { measures, pad });
+        if !(score > 0.0) {
+            return Err(Nothing::Shape);
+        }
+        Ok(Pad { confidence: 0.5 + 0.5 * score / (score + 2.0), ..pad })
     }
 }
 

@@ -5,14 +5,54 @@
 
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::units::between;
+use foxhound_core::landing::observation::Pad;
 
 use super::Format;
 use super::fit::{Fit, SECTORS};
 use super::regions::{Colour, Region};
-use super::weights::{NONE, SCALES, UNITS, WORTH};
 
 /// Measures of a region.
-pub(super) const MEASURES: usize = 21;
+pub const MEASURES: usize = 21;
+/// Units of the network.
+pub const UNITS: usize = 12;
+
+/// A region that the score decides about: everything else about it is as it is with a pad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// What the score is of.
+    pub measures: [f32; MEASURES],
+    /// The pad that the region would be, without its confidence.
+    pub pad: Pad,
+}
+
+/// A network of rectified units: what says how much a region is like the pad.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Weights {
+    /// Each measure's mean over the regions, and one over its standard deviation.
+    pub scales: [[f32; 2]; MEASURES],
+    /// Of each unit: the weights of the measures and the bias, and what the unit counts.
+    pub units: [([i8; MEASURES], i8, i8); UNITS],
+    /// What a count is worth.
+    pub worth: f32,
+    /// What the score is without any.
+    pub none: f32,
+}
+
+impl Weights {
+    /// Above 0: the pad.
+    #[must_use]
+    pub fn score(&self, measures: &[f32; MEASURES]) -> f32 {
+        let mut scaled = *measures;
+        for (measure, [mean, inverse]) in scaled.iter_mut().zip(&self.scales) {
+            *measure = (*measure - mean) * inverse;
+        }
+        self.units.iter().fold(self.none, |sum, (weights, bias, count)| {
+            let unit =
+                weights.iter().zip(scaled).fold(f32::from(*bias), |unit, (weight, x)| unit + f32::from(*weight) * x);
+            sum + self.worth * f32::from(*count) * unit.max(0.0)
+        })
+    }
+}
 
 /// What is known of a region beside its fit.
 pub(super) struct Sight {
@@ -56,18 +96,6 @@ pub(super) fn measures(region: &Region, fit: &Fit, sight: &Sight) -> [f32; MEASU
         sight.share,
         fit.sectors as f32 / SECTORS as f32,
     ]
-}
-
-/// Above 0: the pad.
-pub(super) fn score(measures: &[f32; MEASURES]) -> f32 {
-    let mut scaled = *measures;
-    for (measure, [mean, inverse]) in scaled.iter_mut().zip(SCALES) {
-        *measure = (*measure - mean) * inverse;
-    }
-    UNITS.iter().fold(NONE, |sum, (weights, bias, count)| {
-        let unit = weights.iter().zip(scaled).fold(f32::from(*bias), |unit, (weight, x)| unit + f32::from(*weight) * x);
-        sum + WORTH * f32::from(*count) * unit.max(0.0)
-    })
 }
 
 /// Part of the disc that is missing between a region and its outline, and how much of that is a round piece in the middle. Of mass

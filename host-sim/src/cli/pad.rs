@@ -1,5 +1,6 @@
-//! `foxhound pad`: what the pad detector sees in a picture.
+//! `foxhound pad`: what the pad detector sees in a picture, and the training of its weights.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -7,17 +8,18 @@ use std::process::ExitCode;
 
 use clap::Args;
 use foxhound_core::landing::observation::{Pad, Seen};
-use foxhound_pad::{Camera, Config, Format, HEIGHT_MAX, SIDE_MIN, WIDTH_MAX};
+use foxhound_pad::{Camera, Config, Format, HEIGHT_MAX, SIDE_MIN, WEIGHTS, WIDTH_MAX};
 use foxhound_sim::scenario::input::{InputError, check_within};
+use foxhound_sim::study::pad as study;
 use foxhound_sim::world::camera::picture::{Picture, mark};
 use foxhound_sim::world::camera::random::{Recipe, shot};
 use foxhound_sim::world::camera::watch::alone;
 use foxhound_sim::world::camera::{Frame, Size};
 use serde::Serialize;
 
-use super::terminal::{GOOD, HALF, say, show_as};
+use super::terminal::{GOOD, HALF, say, show, show_as};
 use super::value::number;
-use super::{Cli, json_line};
+use super::{Cli, json_line, write_text};
 
 const PAD_HELP: &str = "The picture is a PNG, seen by a camera that looks straight down: its top is towards the nose. It is scaled down to --size, \
 by default to 160 columns, and shown to the detector twice, since a camera's second picture finds its light known. With --height the pad must have \
@@ -27,6 +29,7 @@ Examples:
   foxhound pad --image field.png --height 2.5
   foxhound pad --image field.png --size 320x240 --json
   foxhound pad --render --seed 7 --out out    one that is drawn
+  foxhound pad --train --out out              new weights beside those that fly, into out/weights.rs; minutes
 
 Exit status: 0 the pad is there; 1 it is not; 2 bad usage or input.";
 
@@ -34,11 +37,14 @@ Exit status: 0 the pad is there; 1 it is not; 2 bad usage or input.";
 #[command(after_help = PAD_HELP)]
 pub(super) struct PadCommand {
     /// The picture.
-    #[arg(long, value_name = "FILE", required_unless_present = "render")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["render", "train"])]
     image: Option<PathBuf>,
     /// Draws a scene by --seed instead, with a pad.
     #[arg(long, conflicts_with_all = ["image", "height"])]
     render: bool,
+    /// Trains new weights by --seed, and compares them with those that fly, on drawn pictures that neither has seen.
+    #[arg(long, conflicts_with_all = ["image", "render", "height", "size", "grey", "focal", "radius"])]
+    train: bool,
     /// Height of the camera above the pad, in metres.
     #[arg(long, value_name = "M", value_parser = number(HEIGHT_M), allow_negative_numbers = true)]
     height: Option<f64>,
@@ -79,6 +85,9 @@ struct Report {
 }
 
 pub(super) fn pad(cli: &Cli, args: &PadCommand) -> Result<ExitCode, InputError> {
+    if args.train {
+        return train(cli);
+    }
     check_within("--focal", args.focal, &FOCAL)?;
     check_within("--radius", args.radius, &RADIUS_M)?;
     if let Some(height_m) = args.height {
@@ -118,6 +127,28 @@ pub(super) fn pad(cli: &Cli, args: &PadCommand) -> Result<ExitCode, InputError> 
         show_as(if code == 0 { GOOD } else { HALF }, &text(seen, &report));
     }
     Ok(ExitCode::from(code))
+}
+
+fn train(cli: &Cli) -> Result<ExitCode, InputError> {
+    let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
+    let progress = cli.spinner("training");
+    let trained = study::train(cli.seed).and_then(|weights| {
+        let reports = [("flown", study::Report::of(&WEIGHTS)?), ("trained", study::Report::of(&weights)?)];
+        Ok((weights, reports))
+    });
+    progress.finish_and_clear();
+    let (weights, reports) = trained?;
+    if cli.json {
+        say(&json_line(&BTreeMap::from(reports))?);
+    } else {
+        show(&study::table(&reports));
+    }
+    if let Some(folder) = folder {
+        let path = folder.join("weights.rs");
+        write_text(&path, &study::source(&weights, cli.seed))?;
+        cli.note(&format!("written: {}", path.display()));
+    }
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Columns and lines.

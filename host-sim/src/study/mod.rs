@@ -7,6 +7,7 @@
 //! | [`gusts`] | how many flights touch something in gusts? |
 //! | [`landings`] | how many come down on the pad? |
 //! | [`link_state`] | how often is the link state's classifier right, and how is it trained? |
+//! | [`pad`] | what does the landing pad's detector find, and how are its weights trained? |
 //! | [`flight`] | how does one flight end? |
 //! | [`seeds`] | the ranges of seeds: those to tune on, those to publish |
 
@@ -15,6 +16,7 @@ pub mod gusts;
 pub mod landings;
 pub mod link_state;
 pub mod matrix;
+pub mod pad;
 pub mod reproduce;
 pub mod seeds;
 

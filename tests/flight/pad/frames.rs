@@ -2,76 +2,17 @@
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
-use foxhound_pad::{Camera, Config, Detector, Format, HEIGHT_MAX, Header, State, WIDTH_MAX};
-use foxhound_sim::world::camera::random::{Recipe, shot};
+use foxhound_pad::{Camera, Config, Detector, Format, HEIGHT_MAX, Header, State, WEIGHTS, WIDTH_MAX};
+use foxhound_sim::study::pad::{EXAMINATION, Tally, examine};
+use foxhound_sim::world::camera::random::Recipe;
 use foxhound_sim::world::camera::watch::alone;
 use foxhound_sim::world::camera::{Ground, Lighting, PAD_RED, Pose, Scene, Size, Target, render};
 
-const FRAMES: u64 = 5000;
-const WIDE_PX: f32 = 12.0;
+const FRAMES: u64 = EXAMINATION.end;
 
-/// What became of many pictures.
-#[derive(Debug, Default)]
-struct Tally {
-    due: u32,
-    found: u32,
-    /// Squares of the centres' errors over the picture's width, as they are and straightened by the lean.
-    square: f64,
-    straight: f64,
-}
-
-impl Tally {
-    fn rate(&self) -> f64 {
-        f64::from(self.found) / f64::from(self.due)
-    }
-
-    fn rms(&self, square: f64) -> f64 {
-        (square / f64::from(self.found.max(1))).sqrt()
-    }
-}
-
-/// Runs a recipe on both cores. Only pads of 12 pixels and more count, of which as much as `inside` is in the picture.
+/// The first so many pictures of a recipe, none of which the weights were trained on.
 fn run(recipe: &Recipe, count: u64, inside: [f32; 2]) -> Tally {
-    let (camera, detector) = (Camera::default(), Config::default().build().unwrap());
-    let part = |first: u64| {
-        let mut tally = Tally::default();
-        for seed in (first..count).step_by(2) {
-            let shot = shot(recipe, &camera, seed);
-            let wanted = |truth: &foxhound_sim::world::camera::Truth| {
-                truth.width_px >= WIDE_PX && truth.hidden <= 0.3 && (inside[0]..=inside[1]).contains(&truth.inside)
-            };
-            if recipe.has_pad && !shot.truth.as_ref().is_some_and(wanted) {
-                continue;
-            }
-            tally.due += 1;
-            let Seen::Pad(pad) = alone(&detector, &shot.frame, Some(shot.pose.height_m), 2).seen else { continue };
-            let Some(truth) = shot.truth else {
-                tally.found += 1;
-                continue;
-            };
-            let error = |forward: f32, right: f32| {
-                f64::from((forward - truth.forward).hypot(right - truth.right) * camera.focal_widths)
-            };
-            let straight = pad.straightened(shot.pose.up());
-            // Another thing that is red is no find.
-            if error(pad.forward, pad.right) < 0.1 {
-                tally.found += 1;
-                tally.square += error(pad.forward, pad.right).powi(2);
-                tally.straight += error(straight.forward, straight.right).powi(2);
-            }
-        }
-        tally
-    };
-    let parts = std::thread::scope(|scope| {
-        [0, 1].map(|first| scope.spawn(move || part(first))).map(|part| part.join().unwrap())
-    });
-    let [a, b] = parts;
-    Tally {
-        due: a.due + b.due,
-        found: a.found + b.found,
-        square: a.square + b.square,
-        straight: a.straight + b.straight,
-    }
+    examine(&WEIGHTS, recipe, 0..count, inside).unwrap()
 }
 
 /// The pad is found in any light, and its centre is correct.

@@ -2,19 +2,30 @@
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
-use foxhound_pad::{Detector, State};
+use foxhound_pad::{Candidate, Detector, State, WEIGHTS};
 
 use super::frame::Frame;
 
 /// What the detector sees in a frame, after those that the state has seen.
 #[must_use]
 pub fn watch(detector: &Detector, state: &mut State, frame: &Frame, height_m: Option<f32>) -> PadObservation {
+    watch_by(detector, state, frame, height_m, |candidate| WEIGHTS.score(&candidate.measures))
+}
+
+/// The same by another score.
+fn watch_by(
+    detector: &Detector,
+    state: &mut State,
+    frame: &Frame,
+    height_m: Option<f32>,
+    score: impl FnMut(&Candidate) -> f32,
+) -> PadObservation {
     let header = frame.header(Instant(0));
     let mut fed: Result<(), Bad> = detector.begin(state, &header, height_m);
     for (row, bytes) in frame.lines() {
         fed = fed.and_then(|()| detector.line(state, row, bytes));
     }
-    let look = detector.end(state);
+    let look = detector.end_with(state, score);
     debug_assert!(fed.is_ok() || matches!(look.seen, Seen::Bad(_)), "{fed:?} {look:?}");
     look
 }
@@ -22,10 +33,21 @@ pub fn watch(detector: &Detector, state: &mut State, frame: &Frame, height_m: Op
 /// What it sees in a frame alone: shown so many times, the last of them counts.
 #[must_use]
 pub fn alone(detector: &Detector, frame: &Frame, height_m: Option<f32>, times: u32) -> PadObservation {
+    alone_by(detector, frame, height_m, times, |_, candidate| WEIGHTS.score(&candidate.measures))
+}
+
+/// The same by another score, which is told in which of the looks it is asked, the first of them 0.
+#[must_use]
+pub fn alone_by(
+    detector: &Detector,
+    frame: &Frame,
+    height_m: Option<f32>,
+    times: u32,
+    mut score: impl FnMut(u32, &Candidate) -> f32,
+) -> PadObservation {
     let mut state = State::new();
-    let mut look = watch(detector, &mut state, frame, height_m);
-    for _ in 1..times {
-        look = watch(detector, &mut state, frame, height_m);
+    for look in 1..times {
+        let _ = watch_by(detector, &mut state, frame, height_m, |candidate| score(look - 1, candidate));
     }
-    look
+    watch_by(detector, &mut state, frame, height_m, |candidate| score(times - 1, candidate))
 }

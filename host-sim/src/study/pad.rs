@@ -1,0 +1,331 @@
+//! The landing pad's detector: what it finds in drawn pictures, and how the weights of its score are trained. What
+//! `foxhound pad --train` does.
+//!
+//! The pictures are those of [`shot`]. Their seeds lie in three ranges that do not meet: [`EXAMINATION`] for what is published,
+//! and two more for the training. Each picture is shown twice to a new detector, since the first look tells it the light.
+
+use std::fmt::Write as _;
+use std::ops::Range;
+
+use foxhound_core::ConfigError;
+use foxhound_core::landing::observation::{Pad, Seen};
+use foxhound_pad::{Camera, Candidate, Config, Detector, MEASURES, UNITS, WEIGHTS, Weights};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::network::{self, Network, Rows};
+use crate::world::camera::Truth;
+use crate::world::camera::random::{Recipe, Shot, shot};
+use crate::world::camera::watch::alone_by;
+
+/// Seeds that are never trained on.
+pub const EXAMINATION: Range<u64> = 0..5000;
+/// Seeds of the pictures that the network is trained on: with a pad, with one that the border cuts, without one.
+const TRAINING: [(Recipe, Range<u64>); 4] = [
+    (Recipe::PAD, 100_000..130_000),
+    (NEAR, 100_000..102_500),
+    (Recipe::CLUTTER, 100_000..152_000),
+    (Recipe::CLUTTER, 300_000..347_000),
+];
+/// Seeds of the pictures without a pad by which it is said where the score is zero.
+const THRESHOLD: Range<u64> = 400_000..430_000;
+/// Of those pictures so many may show a pad.
+const INVENTED: f64 = 0.000_8;
+/// The border cuts most of these.
+const NEAR: Recipe = Recipe { is_whole: false, height_m: [0.4, 1.2], ..Recipe::PAD };
+/// Passes over the regions.
+const EPOCHS: usize = 300;
+/// Weight decay.
+const DECAY: f64 = 3e-4;
+/// Networks that are trained from other random weights each; the best is taken.
+const STARTS: u64 = 3;
+/// Where a network is trained on two seeds of so many, the others say how good it is.
+const PARTS: u64 = 3;
+/// The largest weight of a unit in the tables, and the largest count.
+const LARGEST: f64 = 126.0;
+/// How often a picture is shown; the last look counts.
+const LOOKS: u32 = 2;
+/// Smaller pads are not asked for.
+const WIDE_PX: f32 = 12.0;
+/// More of a pad may not be covered.
+const HIDDEN: f32 = 0.3;
+
+/// What became of many pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Tally {
+    /// Pictures that count.
+    pub due: u32,
+    /// In so many a pad was seen where it is, or where there is none.
+    pub found: u32,
+    /// Sum of the squares of the centres' errors over the picture's width.
+    pub square: f64,
+    /// The same, straightened by the lean.
+    pub straight: f64,
+}
+
+impl Tally {
+    /// The part of the pictures.
+    #[must_use]
+    pub fn rate(&self) -> f64 {
+        f64::from(self.found) / f64::from(self.due)
+    }
+
+    /// Root of the mean of one of the sums.
+    #[must_use]
+    pub fn rms(&self, square: f64) -> f64 {
+        (square / f64::from(self.found.max(1))).sqrt()
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self {
+            due: self.due + other.due,
+            found: self.found + other.found,
+            square: self.square + other.square,
+            straight: self.straight + other.straight,
+        }
+    }
+}
+
+/// The pictures of a recipe with these seeds, on all cores. Only pads of 12 pixels and more count, of which as much as `inside` is
+/// in the picture.
+///
+/// # Errors
+/// None in practice: the detector's own configuration.
+pub fn examine(weights: &Weights, recipe: &Recipe, seeds: Range<u64>, inside: [f32; 2]) -> Result<Tally, ConfigError> {
+    let (camera, detector) = (Camera::default(), Config::default().build()?);
+    let wanted = |truth: &Truth| {
+        truth.width_px >= WIDE_PX && truth.hidden <= HIDDEN && (inside[0]..=inside[1]).contains(&truth.inside)
+    };
+    let look = |seed| {
+        let shot = shot(recipe, &camera, seed);
+        let mut tally = Tally::default();
+        if recipe.has_pad && !shot.truth.as_ref().is_some_and(wanted) {
+            return tally;
+        }
+        tally.due = 1;
+        let Seen::Pad(pad) = see(&detector, &shot, |_, candidate| weights.score(&candidate.measures)) else {
+            return tally;
+        };
+        let Some(truth) = shot.truth else { return Tally { found: 1, ..tally } };
+        let error = |pad: &Pad| f64::from(apart(pad, &truth) * camera.focal_widths);
+        // Another thing that is red is no find.
+        if error(&pad) < 0.1 {
+            let straight = pad.straightened(shot.pose.up());
+            tally = Tally { found: 1, square: error(&pad).powi(2), straight: error(&straight).powi(2), ..tally };
+        }
+        tally
+    };
+    // One by one in the order of the seeds, so that the sums are the same on any number of cores.
+    let tallies: Vec<Tally> = seeds.into_par_iter().map(look).collect();
+    Ok(tallies.into_iter().fold(Tally::default(), Tally::and))
+}
+
+/// What is seen in a picture by a score, which is told whether it is the look that counts.
+fn see(detector: &Detector, shot: &Shot, mut score: impl FnMut(bool, &Candidate) -> f32) -> Seen {
+    let score = |look, candidate: &Candidate| score(look + 1 == LOOKS, candidate);
+    alone_by(detector, &shot.frame, Some(shot.pose.height_m), LOOKS, score).seen
+}
+
+fn apart(pad: &Pad, truth: &Truth) -> f32 {
+    (pad.forward - truth.forward).hypot(pad.right - truth.right)
+}
+
+/// What weights come to on [`EXAMINATION`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Pads that are wholly in the picture.
+    pub whole: Tally,
+    /// Pads that the border cuts.
+    pub cut: Tally,
+    /// Pictures without a pad.
+    pub clutter: Tally,
+}
+
+impl Report {
+    /// Of these weights.
+    ///
+    /// # Errors
+    /// See [`examine`].
+    pub fn of(weights: &Weights) -> Result<Self, ConfigError> {
+        let quarter = EXAMINATION.start..EXAMINATION.start + (EXAMINATION.end - EXAMINATION.start) / 4;
+        Ok(Self {
+            whole: examine(weights, &Recipe::PAD, EXAMINATION, [1.0, 1.0])?,
+            cut: examine(weights, &NEAR, quarter, [0.5, 0.9999])?,
+            clutter: examine(weights, &Recipe::CLUTTER, EXAMINATION, [0.0, 1.0])?,
+        })
+    }
+}
+
+/// A region of a training picture.
+struct Sample {
+    seed: u64,
+    measures: [f32; MEASURES],
+    is_pad: bool,
+}
+
+/// Whether a candidate is the pad: none where it is half one, half another thing.
+fn judge(pad: &Pad, truth: Option<&Truth>) -> Option<bool> {
+    let Some(truth) = truth else { return Some(false) };
+    let radius = 0.5 * truth.width_px / f32::from(crate::world::camera::Size::USUAL.width_px);
+    let radius = radius / Camera::default().focal_widths;
+    let (off, ratio) = (apart(pad, truth) / radius, pad.radius / radius);
+    match () {
+        () if off < 0.4 && (0.75..1.35).contains(&ratio) => (truth.hidden <= 0.4).then_some(true),
+        () if off > 1.0 => Some(false),
+        () => None,
+    }
+}
+
+/// The regions of these pictures that the score would decide about, if it were always right.
+fn draw(recipe: &Recipe, seeds: Range<u64>, detector: &Detector) -> Vec<Sample> {
+    let camera = Camera::default();
+    let look = |seed: u64| {
+        let (shot, mut samples) = (shot(recipe, &camera, seed), Vec::new());
+        see(detector, &shot, |counts, Candidate { measures, pad }| {
+            let verdict = judge(pad, shot.truth.as_ref());
+            samples.extend(verdict.filter(|_| counts).map(|is_pad| Sample { seed, measures: *measures, is_pad }));
+            if verdict == Some(true) { 1.0 } else { -1.0 }
+        });
+        samples
+    };
+    seeds.into_par_iter().flat_map_iter(look).collect()
+}
+
+fn rows<'a>(samples: impl Iterator<Item = &'a Sample>) -> Rows {
+    let (inputs, classes) =
+        samples.map(|sample| (sample.measures.map(f64::from).to_vec(), usize::from(sample.is_pad))).unzip();
+    Rows { inputs, classes }
+}
+
+/// Trains new weights. `seed` is that of the random weights at the start and of the order of the regions.
+///
+/// # Errors
+/// None in practice: the detector's own configuration.
+pub fn train(seed: u64) -> Result<Weights, ConfigError> {
+    let detector = Config::default().build()?;
+    let samples: Vec<Sample> =
+        TRAINING.into_iter().flat_map(|(recipe, seeds)| draw(&recipe, seeds, &detector)).collect();
+    let is_held_out = |sample: &&Sample| sample.seed.is_multiple_of(PARTS);
+    let lessons = rows(samples.iter().filter(|sample| !is_held_out(sample)));
+    let held_out: Vec<&Sample> = samples.iter().filter(is_held_out).collect();
+    let recipe = network::Recipe { hidden: UNITS, classes: 2, epochs: EPOCHS, decay: DECAY };
+    let trained: Vec<(f64, Weights)> = (0..STARTS)
+        .into_par_iter()
+        .map(|start| {
+            let weights = weights_of(&Network::train(&lessons, &recipe, STARTS * seed + start));
+            (loss(&weights, &held_out), weights)
+        })
+        .collect();
+    let best = trained.into_iter().min_by(|(a, _), (b, _)| a.total_cmp(b));
+    let mut weights = best.map_or(WEIGHTS, |(_, weights)| weights);
+    weights.none -= threshold(&weights, &detector);
+    Ok(weights)
+}
+
+/// Mean logistic loss, each class counting alike.
+fn loss(weights: &Weights, samples: &[&Sample]) -> f64 {
+    let mean = |is_pad: bool| {
+        let of = samples.iter().filter(|sample| sample.is_pad == is_pad);
+        let sign = if is_pad { -1.0 } else { 1.0 };
+        let losses = of.map(|sample| libm::log1p(libm::exp(sign * f64::from(weights.score(&sample.measures)))));
+        let (sum, count) = losses.fold((0.0, 0.0), |(sum, count), loss| (sum + loss, count + 1.0));
+        sum / f64::max(count, 1.0)
+    };
+    0.5 * (mean(true) + mean(false))
+}
+
+/// The score that hardly any picture without a pad reaches.
+fn threshold(weights: &Weights, detector: &Detector) -> f32 {
+    let camera = Camera::default();
+    let most = |seed| {
+        let mut most = f32::NEG_INFINITY;
+        see(detector, &shot(&Recipe::CLUTTER, &camera, seed), |counts, candidate| {
+            let score = weights.score(&candidate.measures);
+            if counts {
+                most = most.max(score);
+            }
+            -1.0
+        });
+        most
+    };
+    let mut scores: Vec<f32> = THRESHOLD.into_par_iter().map(most).collect();
+    scores.sort_by(|a, b| b.total_cmp(a));
+    scores[(INVENTED * scores.len() as f64) as usize]
+}
+
+/// A network in the detector's form: the weights of a unit in whole numbers, the largest of them [`LARGEST`].
+fn weights_of(network: &Network) -> Weights {
+    let mut weights = WEIGHTS;
+    for (scale, from) in weights.scales.iter_mut().zip(&network.scaling) {
+        *scale = from.map(three_digits);
+    }
+    let [hidden, output] = network.layers();
+    let [no, yes] = <[&[f64]; 2]>::try_from(output.collect::<Vec<_>>()).unwrap_or([&[], &[]]);
+    let apart: Vec<f64> = yes.iter().zip(no).map(|(yes, no)| yes - no).collect();
+    let largest = |row: &[f64]| row.iter().fold(1e-9, |most, weight| f64::max(most, weight.abs()));
+    let units: Vec<(&[f64], f64)> =
+        hidden.zip(&apart).map(|(row, counts)| (row, counts * largest(row) / LARGEST)).collect();
+    let worth = units.iter().fold(1e-9, |most, (_, counts)| f64::max(most, counts.abs())) / LARGEST;
+    for (unit, (row, counts)) in weights.units.iter_mut().zip(units) {
+        let whole = |weight: f64| libm::round(weight) as i8;
+        let scaled = |k: usize| whole(row[k] * LARGEST / largest(row));
+        *unit = (std::array::from_fn(scaled), scaled(MEASURES), whole(counts / worth));
+    }
+    weights.worth = three_digits(worth);
+    weights.none = apart.last().copied().unwrap_or_default() as f32;
+    weights
+}
+
+/// To three digits that count.
+fn three_digits(value: f64) -> f32 {
+    format!("{value:.2e}").parse().unwrap_or(value as f32)
+}
+
+/// The weights as a source file.
+#[must_use]
+pub fn source(weights: &Weights, seed: u64) -> String {
+    let mut text = format!(
+        "//! The weights of the score, made by `foxhound pad --train --seed {seed}`.\n\n\
+         use super::score::Weights;\n\n/// The weights that fly.\npub const WEIGHTS: Weights = Weights {{\n    scales: [\n"
+    );
+    for scale in &weights.scales {
+        let _ = writeln!(text, "        {scale:?},");
+    }
+    text.push_str("    ],\n    units: [\n");
+    for unit in &weights.units {
+        let _ = writeln!(text, "        {unit:?},");
+    }
+    let _ = writeln!(text, "    ],\n    worth: {:?},\n    none: {:?},\n}};", weights.worth, weights.none);
+    text
+}
+
+/// Weights beside those that fly, for people.
+#[must_use]
+pub fn table(rows: &[(&str, Report)]) -> String {
+    let mut text =
+        format!("{:<10}{:>16}{:>11}{:>12}{:>17}\n", "weights", "pads found, %", "rms, %", "cut, %", "invented, %");
+    for (name, Report { whole, cut, clutter }) in rows {
+        let [found, rms] = [whole.rate(), whole.rms(whole.square)].map(|part| 100.0 * part);
+        let [cut, invented] = [cut, clutter].map(|tally| 100.0 * tally.rate());
+        let _ = writeln!(text, "{name:<10}{found:>16.2}{rms:>11.2}{cut:>12.2}{invented:>17.2}");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_score_as_the_network_that_they_are_made_of() {
+        let samples = draw(&Recipe::PAD, 100_000..100_300, &Config::default().build().unwrap());
+        let rows = rows(samples.iter());
+        let recipe = network::Recipe { hidden: UNITS, classes: 2, epochs: 10, decay: DECAY };
+        let network = Network::train(&rows, &recipe, 1);
+        let weights = weights_of(&network);
+        let agree = samples.iter().zip(&rows.inputs);
+        let agree =
+            agree.filter(|(sample, row)| (weights.score(&sample.measures) > 0.0) == (network.classify(row) == 1));
+        assert!(samples.len() > 100 && 50 * agree.count() > 49 * samples.len());
+    }
+}
