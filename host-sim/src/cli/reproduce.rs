@@ -65,23 +65,6 @@ enum Name {
     Stretch,
 }
 
-impl Name {
-    /// The experiment; none is all of them.
-    const fn one(self) -> Option<Experiment> {
-        match self {
-            Self::All => None,
-            Self::AoaCircle => Some(Experiment::AoaCircle),
-            Self::AoaCrb => Some(Experiment::AoaCrb),
-            Self::ApfDensity => Some(Experiment::ApfDensity),
-            Self::Multipath => Some(Experiment::Multipath),
-            Self::Localize => Some(Experiment::Localize),
-            Self::Mmwave => Some(Experiment::Mmwave),
-            Self::ApfVariants => Some(Experiment::ApfVariants),
-            Self::Stretch => Some(Experiment::Stretch),
-        }
-    }
-}
-
 impl Reproduce {
     fn settings(&self, seed: u64) -> Result<Settings, InputError> {
         for (option, value, owner, what) in [
@@ -106,15 +89,17 @@ impl Reproduce {
 }
 
 fn progress(cli: &Cli, experiment: Experiment, settings: &Settings) -> ProgressBar {
-    match experiment.length(settings) {
-        Some(length) => cli.bar(experiment.name(), length, ""),
-        None => cli.spinner(experiment.name()),
+    match (experiment.length)(settings) {
+        Some(length) => cli.bar(experiment.name, length, ""),
+        None => cli.spinner(experiment.name),
     }
 }
 
 pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
     let settings = args.settings(cli.seed)?;
-    let Some(experiment) = args.experiment.one() else { return all(cli, settings) };
+    let name = args.experiment.to_possible_value();
+    // All of them are no experiment of that name.
+    let Some(experiment) = name.and_then(|name| Experiment::named(name.get_name())) else { return all(cli, settings) };
     let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
     let progress = progress(cli, experiment, &settings);
     let outcome = experiment.run(&settings, folder.as_deref(), |done| progress.set_position(done));

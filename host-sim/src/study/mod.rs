@@ -11,6 +11,12 @@
 //! | [`flight`] | how does one flight end? |
 //! | [`seeds`] | the ranges of seeds: those to tune on, those to publish |
 
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::scenario::input::InputError;
+
 pub mod flight;
 pub mod gusts;
 pub mod landings;
@@ -21,3 +27,67 @@ pub mod reproduce;
 pub mod seeds;
 
 mod network;
+
+/// Hears how much of a study is done.
+pub type Watch<'a> = &'a (dyn Fn(u64) + Sync);
+
+/// Many flights or frames that answer one question: the result, and how it is made and shown.
+pub trait Study: Serialize + Sized {
+    /// What can be chosen.
+    type Settings;
+
+    /// Its name on the command line.
+    const NAME: &'static str;
+    /// What it shows, in a line.
+    const TITLE: &'static str;
+    /// Whose experiment it is.
+    const SOURCE: &'static str = "";
+    /// What its source leaves open, how that was read, and what does not come out as published.
+    const NOTE: &'static str = "";
+
+    /// Of the settings those by which the result changes.
+    fn chosen(settings: &Self::Settings) -> serde_json::Value;
+
+    /// Until where its progress counts; none where it does not say how far it is.
+    fn length(_: &Self::Settings) -> Option<u64> {
+        None
+    }
+
+    /// Runs it on all cores; the result does not depend on how many there are. `watch` hears how much is done of
+    /// [`Self::length`].
+    ///
+    /// # Errors
+    /// None that the built-in configurations could cause.
+    fn run(settings: &Self::Settings, watch: Watch<'_>) -> Result<Self, InputError>;
+
+    /// The rows for people.
+    fn table(&self) -> String;
+
+    /// Draws its pictures and says which files these are.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    fn figures(&self, _: &Path) -> Result<Vec<PathBuf>, InputError> {
+        Ok(Vec::new())
+    }
+
+    /// What was published, and what became of it here.
+    fn verdict(&self) -> Vec<Beside> {
+        Vec::new()
+    }
+}
+
+/// A number that was published, beside ours. What there is not is empty.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Beside {
+    /// The experiment.
+    pub experiment: String,
+    /// What is measured.
+    pub what: String,
+    /// What was published.
+    pub published: String,
+    /// The published method, run here.
+    pub theirs: String,
+    /// Foxhound.
+    pub ours: String,
+}

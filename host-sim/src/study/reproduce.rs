@@ -12,8 +12,8 @@
 //! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among what it hears (fig. 3
 //!   and 4 of the rotating vehicle's paper), the discs of its lemmas, and a source that moves.
 //!
-//! Each experiment yields one serialisable report with a table for people and pictures. [`Experiment`] runs any of them by
-//! its name; [`gallery`] keeps all of them in a folder with a page.
+//! Each experiment is a [`Study`](super::Study): a serialisable report with a table for people and pictures. [`Experiment`]
+//! runs any of them by its name; [`gallery`] keeps all of them in a folder with a page.
 
 pub mod circle;
 pub mod crb;
@@ -31,7 +31,6 @@ mod experiment;
 mod kinematic;
 mod potential;
 
-pub use beside::Beside;
 pub use experiment::{Experiment, Outcome, Settings};
 pub use kinematic::{Rules, Sight};
 

@@ -1,6 +1,6 @@
 //! Line and bar charts, side by side: the picture of an experiment, as SVG.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use plotters::coord::Shift;
 use plotters::prelude::{DrawingArea, DrawingBackend, RGBColor, Rectangle};
@@ -122,6 +122,16 @@ fn written(value: f64) -> String {
 }
 
 impl Chart {
+    /// Draws them into a folder, as the only picture of a study.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub(super) fn write(&self, folder: &Path, name: &str) -> Result<Vec<PathBuf>, InputError> {
+        let path = folder.join(name);
+        self.draw(&path)?;
+        Ok(vec![path])
+    }
+
     /// Draws the charts into a file.
     ///
     /// # Errors

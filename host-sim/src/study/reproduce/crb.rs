@@ -6,7 +6,7 @@
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::thread;
@@ -17,10 +17,14 @@ use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::signal::phase;
 use foxhound_papers::aoa::AnyFinder;
 use serde::Serialize;
+use serde_json::{Value, json};
 
+use super::Settings;
+use super::beside::{empty, line};
 use super::chart::{Axis, Chart, Panel, Series};
 use super::{CONTENDERS, error_rad, finders, phasors};
 use crate::scenario::input::InputError;
+use crate::study::{Beside, Study, Watch};
 use crate::world::Pose;
 use crate::world::antennas::Antennas;
 use crate::world::random::Random;
@@ -113,14 +117,6 @@ impl Sum {
     fn rms(&self) -> Option<f64> {
         (self.count > 0).then(|| libm::sqrt(self.squares / self.count as f64))
     }
-}
-
-/// Runs the experiment on all cores; the result does not depend on how many there are.
-///
-/// # Errors
-/// None that the built-in configuration could cause.
-pub fn run(seed: u64) -> Result<Report, InputError> {
-    run_with(seed, REPEATS)
 }
 
 fn run_with(seed: u64, repeats: usize) -> Result<Report, InputError> {
@@ -218,10 +214,25 @@ fn bound_rad(antennas: &Antennas, n: usize, snr_db: f64) -> f64 {
     antennas.wavelength_m / (TAU * (front - back) * libm::sqrt(n as f64 * libm::pow(10.0, snr_db / 10.0)))
 }
 
-impl Report {
-    /// The rows for people.
-    #[must_use]
-    pub fn table(&self) -> String {
+impl Study for Report {
+    type Settings = Settings;
+
+    const NAME: &'static str = "aoa-crb";
+    const TITLE: &'static str = "Bearings over the Cramer-Rao bound";
+    const SOURCE: &'static str = "theory; the main paper has no noise";
+    const NOTE: &'static str = "\
+        Its method here is the paper's with the half-plane by cross-correlation, on the same frames, the frequency \
+        not told. One is the bound.";
+
+    fn chosen(settings: &Settings) -> Value {
+        json!({ "seed": settings.seed })
+    }
+
+    fn run(settings: &Settings, _: Watch<'_>) -> Result<Self, InputError> {
+        run_with(settings.seed, REPEATS)
+    }
+
+    fn table(&self) -> String {
         let mut text =
             String::from("Rms error of single frames over the Cramer-Rao bound, frequency not told\n\nN \\ SNR dB ");
         let line = |text: &mut String, name: &str, value: &dyn Fn(&Row) -> Option<f64>| {
@@ -259,10 +270,7 @@ impl Report {
     }
 
     /// Draws rms over signal-to-noise ratio, the same over the bound, and that over azimuth.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn draw(&self, path: &Path) -> Result<(), InputError> {
+    fn figures(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
         let snr = Axis::linear("signal-to-noise ratio per sample, dB", 0.0, 40.0, 10.0);
         let over_snr = |dashed: bool, value: &dyn Fn(&Row) -> Option<f64>| -> Vec<Series> {
             let series = LENGTHS.map(|n| {
@@ -303,7 +311,19 @@ impl Report {
             },
         ];
         let title = "Whole frames against the Cramer-Rao bound".to_owned();
-        Chart { title, panels }.draw(path)
+        Chart { title, panels }.write(folder, "aoa-crb.svg")
+    }
+
+    /// Errors over the bound, of frames of 256 samples.
+    fn verdict(&self) -> Vec<Beside> {
+        let over = |rms: &Rms| rms.over_bound.map_or_else(empty, |ratio| format!("{ratio:.2}"));
+        let rows = self.rows.iter().filter(|row| row.n == 256 && [10.0, 20.0, 30.0].contains(&row.snr_db));
+        rows.map(|row| {
+            let what =
+                format!("rms error over the bound of {:.3} deg, {:.0} dB, 256 samples", row.bound_deg, row.snr_db);
+            line::<Self>(what, [empty(), over(&row.paper), over(&row.ours)])
+        })
+        .collect()
     }
 }
 

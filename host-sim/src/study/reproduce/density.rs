@@ -19,7 +19,10 @@ use foxhound_core::planning::planner::{self, Kind};
 use foxhound_papers::apf::{self, AnyPlanner, Field};
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
+use serde_json::{Value, json};
 
+use super::Settings;
+use super::beside::{self, empty, line};
 use super::chart::{Axis, Bar, Bars, Chart, Panel, Series};
 use super::kinematic::{self, Rules, Sight};
 use super::potential::{Scene, draw_heat, draw_surface};
@@ -27,6 +30,7 @@ use crate::drive::flight::Ending;
 use crate::drive::maps::{self, Recipe, TABLE_I};
 use crate::drive::suite::{self, Flight, Flown, Map, Place, Selection, Suite, Tally, wilson_95};
 use crate::scenario::input::InputError;
+use crate::study::{Beside, Study, Watch};
 use crate::world::Horizontal;
 
 /// Maps drawn to each row of Table I.
@@ -89,15 +93,6 @@ const READINGS: [Reading; 8] = [
     },
     Reading { name: "eq. 47 to the letter", planners: ["standard", "paper_scalar"], rules: |rules| rules },
 ];
-
-/// What is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
-    /// Seed of maps, pairs and flights.
-    pub seed: u64,
-    /// Pairs of each row of Table I.
-    pub pairs: u32,
-}
 
 /// The experiment's result.
 #[derive(Clone, Debug, Serialize)]
@@ -228,15 +223,15 @@ struct Pictured {
 type Column = Vec<Flown>;
 
 /// Draws the maps, the same that `foxhound maps` draws with this seed.
-fn drawn(options: &Options) -> Result<Suite, InputError> {
-    let mut suite = Suite { seed: Some(options.seed.into()), ..Suite::default() };
+fn drawn(settings: &Settings) -> Result<Suite, InputError> {
+    let mut suite = Suite { seed: Some(settings.seed.into()), ..Suite::default() };
     for row in 1..=TABLE_I.len() as u32 {
         let recipe = Recipe::of_row(row).unwrap_or_default();
         for instance in 0..INSTANCES {
             // As even as it goes.
-            let count = (options.pairs + INSTANCES - 1 - instance) / INSTANCES;
+            let count = (settings.pairs + INSTANCES - 1 - instance) / INSTANCES;
             if count > 0 {
-                let seed = Place { row, instance, pair: u32::MAX }.seed(options.seed);
+                let seed = Place { row, instance, pair: u32::MAX }.seed(settings.seed);
                 let pillars = maps::generate(&recipe, seed)?;
                 let pairs = maps::pairs(suite.bounds, &pillars, suite.drone_radius, count as usize, seed)?;
                 suite.maps.push(Map::new(row, instance, pillars, pairs.pairs));
@@ -292,61 +287,6 @@ fn fly_published(
 #[must_use]
 pub fn flights(pairs: u32) -> u64 {
     (3 + 2 + 2 * READINGS.len() as u64) * TABLE_I.len() as u64 * u64::from(pairs)
-}
-
-/// Runs the experiment on all cores; the result does not depend on how many there are. `watch` is told how many flights
-/// are done, of [`flights`].
-///
-/// # Errors
-/// None that the built-in configuration could cause, but that the maps hold so many pairs.
-pub fn run(options: &Options, watch: impl Fn(u64) + Sync) -> Result<Report, InputError> {
-    let suite = drawn(options)?;
-    let flights = suite.flights(options.seed, &Selection::default());
-    let rules = Rules::default();
-    let done = AtomicUsize::new(0);
-    let tick = |count: usize| watch((done.fetch_add(count, Ordering::Relaxed) + count) as u64);
-    let published = |names, rules| {
-        let columns = fly_published(&flights, names, rules, suite.drone_radius);
-        tick(2 * flights.len());
-        columns
-    };
-    let [standard, paper] = published(AS_PUBLISHED, rules)?;
-    let mut readings = Vec::with_capacity(READINGS.len());
-    for reading in READINGS {
-        let rules = (reading.rules)(rules);
-        let [standard, paper] = published(reading.planners, rules)?;
-        let (standard, paper) = (Tally::of(&standard), Tally::of(&paper));
-        readings.push(Read { reading: reading.name, rules, standard, paper });
-    }
-    let jobs = std::thread::available_parallelism().map_or(1, usize::from);
-    let full_loop = |kind| suite::fly_all(&flights, kind, Estimator::CrossSpectrum, jobs, |_| tick(1));
-    let flown = AllFlown {
-        flights: &flights,
-        standard,
-        paper,
-        standard_full_loop: full_loop(planner::Config::of(Kind::Standard))?,
-        paper_full_loop: full_loop(planner::Config::of(Kind::Paper))?,
-        ours: full_loop(planner::Config::of(Kind::Foxhound))?,
-    };
-    let rows = (1..).zip(TABLE_I).map(|(map, density)| Row {
-        map,
-        mean: density.mean,
-        variance: density.variance,
-        columns: flown.columns(|place| place.row == map),
-        printed: Printed::of(map),
-    });
-    Ok(Report {
-        experiment: "apf-density",
-        seed: options.seed,
-        pairs: options.pairs,
-        rules,
-        rows: rows.collect(),
-        all: flown.columns(|_| true),
-        readings,
-        printed_gains_percent: PRINTED_GAINS_PERCENT,
-        independent_rates: INDEPENDENT,
-        pictured: flown.pictured(rules)?,
-    })
 }
 
 /// What was flown, by planner.
@@ -479,10 +419,77 @@ impl Columns {
     }
 }
 
-impl Report {
-    /// The rows for people.
-    #[must_use]
-    pub fn table(&self) -> String {
+impl Study for Report {
+    type Settings = Settings;
+
+    const NAME: &'static str = "apf-density";
+    const TITLE: &'static str = "Planners on maps of growing obstacle density";
+    const SOURCE: &'static str = "main paper, Table I, fig. 9 and 10";
+    const NOTE: &'static str = "\
+        The paper prints mean and variance of its maps, flies each seven times, and prints rates for the fifth \
+        only; maps of these numbers are drawn here. Its planner and its baseline fly as published, as a point; \
+        Foxhound flies with dynamics, tracker and guard. What the numbers become when the paper is read otherwise \
+        is among all numbers.";
+
+    fn chosen(settings: &Settings) -> Value {
+        json!({ "seed": settings.seed, "pairs": settings.pairs })
+    }
+
+    fn length(settings: &Settings) -> Option<u64> {
+        Some(flights(settings.pairs))
+    }
+
+    fn run(settings: &Settings, watch: Watch<'_>) -> Result<Self, InputError> {
+        let suite = drawn(settings)?;
+        let flights = suite.flights(settings.seed, &Selection::default());
+        let rules = Rules::default();
+        let done = AtomicUsize::new(0);
+        let tick = |count: usize| watch((done.fetch_add(count, Ordering::Relaxed) + count) as u64);
+        let published = |names, rules| {
+            let columns = fly_published(&flights, names, rules, suite.drone_radius);
+            tick(2 * flights.len());
+            columns
+        };
+        let [standard, paper] = published(AS_PUBLISHED, rules)?;
+        let mut readings = Vec::with_capacity(READINGS.len());
+        for reading in READINGS {
+            let rules = (reading.rules)(rules);
+            let [standard, paper] = published(reading.planners, rules)?;
+            let (standard, paper) = (Tally::of(&standard), Tally::of(&paper));
+            readings.push(Read { reading: reading.name, rules, standard, paper });
+        }
+        let jobs = std::thread::available_parallelism().map_or(1, usize::from);
+        let full_loop = |kind| suite::fly_all(&flights, kind, Estimator::CrossSpectrum, jobs, |_| tick(1));
+        let flown = AllFlown {
+            flights: &flights,
+            standard,
+            paper,
+            standard_full_loop: full_loop(planner::Config::of(Kind::Standard))?,
+            paper_full_loop: full_loop(planner::Config::of(Kind::Paper))?,
+            ours: full_loop(planner::Config::of(Kind::Foxhound))?,
+        };
+        let rows = (1..).zip(TABLE_I).map(|(map, density)| Row {
+            map,
+            mean: density.mean,
+            variance: density.variance,
+            columns: flown.columns(|place| place.row == map),
+            printed: Printed::of(map),
+        });
+        Ok(Self {
+            experiment: "apf-density",
+            seed: settings.seed,
+            pairs: settings.pairs,
+            rules,
+            rows: rows.collect(),
+            all: flown.columns(|_| true),
+            readings,
+            printed_gains_percent: PRINTED_GAINS_PERCENT,
+            independent_rates: INDEPENDENT,
+            pictured: flown.pictured(rules)?,
+        })
+    }
+
+    fn table(&self) -> String {
         let mut text = format!(
             "{} pairs a row; reached (95 % interval), collisions, length over the shortest way, the paper's own number\n\
              standard and paper: a point, as published; in loop: with dynamics, tracker and guard\n",
@@ -535,6 +542,55 @@ impl Report {
         text
     }
 
+    /// Draws the rates with their intervals and the relative lengths, and a flight in its potential as a map and as a
+    /// surface; says which files these are.
+    fn figures(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
+        let [chart, map, surface] =
+            ["apf-density.svg", "apf-density-map.svg", "apf-density-surface.svg"].map(|name| folder.join(name));
+        self.chart().draw(&chart)?;
+        let Some(pictured) = &self.pictured else { return Ok(vec![chart]) };
+        let scene = pictured.scene();
+        draw_surface(&scene, &surface)?;
+        draw_heat(&[scene], &map)?;
+        Ok(vec![chart, map, surface])
+    }
+
+    /// Success rates, and what the paper's planner gains on its baseline.
+    fn verdict(&self) -> Vec<Beside> {
+        let mut lines = Vec::new();
+        for row in &self.rows {
+            let printed = |share: Option<f64>| {
+                share.map_or_else(
+                    || "a bar without a number".to_owned(),
+                    |rate| format!("{:.1} % of {}", 100.0 * rate, row.printed.runs),
+                )
+            };
+            let what = |planner: &str| format!("reached, {planner}, map {} (density {:.4})", row.map, row.mean);
+            let standard = [printed(row.printed.standard), beside::rate(&row.columns.standard), empty()];
+            let paper = [printed(row.printed.paper), beside::rate(&row.columns.paper), beside::rate(&row.columns.ours)];
+            lines.push(line::<Self>(what("baseline"), standard));
+            lines.push(line::<Self>(what("planner"), paper));
+        }
+        let all = &self.all;
+        let gain = |better: &Tally| {
+            let gained = better.success_rate.zip(all.standard.success_rate).map(|(better, base)| better - base);
+            gained.map_or_else(empty, |gained| format!("{:+.1} points", 100.0 * gained))
+        };
+        let shorter = |length: Option<f64>| {
+            let ratio = length.zip(all.relative_length.standard).map(|(length, base)| length / base - 1.0);
+            ratio.map_or_else(empty, |ratio| format!("{:+.1} %", 100.0 * ratio))
+        };
+        let [success, length] = self.printed_gains_percent;
+        let words = [format!("{success:+.0} %"), gain(&all.paper), gain(&all.ours)];
+        lines.push(line::<Self>("reached, more than the baseline, all maps".to_owned(), words));
+        let (paper, ours) = (all.relative_length.paper, all.relative_length.ours);
+        let words = [format!("{length:+.1} %"), shorter(paper), shorter(ours)];
+        lines.push(line::<Self>("path, longer than the baseline's, pairs that all reach".to_owned(), words));
+        lines
+    }
+}
+
+impl Report {
     fn write_readings(&self, text: &mut String) {
         let [standard, paper] = INDEPENDENT.map(|rate| 100.0 * rate);
         let _ = writeln!(
@@ -567,22 +623,6 @@ impl Report {
             "The baseline moves with what counts as reached; the paper's planner with what is known of the pillars: most of\n\
              its collisions are with some that it had not seen.\n",
         );
-    }
-
-    /// Draws the rates with their intervals and the relative lengths, and a flight in its potential as a map and as a
-    /// surface; says which files these are.
-    ///
-    /// # Errors
-    /// A file cannot be written.
-    pub fn draw(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
-        let [chart, map, surface] =
-            ["apf-density.svg", "apf-density-map.svg", "apf-density-surface.svg"].map(|name| folder.join(name));
-        self.chart().draw(&chart)?;
-        let Some(pictured) = &self.pictured else { return Ok(vec![chart]) };
-        let scene = pictured.scene();
-        draw_surface(&scene, &surface)?;
-        draw_heat(&[scene], &map)?;
-        Ok(vec![chart, map, surface])
     }
 
     fn chart(&self) -> Chart {
@@ -633,7 +673,7 @@ mod tests {
     #[test]
     fn every_row_gets_its_pairs_and_few_pairs_leave_no_map_without_any() {
         let counts = |pairs| -> Vec<usize> {
-            let suite = drawn(&Options { seed: 5, pairs }).unwrap();
+            let suite = drawn(&Settings { seed: 5, pairs, ..Settings::default() }).unwrap();
             suite.maps.iter().map(|map| map.pairs.len()).collect()
         };
         assert_eq!(counts(6), [2, 2, 1, 1].repeat(5));

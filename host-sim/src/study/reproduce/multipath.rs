@@ -8,7 +8,8 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use foxhound_core::ConfigError;
 use foxhound_core::doa::bearing::Estimator;
@@ -16,22 +17,17 @@ use foxhound_core::guidance;
 use foxhound_core::planning::planner;
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
+use serde_json::{Value, json};
 
+use super::Settings;
+use super::beside::{empty, line};
 use super::chart::{Axis, Bar, Bars, Chart, Panel};
 use crate::drive::computer::HostComputer;
 use crate::drive::flight::{Ending, Mission, Report as Flown, fly};
 use crate::scenario::input::InputError;
 use crate::scenario::{Bearing, Scenario, Wall};
+use crate::study::{Beside, Study, Watch};
 use crate::world::random::Random;
-
-/// How much is flown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
-    /// Seed of the scenes and of the flights.
-    pub seed: u64,
-    /// Scenes of each kind.
-    pub scenes: u32,
-}
 
 /// A kind of scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -120,47 +116,6 @@ pub struct Report {
 #[must_use]
 pub fn flights(scenes: u32) -> u64 {
     u64::from(scenes) * (KINDS.len() * CHAINS.len()) as u64
-}
-
-/// Flies all scenes with both chains.
-///
-/// # Errors
-/// The built-in configuration is refused.
-pub fn run(options: &Options, watch: impl Fn() + Sync) -> Result<Report, InputError> {
-    let mut jobs = Vec::new();
-    for kind in KINDS {
-        for index in 0..options.scenes {
-            jobs.push((kind, scene(kind, options.seed, index), u64::from(index)));
-        }
-    }
-    let flown: Result<Vec<[Flown; 2]>, InputError> = jobs
-        .par_iter()
-        .map(|(_, scenario, seed)| {
-            let flight = |chain| {
-                let flown = flown(scenario, options.seed.wrapping_add(*seed), chain);
-                watch();
-                flown
-            };
-            Ok([flight(Chain::Without)?, flight(Chain::With)?])
-        })
-        .collect();
-    let flown = flown?;
-    let mut rows = Vec::new();
-    for kind in KINDS {
-        let pairs: Vec<&[Flown; 2]> =
-            jobs.iter().zip(&flown).filter(|((of, _, _), _)| *of == kind).map(|(_, pair)| pair).collect();
-        for (index, chain) in CHAINS.into_iter().enumerate() {
-            rows.push(row(kind, chain, index, &pairs));
-        }
-    }
-    let share = |chain| {
-        let of_chain = rows.iter().filter(|row| row.chain == chain);
-        let (reached, all) = of_chain.fold((0, 0), |(r, a), row| (r + row.reached, a + row.flights));
-        f64::from(reached) / f64::from(all.max(1))
-    };
-    let (success_with, success_without) = (share(Chain::With), share(Chain::Without));
-    let collisions = rows.iter().map(|row| row.collisions).sum();
-    Ok(Report { seed: options.seed, rows, success_with, success_without, collisions })
 }
 
 fn row(kind: Kind, chain: Chain, index: usize, pairs: &[&[Flown; 2]]) -> Row {
@@ -277,10 +232,63 @@ pub fn scene(kind: Kind, seed: u64, index: u32) -> Scenario {
     }
 }
 
-impl Report {
-    /// The table for people.
-    #[must_use]
-    pub fn table(&self) -> String {
+impl Study for Report {
+    type Settings = Settings;
+
+    const NAME: &'static str = "multipath";
+    const TITLE: &'static str = "The closed loop among walls that reflect";
+    const SOURCE: &'static str = "no paper's: what the filters behind the bearing are worth";
+    const NOTE: &'static str = "\
+        Scenes drawn from the seed: in the open beside walls, behind a partition, around a corner, in another room.";
+
+    fn chosen(settings: &Settings) -> Value {
+        json!({ "seed": settings.seed, "scenes": settings.scenes })
+    }
+
+    fn length(settings: &Settings) -> Option<u64> {
+        Some(flights(settings.scenes))
+    }
+
+    /// Flies all scenes with both chains.
+    fn run(settings: &Settings, watch: Watch<'_>) -> Result<Self, InputError> {
+        let done = AtomicU64::new(0);
+        let mut jobs = Vec::new();
+        for kind in KINDS {
+            for index in 0..settings.scenes {
+                jobs.push((kind, scene(kind, settings.seed, index), u64::from(index)));
+            }
+        }
+        let flown: Result<Vec<[Flown; 2]>, InputError> = jobs
+            .par_iter()
+            .map(|(_, scenario, seed)| {
+                let flight = |chain| {
+                    let flown = flown(scenario, settings.seed.wrapping_add(*seed), chain);
+                    watch(done.fetch_add(1, Ordering::Relaxed) + 1);
+                    flown
+                };
+                Ok([flight(Chain::Without)?, flight(Chain::With)?])
+            })
+            .collect();
+        let flown = flown?;
+        let mut rows = Vec::new();
+        for kind in KINDS {
+            let pairs: Vec<&[Flown; 2]> =
+                jobs.iter().zip(&flown).filter(|((of, _, _), _)| *of == kind).map(|(_, pair)| pair).collect();
+            for (index, chain) in CHAINS.into_iter().enumerate() {
+                rows.push(row(kind, chain, index, &pairs));
+            }
+        }
+        let share = |chain| {
+            let of_chain = rows.iter().filter(|row| row.chain == chain);
+            let (reached, all) = of_chain.fold((0, 0), |(r, a), row| (r + row.reached, a + row.flights));
+            f64::from(reached) / f64::from(all.max(1))
+        };
+        let (success_with, success_without) = (share(Chain::With), share(Chain::Without));
+        let collisions = rows.iter().map(|row| row.collisions).sum();
+        Ok(Self { seed: settings.seed, rows, success_with, success_without, collisions })
+    }
+
+    fn table(&self) -> String {
         let mut text = String::from(
             "The closed loop among walls, with the filters behind the bearing and without\n\n\
              scenes                      chain     reached   hit   time     length   clearance\n",
@@ -310,10 +318,7 @@ impl Report {
     }
 
     /// Draws the shares reached.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn draw(&self, path: &Path) -> Result<(), InputError> {
+    fn figures(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
         let bars = CHAINS.map(|chain| {
             let of_chain = self.rows.iter().filter(|row| row.chain == chain);
             let bar = |row: &Row| {
@@ -331,7 +336,23 @@ impl Report {
             bars: bars.into(),
             level: Some((98.0, "98 %".to_owned())),
         };
-        Chart { title: "The closed loop among walls: beacons reached".to_owned(), panels: vec![panel] }.draw(path)
+        Chart { title: "The closed loop among walls: beacons reached".to_owned(), panels: vec![panel] }
+            .write(folder, "multipath.svg")
+    }
+
+    /// With the filters and without.
+    fn verdict(&self) -> Vec<Beside> {
+        let count = |chain: Chain| {
+            let rows = self.rows.iter().filter(|row| row.chain == chain);
+            let (reached, flights) = rows.fold((0, 0), |(r, f), row| (r + row.reached, f + row.flights));
+            format!("{reached} of {flights}")
+        };
+        let ours = format!("{}; without filters {}", count(Chain::With), count(Chain::Without));
+        let hit = format!("{} in all flights", self.collisions);
+        vec![
+            line::<Self>("flights that reach the beacon".to_owned(), [empty(), empty(), ours]),
+            line::<Self>("collisions".to_owned(), [empty(), empty(), hit]),
+        ]
     }
 }
 

@@ -18,9 +18,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use foxhound_papers::rotating::lemma::{Motion, mean_cosine};
 use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
+use serde_json::{Value, json};
 
+use super::Settings;
+use super::beside::{empty, line};
 use super::chart::{Axis, Chart, Panel, Series};
 use crate::scenario::input::InputError;
+use crate::study::{Beside, Study, Watch};
 use crate::world::Horizontal;
 use crate::world::random::Random;
 
@@ -48,15 +52,6 @@ const START_M: [f64; 2] = [50.0, 50.0];
 const STEPS_MAX: u32 = 20_000;
 /// Purpose of the random numbers.
 const DRAWS: u64 = 21;
-
-/// What to run.
-#[derive(Clone, Copy, Debug)]
-pub struct Options {
-    /// The seed.
-    pub seed: u64,
-    /// Trials of each condition.
-    pub trials: u32,
-}
 
 /// The experiment's result.
 #[derive(Clone, Debug, Serialize)]
@@ -149,53 +144,64 @@ fn closed_form(p: f64, sigma_deg: f64) -> Result<f64, InputError> {
     Ok(f64::from(far) * (1.0 - REACHED_M / libm::hypot(START_M[0], START_M[1])))
 }
 
-/// Runs the experiment; `progress` hears how many trials are done.
-///
-/// # Errors
-/// None that the built-in configuration could cause.
-pub fn run(options: &Options, progress: impl Fn(u64) + Sync) -> Result<Report, InputError> {
-    let &Options { seed, trials } = options;
-    let rules = Rule::resting()?;
-    let done = AtomicU64::new(0);
-    let mut rows = Vec::new();
-    for (condition, (p, sigma_deg)) in conditions().enumerate() {
-        let model = Model { outlier_rate: p, sigma_rad: sigma_deg.to_radians(), outliers: Outliers::Anywhere };
-        let all: Vec<[Option<f64>; 3]> = (0..trials)
-            .into_par_iter()
-            .map(|trial| {
-                let random = Random::new(seed, DRAWS + ((condition as u64) << 32) + (u64::from(trial) << 8));
-                let start = Horizontal::from_xy(START_M);
-                let stretches = [0, 1, 2]
-                    .map(|rule: usize| Walk::new(&rules[rule], model, start, random.clone()).stretch(STEPS_MAX));
-                progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-                stretches
-            })
-            .collect();
-        let stretch = |rule: usize| Stretch::of(all.iter().map(|trial| trial[rule]));
-        rows.push(Row {
-            p,
-            sigma_deg,
-            greedy_stretch: stretch(0),
-            direction_only_stretch: stretch(1),
-            filtered_stretch: stretch(2),
-            closed_form: closed_form(p, sigma_deg)?,
-            paper: Paper { mean: ([p, sigma_deg] == PAPER[..2]).then_some(PAPER[2]) },
-        });
-    }
-    Ok(Report {
-        experiment: "stretch",
-        trials,
-        steps_max: STEPS_MAX,
-        rows,
-        lemmas: lemmas::run(seed, trials)?,
-        moving: moving::run(seed, trials)?,
-    })
-}
+impl Study for Report {
+    type Settings = Settings;
 
-impl Report {
-    /// The rows for people.
-    #[must_use]
-    pub fn table(&self) -> String {
+    const NAME: &'static str = "stretch";
+    const TITLE: &'static str = "Excess travel behind a turning antenna";
+    const SOURCE: &'static str = "rotating vehicle's paper, fig. 3 and 4";
+    const NOTE: &'static str = "\
+        The paper prints one number in its text and figures without numbers. That number is not what its own model \
+        gives at that rate of outliers, but what it gives at one in three.";
+
+    fn chosen(settings: &Settings) -> Value {
+        json!({ "seed": settings.seed, "trials": settings.trials })
+    }
+
+    fn length(settings: &Settings) -> Option<u64> {
+        Some(trials(settings.trials))
+    }
+
+    fn run(settings: &Settings, watch: Watch<'_>) -> Result<Self, InputError> {
+        let &Settings { seed, trials, .. } = settings;
+        let rules = Rule::resting()?;
+        let done = AtomicU64::new(0);
+        let mut rows = Vec::new();
+        for (condition, (p, sigma_deg)) in conditions().enumerate() {
+            let model = Model { outlier_rate: p, sigma_rad: sigma_deg.to_radians(), outliers: Outliers::Anywhere };
+            let all: Vec<[Option<f64>; 3]> = (0..trials)
+                .into_par_iter()
+                .map(|trial| {
+                    let random = Random::new(seed, DRAWS + ((condition as u64) << 32) + (u64::from(trial) << 8));
+                    let start = Horizontal::from_xy(START_M);
+                    let stretches = [0, 1, 2]
+                        .map(|rule: usize| Walk::new(&rules[rule], model, start, random.clone()).stretch(STEPS_MAX));
+                    watch(done.fetch_add(1, Ordering::Relaxed) + 1);
+                    stretches
+                })
+                .collect();
+            let stretch = |rule: usize| Stretch::of(all.iter().map(|trial| trial[rule]));
+            rows.push(Row {
+                p,
+                sigma_deg,
+                greedy_stretch: stretch(0),
+                direction_only_stretch: stretch(1),
+                filtered_stretch: stretch(2),
+                closed_form: closed_form(p, sigma_deg)?,
+                paper: Paper { mean: ([p, sigma_deg] == PAPER[..2]).then_some(PAPER[2]) },
+            });
+        }
+        Ok(Self {
+            experiment: "stretch",
+            trials,
+            steps_max: STEPS_MAX,
+            rows,
+            lemmas: lemmas::run(seed, trials)?,
+            moving: moving::run(seed, trials)?,
+        })
+    }
+
+    fn table(&self) -> String {
         let mut text = format!(
             "Path over straight line from (50, 50) m in steps of {STEP_M} m, {} trials a row: mean and standard deviation\n\
              {:>6}{:>7}{:>17}{:>9}{:>8}{:>18}{:>19}\n",
@@ -225,10 +231,7 @@ impl Report {
     }
 
     /// Draws fig. 3, fig. 4 and the pursuit of a moving source; says which files these are.
-    ///
-    /// # Errors
-    /// A file cannot be written.
-    pub fn draw(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
+    fn figures(&self, folder: &Path) -> Result<Vec<PathBuf>, InputError> {
         let [mean, histograms, moving] =
             ["stretch.svg", "stretch-histograms.svg", "stretch-moving.svg"].map(|name| folder.join(name));
         self.draw_mean(&mean)?;
@@ -237,6 +240,22 @@ impl Report {
         Ok(vec![mean, histograms, moving])
     }
 
+    /// The paper's number and, as the closed form of its own model says it, those of its figure.
+    fn verdict(&self) -> Vec<Beside> {
+        let told = [(0.0, 20.0), (0.2, 20.0), (1.0 / 3.0, 20.0), (0.4, 20.0), (0.6, 60.0)];
+        let rows = self.rows.iter().filter(|row| told.contains(&(row.p, row.sigma_deg)));
+        rows.map(|row| {
+            let published = row.paper.mean.map_or_else(empty, |mean| format!("{mean:.1}"));
+            let theirs = format!("{:.3}; its model: {:.3}", row.greedy_stretch.mean, row.closed_form);
+            let words = [published, theirs, format!("{:.3}", row.filtered_stretch.mean)];
+            let what = format!("path over straight line, outliers {:.3}, noise {:.0} deg", row.p, row.sigma_deg);
+            line::<Self>(what, words)
+        })
+        .collect()
+    }
+}
+
+impl Report {
     fn draw_mean(&self, path: &Path) -> Result<(), InputError> {
         let panel = |title: &str, pick: &dyn Fn(&Row) -> f64, model: bool| {
             let line = |p: f64, pick: &dyn Fn(&Row) -> f64| {
@@ -338,7 +357,7 @@ mod tests {
 
     #[test]
     fn the_greedy_stretch_is_that_of_the_closed_form_and_the_rows_are_those_of_the_figures() {
-        let report = run(&Options { seed: 1, trials: 40 }, |_| ()).unwrap();
+        let report = Report::run(&Settings { trials: 40, ..Settings::default() }, &|_| ()).unwrap();
         assert_eq!(report.rows.len(), OUTLIER_RATES.len() * SIGMAS_DEG.len());
         for row in &report.rows {
             // Five standard errors, and the step's own length.

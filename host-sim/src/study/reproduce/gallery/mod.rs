@@ -17,9 +17,9 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::beside::Beside;
 use super::{Experiment, Settings};
 use crate::scenario::input::InputError;
+use crate::study::Beside;
 
 mod page;
 
@@ -109,7 +109,7 @@ impl Gallery {
     /// # Errors
     /// A file cannot be written.
     pub fn make(&mut self, experiment: Experiment, watch: impl Fn(u64) + Sync) -> Result<(), InputError> {
-        let folder = self.folder.join(experiment.name());
+        let folder = self.folder.join(experiment.name);
         // What is there is of another program or another setting, or is not whole.
         if folder.is_dir() {
             let list = folder.join(MADE);
@@ -130,7 +130,7 @@ impl Gallery {
         };
         let made = Made {
             program: self.program.clone(),
-            settings: self.settings_of(experiment),
+            settings: (experiment.chosen)(&self.settings),
             seconds,
             beside: outcome.beside,
             files: names.into_iter().map(part).collect::<Result<_, _>>()?,
@@ -164,32 +164,19 @@ impl Gallery {
     }
 
     fn show(&mut self, experiment: Experiment, made: Made, table: String, kept: bool) {
-        let folder = self.folder.join(experiment.name());
+        let folder = self.folder.join(experiment.name);
         let files = made.files.iter().map(|part| folder.join(&part.name)).collect();
         let seconds = made.seconds;
-        self.shown.push(Shown { experiment: experiment.name(), seconds, kept, files, made, table });
+        self.shown.push(Shown { experiment: experiment.name, seconds, kept, files, made, table });
     }
 
     fn whole(&self, experiment: Experiment) -> Option<(Made, String)> {
-        let folder = self.folder.join(experiment.name());
+        let folder = self.folder.join(experiment.name);
         let made: Made = serde_json::from_str(&fs::read_to_string(folder.join(MADE)).ok()?).ok()?;
-        let is_ours = made.program == self.program && made.settings == self.settings_of(experiment);
+        let is_ours = made.program == self.program && made.settings == (experiment.chosen)(&self.settings);
         let is_whole = made.files.iter().all(|listed| part(&folder, &listed.name).as_ref() == Some(listed));
         let table = fs::read_to_string(folder.join(TABLE)).ok()?;
         (is_ours && is_whole).then_some((made, table))
-    }
-
-    /// Of the settings those by which this experiment changes.
-    fn settings_of(&self, experiment: Experiment) -> serde_json::Value {
-        let Settings { seed, pairs, scenes, trials, scenarios } = self.settings;
-        match experiment {
-            Experiment::ApfDensity => serde_json::json!({ "seed": seed, "pairs": pairs }),
-            Experiment::Multipath => serde_json::json!({ "seed": seed, "scenes": scenes }),
-            Experiment::Stretch => serde_json::json!({ "seed": seed, "trials": trials }),
-            Experiment::Mmwave => serde_json::json!({ "seed": seed, "scenarios": scenarios }),
-            Experiment::AoaCircle | Experiment::AoaCrb | Experiment::Localize => serde_json::json!({ "seed": seed }),
-            Experiment::ApfVariants => serde_json::json!({}),
-        }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{REPORT, Shown, TABLE};
-use crate::study::reproduce::beside::Beside;
+use crate::study::Beside;
 use crate::study::reproduce::{Experiment, Settings};
 
 const STYLE: &str = include_str!("page.css");
@@ -31,7 +31,7 @@ pub(super) fn page(all: &[Shown], settings: &Settings, command: &str) -> String 
     );
     html.push_str("<nav aria-label=\"experiments\"><ul>\n");
     for experiment in experiments(all) {
-        let _ = writeln!(html, "<li><a href=\"#{}\">{}</a></li>", experiment.name(), text(experiment.title()));
+        let _ = writeln!(html, "<li><a href=\"#{}\">{}</a></li>", experiment.name, text(experiment.title));
     }
     html.push_str("</ul></nav>\n<section id=\"published\">\n<h2>What was published, and ours</h2>\n");
     html.push_str(
@@ -51,19 +51,19 @@ pub(super) fn page(all: &[Shown], settings: &Settings, command: &str) -> String 
 
 /// Which experiments these are.
 fn experiments(all: &[Shown]) -> impl Iterator<Item = Experiment> {
-    all.iter().filter_map(|shown| Experiment::ALL.into_iter().find(|experiment| experiment.name() == shown.experiment))
+    all.iter().filter_map(|shown| Experiment::named(shown.experiment))
 }
 
 fn section(html: &mut String, shown: &Shown, experiment: Experiment) {
-    let name = experiment.name();
+    let name = experiment.name;
     let _ = writeln!(
         html,
         "<section id=\"{name}\">\n<h2>{}</h2>\n<p class=\"source\">{}. <code>foxhound reproduce {name}</code>, {}.</p>",
-        text(experiment.title()),
-        text(experiment.source()),
+        text(experiment.title),
+        text(experiment.source),
         duration(shown.seconds)
     );
-    let _ = writeln!(html, "<p>{}</p>", text(experiment.note()));
+    let _ = writeln!(html, "<p>{}</p>", text(experiment.note));
     comparison(html, &shown.made.beside.iter().collect::<Vec<_>>(), false);
     for picture in shown.made.files.iter().filter(|part| part.name.ends_with(".svg")) {
         let (file, title) = (format!("{name}/{}", picture.name), picture.name.trim_end_matches(".svg"));

@@ -33,6 +33,8 @@ mod walls;
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use crate::scenario::input::InputError;
+use crate::study::Watch;
+use crate::study::reproduce::Settings;
 use agent::Kind;
 pub use report::Report;
 use report::Searched;
@@ -46,15 +48,6 @@ const NOISES: [Noise; 3] = [
     Noise { sigma_rad: 0.35, link_error_rate: 0.1 },
 ];
 
-/// What is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
-    /// Seed of plans, scenarios and noise.
-    pub seed: u64,
-    /// How many scenarios.
-    pub scenarios: u32,
-}
-
 /// How many searches an experiment of so many scenarios is.
 #[must_use]
 pub fn searches(scenarios: u32) -> u64 {
@@ -66,9 +59,9 @@ pub fn searches(scenarios: u32) -> u64 {
 ///
 /// # Errors
 /// None that the built-in configuration could cause.
-pub fn run(options: &Options, watch: impl Fn(u64) + Sync) -> Result<Report, InputError> {
-    let plans = scenarios::plans(options.seed);
-    let scenarios = scenarios::scenarios(&plans, options.seed, options.scenarios as usize);
+fn run(settings: &Settings, watch: Watch<'_>) -> Result<Report, InputError> {
+    let plans = scenarios::plans(settings.seed);
+    let scenarios = scenarios::scenarios(&plans, settings.seed, settings.scenarios as usize);
     let done = AtomicU64::new(0);
     let mut searched = Vec::new();
     for noise in NOISES {
@@ -83,5 +76,5 @@ pub fn run(options: &Options, watch: impl Fn(u64) + Sync) -> Result<Report, Inpu
         }
         searched.push(Searched { noise, trials });
     }
-    Ok(Report::of(options, plans, &scenarios, searched))
+    Ok(Report::of(settings, plans, &scenarios, searched))
 }
