@@ -13,13 +13,12 @@
 //! the twin would believe that we were gone.
 
 use std::fmt;
-use std::fs::{DirBuilder, File};
+use std::fs::File;
 use std::io::{self, Read as _, Write as _};
-use std::os::unix::fs::{DirBuilderExt as _, FileExt as _};
+use std::os::unix::fs::FileExt as _;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant as WallInstant};
 
@@ -27,21 +26,18 @@ use foxhound_computer::twin::{self, BLOCK_BYTES, Fault, Planned, Ready, Report, 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{FrontEnd, Output};
-use object::{Object as _, ObjectSection as _, ObjectSegment as _};
 use serde::{Deserialize, Serialize};
 
+mod folder;
+mod image;
 mod port;
 
+use folder::Folder;
+use image::{BOARD, check_image};
 use port::Port;
 
 /// Samples of one channel in one snapshot, as the firmware has it.
 pub const SAMPLES_PER_CHANNEL: usize = 256;
-
-/// The name that an image of the twin carries in its `.foxhound_board` section.
-const BOARD: &str = "mps2_an386";
-const BOARD_SECTION: &str = ".foxhound_board";
-/// The twin's memories for program and data: QEMU's, not the smaller ones that the linker may use.
-const MEMORIES: [std::ops::Range<u64>; 2] = [0..0x0040_0000, 0x2000_0000..0x2040_0000];
 
 /// How long one answer may take. A replan takes a fraction of a second.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -527,82 +523,5 @@ fn accept(listener: &UnixListener, qemu: &mut Child) -> io::Result<UnixStream> {
             return Err(io::ErrorKind::TimedOut.into());
         }
         sleep(Duration::from_millis(2));
-    }
-}
-
-/// Refuses every file that is not a firmware image for the twin, and says what the file is.
-fn check_image(path: &Path) -> Result<(), QemuError> {
-    let refuse = |why: String| QemuError::Image { path: path.to_owned(), why };
-    let bytes = std::fs::read(path).map_err(|error| refuse(format!("it cannot be read ({error})")))?;
-    let image = object::File::parse(bytes.as_slice()).map_err(|_| refuse("it is not an ELF file".to_owned()))?;
-    if image.format() != object::BinaryFormat::Elf
-        || image.architecture() != object::Architecture::Arm
-        || image.is_64()
-        || !image.is_little_endian()
-    {
-        let bits = if image.is_64() { 64 } else { 32 };
-        return Err(refuse(format!("it is a {bits}-bit {:?} file for {:?}", image.format(), image.architecture())));
-    }
-    if image.kind() != object::ObjectKind::Executable {
-        return Err(refuse("it is an Arm file, but not an executable".to_owned()));
-    }
-    if let Some(section) = image.section_by_name(BOARD_SECTION) {
-        let name = section.data().unwrap_or_default();
-        if name != BOARD.as_bytes() {
-            return Err(refuse(format!("it is for the board {}", String::from_utf8_lossy(name))));
-        }
-    } else {
-        return Err(refuse(format!("it is an Arm executable, but not of Foxhound (no {BOARD_SECTION} section)")));
-    }
-    let inside = |start: u64, end: u64| MEMORIES.iter().any(|memory| memory.contains(&start) && end <= memory.end);
-    for segment in image.segments().filter(|segment| segment.size() > 0) {
-        let (start, end) = (segment.address(), segment.address() + segment.size());
-        if !inside(start, end) {
-            return Err(refuse(format!("it wants memory at {start:#010x}..{end:#010x}, where the board has none")));
-        }
-    }
-    if !inside(image.entry(), image.entry() + 1) {
-        return Err(refuse(format!("it starts at {:#010x}, where the board has no memory", image.entry())));
-    }
-    Ok(())
-}
-
-/// A folder of our own for sockets, the shared memory and what is printed; removed with everything in it.
-#[derive(Debug)]
-struct Folder(PathBuf);
-
-impl Folder {
-    fn create() -> io::Result<Self> {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        loop {
-            let count = COUNT.fetch_add(1, Ordering::Relaxed);
-            let path = std::env::temp_dir().join(format!("foxhound-{}-{count}", std::process::id()));
-            match DirBuilder::new().mode(0o700).create(&path) {
-                Ok(()) => return Ok(Self(path)),
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                Err(error) => return Err(error),
-            }
-        }
-    }
-
-    fn file(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-
-    /// What has been printed, as far as it is text.
-    fn console(&self) -> String {
-        let text = |name| {
-            let bytes = std::fs::read(self.file(name)).unwrap_or_default();
-            String::from_utf8_lossy(&bytes).trim().to_owned()
-        };
-        let (stdout, stderr) = (text("stdout"), text("stderr"));
-        [stderr, stdout].into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n")
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // Whoever cleans the temporary folder finds the rest.
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }

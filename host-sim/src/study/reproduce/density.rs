@@ -13,86 +13,33 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner::{self, Kind};
-use foxhound_papers::apf::{self, AnyPlanner, Field};
-use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::Settings;
 use super::beside::{self, empty, line};
 use super::chart::{Axis, Bar, Bars, Chart, Panel, Series};
-use super::kinematic::{self, Rules, Sight};
-use super::potential::{Scene, draw_heat, draw_surface};
-use crate::drive::flight::Ending;
-use crate::drive::maps::{self, Recipe, TABLE_I};
-use crate::drive::suite::{self, Flight, Flown, Map, Place, Selection, Suite, Tally, wilson_95};
+use super::kinematic::Rules;
+use super::potential::{draw_heat, draw_surface};
+use crate::drive::maps::{self, TABLE_I};
+use crate::drive::suite::{self, Selection, Tally, wilson_95};
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};
-use crate::world::Horizontal;
 
-/// Maps drawn to each row of Table I.
-pub const INSTANCES: u32 = 4;
+mod flights;
+
+pub use flights::INSTANCES;
+use flights::{AS_PUBLISHED, AllFlown, Pictured, READINGS, drawn, fly_published};
+
 /// Flights that the paper flies on each of its maps.
 const PRINTED_RUNS: usize = 7;
-/// Speed by which a path of the kinematic point is a time.
-const POINT_SPEED_MPS: f64 = 1.0;
 /// Rates of an independent kinematic reproduction on maps of its own, baseline and paper, and how near is as good.
 const INDEPENDENT: [f64; 2] = [0.23, 0.72];
 const INDEPENDENT_WITHIN: f64 = 0.06;
 /// What the paper says: the success rate grows by 46 %, the relative length falls by 1.2 %.
 const PRINTED_GAINS_PERCENT: [f64; 2] = [46.0, -1.2];
-
-/// Another reading of the paper: what it is, the planners, the rules.
-struct Reading {
-    name: &'static str,
-    planners: [&'static str; 2],
-    rules: fn(Rules) -> Rules,
-}
-
-const AS_PUBLISHED: [&str; 2] = ["standard", "paper"];
-
-/// Other readings, one thing changed at a time but for the fourth.
-const READINGS: [Reading; 8] = [
-    Reading {
-        name: "goal reached within 0.3 m",
-        planners: AS_PUBLISHED,
-        rules: |rules| Rules { tolerance_m: Some(0.3), ..rules },
-    },
-    Reading {
-        name: "nose along the way",
-        planners: AS_PUBLISHED,
-        rules: |rules| Rules { sight: Sight::AlongWay, ..rules },
-    },
-    Reading {
-        name: "all pillars known",
-        planners: AS_PUBLISHED,
-        rules: |rules| Rules { sight: Sight::Everything, ..rules },
-    },
-    Reading {
-        name: "all pillars known, within 0.3 m",
-        planners: AS_PUBLISHED,
-        rules: |rules| Rules { sight: Sight::Everything, tolerance_m: Some(0.3), ..rules },
-    },
-    Reading {
-        name: "replan at the fourth waypoint",
-        planners: AS_PUBLISHED,
-        rules: |rules| Rules { followed: 4, ..rules },
-    },
-    Reading {
-        name: "given up after 60 replans",
-        planners: AS_PUBLISHED,
-        rules: |rules| Rules { replans_max: 60, ..rules },
-    },
-    Reading {
-        name: "four forces to a waypoint",
-        planners: ["standard_quarters", "paper_quarters"],
-        rules: |rules| rules,
-    },
-    Reading { name: "eq. 47 to the letter", planners: ["standard", "paper_scalar"], rules: |rules| rules },
-];
 
 /// The experiment's result.
 #[derive(Clone, Debug, Serialize)]
@@ -212,174 +159,10 @@ impl Printed {
     }
 }
 
-/// The flight of the pictures.
-#[derive(Clone, Debug)]
-struct Pictured {
-    flight: Flight,
-    paths: Vec<(&'static str, Vec<Horizontal>)>,
-}
-
-/// All flights of one planner, in the order of the suite.
-type Column = Vec<Flown>;
-
-/// Draws the maps, the same that `foxhound maps` draws with this seed.
-fn drawn(settings: &Settings) -> Result<Suite, InputError> {
-    let mut suite = Suite { seed: Some(settings.seed.into()), ..Suite::default() };
-    for row in 1..=TABLE_I.len() as u32 {
-        let recipe = Recipe::of_row(row).unwrap_or_default();
-        for instance in 0..INSTANCES {
-            // As even as it goes.
-            let count = (settings.pairs + INSTANCES - 1 - instance) / INSTANCES;
-            if count > 0 {
-                let seed = Place { row, instance, pair: u32::MAX }.seed(settings.seed);
-                let pillars = maps::generate(&recipe, seed)?;
-                let pairs = maps::pairs(suite.bounds, &pillars, suite.drone_radius, count as usize, seed)?;
-                suite.maps.push(Map::new(row, instance, pillars, pairs.pairs));
-            }
-        }
-    }
-    Ok(suite)
-}
-
-/// One pair, flown as published.
-fn fly_kinematic(flight: &Flight, planner: &AnyPlanner, rules: Rules) -> (Flown, Vec<Horizontal>) {
-    let flown = kinematic::fly(&flight.scenario, planner, rules, flight.seed);
-    let ratio = |length_m: f64| (flight.reference_length_m > 0.0).then(|| length_m / flight.reference_length_m);
-    let tolerance_m = rules.tolerance_m.unwrap_or(flight.scenario.goal_tolerance);
-    let line = Flown {
-        place: flight.place,
-        seed: flight.seed,
-        result: flown.ending,
-        reason: if flown.ending == Ending::Timeout { "no_path" } else { "nominal" }.to_owned(),
-        time_s: flown.length_m / POINT_SPEED_MPS,
-        path_length_m: flown.length_m,
-        reference_length_m: flight.reference_length_m,
-        length_ratio: ratio(flown.length_m),
-        whole_length_ratio: ratio(flown.length_m + tolerance_m),
-        min_clearance_m: flown.min_clearance_m,
-        replans: flown.replans,
-        bearing_rms_deg: None,
-        trace_hash: String::new(),
-    };
-    (line, flown.path)
-}
-
-fn planner_of(name: &str, vehicle_radius_m: f64) -> Result<AnyPlanner, InputError> {
-    let config = apf::named(name).ok_or_else(|| InputError::new(format!("{name}: no such planner")))?;
-    Ok(AnyPlanner::build(&planner::Config { vehicle_radius_m: vehicle_radius_m as f32, ..config })?)
-}
-
-/// All flights as published, by the baseline and by the paper's planner.
-fn fly_published(
-    flights: &[Flight],
-    names: [&str; 2],
-    rules: Rules,
-    vehicle_radius_m: f64,
-) -> Result<[Column; 2], InputError> {
-    let fly = |name: &str| -> Result<Column, InputError> {
-        let planner = planner_of(name, vehicle_radius_m)?;
-        Ok(flights.par_iter().map(|flight| fly_kinematic(flight, &planner, rules).0).collect())
-    };
-    Ok([fly(names[0])?, fly(names[1])?])
-}
-
 /// How many flights an experiment of so many pairs a row is.
 #[must_use]
 pub fn flights(pairs: u32) -> u64 {
     (3 + 2 + 2 * READINGS.len() as u64) * TABLE_I.len() as u64 * u64::from(pairs)
-}
-
-/// What was flown, by planner.
-struct AllFlown<'a> {
-    flights: &'a [Flight],
-    standard: Column,
-    paper: Column,
-    standard_full_loop: Column,
-    paper_full_loop: Column,
-    ours: Column,
-}
-
-impl AllFlown<'_> {
-    fn columns(&self, takes: impl Fn(Place) -> bool) -> Columns {
-        let tally = |column: &Column| Tally::of(column.iter().filter(|flown| takes(flown.place)));
-        let compared = [&self.standard, &self.paper, &self.standard_full_loop, &self.paper_full_loop, &self.ours];
-        let shared: Vec<usize> = (0..self.flights.len())
-            .filter(|k| takes(self.flights[*k].place))
-            .filter(|k| compared.iter().all(|column| column[*k].result == Ending::Reached))
-            .collect();
-        let relative = |column: &Column| {
-            let ratio = |k: &usize| {
-                let flight = &self.flights[*k];
-                (column[*k].path_length_m + flight.scenario.goal_tolerance) / straight_m(flight)
-            };
-            let sum: f64 = shared.iter().map(ratio).sum();
-            (!shared.is_empty()).then(|| sum / shared.len() as f64)
-        };
-        Columns {
-            standard: tally(&self.standard),
-            paper: tally(&self.paper),
-            standard_full_loop: tally(&self.standard_full_loop),
-            paper_full_loop: tally(&self.paper_full_loop),
-            ours: tally(&self.ours),
-            relative_length: RelativeLength {
-                pairs: shared.len(),
-                standard: relative(&self.standard),
-                paper: relative(&self.paper),
-                standard_full_loop: relative(&self.standard_full_loop),
-                paper_full_loop: relative(&self.paper_full_loop),
-                ours: relative(&self.ours),
-            },
-        }
-    }
-
-    /// The longest pair, of the third row if there is one, on which the others reach the goal and the baseline stalls.
-    fn pictured(&self, rules: Rules) -> Result<Option<Pictured>, InputError> {
-        let tells = |k: &usize| {
-            self.standard[*k].result == Ending::Timeout
-                && self.paper[*k].result == Ending::Reached
-                && self.ours[*k].result == Ending::Reached
-        };
-        let in_row = |row: u32| {
-            let pairs = (0..self.flights.len()).filter(|k| self.flights[*k].place.row == row).filter(tells);
-            pairs.max_by(|a, b| straight_m(&self.flights[*a]).total_cmp(&straight_m(&self.flights[*b])))
-        };
-        let Some(index) = [3, 2, 1, 4, 5].into_iter().find_map(in_row) else { return Ok(None) };
-        let flight = &self.flights[index];
-        let mut paths = Vec::new();
-        for name in AS_PUBLISHED {
-            let planner = planner_of(name, flight.scenario.drone_radius)?;
-            paths.push((name, fly_kinematic(flight, &planner, rules).1));
-        }
-        let (_, record) = flight.fly(planner::Config::default(), Estimator::CrossSpectrum)?;
-        paths.push(("Foxhound", record.path.iter().map(|sample| sample.position).collect()));
-        Ok(Some(Pictured { flight: flight.clone(), paths }))
-    }
-}
-
-fn straight_m(flight: &Flight) -> f64 {
-    Horizontal::from_xy(flight.scenario.goal).minus(Horizontal::from_xy(flight.scenario.start)).norm()
-}
-
-impl Pictured {
-    fn scene(&self) -> Scene {
-        let scenario = &self.flight.scenario;
-        let config = planner::Config::of(Kind::Standard);
-        let world = scenario.world();
-        let reach = |pillar: &crate::world::Pillar| Obstacle {
-            center_ned_m: pillar.center.to_core(),
-            reach_m: (pillar.radius_m + scenario.drone_radius) as f32,
-        };
-        Scene {
-            title: format!("Potential (eq. 36, 37) on a map of row {}", self.flight.place.row),
-            bounds: scenario.bounds,
-            field: Field { law: config.law, gains: config.gains },
-            obstacles: world.pillars.iter().map(reach).collect(),
-            pillars: world.pillars.iter().map(|pillar| (pillar.center, pillar.radius_m)).collect(),
-            start: Horizontal::from_xy(scenario.start),
-            goal: Horizontal::from_xy(scenario.goal),
-            paths: self.paths.clone(),
-        }
-    }
 }
 
 /// `72.5 % (69..76)`.

@@ -1,0 +1,157 @@
+//! What the direction finding of a flight receives: bearings with noise, or the antennas' waveforms.
+
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::{self, Flags};
+use foxhound_core::guidance::FrontEnd;
+
+use super::{Mission, SIGMA_FLOOR_RAD};
+use crate::drive::computer::BLOCK;
+use crate::scenario::{BearingModel, OtherBeacon, Pulses, inside};
+use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Reflection};
+use crate::world::random::Random;
+use crate::world::{Horizontal, Pose, World, horizontal, rays, wrap_pi};
+
+/// What the direction finding receives.
+pub(super) struct Ears<'a> {
+    mission: &'a Mission,
+    antennas: Antennas,
+    random: Random,
+}
+
+/// What it received in one step.
+pub(super) enum Heard {
+    Snapshot(Box<foxhound_core::base::adc::Snapshot<BLOCK>>),
+    Bearing(bearing::Bearing),
+    Nothing,
+}
+
+impl Heard {
+    pub(super) fn front_end(&self) -> FrontEnd<'_, BLOCK> {
+        match self {
+            Self::Snapshot(snapshot) => FrontEnd::Snapshot(snapshot),
+            Self::Bearing(bearing) => FrontEnd::Bearing(*bearing),
+            Self::Nothing => FrontEnd::Nothing,
+        }
+    }
+}
+
+impl<'a> Ears<'a> {
+    pub(super) fn new(mission: &'a Mission) -> Self {
+        let snr_db = mission.scenario.bearing.snr_db.unwrap_or(DEFAULT_SNR_DB);
+        let pattern = mission.scenario.antenna.map(|antenna| Pattern {
+            exponent: antenna.exponent,
+            front_to_back_db: antenna.front_to_back_db,
+            boresights_rad: antenna.boresight_deg.map(f64::to_radians),
+        });
+        let mut antennas = Antennas { snr_db: Some(snr_db), pattern, ..Antennas::default() };
+        antennas.impairments.pulses = mission.scenario.bearing.pulses.map(Pulses::at_antennas);
+        Self { mission, antennas, random: Random::new(mission.seed, 1) }
+    }
+
+    pub(super) fn hear(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Heard {
+        let scenario = &self.mission.scenario;
+        let settings = &scenario.bearing;
+        let from = horizontal(vehicle);
+        let to_source = world.source_at(time_s).minus(from);
+        let is_outlier = settings.outlier.rate > 0.0 && self.random.uniform() < settings.outlier.rate;
+        let offset_rad = if is_outlier { settings.outlier.offset_deg.to_radians() } else { 0.0 };
+        let bearing_ned_rad = to_source.bearing_rad() + offset_rad;
+        if inside(scenario.faults.nan_bearing, time_s) {
+            return Heard::Bearing(bearing_of(now, f64::NAN, SIGMA_FLOOR_RAD));
+        }
+        let is_between = settings.pulses.is_some_and(|pulses| !pulses.at_antennas().sounds(time_s));
+        let is_silent =
+            inside(settings.dropout, time_s) || is_between && scenario.bearing_model() == BearingModel::Noise;
+        let other = |beacon: &OtherBeacon| Interferer {
+            tone_hz: self.antennas.tone_hz + beacon.offset_hz,
+            azimuth_ned_rad: Horizontal::from_xy([beacon.x, beacon.y]).minus(from).bearing_rad(),
+            elevation_rad: 0.0,
+            level_db: beacon.level_db,
+        };
+        self.antennas.impairments.interferers = scenario.other_beacons.iter().map(other).collect();
+        let is_single = scenario.antenna.is_some_and(|antenna| antenna.single);
+        self.antennas.impairments.faults = std::array::from_fn(|channel| {
+            let is_dead = inside(scenario.faults.dead_channels[channel], time_s) || is_single && channel > 0;
+            if is_dead { Fault::Dead } else { Fault::None }
+        });
+        match scenario.bearing_model() {
+            _ if !world.walls.is_empty() => self.hear_among_walls(world, vehicle, now, time_s, is_silent),
+            BearingModel::Noise if is_silent => Heard::Nothing,
+            BearingModel::Noise => {
+                let sigma_rad = settings.sigma_deg.to_radians();
+                let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
+                Heard::Bearing(bearing_of(now, wrap_pi(azimuth_rad), sigma_rad.max(SIGMA_FLOOR_RAD)))
+            }
+            BearingModel::Rf => {
+                let apparent = from.along(Horizontal::from_bearing(bearing_ned_rad), to_source.norm());
+                let source = [apparent.north, apparent.east, world.source_down_m];
+                self.antennas.channel_gain = [if is_silent { 0.0 } else { 1.0 }; 4];
+                Heard::Snapshot(Box::new(self.antennas.frame(now, vehicle, source, &mut self.random)))
+            }
+        }
+    }
+}
+
+impl Ears<'_> {
+    /// By all the ways that a wave finds among walls. The receiver's gain follows the strongest one; the scenario's
+    /// signal-to-noise ratio holds at [`REFERENCE_M`].
+    fn hear_among_walls(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64, is_silent: bool) -> Heard {
+        let settings = &self.mission.scenario.bearing;
+        let from = horizontal(vehicle);
+        let source = world.source_at(time_s);
+        let paths = rays::paths(&world.walls, source, from, REFLECTIONS_MAX, LOSS_MAX_DB);
+        let Some(strongest) = paths.first() else { return Heard::Nothing };
+        let snr_db = settings.snr_db.unwrap_or(DEFAULT_SNR_DB) + strongest.gain_db() + 20.0 * libm::log10(REFERENCE_M);
+        match self.mission.scenario.bearing_model() {
+            BearingModel::Noise if is_silent || snr_db < SNR_MIN_DB => Heard::Nothing,
+            BearingModel::Noise => {
+                let sigma_rad = settings.sigma_deg.to_radians();
+                let heard_rad = strongest.bearing_rad(from) + sigma_rad * self.random.gaussian();
+                let mut bearing = bearing_of(now, wrap_pi(heard_rad - vehicle.yaw_rad), sigma_rad.max(SIGMA_FLOOR_RAD));
+                bearing.quality.snr_db = snr_db as f32;
+                Heard::Bearing(bearing)
+            }
+            BearingModel::Rf => {
+                let place = |at: Horizontal| [at.north, at.east, world.source_down_m];
+                let level_db = |path: &rays::Path| path.gain_db() - strongest.gain_db();
+                let direct = paths.iter().find(|path| path.order == 0);
+                let images = paths.iter().filter(|path| path.order > 0);
+                let antennas = &mut self.antennas;
+                antennas.snr_db = Some(snr_db.min(SNR_MAX_DB));
+                antennas.impairments.direct_level_db = direct.map_or(-2.0 * LOSS_MAX_DB, level_db);
+                antennas.impairments.reflections = images
+                    .map(|path| Reflection { image_ned_m: place(path.image), level_db: level_db(path) })
+                    .collect();
+                antennas.channel_gain = [if is_silent { 0.0 } else { 1.0 }; 4];
+                Heard::Snapshot(Box::new(antennas.frame(now, vehicle, place(source), &mut self.random)))
+            }
+        }
+    }
+}
+
+/// Reflections that are followed.
+const REFLECTIONS_MAX: usize = 3;
+/// Paths that lose more than this are not heard.
+const LOSS_MAX_DB: f64 = 60.0;
+/// The distance at which a scenario with walls has its signal-to-noise ratio.
+const REFERENCE_M: f64 = 10.0;
+/// The best that the receiver gets, however near.
+const SNR_MAX_DB: f64 = 40.0;
+/// Below this the noise model hears nothing.
+const SNR_MIN_DB: f64 = -5.0;
+
+/// Signal-to-noise ratio of waveforms when the scenario names none.
+const DEFAULT_SNR_DB: f64 = 20.0;
+
+fn bearing_of(time: Instant, azimuth_rad: f64, sigma_rad: f64) -> bearing::Bearing {
+    bearing::Bearing {
+        time,
+        valid: true,
+        azimuth_rad: azimuth_rad as f32,
+        sigma_rad: sigma_rad as f32,
+        elevation_rad: 0.0,
+        elevation_sigma_rad: std::f32::consts::FRAC_PI_2,
+        quality: bearing::Quality { snr_db: DEFAULT_SNR_DB as f32, wavenumber: 1.0, ..bearing::Quality::default() },
+        flags: Flags::default(),
+    }
+}

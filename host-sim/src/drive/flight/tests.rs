@@ -1,0 +1,175 @@
+use super::*;
+use crate::drive::computer::HostComputer;
+use crate::scenario::FLIGHT_DOWN_M;
+
+fn mission(scenario: Scenario, seed: u64) -> Mission {
+    Mission { scenario, seed, planner: planner::Config::default(), estimator: Estimator::CrossSpectrum }
+}
+
+fn flown(mission: &Mission) -> Record {
+    let mut computer = HostComputer::new(&mission.guidance()).unwrap();
+    fly(mission, &mut computer, None, |_| ()).unwrap()
+}
+
+fn parsed(text: &str) -> Scenario {
+    Scenario::parse(text).unwrap()
+}
+
+#[test]
+fn the_built_in_mission_reaches_the_beacon_by_its_waves_alone() {
+    for seed in 1..=5 {
+        let Record { report, path, .. } = flown(&mission(Scenario::built_in(), seed));
+        assert_eq!((report.result, report.collisions), (Ending::Reached, 0), "seed {seed}: {report:?}");
+        assert!(path.iter().all(|sample| (sample.down_m - FLIGHT_DOWN_M).abs() < 0.05), "seed {seed}: altitude lost");
+        // The straight line less the tolerance is the least that anyone can fly.
+        assert!(report.path_length_m > report.straight_line_m - 0.51);
+        assert!(report.path_length_m < 1.5 * report.straight_line_m);
+        assert!(report.min_clearance_m.unwrap() > 0.0);
+        assert!(report.bearing_rms_deg.unwrap() < 0.25);
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_flight_and_another_seed_another() {
+    let hash = |seed| flown(&mission(Scenario::built_in(), seed)).report;
+    assert_eq!(hash(3), hash(3));
+    assert_ne!(hash(3).trace_hash, hash(4).trace_hash);
+}
+
+#[test]
+fn the_printed_object_has_the_promised_keys_and_no_others() {
+    let report = flown(&mission(parsed(r#"{"goal":[3,1],"reference_length_m":2,"max_time_s":20}"#), 1)).report;
+    let json = serde_json::to_value(&report).unwrap();
+    let mut keys: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
+    keys.sort_unstable();
+    let promised = [
+        "bearing_rms_deg",
+        "collisions",
+        "min_clearance_m",
+        "name",
+        "path_length_m",
+        "reason",
+        "reference_length_m",
+        "replans",
+        "result",
+        "seed",
+        "straight_line_m",
+        "time_s",
+        "trace_hash",
+    ];
+    assert_eq!(keys, promised);
+    assert_eq!(json["result"], "reached");
+    assert_eq!(json["trace_hash"].as_str().unwrap().len(), 16);
+    assert!(json["min_clearance_m"].is_null(), "there is nothing to be clear of");
+    assert_eq!(json["reference_length_m"], 2);
+}
+
+#[test]
+fn in_the_open_the_path_is_the_straight_line_to_the_tolerance_and_what_a_bend_to_learn_the_range_adds() {
+    let mut mission = mission(parsed(r#"{"start":[0,0],"goal":[6,0],"bounds":[-1,-1,7,1]}"#), 1);
+    let bent = flown(&mission).report;
+    assert!(bent.path_length_m > 5.4 && bent.path_length_m < 1.1 * 5.5, "{}", bent.path_length_m);
+    mission.planner.bends = false;
+    let report = flown(&mission).report;
+    assert_eq!(report.result, Ending::Reached);
+    assert!((report.path_length_m - 5.5).abs() < 0.1, "{}", report.path_length_m);
+    // Six metres at 1 m/s, and the start.
+    assert!(report.time_s > 5.5 && report.time_s < 9.0, "{}", report.time_s);
+}
+
+#[test]
+fn the_noise_of_the_bearings_is_the_one_that_was_asked_for() {
+    let report = flown(&mission(parsed(r#"{"bearing":{"sigma_deg":5}}"#), 2)).report;
+    // 500 bearings: the rms is known to 3 %.
+    assert!((report.bearing_rms_deg.unwrap() - 5.0).abs() < 0.6, "{:?}", report.bearing_rms_deg);
+}
+
+#[test]
+fn a_vehicle_without_a_signal_holds_and_says_why() {
+    let record = flown(&mission(parsed(r#"{"bearing":{"snr_db":20,"dropout":[0,99]},"max_time_s":8}"#), 1));
+    assert_eq!((record.report.result, record.report.reason), (Ending::Hold, "no_signal"));
+    assert!(record.report.path_length_m < 0.05, "noise alone moves nothing");
+    assert_eq!(record.report.bearing_rms_deg, None);
+}
+
+#[test]
+fn a_vehicle_without_a_signal_searches_where_it_may_and_ends_in_a_hold_or_at_the_beacon() {
+    let text = r#"{"bearing":{"snr_db":20,"dropout":[0,99]},"max_time_s":40,"explore_s":20,
+        "obstacles":[{"x":3,"y":3,"r":0.4},{"x":1,"y":3,"r":0.3}]}"#;
+    let record = flown(&mission(parsed(text), 1));
+    assert_eq!((record.report.result, record.report.reason), (Ending::Hold, "no_signal"));
+    assert!(record.report.path_length_m > 5.0 && record.report.min_clearance_m.unwrap() > 0.0);
+    let after = record.path.iter().filter(|sample| sample.time_s > 24.0);
+    assert!(after.clone().all(|sample| sample.speed_mps < 0.1), "the search has an end");
+    let text = text.replace("[0,99]", "[0,12]");
+    let record = flown(&mission(parsed(&text), 1));
+    assert_eq!((record.report.result, record.report.collisions), (Ending::Reached, 0), "{:?}", record.report);
+}
+
+#[test]
+fn px4_is_flown_once_its_pilot_could_enter_offboard() {
+    let mut scenario = Scenario::built_in();
+    scenario.vehicle.autopilot = Software::Px4;
+    let record = flown(&mission(scenario, 1));
+    assert_eq!((record.report.result, record.report.collisions), (Ending::Reached, 0), "{:?}", record.report);
+    let before = &record.path[..PILOT_TICKS as usize];
+    assert!(before.iter().all(|sample| sample.outcome == Outcome::NotInControl && sample.speed_mps < 0.01));
+}
+
+#[test]
+fn a_vehicle_without_telemetry_or_obstacle_data_holds_and_goes_on_afterwards() {
+    for (fault, name) in [("stale_ownship", "stale_ownship"), ("stale_obstacles", "stale_obstacles")] {
+        let text = format!(r#"{{"faults":{{"{fault}":[3,6]}},"limits":{{"v_max":1}}}}"#);
+        let record = flown(&mission(parsed(&text), 1));
+        assert_eq!(record.report.result, Ending::Reached, "{fault}");
+        let during = record.path.iter().find(|sample| sample.time_s > 5.0).unwrap();
+        assert_eq!(during.outcome.name(), name);
+        assert!(during.speed_mps < 0.1, "{fault}: {} m/s", during.speed_mps);
+    }
+}
+
+#[test]
+fn bearings_that_are_not_numbers_move_nothing() {
+    let record = flown(&mission(parsed(r#"{"faults":{"nan_bearing":[0,99]},"max_time_s":8}"#), 1));
+    assert_eq!(record.report.result, Ending::Hold);
+    assert!(record.report.path_length_m < 0.05);
+    assert!(serde_json::to_value(&record.report).unwrap()["bearing_rms_deg"].is_null());
+}
+
+#[test]
+fn a_clock_that_jumps_back_does_not_end_the_mission() {
+    let report = flown(&mission(parsed(r#"{"faults":{"clock_back_s":4}}"#), 1)).report;
+    assert_eq!(report.result, Ending::Reached, "{report:?}");
+}
+
+#[test]
+fn a_beacon_behind_a_closed_ring_is_never_reached_and_nothing_is_hit() {
+    let ring: Vec<String> = (0..16)
+        .map(|k| {
+            let angle = std::f64::consts::TAU * f64::from(k) / 16.0;
+            format!(r#"{{"x":{},"y":{},"r":0.35}}"#, 7.0 + 1.5 * angle.cos(), 7.0 + 1.5 * angle.sin())
+        })
+        .collect();
+    let text = format!(r#"{{"goal":[7,7],"max_time_s":60,"obstacles":[{}]}}"#, ring.join(","));
+    let report = flown(&mission(parsed(&text), 1)).report;
+    assert_ne!(report.result, Ending::Reached);
+    assert_eq!(report.collisions, 0, "{report:?}");
+}
+
+#[test]
+fn the_bytes_of_a_logged_flight_are_clean_mavlink() {
+    let path = std::env::temp_dir().join(format!("foxhound-flight-test-{}.tlog", std::process::id()));
+    let mission = mission(Scenario::built_in(), 1);
+    let mut computer = HostComputer::new(&mission.guidance()).unwrap();
+    let mut log = tlog::Writer::create(&path).unwrap();
+    let record = fly(&mission, &mut computer, Some(&mut log), |_| ()).unwrap();
+    log.finish().unwrap();
+    let summary = tlog::read_stamped(&std::fs::read(&path).unwrap());
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!((summary.bad_crc, summary.skipped_bytes), (0, 0));
+    let rate_hz = |id: u32| summary.counts.get(&id).copied().unwrap_or(0) as f64 / record.report.time_s;
+    assert!((rate_hz(84) - 20.0).abs() < 2.0, "setpoints at {} Hz", rate_hz(84));
+    assert!((rate_hz(330) - 10.0).abs() < 1.0, "scans at {} Hz", rate_hz(330));
+    // Two ends, one beat a second each.
+    assert!((rate_hz(0) - 2.0).abs() < 0.3, "heartbeats at {} Hz", rate_hz(0));
+}
