@@ -12,16 +12,16 @@ pub(crate) fn run(example: &str, arguments: &[&str]) -> Result<(), Failure> {
 }
 
 /// Runs one that writes a page of `docs/results`, or prints what development seeds come to.
-pub(crate) fn write(example: &str, flights: u32, page: &str, is_development: bool) -> Result<(), Failure> {
+pub(crate) fn write(study: &str, flights: u32, page: &str, is_development: bool) -> Result<(), Failure> {
     let page = path(&format!("docs/results/{page}.md"));
     let development: &[&str] = if is_development { &["development"] } else { &[] };
-    run(example, &[&[&flights.to_string(), page.as_str()][..], development].concat())
+    run("study", &[&[study, &flights.to_string(), page.as_str()][..], development].concat())
 }
 
 /// Flies every setting, or those that are named so, and writes `docs/results/matrix.md`.
 pub(crate) fn matrix(times: u32, only: Option<&str>) -> Result<(), Failure> {
     let (times, barn, page) = (times.to_string(), path("../shared/data/barn"), path("docs/results/matrix.md"));
-    run("matrix", &[&[times.as_str(), &barn, &page][..], only.as_slice()].concat())
+    run("study", &[&["matrix", times.as_str(), &barn, &page][..], only.as_slice()].concat())
 }
 
 fn path(of: &str) -> String {

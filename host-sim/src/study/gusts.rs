@@ -3,6 +3,8 @@
 //! All fly with the whole chain from the antennas' codes on, at 20 dB, and a vehicle as slow as a real autopilot, ArduCopter
 //! unless the scene says PX4 ([`crate::world::deviation`]). The air: a mean wind of 3 m/s with Dryden's gusts on top of it.
 
+pub mod page;
+
 use foxhound_core::guidance;
 use rayon::prelude::*;
 use serde::Serialize;

@@ -6,6 +6,8 @@
 
 use std::collections::BTreeMap;
 
+pub mod page;
+
 use foxhound_core::guidance;
 use foxhound_core::landing::Stage;
 use rayon::prelude::*;

@@ -3,6 +3,7 @@
 //! Tests fly [`pairwise`], in which every two values of different factors meet at least once. `cargo xtask campaign` flies
 //! [`product`], all of them, and prints a table.
 
+pub mod page;
 mod worlds;
 
 use std::fmt;

@@ -31,6 +31,17 @@ mod network;
 /// Hears how much of a study is done.
 pub type Watch<'a> = &'a (dyn Fn(u64) + Sync);
 
+/// How much of a campaign is flown.
+#[derive(Clone, Copy, Debug)]
+pub struct Campaign {
+    /// Flights of each scene.
+    pub flights: u64,
+    /// Whether on development seeds.
+    pub is_development: bool,
+    /// Hears what is flown next, or has been.
+    pub tell: fn(&str),
+}
+
 /// Many flights or frames that answer one question: the result, and how it is made and shown.
 pub trait Study: Serialize + Sized {
     /// What can be chosen.
@@ -46,7 +57,9 @@ pub trait Study: Serialize + Sized {
     const NOTE: &'static str = "";
 
     /// Of the settings those by which the result changes.
-    fn chosen(settings: &Self::Settings) -> serde_json::Value;
+    fn chosen(_: &Self::Settings) -> serde_json::Value {
+        serde_json::Value::Null
+    }
 
     /// Until where its progress counts; none where it does not say how far it is.
     fn length(_: &Self::Settings) -> Option<u64> {

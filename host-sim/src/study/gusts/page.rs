@@ -1,17 +1,15 @@
 //! Flights in gusts, on held-out seeds, and the constants of `core/src/control/gust.rs`, each around its value, on
-//! development seeds; writes `docs/results/gusts.md`. `cargo xtask gusts` runs it: how many flights in each scene, the page.
-//! With `development` behind them the flights are on development seeds too, and the page goes onto standard output.
+//! development seeds: the page `docs/results/gusts.md`. On development seeds the flights are flown when it is asked for.
 
-#![expect(clippy::print_stdout, clippy::print_stderr, reason = "it prints")]
-
-use std::error::Error;
 use std::fmt::Write as _;
 use std::ops::Range;
-use std::process::ExitCode;
 
 use foxhound_core::guidance;
-use foxhound_sim::study::gusts::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
-use foxhound_sim::study::seeds;
+use serde::Serialize;
+
+use super::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
+use crate::scenario::input::InputError;
+use crate::study::{Campaign, Study, Watch, seeds};
 
 /// Flights of each scene in each weather of the table, and of each scene and weather for each value of a constant.
 const IN_THE_TABLE: u64 = 100;
@@ -33,28 +31,29 @@ const CONSTANTS: [Constant; 8] = [
     ("lean_mps_per_rad", [0.0, 0.7, 2.1, 2.8], |config, value| config.gust.lean_mps_per_rad = value),
 ];
 
-fn main() -> ExitCode {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [flights, page, rest @ ..] = &arguments[..] else {
-        eprintln!("usage: gusts FLIGHTS PAGE [development]");
-        return ExitCode::from(2);
-    };
-    let is_development = !rest.is_empty();
-    let done = written(flights.parse().unwrap_or(240), is_development).and_then(|text| {
-        if is_development {
-            println!("{text}");
-            return Ok(());
-        }
-        Ok(std::fs::write(page, text)?)
-    });
-    if let Err(error) = done {
-        eprintln!("gusts: {error}");
-        return ExitCode::FAILURE;
-    }
-    ExitCode::SUCCESS
+/// The page that is written.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Page {
+    text: String,
 }
 
-fn written(flights: u64, is_development: bool) -> Result<String, Box<dyn Error>> {
+impl Study for Page {
+    type Settings = Campaign;
+
+    const NAME: &'static str = "gusts";
+    const TITLE: &'static str = "Flights in gusts";
+
+    fn run(settings: &Campaign, _: Watch<'_>) -> Result<Self, InputError> {
+        written(settings).map(|text| Self { text })
+    }
+
+    fn table(&self) -> String {
+        self.text.clone()
+    }
+}
+
+fn written(settings: &Campaign) -> Result<String, InputError> {
+    let &Campaign { flights, is_development, tell } = settings;
     let seeds = |count| if is_development { seeds::development(count) } else { seeds::test(count) };
     let range = if is_development { "development" } else { "test" };
     let mut text = format!(
@@ -70,34 +69,34 @@ fn written(flights: u64, is_development: bool) -> Result<String, Box<dyn Error>>
     );
     let (mut sum, mut named) = ([0; 3], String::new());
     for scene in roomy() {
-        let row = line(&mut text, scene, &STRONG, seeds(flights))?;
+        let row = line(&mut text, tell, scene, &STRONG, seeds(flights))?;
         sum = [sum[0] + row.flights, sum[1] + row.collided.len() as u32, sum[2] + row.reached];
         if !row.collided.is_empty() {
-            writeln!(named, "\n{}: collisions with the seeds {:?}.", scene.name, row.collided)?;
+            let _ = writeln!(named, "\n{}: collisions with the seeds {:?}.", scene.name, row.collided);
         }
     }
-    writeln!(text, "| all | | {} | {} | {} | | |\n{named}", sum[0], sum[1], sum[2])?;
+    let _ = writeln!(text, "| all | | {} | {} | {} | | |\n{named}", sum[0], sum[1], sum[2]);
 
-    write!(text, "## Over the gusts' strength\n\n{HEAD}")?;
+    let _ = write!(text, "## Over the gusts' strength\n\n{HEAD}");
     for scene in &SCENES {
         for weather in &WEATHERS {
-            line(&mut text, scene, weather, seeds(IN_THE_TABLE.min(flights)))?;
+            line(&mut text, tell, scene, weather, seeds(IN_THE_TABLE.min(flights)))?;
         }
     }
 
     let flown = FOR_A_VALUE.min(flights);
-    write!(
+    let _ = write!(
         text,
         "\n## The constants\n\n\
          Each constant of `core/src/control/gust.rs` at other values, the others as they are: {} flights for each value on development seeds, past\n\
          walls, gaps and random pillars, through the corridor, and beside PX4 past pillars, in gusts of 2.5 and of 3 m/s.\n\n\
          | constant | value | collisions | reached | mean time, s |\n|---|---|---|---|---|\n",
         10 * flown,
-    )?;
-    value(&mut text, "as they are", None, seeds::development(flown), &|_| ())?;
+    );
+    value(&mut text, tell, "as they are", None, seeds::development(flown), &|_| ())?;
     for (name, values, set) in &CONSTANTS {
         for one in values {
-            value(&mut text, name, Some(*one), seeds::development(flown), &|config| set(config, *one))?;
+            value(&mut text, tell, name, Some(*one), seeds::development(flown), &|config| set(config, *one))?;
         }
     }
     Ok(text)
@@ -106,25 +105,32 @@ fn written(flights: u64, is_development: bool) -> Result<String, Box<dyn Error>>
 const HEAD: &str = "| scene | weather | flights | collisions | reached | mean time, s | clearance, m: least, tenth percentile |\n\
                     |---|---|---|---|---|---|---|\n";
 
-fn line(text: &mut String, scene: &Scene, weather: &Weather, seeds: Range<u64>) -> Result<Row, Box<dyn Error>> {
+fn line(
+    text: &mut String,
+    tell: fn(&str),
+    scene: &Scene,
+    weather: &Weather,
+    seeds: Range<u64>,
+) -> Result<Row, InputError> {
     let row = row(scene, weather, seeds, |_| ())?;
-    eprintln!("{row:?}");
+    tell(&format!("{row:?}"));
     let ([least_m, tenth_m], collided) = (row.clearance_m, row.collided.len());
     let what = format!("{} | {collided} | {} | {:.1}", row.flights, row.reached, row.time_s);
-    writeln!(text, "| {} | {} | {what} | {least_m:.3}, {tenth_m:.3} |", row.scene, row.weather)?;
+    let _ = writeln!(text, "| {} | {} | {what} | {least_m:.3}, {tenth_m:.3} |", row.scene, row.weather);
     Ok(row)
 }
 
 /// What the flights come to with a constant changed.
 fn value(
     text: &mut String,
+    tell: fn(&str),
     name: &str,
     value: Option<f32>,
     seeds: Range<u64>,
     tune: &(impl Fn(&mut guidance::Config) + Sync),
-) -> Result<(), Box<dyn Error>> {
+) -> Result<(), InputError> {
     let value = value.map_or(String::new(), |value| value.to_string());
-    eprintln!("{name} {value}");
+    tell(&format!("{name} {value}"));
     let (mut collided, mut reached, mut time_s) = (0, 0, 0.0);
     for scene in roomy().chain(SCENES.iter().filter(|scene| MORE.contains(&scene.name))) {
         for weather in WEATHERS.iter().filter(|weather| weather.wind.is_some_and(|wind| wind.gust_mps >= 2.5)) {
@@ -135,6 +141,6 @@ fn value(
             }
         }
     }
-    writeln!(text, "| {name} | {value} | {collided} | {reached} | {:.1} |", time_s / f64::from(reached))?;
+    let _ = writeln!(text, "| {name} | {value} | {collided} | {reached} | {:.1} |", time_s / f64::from(reached));
     Ok(())
 }
