@@ -12,12 +12,11 @@
 //! time passes as fast as ours (`sleep=on`, the default): with `sleep=off` it would pass at once, and while we compute
 //! the twin would believe that we were gone.
 
-use std::fmt;
 use std::fs::File;
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::FileExt as _;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant as WallInstant};
@@ -28,12 +27,14 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{FrontEnd, Output};
 use serde::{Deserialize, Serialize};
 
+mod error;
 mod folder;
 mod image;
 mod port;
 
+pub use error::QemuError;
 use folder::Folder;
-use image::{BOARD, check_image};
+use image::check_image;
 use port::Port;
 
 /// Samples of one channel in one snapshot, as the firmware has it.
@@ -104,57 +105,6 @@ pub struct StepReport {
     pub tx: Vec<u8>,
     /// A replan that was finished in this step.
     pub plan: Option<Planned>,
-}
-
-/// Why the firmware does not fly.
-#[derive(Debug)]
-pub enum QemuError {
-    /// The file is no image for the twin.
-    Image {
-        /// The file.
-        path: PathBuf,
-        /// What it is instead.
-        why: String,
-    },
-    /// QEMU cannot be started.
-    Start(io::Error),
-    /// A file, a socket or a pipe failed.
-    Io(io::Error),
-    /// The firmware refused, in its own words.
-    Refused(String),
-    /// The firmware has restarted and wants a setup.
-    Restarted,
-    /// No answer, or none that can be read.
-    Lost {
-        /// What was awaited and what came.
-        what: String,
-        /// What QEMU and the firmware (by semihosting) had printed.
-        console: String,
-    },
-}
-
-impl fmt::Display for QemuError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Image { path, why } => {
-                write!(f, "{} is no firmware image for {BOARD}: {why}", path.display())
-            }
-            Self::Start(error) => write!(f, "qemu-system-arm cannot be started: {error}"),
-            Self::Io(error) => write!(f, "the connection to QEMU failed: {error}"),
-            Self::Restarted => f.write_str("the firmware has restarted"),
-            Self::Refused(reason) => write!(f, "the firmware refused: {reason}"),
-            Self::Lost { what, console } if console.is_empty() => write!(f, "{what}; it printed nothing"),
-            Self::Lost { what, console } => write!(f, "{what}; it had printed: {console}"),
-        }
-    }
-}
-
-impl std::error::Error for QemuError {}
-
-impl From<io::Error> for QemuError {
-    fn from(error: io::Error) -> Self {
-        Self::Io(error)
-    }
 }
 
 impl QemuComputer {

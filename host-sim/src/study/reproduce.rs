@@ -30,9 +30,11 @@ mod chart;
 mod experiment;
 mod kinematic;
 mod potential;
+mod settings;
 
-pub use experiment::{Experiment, Outcome, Settings};
+pub use experiment::{Experiment, Outcome};
 pub use kinematic::{Rules, Sight};
+pub use settings::Settings;
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::adc::Snapshot;

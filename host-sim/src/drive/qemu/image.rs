@@ -4,10 +4,8 @@ use std::path::Path;
 
 use object::{Object as _, ObjectSection as _, ObjectSegment as _};
 
-use super::QemuError;
+use super::error::{BOARD, QemuError};
 
-/// The name that an image of the twin carries in its `.foxhound_board` section.
-pub(super) const BOARD: &str = "mps2_an386";
 const BOARD_SECTION: &str = ".foxhound_board";
 /// The twin's memories for program and data: QEMU's, not the smaller ones that the linker may use.
 const MEMORIES: [std::ops::Range<u64>; 2] = [0..0x0040_0000, 0x2000_0000..0x2040_0000];

@@ -15,9 +15,9 @@ use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Settings;
 use super::beside::line;
 use super::chart::{Axis, Chart, Panel, Series};
+use super::settings::Settings;
 use super::{CONTENDERS, error_rad, finders, phasors};
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};

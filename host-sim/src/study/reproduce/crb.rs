@@ -19,9 +19,9 @@ use foxhound_papers::aoa::AnyFinder;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Settings;
 use super::beside::{empty, line};
 use super::chart::{Axis, Chart, Panel, Series};
+use super::settings::Settings;
 use super::{CONTENDERS, error_rad, finders, phasors};
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};

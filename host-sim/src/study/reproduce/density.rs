@@ -18,11 +18,11 @@ use foxhound_core::planning::planner::{self, Kind};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Settings;
 use super::beside::{self, empty, line};
 use super::chart::{Axis, Bar, Bars, Chart, Panel, Series};
 use super::kinematic::Rules;
 use super::potential::{draw_heat, draw_surface};
+use super::settings::Settings;
 use crate::drive::maps::{self, TABLE_I};
 use crate::drive::suite::{self, Selection, Tally, wilson_95};
 use crate::scenario::input::InputError;
@@ -30,8 +30,8 @@ use crate::study::{Beside, Study, Watch};
 
 mod flights;
 
-pub use flights::INSTANCES;
 use flights::{AS_PUBLISHED, AllFlown, Pictured, READINGS, drawn, fly_published};
+pub use flights::{Columns, INSTANCES, RelativeLength};
 
 /// Flights that the paper flies on each of its maps.
 const PRINTED_RUNS: usize = 7;
@@ -82,23 +82,6 @@ pub struct Row {
     pub printed: Printed,
 }
 
-/// Who flew how.
-#[derive(Clone, Debug, Serialize)]
-pub struct Columns {
-    /// The paper's baseline as published.
-    pub standard: Tally,
-    /// The paper's planner as published.
-    pub paper: Tally,
-    /// The baseline with dynamics, tracker and guard.
-    pub standard_full_loop: Tally,
-    /// The paper's planner with dynamics, tracker and guard.
-    pub paper_full_loop: Tally,
-    /// Ours with dynamics, tracker and guard.
-    pub ours: Tally,
-    /// Length over the straight line.
-    pub relative_length: RelativeLength,
-}
-
 /// The paper read otherwise.
 #[derive(Clone, Debug, Serialize)]
 pub struct Read {
@@ -110,23 +93,6 @@ pub struct Read {
     pub standard: Tally,
     /// The paper's planner.
     pub paper: Tally,
-}
-
-/// Mean length over the straight line, on the pairs that all of these reached. What was left to the goal is in the length.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct RelativeLength {
-    /// How many pairs.
-    pub pairs: usize,
-    /// The baseline's.
-    pub standard: Option<f64>,
-    /// The paper's.
-    pub paper: Option<f64>,
-    /// The baseline's, with dynamics.
-    pub standard_full_loop: Option<f64>,
-    /// The paper's, with dynamics.
-    pub paper_full_loop: Option<f64>,
-    /// Ours, with dynamics.
-    pub ours: Option<f64>,
 }
 
 /// What the paper prints about a map. The numbers behind its fig. 9 and 10 are not printed, but for the fifth map's.
@@ -181,25 +147,6 @@ fn number(value: Option<f64>) -> String {
 
 fn near(tally: &Tally, independent: f64) -> bool {
     tally.success_rate.is_some_and(|rate| (rate - independent).abs() <= INDEPENDENT_WITHIN)
-}
-
-impl RelativeLength {
-    /// In the order of [`Columns::named`].
-    fn named(&self) -> [Option<f64>; 5] {
-        [self.standard, self.paper, self.standard_full_loop, self.paper_full_loop, self.ours]
-    }
-}
-
-impl Columns {
-    fn named(&self) -> [(&'static str, &Tally); 5] {
-        [
-            ("standard", &self.standard),
-            ("paper", &self.paper),
-            ("standard in loop", &self.standard_full_loop),
-            ("paper in loop", &self.paper_full_loop),
-            ("Foxhound in loop", &self.ours),
-        ]
-    }
 }
 
 impl Study for Report {

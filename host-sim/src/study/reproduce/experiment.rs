@@ -2,33 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
 use serde_json::Value;
 
+use super::settings::Settings;
 use super::{circle, crb, density, localize, mmwave, multipath, stretch, variants};
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};
-
-/// What of the experiments can be chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Settings {
-    /// Seed of everything random.
-    pub seed: u64,
-    /// Pairs of each row, of `apf-density`.
-    pub pairs: u32,
-    /// Scenes of each kind, of `multipath`.
-    pub scenes: u32,
-    /// Trials of each condition, of `stretch`.
-    pub trials: u32,
-    /// Scenarios, of `mmwave`: as many as the belief-space paper has.
-    pub scenarios: u32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self { seed: 1, pairs: 100, scenes: 50, trials: stretch::TRIALS, scenarios: 200 }
-    }
-}
 
 /// What an experiment came to.
 #[derive(Clone, Debug)]

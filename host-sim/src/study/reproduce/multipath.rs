@@ -19,9 +19,9 @@ use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Settings;
 use super::beside::{empty, line};
 use super::chart::{Axis, Bar, Bars, Chart, Panel};
+use super::settings::Settings;
 use crate::drive::computer::HostComputer;
 use crate::drive::flight::{Ending, Mission, Report as Flown, fly};
 use crate::scenario::input::InputError;

@@ -20,9 +20,9 @@ use rayon::prelude::{IntoParallelIterator as _, ParallelIterator as _};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Settings;
 use super::beside::{empty, line};
 use super::chart::{Axis, Chart, Panel, Series};
+use super::settings::Settings;
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};
 use crate::world::Horizontal;
@@ -33,10 +33,10 @@ pub mod moving;
 
 mod walk;
 
+pub use super::settings::TRIALS;
+
 use walk::{Model, Outliers, REACHED_M, Rule, STEP_M, Walk};
 
-/// Trials of each condition (paper, section IV).
-pub const TRIALS: u32 = 1200;
 /// Outlier rates: the paper's range, with the rates it names.
 pub const OUTLIER_RATES: [f64; 9] = [0.0, 0.1, 0.2, 0.2667, 0.3, 1.0 / 3.0, 0.4, 0.5, 0.6];
 /// Standard deviations of the noise; fig. 4 has 0.4654 rad.

@@ -22,9 +22,9 @@ use foxhound_papers::apf::Field;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Settings;
 use super::beside::{empty, line};
 use super::potential::{Scene as Pictured, draw_heat, draw_surface};
+use super::settings::Settings;
 use crate::drive::flight::Ending;
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};

@@ -5,15 +5,15 @@ use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::planning::planner::{self, Kind};
 use foxhound_papers::apf::{self, AnyPlanner, Field};
 use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
+use serde::Serialize;
 
-use super::{Columns, RelativeLength};
 use crate::drive::flight::Ending;
 use crate::drive::maps::{self, Recipe, TABLE_I};
 use crate::drive::suite::{Flight, Flown, Map, Place, Suite, Tally};
 use crate::scenario::input::InputError;
-use crate::study::reproduce::Settings;
 use crate::study::reproduce::kinematic::{self, Rules, Sight};
 use crate::study::reproduce::potential::Scene;
+use crate::study::reproduce::settings::Settings;
 use crate::world::Horizontal;
 
 /// Maps drawn to each row of Table I.
@@ -231,5 +231,58 @@ impl Pictured {
             goal: Horizontal::from_xy(scenario.goal),
             paths: self.paths.clone(),
         }
+    }
+}
+
+/// Who flew how.
+#[derive(Clone, Debug, Serialize)]
+pub struct Columns {
+    /// The paper's baseline as published.
+    pub standard: Tally,
+    /// The paper's planner as published.
+    pub paper: Tally,
+    /// The baseline with dynamics, tracker and guard.
+    pub standard_full_loop: Tally,
+    /// The paper's planner with dynamics, tracker and guard.
+    pub paper_full_loop: Tally,
+    /// Ours with dynamics, tracker and guard.
+    pub ours: Tally,
+    /// Length over the straight line.
+    pub relative_length: RelativeLength,
+}
+
+/// Mean length over the straight line, on the pairs that all of these reached. What was left to the goal is in the length.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct RelativeLength {
+    /// How many pairs.
+    pub pairs: usize,
+    /// The baseline's.
+    pub standard: Option<f64>,
+    /// The paper's.
+    pub paper: Option<f64>,
+    /// The baseline's, with dynamics.
+    pub standard_full_loop: Option<f64>,
+    /// The paper's, with dynamics.
+    pub paper_full_loop: Option<f64>,
+    /// Ours, with dynamics.
+    pub ours: Option<f64>,
+}
+
+impl RelativeLength {
+    /// In the order of [`Columns::named`].
+    pub(super) fn named(&self) -> [Option<f64>; 5] {
+        [self.standard, self.paper, self.standard_full_loop, self.paper_full_loop, self.ours]
+    }
+}
+
+impl Columns {
+    pub(super) fn named(&self) -> [(&'static str, &Tally); 5] {
+        [
+            ("standard", &self.standard),
+            ("paper", &self.paper),
+            ("standard in loop", &self.standard_full_loop),
+            ("paper in loop", &self.paper_full_loop),
+            ("Foxhound in loop", &self.ours),
+        ]
     }
 }

@@ -15,8 +15,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::scenario::input::InputError;
-use crate::study::reproduce::Settings;
 use crate::study::reproduce::beside::{empty, line};
+use crate::study::reproduce::settings::Settings;
 use crate::study::{Beside, Study, Watch};
 
 /// Runs of the leg.

@@ -34,7 +34,7 @@ use rayon::prelude::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use crate::scenario::input::InputError;
 use crate::study::Watch;
-use crate::study::reproduce::Settings;
+use crate::study::reproduce::settings::Settings;
 use agent::Kind;
 pub use report::Report;
 use report::Searched;

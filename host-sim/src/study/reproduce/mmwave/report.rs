@@ -20,9 +20,9 @@ use super::trial::{CYCLES_MAX, FOUND_M, Noise, Trial};
 use crate::drive::suite::wilson_95;
 use crate::record::sheet::{Drawn, FAINT_INK, GROUND, INK, fill, line, path, pixels, text, write_svg};
 use crate::scenario::input::InputError;
-use crate::study::reproduce::Settings;
 use crate::study::reproduce::beside::{self, empty, percent};
 use crate::study::reproduce::chart::{Axis, Chart, Panel, Series};
+use crate::study::reproduce::settings::Settings;
 use crate::study::{Beside, Study, Watch};
 use crate::world::Horizontal;
 

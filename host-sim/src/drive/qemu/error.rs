@@ -1,0 +1,59 @@
+//! Why the firmware does not fly in QEMU.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+/// The name that an image of the twin carries in its `.foxhound_board` section.
+pub(super) const BOARD: &str = "mps2_an386";
+
+/// Why the firmware does not fly.
+#[derive(Debug)]
+pub enum QemuError {
+    /// The file is no image for the twin.
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What it is instead.
+        why: String,
+    },
+    /// QEMU cannot be started.
+    Start(io::Error),
+    /// A file, a socket or a pipe failed.
+    Io(io::Error),
+    /// The firmware refused, in its own words.
+    Refused(String),
+    /// The firmware has restarted and wants a setup.
+    Restarted,
+    /// No answer, or none that can be read.
+    Lost {
+        /// What was awaited and what came.
+        what: String,
+        /// What QEMU and the firmware (by semihosting) had printed.
+        console: String,
+    },
+}
+
+impl fmt::Display for QemuError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Image { path, why } => {
+                write!(f, "{} is no firmware image for {BOARD}: {why}", path.display())
+            }
+            Self::Start(error) => write!(f, "qemu-system-arm cannot be started: {error}"),
+            Self::Io(error) => write!(f, "the connection to QEMU failed: {error}"),
+            Self::Restarted => f.write_str("the firmware has restarted"),
+            Self::Refused(reason) => write!(f, "the firmware refused: {reason}"),
+            Self::Lost { what, console } if console.is_empty() => write!(f, "{what}; it printed nothing"),
+            Self::Lost { what, console } => write!(f, "{what}; it had printed: {console}"),
+        }
+    }
+}
+
+impl std::error::Error for QemuError {}
+
+impl From<io::Error> for QemuError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}

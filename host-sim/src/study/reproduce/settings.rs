@@ -1,0 +1,27 @@
+//! What of the experiments can be chosen.
+
+use serde::Serialize;
+
+/// Trials of each condition (paper, section IV).
+pub const TRIALS: u32 = 1200;
+
+/// What of the experiments can be chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Settings {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Pairs of each row, of `apf-density`.
+    pub pairs: u32,
+    /// Scenes of each kind, of `multipath`.
+    pub scenes: u32,
+    /// Trials of each condition, of `stretch`.
+    pub trials: u32,
+    /// Scenarios, of `mmwave`: as many as the belief-space paper has.
+    pub scenarios: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { seed: 1, pairs: 100, scenes: 50, trials: TRIALS, scenarios: 200 }
+    }
+}
