@@ -1,4 +1,4 @@
-//! The firmware in QEMU with everything going wrong; prints the table of `docs/faults.md`. `cargo xtask qemu faults` runs it.
+//! The firmware in QEMU with everything going wrong; prints the table of `docs/results/faults.md`. `cargo xtask qemu faults` runs it.
 //!
 //! It notes every mission in a file when it has been flown, and flies those that are not there yet: a campaign that was ended
 //! goes on where it stopped. Ended by a signal it forgets the missions under way. Exits with 1 when anything was not as it should be, after all missions.

@@ -1,4 +1,4 @@
-//! How fast the simulator is on this machine; prints the tables of `docs/scale.md`.
+//! How fast the simulator is on this machine; prints the tables of `docs/results/scale.md`.
 //!
 //! `cargo run --release -p foxhound-sim --example rates` flies the 800 pairs of `foxhound maps` on all cores, with bearings of
 //! a given noise and with the antennas' waveforms, and finds bearings in single frames. Time of a core is the process's own: what

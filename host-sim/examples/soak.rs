@@ -1,5 +1,5 @@
 //! Two long runs beside each modelled autopilot: the link by itself, and the whole computer; prints tables for
-//! `docs/soak.md`. `cargo xtask soak` runs it.
+//! `docs/results/soak.md`. `cargo xtask soak` runs it.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "it prints")]
 

@@ -1,4 +1,4 @@
-//! Missions of the firmware in QEMU, and the worst that it has shown in each; prints a table of `docs/bench.md`.
+//! Missions of the firmware in QEMU, and the worst that it has shown in each; prints a table of `docs/results/bench.md`.
 //! `cargo xtask qemu bench` runs it.
 //!
 //! Arguments: the image, then scenario files.

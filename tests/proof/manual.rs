@@ -207,17 +207,17 @@ fn every_file_of_ours_that_a_page_names_is_there() {
     assert!(checked > 60, "only {checked} names found");
 }
 
-/// Every benchmark row that the manual's list of modules names is in `docs/bench.md`.
+/// Every benchmark row that the manual's list of modules names is in `docs/results/bench.md`.
 #[test]
 fn every_row_that_a_room_names_is_counted() {
-    let (rooms, bench) = (read(Path::new("docs/rooms.md")), read(Path::new("docs/bench.md")));
+    let (rooms, bench) = (read(Path::new("docs/rooms.md")), read(Path::new("docs/results/bench.md")));
     let counted: BTreeSet<&str> = bench.lines().filter_map(|line| line.split_whitespace().next()).collect();
     let rows: String =
         rooms.lines().filter(|line| line.starts_with("| rows |")).map(|line| format!("{line}\n")).collect();
     let named = spans(&rows);
     assert!(named.len() > 30, "{named:?}");
     for row in named {
-        assert!(counted.contains(row.as_str()), "docs/bench.md has no row {row}");
+        assert!(counted.contains(row.as_str()), "docs/results/bench.md has no row {row}");
     }
 }
 

@@ -146,9 +146,9 @@ enum Twin {
         #[arg(long, default_value_t = 20)]
         seeds: u32,
     },
-    /// Count the instructions of the rooms, and the worst of whole missions: docs/bench.md
+    /// Count the instructions of the rooms, and the worst of whole missions: docs/results/bench.md
     Bench,
-    /// Fly many missions with everything going wrong: docs/faults.md
+    /// Fly many missions with everything going wrong: docs/results/faults.md
     Faults {
         /// How many missions
         #[arg(long, default_value_t = 100)]

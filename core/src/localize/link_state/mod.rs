@@ -8,8 +8,8 @@
 //! knows one), and a small neural network (module `network`) weighs them.
 //!
 //! The network was trained in the simulator on random buildings and yards: `foxhound link-state --train` makes
-//! [`weights`] and `docs/link-state.md`, which says how often it is right, and what each feature is worth. Its probabilities
-//! are those of classes that are equally frequent; `docs/link-state.md` has the numbers of the scenes.
+//! [`weights`] and `docs/results/link-state.md`, which says how often it is right, and what each feature is worth. Its probabilities
+//! are those of classes that are equally frequent; `docs/results/link-state.md` has the numbers of the scenes.
 //!
 //! What cannot be told from here: a lone strong mirror image, far from other waves, from the beacon, unless the map knows the
 //! wall.

@@ -142,7 +142,7 @@ impl Report {
 }
 
 impl Display for Report {
-    /// The table of `docs/faults.md`.
+    /// The table of `docs/results/faults.md`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let all = self.all();
         writeln!(f, "{} missions, {} faults, {} simulated seconds.\n", self.missions, all.faults, self.seconds)?;

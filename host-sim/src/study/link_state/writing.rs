@@ -10,7 +10,7 @@ use super::{Ablation, Report, TRAINING_SCENES};
 /// Where the weights are, in the repository.
 pub const WEIGHTS_FILE: &str = "core/src/localize/link_state/weights.rs";
 /// Where the document is.
-pub const DOCUMENT_FILE: &str = "docs/link-state.md";
+pub const DOCUMENT_FILE: &str = "docs/results/link-state.md";
 
 /// The weights as a source file.
 #[must_use]
