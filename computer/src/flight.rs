@@ -13,7 +13,7 @@
 //! next step.
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array::{Entry, Table};
@@ -33,7 +33,7 @@ use crate::sampling::Timer;
 use crate::selftest::{self, Channels, Check, Refused, SelfTest, Verdict};
 
 /// Where parameters are kept while the power is off.
-pub trait Keeper {
+pub trait Mapper {
     /// Keeps these; false where that is not possible.
     fn save(&mut self, values: &Values) -> bool;
     /// What is kept; `None` where nothing is, or nothing that can be read.
@@ -45,9 +45,9 @@ pub trait Keeper {
 }
 
 /// Where there is no place to keep them, there is none.
-impl<K: Keeper> Keeper for Option<K> {
+impl<K: Mapper> Mapper for Option<K> {
     fn save(&mut self, values: &Values) -> bool {
-        self.as_mut().is_some_and(|keeper| keeper.save(values))
+        self.as_mut().is_some_and(|mapper| mapper.save(values))
     }
 
     fn load(&mut self) -> Option<Values> {
@@ -55,7 +55,7 @@ impl<K: Keeper> Keeper for Option<K> {
     }
 
     fn reset(&mut self) -> bool {
-        self.as_mut().is_some_and(Keeper::reset)
+        self.as_mut().is_some_and(Mapper::reset)
     }
 }
 
@@ -204,7 +204,7 @@ impl<S: Systems> Flight<'_, S> {
     /// Does what stations want of the parameters, and what a restart of the autopilot asks for; true where guidance has
     /// started afresh, and plans that were ordered before are of no use any more.
     #[inline(never)]
-    pub fn serve(&mut self, keeper: &mut impl Keeper) -> bool {
+    pub fn serve(&mut self, mapper: &mut impl Mapper) -> bool {
         let mut begins_anew = false;
         if let Some((id, values)) = self.companion.proposal() {
             let verdict = self.adopt(id, &values);
@@ -213,9 +213,9 @@ impl<S: Systems> Flight<'_, S> {
         }
         if let Some(storage) = self.companion.take_storage() {
             let is_done = match storage {
-                Storage::Save => keeper.save(self.companion.parameters()),
-                Storage::Load => keeper.load().is_some_and(|values| self.run_with(values).is_ok()),
-                Storage::Reset => self.run_with(Values::DEFAULT).is_ok() && keeper.reset(),
+                Storage::Save => mapper.save(self.companion.parameters()),
+                Storage::Load => mapper.load().is_some_and(|values| self.run_with(values).is_ok()),
+                Storage::Reset => self.run_with(Values::DEFAULT).is_ok() && mapper.reset(),
             };
             begins_anew |= is_done && storage != Storage::Save;
             self.companion.stored(is_done);
@@ -291,7 +291,7 @@ impl<S: Systems> Flight<'_, S> {
     /// What guidance gets of what the antennas brought: no frame that cannot be one, and none while they are examined.
     #[inline(never)]
     fn admit<'a>(&mut self, front_end: FrontEnd<'a, N>) -> FrontEnd<'a, N> {
-        let FrontEnd::Snapshot(snapshot) = front_end else {
+        let FrontEnd::Frame(snapshot) = front_end else {
             self.receiver.test.miss(None);
             return front_end;
         };
@@ -304,7 +304,7 @@ impl<S: Systems> Flight<'_, S> {
     }
 
     #[inline(never)]
-    fn listen(&mut self, snapshot: &Snapshot<N>, frozen: Option<usize>) {
+    fn listen(&mut self, snapshot: &AdcFrame<N>, frozen: Option<usize>) {
         let test = &mut self.receiver.test;
         if !self.companion.may_examine() {
             return test.interrupt();

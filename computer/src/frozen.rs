@@ -8,7 +8,7 @@
 //! Every twelfth code of a channel is looked at: 22 of 256, as a polynomial in 32 bits. Two frames of a working receiver
 //! agree in it once in 4 10^9, and by their codes only where the noise is far below one code.
 
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 
 /// Of so many codes, one is looked at.
 const STRIDE: usize = 12;
@@ -32,7 +32,7 @@ impl Watch {
 
     /// The first channel, 0..4, that stands still.
     #[inline(never)]
-    pub fn look<const N: usize>(&mut self, snapshot: &Snapshot<N>) -> Option<usize> {
+    pub fn look<const N: usize>(&mut self, snapshot: &AdcFrame<N>) -> Option<usize> {
         let mut frozen = None;
         for (channel, (row, last)) in snapshot.codes.iter().zip(&mut self.marks).enumerate().rev() {
             let mark = mark(row);
@@ -69,8 +69,8 @@ mod tests {
     use foxhound_core::base::rng::Rng;
 
     /// Noise of so many codes, and a tone.
-    fn frame(rng: &mut Rng, sigma_codes: f32) -> Snapshot<256> {
-        let mut snapshot = Snapshot::zeroed();
+    fn frame(rng: &mut Rng, sigma_codes: f32) -> AdcFrame<256> {
+        let mut snapshot = AdcFrame::zeroed();
         for code in snapshot.codes.iter_mut().flatten() {
             *code = libm::roundf(sigma_codes * rng.gaussian()) as i16;
         }
@@ -100,7 +100,7 @@ mod tests {
         let mut watch = Watch::new();
         for code in [0, -2048, 2047] {
             for _ in 0..3 {
-                assert_eq!(watch.look(&Snapshot { codes: [[code; 256]; CHANNELS], ..Snapshot::zeroed() }), None);
+                assert_eq!(watch.look(&AdcFrame { codes: [[code; 256]; CHANNELS], ..AdcFrame::zeroed() }), None);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Four channels of samples become a bearing: `cargo run --package foxhound-core --example bearing`.
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::doa::{array, bearing};
 use foxhound_core::signal::phase;
 
@@ -9,8 +9,8 @@ use foxhound_core::signal::phase;
 const N: usize = 256;
 
 /// What four antennas receive of a tone of 10 kHz from a direction: the antenna that is nearer hears it earlier.
-fn frame(array: &array::Config, sample_rate_hz: f32, azimuth_rad: f32) -> Snapshot<N> {
-    let mut frame = Snapshot::zeroed();
+fn frame(array: &array::Config, sample_rate_hz: f32, azimuth_rad: f32) -> AdcFrame<N> {
+    let mut frame = AdcFrame::zeroed();
     for (channel, [forward_m, right_m]) in frame.codes.iter_mut().zip(array.antennas_m) {
         let nearer_m = forward_m * azimuth_rad.cos() + right_m * azimuth_rad.sin();
         for (n, code) in channel.iter_mut().enumerate() {
@@ -33,7 +33,7 @@ fn main() -> Result<(), ConfigError> {
         println!("from {azimuth_deg:6.1} deg: {found_deg:8.3} deg, sigma {sigma_deg:.3}, valid: {}", bearing.valid);
         assert!(bearing.valid && (found_deg - azimuth_deg).abs() < 0.1);
     }
-    let silence = finder.find(&extractor.step(&mut state, &Snapshot::zeroed()));
+    let silence = finder.find(&extractor.step(&mut state, &AdcFrame::zeroed()));
     println!("from nowhere: valid: {}", silence.valid);
     assert!(!silence.valid);
     Ok(())

@@ -3,12 +3,12 @@
 use foxhound_core::ConfigError;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Disc;
-use foxhound_core::planning::planner::{Config, PlanRequest, Scratch, Verdict};
+use foxhound_core::planning::planner::{Config, PlanRequest, Verdict, Workspace};
 
 fn main() -> Result<(), ConfigError> {
     let planner = Config::default().build()?;
     // 33 KB, reused from plan to plan. Firmware has it in a static.
-    let mut scratch = Box::new(Scratch::new());
+    let mut workspace = Box::new(Workspace::new());
     let source_ned_m = Horizontal { north: 6.0, east: 0.0 };
     let request = PlanRequest {
         seed: 1,
@@ -22,7 +22,7 @@ fn main() -> Result<(), ConfigError> {
         radius_m,
         moves: false,
     });
-    let plan = planner.plan(&mut scratch, &request, &known);
+    let plan = planner.plan(&mut workspace, &request, &known);
     println!("{:?}, cost {:.3}, gains {:?}", plan.verdict, plan.cost, plan.gains);
     for place in plan.waypoints_ned_m {
         println!("  {:6.3} m north {:6.3} m east", place.north, place.east);

@@ -9,9 +9,9 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::{Config, FrontEnd, Input};
-use foxhound_core::planning::planner::Scratch;
+use foxhound_core::planning::planner::Workspace;
 
-/// A bearing as good as a strong beacon gives, from elsewhere: with antennas it is `FrontEnd::Snapshot`.
+/// A bearing as good as a strong beacon gives, from elsewhere: with antennas it is `FrontEnd::Frame`.
 fn bearing(time: Instant, azimuth_rad: f32) -> Bearing {
     let quality = Quality {
         snr_db: 20.0,
@@ -36,7 +36,7 @@ fn bearing(time: Instant, azimuth_rad: f32) -> Bearing {
 fn main() -> Result<(), ConfigError> {
     let config = Config { seed: 1, ..Config::default() };
     let (guidance, planner) = (config.build::<256>()?, config.planner.build()?);
-    let (mut state, mut scratch) = (guidance.start(), Box::new(Scratch::new()));
+    let (mut state, mut workspace) = (guidance.start(), Box::new(Workspace::new()));
     let beacon_ned_m = Horizontal { north: 8.0, east: 2.0 };
     let center_ned_m = Horizontal { north: 4.0, east: 0.9 };
     let pillar = Circle { center_ned_m, radius_m: 0.3, ..Circle::default() };
@@ -64,7 +64,7 @@ fn main() -> Result<(), ConfigError> {
         // The slow loop, which on the vehicle runs at a lower priority.
         plan = output.plan_requested.then(|| {
             let known: Vec<Disc> = state.map().discs().collect();
-            planner.plan(&mut scratch, state.request(), &known)
+            planner.plan(&mut workspace, state.request(), &known)
         });
 
         velocity = output.setpoint.velocity_ned_mps;

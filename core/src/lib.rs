@@ -36,14 +36,14 @@
 //!
 //! ```
 //! # use foxhound_core::ConfigError;
-//! use foxhound_core::base::adc::Snapshot;
+//! use foxhound_core::base::adc::AdcFrame;
 //! use foxhound_core::doa::{array, bearing};
 //! use foxhound_core::signal::phase;
 //!
 //! let extractor = phase::Config::default().build::<256>()?;
 //! let finder = bearing::Config::default().build(array::Config::default().build()?)?;
 //! let mut state = phase::State::default();
-//! let phasors = extractor.step(&mut state, &Snapshot::zeroed());
+//! let phasors = extractor.step(&mut state, &AdcFrame::zeroed());
 //! assert!(!finder.find(&phasors).valid, "silence has no bearing");
 //! # Ok::<(), ConfigError>(())
 //! ```
@@ -52,30 +52,30 @@
 //! # use foxhound_core::ConfigError;
 //! use foxhound_core::base::ned::Horizontal;
 //! use foxhound_core::base::obstacle::Disc;
-//! use foxhound_core::planning::planner::{Config, PlanRequest, Scratch, Verdict};
+//! use foxhound_core::planning::planner::{Config, PlanRequest, Workspace, Verdict};
 //!
 //! let planner = Config::default().build()?;
 //! let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
 //! let request = PlanRequest { known_source_ned_m, ..PlanRequest::default() };
 //! let center_ned_m = Horizontal { north: 1.0, east: 0.1 };
 //! let pillar = Disc { center_ned_m, radius_m: 0.3, moves: false };
-//! let plan = planner.plan(&mut Scratch::new(), &request, &[pillar]);
+//! let plan = planner.plan(&mut Workspace::new(), &request, &[pillar]);
 //! assert_eq!(plan.verdict, Verdict::Follow);
 //! # Ok::<(), ConfigError>(())
 //! ```
 //!
 //! ```
 //! # use foxhound_core::ConfigError;
-//! use foxhound_core::base::adc::Snapshot;
+//! use foxhound_core::base::adc::AdcFrame;
 //! use foxhound_core::base::time::Instant;
 //! use foxhound_core::guidance::mission::{Control, Outcome};
 //! use foxhound_core::guidance::{Config, FrontEnd, Input};
 //!
 //! let guidance = Config::default().build::<256>()?;
 //! let mut state = guidance.start();
-//! let frame = Snapshot::zeroed();
+//! let frame = AdcFrame::zeroed();
 //! let input = Input {
-//!     front_end: FrontEnd::Snapshot(&frame),
+//!     front_end: FrontEnd::Frame(&frame),
 //!     control: Control::NotInControl,
 //!     ..Input::at(Instant(0))
 //! };
@@ -101,7 +101,7 @@
 //! the rooms are that paper's unless another is named.
 //!
 //! *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (rooms
-//! [`localize::source`], [`mapping::lor`], [`planning::belief`]). *Rotating vehicle's paper*: RF source seeking with a
+//! [`localize::source`], [`mapping::lor`], [`planning::ilqr`]). *Rotating vehicle's paper*: RF source seeking with a
 //! single-wing rotating micro aerial vehicle (room [`doa::rss`]).
 #![no_std]
 

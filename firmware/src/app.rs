@@ -42,7 +42,7 @@ use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, Guidance};
 use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::mapping::map::CIRCLES_MAX;
-use foxhound_core::planning::planner::{PlanRequest, Scratch};
+use foxhound_core::planning::planner::{PlanRequest, Workspace};
 use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
 use foxhound_pad::Detector;
 use heapless::Vec;
@@ -233,15 +233,15 @@ impl<S: Samples> Planning<S> {
 
 /// The planner: answers orders, and may be pre-empted at any moment. To be called by the thread when all is set up.
 pub fn plan<B: Board>(desk: Desk<Kept<B>>) -> ! {
-    static SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(Scratch::new());
-    let scratch = SCRATCH.take();
+    static SCRATCH: ConstStaticCell<Workspace> = ConstStaticCell::new(Workspace::new());
+    let workspace = SCRATCH.take();
     let Desk { mut orders, mut plans } = desk;
     loop {
         let (Some(order), Some(planned)) = (orders.try_receive(), plans.try_send()) else {
             B::sleep_unless(|| !orders.is_empty() && !plans.is_full());
             continue;
         };
-        replan::<B>(scratch, order, planned);
+        replan::<B>(workspace, order, planned);
         // In this order: the plan wakes guidance, which may go on for many steps before we do, and order the next one.
         orders.receive_done();
         plans.send_done();
@@ -250,11 +250,11 @@ pub fn plan<B: Board>(desk: Desk<Kept<B>>) -> ! {
 
 /// Answers one order.
 #[inline(never)]
-fn replan<B: Board>(scratch: &mut Scratch, order: &Order, planned: &mut Planned<Kept<B>>) {
+fn replan<B: Board>(workspace: &mut Workspace, order: &Order, planned: &mut Planned<Kept<B>>) {
     let begin = B::ticks();
-    planned.plan = order.systems.plan(scratch, &order.request, &order.known);
+    planned.plan = order.systems.plan(workspace, &order.request, &order.known);
     planned.ticks = B::ticks().wrapping_sub(begin);
-    for (kept, sample) in planned.samples_ned_m.as_mut().iter_mut().zip(&scratch.samples) {
+    for (kept, sample) in planned.samples_ned_m.as_mut().iter_mut().zip(&workspace.samples) {
         *kept = *sample;
     }
 }
@@ -316,7 +316,7 @@ pub async fn guide<B: Board>(
                     // The simulator's time is not ours.
                     begin = (lock_step.begin)();
                 }
-                if flight.serve(&mut console.log.keeper(&mut store)) {
+                if flight.serve(&mut console.log.mapper(&mut store)) {
                     planning.begin_anew::<B>();
                     look_for_pad(&mut console, flight.config);
                 }

@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 use std::task::{Context, Waker};
 use std::thread;
 
-use foxhound_computer::flight::Keeper as _;
+use foxhound_computer::flight::Mapper as _;
 use foxhound_computer::log::Record as Logged;
 use foxhound_computer::log::frame::Deframer;
 use foxhound_computer::store::Store;
@@ -184,7 +184,7 @@ impl Computer for Computing {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
         let frame = match front_end {
-            FrontEnd::Snapshot(snapshot) => Some(Box::new(snapshot.clone())),
+            FrontEnd::Frame(snapshot) => Some(Box::new(snapshot.clone())),
             FrontEnd::Nothing => None,
             _ => return Err(ComputerError("the board hears waveforms".to_owned())),
         };

@@ -9,7 +9,7 @@ use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::doa::rss::{self, direction};
-use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
+use foxhound_core::localize::link_state::{self, Classifier, Features, Sightline};
 use foxhound_core::localize::pursuit;
 use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, LINES_MAX, Line};
@@ -449,7 +449,7 @@ fn looked_at(draw: &mut Draw<'_>) -> Reached {
             1 => Some(draw.any(-PI, PI)),
             _ => Some(heard.direction_ned.bearing_rad()),
         };
-        let look = Look { place_ned_m: heard.place_ned_m, bearing: &bearing, bearing_ned_rad, sightline };
+        let look = Features { place_ned_m: heard.place_ned_m, bearing: &bearing, bearing_ned_rad, sightline };
         let estimate = Classifier::TRAINED.step(&mut state, &look);
         let sum: f32 = estimate.probabilities.iter().sum();
         assert!(estimate.probabilities.iter().all(|p| (0.0..=1.0).contains(p)), "{estimate:?} {look:?}");
@@ -493,7 +493,7 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
     let Ok(lines) = config.build() else { return reached };
     let Ok(mixture) = mixture::Config { lor: config, ..mixture::Config::DEFAULT }.build() else { return reached };
     reached.configured = true;
-    let (mut scratch, mut mixture_scratch) = (lor::Scratch::new(), mixture::Scratch::new());
+    let (mut workspace, mut mixture_workspace) = (lor::Workspace::new(), mixture::Workspace::new());
     while !draw.rest.is_empty() && reached.answers < 8 {
         let mut points = points(draw);
         if draw.flag() {
@@ -506,9 +506,9 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
             points = lor::points_of(&circles, place(draw)).to_vec();
         }
         let found = if is_in_any_order {
-            mixture.find(&mut mixture_scratch, &points)
+            mixture.find(&mut mixture_workspace, &points)
         } else {
-            lines.find(&mut scratch, &points)
+            lines.find(&mut workspace, &points)
         };
         assert!(found.len() <= LINES_MAX);
         for line in &found {

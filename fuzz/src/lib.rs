@@ -13,7 +13,7 @@
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::OnceLock;
 
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::ned::Ned;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
@@ -21,7 +21,7 @@ use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use foxhound_core::signal::spectrum::Backend;
 use foxhound_papers::aoa::AnyFinder;
-use foxhound_papers::multipath::{self, Look, Method};
+use foxhound_papers::multipath::{self, Frame, Method};
 
 mod filters;
 mod link;
@@ -210,8 +210,8 @@ fn scene(draw: &mut Draw<'_>, half: f32) -> Scene {
     }
 }
 
-fn snapshot<const N: usize>(draw: &mut Draw<'_>, scene: &Scene, time: Instant) -> Snapshot<N> {
-    let mut snapshot = Snapshot::zeroed();
+fn snapshot<const N: usize>(draw: &mut Draw<'_>, scene: &Scene, time: Instant) -> AdcFrame<N> {
+    let mut snapshot = AdcFrame::zeroed();
     snapshot.time = time;
     let mut noise = Noise(u64::from(draw.word()));
     let kind = draw.below(8);
@@ -341,7 +341,7 @@ pub fn looks(case: &[u8]) -> Reached {
         let mut coordinate = || draw.any(-metres, metres);
         let position_ned_m = Ned { north: coordinate(), east: coordinate(), down: coordinate() };
         let position_ned_m = draw.flag().then_some(position_ned_m);
-        let _ = looks.take(&mut state, &Look { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m });
+        let _ = looks.take(&mut state, &Frame { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m });
         assert!(state.count() <= multipath::LOOKS);
         let Some(arrival) = looks.solve(&state, draw.any(0.0, 1.0)) else {
             assert!(state.count() < usize::from(config.looks_min));
@@ -402,7 +402,7 @@ fn look(
 fn silence() -> Phasors {
     static SILENCE: OnceLock<Phasors> = OnceLock::new();
     *SILENCE.get_or_init(|| match phase::Config::default().build::<64>() {
-        Ok(extractor) => extractor.step(&mut phase::State::default(), &Snapshot::zeroed()),
+        Ok(extractor) => extractor.step(&mut phase::State::default(), &AdcFrame::zeroed()),
         Err(error) => unreachable!("the default configuration: {error}"),
     })
 }

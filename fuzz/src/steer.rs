@@ -7,7 +7,7 @@ use foxhound_core::base::obstacle::{Circle, Disc, Neighbour};
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
-use foxhound_core::control::guard::{self, Action, Fence, Setpoint, Situation};
+use foxhound_core::control::guard::{self, Action, Fence, GuardInput, Setpoint};
 use foxhound_core::control::track::Demand;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::guidance::mission::{Behaviour, Control, Outcome};
@@ -18,7 +18,7 @@ use foxhound_core::landing::observation::{Bad, Nothing, Pad, PadObservation, See
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::scan::{Frame, Points, SECTORS_MAX, Scan, Sector};
 use foxhound_core::planning::planner::baseline::{self, Law, Offsets, Reading};
-use foxhound_core::planning::planner::{self, Kind, Plan, Scratch, Verdict};
+use foxhound_core::planning::planner::{self, Kind, Plan, Verdict, Workspace};
 use foxhound_papers::AllSystems;
 
 use super::{Draw, Noise, Reached};
@@ -247,11 +247,11 @@ fn guarded(draw: &mut Draw<'_>) -> Reached {
     reached
 }
 
-fn situation(draw: &mut Draw<'_>) -> Situation {
+fn situation(draw: &mut Draw<'_>) -> GuardInput {
     let position_ned_m = place(draw);
     let underway = Horizontal { north: draw.between(-1.0, 1.0), east: draw.between(-1.0, 1.0) };
     let rest_ned_m = if draw.below(8) == 0 { place(draw) } else { position_ned_m.plus(underway) };
-    Situation {
+    GuardInput {
         position_ned_m,
         rest_ned_m,
         yaw_rad: draw.any(-4.0, 4.0),
@@ -263,7 +263,7 @@ fn situation(draw: &mut Draw<'_>) -> Situation {
 }
 
 /// Beyond the limits of altitude nothing goes on outwards but what is being braked.
-fn check_altitude(step: &Step<'_>, situation: &Situation, about: &dyn Fn() -> String) {
+fn check_altitude(step: &Step<'_>, situation: &GuardInput, about: &dyn Fn() -> String) {
     let Some(down_m) = situation.down_m.filter(|down_m| down_m.is_finite()) else { return };
     let slowed = |speed_mps: f32| (speed_mps - step.limits.a_max_mps2 * step.dt_s * 0.999).max(0.0) + 1e-5;
     let down_mps = step.setpoint.velocity_ned_mps.down;
@@ -276,7 +276,7 @@ fn check_altitude(step: &Step<'_>, situation: &Situation, about: &dyn Fn() -> St
 fn check_way(
     limits: &guard::Config,
     setpoint: Setpoint,
-    situation: &Situation,
+    situation: &GuardInput,
     obstacles: &[Neighbour],
     about: &dyn Fn() -> String,
 ) {
@@ -349,7 +349,7 @@ struct Flight {
     guidance: Guidance<64>,
     state: guidance::State<64>,
     systems: AllSystems,
-    scratch: Scratch,
+    workspace: Workspace,
     now: Instant,
     ownship: Ownship,
     source_ned_m: Horizontal,
@@ -397,7 +397,7 @@ fn flown(draw: &mut Draw<'_>) -> Reached {
         config,
         guidance,
         systems,
-        scratch: Scratch::default(),
+        workspace: Workspace::default(),
         now: Instant(u64::from(draw.word())),
         ownship: Ownship::default(),
         source_ned_m: place(draw),
@@ -490,7 +490,7 @@ impl Flight {
 
     /// A plan that no planner made, or the active one, or one that was asked for, bent.
     fn any_plan(&self, draw: &mut Draw<'_>) -> Plan {
-        let mut plan = self.systems.plan(&mut Scratch::default(), self.state.request(), &self.known());
+        let mut plan = self.systems.plan(&mut Workspace::default(), self.state.request(), &self.known());
         plan.id = if draw.below(4) == 0 { draw.word() } else { plan.id };
         let index = usize::from(draw.byte()) % plan.waypoints_ned_m.len();
         plan.waypoints_ned_m[index] = place(draw);
@@ -536,7 +536,7 @@ impl Flight {
         self.fly(&output);
         if output.plan_requested && self.is_planned {
             let known = self.known();
-            let plan = self.systems.plan(&mut self.scratch, self.state.request(), &known);
+            let plan = self.systems.plan(&mut self.workspace, self.state.request(), &known);
             check_plan(&plan, self.state.request());
             self.reached.answers += 1;
             self.reached.usable += u32::from(plan.verdict == Verdict::Follow);

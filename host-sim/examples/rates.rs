@@ -12,7 +12,7 @@ use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant as Clock;
 
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Estimator};
@@ -131,7 +131,7 @@ fn frames() -> Result<(), Box<dyn Error>> {
     let extractor = phase::Config::default().build::<N>()?;
     let finder = bearing::Config::default().build(array::Config::default().build()?)?;
     let antennas = Antennas { snr_db: Some(SNR_DB), ..Antennas::default() };
-    let make = |number: usize, random: &mut Random| -> Snapshot<N> {
+    let make = |number: usize, random: &mut Random| -> AdcFrame<N> {
         let azimuth_rad = number as f64 / FRAMES as f64 * TAU;
         let source = [1000.0 * azimuth_rad.cos(), 1000.0 * azimuth_rad.sin(), 0.0];
         antennas.frame(Instant(number as u64 * 20_000), &Pose::default(), source, random)
@@ -139,7 +139,7 @@ fn frames() -> Result<(), Box<dyn Error>> {
     let count =
         |find: &mut dyn FnMut(usize) -> bool| timed(1, || Ok((0..FRAMES).filter(|number| find(*number)).count()));
     let mut random = Random::new(SEED, 1);
-    let recorded: Vec<Snapshot<N>> = (0..1000).map(|number| make(number * FRAMES / 1000, &mut random)).collect();
+    let recorded: Vec<AdcFrame<N>> = (0..1000).map(|number| make(number * FRAMES / 1000, &mut random)).collect();
     let mut state = phase::State::<N>::default();
 
     println!("\n| N = {N}, {SNR_DB} dB | frames/s of a core | us of a core a frame | valid |\n|---|---|---|---|");

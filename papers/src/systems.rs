@@ -7,7 +7,7 @@ use foxhound_core::base::obstacle::Disc;
 use foxhound_core::doa::bearing::{Bearing, Finder};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{Config, Guidance};
-use foxhound_core::planning::planner::{Plan, PlanRequest, Scratch};
+use foxhound_core::planning::planner::{Plan, PlanRequest, Workspace};
 use foxhound_core::signal::phase::Phasors;
 
 /// Any planner and any estimator of bearings that a configuration names, the papers' and the core's own.
@@ -33,8 +33,8 @@ impl Systems for AllSystems {
         self.estimator.find(finder, phasors)
     }
 
-    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
-        self.planner.plan(scratch, request, known)
+    fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
+        self.planner.plan(workspace, request, known)
     }
 
     fn brake(&self, request: &PlanRequest) -> Plan {

@@ -4,7 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use foxhound_computer::selftest::{Check, Report, Verdict};
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Bearing;
 use foxhound_core::guidance::{self, FrontEnd};
@@ -36,7 +36,7 @@ fn good() -> Antennas {
 }
 
 /// What becomes of a frame before the computer gets it.
-type Spoil = fn(u64, &mut Snapshot<256>, &Snapshot<256>);
+type Spoil = fn(u64, &mut AdcFrame<256>, &AdcFrame<256>);
 
 /// The computer on the bench.
 struct Bench {
@@ -47,7 +47,7 @@ struct Bench {
     random: Random,
     step: u64,
     step_us: u64,
-    last: Snapshot<256>,
+    last: AdcFrame<256>,
     spoil: Spoil,
     framer: Framer,
     /// Results of the commands to us, and texts.
@@ -55,7 +55,7 @@ struct Bench {
     texts: Vec<String>,
     setpoints: usize,
     /// Frames since the last command, where they are wanted.
-    kept: Option<Vec<Snapshot<256>>>,
+    kept: Option<Vec<AdcFrame<256>>>,
     bearing: Option<Bearing>,
 }
 
@@ -69,7 +69,7 @@ impl Bench {
             random: Random::new(seed, 7),
             step: 0,
             step_us: 20_000,
-            last: Snapshot::zeroed(),
+            last: AdcFrame::zeroed(),
             spoil: |_, _, _| (),
             framer: Framer::new(),
             results: Vec::new(),
@@ -102,7 +102,7 @@ impl Bench {
         self.autopilot.telemetry(now_us, &motion, false);
         let mut rx = self.autopilot.transmit();
         rx.extend_from_slice(said);
-        let report = self.computer.step(Instant(now_us), FrontEnd::Snapshot(&snapshot), Some(&[]), &rx).unwrap();
+        let report = self.computer.step(Instant(now_us), FrontEnd::Frame(&snapshot), Some(&[]), &rx).unwrap();
         self.autopilot.receive(now_us, &motion, &report.tx);
         self.read(&report.tx);
         self.bearing = report.output.bearing;
@@ -288,7 +288,7 @@ fn a_frame_in_which_a_channel_stands_still_gives_no_bearing_and_its_successor_do
     for seed in 1..=3 {
         let mut computer = HostComputer::new(&guidance::Config::default()).unwrap();
         let mut random = Random::new(seed, 1);
-        let mut last = Snapshot::zeroed();
+        let mut last = AdcFrame::zeroed();
         for step in 0..200_u64 {
             let now = Instant(step * 20_000);
             let antennas = Antennas::default();
@@ -298,7 +298,7 @@ fn a_frame_in_which_a_channel_stands_still_gives_no_bearing_and_its_successor_do
                 snapshot.codes[(step % 4) as usize] = last.codes[(step % 4) as usize];
             }
             last = snapshot.clone();
-            let report = computer.step(now, FrontEnd::Snapshot(&snapshot), None, &[]).unwrap();
+            let report = computer.step(now, FrontEnd::Frame(&snapshot), None, &[]).unwrap();
             assert_eq!(report.output.bearing.is_none(), stands, "step {step}");
         }
     }
@@ -342,7 +342,7 @@ fn armed_it_is_refused_and_one_that_is_armed_meanwhile_is_interrupted() {
 }
 
 /// What `foxhound calibrate` makes of the very frames that were listened to.
-fn calibrated_by_the_command(frames: &[Snapshot<256>], azimuth_deg: Option<f64>) -> calibrate::Report {
+fn calibrated_by_the_command(frames: &[AdcFrame<256>], azimuth_deg: Option<f64>) -> calibrate::Report {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("frames.npy");
     let codes = frames.iter().flat_map(|frame| frame.codes.as_flattened().iter().copied());

@@ -8,7 +8,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Bearing, Finder, Flags};
@@ -121,9 +121,9 @@ impl Air {
     }
 
     /// Rounded to 12 bits, clipped at the rails.
-    fn codes(&self) -> Snapshot<N> {
+    fn codes(&self) -> AdcFrame<N> {
         let codes = self.rows.map(|row| row.map(|value| value.round().clamp(-2048.0, 2047.0) as i16));
-        Snapshot { time: Instant(0), codes }
+        AdcFrame { time: Instant(0), codes }
     }
 }
 
@@ -191,7 +191,7 @@ fn circle(
     config: phase::Config,
     frames: Frames,
     seed: u64,
-    make: impl FnMut(f64, &mut Random) -> Snapshot<N>,
+    make: impl FnMut(f64, &mut Random) -> AdcFrame<N>,
 ) -> Heard {
     let azimuths = (0..360 * TURNS).map(|k| f64::from((k % 360) as u32).to_radians());
     listen(&format!("{what}, {frames:?}"), config, frames, seed, azimuths, make)
@@ -203,7 +203,7 @@ fn listen(
     frames: Frames,
     seed: u64,
     azimuths: impl Iterator<Item = f64>,
-    mut make: impl FnMut(f64, &mut Random) -> Snapshot<N>,
+    mut make: impl FnMut(f64, &mut Random) -> AdcFrame<N>,
 ) -> Heard {
     let (extractor, finder) = (config.build::<N>().unwrap(), finder());
     let mut random = Random::new(seed);
@@ -593,7 +593,7 @@ fn a_clean_frame_is_not_taken_for_a_reflection() {
 
 /// A beacon and one reflection, heard on the way.
 struct Passage {
-    frames: Vec<Snapshot<N>>,
+    frames: Vec<AdcFrame<N>>,
     yaws: Vec<f64>,
     /// Azimuth of the beacon in the body frame of the last look.
     truth: f64,
@@ -649,7 +649,7 @@ fn a_reflection_at_minus_6_db_costs_less_than_a_degree_over_eight_looks() {
                 let phasors = extractor.step(&mut tone, frame);
                 let bearing = finder.find(&phasors);
                 let yaw_rad = *yaw as f32;
-                let look = multipath::Look { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m: None };
+                let look = multipath::Frame { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m: None };
                 assert_eq!(looks.take(&mut state, &look), multipath::Taken::Yes);
                 single.push(degrees_between(f64::from(bearing.azimuth_rad) + yaw, passage.truth + passage.yaws[7]));
             }
@@ -751,7 +751,7 @@ fn a_carrier_that_drifts_is_followed() {
 }
 
 /// The lines that `foxhound bearing` prints for frames.
-fn lines(frames: &[Snapshot<N>], yaws: &[f64], keys: &str, arguments: &[&str]) -> Vec<Value> {
+fn lines(frames: &[AdcFrame<N>], yaws: &[f64], keys: &str, arguments: &[&str]) -> Vec<Value> {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
     let (adc, array, yaw) = (path("adc.npy"), path("array.toml"), path("yaw.npy"));
@@ -791,7 +791,7 @@ fn errors_of(lines: &[Value], truth: impl Fn(usize) -> f64) -> (Vec<f64>, Vec<f6
     errors.unzip()
 }
 
-fn turns(count: usize, make: impl Fn(f64, &mut Random) -> Snapshot<N>) -> Vec<Snapshot<N>> {
+fn turns(count: usize, make: impl Fn(f64, &mut Random) -> AdcFrame<N>) -> Vec<AdcFrame<N>> {
     let mut random = Random::new(17);
     (0..count).map(|k| make(azimuth_of(k), &mut random)).collect()
 }

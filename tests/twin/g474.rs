@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{FrontEnd, param};
@@ -77,7 +77,7 @@ impl Bench {
     }
 
     /// No beacon.
-    fn noise(&mut self) -> Snapshot<BLOCK> {
+    fn noise(&mut self) -> AdcFrame<BLOCK> {
         let antennas = Antennas { channel_gain: [0.0; 4], snr_db: Some(20.0), ..Antennas::default() };
         antennas.frame(Instant(0), &Pose::default(), [9.0, 0.0, 0.0], &mut self.random)
     }
@@ -215,7 +215,7 @@ impl Computer for Flooded {
         circles: Option<&[Circle]>,
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
-        let FrontEnd::Snapshot(snapshot) = front_end else { panic!("it flies by waves") };
+        let FrontEnd::Frame(snapshot) = front_end else { panic!("it flies by waves") };
         let output = self.beside.step(now, front_end, circles, rx)?.output;
         // A byte in a thousand is damaged.
         let error = if self.step.is_multiple_of(2) { "noise" } else { "break" };

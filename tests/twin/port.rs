@@ -10,7 +10,7 @@ use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant as WallInstant};
 
 use foxhound_computer::twin::Setup;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_link::dialect::MavMessage;
@@ -123,9 +123,9 @@ fn frames_come_out_of_the_port_as_they_went_in() {
     while port.try_wait().unwrap().is_none() {
         assert!(begin.elapsed() < Duration::from_secs(60), "{} steps", sent.len());
         let now = Instant(sent.len() as u64 * 20_000);
-        let frame: Snapshot<256> = antennas.frame(now, &Pose::default(), [300.0, 300.0, 0.0], &mut random);
+        let frame: AdcFrame<256> = antennas.frame(now, &Pose::default(), [300.0, 300.0, 0.0], &mut random);
         twin.type_on_port(&terminal.read()).unwrap();
-        twin.step(now, FrontEnd::Snapshot(&frame), None, &[]).unwrap();
+        twin.step(now, FrontEnd::Frame(&frame), None, &[]).unwrap();
         terminal.write(&twin.take_port());
         sent.push(frame);
         // As fast as a board.

@@ -22,7 +22,7 @@
 //!
 //! Keys are not logged. A flight whose link was signed is replayed without: every frame is then believed.
 
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{self, COUNT, Values};
@@ -34,7 +34,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use crate::SAMPLES_PER_CHANNEL as N;
 use crate::deadline::Counts;
-use crate::flight::{Flight, Keeper, Stepped};
+use crate::flight::{Flight, Mapper, Stepped};
 
 pub mod frame;
 pub mod ring;
@@ -129,8 +129,8 @@ pub struct Codes<C> {
 impl Codes<&[u8]> {
     /// The snapshot that they are; none where they are too few.
     #[must_use]
-    pub fn snapshot(&self) -> Option<Snapshot<N>> {
-        let mut snapshot = Snapshot::zeroed();
+    pub fn snapshot(&self) -> Option<AdcFrame<N>> {
+        let mut snapshot = AdcFrame::zeroed();
         snapshot.time = self.time;
         let (pairs, []) = self.packed.as_chunks::<3>() else { return None };
         let (codes, _) = snapshot.codes.as_flattened_mut().as_chunks_mut::<2>();
@@ -147,7 +147,7 @@ impl Codes<&[u8]> {
 }
 
 /// Codes as they are written.
-struct Packed<'a>(&'a Snapshot<N>);
+struct Packed<'a>(&'a AdcFrame<N>);
 
 impl Serialize for Packed<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
@@ -306,8 +306,8 @@ impl<'a> Log<'a> {
     }
 
     /// A store whose answers are logged.
-    pub fn keeper<'k, K: Keeper>(&'k mut self, keeper: &'k mut K) -> Logged<'k, 'a, K> {
-        Logged { log: self, keeper }
+    pub fn mapper<'k, K: Mapper>(&'k mut self, mapper: &'k mut K) -> Logged<'k, 'a, K> {
+        Logged { log: self, mapper }
     }
 
     /// A step that was made; `ordered` where the planner took an order.
@@ -330,12 +330,12 @@ impl<'a> Log<'a> {
         let (now, heard, plan) = (came.output.time, came.heard.as_ref(), came.plan);
         let trace_hash = came.output.trace_hash.to_le_bytes();
         self.write(Kind::Step, &Step { now, heard, plan, ordered, trace_hash });
-        if let FrontEnd::Snapshot(snapshot) = front_end {
+        if let FrontEnd::Frame(snapshot) = front_end {
             self.codes(snapshot);
         }
     }
 
-    fn codes(&mut self, snapshot: &Snapshot<N>) {
+    fn codes(&mut self, snapshot: &AdcFrame<N>) {
         self.state.codes_due_in = self.state.codes_due_in.saturating_sub(1);
         let is_due = self.state.codes_due_in == 0 || self.state.dump > 0;
         if is_due && self.producer.room() >= CODES_ROOM {
@@ -397,18 +397,18 @@ impl<'a> Log<'a> {
 /// A store whose answers are logged.
 pub struct Logged<'k, 'a, K> {
     log: &'k mut Log<'a>,
-    keeper: &'k mut K,
+    mapper: &'k mut K,
 }
 
-impl<K: Keeper> Keeper for Logged<'_, '_, K> {
+impl<K: Mapper> Mapper for Logged<'_, '_, K> {
     fn save(&mut self, values: &Values) -> bool {
-        let is_saved = self.keeper.save(values);
+        let is_saved = self.mapper.save(values);
         self.log.write(Kind::Saved, &is_saved);
         is_saved
     }
 
     fn load(&mut self) -> Option<Values> {
-        let values = self.keeper.load();
+        let values = self.mapper.load();
         self.log.write(Kind::Loaded, &values.as_ref().map(|values| values.as_array().as_slice()));
         values
     }

@@ -101,7 +101,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     assert!(count == 1 && length < 1500, "{length}");
 
     // A step with all that there can be.
-    let mut snapshot = Snapshot::<N>::zeroed();
+    let mut snapshot = AdcFrame::<N>::zeroed();
     let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
     snapshot.codes.as_flattened_mut().iter_mut().for_each(|code| *code = (random.next_u32() % 4096) as i16 - 2048);
     snapshot.time = Instant(77);
@@ -112,7 +112,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     let circles: List<Circle> = (0..64).map(circle).collect();
     let now = Instant(123_456_789_012);
     let step =
-        flight::Step { now, front_end: FrontEnd::Snapshot(&snapshot), circles: Some(&circles), look: None, plan: None };
+        flight::Step { now, front_end: FrontEnd::Frame(&snapshot), circles: Some(&circles), look: None, plan: None };
     let mut came = parts.flight().step(&step, || 0);
     let heard = Heard { bearing: bearing(), phasors: None };
     came.heard = Some(heard);
@@ -159,14 +159,9 @@ fn what_does_not_fit_is_left_out_counted_and_its_number_is_missing() {
 #[test]
 fn codes_wait_for_room_and_are_no_gap_when_there_is_none() {
     let mut parts = Parts::new();
-    let snapshot = Snapshot::<N>::zeroed();
-    let step = flight::Step {
-        now: Instant(0),
-        front_end: FrontEnd::Snapshot(&snapshot),
-        circles: None,
-        look: None,
-        plan: None,
-    };
+    let snapshot = AdcFrame::<N>::zeroed();
+    let step =
+        flight::Step { now: Instant(0), front_end: FrontEnd::Frame(&snapshot), circles: None, look: None, plan: None };
     let came = parts.flight().step(&step, || 0);
     let mut ring = Ring::<2048>::new();
     let mut state = State::default();

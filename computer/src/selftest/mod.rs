@@ -38,7 +38,7 @@ mod tests;
 use core::f32::consts::PI;
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::error::check;
 use foxhound_core::base::units::DEG_PER_RAD;
 use foxhound_core::doa::array::{Array, Entry};
@@ -284,7 +284,7 @@ impl SelfTest {
 
     /// A frame, and what phasors it has; `array` with the table that holds.
     #[inline(never)]
-    pub fn step(&mut self, array: &Array, sample_rate_hz: f32, snapshot: &Snapshot<N>, phasors: &Phasors) {
+    pub fn step(&mut self, array: &Array, sample_rate_hz: f32, snapshot: &AdcFrame<N>, phasors: &Phasors) {
         if let Stage::Running(run) = &mut self.stage {
             run.take(array, sample_rate_hz / N as f32, snapshot, phasors);
         }

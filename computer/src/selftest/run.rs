@@ -1,6 +1,6 @@
 //! What is summed up frame by frame, and what it says.
 
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::DEG_PER_RAD;
@@ -108,7 +108,7 @@ impl Run {
         self.frames >= config.frames || self.missed >= config.frames
     }
 
-    pub(super) fn take(&mut self, array: &Array, blocks_per_s: f32, snapshot: &Snapshot<N>, phasors: &Phasors) {
+    pub(super) fn take(&mut self, array: &Array, blocks_per_s: f32, snapshot: &AdcFrame<N>, phasors: &Phasors) {
         if self.settling > 0 {
             self.settling -= 1;
             self.last = snapshot.time;

@@ -89,7 +89,7 @@ fn whatever_codes_come_it_ends_after_its_frames() {
         test.begin(Exam::Calibrate { azimuth_rad: Some(1.0) }).unwrap();
         let mut state = phase::State::default();
         for frame in 0..Config::default().frames + SETTLING {
-            let mut snapshot = Snapshot { time: Instant(u64::from(frame) * 20_000), codes: [[0; N]; CHANNELS] };
+            let mut snapshot = AdcFrame { time: Instant(u64::from(frame) * 20_000), codes: [[0; N]; CHANNELS] };
             for (n, code) in snapshot.codes.iter_mut().flatten().enumerate() {
                 *code = match kind {
                     0 => 0,

@@ -36,7 +36,7 @@ use foxhound_link::signing::Key;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
-use crate::flight::Keeper;
+use crate::flight::Mapper;
 use flash::{Sure, at_once};
 use record::{Content, RECORD_MAX, Record, Starts};
 
@@ -293,7 +293,7 @@ fn settle<T, E>(result: Option<Result<T, sequential_storage::Error<E>>>) -> Resu
     }
 }
 
-impl<F: NorFlash> Keeper for Store<F> {
+impl<F: NorFlash> Mapper for Store<F> {
     fn save(&mut self, values: &Values) -> bool {
         self.keep(Name::Parameters, Content::Parameters(values))
     }

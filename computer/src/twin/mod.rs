@@ -30,7 +30,7 @@
 //! ([`Step::camera_expected`]), by UART2 or by its ring; and a report says how many it has sent ([`Report::tx_total`]):
 //! that makes every step, and with it the whole flight, repeatable.
 
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
@@ -144,7 +144,7 @@ pub struct Step<'a, const N: usize> {
 #[derive(Clone, Debug)]
 pub struct Arrivals<const N: usize> {
     head: StepHead,
-    snapshot: Snapshot<N>,
+    snapshot: AdcFrame<N>,
     circles: [Circle; DELIVERY_MAX],
 }
 
@@ -165,7 +165,7 @@ impl<const N: usize> Arrivals<N> {
             circles: None,
             fault: None,
         };
-        Self { head, snapshot: Snapshot::zeroed(), circles: [nowhere; DELIVERY_MAX] }
+        Self { head, snapshot: AdcFrame::zeroed(), circles: [nowhere; DELIVERY_MAX] }
     }
 
     /// Reads the step block.
@@ -181,7 +181,7 @@ impl<const N: usize> Arrivals<N> {
         for circle in self.circles.get_mut(..count).ok_or(Error::Length)? {
             (*circle, rest) = postcard::take_from_bytes(rest).map_err(|_| Error::Content)?;
         }
-        if let FrontEndKind::Snapshot { time } = self.head.front_end {
+        if let FrontEndKind::AdcFrame { time } = self.head.front_end {
             self.snapshot.time = time;
             for (code, bytes) in self.snapshot.codes.as_flattened_mut().iter_mut().zip(codes.as_chunks().0) {
                 *code = i16::from_le_bytes(*bytes);
@@ -200,7 +200,7 @@ impl<const N: usize> Arrivals<N> {
             rx_expected: head.rx_expected,
             camera_expected: head.camera_expected,
             front_end: match head.front_end {
-                FrontEndKind::Snapshot { .. } => FrontEnd::Snapshot(&self.snapshot),
+                FrontEndKind::AdcFrame { .. } => FrontEnd::Frame(&self.snapshot),
                 FrontEndKind::Bearing(bearing) => FrontEnd::Bearing(bearing),
                 FrontEndKind::Nothing => FrontEnd::Nothing,
             },
@@ -372,7 +372,7 @@ struct StepHead {
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 enum FrontEndKind {
-    Snapshot { time: Instant },
+    AdcFrame { time: Instant },
     Bearing(Bearing),
     Nothing,
 }
@@ -391,7 +391,7 @@ impl<const N: usize> Step<'_, N> {
             None => None,
         };
         let front_end = match self.front_end {
-            FrontEnd::Snapshot(snapshot) => FrontEndKind::Snapshot { time: snapshot.time },
+            FrontEnd::Frame(snapshot) => FrontEndKind::AdcFrame { time: snapshot.time },
             FrontEnd::Bearing(bearing) => FrontEndKind::Bearing(bearing),
             FrontEnd::Nothing => FrontEndKind::Nothing,
             // A flight is flown again on the host only.
@@ -413,7 +413,7 @@ impl<const N: usize> Step<'_, N> {
             let used = postcard::to_slice(circle, rest).map_err(|_| Error::Length)?.len();
             rest = rest.split_at_mut_checked(used).ok_or(Error::Length)?.1;
         }
-        if let FrontEnd::Snapshot(snapshot) = self.front_end {
+        if let FrontEnd::Frame(snapshot) = self.front_end {
             for (bytes, code) in codes.as_chunks_mut().0.iter_mut().zip(snapshot.codes.as_flattened()) {
                 *bytes = code.to_le_bytes();
             }
@@ -501,13 +501,13 @@ mod tests {
 
     #[test]
     fn a_full_step_comes_back_with_every_bit() {
-        let mut snapshot = Snapshot::<N>::zeroed();
+        let mut snapshot = AdcFrame::<N>::zeroed();
         snapshot.time = Instant(123_456_789_012);
         for (k, code) in snapshot.codes.as_flattened_mut().iter_mut().enumerate() {
             *code = (k as i16).wrapping_mul(31) - 2048;
         }
         let circles: [Circle; DELIVERY_MAX] = core::array::from_fn(circle);
-        let sent = step(FrontEnd::Snapshot(&snapshot), Some(&circles));
+        let sent = step(FrontEnd::Frame(&snapshot), Some(&circles));
         let mut block = [0xa5; BLOCK_BYTES];
         sent.encode(&mut block).unwrap();
 
@@ -516,7 +516,7 @@ mod tests {
         let got = arrivals.step();
         assert_eq!((got.sequence, got.now), (sent.sequence, sent.now));
         assert_eq!((got.rx_expected, got.camera_expected), (sent.rx_expected, sent.camera_expected));
-        let FrontEnd::Snapshot(came) = got.front_end else { panic!("no snapshot") };
+        let FrontEnd::Frame(came) = got.front_end else { panic!("no snapshot") };
         assert_eq!(came, &snapshot);
         let bits = |circle: &Circle| {
             [circle.center_ned_m.north, circle.radius_m, circle.velocity_ned_mps.north, circle.velocity_ned_mps.east]

@@ -17,14 +17,14 @@ pub const CODE_MAX: i16 = 2047;
 
 /// `N` simultaneous samples of four channels.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Snapshot<const N: usize> {
+pub struct AdcFrame<const N: usize> {
     /// The middle of the block: halfway between the first and the last sample.
     pub time: Instant,
     /// Signed 12-bit codes, one row a channel.
     pub codes: [[i16; N]; CHANNELS],
 }
 
-impl<const N: usize> Snapshot<N> {
+impl<const N: usize> AdcFrame<N> {
     /// A silent snapshot.
     #[must_use]
     pub const fn zeroed() -> Self {
@@ -54,7 +54,7 @@ mod tests {
 
     #[test]
     fn unsigned_codes_are_centred_and_rails_are_counted() {
-        let mut snapshot = Snapshot::<64>::zeroed();
+        let mut snapshot = AdcFrame::<64>::zeroed();
         let mut raw = [[2048_u16; 64]; 4];
         raw[1][3] = 0;
         raw[1][4] = 4095;

@@ -10,7 +10,7 @@
 
 use heapless::Vec;
 
-use crate::base::adc::Snapshot;
+use crate::base::adc::AdcFrame;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Neighbour};
@@ -18,7 +18,7 @@ use crate::base::ownship::{Agreement, Ownship, Stale};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::base::trace::Trace;
-use crate::control::guard::{self, Setpoint, Situation};
+use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::{self, Demand};
 use crate::control::{gust, response};
 use crate::doa::array;
@@ -34,7 +34,7 @@ use crate::localize::source::Sighting;
 use crate::localize::source::bank::{self, Mode, Way};
 use crate::localize::source::gather::Gathering;
 use crate::mapping::map::{self, Map};
-use crate::mapping::scan::{self, Look, Points, Refusal, Scan};
+use crate::mapping::scan::{self, Points, Refusal, Scan, Segmentation};
 use crate::mapping::sight::Sight;
 use crate::planning::planner::{self, Learn, Plan, PlanRequest, Search, Searched, Verdict};
 use crate::planning::rollout::WAYPOINTS;
@@ -60,7 +60,7 @@ const SURE: f32 = 0.7;
 #[derive(Clone, Copy, Debug)]
 pub enum FrontEnd<'a, const N: usize> {
     /// Four channels of codes: the real thing.
-    Snapshot(&'a Snapshot<N>),
+    Frame(&'a AdcFrame<N>),
     /// What was made of them before, here or in a flight that is flown again.
     Heard(&'a Heard),
     /// A bearing made elsewhere.
@@ -360,8 +360,8 @@ pub struct Guidance<const N: usize> {
     range_sigma_max: f32,
     phase: phase::Extractor<N>,
     bearing: bearing::Finder,
-    scan: scan::Fitter,
-    map: map::Keeper,
+    scan: scan::Segmenter,
+    map: map::Mapper,
     source: bank::Bank,
     reflections: bool,
     searches: bool,
@@ -723,12 +723,12 @@ impl<const N: usize> Guidance<N> {
 
     /// The phasors of a frame that the chain is not to go by, as when the receiver is examined; a step that comes with it gets
     /// [`FrontEnd::Nothing`]. What is known of the tone is forgotten before and after ([`Self::forget_tone`]).
-    pub fn phasors(&self, state: &mut State<N>, snapshot: &Snapshot<N>) -> Phasors {
+    pub fn phasors(&self, state: &mut State<N>, snapshot: &AdcFrame<N>) -> Phasors {
         self.phase.step(&mut state.phase, snapshot)
     }
 
     /// What a frame says by itself, looked at as a whole: that is how one checks what was heard of it in a flight.
-    pub fn bearing(&self, state: &mut State<N>, systems: &impl Systems, snapshot: &Snapshot<N>) -> Bearing {
+    pub fn bearing(&self, state: &mut State<N>, systems: &impl Systems, snapshot: &AdcFrame<N>) -> Bearing {
         systems.bearing(&self.bearing, &self.phasors(state, snapshot))
     }
 
@@ -751,7 +751,7 @@ impl<const N: usize> Guidance<N> {
         find: impl FnOnce(&Finder, &Phasors) -> Bearing,
     ) -> Option<Heard> {
         match front_end {
-            FrontEnd::Snapshot(snapshot) => {
+            FrontEnd::Frame(snapshot) => {
                 let phasors = self.phase.step(&mut state.phase, snapshot);
                 let bearing = find(&self.bearing, &phasors);
                 Some(Heard { bearing, phasors: self.turning.is_some().then_some(phasors) })
@@ -818,7 +818,7 @@ impl<const N: usize> Guidance<N> {
             ([], _) | (_, None) => Sightline::Unknown,
             (walls, Some(bearing_ned_rad)) => Sightline::among(walls, place_ned_m, bearing_ned_rad, self.slack_m),
         };
-        let look = link_state::Look { place_ned_m, bearing, bearing_ned_rad, sightline };
+        let look = link_state::Features { place_ned_m, bearing, bearing_ned_rad, sightline };
         state.reflected = CLASSIFIER.step(&mut state.link, &look).reflected(REFLECTED_PRIOR);
     }
 
@@ -888,7 +888,7 @@ impl<const N: usize> Guidance<N> {
     /// Scan -> circles -> map, and what was looked at -> guard.
     #[inline(never)]
     fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
-        let mut look = Look::default();
+        let mut look = Segmentation::default();
         self.scan.fit_into(&mut look, scan, pose)?;
         self.map.observe_scan(&mut state.map, now, scan, pose, &look);
         self.guard.look_scan(&mut state.guard, scan, pose);
@@ -898,7 +898,7 @@ impl<const N: usize> Guidance<N> {
     /// Single points -> circles -> map. They do not say what was looked at.
     #[inline(never)]
     fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: &Pose) -> Result<(), Refusal> {
-        let mut look = Look::default();
+        let mut look = Segmentation::default();
         self.scan.fit_points_into(&mut look, points, pose)?;
         self.map.observe_points(&mut state.map, now, &look);
         Ok(())
@@ -934,12 +934,12 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Where the vehicle is and where it would come to rest.
-    fn situation(&self, state: &State<N>) -> Situation {
+    fn situation(&self, state: &State<N>) -> GuardInput {
         let ownship = state.ownship.unwrap_or_default();
         let position_ned_m = ownship.position_ned_m.horizontal();
         let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
         let rest_ned_m = self.response.rest_point(&state.response, position_ned_m, velocity_ned_mps);
-        Situation {
+        GuardInput {
             position_ned_m,
             rest_ned_m,
             yaw_rad: ownship.yaw_rad,
@@ -975,7 +975,7 @@ impl<const N: usize> Guidance<N> {
         state.height_m = input.height_m.or(by_pad);
     }
 
-    fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &Situation) -> Facts {
+    fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> Facts {
         let heard = input.ownship.filter(Ownship::is_plausible);
         Facts {
             now: input.now,
@@ -994,7 +994,7 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// What the active plan asks for; `None` when there is nothing to follow.
-    fn demand(&self, state: &mut State<N>, situation: &Situation) -> Option<Demand> {
+    fn demand(&self, state: &mut State<N>, situation: &GuardInput) -> Option<Demand> {
         let plan = state.active.as_ref()?;
         let trajectory = &plan.waypoints_ned_m;
         let mut demand =
@@ -1013,7 +1013,7 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// The demand, with the altitude held, through the guard.
-    fn command(&self, state: &mut State<N>, demand: &Demand, situation: &Situation) -> (Setpoint, guard::Action) {
+    fn command(&self, state: &mut State<N>, demand: &Demand, situation: &GuardInput) -> (Setpoint, guard::Action) {
         // The altitude of the first word heard in control; before it there is none to hold.
         let mut demand = *demand;
         let mut situation = *situation;
@@ -1046,7 +1046,7 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Whether what is known by now stands in the way of the active plan's next waypoints.
-    fn is_invalid(&self, state: &State<N>, situation: &Situation) -> bool {
+    fn is_invalid(&self, state: &State<N>, situation: &GuardInput) -> bool {
         let State { active: Some(plan), near, track, .. } = state else { return false };
         let from = track.passed.min(WAYPOINTS);
         let next = plan.waypoints_ned_m.get(from..(from + 6).min(WAYPOINTS)).unwrap_or_default();
@@ -1054,7 +1054,7 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Asks for a plan where one is wanted; true if it did.
-    fn ask(&self, state: &mut State<N>, now: Instant, situation: &Situation, progress: Progress) -> bool {
+    fn ask(&self, state: &mut State<N>, now: Instant, situation: &GuardInput, progress: Progress) -> bool {
         let since = state.tick.wrapping_sub(state.activated);
         let wanted = match progress {
             Progress::RanOut | Progress::Late => true,

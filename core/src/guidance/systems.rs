@@ -4,7 +4,7 @@ use crate::base::error::ConfigError;
 use crate::base::obstacle::Disc;
 use crate::doa::bearing::{Bearing, Finder};
 use crate::guidance::{Config, Guidance};
-use crate::planning::planner::{Plan, PlanRequest, Planner, Scratch};
+use crate::planning::planner::{Plan, PlanRequest, Planner, Workspace};
 use crate::signal::phase::Phasors;
 
 /// What a flight is flown with. The core's own systems are those of [`Planner`]; who compares others with them implements this
@@ -30,7 +30,7 @@ pub trait Systems: Clone + core::fmt::Debug + Sized {
     }
 
     /// Answers one request; `known` are the known obstacles.
-    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan;
+    fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan;
 
     /// The answer that says to stay where the request starts.
     fn brake(&self, request: &PlanRequest) -> Plan;
@@ -42,8 +42,8 @@ impl Systems for Planner {
         config.planner.build()
     }
 
-    fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
-        Self::plan(self, scratch, request, known)
+    fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
+        Self::plan(self, workspace, request, known)
     }
 
     fn brake(&self, request: &PlanRequest) -> Plan {

@@ -135,7 +135,7 @@ fn out_m(hit: Horizontal, circles: impl Iterator<Item = (Horizontal, f32)>) -> f
 fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() {
     let guidance = Config { reflections: false, ..Config::default() }.build::<64>().unwrap();
     let radius_m = Config::default().guard.vehicle_radius_m;
-    let mut snapshot = Snapshot::<64>::zeroed();
+    let mut snapshot = AdcFrame::<64>::zeroed();
     let (mut steps, mut scans_in_map, mut hits_in_map, mut hits_near) = (0_u32, 0_u32, 0_u32, 0_u32);
     let (mut stale, mut fresh) = (0_u32, 0_u32);
     let mut refused = Refused::default();
@@ -190,7 +190,7 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
                 &mut state,
                 &Input {
                     now,
-                    front_end: if frame { FrontEnd::Snapshot(&snapshot) } else { FrontEnd::Nothing },
+                    front_end: if frame { FrontEnd::Frame(&snapshot) } else { FrontEnd::Nothing },
                     ownship: expected.ownship,
                     scan: scan.as_ref().map(|(scan, _)| scan),
                     points: points.as_ref().map(|(points, _)| points),

@@ -6,7 +6,7 @@ use crate::base::obstacle::Disc;
 use crate::base::units::wrap_pi;
 use crate::control::vehicle::Vehicle;
 use crate::doa::bearing::Quality;
-use crate::planning::planner::Scratch;
+use crate::planning::planner::Workspace;
 use std::vec::Vec as StdVec;
 
 const DT: f32 = 0.02;
@@ -69,7 +69,7 @@ impl Flight {
     fn run(&mut self, seconds: f32, twist: impl Fn(u32, &mut Input<'_, 64>)) -> Report {
         let guidance = self.config.build::<64>().unwrap();
         let planner = self.config.planner.build().unwrap();
-        let (mut state, mut scratch) = (guidance.start(), Scratch::default());
+        let (mut state, mut workspace) = (guidance.start(), Workspace::default());
         let mut ready: Option<(u32, Plan)> = None;
         let mut report = Report { reached: false, closest_m: f32::INFINITY, outputs: StdVec::new(), state: None };
         for step in 0..(seconds / DT) as u32 {
@@ -101,7 +101,7 @@ impl Flight {
             twist(step, &mut input);
             let output = guidance.step(&mut state, &input);
             if output.plan_requested {
-                ready = Some((step + self.planning, planner.plan(&mut scratch, state.request(), &known(&state))));
+                ready = Some((step + self.planning, planner.plan(&mut workspace, state.request(), &known(&state))));
             }
             report.outputs.push(output);
 
@@ -386,7 +386,7 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
     let wall_m = 4.0;
     let mut flight = Flight::new(&[], (30.0, 0.0));
     let guidance = flight.config.build::<64>().unwrap();
-    let (planner, mut scratch) = (flight.config.planner.build().unwrap(), Scratch::default());
+    let (planner, mut workspace) = (flight.config.planner.build().unwrap(), Workspace::default());
     let mut state = guidance.start();
     let mut plan = None;
     let mut fastest = 0.0_f32;
@@ -426,7 +426,7 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
                 plan: plan.as_ref(),
             },
         );
-        plan = output.plan_requested.then(|| planner.plan(&mut scratch, state.request(), &known(&state)));
+        plan = output.plan_requested.then(|| planner.plan(&mut workspace, state.request(), &known(&state)));
         flight.vehicle.follow(&output.setpoint);
         fastest = fastest.max(flight.vehicle.velocity.north);
         assert!(flight.vehicle.position.north < wall_m - 0.15, "it hits the wall after {step} steps: {output:?}");
@@ -442,7 +442,7 @@ fn the_navigation_half_keeps_within_48_kilobytes() {
     let landing = size_of::<landing::State>() + size_of::<Option<Advice>>();
     let others = size_of::<phase::State<256>>() + size_of::<turning::State>() + size_of::<Agreement>() + landing;
     let carried = size_of::<State<256>>() - others;
-    let bytes = size_of::<Scratch>() + size_of::<planner::Planner>() + carried;
+    let bytes = size_of::<Workspace>() + size_of::<planner::Planner>() + carried;
     assert!(bytes <= 48 * 1024, "{bytes}");
 }
 
@@ -458,14 +458,14 @@ fn a_planner_that_thinks_the_vehicle_smaller_is_refused() {
 #[test]
 fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
     let guidance = Config::default().build::<256>().unwrap();
-    let (planner, mut scratch) = (Config::default().planner.build().unwrap(), Scratch::default());
+    let (planner, mut workspace) = (Config::default().planner.build().unwrap(), Workspace::default());
     let (mut whole, mut parted, mut again) = (guidance.start(), guidance.start(), guidance.start());
     let mut rng = crate::base::rng::Rng::new(31, 0);
     let mut plan = None;
     let mut heard_count = 0;
     for step in 0..500_u64 {
         let now = Instant(1_000_000 + step * 20_000);
-        let mut snapshot = Snapshot::<256>::zeroed();
+        let mut snapshot = AdcFrame::<256>::zeroed();
         snapshot.time = now;
         // The beacon falls silent for a while, and sounds on another frequency.
         let bins = if step < 300 { 20.3 } else { 33.8 };
@@ -492,7 +492,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
         };
         let input = Input {
             now,
-            front_end: FrontEnd::Snapshot(&snapshot),
+            front_end: FrontEnd::Frame(&snapshot),
             ownship: Some(ownship),
             scan: step.is_multiple_of(5).then_some(&look),
             points: None,
@@ -511,7 +511,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
         // As a log is flown again: without the codes.
         assert_eq!(guidance.step(&mut again, &input), output, "{step}");
         heard_count += u32::from(heard.bearing.valid);
-        plan = output.plan_requested.then(|| planner.plan(&mut scratch, whole.request(), &known(&whole)));
+        plan = output.plan_requested.then(|| planner.plan(&mut workspace, whole.request(), &known(&whole)));
     }
     assert!(heard_count > 350 && whole.map().circles().count() > 10, "{heard_count}");
 }
@@ -526,7 +526,7 @@ fn however_much_is_delivered_with_it_a_tone_is_heard_in_its_first_frame() {
         let mut rng = crate::base::rng::Rng::new(32, 0);
         let missed = (0..100_u64).find(|step| {
             let now = Instant(1_000_000 + step * 20_000);
-            let mut snapshot = Snapshot::<256>::zeroed();
+            let mut snapshot = AdcFrame::<256>::zeroed();
             snapshot.time = now;
             for (n, code) in snapshot.codes.as_flattened_mut().iter_mut().enumerate() {
                 let turns = 20.3 * (n % 256) as f32 / 256.0;
@@ -547,7 +547,7 @@ fn however_much_is_delivered_with_it_a_tone_is_heard_in_its_first_frame() {
             let look = Scan { time: now, first_azimuth_rad: -0.7, step_rad: 0.02, range_max_m: 3.0, sectors };
             let input = Input {
                 now,
-                front_end: FrontEnd::Snapshot(&snapshot),
+                front_end: FrontEnd::Frame(&snapshot),
                 ownship: Some(Ownship { position_time: now, attitude_time: now, ..Ownship::default() }),
                 scan: scans.then_some(&look),
                 points: None,

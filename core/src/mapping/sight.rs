@@ -63,19 +63,19 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self, fov_rad: f32) -> Result<Looker, ConfigError> {
+    pub fn build(&self, fov_rad: f32) -> Result<Surveyor, ConfigError> {
         check("sight.smallest_obstacle_m", self.smallest_obstacle_m, 0.05, 1.0)?;
         check("sight.start_clearance_m", self.start_clearance_m, 0.0, 1.0)?;
         check("sight.range_m", self.range_m, 0.1, 100.0)?;
         check("guard.fov_rad", fov_rad, 0.1, core::f32::consts::TAU)?;
         let rays = libm::ceilf(fov_rad / RAY_STEP_RAD) as usize;
-        Ok(Looker { config: *self, fov_rad, rays: rays.clamp(8, SECTORS_MAX) })
+        Ok(Surveyor { config: *self, fov_rad, rays: rays.clamp(8, SECTORS_MAX) })
     }
 }
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Looker {
+pub struct Surveyor {
     config: Config,
     fov_rad: f32,
     rays: usize,
@@ -243,7 +243,7 @@ fn bearing_rad(away: Horizontal) -> f32 {
     F32(away.east).atan2(F32(away.north)).0
 }
 
-impl Looker {
+impl Surveyor {
     /// Radius of the smallest obstacle that must not be overlooked.
     #[must_use]
     pub fn smallest_obstacle_m(&self) -> f32 {
@@ -439,7 +439,7 @@ mod tests {
         Horizontal { north, east }
     }
 
-    fn looker() -> Looker {
+    fn looker() -> Surveyor {
         Config::default().build(core::f32::consts::FRAC_PI_2).unwrap()
     }
 

@@ -32,7 +32,7 @@ use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::sampling::Timer;
 use foxhound_computer::store::PAGES;
 use foxhound_core::ConfigError;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
@@ -98,7 +98,7 @@ pub enum Order {
         /// Its time.
         now: Instant,
         /// What the antennas bring.
-        frame: Option<Box<Snapshot<N>>>,
+        frame: Option<Box<AdcFrame<N>>>,
         /// Obstacles as circles.
         circles: Option<Vec<Circle>>,
     },
@@ -292,7 +292,7 @@ impl board::Pacer for Pacer {
                     holds_plan: false,
                     begin: Machine::ticks,
                 }),
-                front_end: frame.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Snapshot),
+                front_end: frame.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame),
                 circles: circles.as_deref(),
             }),
         }

@@ -37,7 +37,7 @@ use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::port::Clock;
 use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::sampling::Timer;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::planning::rollout::Trajectory;
@@ -61,7 +61,7 @@ static MARK: [u8; Machine::NAME.len()] = *b"nucleo_g474re";
 
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
 static LINK: InterruptExecutor = InterruptExecutor::new();
-static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
+static SNAPSHOT: ConstStaticCell<AdcFrame<N>> = ConstStaticCell::new(AdcFrame::zeroed());
 
 /// The NUCLEO-G474RE.
 #[derive(Debug)]
@@ -181,7 +181,7 @@ impl board::Watchdog for Watchdog {
 pub struct Pacer {
     acquisition: Acquisition,
     tone: Tone,
-    snapshot: &'static mut Snapshot<N>,
+    snapshot: &'static mut AdcFrame<N>,
     stack: Watermark,
     /// Frames that did not come or could not be used.
     lost: u32,
@@ -244,7 +244,7 @@ impl board::Pacer for Pacer {
         Call::Step(Step {
             now: Instant(embassy_time::Instant::now().as_micros()),
             lock_step: None,
-            front_end: if fresh { FrontEnd::Snapshot(self.snapshot) } else { FrontEnd::Nothing },
+            front_end: if fresh { FrontEnd::Frame(self.snapshot) } else { FrontEnd::Nothing },
             circles: None,
         })
     }

@@ -12,7 +12,7 @@ use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::log::Record;
 use foxhound_computer::log::frame::Deframer;
 use foxhound_computer::port::FRAMES_MAX;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_sim::autopilot::transport::{Address, BAUDS, Line};
 use foxhound_sim::scenario::input::{InputError, MAX_TIME_S, check_within};
 use foxhound_sim::tools::frames::Recording;
@@ -89,7 +89,7 @@ struct Cable {
 /// What comes by it.
 enum Heard {
     Text(String),
-    Frame(Box<Snapshot<SAMPLES_PER_CHANNEL>>),
+    Frame(Box<AdcFrame<SAMPLES_PER_CHANNEL>>),
 }
 
 impl Cable {
@@ -143,7 +143,7 @@ impl Cable {
     ///
     /// # Errors
     /// The computer refuses it.
-    fn dump(&mut self, frames: u16) -> Result<Vec<Snapshot<SAMPLES_PER_CHANNEL>>, InputError> {
+    fn dump(&mut self, frames: u16) -> Result<Vec<AdcFrame<SAMPLES_PER_CHANNEL>>, InputError> {
         let mut snapshots = Vec::new();
         loop {
             let before = snapshots.len();
@@ -154,7 +154,7 @@ impl Cable {
         }
     }
 
-    fn dump_once(&mut self, frames: u16, snapshots: &mut Vec<Snapshot<SAMPLES_PER_CHANNEL>>) -> Result<(), InputError> {
+    fn dump_once(&mut self, frames: u16, snapshots: &mut Vec<AdcFrame<SAMPLES_PER_CHANNEL>>) -> Result<(), InputError> {
         let wanted = usize::from(frames);
         self.say(&format!("dump {}", wanted - snapshots.len()));
         let mut heard_at = Instant::now();

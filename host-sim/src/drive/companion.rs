@@ -416,7 +416,7 @@ impl Flight<'_> {
         rx: &[u8],
     ) -> Result<StepReport, String> {
         let snapshot = fix.map(|fix| self.senses.hear(now, fix));
-        let front_end = snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Snapshot);
+        let front_end = snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame);
         let circles = fix.and_then(|fix| self.senses.look(now, fix));
         let report = computer.step(now, front_end, circles.as_deref(), rx).map_err(|error| error.to_string())?;
         self.wire.watch(now, &report.tx);

@@ -15,7 +15,7 @@ use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
-use foxhound_core::planning::planner::{Plan, Scratch};
+use foxhound_core::planning::planner::{Plan, Workspace};
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::signing::Signing;
 use foxhound_papers::AllSystems;
@@ -53,7 +53,7 @@ pub struct Considered<'a> {
     /// What it answered.
     pub plan: &'a Plan,
     /// What it drew, where this plan needed it; what it drew before, where not.
-    pub scratch: &'a Scratch,
+    pub workspace: &'a Workspace,
 }
 
 /// Why a computer stopped working.
@@ -130,7 +130,7 @@ pub struct HostComputer {
     guidance: Guidance<BLOCK>,
     state: guidance::State<BLOCK>,
     systems: AllSystems,
-    scratch: Scratch,
+    workspace: Workspace,
     finished: Option<Plan>,
     /// What it was made around.
     known: Vec<Disc>,
@@ -153,7 +153,7 @@ impl HostComputer {
             companion: companion::Config::default().build_with(Values::of(config))?,
             state: guidance.start(),
             systems: AllSystems::build(config)?,
-            scratch: Scratch::default(),
+            workspace: Workspace::default(),
             finished: None,
             known: Vec::new(),
             store: None,
@@ -210,7 +210,7 @@ impl Computer for HostComputer {
         let begins_anew = match &mut recording {
             Some(recording) => recording.write(|log| {
                 log.hear(rx);
-                flight.serve(&mut log.keeper(store))
+                flight.serve(&mut log.mapper(store))
             }),
             None => flight.serve(store),
         };
@@ -228,11 +228,11 @@ impl Computer for HostComputer {
         let mut planned = None;
         if output.plan_requested {
             self.known = self.state.map().discs().collect();
-            let plan = self.systems.plan(&mut self.scratch, self.state.request(), &self.known);
+            let plan = self.systems.plan(&mut self.workspace, self.state.request(), &self.known);
             planned = Some(Planned {
                 id: plan.id,
                 waypoints_ned_m: plan.waypoints_ned_m,
-                samples_ned_m: self.scratch.samples,
+                samples_ned_m: self.workspace.samples,
                 ticks: 0,
             });
             self.finished = Some(plan);
@@ -269,7 +269,7 @@ impl Computer for HostComputer {
 
     fn considered(&self) -> Option<Considered<'_>> {
         let plan = self.finished.as_ref()?;
-        Some(Considered { known: &self.known, plan, scratch: &self.scratch })
+        Some(Considered { known: &self.known, plan, workspace: &self.workspace })
     }
 }
 

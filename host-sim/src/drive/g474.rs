@@ -11,7 +11,7 @@ use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use object::{Object as _, ObjectSection as _};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};
@@ -175,7 +175,7 @@ impl Board {
     ///
     /// # Errors
     /// The image breaks a rule, or the model has ended.
-    pub fn step(&mut self, rx: &[u8], port: &[u8], codes: Option<&Snapshot<BLOCK>>) -> Result<Report, G474Error> {
+    pub fn step(&mut self, rx: &[u8], port: &[u8], codes: Option<&AdcFrame<BLOCK>>) -> Result<Report, G474Error> {
         let codes = codes.map_or_else(Vec::new, |snapshot| {
             let codes = snapshot.codes.as_flattened().iter();
             codes.flat_map(|code| code.saturating_add(HALF_SCALE).to_le_bytes()).collect()

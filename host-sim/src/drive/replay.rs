@@ -11,12 +11,12 @@
 
 use std::collections::VecDeque;
 
-use foxhound_computer::flight::{Flight, Keeper, Receiver, Step};
+use foxhound_computer::flight::{Flight, Mapper, Receiver, Step};
 use foxhound_computer::log::frame::{Deframer, Frame};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
 use foxhound_computer::twin::Planned;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::{Circle, Disc};
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
@@ -24,7 +24,7 @@ use foxhound_core::guidance::param::{self, Values};
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Output};
 use foxhound_core::landing::observation::PadObservation;
-use foxhound_core::planning::planner::{Plan, Scratch};
+use foxhound_core::planning::planner::{Plan, Workspace};
 use foxhound_link::companion::{self, Companion};
 use foxhound_papers::AllSystems;
 use serde::Serialize;
@@ -114,7 +114,7 @@ pub(crate) struct Followed {
     /// Bytes of the autopilot that were heard before it.
     pub(crate) bytes: Vec<u8>,
     /// The frame that it took.
-    pub(crate) snapshot: Option<Box<Snapshot<BLOCK>>>,
+    pub(crate) snapshot: Option<Box<AdcFrame<BLOCK>>>,
 }
 
 /// Flies along with a log while it is written, the front end included: the codes of its frames are at hand.
@@ -126,7 +126,7 @@ pub(crate) struct Follower {
 
 impl Follower {
     /// A frame that the computer was given; the time of its middle need not be exact.
-    pub(crate) fn offer(&mut self, snapshot: Snapshot<BLOCK>) {
+    pub(crate) fn offer(&mut self, snapshot: AdcFrame<BLOCK>) {
         self.replay.offered.push_back(snapshot);
     }
 
@@ -164,10 +164,10 @@ struct Replay {
     next: Option<u32>,
     flown: Option<Box<Flown>>,
     /// The planner's memory outlives a flight, as in the firmware.
-    scratch: Box<Scratch>,
+    workspace: Box<Workspace>,
     /// Its steps are wanted, made from the codes that were offered.
     follows: bool,
-    offered: VecDeque<Snapshot<BLOCK>>,
+    offered: VecDeque<AdcFrame<BLOCK>>,
     followed: Vec<Followed>,
 }
 
@@ -180,7 +180,7 @@ impl Replay {
     }
 
     /// The frame that was offered and whose middle is at this time.
-    fn offered_at(&mut self, time: Instant) -> Result<Box<Snapshot<BLOCK>>, InputError> {
+    fn offered_at(&mut self, time: Instant) -> Result<Box<AdcFrame<BLOCK>>, InputError> {
         while let Some(mut snapshot) = self.offered.pop_front() {
             if snapshot.time.0.abs_diff(time.0) < MIDDLE_OFF_MAX_US {
                 snapshot.time = time;
@@ -195,7 +195,7 @@ impl Replay {
         let expected = self.next.replace(number.wrapping_add(1));
         if number == 0 && is_beginning {
             // The computer was switched on.
-            *self.scratch = Scratch::default();
+            *self.workspace = Workspace::default();
             return;
         }
         if let Some(missing) = expected.map(|expected| number.wrapping_sub(expected)).filter(|missing| *missing != 0) {
@@ -220,7 +220,7 @@ impl Replay {
                 if let Some(flown) = &mut self.flown {
                     let bytes = if self.follows { flown.bytes.concat() } else { Vec::new() };
                     let number = flown.steps;
-                    let (output, plan) = flown.step(&step, snapshot.as_deref(), &mut self.scratch, &mut self.summary);
+                    let (output, plan) = flown.step(&step, snapshot.as_deref(), &mut self.workspace, &mut self.summary);
                     if self.follows {
                         let trace_hash = u64::from_le_bytes(step.trace_hash);
                         self.followed.push(Followed { number, output, trace_hash, plan, bytes, snapshot });
@@ -315,8 +315,8 @@ impl Flown {
     fn step(
         &mut self,
         step: &log::Step<Heard>,
-        snapshot: Option<&Snapshot<BLOCK>>,
-        scratch: &mut Scratch,
+        snapshot: Option<&AdcFrame<BLOCK>>,
+        workspace: &mut Workspace,
         summary: &mut Summary,
     ) -> (Output, Option<Planned>) {
         self.heard = step.heard;
@@ -329,7 +329,7 @@ impl Flown {
         }
         flight.serve(&mut answers);
         let heard = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard);
-        let front_end = snapshot.map_or(heard, FrontEnd::Snapshot);
+        let front_end = snapshot.map_or(heard, FrontEnd::Frame);
         let now = Step { now: step.now, front_end, circles: circles.as_deref(), look, plan: plan.as_ref() };
         let output = flight.step(&now, || 0).output;
         // What it says goes nowhere.
@@ -337,11 +337,11 @@ impl Flown {
         let mut planned = None;
         if step.ordered {
             let known: Vec<Disc> = self.state.map().discs().collect();
-            let plan = self.systems.plan(scratch, self.state.request(), &known);
+            let plan = self.systems.plan(workspace, self.state.request(), &known);
             planned = Some(Planned {
                 id: plan.id,
                 waypoints_ned_m: plan.waypoints_ned_m,
-                samples_ned_m: scratch.samples,
+                samples_ned_m: workspace.samples,
                 ticks: 0,
             });
             self.plans.push_back(plan);
@@ -369,7 +369,7 @@ impl Flown {
     }
 
     /// Whether the codes come to what was heard, as far as that can be said.
-    fn is_heard_in(&self, heard: &Heard, snapshot: &Snapshot<BLOCK>) -> bool {
+    fn is_heard_in(&self, heard: &Heard, snapshot: &AdcFrame<BLOCK>) -> bool {
         let mut fresh = self.guidance.start();
         let (then, now) = (&heard.bearing, &self.guidance.bearing(&mut fresh, &self.systems, snapshot));
         let apart_rad = wrap_pi(then.azimuth_rad - now.azimuth_rad);
@@ -384,7 +384,7 @@ struct Answers {
     loaded: VecDeque<Option<Values>>,
 }
 
-impl Keeper for Answers {
+impl Mapper for Answers {
     fn save(&mut self, _values: &Values) -> bool {
         self.saved.pop_front().unwrap_or(false)
     }

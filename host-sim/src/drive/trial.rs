@@ -6,7 +6,7 @@
 //! autopilot believes.
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::{self, FrontEnd, Output};
@@ -128,7 +128,7 @@ pub struct Trial<C = HostComputer> {
     vehicle: Vehicle,
     hull: Hull,
     antennas: Antennas,
-    frame: Snapshot<BLOCK>,
+    frame: AdcFrame<BLOCK>,
     random: Random,
     sensor: scenario::Sensor,
     clocks: Clocks,
@@ -188,7 +188,7 @@ impl<C: Computer> Trial<C> {
             collided: false,
             vehicle: Vehicle::new(vehicle(scenario), scenario.limits.a_max, pose),
             computer,
-            frame: Snapshot::zeroed(),
+            frame: AdcFrame::zeroed(),
             antennas: Antennas { snr_db: Some(SNR_DB), ..Antennas::default() },
             random: Random::new(seed, 1),
             sensor: scenario.sensor,
@@ -314,7 +314,7 @@ impl<C: Computer> Trial<C> {
         self.frame.time = now;
         let front_end = match self.converters {
             Converters::Stop => FrontEnd::Nothing,
-            _ => FrontEnd::Snapshot(&self.frame),
+            _ => FrontEnd::Frame(&self.frame),
         };
         let rx = std::mem::take(&mut self.waiting);
         match self.computer.step(now, front_end, None, &rx) {

@@ -37,7 +37,7 @@ pub use kinematic::{Rules, Sight};
 pub use settings::Settings;
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator};
 use foxhound_core::signal::phase::{self, Extractor, Phasors};
@@ -73,7 +73,7 @@ fn finders() -> Result<[AnyFinder; CONTENDERS.len()], ConfigError> {
 }
 
 /// The phasors of one frame that stands alone.
-fn phasors<const N: usize>(extractor: &Extractor<N>, snapshot: &Snapshot<N>) -> Phasors {
+fn phasors<const N: usize>(extractor: &Extractor<N>, snapshot: &AdcFrame<N>) -> Phasors {
     extractor.step(&mut phase::State::default(), snapshot)
 }
 

@@ -14,7 +14,7 @@
 
 use std::f64::consts::PI;
 
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Phasors};
@@ -146,7 +146,7 @@ fn find_in<const N: usize>(
     let finder = AnyFinder::build(&config, array)?;
     let block_us = 1e6 * N as f64 / f64::from(description.phase.sample_rate_hz);
     let mut state = phase::State::<N>::default();
-    let mut snapshot = Snapshot::<N>::zeroed();
+    let mut snapshot = AdcFrame::<N>::zeroed();
     let resolver = multipath::Config {
         // The caller vouches for the looks.
         move_min_wavelengths: 0.0,
@@ -204,7 +204,7 @@ fn resolve(resolver: &multipath::Looks, looks: &[Look]) -> Option<(Bearing, f64)
     let mut state = multipath::State::default();
     for Look { phasors, bearing, yaw_rad } in looks {
         let yaw_rad = *yaw_rad as f32;
-        resolver.take(&mut state, &multipath::Look { phasors, bearing, yaw_rad, position_ned_m: None });
+        resolver.take(&mut state, &multipath::Frame { phasors, bearing, yaw_rad, position_ned_m: None });
     }
     let arrival = resolver.solve(&state, 1.0)?;
     let last = looks.last()?;

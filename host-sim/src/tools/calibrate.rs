@@ -5,7 +5,7 @@
 //! channels is checked as well, and once the circle is closed the deviation is fitted to what the calibrated array makes
 //! of the frames. A frame that tells nothing about some channel is refused, and nothing is written.
 
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array::{self, Entry, TABLE_ENTRIES, Table};
 use foxhound_core::doa::bearing;
@@ -233,7 +233,7 @@ fn listen_in<const N: usize>(
 ) -> Result<Vec<(Phasors, Option<usize>)>, InputError> {
     let extractor = config.build::<N>()?;
     let mut state = phase::State::<N>::default();
-    let mut snapshot = Snapshot::<N>::zeroed();
+    let mut snapshot = AdcFrame::<N>::zeroed();
     let block_us = 1e6 * N as f64 / f64::from(config.sample_rate_hz);
     let looks = recording.frames().enumerate().map(|(frame, codes)| {
         snapshot.time = Instant(((frame as f64 + 0.5) * block_us) as u64);

@@ -28,7 +28,7 @@ use std::fs::File;
 use std::io::{BufWriter, Cursor};
 use std::path::Path;
 
-use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS, CODE_MAX, CODE_MIN};
 use foxhound_core::doa::array::{self, Entry, Table};
 use foxhound_core::doa::calibration::deviation::{Deviation, ORDER};
 use foxhound_core::doa::calibration::record::Calibration;
@@ -62,7 +62,7 @@ impl Recording {
 
     /// Frames as the flight computer has them.
     #[must_use]
-    pub fn of<const N: usize>(frames: &[Snapshot<N>]) -> Self {
+    pub fn of<const N: usize>(frames: &[AdcFrame<N>]) -> Self {
         Self { block_length: N, codes: frames.iter().flat_map(|frame| frame.codes.as_flattened().to_vec()).collect() }
     }
 

@@ -16,7 +16,7 @@
 
 use std::f64::consts::TAU;
 
-use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS, CODE_MAX, CODE_MIN};
 use foxhound_core::base::time::Instant;
 
 use super::geometry::Pose;
@@ -258,9 +258,9 @@ impl Antennas {
         vehicle: &Pose,
         source_ned_m: [f64; 3],
         random: &mut Random,
-    ) -> Snapshot<N> {
+    ) -> AdcFrame<N> {
         let impairments = &self.impairments;
-        let mut snapshot = Snapshot { time, codes: [[0; N]; CHANNELS] };
+        let mut snapshot = AdcFrame { time, codes: [[0; N]; CHANNELS] };
         let noise_codes =
             self.snr_db.map_or(0.0, |snr_db| self.amplitude_codes / libm::sqrt(2.0 * libm::pow(10.0, snr_db / 10.0)));
         let gain = self.gain(noise_codes);

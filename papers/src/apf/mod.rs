@@ -16,7 +16,7 @@ use foxhound_core::base::rng::Rng;
 use foxhound_core::planning::field::Gains;
 use foxhound_core::planning::planner::baseline::{self, Exponent, Law, Offsets, Reading};
 use foxhound_core::planning::planner::sampling::{average, draw, nearest};
-use foxhound_core::planning::planner::{Config, Kind, Plan, PlanRequest, Planner, SAMPLES, Scratch, Verdict};
+use foxhound_core::planning::planner::{Config, Kind, Plan, PlanRequest, Planner, SAMPLES, Verdict, Workspace};
 use foxhound_core::planning::rollout::{Cost, SPACING_M, Scene, Stride, Trajectory, WAYPOINTS, Waypoint};
 
 pub mod field;
@@ -122,11 +122,11 @@ impl AnyPlanner {
     }
 
     /// Answers one request; `known` are the known obstacles.
-    pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
+    pub fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
         if self.config.kind == Kind::Foxhound {
-            return self.own.plan(scratch, request, known);
+            return self.own.plan(workspace, request, known);
         }
-        let mut plan = plan(&self.config, scratch, request, known);
+        let mut plan = plan(&self.config, workspace, request, known);
         if request.wants_lines {
             plan.lines = self.own.lines(request.position_ned_m, known);
         }
@@ -148,12 +148,12 @@ pub fn own(config: &Config) -> Config {
 }
 
 /// Answers one request.
-fn plan(config: &Config, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
+fn plan(config: &Config, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
     let target = target(request);
-    scratch.scene.gather(request.start_ned_m, known.iter().map(|disc| Obstacle::of(disc, config.vehicle_radius_m)));
+    workspace.scene.gather(request.start_ned_m, known.iter().map(|disc| Obstacle::of(disc, config.vehicle_radius_m)));
     let field = |gains| Field { law: config.law, gains };
-    let (initial, cost) = roll(&scratch.scene, &field(config.gains), config.reading, target);
-    scratch.initial = initial;
+    let (initial, cost) = roll(&workspace.scene, &field(config.gains), config.reading, target);
+    workspace.initial = initial;
     let mut plan = Plan {
         verdict: Verdict::Follow,
         waypoints_ned_m: initial,
@@ -168,16 +168,16 @@ fn plan(config: &Config, scratch: &mut Scratch, request: &PlanRequest, known: &[
     let mut rng = Rng::new(request.seed, u64::from(request.id));
     for index in 0..SAMPLES {
         let gains = draw(config, &mut rng);
-        let (trajectory, cost) = roll(&scratch.scene, &field(gains), config.reading, target);
-        scratch.gains[index] = gains;
-        scratch.samples[index] = trajectory;
-        scratch.costs[index] = cost.total();
-        scratch.feasible[index] = true;
+        let (trajectory, cost) = roll(&workspace.scene, &field(gains), config.reading, target);
+        workspace.gains[index] = gains;
+        workspace.samples[index] = trajectory;
+        workspace.costs[index] = cost.total();
+        workspace.feasible[index] = true;
     }
-    if let Some(optimal) = optimal(scratch, config.lambda, config.offsets) {
-        let chosen = nearest(scratch, &optimal);
+    if let Some(optimal) = optimal(workspace, config.lambda, config.offsets) {
+        let chosen = nearest(workspace, &optimal);
         (plan.waypoints_ned_m, plan.gains, plan.cost) =
-            (scratch.samples[chosen], scratch.gains[chosen], scratch.costs[chosen]);
+            (workspace.samples[chosen], workspace.gains[chosen], workspace.costs[chosen]);
     } else {
         // A request that is not finite.
         plan.verdict = Verdict::Brake;
@@ -240,10 +240,10 @@ fn target(request: &PlanRequest) -> Horizontal {
 }
 
 /// Eq. 46 and 47, in either reading.
-fn optimal(scratch: &Scratch, lambda: f32, reading: Offsets) -> Option<Trajectory> {
+fn optimal(workspace: &Workspace, lambda: f32, reading: Offsets) -> Option<Trajectory> {
     match reading {
-        Offsets::Signed => average(scratch, lambda, |offset| offset),
-        Offsets::Scalar => average(scratch, lambda, |offset| {
+        Offsets::Signed => average(workspace, lambda, |offset| offset),
+        Offsets::Scalar => average(workspace, lambda, |offset| {
             let distance = offset.norm();
             Horizontal { north: distance, east: distance }
         }),
@@ -273,10 +273,10 @@ mod tests {
             .collect()
     }
 
-    fn run(name: &str, request: &PlanRequest, known: &[Disc]) -> (Plan, Scratch) {
-        let mut scratch = Scratch::default();
-        let plan = AnyPlanner::build(&named(name).unwrap()).unwrap().plan(&mut scratch, request, known);
-        (plan, scratch)
+    fn run(name: &str, request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
+        let mut workspace = Workspace::default();
+        let plan = AnyPlanner::build(&named(name).unwrap()).unwrap().plan(&mut workspace, request, known);
+        (plan, workspace)
     }
 
     #[test]
@@ -300,14 +300,14 @@ mod tests {
         let circle =
             |north, east, radius_m| Disc { center_ned_m: Horizontal { north, east }, radius_m, ..Disc::default() };
         let known = [circle(1.0, 0.1, 0.25), circle(1.4, -0.5, 0.2)];
-        let (plan, scratch) = run("paper", &PlanRequest { seed: 9, ..request(1) }, &known);
+        let (plan, workspace) = run("paper", &PlanRequest { seed: 9, ..request(1) }, &known);
         // Eq. 46-47 again, in f64 and without the shift of the exponent.
-        let weights: std::vec::Vec<f64> = scratch.costs.iter().map(|s| (-f64::from(*s)).exp()).collect();
+        let weights: std::vec::Vec<f64> = workspace.costs.iter().map(|s| (-f64::from(*s)).exp()).collect();
         let total: f64 = weights.iter().sum();
         let mean = |t: usize, pick: &dyn Fn(&Horizontal) -> f32| {
-            let initial = f64::from(pick(&scratch.initial[t]));
+            let initial = f64::from(pick(&workspace.initial[t]));
             let offset: f64 =
-                weights.iter().zip(&scratch.samples).map(|(w, s)| w * (f64::from(pick(&s[t])) - initial)).sum();
+                weights.iter().zip(&workspace.samples).map(|(w, s)| w * (f64::from(pick(&s[t])) - initial)).sum();
             initial + offset / total
         };
         let distance = |s: &Trajectory| -> f64 {
@@ -319,7 +319,7 @@ mod tests {
                 })
                 .sum()
         };
-        let best = scratch.samples.iter().map(distance).fold(f64::INFINITY, f64::min);
+        let best = workspace.samples.iter().map(distance).fold(f64::INFINITY, f64::min);
         assert!((distance(&plan.waypoints_ned_m) - best).abs() < 1e-4);
     }
 
@@ -345,9 +345,9 @@ mod tests {
     fn the_standard_planner_follows_its_field_without_sampling() {
         let request = request(3);
         for name in ["standard", "khatib", "rizqi", "sun", "virtual_force", "inverse_distance", "standard_quarters"] {
-            let (plan, scratch) = run(name, &request, &known(3));
+            let (plan, workspace) = run(name, &request, &known(3));
             let config = named(name).unwrap();
-            let obstacles: StdVec<Obstacle> = scratch.scene.obstacles().collect();
+            let obstacles: StdVec<Obstacle> = workspace.scene.obstacles().collect();
             let field = Field { law: config.law, gains: config.gains };
             let (start, target) = (request.start_ned_m, request.target_ned_m);
             let plain = foxhound_core::planning::rollout::roll_plainly(
@@ -365,9 +365,9 @@ mod tests {
     fn read_to_the_letter_equation_47_moves_every_point_to_the_north_east() {
         let (mut moved, mut other) = (0, 0);
         for seed in 0..200 {
-            let (plan, scratch) = run("paper_scalar", &request(seed), &known(seed));
-            let optimal = optimal(&scratch, 1.0, Offsets::Scalar).unwrap();
-            for (point, initial) in optimal.iter().zip(&scratch.initial) {
+            let (plan, workspace) = run("paper_scalar", &request(seed), &known(seed));
+            let optimal = optimal(&workspace, 1.0, Offsets::Scalar).unwrap();
+            for (point, initial) in optimal.iter().zip(&workspace.initial) {
                 let offset = point.minus(*initial);
                 assert!(offset.north >= 0.0 && (offset.north - offset.east).abs() < 1e-5);
                 moved += i32::from(offset.north > 0.05);
@@ -417,11 +417,11 @@ mod tests {
         for seed in 0..3000 {
             let request = request(seed);
             let known = known(seed);
-            let (_, mut scratch) = run("paper", &request, &known);
-            let chosen = nearest(&scratch, &optimal(&scratch, 1.0, Offsets::Signed).unwrap());
+            let (_, mut workspace) = run("paper", &request, &known);
+            let chosen = nearest(&workspace, &optimal(&workspace, 1.0, Offsets::Signed).unwrap());
             let (start, target) = (request.start_ned_m, request.target_ned_m);
             let obstacles: StdVec<Obstacle> = known.iter().map(|c| Obstacle::of(c, 0.15)).collect();
-            for (sample, cost) in scratch.samples.iter().zip(&mut scratch.costs) {
+            for (sample, cost) in workspace.samples.iter().zip(&mut workspace.costs) {
                 let closest = obstacles
                     .iter()
                     .flat_map(|o| {
@@ -436,7 +436,7 @@ mod tests {
                 assert!((exact - f64::from(*cost)).abs() < 1e-4 * exact, "{cost} {exact}");
                 *cost = exact as f32;
             }
-            assert_eq!(nearest(&scratch, &optimal(&scratch, 1.0, Offsets::Signed).unwrap()), chosen, "seed {seed}");
+            assert_eq!(nearest(&workspace, &optimal(&workspace, 1.0, Offsets::Signed).unwrap()), chosen, "seed {seed}");
         }
     }
 }

@@ -3,7 +3,7 @@
 //! The mixture makes the clusters, and what follows is what follows the split and merge of a scan ([`lor`], which flies):
 //! lines through the clusters, pieces, walls.
 //!
-//! Memory: a [`Scratch`] of 3.2 KB, fixed. The work is bounded by [`Config::work_max`].
+//! Memory: a [`Workspace`] of 3.2 KB, fixed. The work is bounded by [`Config::work_max`].
 
 use heapless::Vec;
 
@@ -74,31 +74,31 @@ pub struct Lines {
 
 /// Memory for one call; nothing in it lasts.
 #[derive(Clone, Debug)]
-pub struct Scratch {
-    lor: lor::Scratch,
+pub struct Workspace {
+    lor: lor::Workspace,
     mixture: Mixture,
     /// Which seed a point is nearest to.
     owners: [u8; POINTS_MAX],
 }
 
-impl Default for Scratch {
+impl Default for Workspace {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Scratch {
+impl Workspace {
     /// Empty. All bits are zero, so that it takes no room in flash.
     #[must_use]
     pub const fn new() -> Self {
-        Self { lor: lor::Scratch::new(), mixture: Mixture::new(), owners: [0; POINTS_MAX] }
+        Self { lor: lor::Workspace::new(), mixture: Mixture::new(), owners: [0; POINTS_MAX] }
     }
 }
 
 impl Lines {
     /// The walls among points in any order, the longest first. Points that are no numbers, or absurd, are not looked at.
-    pub fn find(&self, scratch: &mut Scratch, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
-        let Scratch { lor, mixture, owners } = scratch;
+    pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
+        let Workspace { lor, mixture, owners } = workspace;
         self.lines.find_among(lor, points_ned_m, |points, proposals| {
             mixture.cluster(&self.prior, points, owners);
             for component in &mixture.components {

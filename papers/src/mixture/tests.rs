@@ -24,25 +24,25 @@ enum Method {
 struct Stage {
     method: Method,
     mixture: Lines,
-    scratch: Scratch,
+    workspace: Workspace,
 }
 
 impl Stage {
     fn find(&mut self, points: &[Horizontal]) -> Vec<Line> {
         let lines = match self.method {
-            Method::Mixture => self.mixture.find(&mut self.scratch, points),
-            Method::SplitMerge => self.mixture.lines.find(&mut self.scratch.lor, points),
+            Method::Mixture => self.mixture.find(&mut self.workspace, points),
+            Method::SplitMerge => self.mixture.lines.find(&mut self.workspace.lor, points),
         };
         lines.iter().copied().collect()
     }
 
     fn work(&self) -> u32 {
-        self.scratch.mixture.work
+        self.workspace.mixture.work
     }
 }
 
 fn stage(method: Method) -> Stage {
-    Stage { method, mixture: Config::default().build().unwrap(), scratch: Scratch::new() }
+    Stage { method, mixture: Config::default().build().unwrap(), workspace: Workspace::new() }
 }
 
 fn found(points: &[Horizontal]) -> Vec<Line> {
@@ -330,6 +330,6 @@ fn a_configuration_that_contradicts_itself_is_refused() {
 }
 
 #[test]
-fn the_scratch_is_small() {
-    assert!(core::mem::size_of::<Scratch>() <= 25 * POINTS_MAX, "{}", core::mem::size_of::<Scratch>());
+fn the_workspace_is_small() {
+    assert!(core::mem::size_of::<Workspace>() <= 25 * POINTS_MAX, "{}", core::mem::size_of::<Workspace>());
 }

@@ -164,7 +164,7 @@ pub struct Looks {
 
 /// One look around: a frame's phasors, the bearing found in them, and where the vehicle was.
 #[derive(Clone, Copy, Debug)]
-pub struct Look<'a> {
+pub struct Frame<'a> {
     /// The phasors.
     pub phasors: &'a Phasors,
     /// The bearing of this one look.
@@ -231,7 +231,7 @@ impl State {
 
 impl Looks {
     /// Offers a look.
-    pub fn take(&self, state: &mut State, look: &Look<'_>) -> Taken {
+    pub fn take(&self, state: &mut State, look: &Frame<'_>) -> Taken {
         if look.phasors.tone == Tone::Absent {
             return Taken::NoTone;
         }

@@ -164,7 +164,7 @@ impl Solver<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::scenes::{array, finder, phasors};
-    use super::super::{Config, Look, State, Taken};
+    use super::super::{Config, Frame, State, Taken};
     use super::*;
     use foxhound_core::signal::phase::Complex;
 
@@ -175,7 +175,7 @@ mod tests {
         for (k, yaw) in [3.138, -3.138, 3.139, -1.0].iter().enumerate() {
             let phasors = phasors([Complex { re: 1.0, im: 0.0 }; 4], 1e-6, k as u64);
             let bearing = finder().find(&phasors);
-            let look = Look { phasors: &phasors, bearing: &bearing, yaw_rad: *yaw, position_ned_m: None };
+            let look = Frame { phasors: &phasors, bearing: &bearing, yaw_rad: *yaw, position_ned_m: None };
             assert_eq!(stage.take(&mut state, &look), Taken::Yes);
         }
         let mut headings = Headings::new();

@@ -5,7 +5,7 @@ use std::vec::Vec as List;
 
 use super::model::{Headings, gather};
 use super::solver::Solver;
-use super::{Config, Look, Looks, Method, State, Taken};
+use super::{Config, Frame, Looks, Method, State, Taken};
 use foxhound_core::base::ned::Ned;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
@@ -136,7 +136,7 @@ impl Scenes {
                 north += azimuth.cos();
                 east += azimuth.sin();
                 let ned = Ned { north: position[0] as f32, east: position[1] as f32, down: 0.0 };
-                let look = Look {
+                let look = Frame {
                     phasors,
                     bearing: &bearing,
                     yaw_rad: *yaw as f32,
@@ -235,7 +235,7 @@ pub(super) fn offer(stage: &Looks, state: &mut State, micros: u64, position_ned_
     });
     let phasors = phasors(z, 1e-6, micros);
     let bearing = finder().find(&phasors);
-    stage.take(state, &Look { phasors: &phasors, bearing: &bearing, yaw_rad: 0.5, position_ned_m })
+    stage.take(state, &Frame { phasors: &phasors, bearing: &bearing, yaw_rad: 0.5, position_ned_m })
 }
 
 /// Solves nothing, but shows what would: the solver of a scene of eight looks, every heading taking part.
@@ -245,7 +245,7 @@ pub(super) fn with_solver(turn_deg: f64, wavenumber: f32, check: impl FnOnce(&So
     let mut state = State::default();
     for (phasors, yaw, _) in &scene.looks {
         let bearing = finder().find(phasors);
-        let look = Look { phasors, bearing: &bearing, yaw_rad: *yaw as f32, position_ned_m: None };
+        let look = Frame { phasors, bearing: &bearing, yaw_rad: *yaw as f32, position_ned_m: None };
         assert_eq!(stage.take(&mut state, &look), Taken::Yes);
     }
     let mut headings = Headings::new();

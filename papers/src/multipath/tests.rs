@@ -111,7 +111,7 @@ fn an_array_without_opposite_pairs_or_with_a_dead_channel_gets_the_mean() {
             }
             let phasors = phasors(z, 1e-6, k);
             let bearing = finder.find(&phasors);
-            let look = Look { phasors: &phasors, bearing: &bearing, yaw_rad: 0.1, position_ned_m: None };
+            let look = Frame { phasors: &phasors, bearing: &bearing, yaw_rad: 0.1, position_ned_m: None };
             assert_eq!(stage.take(&mut state, &look), Taken::Yes);
         }
         let arrival = stage.solve(&state, 1.0).unwrap();
@@ -181,7 +181,7 @@ fn garbage_in_is_refused_or_answered_without_nan() {
             let phasors = Phasors { noise: phasors.noise.map(|v| if wild == 0.0 { v.abs() } else { v }), ..phasors };
             let bearing = finder().find(&phasors);
             let place = Ned { north: pick(wild, &mut rng), east: pick(wild, &mut rng), down: 0.0 };
-            let look = Look {
+            let look = Frame {
                 phasors: &phasors,
                 bearing: &bearing,
                 yaw_rad: if run % 2 == 0 { 0.3 } else { pick(wild, &mut rng) },
@@ -212,7 +212,7 @@ fn what_holds_no_tone_is_not_a_look() {
     let mut state = State::default();
     let silent = Phasors { tone: Tone::Absent, ..phasors([Complex { re: 1.0, im: 0.0 }; 4], 1e-6, 0) };
     let bearing = finder().find(&silent);
-    let look = Look { phasors: &silent, bearing: &bearing, yaw_rad: 0.0, position_ned_m: None };
+    let look = Frame { phasors: &silent, bearing: &bearing, yaw_rad: 0.0, position_ned_m: None };
     assert_eq!(stage.take(&mut state, &look), Taken::NoTone);
     assert_eq!(state.count(), 0);
 }

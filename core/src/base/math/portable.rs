@@ -270,7 +270,7 @@ pub fn table_energies(table: &[i16]) -> [i64; 3] {
 #[expect(clippy::float_arithmetic, reason = "random numbers are drawn as floats")]
 mod tests {
     use super::*;
-    use crate::base::adc::Snapshot;
+    use crate::base::adc::AdcFrame;
     use crate::base::rng::Rng;
 
     fn words(count: usize) -> impl Iterator<Item = [u32; 3]> {
@@ -336,7 +336,7 @@ mod tests {
     #[test]
     fn sums_are_those_of_wide_integers() {
         let mut rng = Rng::new(2, 0);
-        let mut snapshot = Snapshot::<64>::zeroed();
+        let mut snapshot = AdcFrame::<64>::zeroed();
         let mut table = [0_i16; 64];
         for round in 0..500 {
             for code in snapshot.codes.as_flattened_mut() {

@@ -33,7 +33,7 @@ use crate::base::pose::Pose;
 use crate::base::units::{between, sin_cos};
 use crate::control::track::Demand;
 use crate::mapping::scan::Scan;
-use crate::mapping::sight::{self, Cover, Looker, Sight};
+use crate::mapping::sight::{self, Cover, Sight, Surveyor};
 
 mod fence;
 pub use fence::{CORNERS_MAX, Fence};
@@ -204,7 +204,7 @@ pub enum Action {
 /// The guard's answer to a demand.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Ruling {
+pub struct GuardOutput {
     /// The command.
     pub setpoint: Setpoint,
     /// What it did.
@@ -215,7 +215,7 @@ pub struct Ruling {
 
 /// Where the vehicle is and where it would come to rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Situation {
+pub struct GuardInput {
     /// Position, local NED.
     pub position_ned_m: Horizontal,
     /// Rest point, local NED.
@@ -255,7 +255,7 @@ pub struct Counts {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guard {
     config: Config,
-    looker: Looker,
+    looker: Surveyor,
 }
 
 /// The last command, from which the next may differ by the limits, what has been seen, and the counts.
@@ -343,10 +343,10 @@ impl Guard {
         &self,
         state: &mut State,
         demand: &Demand,
-        situation: &Situation,
+        situation: &GuardInput,
         obstacles: &[Neighbour],
         dt_s: f32,
-    ) -> Ruling {
+    ) -> GuardOutput {
         let c = &self.config;
         let sane = demand.velocity_ned_mps.is_finite()
             && situation.position_ned_m.is_finite()
@@ -373,7 +373,7 @@ impl Guard {
         state.change_ned_mps = velocity.minus(last);
         (state.command_ned_mps, state.down_mps) = (velocity, down);
         let velocity_ned_mps = Ned { north: velocity.north, east: velocity.east, down };
-        Ruling { setpoint: Setpoint { velocity_ned_mps, yaw_rate_radps }, action, look_ned_rad }
+        GuardOutput { setpoint: Setpoint { velocity_ned_mps, yaw_rate_radps }, action, look_ned_rad }
     }
 
     /// The horizontal command; `None` is a brake.
@@ -381,7 +381,7 @@ impl Guard {
         &self,
         state: &mut State,
         demand: &Demand,
-        situation: &Situation,
+        situation: &GuardInput,
         obstacles: &[Neighbour],
         dt_s: f32,
     ) -> Option<(Horizontal, Action, Option<f32>)> {
@@ -473,7 +473,7 @@ impl Guard {
     }
 
     /// The vertical command: towards the demand, inside the band and the limits of altitude.
-    fn vertical(&self, last_mps: f32, wanted_mps: f32, situation: &Situation, dt_s: f32) -> f32 {
+    fn vertical(&self, last_mps: f32, wanted_mps: f32, situation: &GuardInput, dt_s: f32) -> f32 {
         let c = &self.config;
         let mut wanted_mps = between(wanted_mps, -c.v_down_max_mps, c.v_down_max_mps);
         if let Some(down_m) = situation.down_m.filter(|down_m| down_m.is_finite()) {
@@ -496,7 +496,7 @@ impl Guard {
     fn gather_near(
         &self,
         command_ned_mps: Horizontal,
-        situation: &Situation,
+        situation: &GuardInput,
         obstacles: &[Neighbour],
         near: &mut Near,
     ) -> Option<f32> {
@@ -546,7 +546,7 @@ impl Guard {
     }
 
     /// What circles and fence say of the velocity, and whether something comes at the vehicle so that it cannot just stay.
-    fn bound(&self, situation: &Situation, near: &[Neighbour], v_max_mps: f32, half_spaces: &mut HalfSpaces) -> bool {
+    fn bound(&self, situation: &GuardInput, near: &[Neighbour], v_max_mps: f32, half_spaces: &mut HalfSpaces) -> bool {
         let c = &self.config;
         let (rest, delay_s) = (situation.rest_ned_m, situation.delay_s);
         let mut is_threatened = false;
@@ -591,7 +591,7 @@ impl Guard {
     /// Whether a command keeps the vehicle out of every circle: on the way to its rest point, from there until the command
     /// is braked away, and on the straight line to where it leads next. What touches a circle already may move if it does
     /// not go deeper.
-    fn is_clear(&self, velocity: Horizontal, situation: &Situation, near: &[Neighbour]) -> bool {
+    fn is_clear(&self, velocity: Horizontal, situation: &GuardInput, near: &[Neighbour]) -> bool {
         let (position, rest) = (situation.position_ned_m, situation.rest_ned_m);
         let (ahead, ahead_s) = self.ahead(velocity, rest);
         let (underway_m, ahead_m) = (position.minus(rest).norm(), ahead.minus(rest).norm());
@@ -622,14 +622,14 @@ impl Guard {
     }
 
     /// Whether a command leads to a place inside the fence, or at least not farther out.
-    fn stays_inside(&self, velocity: Horizontal, situation: &Situation) -> bool {
+    fn stays_inside(&self, velocity: Horizontal, situation: &GuardInput) -> bool {
         let (ahead, _) = self.ahead(velocity, situation.rest_ned_m);
         let now = self.config.fence.sides(situation.rest_ned_m);
         self.config.fence.sides(ahead).zip(now).all(|((_, then_m), (_, now_m))| then_m >= 0.0 || then_m >= now_m - 1e-4)
     }
 
     /// What has been seen of the places where an obstacle would touch the hull on its way.
-    fn way(&self, sight: &Sight, velocity: Horizontal, situation: &Situation, near: &[Neighbour]) -> Way {
+    fn way(&self, sight: &Sight, velocity: Horizontal, situation: &GuardInput, near: &[Neighbour]) -> Way {
         let speed = velocity.norm();
         if speed < CREEP_MPS {
             return Way::Seen;

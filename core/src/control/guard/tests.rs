@@ -21,7 +21,7 @@ fn fly(demand: Demand, obstacles: &[Neighbour], yaw_rad: f32) -> (f32, Horizonta
     let mut at = Horizontal::default();
     let mut closest = f32::INFINITY;
     for _ in 0..1000 {
-        let situation = Situation { position_ned_m: at, rest_ned_m: at, yaw_rad, ..Situation::default() };
+        let situation = GuardInput { position_ned_m: at, rest_ned_m: at, yaw_rad, ..GuardInput::default() };
         let setpoint = guard.step(&mut state, &demand, &situation, obstacles, DT).setpoint;
         at = at.plus(setpoint.velocity_ned_mps.horizontal().times(DT));
         closest = obstacles.iter().map(|o| o.clearance_m(at)).fold(closest, f32::min);
@@ -71,11 +71,11 @@ fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
         };
         let mut vector = || Horizontal { north: number(), east: number() };
         let demand = Demand { velocity_ned_mps: vector(), down_mps: vector().north, yaw_rate_radps: vector().east };
-        let situation = Situation {
+        let situation = GuardInput {
             position_ned_m: vector(),
             rest_ned_m: vector(),
             yaw_rad: vector().north,
-            ..Situation::default()
+            ..GuardInput::default()
         };
         let obstacles: Vec<_> =
             (0..4).map(|_| Neighbour { center_ned_m: vector(), reach_m: 0.3, velocity_ned_mps: vector() }).collect();
@@ -95,7 +95,7 @@ fn ends(from: Horizontal, demand: Demand, gust_margin_m: f32, obstacles: &[Neigh
     let (guard, mut state) = (Config::default().build().unwrap(), State::default());
     let mut at = from;
     for _ in 0..1000 {
-        let situation = Situation { position_ned_m: at, rest_ned_m: at, gust_margin_m, ..Situation::default() };
+        let situation = GuardInput { position_ned_m: at, rest_ned_m: at, gust_margin_m, ..GuardInput::default() };
         let setpoint = guard.step(&mut state, &demand, &situation, obstacles, DT).setpoint;
         at = at.plus(setpoint.velocity_ned_mps.horizontal().times(DT));
     }
@@ -150,15 +150,15 @@ fn pillar(north: f32, east: f32, radius_m: f32) -> Neighbour {
 }
 
 /// What the guard is told of a vehicle.
-fn situation(vehicle: &Vehicle) -> Situation {
+fn situation(vehicle: &Vehicle) -> GuardInput {
     let commands = vehicle.pending.iter().map(|setpoint| setpoint.velocity_ned_mps.horizontal());
     let pending = commands.fold(Horizontal::default(), Horizontal::plus);
-    Situation {
+    GuardInput {
         position_ned_m: vehicle.position,
         rest_ned_m: vehicle.position.plus(vehicle.velocity.times(vehicle.lag_s)).plus(pending.times(DT)),
         yaw_rad: vehicle.yaw_rad,
         delay_s: vehicle.lag_s + vehicle.pending.len() as f32 * DT,
-        ..Situation::default()
+        ..GuardInput::default()
     }
 }
 
@@ -298,7 +298,7 @@ fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
         guard.look_circles(state, &[screen], &crate::base::pose::Pose { position_ned_m, yaw_rad });
     };
     let rule = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
-        let situation = Situation { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..Situation::default() };
+        let situation = GuardInput { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..GuardInput::default() };
         guard.step(state, &demand(0.0, 0.3), &situation, &[screen], DT)
     };
     look(&mut state, Horizontal::default(), 0.0);
@@ -404,7 +404,7 @@ fn the_altitude_stays_in_its_band_and_inside_the_limits() {
             let (mut state, mut down_m, mut speed_mps) = (State::default(), held_m, 0.0_f32);
             for _ in 0..3000 {
                 let demand = Demand { down_mps: wish, ..Demand::default() };
-                let situation = Situation { down_m: Some(down_m), held_down_m: Some(held_m), ..Situation::default() };
+                let situation = GuardInput { down_m: Some(down_m), held_down_m: Some(held_m), ..GuardInput::default() };
                 let commanded = guard.step(&mut state, &demand, &situation, &[], DT).setpoint.velocity_ned_mps.down;
                 assert!((commanded - speed_mps).abs() <= 2.0 * DT * 1.001 && commanded.abs() <= 0.5);
                 speed_mps = commanded;
@@ -423,7 +423,7 @@ fn limits_of_altitude_that_meet_by_a_rounding_are_no_panic() {
     for _ in 0..20_000 {
         let down_max_m = 4.0 * rng.uniform() - 2.0;
         let guard = Config { down_max_m, ..Config::default() }.build().unwrap();
-        let situation = Situation { down_m: Some(down_max_m), held_down_m: Some(5.0), ..Situation::default() };
+        let situation = GuardInput { down_m: Some(down_max_m), held_down_m: Some(5.0), ..GuardInput::default() };
         let demand = Demand { down_mps: 1.0, ..Demand::default() };
         let down_mps = guard.step(&mut State::default(), &demand, &situation, &[], DT).setpoint.velocity_ned_mps.down;
         assert!(down_mps.abs() < 1e-6, "{down_mps}");
@@ -435,7 +435,7 @@ fn an_acceleration_builds_up_no_faster_than_the_jerk_limit_but_a_brake_is_at_onc
     let config = Config::default();
     let guard = config.build().unwrap();
     let mut rng = Rng::new(3, 6);
-    let (mut state, situation) = (State::default(), Situation::default());
+    let (mut state, situation) = (State::default(), GuardInput::default());
     let (mut last, mut change) = (Horizontal::default(), Horizontal::default());
     let mut grew = 0;
     let mut wish = demand(0.0, 0.0);
@@ -505,10 +505,10 @@ fn half_spaces_that_do_not_agree_brake_and_are_counted() {
         velocity_ned_mps: at(-0.5 * north.signum(), 0.0),
     };
     let jaws = [jaw(0.5), jaw(-0.5)];
-    let ruling = guard.step(&mut state, &demand(0.0, 0.0), &Situation::default(), &jaws, DT);
+    let ruling = guard.step(&mut state, &demand(0.0, 0.0), &GuardInput::default(), &jaws, DT);
     assert_eq!((ruling.action, state.counts().not_converged), (Action::Braked, 1));
     state.release();
-    let ruling = guard.step(&mut state, &demand(1.0, 0.0), &Situation::default(), &[], DT);
+    let ruling = guard.step(&mut state, &demand(1.0, 0.0), &GuardInput::default(), &[], DT);
     let counts = state.counts();
     assert_eq!(ruling.action, Action::Passed);
     assert_eq!((counts.beats, counts.passed, counts.braked), (3, 1, 1), "it beats out of control as well");

@@ -266,7 +266,7 @@ pub fn take_skew(entries: &mut [Entry]) -> Option<[f32; CHANNELS]> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::base::adc::Snapshot;
+    use crate::base::adc::AdcFrame;
     use crate::base::rng::Rng;
     use crate::base::time::Instant;
     use crate::doa::array::{self, Table};
@@ -300,11 +300,11 @@ pub(crate) mod tests {
         }
 
         /// The frame of a source in a direction, or on a splitter, in f64 and 12-bit codes.
-        pub(crate) fn frame(&self, azimuth: Option<f64>, rng: &mut Rng) -> Snapshot<N> {
+        pub(crate) fn frame(&self, azimuth: Option<f64>, rng: &mut Rng) -> AdcFrame<N> {
             let ratio = (2.0 * 10_f64.powf(self.snr_db / 10.0)).sqrt();
             let sigma = 1800.0 / (ratio + 4.0);
             let start = TAU * f64::from(rng.uniform());
-            let mut snapshot = Snapshot::zeroed();
+            let mut snapshot = AdcFrame::zeroed();
             snapshot.time = Instant(0);
             let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)];
             for (m, row) in snapshot.codes.iter_mut().enumerate() {

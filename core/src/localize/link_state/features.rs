@@ -5,7 +5,7 @@
 //! that is linear in `delta` and `rho`: two normal equations, with a weak prior of the range. What is left over is how much
 //! the bearing wanders beyond what motion explains.
 
-use super::{Estimate, LOOKS_MIN, Look, Sightline};
+use super::{Estimate, Features, LOOKS_MIN, Sightline};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
@@ -129,7 +129,7 @@ impl State {
     }
 
     /// Keeps a look, if it is far enough from the last one, in space or in time.
-    pub(super) fn take(&mut self, look: &Look<'_>) -> bool {
+    pub(super) fn take(&mut self, look: &Features<'_>) -> bool {
         let here = look.place_ned_m;
         if !(here.norm_squared() < FAR_M * FAR_M) {
             return false;

@@ -88,7 +88,7 @@ impl Sightline {
 
 /// A bearing, heard or not, and from where.
 #[derive(Clone, Copy, Debug)]
-pub struct Look<'a> {
+pub struct Features<'a> {
     /// Where the antennas are.
     pub place_ned_m: Horizontal,
     /// What the front end made of the frame.
@@ -140,7 +140,7 @@ impl Classifier {
 
     /// Takes in a look and says what the looks so far tell. Looks closer together than [`SPACING_M`] are left out, but for
     /// five a second.
-    pub fn step(&self, state: &mut State, look: &Look<'_>) -> Estimate {
+    pub fn step(&self, state: &mut State, look: &Features<'_>) -> Estimate {
         if state.take(look)
             && let Some(features) = state.features()
         {

@@ -35,7 +35,7 @@ fn passage(turn_rad: f32, noise_rad: f32, sightline: Sightline) -> (State, Estim
         let heard = bearing(k, 0.01, clean(25.0 - 8.686 * libm::logf(to.norm())));
         let angle = wrap_pi(turned(to).bearing_rad() + noise_rad * rng.gaussian());
         let place_ned_m = turned(place).plus(Horizontal { north: 30.0 * turn_rad, east: -20.0 * turn_rad });
-        let look = Look { place_ned_m, bearing: &heard, bearing_ned_rad: Some(angle), sightline };
+        let look = Features { place_ned_m, bearing: &heard, bearing_ned_rad: Some(angle), sightline };
         estimate = Classifier::TRAINED.step(&mut state, &look);
     }
     (state, estimate)
@@ -74,7 +74,7 @@ fn the_slope_of_the_level_is_that_of_the_distance() {
         let north = 0.1 * k as f32;
         let heard = bearing(k, 0.01, clean(30.0 - 8.686 * libm::logf(10.0 - north)));
         let place_ned_m = Horizontal { north, east: 0.0 };
-        let look = Look { place_ned_m, bearing: &heard, bearing_ned_rad: Some(0.0), sightline: Sightline::Unknown };
+        let look = Features { place_ned_m, bearing: &heard, bearing_ned_rad: Some(0.0), sightline: Sightline::Unknown };
         let _ = Classifier::TRAINED.step(&mut state, &look);
         last = state.features();
     }
@@ -97,7 +97,7 @@ fn looks_from_the_same_place_count_five_times_a_second_only() {
     let look_at = |state: &mut State, time_us: u64, north: f32| {
         let heard = Bearing { time: Instant(time_us), ..bearing(0, 0.01, clean(20.0)) };
         let place_ned_m = Horizontal { north, east: 0.0 };
-        let look = Look { place_ned_m, bearing: &heard, bearing_ned_rad: Some(0.1), sightline: Sightline::Unknown };
+        let look = Features { place_ned_m, bearing: &heard, bearing_ned_rad: Some(0.1), sightline: Sightline::Unknown };
         let _ = Classifier::TRAINED.step(state, &look);
         state.count()
     };
@@ -119,7 +119,7 @@ fn nothing_is_said_before_there_are_enough_looks() {
     for k in 0..usize::from(LOOKS_MIN) {
         let heard = bearing(k, 0.01, clean(20.0));
         let place_ned_m = Horizontal { north: k as f32, east: 0.0 };
-        let look = Look { place_ned_m, bearing: &heard, bearing_ned_rad: Some(0.1), sightline: Sightline::Unknown };
+        let look = Features { place_ned_m, bearing: &heard, bearing_ned_rad: Some(0.1), sightline: Sightline::Unknown };
         let estimate = Classifier::TRAINED.step(&mut state, &look);
         assert_eq!(estimate == Estimate::UNKNOWN, k + 1 < usize::from(LOOKS_MIN), "{k}");
     }
@@ -137,7 +137,7 @@ fn a_clean_passage_is_line_of_sight_and_silence_is_none() {
             ..bearing(k, core::f32::consts::PI, Quality { snr_db: -30.0, ..Quality::default() })
         };
         let place_ned_m = Horizontal { north: 0.1 * k as f32, east: 0.0 };
-        let look = Look { place_ned_m, bearing: &silent, bearing_ned_rad: None, sightline: Sightline::Unknown };
+        let look = Features { place_ned_m, bearing: &silent, bearing_ned_rad: None, sightline: Sightline::Unknown };
         estimate = Classifier::TRAINED.step(&mut state, &look);
     }
     assert_eq!(estimate.state, LinkState::None, "{estimate:?}");
@@ -167,7 +167,7 @@ fn any_looks_give_finite_features_and_probabilities_that_add_up_to_one() {
             let flags = Flags((value(300.0) as i32 & 0x3ff) as u16);
             let mut heard = Bearing { flags, ..bearing(k, value(0.3), quality) };
             heard.time = Instant(value(1e6) as u64);
-            let look = Look {
+            let look = Features {
                 place_ned_m: Horizontal { north: value(3.0), east: value(3.0) },
                 bearing: &heard,
                 bearing_ned_rad: Some(value(2.0)).filter(|x| *x < 5.0),

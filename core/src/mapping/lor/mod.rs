@@ -13,7 +13,7 @@
 //!
 //! The map remembers circles; [`points_of`] takes the place of each that faces the vehicle, in the order of their bearings.
 //!
-//! Memory: a [`Scratch`] of 1.6 KB, fixed.
+//! Memory: a [`Workspace`] of 1.6 KB, fixed.
 
 use crate::base::sort::sort_by_key;
 use heapless::Vec;
@@ -102,7 +102,7 @@ pub struct Lines {
 
 /// Memory for one call; nothing in it lasts.
 #[derive(Clone, Debug)]
-pub struct Scratch {
+pub struct Workspace {
     /// The points, from their first.
     points: Vec<Horizontal, POINTS_MAX>,
     /// Which proposed line a point belongs to.
@@ -111,13 +111,13 @@ pub struct Scratch {
     proposed: Vec<Line, PROPOSED_MAX>,
 }
 
-impl Default for Scratch {
+impl Default for Workspace {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Scratch {
+impl Workspace {
     /// Empty. All bits are zero, so that it takes no room in flash.
     #[must_use]
     pub const fn new() -> Self {
@@ -154,10 +154,10 @@ const UNASKED: u8 = NONE - 1;
 impl Lines {
     /// The walls among points in the order of a scan, the longest first. Points that are no numbers, or absurd, are not looked
     /// at.
-    pub fn find(&self, scratch: &mut Scratch, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
+    pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
         let config = &self.config;
         let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m: self.joined_m() };
-        self.find_among(scratch, points_ned_m, |points, proposals| {
+        self.find_among(workspace, points_ned_m, |points, proposals| {
             for piece in &split_merge::pieces(&limits, points) {
                 proposals.add(&piece.moments);
             }
@@ -174,7 +174,7 @@ impl Lines {
     /// that are looked at, relative to one of them, and proposes the moments of each cluster.
     pub fn find_among(
         &self,
-        scratch: &mut Scratch,
+        workspace: &mut Workspace,
         points_ned_m: &[Horizontal],
         cluster: impl FnOnce(&[Horizontal], &mut Proposals<'_>),
     ) -> Vec<Line, LINES_MAX> {
@@ -182,36 +182,36 @@ impl Lines {
             |point: &&Horizontal| libm::fabsf(point.north) <= PLACE_MAX_M && libm::fabsf(point.east) <= PLACE_MAX_M;
         // From one of their own: far from the origin the differences are exact, and what is computed is not.
         let origin = points_ned_m.iter().find(usable).copied().unwrap_or_default();
-        scratch.points.clear();
+        workspace.points.clear();
         for point in points_ned_m.iter().filter(usable).take(POINTS_MAX) {
-            let _ = scratch.points.push(point.minus(origin));
+            let _ = workspace.points.push(point.minus(origin));
         }
-        scratch.proposed.clear();
+        workspace.proposed.clear();
         cluster(
-            &scratch.points,
-            &mut Proposals { thickness_max: self.config.thickness_max, lines: &mut scratch.proposed },
+            &workspace.points,
+            &mut Proposals { thickness_max: self.config.thickness_max, lines: &mut workspace.proposed },
         );
-        self.walls(scratch, origin)
+        self.walls(workspace, origin)
     }
 
     /// The walls among the points that are relative to an origin, from the proposed lines.
     #[inline(never)]
-    fn walls(&self, scratch: &mut Scratch, origin: Horizontal) -> Vec<Line, LINES_MAX> {
-        scratch.owners = [UNASKED; POINTS_MAX];
+    fn walls(&self, workspace: &mut Workspace, origin: Horizontal) -> Vec<Line, LINES_MAX> {
+        workspace.owners = [UNASKED; POINTS_MAX];
         let mut found: Vec<Fit, PROPOSED_MAX> = Vec::new();
         for round in 1..=ROUNDS {
-            let is_last = !self.share_out(scratch) || round == ROUNDS;
+            let is_last = !self.share_out(workspace) || round == ROUNDS;
             found.clear();
-            for owner in 0..scratch.proposed.len() {
-                self.cut(scratch, owner, is_last, &mut found);
+            for owner in 0..workspace.proposed.len() {
+                self.cut(workspace, owner, is_last, &mut found);
             }
             self.merge(&mut found);
             if is_last {
                 break;
             }
-            scratch.proposed.clear();
+            workspace.proposed.clear();
             for fit in &found {
-                let _ = scratch.proposed.push(fit.line);
+                let _ = workspace.proposed.push(fit.line);
             }
         }
         sort_by_key(&mut found, |fit| -length_m(&fit.line));
@@ -230,8 +230,8 @@ impl Lines {
     }
 
     /// Gives every point to the nearest proposed line that it may be part of. Whether that changed anything.
-    fn share_out(&self, scratch: &mut Scratch) -> bool {
-        let Scratch { points, owners, proposed, .. } = scratch;
+    fn share_out(&self, workspace: &mut Workspace) -> bool {
+        let Workspace { points, owners, proposed, .. } = workspace;
         let mut changed = false;
         for (point, owner) in points.iter().zip(owners.iter_mut()) {
             let (mut nearest, mut least) = (NONE, self.config.deviation_m);
@@ -252,8 +252,8 @@ impl Lines {
     }
 
     /// Fits the points of a proposed line, piece by piece, and keeps what is a wall.
-    fn cut(&self, scratch: &mut Scratch, owner: usize, is_last: bool, found: &mut Vec<Fit, PROPOSED_MAX>) {
-        let Scratch { points, owners, order, proposed, .. } = scratch;
+    fn cut(&self, workspace: &mut Workspace, owner: usize, is_last: bool, found: &mut Vec<Fit, PROPOSED_MAX>) {
+        let Workspace { points, owners, order, proposed, .. } = workspace;
         let Some(along) = proposed.get(owner).map(Line::along_ned) else { return };
         // Sorted by what is computed once.
         let mut places_m = [0.0_f32; POINTS_MAX];

@@ -35,6 +35,6 @@ fn a_configuration_that_contradicts_itself_is_refused() {
 }
 
 #[test]
-fn the_scratch_is_small() {
-    assert!(core::mem::size_of::<Scratch>() <= 12 * POINTS_MAX, "{}", core::mem::size_of::<Scratch>());
+fn the_workspace_is_small() {
+    assert!(core::mem::size_of::<Workspace>() <= 12 * POINTS_MAX, "{}", core::mem::size_of::<Workspace>());
 }

@@ -6,13 +6,13 @@
 use heapless::Vec;
 
 use super::index::Index;
-use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Keeper, Known, Map, Origin, RIM_M, STICK_OUT_M};
+use super::{AVERAGED, DOOMED, FRONT_M, GATE, GATE_M, Known, Map, Mapper, Origin, RIM_M, STICK_OUT_M};
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
 use crate::base::units::{between, wrap_pi};
-use crate::mapping::scan::{Detection, Kind, Look, POINTS_MAX, Scan, Sector};
+use crate::mapping::scan::{Detection, Kind, POINTS_MAX, Scan, Sector, Segmentation};
 
 /// So many pillars at most are looked at again when the one that was seen has been averaged.
 const MET_MAX: usize = 4;
@@ -165,9 +165,9 @@ impl View<'_> {
     }
 }
 
-impl Keeper {
+impl Mapper {
     /// Takes a detection of a look into the store.
-    pub(super) fn absorb(&self, map: &mut Map, index: &mut Index, now: Instant, look: &Look, seen: &Detection) {
+    pub(super) fn absorb(&self, map: &mut Map, index: &mut Index, now: Instant, look: &Segmentation, seen: &Detection) {
         let origin = look.origin_ned_m;
         let center = seen.center_ned_m.minus(origin);
         let face_m = seen.face_ned_m.minus(origin);
@@ -267,7 +267,7 @@ impl Keeper {
 
 /// In which direction the hits of a patch lie, and how far from the middles of their sectors they may be: each is the nearest of
 /// several rays, and it is not said which. A pillar is fitted to where its hits are taken to be.
-fn beside(look: &Look, seen: &Detection, face_m: Horizontal) -> (Horizontal, f32) {
+fn beside(look: &Segmentation, seen: &Detection, face_m: Horizontal) -> (Horizontal, f32) {
     let is_far = |point: &Horizontal| point.norm_squared() > BESIDE_FROM_M * BESIDE_FROM_M;
     if look.beside_rad == 0.0 || seen.kind == Kind::Pillar || !look.points_of(seen).iter().all(is_far) {
         return (Horizontal::default(), 0.0);

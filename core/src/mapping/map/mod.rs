@@ -1,6 +1,6 @@
 //! The obstacle map: a bounded store of circles, remembered once seen.
 //!
-//! A sensor that delivers circles has the last word on what it sees. A look at hits ([`Look`]) is taken in like this:
+//! A sensor that delivers circles has the last word on what it sees. A look at hits ([`Segmentation`]) is taken in like this:
 //!
 //! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_looks`] looks is forgotten.
 //! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
@@ -26,7 +26,7 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Disc};
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::mapping::scan::{Detection, Kind, Look, Refusal, Scan};
+use crate::mapping::scan::{Detection, Kind, Refusal, Scan, Segmentation};
 
 mod absorb;
 mod index;
@@ -86,18 +86,18 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self) -> Result<Keeper, ConfigError> {
+    pub fn build(&self) -> Result<Mapper, ConfigError> {
         check("map.moving_memory_s", self.moving_memory_s, 0.1, 60.0)?;
         check("map.clear_looks", f32::from(self.clear_looks), 1.0, 100.0)?;
         check("map.cover_m", self.cover_m, 0.001, 0.5)?;
         check("map.moving_min_mps", self.moving_min_mps, 0.01, 5.0)?;
-        Ok(Keeper { config: *self })
+        Ok(Mapper { config: *self })
     }
 }
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Keeper {
+pub struct Mapper {
     config: Config,
 }
 
@@ -235,9 +235,9 @@ impl Map {
     }
 }
 
-impl Keeper {
+impl Mapper {
     /// Takes in what was fitted to a scan: what it sees through is forgotten in time.
-    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, look: &Look) {
+    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, look: &Segmentation) {
         self.begin_look(map, now);
         self.judge(map, scan, pose);
         map.sweep();
@@ -245,7 +245,7 @@ impl Keeper {
     }
 
     /// Takes in what was fitted to points. Nothing is forgotten for it: points do not say where there is nothing.
-    pub fn observe_points(&self, map: &mut Map, now: Instant, look: &Look) {
+    pub fn observe_points(&self, map: &mut Map, now: Instant, look: &Segmentation) {
         self.begin_look(map, now);
         self.take_in(map, now, look);
     }
@@ -258,7 +258,7 @@ impl Keeper {
     }
 
     #[inline(never)]
-    fn take_in(&self, map: &mut Map, now: Instant, look: &Look) {
+    fn take_in(&self, map: &mut Map, now: Instant, look: &Segmentation) {
         map.refuse(u32::from(look.refused));
         map.note_taken(look.time, now);
         let mut index = Index::new(look.origin_ned_m);

@@ -9,10 +9,10 @@ fn circle(north: f32, east: f32, radius_m: f32) -> Circle {
 }
 
 /// A look from the origin at one pillar by its front.
-fn pillar(north: f32, east: f32, radius_m: f32, sigma_m: f32) -> Look {
+fn pillar(north: f32, east: f32, radius_m: f32, sigma_m: f32) -> Segmentation {
     let center_ned_m = Horizontal { north, east };
     let face_ned_m = center_ned_m.times(1.0 - radius_m / center_ned_m.norm());
-    let mut look = Look::default();
+    let mut look = Segmentation::default();
     look.points_m.push(face_ned_m).unwrap();
     let seen = Detection { kind: Kind::Pillar, center_ned_m, radius_m, sigma_m, face_ned_m, from: 0, to: 1 };
     look.detections.push(seen).unwrap();
@@ -29,7 +29,7 @@ fn unknown_scan() -> Scan {
     }
 }
 
-fn keeper() -> Keeper {
+fn mapper() -> Mapper {
     Config::default().build().unwrap()
 }
 
@@ -40,10 +40,10 @@ fn measured(map: &Map) -> impl Iterator<Item = Circle> {
 
 #[test]
 fn repeated_looks_at_one_pillar_sharpen_one_circle() {
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     let looks = [pillar(2.0, 0.1, 0.3, 0.05), pillar(2.01, 0.0, 0.2, 0.01), pillar(1.99, 0.0, 0.2, 0.01)];
     for look in &looks {
-        keeper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), look);
+        mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), look);
     }
     let circles: StdVec<_> = measured(&map).collect();
     assert_eq!(circles.len(), 1);
@@ -52,12 +52,12 @@ fn repeated_looks_at_one_pillar_sharpen_one_circle() {
 
 #[test]
 fn a_glimpse_of_a_pillars_edge_adds_no_ghost_before_or_after_the_pillar_itself() {
-    let keeper = keeper();
+    let mapper = mapper();
     let (pillar, glimpse) = (pillar(2.0, 0.0, 0.3, 0.01), pillar(1.85, 0.2, 0.05, 0.08));
     for looks in [[pillar.clone(), glimpse.clone()], [glimpse, pillar]] {
         let mut map = Map::default();
         for look in &looks {
-            keeper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), look);
+            mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), look);
         }
         let circles: StdVec<_> = measured(&map).collect();
         assert_eq!(circles.len(), 1, "{circles:?}");
@@ -67,15 +67,15 @@ fn a_glimpse_of_a_pillars_edge_adds_no_ghost_before_or_after_the_pillar_itself()
 
 #[test]
 fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_more() {
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     for _ in 0..3 {
         let look = pillar(2.0, 0.0, 0.075, 0.01);
-        keeper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &look);
+        mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &look);
     }
     // Seen as far too large as a part of a row may look, then better, then well.
     for (radius_m, sigma_m) in [(0.15, 0.05), (0.09, 0.04), (0.075, 0.01)] {
         let look = pillar(2.0, 0.15, radius_m, sigma_m);
-        keeper.observe_scan(&mut map, Instant(2), &unknown_scan(), &Pose::default(), &look);
+        mapper.observe_scan(&mut map, Instant(2), &unknown_scan(), &Pose::default(), &look);
         let far_side = Horizontal { north: 2.0, east: -0.07 };
         let knows = measured(&map).any(|c| c.center_ned_m.minus(far_side).norm() < c.radius_m + 0.02);
         assert!(knows, "{radius_m} {sigma_m}: {:?}", map.circles().collect::<StdVec<_>>());
@@ -84,10 +84,10 @@ fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_mo
 
 #[test]
 fn the_farthest_circle_gives_way_when_the_store_is_full() {
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     for k in 0..CIRCLES_MAX as i32 + 10 {
         let far = circle(300.0 - k as f32, 0.0, 0.2);
-        keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[far]).unwrap();
+        mapper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[far]).unwrap();
     }
     assert_eq!(map.circles().count(), CIRCLES_MAX);
     assert_eq!(map.overflow_count(), 10);
@@ -96,37 +96,37 @@ fn the_farthest_circle_gives_way_when_the_store_is_full() {
 
 #[test]
 fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
-    let (keeper, mut map) = (keeper(), Map::default());
-    keeper
+    let (mapper, mut map) = (mapper(), Map::default());
+    mapper
         .observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)])
         .unwrap();
     let scan = Scan { sectors: [Sector::Clear; SECTORS_MAX], ..unknown_scan() };
     for look in 0..3 {
         assert_eq!(map.circles().count(), 2, "{look}");
-        keeper.observe_scan(&mut map, Instant(1), &scan, &Pose::default(), &Look::default());
+        mapper.observe_scan(&mut map, Instant(1), &scan, &Pose::default(), &Segmentation::default());
     }
     assert_eq!(map.circles().count(), 1, "the one behind is out of sight and stays");
 }
 
 #[test]
 fn moving_circles_move_and_are_forgotten_when_unseen() {
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     let mover = Circle { velocity_ned_mps: Horizontal { north: 0.5, east: 0.0 }, ..circle(1.0, 0.0, 0.2) };
-    keeper.observe_circles(&mut map, Instant(0), Horizontal::default(), &[mover]).unwrap();
-    keeper.advance(&mut map, Instant(1_000_000));
+    mapper.observe_circles(&mut map, Instant(0), Horizontal::default(), &[mover]).unwrap();
+    mapper.advance(&mut map, Instant(1_000_000));
     let north = map.circles().next().unwrap().center_ned_m.north;
     assert!((north - 1.5).abs() < 1e-3, "{north}");
-    keeper.advance(&mut map, Instant(5_000_000));
+    mapper.advance(&mut map, Instant(5_000_000));
     assert_eq!(map.circles().count(), 0);
 }
 
 #[test]
 fn circles_of_one_delivery_that_stand_close_together_are_all_kept_and_a_repeated_one_once() {
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     let wall: [Circle; 20] = core::array::from_fn(|k| circle(1.0 + 0.1 * (k / 5) as f32, 0.1 * (k % 5) as f32, 0.3));
     for delivery in 0..5 {
         let now = Instant(delivery * 100_000);
-        keeper.observe_circles(&mut map, now, Horizontal::default(), &[wall, wall].concat()).unwrap();
+        mapper.observe_circles(&mut map, now, Horizontal::default(), &[wall, wall].concat()).unwrap();
         assert!(wall.iter().all(|circle| map.circles().any(|known| known == *circle)), "delivery {delivery}");
         assert_eq!(map.circles().count(), wall.len());
     }
@@ -143,8 +143,8 @@ fn a_hit_of_a_wide_sector_may_be_of_what_stands_beside_it_at_its_distance_and_a_
         (1.0, 0.09, 0.0, 1),
         (1.0, 0.13, 0.0, 2),
     ] {
-        let (keeper, mut map) = (keeper(), Map::default());
-        keeper
+        let (mapper, mut map) = (mapper(), Map::default());
+        mapper
             .observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(2.1 - nearer_m, 0.1 + east, 0.1)])
             .unwrap();
         let hit = Horizontal { north: 2.1, east: 0.0 };
@@ -157,29 +157,29 @@ fn a_hit_of_a_wide_sector_may_be_of_what_stands_beside_it_at_its_distance_and_a_
             from: 0,
             to: 1,
         };
-        let look = Look {
+        let look = Segmentation {
             time: Instant(2),
             beside_rad,
             sides: Vec::from_slice(&[0]).unwrap(),
             points_m: Vec::from_slice(&[hit]).unwrap(),
             detections: Vec::from_slice(&[patch]).unwrap(),
-            ..Look::default()
+            ..Segmentation::default()
         };
-        keeper.observe_points(&mut map, Instant(2), &look);
+        mapper.observe_points(&mut map, Instant(2), &look);
         assert_eq!(map.circles().count(), circles, "{beside_rad} rad, {east} m, {nearer_m} m");
     }
 }
 
 #[test]
 fn absurd_circles_are_refused() {
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     let bad =
         [circle(f32::NAN, 0.0, 0.2), circle(0.0, 0.0, -1.0), circle(0.0, 0.0, f32::INFINITY), circle(0.0, 0.0, 1e9)];
-    keeper.observe_circles(&mut map, Instant(0), Horizontal::default(), &bad).unwrap_err();
+    mapper.observe_circles(&mut map, Instant(0), Horizontal::default(), &bad).unwrap_err();
     assert_eq!((map.circles().count(), map.refused_count(), map.taken()), (0, 4, None));
     // One good one among them is taken.
     let one = [bad[0], circle(1.0, 0.0, 0.2)];
-    keeper.observe_circles(&mut map, Instant(3), Horizontal::default(), &one).unwrap();
+    mapper.observe_circles(&mut map, Instant(3), Horizontal::default(), &one).unwrap();
     assert_eq!((map.circles().count(), map.refused_count(), map.taken()), (1, 5, Some(Instant(3))));
 }
 
@@ -191,29 +191,29 @@ fn a_circle_takes_32_bytes_and_the_store_little_else() {
 
 #[test]
 fn a_circle_is_told_larger_by_its_sigma_and_an_exact_one_is_not() {
-    let (keeper, mut map) = (keeper(), Map::default());
-    keeper.observe_points(&mut map, Instant(1), &pillar(2.0, 0.0, 0.3, 0.02));
-    keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(-2.0, 0.0, 0.3)]).unwrap();
+    let (mapper, mut map) = (mapper(), Map::default());
+    mapper.observe_points(&mut map, Instant(1), &pillar(2.0, 0.0, 0.3, 0.02));
+    mapper.observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(-2.0, 0.0, 0.3)]).unwrap();
     let radii: StdVec<f32> = map.circles().map(|c| c.radius_m).collect();
     assert!((radii[0] - 0.32).abs() < 1e-6 && radii[1] == 0.3, "{radii:?}");
 }
 
 #[test]
 fn a_delivery_longer_than_allowed_is_cut_and_counted() {
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     let many: StdVec<Circle> = (0..10_000).map(|k| circle(k as f32, 0.0, 0.2)).collect();
-    keeper.observe_circles(&mut map, Instant(1), Horizontal::default(), &many).unwrap();
+    mapper.observe_circles(&mut map, Instant(1), Horizontal::default(), &many).unwrap();
     assert_eq!((map.circles().count(), map.overflow_count()), (DELIVERY_MAX, 10_000 - DELIVERY_MAX as u32));
-    keeper.observe_circles(&mut map, Instant(2), Horizontal::default(), &many).unwrap();
+    mapper.observe_circles(&mut map, Instant(2), Horizontal::default(), &many).unwrap();
     assert_eq!(map.circles().count(), DELIVERY_MAX, "duplicates are one");
 }
 
 #[test]
 fn the_newest_look_counts_and_a_clock_that_was_set_back_does_not_keep_an_old_one_new() {
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     let mut take = |now: u64, measured: u64| {
-        let look = Look { time: Instant(measured), ..Look::default() };
-        keeper.observe_points(&mut map, Instant(now), &look);
+        let look = Segmentation { time: Instant(measured), ..Segmentation::default() };
+        mapper.observe_points(&mut map, Instant(now), &look);
         map.taken()
     };
     assert_eq!(take(500, 400), Some(Instant(400)));
@@ -279,7 +279,7 @@ impl World {
 
 /// How far the worst point of a look lies out of the nearest circle. One that a wide sector tells from afar may lie anywhere
 /// in it.
-fn uncovered_m(map: &Map, look: &Look) -> f32 {
+fn uncovered_m(map: &Map, look: &Segmentation) -> f32 {
     let out = |(index, point): (usize, &Horizontal)| {
         let side = look.sides.get(index).map_or(0.0, |side| 0.01 * f32::from(*side));
         let is_wide = point.norm() > BESIDE_FROM_M;
@@ -326,19 +326,19 @@ fn rooms() -> StdVec<(&'static str, World)> {
 
 #[test]
 fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres_or_else_its_wide_sector_is() {
-    let fitter = scan::Config::default().build().unwrap();
+    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(7, 0);
     for (name, world) in rooms() {
         for fov_deg in [60.0_f64, 90.0, 360.0] {
             for noise in [0.0, 0.01] {
-                let (keeper, mut map) = (keeper(), Map::default());
+                let (mapper, mut map) = (mapper(), Map::default());
                 for look in 0..120 {
                     let place = (0.9 * f64::from(rng.uniform()), 1.4 * f64::from(rng.uniform()) - 0.7);
                     let yaw = 1.2 * (f64::from(rng.uniform()) - 0.5);
                     let (scan, pose) = world.scan(place, yaw, fov_deg.to_radians(), noise, &mut rng);
-                    let seen = fitter.fit(&scan, &pose).unwrap();
+                    let seen = segmenter.fit(&scan, &pose).unwrap();
                     let overflows = map.overflow_count();
-                    keeper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &seen);
+                    mapper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &seen);
                     assert!(map.circles().all(|circle| circle.is_plausible()));
                     let out = uncovered_m(&map, &seen);
                     assert!(out < 0.02 || map.overflow_count() > overflows, "{name} {fov_deg} {noise} {look}: {out}");
@@ -351,7 +351,7 @@ fn every_hit_of_the_last_look_is_in_a_circle_or_within_two_centimetres_or_else_i
 
 #[test]
 fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_last_look() {
-    let (fitter, keeper) = (scan::Config::default().build().unwrap(), keeper());
+    let (segmenter, mapper) = (scan::Config::default().build().unwrap(), mapper());
     let mut rng = Rng::new(8, 0);
     let mut covered = 0;
     for _ in 0..60 {
@@ -375,7 +375,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                             ..circle(number(3.0), number(3.0), number(0.5))
                         })
                         .collect();
-                    _ = keeper.observe_circles(&mut map, Instant(now), pose.position_ned_m, &circles);
+                    _ = mapper.observe_circles(&mut map, Instant(now), pose.position_ned_m, &circles);
                     None
                 }
                 kind if kind > -1.0 => {
@@ -391,18 +391,18 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                         range_max_m: 3.0,
                         sectors,
                     };
-                    let look = fitter.fit(&scan, &pose).ok();
+                    let look = segmenter.fit(&scan, &pose).ok();
                     if let Some(look) = &look {
-                        keeper.observe_scan(&mut map, Instant(now), &scan, &pose, look);
+                        mapper.observe_scan(&mut map, Instant(now), &scan, &pose, look);
                     }
                     look
                 }
                 _ => {
                     let points_m = (0..72).map(|_| Horizontal { north: number(3.0), east: number(3.0) }).collect();
                     let points = scan::Points { points_m, ..scan::Points::default() };
-                    let look = fitter.fit_points(&points, &pose).ok();
+                    let look = segmenter.fit_points(&points, &pose).ok();
                     if let Some(look) = &look {
-                        keeper.observe_points(&mut map, Instant(now), look);
+                        mapper.observe_points(&mut map, Instant(now), look);
                     }
                     look
                 }
@@ -420,12 +420,12 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
 
 #[test]
 fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
-    let fitter = scan::Config::default().build().unwrap();
+    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(9, 0);
     let (mut told, mut looks) = (0, 0);
     for (_, world) in rooms() {
         for flight in 0..10 {
-            let (keeper, mut map) = (keeper(), Map::default());
+            let (mapper, mut map) = (mapper(), Map::default());
             for look in 0..40 {
                 // 1 m/s past them, the nose swinging.
                 let along = 0.1 * f64::from(look) - 1.5;
@@ -433,7 +433,7 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
                 let yaw = 0.6 * (0.15 * f64::from(look) + f64::from(flight)).sin();
                 let (scan, pose) = world.scan(place, yaw, 1.571, 0.003, &mut rng);
                 let now = Instant(look as u64 * 100_000);
-                keeper.observe_scan(&mut map, now, &scan, &pose, &fitter.fit(&scan, &pose).unwrap());
+                mapper.observe_scan(&mut map, now, &scan, &pose, &segmenter.fit(&scan, &pose).unwrap());
                 told += map.circles().filter(|c| c.velocity_ned_mps.norm_squared() > 0.0).count();
                 looks += map.circles().count();
             }
@@ -444,16 +444,16 @@ fn standing_pillars_do_not_seem_to_move_however_the_view_of_them_changes() {
 
 #[test]
 fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_ghosts() {
-    let fitter = scan::Config::default().build().unwrap();
+    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(10, 0);
     for (vn, ve) in [(0.0, 0.3), (-0.3, 0.0), (-0.3, 0.4), (0.2, -0.5)] {
-        let (keeper, mut map) = (keeper(), Map::default());
+        let (mapper, mut map) = (mapper(), Map::default());
         for look in 0..24 {
             let time = 0.1 * f64::from(look);
             let world = World { pillars: std::vec![[2.2 + vn * time, -0.3 + ve * time, 0.25]], ..World::default() };
             let (scan, pose) = world.scan((0.0, 0.0), 0.0, 1.571, 0.003, &mut rng);
             let now = Instant(look as u64 * 100_000);
-            keeper.observe_scan(&mut map, now, &scan, &pose, &fitter.fit(&scan, &pose).unwrap());
+            mapper.observe_scan(&mut map, now, &scan, &pose, &segmenter.fit(&scan, &pose).unwrap());
             if look >= 15 {
                 let nearest = map.circles().find(|c| c.velocity_ned_mps.norm_squared() > 0.0);
                 let nearest = nearest.unwrap_or_else(|| panic!("{vn} {ve} after {time} s: {map:?}"));
@@ -467,28 +467,34 @@ fn a_moving_pillar_gets_its_velocity_within_a_second_and_a_half_and_leaves_no_gh
 
 #[test]
 fn what_was_seen_once_is_remembered_when_the_view_has_turned_away() {
-    let fitter = scan::Config::default().build().unwrap();
+    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(11, 0);
     let world = World { pillars: std::vec![[2.0, 0.0, 0.3]], walls: std::vec![[1.0, 1.0, 2.0, 1.2]] };
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     for look in 0..600_u64 {
         let yaw = if look < 5 { 0.2 } else { 3.0 };
         let (scan, pose) = world.scan((0.0, 0.0), yaw, 1.571, 0.0, &mut rng);
-        keeper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &fitter.fit(&scan, &pose).unwrap());
+        mapper.observe_scan(&mut map, Instant(look * 100_000), &scan, &pose, &segmenter.fit(&scan, &pose).unwrap());
     }
     let (scan, pose) = world.scan((0.0, 0.0), 0.2, 1.571, 0.0, &mut rng);
-    assert!(uncovered_m(&map, &fitter.fit(&scan, &pose).unwrap()) < 0.02);
+    assert!(uncovered_m(&map, &segmenter.fit(&scan, &pose).unwrap()) < 0.02);
 }
 
 #[test]
 fn a_single_scan_of_a_wall_with_a_gap_of_83_centimetres_leaves_the_gap_open() {
-    let fitter = scan::Config::default().build().unwrap();
+    let segmenter = scan::Config::default().build().unwrap();
     let mut rng = Rng::new(12, 0);
     let world = World { walls: std::vec![[2.0, -3.0, 2.0, -0.415], [2.0, 0.415, 2.0, 3.0]], ..World::default() };
-    let (keeper, mut map) = (keeper(), Map::default());
+    let (mapper, mut map) = (mapper(), Map::default());
     for look in 0..10 {
         let (scan, pose) = world.scan((0.1 * f64::from(look), 0.0), 0.0, 1.571, 0.003, &mut rng);
-        keeper.observe_scan(&mut map, Instant(look as u64 * 100_000), &scan, &pose, &fitter.fit(&scan, &pose).unwrap());
+        mapper.observe_scan(
+            &mut map,
+            Instant(look as u64 * 100_000),
+            &scan,
+            &pose,
+            &segmenter.fit(&scan, &pose).unwrap(),
+        );
     }
     // The vehicle, 15 cm in radius, in the middle of the gap, and before and behind it.
     for north in [1.5, 1.8, 1.9, 2.0, 2.1, 2.2, 2.5] {

@@ -8,7 +8,7 @@
 use core::f32::consts::FRAC_1_SQRT_2;
 
 use super::index::{Index, Places};
-use super::{AVERAGED, CIRCLES_MAX, DOOMED, Keeper, Known, Map, Origin};
+use super::{AVERAGED, CIRCLES_MAX, DOOMED, Known, Map, Mapper, Origin};
 use crate::base::ned::Horizontal;
 
 /// From so many circles on.
@@ -53,7 +53,7 @@ const RIM: [(f32, f32); 24] = [
     (0.9659258, -0.258819),
 ];
 
-impl Keeper {
+impl Mapper {
     /// Forgets those of the next few circles that others cover, if the store is filling up.
     pub(super) fn thin_out(&self, map: &mut Map, index: &mut Index) {
         if map.known.len() < FULL {
@@ -131,7 +131,7 @@ mod tests {
     use crate::base::rng::Rng;
     use crate::base::time::Instant;
     use crate::mapping::map::{Config, Motion};
-    use crate::mapping::scan::{Kind, Look};
+    use crate::mapping::scan::{Kind, Segmentation};
     use std::vec::Vec;
 
     fn known(center_ned_m: Horizontal, radius_m: f32, origin: Origin) -> Known {
@@ -167,9 +167,13 @@ mod tests {
 
     /// As many looks that see nothing.
     fn look(map: &mut Map, looks: u64) {
-        let keeper = Config::default().build().unwrap();
+        let mapper = Config::default().build().unwrap();
         for at in 0..looks {
-            keeper.observe_points(map, Instant(100_000 * at), &Look { time: Instant(100_000 * at), ..Look::default() });
+            mapper.observe_points(
+                map,
+                Instant(100_000 * at),
+                &Segmentation { time: Instant(100_000 * at), ..Segmentation::default() },
+            );
         }
     }
 

@@ -223,13 +223,13 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self) -> Result<Fitter, ConfigError> {
+    pub fn build(&self) -> Result<Segmenter, ConfigError> {
         check("scan.gap_m", self.gap_m, 0.01, 1.0)?;
         check("scan.residual_max_m", self.residual_max_m, 0.005, 0.5)?;
         check("scan.radius_min_m", self.radius_min_m, 0.01, 1.0)?;
         check("scan.radius_max_m", self.radius_max_m, self.radius_min_m, 10.0)?;
         check("scan.radius_doubt_max", self.radius_doubt_max, 0.01, 1.0)?;
-        Ok(Fitter { config: *self })
+        Ok(Segmenter { config: *self })
     }
 }
 
@@ -280,7 +280,7 @@ pub enum Refusal {
 
 /// What one scan or delivery of points came to.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Look {
+pub struct Segmentation {
     /// When it was measured, as well as known.
     pub time: Instant,
     /// Where it was taken from, local NED.
@@ -297,7 +297,7 @@ pub struct Look {
     pub sides: Vec<i8, POINTS_MAX>,
 }
 
-impl Look {
+impl Segmentation {
     /// The points of one of its detections.
     #[must_use]
     pub fn points_of(&self, detection: &Detection) -> &[Horizontal] {
@@ -322,7 +322,7 @@ impl Look {
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fitter {
+pub struct Segmenter {
     config: Config,
 }
 
@@ -380,7 +380,7 @@ impl Turned {
     }
 }
 
-impl Fitter {
+impl Segmenter {
     /// The circle that fills the angle of a few hits, if both its sides are free and it covers them:
     /// `r / (nearest + r) = sin(half of the angle)`.
     fn thin(&self, piece: &Run<'_>) -> Verdict {

@@ -6,8 +6,8 @@ use heapless::Vec;
 use super::chain::{self, Edges};
 use super::circle::{self, root};
 use super::{
-    Detection, FIT_MIN, FITS_MAX, Fitter, Frame, JUMP_MAX_M, Kind, Look, POINTS_MAX, Points, Pose, RANGE_MAX_M,
-    Refusal, Run, SECTORS_MAX, Scan, Sector, Turned, Verdict, around, unit,
+    Detection, FIT_MIN, FITS_MAX, Frame, JUMP_MAX_M, Kind, POINTS_MAX, Points, Pose, RANGE_MAX_M, Refusal, Run,
+    SECTORS_MAX, Scan, Sector, Segmentation, Segmenter, Turned, Verdict, around, unit,
 };
 use crate::base::ned::Horizontal;
 use crate::base::sort::sort_by_key;
@@ -48,13 +48,13 @@ impl Marks {
     }
 }
 
-impl Fitter {
+impl Segmenter {
     /// The circles behind the hits of a scan taken at `pose`.
     ///
     /// # Errors
     /// Why nothing of it can be believed.
-    pub fn fit(&self, scan: &Scan, pose: &Pose) -> Result<Look, Refusal> {
-        let mut look = Look::default();
+    pub fn fit(&self, scan: &Scan, pose: &Pose) -> Result<Segmentation, Refusal> {
+        let mut look = Segmentation::default();
         self.fit_into(&mut look, scan, pose)?;
         Ok(look)
     }
@@ -63,8 +63,8 @@ impl Fitter {
     ///
     /// # Errors
     /// Why nothing of them can be believed.
-    pub fn fit_points(&self, points: &Points, pose: &Pose) -> Result<Look, Refusal> {
-        let mut look = Look::default();
+    pub fn fit_points(&self, points: &Points, pose: &Pose) -> Result<Segmentation, Refusal> {
+        let mut look = Segmentation::default();
         self.fit_points_into(&mut look, points, pose)?;
         Ok(look)
     }
@@ -74,7 +74,7 @@ impl Fitter {
     /// # Errors
     /// Why nothing of it can be believed.
     #[inline(never)]
-    pub fn fit_into(&self, look: &mut Look, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
+    pub fn fit_into(&self, look: &mut Segmentation, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
         if !scan.is_plausible() {
             return Err(Refusal::Geometry);
         }
@@ -95,7 +95,7 @@ impl Fitter {
     /// # Errors
     /// Why nothing of them can be believed.
     #[inline(never)]
-    pub fn fit_points_into(&self, look: &mut Look, points: &Points, pose: &Pose) -> Result<(), Refusal> {
+    pub fn fit_points_into(&self, look: &mut Segmentation, points: &Points, pose: &Pose) -> Result<(), Refusal> {
         if !pose.is_plausible() {
             return Err(Refusal::NoOwnship);
         }
@@ -110,7 +110,7 @@ impl Fitter {
 
     /// Hits of a scan, with what lies beside them.
     #[inline(never)]
-    fn trace(&self, scan: &Scan, pose: &Pose, look: &mut Look, marks: &mut Marks) {
+    fn trace(&self, scan: &Scan, pose: &Pose, look: &mut Segmentation, marks: &mut Marks) {
         let step_rad = libm::fabsf(scan.step_rad);
         let continues = |before: f32, range_m: f32| {
             let nearer = if range_m < before { range_m } else { before };
@@ -179,7 +179,7 @@ impl Fitter {
 
     /// Puts single hits in the order of azimuth, beginning where two neighbours are far apart.
     #[inline(never)]
-    fn put_in_order(&self, look: &mut Look, marks: &mut Marks) {
+    fn put_in_order(&self, look: &mut Segmentation, marks: &mut Marks) {
         let points_m = &mut look.points_m;
         let mut keyed: Vec<(f32, Horizontal), POINTS_MAX> = Vec::new();
         for point in points_m.iter() {
@@ -213,7 +213,7 @@ impl Fitter {
 
     /// Runs of hits to circles, local NED: pillars first, then the chains of what is none.
     #[inline(never)]
-    fn segment(&self, look: &mut Look, marks: &mut Marks, step_rad: f32, outermost_ray: f32) {
+    fn segment(&self, look: &mut Segmentation, marks: &mut Marks, step_rad: f32, outermost_ray: f32) {
         let mut chains: Vec<(u8, u8), POINTS_MAX> = Vec::new();
         let mut fits_left = FITS_MAX;
         let mut first = 0;
@@ -280,7 +280,7 @@ impl Fitter {
     }
 
     /// The links of a chain, as far as the next piece, so that nothing is left open between them.
-    fn chain(&self, look: &mut Look, marks: &Marks, (from, to): (usize, usize), doubt_rad: f32) {
+    fn chain(&self, look: &mut Segmentation, marks: &Marks, (from, to): (usize, usize), doubt_rad: f32) {
         let is_cut = marks.has(to - 1, GOES_ON);
         let is_begun = from > 0 && marks.has(from - 1, GOES_ON);
         let edges =
@@ -355,7 +355,7 @@ fn turned_a_little(direction: Horizontal, angle_rad: f32) -> Horizontal {
 }
 
 /// Single hits from where they were seen; those that are not finite or absurd are counted.
-fn gather(points: &Points, pose: &Pose, look: &mut Look) {
+fn gather(points: &Points, pose: &Pose, look: &mut Segmentation) {
     let (sine, cosine) = sin_cos(pose.yaw_rad);
     for point in &points.points_m {
         let point = match points.frame {

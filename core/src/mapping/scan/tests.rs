@@ -64,7 +64,7 @@ fn a_pillar_is_found_where_it_stands_and_as_thick_as_it_is() {
 
 #[test]
 fn wide_sectors_make_a_pillar_no_wider() {
-    let fitter = Config::default().build().unwrap();
+    let segmenter = Config::default().build().unwrap();
     let mut pillars = 0;
     for (fov_deg, rays) in [(120.0, 2), (270.0, 3), (360.0, 4)] {
         for (distance, radius) in [(1.0, 0.15), (1.5, 0.1), (1.5, 0.3), (2.5, 0.3), (3.5, 0.2)] {
@@ -73,7 +73,7 @@ fn wide_sectors_make_a_pillar_no_wider() {
                 let azimuth = (f64::from(turn) * 0.53 - 10.0).to_radians();
                 let pillar = (distance * azimuth.cos(), distance * azimuth.sin(), radius);
                 let scan = cast_wide(&[pillar], fov_deg, 4.0, rays);
-                let found = fitter.fit(&scan, &Pose::default()).unwrap().detections;
+                let found = segmenter.fit(&scan, &Pose::default()).unwrap().detections;
                 wider.extend(found.iter().filter(|d| d.kind == Kind::Pillar).map(|d| f64::from(d.radius_m) - radius));
             }
             let case = format!("{fov_deg} deg, {distance} m, radius {radius} m");
@@ -123,15 +123,15 @@ fn the_pose_turns_and_shifts_what_is_seen() {
 
 #[test]
 fn garbage_in_sectors_is_refused() {
-    let fitter = Config::default().build().unwrap();
+    let segmenter = Config::default().build().unwrap();
     for value in [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e30] {
         let mut scan = cast(&[(2.0, 0.0, 0.3)]);
-        let good = fitter.fit(&scan, &Pose::default()).unwrap();
+        let good = segmenter.fit(&scan, &Pose::default()).unwrap();
         scan.sectors[0] = Sector::Hit(value);
-        let one = fitter.fit(&scan, &Pose::default()).unwrap();
+        let one = segmenter.fit(&scan, &Pose::default()).unwrap();
         assert_eq!((one.refused, one.points_m.len()), (1, good.points_m.len()), "{value}");
         scan.sectors = [Sector::Hit(value); SECTORS_MAX];
-        assert_eq!(fitter.fit(&scan, &Pose::default()), Err(Refusal::Absurd), "{value}");
+        assert_eq!(segmenter.fit(&scan, &Pose::default()), Err(Refusal::Absurd), "{value}");
     }
 }
 
@@ -146,7 +146,7 @@ fn a_hit_that_touches_the_sensor_yields_finite_circles() {
 
 #[test]
 fn what_is_no_sensor_or_looks_from_nowhere_is_refused() {
-    let fitter = Config::default().build().unwrap();
+    let segmenter = Config::default().build().unwrap();
     let good = Scan { sectors: [Sector::Hit(1.0); SECTORS_MAX], ..cast(&[]) };
     for bad in [
         Scan { step_rad: 0.0, ..good.clone() },
@@ -155,13 +155,13 @@ fn what_is_no_sensor_or_looks_from_nowhere_is_refused() {
         Scan { range_max_m: -1.0, ..good.clone() },
         Scan { range_max_m: f32::NAN, ..good.clone() },
     ] {
-        assert_eq!(fitter.fit(&bad, &Pose::default()), Err(Refusal::Geometry), "{bad:?}");
+        assert_eq!(segmenter.fit(&bad, &Pose::default()), Err(Refusal::Geometry), "{bad:?}");
     }
     let points = Points { points_m: [Horizontal::default()].into_iter().collect(), ..Points::default() };
-    assert_eq!(fitter.fit_points(&points, &Pose::default()), Err(Refusal::Absurd));
+    assert_eq!(segmenter.fit_points(&points, &Pose::default()), Err(Refusal::Absurd));
     let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
     for pose in [Pose { position_ned_m: nowhere, ..Pose::default() }, Pose { yaw_rad: f32::NAN, ..Pose::default() }] {
-        assert_eq!(fitter.fit(&good, &pose), Err(Refusal::NoOwnship));
-        assert_eq!(fitter.fit_points(&points, &pose), Err(Refusal::NoOwnship));
+        assert_eq!(segmenter.fit(&good, &pose), Err(Refusal::NoOwnship));
+        assert_eq!(segmenter.fit_points(&points, &pose), Err(Refusal::NoOwnship));
     }
 }

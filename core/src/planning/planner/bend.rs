@@ -1,13 +1,13 @@
 //! Bends the way where nothing else does and the range is not known: a bearing tells the range only to who moves across it.
 //!
-//! The belief-space planner ([`crate::planning::belief`]) is asked for a way of up to six metres towards where the source is
+//! The belief-space planner ([`crate::planning::ilqr`]) is asked for a way of up to six metres towards where the source is
 //! believed to be, a tenth longer than the straight one, on which the covariance of the source's place shrinks most. What it
 //! finds is a candidate like any other: the first two metres are flown if they keep their margin.
 
 use super::{Learn, PlanRequest};
 use crate::base::error::ConfigError;
 use crate::base::obstacle::Obstacle;
-use crate::planning::belief::{self, Guess, Outcome, Problem};
+use crate::planning::ilqr::{self, Guess, Outcome, Problem};
 use crate::planning::rollout::{SPACING_M, Trajectory, WAYPOINTS};
 
 /// Steps of a bent way.
@@ -25,15 +25,15 @@ const SWING: f32 = 0.15;
 const VARIANCE_MAX_M2: f32 = 25.0;
 
 /// The belief-space planner for this use; `stride_m` is its longest step.
-fn planner(stride_m: f32, bearing_sigma_rad: f32) -> Result<belief::Planner, ConfigError> {
-    belief::Config {
+fn planner(stride_m: f32, bearing_sigma_rad: f32) -> Result<ilqr::Planner, ConfigError> {
+    ilqr::Config {
         q_terminal: 200.0,
         r_control: 1.0,
         t_covariance: [0.5, 0.0],
         u_max_m: stride_m,
         bearing_sigma_rad,
         iterations_max: 10,
-        ..belief::Config::default()
+        ..ilqr::Config::default()
     }
     .build()
 }
@@ -53,9 +53,9 @@ pub(super) fn bend(request: &PlanRequest, learn: &Learn, obstacles: &[Obstacle])
     let trace = learn.covariance_m2[0] + learn.covariance_m2[2];
     let scale = if trace > VARIANCE_MAX_M2 { VARIANCE_MAX_M2 / trace } else { 1.0 };
     let side = if request.seed & 1 == 0 { 1.0 } else { -1.0 };
-    let mut scratch = belief::Scratch::<3, STEPS>::new();
+    let mut workspace = ilqr::Workspace::<3, STEPS>::new();
     let solution = planner.solve(
-        &mut scratch,
+        &mut workspace,
         &Problem {
             start_ned_m: start,
             source_ned_m: learn.source_ned_m,

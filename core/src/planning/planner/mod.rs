@@ -10,7 +10,7 @@
 //! - [`Kind::Standard`], the paper's baseline: the initial trajectory alone;
 //! - [`Kind::Foxhound`], the default: the same samples and waypoints, but a posterior of where the source is, a way there
 //!   through what is remembered, soft repulsion, a sampled swirl, and only trajectories whose swept path keeps its margin
-//!   may be chosen (`planner/foxhound.rs`). Nothing safe: a brake plan, which says so. (The paper holds that sampled
+//!   may be chosen (`planner/mppi.rs`). Nothing safe: a brake plan, which says so. (The paper holds that sampled
 //!   trajectories cannot cross obstacles; with finite steps they do.)
 //!
 //! The paper says that a larger lambda makes the weights stricter; eq. 46 says the opposite, and eq. 46 is what is built.
@@ -34,7 +34,7 @@ use crate::planning::wavefront::{self, Wavefront};
 
 pub mod baseline;
 mod bend;
-mod foxhound;
+mod mppi;
 pub mod sampling;
 
 use baseline::{Law, Offsets, Reading};
@@ -310,7 +310,7 @@ impl Plan {
 
 /// The planner's memory: what it has learned of the source, and room to work in. After a replan it shows what was drawn.
 #[derive(Clone, Debug)]
-pub struct Scratch {
+pub struct Workspace {
     /// The trajectory with the mean gains.
     pub initial: Trajectory,
     /// The sampled trajectories.
@@ -325,17 +325,17 @@ pub struct Scratch {
     obstacles: Vec<Obstacle, CIRCLES_MAX>,
     /// The obstacles as rollouts look at them.
     pub scene: Scene,
-    memory: foxhound::Memory,
+    memory: mppi::Memory,
     explore: explore::State,
 }
 
-impl Default for Scratch {
+impl Default for Workspace {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Scratch {
+impl Workspace {
     /// An empty memory; all its bits are zero, so that it takes no room in flash.
     #[must_use]
     pub const fn new() -> Self {
@@ -349,7 +349,7 @@ impl Scratch {
             feasible: [false; SAMPLES],
             obstacles: Vec::new(),
             scene: Scene::new(),
-            memory: foxhound::Memory::new(),
+            memory: mppi::Memory::new(),
             explore: explore::State::new(),
         }
     }
@@ -387,8 +387,8 @@ impl Planner {
     }
 
     /// Answers one request; `known` are the known obstacles.
-    pub fn plan(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
-        let mut plan = self.seek(scratch, request, known);
+    pub fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
+        let mut plan = self.seek(workspace, request, known);
         if request.wants_lines {
             plan.lines = self.lines(request.position_ned_m, known);
         }
@@ -396,26 +396,20 @@ impl Planner {
     }
 
     /// To the source; to where nobody has looked, when it is not heard.
-    fn seek(&self, scratch: &mut Scratch, request: &PlanRequest, known: &[Disc]) -> Plan {
+    fn seek(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {
         if request.begins {
-            scratch.explore.end();
+            workspace.explore.end();
         }
         let (Some(search), Some(explorer)) = (&request.search, &self.explorer) else {
-            scratch.explore.end();
-            return foxhound::plan(
-                &self.config,
-                &self.wavefront,
-                scratch,
-                (request, known),
-                request.known_source_ned_m,
-            );
+            workspace.explore.end();
+            return mppi::plan(&self.config, &self.wavefront, workspace, (request, known), request.known_source_ned_m);
         };
         let (range_m, fov_rad) = (self.config.sees_m, self.config.sees_rad);
-        match explorer.step(&mut scratch.explore, search.now, &search.pose, range_m, fov_rad, known.iter()) {
+        match explorer.step(&mut workspace.explore, search.now, &search.pose, range_m, fov_rad, known.iter()) {
             Explored::Target(place_ned_m) => {
-                let plan = foxhound::plan(&self.config, &self.wavefront, scratch, (request, known), Some(place_ned_m));
+                let plan = mppi::plan(&self.config, &self.wavefront, workspace, (request, known), Some(place_ned_m));
                 if plan.verdict == Verdict::Brake {
-                    scratch.explore.blocked();
+                    workspace.explore.blocked();
                 }
                 Plan { search: Some(Searched::On), ..plan }
             }
@@ -429,9 +423,9 @@ impl Planner {
     #[must_use]
     #[inline(never)]
     pub fn lines(&self, seen_from_ned_m: Horizontal, known: &[Disc]) -> Vec<Line, LINES_MAX> {
-        let mut scratch = lor::Scratch::new();
+        let mut workspace = lor::Workspace::new();
         let points = lor::points_of(known, seen_from_ned_m);
-        self.lines.find(&mut scratch, &points)
+        self.lines.find(&mut workspace, &points)
     }
 }
 
@@ -458,10 +452,10 @@ mod tests {
         PlanRequest { id: 1, seed: 9, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, ..PlanRequest::default() }
     }
 
-    fn plan(request: &PlanRequest, known: &[Disc]) -> (Plan, Scratch) {
-        let mut scratch = Scratch::default();
-        let plan = Config::default().build().unwrap().plan(&mut scratch, request, known);
-        (plan, scratch)
+    fn plan(request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
+        let mut workspace = Workspace::default();
+        let plan = Config::default().build().unwrap().plan(&mut workspace, request, known);
+        (plan, workspace)
     }
 
     fn obstacles(known: &[Disc]) -> std::vec::Vec<Obstacle> {
@@ -478,13 +472,13 @@ mod tests {
     #[test]
     fn ours_never_returns_a_path_that_loses_its_margin() {
         let planner = Config::default().build().unwrap();
-        let mut scratch = Scratch::default();
+        let mut workspace = Workspace::default();
         let (mut followed, mut braked) = (0, 0);
         for seed in 0..400_u64 {
             let mut rng = Rng::new(seed, 77);
             let mut place = || (0.3 + 2.0 * rng.uniform(), -1.0 + 2.0 * rng.uniform(), 0.1 + 0.25 * rng.uniform());
             let known = discs(&[place(), place(), place(), place()]);
-            let plan = planner.plan(&mut scratch, &PlanRequest { seed, begins: true, ..request() }, &known);
+            let plan = planner.plan(&mut workspace, &PlanRequest { seed, begins: true, ..request() }, &known);
             let obstacles = obstacles(&known);
             let at_start = obstacles.iter().map(|o| o.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
             match plan.verdict {
@@ -537,10 +531,10 @@ mod tests {
     #[test]
     fn a_wall_wider_than_the_window_is_gone_round() {
         let planner = Config::default().build().unwrap();
-        let (mut scratch, (mut request, known)) = (Scratch::default(), wide_wall());
+        let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
         let source = request.known_source_ned_m.unwrap();
         for _ in 0..80 {
-            let plan = planner.plan(&mut scratch, &request, &known);
+            let plan = planner.plan(&mut workspace, &request, &known);
             request.begins = false;
             request.id += 1;
             request.start_ned_m = plan.waypoints_ned_m[5];
@@ -554,12 +548,12 @@ mod tests {
     #[test]
     fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_again() {
         let planner = Config::default().build().unwrap();
-        let (mut scratch, (mut request, known)) = (Scratch::default(), wide_wall());
+        let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
         request.start_ned_m.north = 1.0;
         let mut verdict = |begins| {
             request.begins = begins;
             request.id += 1;
-            planner.plan(&mut scratch, &request, &known).verdict
+            planner.plan(&mut workspace, &request, &known).verdict
         };
         assert_eq!(verdict(true), Verdict::Follow);
         let follows = (0..200).take_while(|_| verdict(false) == Verdict::Follow).count();

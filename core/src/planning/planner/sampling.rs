@@ -1,6 +1,6 @@
 //! The parts of the main paper's Algorithm 2 that fly: gains are drawn, trajectories weighed by their costs, and one is chosen.
 
-use super::{Config, Scratch};
+use super::{Config, Workspace};
 use crate::base::ned::Horizontal;
 use crate::base::rng::Rng;
 use crate::planning::field::Gains;
@@ -32,28 +32,28 @@ pub fn draw(c: &Config, rng: &mut Rng) -> Gains {
 
 /// Eq. 46 and 47: the initial trajectory plus the weighted mean of the offsets of those that may be chosen; `None` if
 /// there are none.
-pub(super) fn weighted(scratch: &Scratch, lambda: f32) -> Option<Trajectory> {
-    average(scratch, lambda, |offset| offset)
+pub(super) fn weighted(workspace: &Workspace, lambda: f32) -> Option<Trajectory> {
+    average(workspace, lambda, |offset| offset)
 }
 
 /// The same with another reading of the offset of a point, which it gets.
 #[must_use]
 #[inline(always)]
-pub fn average(scratch: &Scratch, lambda: f32, read: impl Fn(Horizontal) -> Horizontal) -> Option<Trajectory> {
-    let samples = || scratch.samples.iter().zip(&scratch.costs).zip(&scratch.feasible);
+pub fn average(workspace: &Workspace, lambda: f32, read: impl Fn(Horizontal) -> Horizontal) -> Option<Trajectory> {
+    let samples = || workspace.samples.iter().zip(&workspace.costs).zip(&workspace.feasible);
     let chosen = || samples().filter(|(_, feasible)| **feasible).map(|(sample, _)| sample);
     // Weights relative to the best, so that they cannot all vanish.
     let best = chosen().map(|(_, cost)| *cost).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
     if !best.is_finite() {
         return None;
     }
-    let mut optimal = scratch.initial;
+    let mut optimal = workspace.initial;
     let mut total = 0.0;
     let mut offsets = [Horizontal::default(); WAYPOINTS];
     for (sample, cost) in chosen() {
         let weight = libm::expf((best - cost) / lambda);
         total += weight;
-        for ((sum, sample), initial) in offsets.iter_mut().zip(sample).zip(&scratch.initial) {
+        for ((sum, sample), initial) in offsets.iter_mut().zip(sample).zip(&workspace.initial) {
             *sum = sum.plus(read(sample.minus(*initial)).times(weight));
         }
     }
@@ -64,9 +64,9 @@ pub fn average(scratch: &Scratch, lambda: f32, read: impl Fn(Horizontal) -> Hori
 }
 
 /// Line 16 of Algorithm 2: the sample nearest to the average, by the sum of the distances of its points.
-pub fn nearest(scratch: &Scratch, optimal: &Trajectory) -> usize {
+pub fn nearest(workspace: &Workspace, optimal: &Trajectory) -> usize {
     let (mut chosen, mut least) = (0, f32::INFINITY);
-    for (j, (sample, feasible)) in scratch.samples.iter().zip(&scratch.feasible).enumerate() {
+    for (j, (sample, feasible)) in workspace.samples.iter().zip(&workspace.feasible).enumerate() {
         if !feasible {
             continue;
         }

@@ -29,12 +29,12 @@ impl<const N: usize> Extractor<N> {
         levels: &[Level; CHANNELS],
     ) -> Option<Fit> {
         state.floor_due_in = 0;
-        let mut scratch = [0.0; N];
-        state.spectrum.measure(self.config.backend, codes, &mut scratch);
+        let mut workspace = [0.0; N];
+        state.spectrum.measure(self.config.backend, codes, &mut workspace);
         for channel in 0..CHANNELS {
-            self.measure_floor(state, channel, &mut scratch);
+            self.measure_floor(state, channel, &mut workspace);
         }
-        let candidate = self.choose(state, &mut scratch);
+        let candidate = self.choose(state, &mut workspace);
         let before = state.tracked;
         let found = if state.interferer {
             self.settle_beside(state, codes, &candidate)
@@ -60,8 +60,8 @@ impl<const N: usize> Extractor<N> {
     }
 
     /// The floor of one channel, in the spectrum, the tone not yet accounted for.
-    pub(super) fn measure_floor(&self, state: &mut State<N>, channel: usize, scratch: &mut [f32; N]) {
-        let floor = median(&state.spectrum, channel, scratch) / MEDIAN_OF_MEAN;
+    pub(super) fn measure_floor(&self, state: &mut State<N>, channel: usize, workspace: &mut [f32; N]) {
+        let floor = median(&state.spectrum, channel, workspace) / MEDIAN_OF_MEAN;
         if let Some(slot) = state.floors.get_mut(channel) {
             *slot = floor.max(QUANTISATION * hann_gain::<N>());
         }
@@ -69,15 +69,15 @@ impl<const N: usize> Extractor<N> {
 
     /// Chooses the line that is to be the tone and takes over the floors beside it; says whether there are other lines.
     #[inline(never)]
-    pub(super) fn choose(&self, state: &mut State<N>, scratch: &mut [f32; N]) -> Candidate {
-        self.statistics(&state.spectrum, &state.floors, scratch);
-        let strongest = self.peak(scratch, self.band);
-        let held = state.tracked.and_then(|tracked| self.held(scratch, tracked, &strongest));
+    pub(super) fn choose(&self, state: &mut State<N>, workspace: &mut [f32; N]) -> Candidate {
+        self.statistics(&state.spectrum, &state.floors, workspace);
+        let strongest = self.peak(workspace, self.band);
+        let held = state.tracked.and_then(|tracked| self.held(workspace, tracked, &strongest));
         let peak = held.unwrap_or(strongest);
         self.take_over_floors(state, &peak);
-        state.interferer = other_line(scratch, &peak);
+        state.interferer = other_line(workspace, &peak);
         if state.interferer {
-            state.leakage = leakage(&state.spectrum, scratch, &peak);
+            state.leakage = leakage(&state.spectrum, workspace, &peak);
         }
         let at = (peak.bins * Self::STEPS_PER_BIN) as u32;
         Candidate {

@@ -14,12 +14,12 @@ pub(super) const fn hann_gain<const N: usize>() -> f32 {
 }
 
 /// The median power of a channel, from bin 2 to N/2 - 2.
-pub(super) fn median<const N: usize>(spectrum: &Spectrum<N>, channel: usize, scratch: &mut [f32; N]) -> f32 {
+pub(super) fn median<const N: usize>(spectrum: &Spectrum<N>, channel: usize, workspace: &mut [f32; N]) -> f32 {
     let count = N / 2 - 3;
-    for (value, power) in scratch.iter_mut().zip(spectrum.powers(channel).skip(1)) {
+    for (value, power) in workspace.iter_mut().zip(spectrum.powers(channel).skip(1)) {
         *value = power as f32;
     }
-    let median = scratch.get_mut(..count).and_then(|powers| nth(powers, count / 2)).unwrap_or_default();
+    let median = workspace.get_mut(..count).and_then(|powers| nth(powers, count / 2)).unwrap_or_default();
     median * power_of_two(spectrum.exponent(channel))
 }
 

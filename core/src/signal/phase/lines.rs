@@ -40,11 +40,11 @@ impl<const N: usize> Extractor<N> {
     }
 
     /// Overwrites the working memory by the mean over the channels of power over floor, bin by bin.
-    pub(super) fn statistics(&self, spectrum: &Spectrum<N>, floors: &[f32; CHANNELS], scratch: &mut [f32; N]) {
-        scratch.fill(0.0);
+    pub(super) fn statistics(&self, spectrum: &Spectrum<N>, floors: &[f32; CHANNELS], workspace: &mut [f32; N]) {
+        workspace.fill(0.0);
         for (channel, floor) in floors.iter().enumerate() {
             let weight = power_of_two(spectrum.exponent(channel)) / (CHANNELS as f32 * floor);
-            for (sum, power) in scratch.iter_mut().skip(1).zip(spectrum.powers(channel)) {
+            for (sum, power) in workspace.iter_mut().skip(1).zip(spectrum.powers(channel)) {
                 *sum += power as f32 * weight;
             }
         }

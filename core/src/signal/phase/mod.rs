@@ -31,7 +31,7 @@
 //! | snapshot, floor renewed | 58 000 (240 000) | 93 000 (400 000) |
 //! | snapshot, first | 67 000 (274 000) | 104 000 (444 000) |
 
-use crate::base::adc::{CHANNELS, Snapshot};
+use crate::base::adc::{AdcFrame, CHANNELS};
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::time::Instant;
 use crate::base::units::sin_cos;
@@ -245,7 +245,7 @@ impl<const N: usize> Extractor<N> {
     const CONFIRM: f32 = CONFIRM_THRESHOLD * (1.0 + 25.0 / N as f32);
 
     /// Extracts the phasors of one snapshot.
-    pub fn step(&self, state: &mut State<N>, snapshot: &Snapshot<N>) -> Phasors {
+    pub fn step(&self, state: &mut State<N>, snapshot: &AdcFrame<N>) -> Phasors {
         let codes = &snapshot.codes;
         let levels = codes.each_ref().map(level);
         let mut found = None;
@@ -267,7 +267,7 @@ impl<const N: usize> Extractor<N> {
     fn report(
         &self,
         state: &State<N>,
-        snapshot: &Snapshot<N>,
+        snapshot: &AdcFrame<N>,
         levels: &[Level; CHANNELS],
         found: Option<Fit>,
     ) -> Phasors {

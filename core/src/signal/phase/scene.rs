@@ -1,7 +1,7 @@
 //! Scenes for the tests of this room: one tone, what stands beside it, and its truth in `f64`.
 
 use super::{Complex, Config, Extractor, Phasors};
-use crate::base::adc::{CHANNELS, Snapshot};
+use crate::base::adc::{AdcFrame, CHANNELS};
 use crate::base::rng::Rng;
 use std::f64::consts::TAU;
 use std::vec::Vec;
@@ -49,8 +49,8 @@ impl Scene {
         self
     }
 
-    pub(super) fn frame<const N: usize>(&self, rng: &mut Rng) -> Snapshot<N> {
-        let mut snapshot = Snapshot::zeroed();
+    pub(super) fn frame<const N: usize>(&self, rng: &mut Rng) -> AdcFrame<N> {
+        let mut snapshot = AdcFrame::zeroed();
         for (channel, row) in snapshot.codes.iter_mut().enumerate() {
             for (n, code) in row.iter_mut().enumerate() {
                 let t = (n as f64 - (N as f64 - 1.0) / 2.0) * TAU / N as f64;

@@ -348,7 +348,7 @@ fn whatever_comes_in_finite_numbers_come_out() {
         let extractor = Config { backend, ..open_config() }.build::<N>().unwrap();
         let mut rng = Rng::new(17, N as u64);
         let mut state = State::default();
-        let silent = extractor.step(&mut state, &Snapshot::zeroed());
+        let silent = extractor.step(&mut state, &AdcFrame::zeroed());
         assert_eq!(silent.tone, Tone::Absent);
         assert_finite(&silent);
         for k in 0..120_usize {

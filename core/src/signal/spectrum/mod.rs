@@ -68,15 +68,21 @@ impl<const N: usize> Spectrum<N> {
     const LENGTH_IS_SUPPORTED: () =
         assert!(N.is_power_of_two() && N >= 64 && N <= 1024, "N is 64, 128, 256, 512 or 1024");
 
-    /// Measures all channels. The mean of each channel is taken off first. `scratch` is the twin's.
-    pub fn measure(&mut self, backend: Backend, codes: &[[i16; N]; CHANNELS], scratch: &mut [f32; N]) {
-        self.measure_pair(backend, Pair::First, codes, scratch);
-        self.measure_pair(backend, Pair::Second, codes, scratch);
+    /// Measures all channels. The mean of each channel is taken off first. `workspace` is the twin's.
+    pub fn measure(&mut self, backend: Backend, codes: &[[i16; N]; CHANNELS], workspace: &mut [f32; N]) {
+        self.measure_pair(backend, Pair::First, codes, workspace);
+        self.measure_pair(backend, Pair::Second, codes, workspace);
     }
 
     /// Measures two channels; the others stay as they were.
     #[inline(never)]
-    pub fn measure_pair(&mut self, backend: Backend, pair: Pair, codes: &[[i16; N]; CHANNELS], scratch: &mut [f32; N]) {
+    pub fn measure_pair(
+        &mut self,
+        backend: Backend,
+        pair: Pair,
+        codes: &[[i16; N]; CHANNELS],
+        workspace: &mut [f32; N],
+    ) {
         const { Self::LENGTH_IS_SUPPORTED };
         let [first, second] = &mut self.pairs;
         let (first_two, last_two) = self.exponents.split_at_mut(2);
@@ -88,8 +94,8 @@ impl<const N: usize> Spectrum<N> {
             Backend::Fixed => exponents.fill(fft::pair_powers(a, b, powers)),
             Backend::Microfft => {
                 let (low, high) = powers.split_at_mut(N / 2);
-                exponents[0] = twin::powers(a, scratch, low.iter_mut().skip(1));
-                exponents[1] = twin::powers(b, scratch, high.iter_mut().rev());
+                exponents[0] = twin::powers(a, workspace, low.iter_mut().skip(1));
+                exponents[1] = twin::powers(b, workspace, high.iter_mut().rev());
             }
         }
     }
@@ -177,10 +183,10 @@ mod tests {
 
     fn assert_agrees_with_f64<const N: usize>() {
         let mut spectrum = Spectrum::<N>::default();
-        let mut scratch = [0.0; N];
+        let mut workspace = [0.0; N];
         for (index, codes) in signals::<N>().iter().enumerate() {
             for backend in [Backend::Fixed, Backend::Microfft] {
-                spectrum.measure(backend, codes, &mut scratch);
+                spectrum.measure(backend, codes, &mut workspace);
                 for (channel, row) in codes.iter().enumerate() {
                     // Of the amplitude: units of the last place of the block, or single precision and the truncation of
                     // powers whose largest has 30 bits.

@@ -6,15 +6,15 @@ use microfft::real::{rfft_64, rfft_128, rfft_256, rfft_512, rfft_1024};
 /// Writes the powers of the windowed transform of one channel to `out`, bins `1..N/2`. Returns their exponent.
 pub(super) fn powers<'a, const N: usize>(
     row: &[i16; N],
-    scratch: &mut [f32; N],
+    workspace: &mut [f32; N],
     out: impl Iterator<Item = &'a mut u32>,
 ) -> i32 {
     let sum = row.iter().fold(0_i32, |sum, code| sum.wrapping_add(i32::from(*code)));
     let mean = sum as f32 / N as f32;
-    for (value, code) in scratch.iter_mut().zip(row) {
+    for (value, code) in workspace.iter_mut().zip(row) {
         *value = f32::from(*code) - mean;
     }
-    let bins = transform(scratch);
+    let bins = transform(workspace);
     // The last bin before Nyquist misses one neighbour, which microfft keeps in the first bin's imaginary part.
     let mut before = Complex32::new(0.0, 0.0);
     let nyquist = bins.first().map_or(0.0, |bin| bin.im);

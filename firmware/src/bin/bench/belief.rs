@@ -7,7 +7,7 @@ use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::mapping::lor::Line;
-use foxhound_core::planning::belief::{Bound, Config, Guess, Outcome, Problem, Scratch};
+use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Workspace};
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 
@@ -46,12 +46,12 @@ pub(super) fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 
 #[inline(never)]
 fn five(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> Worst {
-    let mut scratch = Scratch::<3, STEPS>::new();
+    let mut workspace = Workspace::<3, STEPS>::new();
     worst([0.04, 0.01, 0.09], &mut |iterations_max, problem| {
         let Ok(planner) = config(iterations_max).build() else { return (0, Outcome::Refused, 0) };
         let (mut outcome, mut iterations) = (Outcome::Refused, 0);
         let instructions = measure(&mut || {
-            let solution = planner.solve(&mut scratch, black_box(problem));
+            let solution = planner.solve(&mut workspace, black_box(problem));
             (outcome, iterations) = (solution.outcome, solution.iterations);
         });
         (instructions, outcome, iterations)
@@ -60,13 +60,13 @@ fn five(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> Worst {
 
 #[inline(never)]
 fn fourteen(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> Worst {
-    let mut scratch = Scratch::<10, STEPS>::new();
+    let mut workspace = Workspace::<10, STEPS>::new();
     let covariance = [0.01, 0.0, 0.01, 0.0, 0.0, 0.5, 0.0, 0.0, 0.1, 0.4];
     worst(covariance, &mut |iterations_max, problem| {
         let Ok(planner) = config(iterations_max).build() else { return (0, Outcome::Refused, 0) };
         let (mut outcome, mut iterations) = (Outcome::Refused, 0);
         let instructions = measure(&mut || {
-            let solution = planner.solve_reflected(&mut scratch, black_box(problem));
+            let solution = planner.solve_reflected(&mut workspace, black_box(problem));
             (outcome, iterations) = (solution.outcome, solution.iterations);
         });
         (instructions, outcome, iterations)
@@ -76,7 +76,7 @@ fn fourteen(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> Worst {
 /// Of the whole solve, and not more than ten iterations.
 #[inline(never)]
 fn solve(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> u32 {
-    let mut scratch = Scratch::<3, 20>::new();
+    let mut workspace = Workspace::<3, 20>::new();
     let Ok(planner) = config(10).build() else { return 0 };
     let mut worst = 0;
     for seed in 0..PROBLEMS {
@@ -84,7 +84,7 @@ fn solve(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> u32 {
         let obstacles = forest(&mut rng);
         let problem = Problem { steps: 20, ..problem([0.04, 0.01, 0.09], &obstacles, seed, &mut rng) };
         worst = worst.max(measure(&mut || {
-            black_box(planner.solve(&mut scratch, black_box(&problem)).outcome);
+            black_box(planner.solve(&mut workspace, black_box(&problem)).outcome);
         }));
     }
     worst

@@ -3,7 +3,7 @@
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::hint::black_box;
 
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::ned::{Horizontal, Ned};
 use foxhound_core::base::obstacle::{Circle, Disc};
 use foxhound_core::base::ownship::Ownship;
@@ -15,7 +15,7 @@ use foxhound_core::guidance::mission::Control;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Output};
 use foxhound_core::mapping::map::{CIRCLES_MAX, DELIVERY_MAX};
 use foxhound_core::mapping::scan::{Frame, POINTS_MAX, Points, Scan};
-use foxhound_core::planning::planner::{Plan, Planner, Scratch};
+use foxhound_core::planning::planner::{Plan, Planner, Workspace};
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use heapless::Vec;
@@ -48,8 +48,8 @@ const FILLING: usize = 2;
 struct Loop<'a> {
     guidance: &'a Guidance<N>,
     planner: &'a Planner,
-    scratch: &'a mut Scratch,
-    snapshot: &'a mut Snapshot<N>,
+    workspace: &'a mut Workspace,
+    snapshot: &'a mut AdcFrame<N>,
     state: &'a mut guidance::State<N>,
     plan: Option<Plan>,
 }
@@ -80,7 +80,7 @@ impl Loop<'_> {
         receive(self.snapshot, now.0 - STEP_US / 4, azimuth_rad);
         let input = Input {
             now,
-            front_end: FrontEnd::Snapshot(self.snapshot),
+            front_end: FrontEnd::Frame(self.snapshot),
             ownship: Some(ownship),
             scan: delivered.scan,
             points: delivered.points,
@@ -96,7 +96,7 @@ impl Loop<'_> {
         let requested = output.is_some_and(|output: Output| output.plan_requested);
         self.plan = requested.then(|| {
             let known: Vec<Disc, CIRCLES_MAX> = self.state.map().discs().collect();
-            self.planner.plan(self.scratch, self.state.request(), &known)
+            self.planner.plan(self.workspace, self.state.request(), &known)
         });
         (count, output)
     }
@@ -107,12 +107,12 @@ pub(crate) fn rows(
     measure: &impl Fn(&mut dyn FnMut()) -> u32,
     guidance: &Guidance<N>,
     planner: &Planner,
-    scratch: &mut Scratch,
-    snapshot: &mut Snapshot<N>,
+    workspace: &mut Workspace,
+    snapshot: &mut AdcFrame<N>,
 ) {
     static STATE: StaticCell<guidance::State<N>> = StaticCell::new();
     let state = STATE.init_with(|| guidance.start());
-    let mut fast_loop = Loop { guidance, planner, scratch, snapshot, state, plan: None };
+    let mut fast_loop = Loop { guidance, planner, workspace, snapshot, state, plan: None };
     past_circles(measure, &mut fast_loop);
     mission(measure, &mut fast_loop);
     absurd(measure, &mut fast_loop);

@@ -21,7 +21,7 @@ use core::num::Wrapping;
 
 use dsp_process::SplitProcess as _;
 use foxhound_computer::frozen::Watch;
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::planning::field::{Field, Gains};
 
@@ -33,20 +33,20 @@ use foxhound_core::base::pose::Pose;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
-use foxhound_core::control::guard::{self, Situation};
+use foxhound_core::control::guard::{self, GuardInput};
 use foxhound_core::control::track::Demand;
 use foxhound_core::guidance;
 use foxhound_core::localize::source::Sighting;
 use foxhound_core::mapping::map::{self, Map};
 use foxhound_core::mapping::scan::{self, SECTORS_MAX, Scan, Sector};
-use foxhound_core::planning::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Scratch};
+use foxhound_core::planning::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Workspace};
 use foxhound_core::planning::rollout::{Cost, SPACING_M, Scene, Trajectory, WAYPOINTS};
 use foxhound_core::signal::phase::{self, Complex, Phasors};
 use foxhound_core::signal::spectrum::tone::{Reference, Window};
 use foxhound_core::signal::spectrum::{Backend, Spectrum};
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
-use foxhound_papers::multipath::{self, Look};
+use foxhound_papers::multipath::{self, Frame};
 use idsp::Lowpass;
 use microfft::real::rfft_256;
 use static_cell::ConstStaticCell;
@@ -67,8 +67,8 @@ const OBSTACLES: usize = 64;
 /// Scenes of the looks.
 const SCENES: usize = 64;
 
-static SNAPSHOT: ConstStaticCell<Snapshot<N>> = ConstStaticCell::new(Snapshot::zeroed());
-static SCRATCH: ConstStaticCell<Scratch> = ConstStaticCell::new(Scratch::new());
+static SNAPSHOT: ConstStaticCell<AdcFrame<N>> = ConstStaticCell::new(AdcFrame::zeroed());
+static SCRATCH: ConstStaticCell<Workspace> = ConstStaticCell::new(Workspace::new());
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
@@ -90,11 +90,11 @@ fn main() -> ! {
     let (Ok(guidance), Ok(planner)) = (config.build(), config.planner.build()) else {
         Twin::halt(format_args!("the built-in configuration does not build"))
     };
-    let scratch = SCRATCH.take();
-    fast_loop::rows(&measure, &guidance, &planner, scratch, snapshot);
+    let workspace = SCRATCH.take();
+    fast_loop::rows(&measure, &guidance, &planner, workspace, snapshot);
     guard_among_obstacles(&measure);
     rollouts(&measure);
-    replan(&measure, &planner, scratch);
+    replan(&measure, &planner, workspace);
     belief::rows(&measure);
     source::rows(&measure);
     link::rows(&measure);
@@ -259,7 +259,7 @@ impl LockIn {
 
 /// Phasors of four channels, and their phases; the peers find the same ones by four transforms, or by a lock-in.
 #[inline(never)]
-fn lock_in(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) {
+fn lock_in(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &AdcFrame<N>) {
     let ours = LockIn::new(TONE_BINS);
     let mut z = [Complex::default(); CHANNELS];
     let mut phases = [0.0; CHANNELS];
@@ -349,13 +349,13 @@ fn by_low_pass(codes: &[[i16; N]; CHANNELS]) -> [[i32; 2]; CHANNELS] {
 
 /// The acquisition spectrum: mean taken off, Hann's window, powers. The peer is spared the first two, and then is not.
 #[inline(never)]
-fn spectrum(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) {
+fn spectrum(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &AdcFrame<N>) {
     let mut spectrum = Spectrum::<N>::default();
-    let mut scratch = [0.0; N];
+    let mut workspace = [0.0; N];
     let codes = &snapshot.codes;
     row(
         "spectrum",
-        measure(&mut || black_box(&mut spectrum).measure(Backend::Fixed, black_box(codes), &mut scratch)),
+        measure(&mut || black_box(&mut spectrum).measure(Backend::Fixed, black_box(codes), &mut workspace)),
         26_000,
     );
     let mut powers = [[0.0; N / 2]; CHANNELS];
@@ -372,7 +372,7 @@ fn spectrum(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) 
     peer(
         "spectrum",
         "microfft_with_window",
-        measure(&mut || black_box(&mut spectrum).measure(Backend::Microfft, black_box(codes), &mut scratch)),
+        measure(&mut || black_box(&mut spectrum).measure(Backend::Microfft, black_box(codes), &mut workspace)),
     );
 }
 
@@ -390,7 +390,7 @@ fn unit(angle_rad: f32) -> Complex {
 
 /// One snapshot, from codes to phasors and to a bearing.
 #[inline(never)]
-fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &Snapshot<N>) {
+fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &AdcFrame<N>) {
     let config = guidance::Config::default();
     let (Ok(extractor), Ok(array)) = (config.phase.build::<N>(), config.array.build()) else {
         Twin::halt(format_args!("the built-in front end does not build"))
@@ -457,7 +457,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
         Twin::halt(format_args!("the built-in estimator does not build"))
     };
     // Of a silent snapshot, for the parts that no look here changes.
-    let silence = extractor.step(&mut phase::State::default(), &Snapshot::zeroed());
+    let silence = extractor.step(&mut phase::State::default(), &AdcFrame::zeroed());
     let mut state = multipath::State::default();
     let paths = [(); 2].map(|()| TAU * rng.uniform());
     let mut turns = [(); 2].map(|()| TAU * rng.uniform());
@@ -482,7 +482,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
             ..silence
         };
         let bearing = finder.find(&phasors);
-        let look = Look { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m: None };
+        let look = Frame { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m: None };
         last = measure(&mut || {
             let _ = black_box(looks.take(&mut state, black_box(&look)));
             black_box(looks.solve(&state, 1.0));
@@ -497,7 +497,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
 /// A scan's way into the map, the worst of many looks: past pillars, and at what has no end of circles.
 #[inline(never)]
 fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let (Ok(fitter), Ok(keeper)) = (scan::Config::default().build(), map::Config::default().build()) else {
+    let (Ok(segmenter), Ok(mapper)) = (scan::Config::default().build(), map::Config::default().build()) else {
         Twin::halt(format_args!("the built-in obstacle memory does not build"))
     };
     let mut rng = Rng::new(13, 13);
@@ -512,10 +512,10 @@ fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let scan = ranges(world, &pose, noise_m, &mut rng);
             let now = Instant(100_000 * look);
             let mut seen = None;
-            let fit = measure(&mut || seen = fitter.fit(black_box(&scan), &pose).ok());
+            let fit = measure(&mut || seen = segmenter.fit(black_box(&scan), &pose).ok());
             let Some(seen) = seen else { return (0, 0) };
             worst_fit = worst_fit.max(fit);
-            let take = measure(&mut || keeper.observe_scan(&mut map, now, &scan, &pose, black_box(&seen)));
+            let take = measure(&mut || mapper.observe_scan(&mut map, now, &scan, &pose, black_box(&seen)));
             worst = worst.max(fit + take);
         }
         (worst_fit, worst)
@@ -596,7 +596,7 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 let look = measure(&mut || guard.look_circles(&mut state, black_box(&obstacles), black_box(&pose)));
                 worst_look = worst_look.max(look);
             }
-            let situation = Situation { rest_ned_m, yaw_rad, ..Situation::default() };
+            let situation = GuardInput { rest_ned_m, yaw_rad, ..GuardInput::default() };
             let demand = Demand { velocity_ned_mps: Horizontal::from_bearing(yaw_rad), ..Demand::default() };
             let step = measure(&mut || {
                 black_box(guard.step(
@@ -746,7 +746,7 @@ fn cost_naively(trajectory: &Trajectory, target: Horizontal, obstacles: &[Obstac
 
 /// Sixty-four obstacles between the start and the target and around them.
 #[inline(never)]
-fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch: &mut Scratch) {
+fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, workspace: &mut Workspace) {
     let mut rng = Rng::new(1, 1);
     let mut request = PlanRequest {
         id: 1,
@@ -771,7 +771,7 @@ fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch
     let mut worst = 0;
     for _ in 0..12 {
         worst = worst.max(measure(&mut || {
-            black_box(planner.plan(scratch, black_box(&request), black_box(&known)));
+            black_box(planner.plan(workspace, black_box(&request), black_box(&known)));
         }));
         (request.id, request.fresh, request.begins) = (request.id + 1, false, false);
     }
@@ -779,7 +779,7 @@ fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Planner, scratch
 }
 
 /// A tone from an azimuth, or silence, and noise, into a snapshot.
-fn receive(snapshot: &mut Snapshot<N>, time_us: u64, azimuth_rad: Option<f32>) {
+fn receive(snapshot: &mut AdcFrame<N>, time_us: u64, azimuth_rad: Option<f32>) {
     snapshot.time = Instant(time_us);
     let mut rng = Rng::new(time_us, 2);
     let phases = wave(azimuth_rad.unwrap_or(0.0)).map(Complex::arg);

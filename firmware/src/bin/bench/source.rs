@@ -12,7 +12,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::doa::rss;
-use foxhound_core::localize::link_state::{self, Classifier, Look, Sightline};
+use foxhound_core::localize::link_state::{self, Classifier, Features, Sightline};
 use foxhound_core::localize::source::{Sighting, bank, polar};
 use foxhound_core::mapping::lor::{self, Line};
 use foxhound_core::mapping::map::CIRCLES_MAX;
@@ -138,7 +138,7 @@ fn link(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             },
             flags: Flags::default(),
         };
-        let look = Look {
+        let look = Features {
             place_ned_m: heard.place_ned_m,
             bearing: &bearing,
             bearing_ned_rad: (k % 7 > 0).then(|| heard.direction_ned.bearing_rad()),
@@ -176,11 +176,11 @@ fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(lines) = lor::Config::DEFAULT.build() else {
         Twin::halt(format_args!("the split and merge does not build"))
     };
-    let mut scratch = lor::Scratch::new();
+    let mut workspace = lor::Workspace::new();
     let mut rng = Rng::new(4, 40);
     let mut find = |strays: f32| {
         let (points, mut found) = (room(&mut rng, strays), 0);
-        (measure(&mut || found = black_box(lines.find(&mut scratch, black_box(&points))).len()), found)
+        (measure(&mut || found = black_box(lines.find(&mut workspace, black_box(&points))).len()), found)
     };
     let (mut most, mut most_with_strays) = (0, 0);
     for k in 0..STEPS {

@@ -51,7 +51,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, block_for};
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::sampling::{Sampling, Timer};
-use foxhound_core::base::adc::{CHANNELS, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::time;
 
 use super::CLOCK_MHZ;
@@ -311,7 +311,7 @@ impl Acquisition {
 
     /// Copies a block into a snapshot. Says no when it came too late or a result was lost: the snapshot is then not to
     /// be used, and after a loss everything has been started anew.
-    pub fn take(&mut self, block: Block, snapshot: &mut Snapshot<N>) -> bool {
+    pub fn take(&mut self, block: Block, snapshot: &mut AdcFrame<N>) -> bool {
         if CHANNEL.iter().any(|channel| channel.converter.isr().read().ovr()) {
             self.restart();
             return false;

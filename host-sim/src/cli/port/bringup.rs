@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::selftest::Config;
-use foxhound_core::base::adc::{CHANNELS, CODE_MAX, CODE_MIN, Snapshot};
+use foxhound_core::base::adc::{AdcFrame, CHANNELS, CODE_MAX, CODE_MIN};
 use foxhound_sim::scenario::input::InputError;
 use foxhound_sim::tools::frames::Recording;
 use serde::Serialize;
@@ -241,7 +241,7 @@ struct Channel {
 }
 
 impl Channel {
-    fn of(frames: &[Snapshot<SAMPLES_PER_CHANNEL>], channel: usize) -> Self {
+    fn of(frames: &[AdcFrame<SAMPLES_PER_CHANNEL>], channel: usize) -> Self {
         let codes = || frames.iter().flat_map(|frame| frame.codes[channel]);
         let count = codes().count() as f64;
         let offset_codes = codes().map(f64::from).sum::<f64>() / count;

@@ -5,7 +5,7 @@
 //! by velocity and yaw rate. Without telemetry there are no waves and no obstacles.
 
 use foxhound_core::ConfigError;
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::mission::{Control, Outcome};
@@ -137,7 +137,7 @@ impl Senses {
     }
 
     /// One frame of the antennas.
-    pub(super) fn hear(&mut self, now: Instant, fix: &Fix) -> Box<Snapshot<BLOCK>> {
+    pub(super) fn hear(&mut self, now: Instant, fix: &Fix) -> Box<AdcFrame<BLOCK>> {
         Box::new(self.antennas.frame(now, &fix.pose, self.source_ned_m, &mut self.random))
     }
 

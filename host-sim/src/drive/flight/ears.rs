@@ -20,7 +20,7 @@ pub(super) struct Ears<'a> {
 
 /// What it received in one step.
 pub(super) enum Heard {
-    Snapshot(Box<foxhound_core::base::adc::Snapshot<BLOCK>>),
+    Frame(Box<foxhound_core::base::adc::AdcFrame<BLOCK>>),
     Bearing(bearing::Bearing),
     Nothing,
 }
@@ -28,7 +28,7 @@ pub(super) enum Heard {
 impl Heard {
     pub(super) fn front_end(&self) -> FrontEnd<'_, BLOCK> {
         match self {
-            Self::Snapshot(snapshot) => FrontEnd::Snapshot(snapshot),
+            Self::Frame(snapshot) => FrontEnd::Frame(snapshot),
             Self::Bearing(bearing) => FrontEnd::Bearing(*bearing),
             Self::Nothing => FrontEnd::Nothing,
         }
@@ -86,7 +86,7 @@ impl<'a> Ears<'a> {
                 let apparent = from.along(Horizontal::from_bearing(bearing_ned_rad), to_source.norm());
                 let source = [apparent.north, apparent.east, world.source_down_m];
                 self.antennas.channel_gain = [if is_silent { 0.0 } else { 1.0 }; 4];
-                Heard::Snapshot(Box::new(self.antennas.frame(now, vehicle, source, &mut self.random)))
+                Heard::Frame(Box::new(self.antennas.frame(now, vehicle, source, &mut self.random)))
             }
         }
     }
@@ -123,7 +123,7 @@ impl Ears<'_> {
                     .map(|path| Reflection { image_ned_m: place(path.image), level_db: level_db(path) })
                     .collect();
                 antennas.channel_gain = [if is_silent { 0.0 } else { 1.0 }; 4];
-                Heard::Snapshot(Box::new(antennas.frame(now, vehicle, place(source), &mut self.random)))
+                Heard::Frame(Box::new(antennas.frame(now, vehicle, place(source), &mut self.random)))
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{Id, Values};
@@ -31,7 +31,7 @@ pub struct Heard {
     /// The time of the step.
     pub now: Instant,
     /// What the antennas brought.
-    pub snapshot: Option<Box<Snapshot<BLOCK>>>,
+    pub snapshot: Option<Box<AdcFrame<BLOCK>>>,
     /// Bytes of the autopilot.
     pub rx: Vec<u8>,
     /// The image's own trace hash.
@@ -122,15 +122,15 @@ impl G474Computer {
     /// One frame of the board.
     fn advance(
         &mut self,
-        snapshot: Option<&Snapshot<BLOCK>>,
+        snapshot: Option<&AdcFrame<BLOCK>>,
         rx: &[u8],
     ) -> Result<(Vec<u8>, Vec<Followed>), ComputerError> {
         if self.report.is_sampling {
-            let mut offered = snapshot.cloned().unwrap_or_else(Snapshot::zeroed);
+            let mut offered = snapshot.cloned().unwrap_or_else(AdcFrame::zeroed);
             offered.time = Instant((self.report.frame_us - self.report.origin_us - HALF_BLOCK_US) as u64);
             self.follower.offer(offered);
         }
-        let zeroes = Snapshot::zeroed();
+        let zeroes = AdcFrame::zeroed();
         let camera = std::mem::take(&mut self.camera);
         self.report = self.board.step(rx, &camera, Some(snapshot.unwrap_or(&zeroes))).map_err(lost)?;
         let Report { resets, log, tx, .. } = &mut self.report;
@@ -182,7 +182,7 @@ impl Computer for G474Computer {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError> {
         let snapshot = match front_end {
-            FrontEnd::Snapshot(snapshot) => Some(snapshot),
+            FrontEnd::Frame(snapshot) => Some(snapshot),
             FrontEnd::Nothing => None,
             FrontEnd::Heard(_) | FrontEnd::Bearing(_) => {
                 return Err(ComputerError("the board hears waveforms, no bearings".to_owned()));

@@ -59,7 +59,7 @@ pub fn fly(elf: &Path, twin: Option<&Path>, seed: u64) -> Result<Trial, String> 
 fn repeat(twin: &Path, setup: &Setup, heard: &[Heard]) -> Result<usize, String> {
     let mut twin = QemuComputer::start(twin, setup).map_err(|error| error.to_string())?;
     for (number, step) in heard.iter().enumerate() {
-        let front_end = step.snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Snapshot);
+        let front_end = step.snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame);
         let report = twin.step(step.now, front_end, None, &step.rx).map_err(|error| error.to_string())?;
         let (here, there) = (report.output.trace_hash, step.trace_hash);
         if here != there {

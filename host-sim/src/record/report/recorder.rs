@@ -9,7 +9,7 @@ use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
 use foxhound_core::landing::observation::Seen;
 use foxhound_core::planning::field;
-use foxhound_core::planning::planner::{self, SAMPLES, Scratch, Verdict};
+use foxhound_core::planning::planner::{self, SAMPLES, Verdict, Workspace};
 use foxhound_core::planning::rollout::Trajectory;
 use foxhound_pad::Detector;
 use foxhound_papers::apf::{self, NAMES};
@@ -55,7 +55,7 @@ impl Recorder {
     #[must_use]
     pub fn new(mission: &Mission, config: &guidance::Config, command: String) -> Self {
         let planner = config.planner;
-        let empty = Scratch::new();
+        let empty = Workspace::new();
         let mut recorder = Self {
             config: planner,
             detector: camera::detector(config).ok(),
@@ -87,7 +87,7 @@ impl Recorder {
                 .push(Record::Picture(Picture { time_s, ..picture(self.detector.as_ref(), self.focal_widths, shown) }));
         }
         if let Some(considered) = moment.computer.considered() {
-            let drawn = Some((considered.scratch.gains, considered.scratch.samples));
+            let drawn = Some((considered.workspace.gains, considered.workspace.samples));
             let draws = drawn != self.drawn;
             self.drawn = drawn;
             let trace = format!("{:016x}", moment.output.trace_hash);
@@ -219,9 +219,10 @@ fn picture(detector: Option<&Detector>, focal_widths: f64, shown: &flight::Pictu
 
 /// A plan, but for its time and trace.
 fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> Plan {
-    let Considered { known, plan, scratch } = considered;
-    let chosen = (0..SAMPLES)
-        .find(|index| draws && scratch.samples[*index] == plan.waypoints_ned_m && scratch.gains[*index] == plan.gains);
+    let Considered { known, plan, workspace } = considered;
+    let chosen = (0..SAMPLES).find(|index| {
+        draws && workspace.samples[*index] == plan.waypoints_ned_m && workspace.gains[*index] == plan.gains
+    });
     let chosen = chosen.filter(|_| plan.verdict == Verdict::Follow);
     let origin = match (plan.verdict, chosen) {
         (Verdict::Brake, _) => Origin::Brake,
@@ -231,7 +232,7 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
         _ => Origin::Bent,
     };
     let obstacles: Vec<Obstacle> = known.iter().map(|disc| Obstacle::of(disc, config.vehicle_radius_m)).collect();
-    let particles: Vec<(ned::Horizontal, f32)> = scratch.particles().collect();
+    let particles: Vec<(ned::Horizontal, f32)> = workspace.particles().collect();
     let heaviest = particles.iter().map(|(_, weight)| *weight).fold(0.0, f32::max);
     let kept = particles.iter().filter(|(_, weight)| *weight > PARTICLE_MIN * heaviest);
     Plan {
@@ -245,7 +246,7 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
         waypoints_m: line(&plan.waypoints_ned_m),
         cost: finite(plan.cost),
         gains: gains(&plan.gains),
-        samples: if draws { samples(scratch) } else { Vec::new() },
+        samples: if draws { samples(workspace) } else { Vec::new() },
         chosen,
         circles_m: circles(known.iter().copied()),
         particles: kept.map(|(place, weight)| particle(*place, weight / heaviest)).collect(),
@@ -254,12 +255,12 @@ fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> P
     }
 }
 
-fn samples(scratch: &Scratch) -> Vec<Sample> {
+fn samples(workspace: &Workspace) -> Vec<Sample> {
     let sample = |index: usize| Sample {
-        waypoints_m: line(&scratch.samples[index]),
-        gains: gains(&scratch.gains[index]),
-        cost: rounded(f64::from(scratch.costs[index]), 4),
-        feasible: scratch.feasible[index],
+        waypoints_m: line(&workspace.samples[index]),
+        gains: gains(&workspace.gains[index]),
+        cost: rounded(f64::from(workspace.costs[index]), 4),
+        feasible: workspace.feasible[index],
     };
     (0..SAMPLES).map(sample).collect()
 }

@@ -6,7 +6,7 @@ use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Finder};
-use foxhound_core::localize::link_state::{Classifier, FEATURES, Look, Sightline, State};
+use foxhound_core::localize::link_state::{Classifier, FEATURES, Features, Sightline, State};
 use foxhound_core::mapping::lor::Line;
 use foxhound_core::signal::phase::{self, Extractor};
 use foxhound_papers::multipath::{self, Looks};
@@ -101,7 +101,7 @@ impl Chain {
             let told_yaw_rad = wrap_pi(yaw_rad + yaw_bias_rad + 0.005 * random.gaussian()) as f32;
             let place_ned_m = Horizontal { north: place.north * odometry, east: place.east * odometry }.to_core();
             let bearing_ned_rad = bearing.valid.then_some(bearing.azimuth_rad + told_yaw_rad);
-            let look = |sightline| Look { place_ned_m, bearing: &bearing, bearing_ned_rad, sightline };
+            let look = |sightline| Features { place_ned_m, bearing: &bearing, bearing_ned_rad, sightline };
             let seen =
                 bearing_ned_rad.map_or(Sightline::Clear, |angle| Sightline::among(&known, place.to_core(), angle, 0.2));
             let _ = Classifier::TRAINED.step(&mut blind, &look(Sightline::Unknown));
@@ -110,7 +110,7 @@ impl Chain {
                 Some(foxhound_core::base::ned::Ned { north: place_ned_m.north, east: place_ned_m.east, down: 0.0 });
             let _ = self.resolver.take(
                 &mut pairs,
-                &multipath::Look { phasors: &phasors, bearing: &bearing, yaw_rad: told_yaw_rad, position_ned_m },
+                &multipath::Frame { phasors: &phasors, bearing: &bearing, yaw_rad: told_yaw_rad, position_ned_m },
             );
             let (class, lead_db) = truth(scene, &paths);
             truths.push(class);
@@ -206,7 +206,7 @@ fn receive(
     pose: &Pose,
     time: Instant,
     random: &mut Random,
-) -> foxhound_core::base::adc::Snapshot<N> {
+) -> foxhound_core::base::adc::AdcFrame<N> {
     let image = |path: &Path| [path.image.north, path.image.east, -scene.source_above_m];
     let loss_db = paths.first().map_or(200.0, |path| path.loss_db);
     let reflections = paths.iter().skip(1).filter(|path| path.loss_db < loss_db + 40.0);

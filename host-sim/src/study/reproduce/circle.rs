@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use foxhound_core::base::adc::Snapshot;
+use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use serde::Serialize;
@@ -145,7 +145,7 @@ impl Study for Report {
                     let azimuth_rad = (f64::from(degree) + 0.5) / f64::from(POSITIONS) * TAU;
                     let source = [RADIUS_M * libm::cos(azimuth_rad), RADIUS_M * libm::sin(azimuth_rad), -height_m];
                     let heard = match phases {
-                        Phases::Exact => exact(&antennas, source, phasors(&extractor, &Snapshot::zeroed())),
+                        Phases::Exact => exact(&antennas, source, phasors(&extractor, &AdcFrame::zeroed())),
                         Phases::Frames => {
                             let frame = antennas.frame::<N>(Instant(0), &Pose::default(), source, &mut random);
                             phasors(&extractor, &frame)

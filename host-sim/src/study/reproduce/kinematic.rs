@@ -8,7 +8,7 @@
 
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::mapping::map::CIRCLES_MAX;
-use foxhound_core::planning::planner::{PlanRequest, Scratch};
+use foxhound_core::planning::planner::{PlanRequest, Workspace};
 use foxhound_papers::apf::AnyPlanner;
 use serde::Serialize;
 
@@ -117,7 +117,7 @@ pub(super) fn fly(scenario: &Scenario, planner: &AnyPlanner, rules: Rules, seed:
     let sigma_rad = scenario.bearing.sigma_deg.to_radians();
     let mut hull = Hull::new(&world, scenario.drone_radius, start);
     let mut random = Random::new(seed, NOISE);
-    let mut scratch = Scratch::new();
+    let mut workspace = Workspace::new();
     let everything = rules.sight == Sight::Everything;
     let mut known = Known { scenario, pillars: &world.pillars, seen: vec![everything; world.pillars.len()] };
     let mut flown =
@@ -140,7 +140,7 @@ pub(super) fn fly(scenario: &Scenario, planner: &AnyPlanner, rules: Rules, seed:
             known_source_ned_m: Some(goal.to_core()),
             ..PlanRequest::default()
         };
-        let plan = planner.plan(&mut scratch, &request, &known.discs(position));
+        let plan = planner.plan(&mut workspace, &request, &known.discs(position));
         flown.replans += 1;
         for waypoint in plan.waypoints_ned_m.iter().take(rules.followed) {
             let step = from_core(*waypoint).minus(position);

@@ -151,7 +151,7 @@ fn codes_are_rounded_to_nearest_and_clipped_at_the_rails() {
 }
 
 /// Frames of a source 500 m ahead of a vehicle that looks north.
-fn heard(impairments: Impairments, time: Instant) -> Snapshot<256> {
+fn heard(impairments: Impairments, time: Instant) -> AdcFrame<256> {
     let antennas = Antennas { impairments, amplitude_codes: 800.0, ..clean() };
     antennas.frame(time, &Pose::default(), [500.0, 0.0, 0.0], &mut Random::new(2, 1))
 }

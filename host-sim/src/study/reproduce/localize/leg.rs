@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 use foxhound_core::base::ned::Horizontal as Core;
 use foxhound_core::localize::source::polar::{self, Filter, Resting};
 use foxhound_core::localize::source::{Heard, Sighting};
-use foxhound_core::planning::belief::{Config, Guess, Outcome, Planner, Problem, Scratch};
+use foxhound_core::planning::ilqr::{Config, Guess, Outcome, Planner, Problem, Workspace};
 use serde::Serialize;
 
 use crate::world::random::Random;
@@ -127,7 +127,7 @@ fn fly(planner: Option<&Planner>, seed: u64, run: u64) -> Option<Run> {
     .build()
     .ok()?;
     let mut state = Resting::new();
-    let mut scratch = Box::new(Scratch::<3, STEPS>::new());
+    let mut workspace = Box::new(Workspace::<3, STEPS>::new());
     let goal = Core { north: FLOWN_M, east: 0.0 };
     let mut route = Route { points: vec![goal] };
     let side = if random.uniform() < 0.5 { 1.0 } else { -1.0 };
@@ -162,7 +162,7 @@ fn fly(planner: Option<&Planner>, seed: u64, run: u64) -> Option<Run> {
                 seen_through: None,
                 guess: if flown_m == 0.0 { Guess::Bow(side) } else { Guess::Way(&route.points) },
             };
-            let solution = planner.solve(&mut scratch, &problem);
+            let solution = planner.solve(&mut workspace, &problem);
             if matches!(solution.outcome, Outcome::Converged | Outcome::CapReached) {
                 route.points = solution.path.iter().map(|step| step.place_ned_m).collect();
                 route.points.push(goal);

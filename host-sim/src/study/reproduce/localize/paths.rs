@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use foxhound_core::base::ned::Horizontal as Core;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::mapping::lor::Line;
-use foxhound_core::planning::belief::{Bound, Config, Guess, Outcome, Problem, Scratch, Solution, Spread};
+use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Solution, Spread, Workspace};
 use plotters::prelude::{Circle, PathElement, RGBColor, Rectangle};
 use plotters::style::Color as _;
 use plotters::style::text_anchor::{HPos, VPos};
@@ -174,15 +174,15 @@ fn rows(weight: f32, step_max_m: f32) -> Option<[Row; 2]> {
     let planner = config(weight, step_max_m).build().ok()?;
     let obstacles = obstacles();
     let direct = cheapest::<3>(|swing_m| {
-        let mut scratch = Box::new(Scratch::<3, STEPS>::new());
-        let solution = planner.solve(&mut scratch, &problem([0.1, 0.0, 0.1], &obstacles, None, swing_m));
+        let mut workspace = Box::new(Workspace::<3, STEPS>::new());
+        let solution = planner.solve(&mut workspace, &problem([0.1, 0.0, 0.1], &obstacles, None, swing_m));
         (solution.cost, Row::of(weight, step_max_m, &solution))
     })?;
     let wall = Line::of_slope_intercept([0.0, 100.0]);
     let reflected = cheapest::<10>(|swing_m| {
-        let mut scratch = Box::new(Scratch::<10, STEPS>::new());
+        let mut workspace = Box::new(Workspace::<10, STEPS>::new());
         let covariance = [0.1, 0.0, 0.1, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1];
-        let solution = planner.solve_reflected(&mut scratch, &problem(covariance, &obstacles, Some(wall), swing_m));
+        let solution = planner.solve_reflected(&mut workspace, &problem(covariance, &obstacles, Some(wall), swing_m));
         (solution.cost, Row::of(weight, step_max_m, &solution))
     })?;
     Some([direct, reflected])

@@ -161,7 +161,7 @@ struct Seeker {
     /// What is heard directly, by one reflection, and by more.
     ears: [Ear; 3],
     finder: Lines,
-    scratch: Box<lor::Scratch>,
+    workspace: Box<lor::Workspace>,
     walls: Walls,
     sigma_rad: f64,
     /// Where to, and the order of the link when that was said.
@@ -201,7 +201,7 @@ impl Seeker {
             bank,
             ears: [Ear::new(), Ear::new(), Ear::new()],
             finder: finder.build()?,
-            scratch: Box::default(),
+            workspace: Box::default(),
             walls: Walls::default(),
             sigma_rad: sigma_rad.max(SIGMA_MIN_RAD),
             goal: None,
@@ -229,7 +229,7 @@ impl Seeker {
     /// Takes in what is seen and heard; whether to stay and listen on.
     fn listens(&mut self, view: &View<'_>) -> bool {
         let points: Vec<_> = view.scan.iter().step_by(2).map(|point| point.to_core()).collect();
-        for line in self.finder.find(&mut self.scratch, &points) {
+        for line in self.finder.find(&mut self.workspace, &points) {
             self.walls.add(line);
         }
         if view.link != self.link {

@@ -7,7 +7,7 @@
 use foxhound_core::ConfigError;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::localize::source::bank::{Answer, Mode, Way};
-use foxhound_core::planning::belief::{self, Guess, Outcome, Planner, Problem, Scratch};
+use foxhound_core::planning::ilqr::{self, Guess, Outcome, Planner, Problem, Workspace};
 
 use super::cycle::{PERIOD, STEP_M, View};
 use super::known::CLEARANCE_M;
@@ -31,7 +31,7 @@ const AHEAD_M: f64 = 1.0;
 pub(super) struct Bend {
     learn: Planner,
     go: Planner,
-    scratch: Box<Scratch<3, STEPS_MAX>>,
+    workspace: Box<Workspace<3, STEPS_MAX>>,
     path: Vec<Horizontal>,
     age: u32,
 }
@@ -42,17 +42,17 @@ impl Bend {
     /// # Errors
     /// None that the built-in configuration could cause.
     pub(super) fn new(sigma_rad: f64) -> Result<Self, ConfigError> {
-        let config = |weight| belief::Config {
+        let config = |weight| ilqr::Config {
             t_covariance: [weight, weight],
             u_max_m: STEP_M as f32,
             bearing_sigma_rad: sigma_rad.max(0.03) as f32,
             iterations_max: 30,
-            ..belief::Config::default()
+            ..ilqr::Config::default()
         };
         Ok(Self {
             learn: config(50.0).build()?,
             go: config(1.0).build()?,
-            scratch: Box::default(),
+            workspace: Box::default(),
             path: Vec::new(),
             age: 0,
         })
@@ -110,7 +110,7 @@ impl Bend {
                 seen_through: None,
                 guess: Guess::Bow(bow_m),
             };
-            let solution = planner.solve(&mut self.scratch, &problem);
+            let solution = planner.solve(&mut self.workspace, &problem);
             let is_sound = matches!(solution.outcome, Outcome::Converged | Outcome::CapReached);
             let path: Vec<Horizontal> = solution.path.iter().map(|step| from_core(step.place_ned_m)).collect();
             let legs = std::iter::once(&view.place).chain(&path).zip(&path);

@@ -20,7 +20,7 @@ use heapless::Vec;
 
 use super::bend::bend;
 use super::sampling::{draw, nearest, weighted};
-use super::{Config, Plan, PlanRequest, SAMPLES, Scratch, Verdict};
+use super::{Config, Plan, PlanRequest, SAMPLES, Verdict, Workspace};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
@@ -155,26 +155,26 @@ struct Aim {
 pub(super) fn plan(
     config: &Config,
     wavefront: &Wavefront,
-    scratch: &mut Scratch,
+    workspace: &mut Workspace,
     (request, discs): (&PlanRequest, &[Disc]),
     known: Option<Horizontal>,
 ) -> Plan {
     let start = request.start_ned_m;
     let mut rng = Rng::new(request.seed, u64::from(request.id));
-    let source = locate(&mut scratch.memory.posterior, request, known);
+    let source = locate(&mut workspace.memory.posterior, request, known);
     let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
 
-    let Memory { posterior, window, way, progress } = &mut scratch.memory;
+    let Memory { posterior, window, way, progress } = &mut workspace.memory;
     if request.begins {
         *progress = Progress::NONE;
         way.clear();
     }
-    scratch.obstacles.clear();
+    workspace.obstacles.clear();
     for disc in discs {
         // What moves is gone by then, and to make way for it for longer is to meet it more often.
         let gust_margin_m = if disc.moves { 0.0 } else { request.gust_margin_m };
         let radius_m = config.vehicle_radius_m + gust_margin_m;
-        let _ = scratch.obstacles.push(Obstacle::of(disc, radius_m));
+        let _ = workspace.obstacles.push(Obstacle::of(disc, radius_m));
     }
     progress.step(start, toward);
     let far = progress.until_far == Some(0);
@@ -188,12 +188,12 @@ pub(super) fn plan(
         && known.is_none()
         && progress.until_far.is_none()
         && progress.bends < BENDS_MAX
-        && !scratch.obstacles.iter().any(near)
-        && let Some(bent) = bend(request, learn, &scratch.obstacles)
+        && !workspace.obstacles.iter().any(near)
+        && let Some(bent) = bend(request, learn, &workspace.obstacles)
     {
         progress.bends += 1;
         let target = bent[WAYPOINTS - 1];
-        scratch.feasible = [false; SAMPLES];
+        workspace.feasible = [false; SAMPLES];
         return Plan {
             verdict: Verdict::Follow,
             waypoints_ned_m: bent,
@@ -203,10 +203,10 @@ pub(super) fn plan(
             ..Plan::brake(config, request)
         };
     }
-    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &scratch.obstacles);
-    let aim = aim(window, posterior, &scratch.obstacles, (progress, &*way), toward);
+    wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles);
+    let aim = aim(window, posterior, &workspace.obstacles, (progress, &*way), toward);
     // From here on those that matter within the horizon.
-    scratch.obstacles.retain(near);
+    workspace.obstacles.retain(near);
 
     let mut plan = Plan { source, ..Plan::brake(config, request) };
     let Some(aim) = aim else {
@@ -223,27 +223,27 @@ pub(super) fn plan(
     let beyond = |place: &Horizontal| place.minus(start).norm_squared() > config.horizon_m * config.horizon_m;
     route.truncate(route.iter().position(beyond).unwrap_or(route.len()));
     for place in &mut route {
-        *place = centred(*place, config.margin_m, &scratch.obstacles);
+        *place = centred(*place, config.margin_m, &workspace.obstacles);
     }
-    let (target, margin_m) = target(config, start, aim.place_ned_m, &route, &scratch.obstacles);
+    let (target, margin_m) = target(config, start, aim.place_ned_m, &route, &workspace.obstacles);
     plan.target_ned_m = target;
     let gain_m = start.minus(toward).norm() - aim.place_ned_m.minus(toward).norm();
     if !aim.hopeful && gain_m < WORTH_M {
         return plan;
     }
 
-    sample(config, scratch, &mut rng, start, target, margin_m);
-    if let Some(optimal) = weighted(scratch, config.lambda) {
-        let chosen = nearest(scratch, &optimal);
+    sample(config, workspace, &mut rng, start, target, margin_m);
+    if let Some(optimal) = weighted(workspace, config.lambda) {
+        let chosen = nearest(workspace, &optimal);
         plan.verdict = Verdict::Follow;
-        scratch.choose(chosen, &mut plan);
+        workspace.choose(chosen, &mut plan);
         return plan;
     }
     let straight = straight(start, &[target]);
-    if keeps(config.tight_margin_m, start, &[target], &scratch.obstacles) {
+    if keeps(config.tight_margin_m, start, &[target], &workspace.obstacles) {
         plan.verdict = Verdict::Follow;
         plan.waypoints_ned_m = straight;
-        plan.cost = soft(cost(start, &straight, target, &scratch.obstacles));
+        plan.cost = soft(cost(start, &straight, target, &workspace.obstacles));
     }
     plan
 }
@@ -448,11 +448,18 @@ fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizont
 }
 
 /// The paper's samples, marked as feasible where they keep the margin.
-fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizontal, target: Horizontal, margin_m: f32) {
+fn sample(
+    config: &Config,
+    workspace: &mut Workspace,
+    rng: &mut Rng,
+    start: Horizontal,
+    target: Horizontal,
+    margin_m: f32,
+) {
     let distance_m = target.minus(start).norm();
-    scratch.scene.gather_all(start, &scratch.obstacles);
+    workspace.scene.gather_all(start, &workspace.obstacles);
     let field = |gains| Field { gains };
-    (scratch.initial, _) = scratch.scene.roll(&field(config.gains), target);
+    (workspace.initial, _) = workspace.scene.roll(&field(config.gains), target);
     for index in 0..SAMPLES {
         // One of the ten trusts the sight: almost no repulsion, so almost straight.
         let gains = if index == 0 {
@@ -465,13 +472,13 @@ fn sample(config: &Config, scratch: &mut Scratch, rng: &mut Rng, start: Horizont
         } else {
             draw(config, rng)
         };
-        let (trajectory, cost) = scratch.scene.roll(&field(gains), target);
-        scratch.gains[index] = gains;
-        scratch.costs[index] = soft(cost);
+        let (trajectory, cost) = workspace.scene.roll(&field(gains), target);
+        workspace.gains[index] = gains;
+        workspace.costs[index] = soft(cost);
         let checked = &trajectory[..usize::from(config.checked_segments).min(WAYPOINTS)];
         let nearer = trajectory[WAYPOINTS - 1].minus(target).norm() <= NEARER * distance_m;
-        scratch.feasible[index] = nearer && scratch.scene.keeps_margin(checked, margin_m);
-        scratch.samples[index] = trajectory;
+        workspace.feasible[index] = nearer && workspace.scene.keeps_margin(checked, margin_m);
+        workspace.samples[index] = trajectory;
     }
 }
 

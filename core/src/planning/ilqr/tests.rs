@@ -312,8 +312,8 @@ fn forest(rng: &mut Rng, n: usize) -> Vec<Obstacle> {
 #[test]
 fn without_a_weight_on_the_covariance_the_way_is_straight_and_evenly_paced() {
     let planner = Config { t_covariance: [0.0; 2], ..config() }.build().unwrap();
-    let mut scratch = Scratch::<3, 30>::new();
-    let solution = planner.solve(&mut scratch, &way(&[]));
+    let mut workspace = Workspace::<3, 30>::new();
+    let solution = planner.solve(&mut workspace, &way(&[]));
     assert_eq!(solution.outcome, Outcome::Converged);
     // A line of 30 steps with R = 1, Q = 50: the last one is short of the goal by 12 / (30 Q / R + 1).
     let short = 12.0 / (30.0 * 50.0 + 1.0);
@@ -329,9 +329,9 @@ fn a_solution_is_a_minimum_its_controls_keep_their_bound_and_its_covariances_are
     let obstacles = [circle(0.5, 3.0, 1.0), circle(2.5, 7.0, 1.2)];
     for bound in [Bound::Norm, Bound::Axes] {
         let planner = Config { n_std: 1.0, process_noise_m2: [1e-3, 0.0], bound, ..config() }.build().unwrap();
-        let mut scratch = Scratch::<3, 30>::new();
+        let mut workspace = Workspace::<3, 30>::new();
         let problem = way(&obstacles);
-        let solution = planner.solve(&mut scratch, &problem);
+        let solution = planner.solve(&mut workspace, &problem);
         assert_eq!(solution.outcome, Outcome::Converged, "{bound:?}");
         assert!(solution.clearance_m >= 0.0, "{}", solution.clearance_m);
         let (variance, noise) = (0.05 * 0.05, [1e-3, 0.0]);
@@ -396,11 +396,11 @@ fn a_solution_is_a_minimum_its_controls_keep_their_bound_and_its_covariances_are
 
 #[test]
 fn a_way_bends_towards_the_source_and_knows_more_at_its_end() {
-    let mut scratch = Scratch::<3, 30>::new();
+    let mut workspace = Workspace::<3, 30>::new();
     let mut sums = [0.0; 2];
     for (sum, weight) in sums.iter_mut().zip([0.0, 5.0]) {
         let planner = Config { t_covariance: [weight; 2], ..config() }.build().unwrap();
-        let solution = planner.solve(&mut scratch, &way(&[]));
+        let solution = planner.solve(&mut workspace, &way(&[]));
         assert_eq!(solution.outcome, Outcome::Converged);
         *sum = solution.covariance_trace_sum_m2;
         let highest = solution.path.iter().map(|step| step.place_ned_m.north).fold(0.0, f32::max);
@@ -412,7 +412,7 @@ fn a_way_bends_towards_the_source_and_knows_more_at_its_end() {
 #[test]
 fn on_the_way_to_the_source_itself_nothing_says_to_which_side_and_a_bow_does() {
     let planner = Config { t_covariance: [50.0; 2], bearing_sigma_rad: 0.1, ..config() }.build().unwrap();
-    let mut scratch = Scratch::<3, 30>::new();
+    let mut workspace = Workspace::<3, 30>::new();
     let mut sums = [0.0; 3];
     for (sum, swing_m) in sums.iter_mut().zip([0.0, 0.3, -0.3]) {
         let problem = Problem {
@@ -421,7 +421,7 @@ fn on_the_way_to_the_source_itself_nothing_says_to_which_side_and_a_bow_does() {
             guess: Guess::Bow(swing_m),
             ..way(&[])
         };
-        let solution = planner.solve(&mut scratch, &problem);
+        let solution = planner.solve(&mut workspace, &problem);
         *sum = solution.covariance_trace_sum_m2;
         let middle = solution.path[15].place_ned_m.north;
         // To the right of east is south.
@@ -434,9 +434,9 @@ fn on_the_way_to_the_source_itself_nothing_says_to_which_side_and_a_bow_does() {
 fn a_start_through_obstacles_also_through_their_middles_ends_beside_them() {
     let obstacles = [circle(0.0, 3.0, 0.8), circle(0.0, 6.0, 0.6), circle(0.0, 9.0, 0.8)];
     let planner = Config { t_covariance: [0.0; 2], u_max_m: 0.6, ..config() }.build().unwrap();
-    let mut scratch = Scratch::<3, 30>::new();
+    let mut workspace = Workspace::<3, 30>::new();
     for swing_m in [0.1, -0.1, 1.5] {
-        let solution = planner.solve(&mut scratch, &Problem { guess: Guess::Bow(swing_m), ..way(&obstacles) });
+        let solution = planner.solve(&mut workspace, &Problem { guess: Guess::Bow(swing_m), ..way(&obstacles) });
         assert_eq!(solution.outcome, Outcome::Converged, "{swing_m}");
         assert!(solution.clearance_m > 0.0);
         let end = solution.path[29].place_ned_m;
@@ -448,10 +448,10 @@ fn a_start_through_obstacles_also_through_their_middles_ends_beside_them() {
 fn a_warm_start_is_taken_up_where_it_was() {
     let obstacles = [circle(0.5, 3.0, 1.0), circle(2.5, 7.0, 1.2)];
     let planner = config().build().unwrap();
-    let mut scratch = Scratch::<3, 30>::new();
-    let cold = planner.solve(&mut scratch, &way(&obstacles));
+    let mut workspace = Workspace::<3, 30>::new();
+    let cold = planner.solve(&mut workspace, &way(&obstacles));
     let (cost, places): (f32, Vec<Horizontal>) = (cold.cost, cold.path.iter().map(|step| step.place_ned_m).collect());
-    let warm = planner.solve(&mut scratch, &Problem { guess: Guess::Way(&places), ..way(&obstacles) });
+    let warm = planner.solve(&mut workspace, &Problem { guess: Guess::Way(&places), ..way(&obstacles) });
     assert_eq!(warm.outcome, Outcome::Converged);
     assert!((warm.cost / cost - 1.0).abs() < 0.01, "{} {cost}", warm.cost);
 }
@@ -459,13 +459,13 @@ fn a_warm_start_is_taken_up_where_it_was() {
 #[test]
 fn among_three_hundred_obstacles_no_path_goes_through_one_unseen() {
     let planner = Config { n_std: 0.1, u_max_m: 0.5, iterations_max: 100, ..config() }.build().unwrap();
-    let mut scratch = Box::new(Scratch::<3, 50>::new());
+    let mut workspace = Box::new(Workspace::<3, 50>::new());
     let mut found = 0;
     for seed in 0..40 {
         let mut rng = Rng::new(seed, 27);
         let obstacles = forest(&mut rng, 300);
         let problem = Problem { steps: 40, covariance_m2: [0.3, 0.0, 0.3], ..way(&obstacles) };
-        let solution = planner.solve(&mut scratch, &problem);
+        let solution = planner.solve(&mut workspace, &problem);
         // Looked at apart: all obstacles, all segments.
         let mut before = problem.start_ned_m;
         let mut least = f32::INFINITY;
@@ -487,7 +487,7 @@ fn among_three_hundred_obstacles_no_path_goes_through_one_unseen() {
 #[test]
 fn the_belief_of_four_states_learns_behind_a_wall_and_stays_positive() {
     let planner = Config { n_std: 0.5, process_noise_m2: [1e-3, 0.0], ..config() }.build().unwrap();
-    let mut scratch = Box::new(Scratch::<10, 40>::new());
+    let mut workspace = Box::new(Workspace::<10, 40>::new());
     let obstacles = [circle(0.5, 3.0, 1.0), circle(2.5, 7.0, 1.2)];
     let spot = |north, east| Horizontal { north, east };
     let problem = Problem {
@@ -500,7 +500,7 @@ fn the_belief_of_four_states_learns_behind_a_wall_and_stays_positive() {
         seen_through: Line::between(spot(6.0, -5.0), spot(6.0, 20.0)),
         guess: Guess::Bow(-0.5),
     };
-    let solution = planner.solve_reflected(&mut scratch, &problem);
+    let solution = planner.solve_reflected(&mut workspace, &problem);
     assert_eq!(solution.outcome, Outcome::Converged, "{}", solution.iterations);
     let ends = solution.path.last().unwrap().covariance_m2;
     assert!(ends[at_source(0)] + ends[at_source(1)] < 2.0, "{ends:?}");
@@ -518,8 +518,8 @@ fn the_belief_of_four_states_learns_behind_a_wall_and_stays_positive() {
         }
     }
     let blind = Config { t_covariance: [0.0; 2], ..*planner.config() }.build().unwrap();
-    let mut scratch = Box::new(Scratch::<10, 40>::new());
-    let straight = blind.solve_reflected(&mut scratch, &problem);
+    let mut workspace = Box::new(Workspace::<10, 40>::new());
+    let straight = blind.solve_reflected(&mut workspace, &problem);
     let known = |solution: &Solution<'_, 10>| {
         solution.path.iter().map(|s| s.covariance_m2[at_source(0)] + s.covariance_m2[at_source(1)]).sum::<f32>()
     };
@@ -533,7 +533,7 @@ fn at_source(axis: usize) -> usize {
 #[test]
 fn what_cannot_be_planned_has_an_outcome_of_its_own() {
     let planner = config().build().unwrap();
-    let mut scratch = Scratch::<3, 30>::new();
+    let mut workspace = Workspace::<3, 30>::new();
     let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
     for problem in [
         Problem { steps: 0, ..way(&[]) },
@@ -541,11 +541,11 @@ fn what_cannot_be_planned_has_an_outcome_of_its_own() {
         Problem { goal_ned_m: nowhere, ..way(&[]) },
         Problem { covariance_m2: [1.0, f32::INFINITY, 1.0], ..way(&[]) },
     ] {
-        let solution = planner.solve(&mut scratch, &problem);
+        let solution = planner.solve(&mut workspace, &problem);
         assert_eq!((solution.outcome, solution.path.len()), (Outcome::Refused, 0));
     }
     let obstacles = [circle(0.0, 0.0, 0.5)];
-    assert_eq!(planner.solve(&mut scratch, &way(&obstacles)).outcome, Outcome::Blocked);
+    assert_eq!(planner.solve(&mut workspace, &way(&obstacles)).outcome, Outcome::Blocked);
     assert!(Config { u_max_m: f32::NAN, ..config() }.build().is_err());
     assert!(Config { bearing_sigma_rad: 0.0, ..config() }.build().is_err());
 }
@@ -553,7 +553,7 @@ fn what_cannot_be_planned_has_an_outcome_of_its_own() {
 #[test]
 fn whatever_the_problem_the_path_is_finite() {
     let mut rng = Rng::new(9, 28);
-    let mut scratch = Scratch::<3, 20>::new();
+    let mut workspace = Workspace::<3, 20>::new();
     for case in 0..400 {
         let obstacles: Vec<Obstacle> =
             (0..case % 20).map(|_| Obstacle { center_ned_m: place(&mut rng, 10.0), reach_m: rng.uniform() }).collect();
@@ -582,7 +582,7 @@ fn whatever_the_problem_the_path_is_finite() {
             guess: Guess::Bow(4.0 * rng.uniform() - 2.0),
         };
         let planner = config.build().unwrap();
-        let solution = planner.solve(&mut scratch, &problem);
+        let solution = planner.solve(&mut workspace, &problem);
         assert_eq!(solution.path.len(), problem.steps);
         for step in solution.path {
             assert!(step.place_ned_m.is_finite() && step.covariance_m2.iter().all(|value| value.is_finite()), "{case}");
@@ -593,7 +593,7 @@ fn whatever_the_problem_the_path_is_finite() {
 
 #[test]
 fn the_memory_of_a_solve_is_what_the_documentation_says() {
-    assert_eq!(size_of::<Scratch<3, 20>>(), 3600);
-    assert_eq!(size_of::<Scratch<3, 50>>(), 9000);
-    assert_eq!(size_of::<Scratch<10, 50>>(), 14_600);
+    assert_eq!(size_of::<Workspace<3, 20>>(), 3600);
+    assert_eq!(size_of::<Workspace<3, 50>>(), 9000);
+    assert_eq!(size_of::<Workspace<10, 50>>(), 14_600);
 }

@@ -16,7 +16,7 @@
 //! frame, as upper triangles column by column: `[nn, ne, ee]`, or `[nn, ne, ee, ns n, ...]` with the source's two after the
 //! vehicle's.
 //!
-//! `solver` has the iteration. Everything lies in a [`Scratch`] of fixed size; nothing is allocated. A path is only a
+//! `solver` has the iteration. Everything lies in a [`Workspace`] of fixed size; nothing is allocated. A path is only a
 //! proposal: whoever flies it checks it as any other.
 
 use crate::base::error::{ConfigError, check};
@@ -216,7 +216,7 @@ impl<const M: usize> Step<M> {
 
 /// Memory of a solve of up to `N` steps: 180 bytes a step for two states, 292 for four.
 #[derive(Clone, Debug)]
-pub struct Scratch<const M: usize, const N: usize> {
+pub struct Workspace<const M: usize, const N: usize> {
     paths: [[Step<M>; N]; 2],
     laws: [Law<M>; N],
     near: [Near; N],
@@ -224,7 +224,7 @@ pub struct Scratch<const M: usize, const N: usize> {
     bounds: [[f32; 2]; N],
 }
 
-impl<const M: usize, const N: usize> Scratch<M, N> {
+impl<const M: usize, const N: usize> Workspace<M, N> {
     /// All zero.
     #[must_use]
     pub const fn new() -> Self {
@@ -252,7 +252,7 @@ struct Parts<'s, const M: usize> {
     bounds: &'s mut [[f32; 2]],
 }
 
-impl<const M: usize, const N: usize> Default for Scratch<M, N> {
+impl<const M: usize, const N: usize> Default for Workspace<M, N> {
     fn default() -> Self {
         Self::new()
     }
@@ -277,10 +277,10 @@ impl Planner {
     /// Plans with a belief of two states.
     pub fn solve<'s, const N: usize>(
         &self,
-        scratch: &'s mut Scratch<3, N>,
+        workspace: &'s mut Workspace<3, N>,
         problem: &Problem<'_, 3>,
     ) -> Solution<'s, 3> {
-        self.search_two(scratch.parts(), problem)
+        self.search_two(workspace.parts(), problem)
     }
 
     /// Apart, so that it is compiled with this crate and not with whoever plans, perhaps for size.
@@ -292,10 +292,10 @@ impl Planner {
     /// Plans with a belief of four states.
     pub fn solve_reflected<'s, const N: usize>(
         &self,
-        scratch: &'s mut Scratch<10, N>,
+        workspace: &'s mut Workspace<10, N>,
         problem: &Problem<'_, 10>,
     ) -> Solution<'s, 10> {
-        self.search_four(scratch.parts(), problem)
+        self.search_four(workspace.parts(), problem)
     }
 
     #[inline(never)]
