@@ -165,10 +165,16 @@ fn fitting(board: &str) -> Result<Image, Failure> {
 }
 
 /// Makes the packages of the crates that other projects can use, and builds each from its package alone: a file that lies outside of it
-/// would be missed there. Everything that they need is fetched by now.
+/// would be missed there. Everything that they need is fetched by now. The folder is new each time: what was built of an earlier package
+/// with the same version would be taken for this one's.
 fn package() -> Result<(), Failure> {
+    let folder = workspace().join("target/packages");
+    let emptied = std::fs::remove_dir_all(&folder);
+    if folder.exists() {
+        return Err(Failure(format!("{}: {emptied:?}", folder.display())));
+    }
     let crates = ["core", "link", "pad", "papers"].map(|name| format!("--package=foxhound-{name}"));
-    attend(cargo().args(["package", "--offline", "--allow-dirty"]).args(crates))
+    attend(cargo().args(["package", "--offline", "--allow-dirty"]).arg("--target-dir").arg(&folder).args(crates))
 }
 
 /// Whether the compiler is that of `rust-toolchain.toml`, whose warnings are errors.
