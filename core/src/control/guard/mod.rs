@@ -17,8 +17,8 @@
 //!    touch a circle or leave the fence, or the command is cut down, in the end to a brake.
 //! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at ([`sight`]).
 //!    Otherwise it is cut down or held, and the ruling says where to look first. Behind something that the latest look has
-//!    seen, where looking does not help, it goes slowly. One threat is worse than what might be there: an obstacle that comes at
-//!    the vehicle.
+//!    seen, where looking does not help, it goes slowly. Two threats are worse than what might be there: an obstacle that comes at
+//!    the vehicle, and gusts that push it towards one. From that it keeps away while the nose turns, and does no more.
 //!
 //! Within limits a brake is always granted. Everything is counted, and the count of steps tells that the guard is alive.
 //! Cost: at most 11 000 instructions among 64 obstacles (bench row `guard_64`).
@@ -44,6 +44,9 @@ const AGREED_MPS: f32 = 1e-4;
 const DECISIVE_MAX: usize = 12;
 /// So many obstacles are looked at closely in one step. Among more the vehicle is slower, so that fewer can matter.
 pub const CLOSE_MAX: usize = 18;
+/// So many bound the velocity in gusts, where those as far away as the gust margin do, whatever the speed. Of more than that
+/// the least demanding are left out.
+const GUSTY_MAX: usize = 64;
 /// How often its speed is halved for that; where there are still more it brakes.
 const HALVED_MAX: u8 = 3;
 /// How far ahead the straight line from the vehicle to where the command leads must be clear.
@@ -62,10 +65,7 @@ const CREEP_MPS: f32 = 0.001;
 const ALTITUDE_RATE_PER_S: f32 = 0.5;
 /// Half a way shorter than this is not looked at by itself: what is asked of a place holds for 7 cm around it.
 const SHORT_M: f32 = 0.06;
-/// Where gusts want more room than there is and no more than so many bounds matter, the shortfall is evened out: there is no
-/// time for more.
-const EVENED_SPACES_MAX: usize = 6;
-/// Halvings of it.
+/// Halvings of the shortfall where gusts want more room than there is.
 const EVENED_MAX: u8 = 4;
 /// Half-planes beyond this many times the speed limit cannot matter.
 const SLACK: f32 = 1.5;
@@ -319,7 +319,7 @@ enum Way {
 /// The obstacles that can matter in a step.
 type Near = Vec<Neighbour, CLOSE_MAX>;
 /// Half-spaces of all obstacles and of the fence.
-type HalfSpaces = Vec<HalfSpace, { CLOSE_MAX + CORNERS_MAX }>;
+type HalfSpaces = Vec<HalfSpace, { GUSTY_MAX + CORNERS_MAX }>;
 
 impl Guard {
     /// The obstacle that a known circle is to this vehicle.
@@ -391,12 +391,13 @@ impl Guard {
         let (mut near, mut half_spaces) = (Near::new(), HalfSpaces::new());
         let v_max_mps = self.gather_near(state.command_ned_mps, situation, obstacles, &mut near)?;
         let near = &near;
-        let is_threatened = self.bound(situation, near, v_max_mps, &mut half_spaces);
+        let bounding = if situation.gust_margin_m > 0.0 { obstacles } else { near };
+        let is_threatened = self.bound(situation, bounding, v_max_mps, &mut half_spaces);
 
         let wanted = demand.velocity_ned_mps.clamped(v_max_mps);
         let granted = if is_threatened { wanted } else { wanted.times(self.view_share(wanted, situation.yaw_rad)) };
         let mut agreed = nearest_allowed(granted, &half_spaces);
-        if agreed.is_none() && situation.gust_margin_m > 0.0 && half_spaces.len() <= EVENED_SPACES_MAX {
+        if agreed.is_none() && situation.gust_margin_m > 0.0 {
             agreed = evened_out(granted, &mut half_spaces);
         }
         let agreed = agreed.or_else(|| {
@@ -442,8 +443,18 @@ impl Guard {
             let action = if trial == 0 && safe == wanted { Action::Passed } else { Action::Limited };
             return Some((tried, action, unseen));
         }
+        let action = if unseen.is_some() { Action::Looking } else { Action::Limited };
+        // Gusts do not wait until the nose has turned.
+        if situation.gust_margin_m > 0.0 {
+            let still = Horizontal::default();
+            let retreat = nearest_allowed(still, &half_spaces).or_else(|| evened_out(still, &mut half_spaces));
+            let tried = self.approach(state, retreat.unwrap_or_default().clamped(v_max_mps), true, dt_s);
+            if self.is_clear(tried, situation, near) && self.stays_inside(tried, situation) {
+                return Some((tried, action, unseen));
+            }
+        }
         let brake = limited(state.command_ned_mps, Horizontal::default(), c.a_max_mps2 * dt_s);
-        unseen.map(|bearing_rad| (brake, Action::Looking, Some(bearing_rad)))
+        unseen.map(|bearing_rad| (brake, action, Some(bearing_rad)))
     }
 
     /// The next command on the way from the last to `to`, inside the limits of acceleration and jerk.
@@ -508,7 +519,7 @@ impl Guard {
             // It is no slower than this before the next step.
             let command_mps = command_ned_mps.norm();
             let fastest_mps = if v_max_mps > command_mps { v_max_mps } else { command_mps };
-            let range_m = self.range_m(SLACK * fastest_mps) + c.margin_m + situation.gust_margin_m;
+            let range_m = self.range_m(SLACK * fastest_mps) + c.margin_m;
             let range_m = if range_m > underway_m { range_m } else { underway_m };
             let is_near = |obstacle: &&Neighbour| {
                 let drift_m =
@@ -520,8 +531,7 @@ impl Guard {
             if obstacles.iter().filter(is_near).all(|obstacle| near.push(*obstacle).is_ok()) {
                 return Some(v_max_mps);
             }
-            // In gusts more is near by the margin, whatever the speed: fewer tries.
-            v_max_mps *= if situation.gust_margin_m > 0.0 { 0.125 } else { 0.5 };
+            v_max_mps *= 0.5;
         }
         None
     }
@@ -567,14 +577,14 @@ impl Guard {
             let least_mps = oncoming - self.approach_mps(h, gust_m);
             is_threatened |= least_mps > 0.0 && oncoming > STILL_MPS;
             if least_mps > beyond {
-                // Cannot fail: there is room for all.
-                let _ = half_spaces.push(HalfSpace { outwards, least_mps, oncoming_mps: oncoming });
+                add(half_spaces, HalfSpace { outwards, least_mps, oncoming_mps: oncoming });
             }
         }
         for (inwards, depth_m) in c.fence.sides(rest) {
             let gust_m = situation.gust_margin_m;
             let least_mps = -self.approach_mps(depth_m - c.fence_margin_m - gust_m, gust_m);
             if least_mps > beyond {
+                // Cannot fail: there is room for all of them.
                 let _ = half_spaces.push(HalfSpace { outwards: inwards, least_mps, oncoming_mps: 0.0 });
             }
         }
@@ -683,6 +693,19 @@ impl Guard {
             }
         }
         way
+    }
+}
+
+/// Adds an obstacle's half-space, or puts it in the place of the least demanding one.
+fn add(half_spaces: &mut HalfSpaces, half_space: HalfSpace) {
+    if half_spaces.len() < GUSTY_MAX {
+        // Cannot fail.
+        let _ = half_spaces.push(half_space);
+        return;
+    }
+    let demands = |one: &&mut HalfSpace, other: &&mut HalfSpace| one.least_mps.total_cmp(&other.least_mps);
+    if let Some(least) = half_spaces.iter_mut().min_by(demands).filter(|least| least.least_mps < half_space.least_mps) {
+        *least = half_space;
     }
 }
 

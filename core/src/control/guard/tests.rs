@@ -1,6 +1,7 @@
 //! Tests of the guard.
 
 use super::*;
+use crate::base::pose::Pose;
 use crate::base::rng::Rng;
 use crate::control::vehicle::Vehicle;
 use std::vec::Vec;
@@ -127,6 +128,39 @@ fn where_gusts_want_more_room_than_there_is_it_keeps_to_the_middle() {
     }
     // Calm, it stays where it is.
     assert_eq!(ends(at(0.0, 0.05), demand(0.0, 0.0), 0.0, &sides), at(0.0, 0.05));
+}
+
+/// A wind of that speed blows north for ten seconds, against what stands there; nothing behind the vehicle has been looked at, and
+/// its nose does not turn. The smallest clearance and the last.
+fn blown(wind_mps: f32, gust_margin_m: f32, obstacles: &[Neighbour]) -> (f32, f32) {
+    let (guard, mut state) = (Config::default().build().unwrap(), State::default());
+    let (mut position, mut closest_m, mut clearance_m) = (Horizontal::default(), f32::INFINITY, 0.0);
+    for _ in 0..500 {
+        guard.look_circles(&mut state, obstacles, &Pose { position_ned_m: position, yaw_rad: 0.0 });
+        let situation =
+            GuardInput { position_ned_m: position, rest_ned_m: position, gust_margin_m, ..GuardInput::default() };
+        let setpoint = guard.step(&mut state, &demand(0.0, 0.0), &situation, obstacles, DT).setpoint;
+        position = position.plus(setpoint.velocity_ned_mps.horizontal().plus(at(wind_mps, 0.0)).times(DT));
+        clearance_m = obstacles.iter().map(|obstacle| obstacle.clearance_m(position)).fold(f32::INFINITY, f32::min);
+        closest_m = clearance_m.min(closest_m);
+    }
+    (closest_m, clearance_m)
+}
+
+#[test]
+fn gusts_do_not_wait_until_the_nose_has_turned() {
+    let near = [pillar(0.7, 0.0, 0.3)];
+    let closest_m = [0.0, 0.5].map(|gust_margin_m| blown(0.0, gust_margin_m, &near).1);
+    assert!((closest_m[0] - 0.25).abs() < 0.01 && closest_m[1] > 0.45, "{closest_m:?}");
+}
+
+#[test]
+fn against_gusts_it_is_as_fast_among_many_obstacles_as_before_one() {
+    let row: Vec<_> = (-40..=40).map(|place| pillar(1.0, 0.1 * place as f32, 0.3)).collect();
+    for (obstacles, what) in [(row.get(39..42).unwrap(), "few"), (row.get(25..56).unwrap(), "many"), (&row, "all")] {
+        let (closest_m, _) = blown(0.5, 0.5, obstacles);
+        assert!(closest_m > 0.2, "{what}: {closest_m}");
+    }
 }
 
 #[test]
@@ -295,7 +329,7 @@ fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
     let mut state = State::default();
     let screen = pillar(1.0, 0.0, 0.1);
     let look = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
-        guard.look_circles(state, &[screen], &crate::base::pose::Pose { position_ned_m, yaw_rad });
+        guard.look_circles(state, &[screen], &Pose { position_ned_m, yaw_rad });
     };
     let rule = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
         let situation = GuardInput { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..GuardInput::default() };
