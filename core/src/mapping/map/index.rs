@@ -5,8 +5,6 @@
 //! every [`BINS`] bins and keep where a circle was before it moved: what is named has to be looked at, and nothing that is
 //! near is left out.
 
-use heapless::binary_heap::{BinaryHeap, Max};
-
 use super::{CIRCLES_MAX, Known};
 use crate::base::ned::Horizontal;
 
@@ -14,6 +12,9 @@ use crate::base::ned::Horizontal;
 const BINS: usize = 32;
 const BINS_PER_M: f32 = 4.0;
 const WORDS: usize = CIRCLES_MAX / 32;
+/// The farthest circle is known of so many at a time, so that it is found, and found again after a change, without asking all.
+const BLOCK: usize = 16;
+const BLOCKS: usize = CIRCLES_MAX / BLOCK;
 
 /// Places in the store, a bit each. Iterates over them, the first one first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,22 +54,21 @@ pub(super) struct Index {
     east: [Places; BINS],
     /// Squared distance of each circle from the vehicle, as its bits, which are in the same order.
     squared_bits: [u32; CIRCLES_MAX],
-    /// The same with their places, the farthest first, from when the first one has to give way. One that does not agree with
-    /// `squared_bits` has moved.
-    farthest: BinaryHeap<(u32, u8), Max, CIRCLES_MAX>,
+    /// The place of the farthest circle of each block.
+    farthest: [u8; BLOCKS],
     /// Circles that are to be forgotten. They are near nothing, and give way first.
     doomed: Places,
 }
 
 impl Index {
     /// Nothing is known around a vehicle.
-    pub(super) const fn new(origin_ned_m: Horizontal) -> Self {
+    pub(super) fn new(origin_ned_m: Horizontal) -> Self {
         Self {
             origin_ned_m,
             north: [Places::NONE; BINS],
             east: [Places::NONE; BINS],
             squared_bits: [0; CIRCLES_MAX],
-            farthest: BinaryHeap::new(),
+            farthest: core::array::from_fn(|block| (block * BLOCK) as u8),
             doomed: Places::NONE,
         }
     }
@@ -84,17 +84,26 @@ impl Index {
     #[inline(never)]
     pub(super) fn place(&mut self, at: usize, known: &Known) {
         let away = known.center_ned_m.minus(self.origin_ned_m);
-        if let Some(squared) = self.squared_bits.get_mut(at) {
-            *squared = away.norm_squared().to_bits();
-            if !self.farthest.is_empty() && self.farthest.push((*squared, at as u8)).is_err() {
-                // It is gathered anew when it is needed.
-                self.farthest.clear();
-            }
-        }
+        self.place_at(at, away.norm_squared().to_bits());
         for (scale, middle_m) in [(&mut self.north, away.north), (&mut self.east, away.east)] {
             for bin in bins(middle_m, known.radius_m) {
                 scale[bin].set(at);
             }
+        }
+    }
+
+    fn place_at(&mut self, at: usize, squared_bits: u32) {
+        let (block, first) = (at / BLOCK, at / BLOCK * BLOCK);
+        let (Some(squared), Some(farthest)) = (self.squared_bits.get_mut(at), self.farthest.get_mut(block)) else {
+            return;
+        };
+        let has_come_nearer = squared_bits < *squared;
+        *squared = squared_bits;
+        if has_come_nearer && usize::from(*farthest) == at {
+            let members = self.squared_bits.iter().enumerate().skip(first).take(BLOCK);
+            *farthest = members.max_by_key(|(_, squared)| **squared).map_or(0, |(at, _)| at as u8);
+        } else if self.squared_bits.get(usize::from(*farthest)) <= Some(&squared_bits) {
+            *farthest = at as u8;
         }
     }
 
@@ -130,25 +139,10 @@ impl Index {
             self.doomed = left;
             return (Some(at), true);
         }
-        if self.farthest.is_empty() {
-            for (at, squared) in self.squared_bits.iter().enumerate() {
-                // Cannot fail: as many places.
-                let _ = self.farthest.push((*squared, at as u8));
-            }
-        }
+        let squared = |at: u8| self.squared_bits.get(usize::from(at)).copied().unwrap_or(0);
+        let farthest = self.farthest.iter().copied().max_by_key(|at| squared(*at)).unwrap_or(0);
         let least = newcomer.center_ned_m.minus(self.origin_ned_m).norm_squared().to_bits();
-        while let Some((squared, at)) = self.farthest.peek().copied() {
-            let at = usize::from(at);
-            let has_moved = self.squared_bits.get(at) != Some(&squared);
-            if !has_moved && squared <= least {
-                break;
-            }
-            self.farthest.pop();
-            if !has_moved {
-                return (Some(at), false);
-            }
-        }
-        (None, false)
+        ((squared(farthest) > least).then_some(usize::from(farthest)), false)
     }
 }
 
