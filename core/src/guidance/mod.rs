@@ -99,9 +99,9 @@ impl Refused {
         [self.times_apart, self.geometry, self.absurd].iter().fold(self.no_ownship, |sum, n| sum.saturating_add(*n))
     }
 
-    fn note(&mut self, taken: Result<(), Refusal>) {
+    fn note(&mut self, taken: Result<Pose, Refusal>) {
         let count = match taken {
-            Ok(()) => return,
+            Ok(_) => return,
             Err(Refusal::NoOwnship) => &mut self.no_ownship,
             Err(Refusal::TimesApart) => &mut self.times_apart,
             Err(Refusal::Geometry) => &mut self.geometry,
@@ -850,58 +850,60 @@ impl<const N: usize> Guidance<N> {
         state.goal.push_sighting(way.straightened(sighting));
     }
 
-    /// What obstacle sensors delivered -> map and guard -> what is near. The scan comes last: what it says of a place holds.
+    /// What obstacle sensors delivered -> map -> what is near; and what was looked at -> guard. The scan comes last: what it says of
+    /// a place holds.
     fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
         let (now, ownship) = (input.now, state.ownship);
         let pose = |time: Instant| pose_at(ownship.as_ref(), time);
         self.map.advance(&mut state.map, now);
-        if let Some(circles) = input.circles {
-            let taken = pose(now).and_then(|pose| self.take_circles(state, now, circles, &pose));
+        let circles =
+            input.circles.map(|circles| pose(now).and_then(|pose| self.take_circles(state, now, circles, pose)));
+        let points =
+            input.points.map(|points| pose(points.time).and_then(|pose| self.take_points(state, now, points, pose)));
+        let scan = input.scan.map(|scan| pose(scan.time).and_then(|pose| self.take_scan(state, now, scan, pose)));
+        for taken in [circles, points, scan].into_iter().flatten() {
             state.refused.note(taken);
         }
-        if let Some(points) = input.points {
-            let taken = pose(points.time).and_then(|pose| self.take_points(state, now, points, &pose));
-            state.refused.note(taken);
-        }
-        if let Some(scan) = input.scan {
-            let taken = pose(scan.time).and_then(|pose| self.take_scan(state, now, scan, &pose));
-            state.refused.note(taken);
-        }
-        self.list_near(state);
-    }
-
-    fn list_near(&self, state: &mut State<N>) {
         if let Some(ownship) = &state.ownship {
             near::gather(&self.guard, &state.map, ownship.position_ned_m.horizontal(), &mut state.near);
         }
+        if let Some(Ok(pose)) = circles {
+            self.guard.look_circles(&mut state.guard, &state.near, &pose);
+        }
+        if let (Some(scan), Some(Ok(pose))) = (input.scan, scan) {
+            self.guard.look_scan(&mut state.guard, scan, &pose);
+        }
     }
 
-    /// Circles -> map, and how far the sensor looked between them -> guard.
+    /// Circles -> map; says from where they were seen.
     #[inline(never)]
-    fn take_circles(&self, state: &mut State<N>, now: Instant, circles: &[Circle], pose: &Pose) -> Result<(), Refusal> {
+    fn take_circles(
+        &self,
+        state: &mut State<N>,
+        now: Instant,
+        circles: &[Circle],
+        pose: Pose,
+    ) -> Result<Pose, Refusal> {
         self.map.observe_circles(&mut state.map, now, pose.position_ned_m, circles)?;
-        self.list_near(state);
-        self.guard.look_circles(&mut state.guard, &state.near, pose);
-        Ok(())
+        Ok(pose)
     }
 
-    /// Scan -> circles -> map, and what was looked at -> guard.
+    /// Scan -> circles -> map; says from where it was made.
     #[inline(never)]
-    fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
+    fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
-        self.scan.fit_into(&mut look, scan, pose)?;
-        self.map.observe_scan(&mut state.map, now, scan, pose, &look);
-        self.guard.look_scan(&mut state.guard, scan, pose);
-        Ok(())
+        self.scan.fit_into(&mut look, scan, &pose)?;
+        self.map.observe_scan(&mut state.map, now, scan, &pose, &look);
+        Ok(pose)
     }
 
-    /// Single points -> circles -> map. They do not say what was looked at.
+    /// Single points -> circles -> map; says from where they were seen. They do not say what was looked at.
     #[inline(never)]
-    fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: &Pose) -> Result<(), Refusal> {
+    fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
-        self.scan.fit_points_into(&mut look, points, pose)?;
+        self.scan.fit_points_into(&mut look, points, &pose)?;
         self.map.observe_points(&mut state.map, now, &look);
-        Ok(())
+        Ok(pose)
     }
 
     /// Takes in the planner's answer and lets it take effect at its step; true if one did.
