@@ -380,10 +380,14 @@ fn along(window: &Window, way: &[Horizontal]) -> Option<(Horizontal, f32)> {
         rest = others;
     }
     let mut farthest = nearest?;
+    let mut reach_m = farthest.1;
     for place in from {
+        reach_m += WAY_STEP_M;
         match reached(place) {
-            Some((place, arrival_m)) if arrival_m < farthest.1 + WAY_STEP_M => farthest = (place, arrival_m),
-            _ => break,
+            Some((place, arrival_m)) if arrival_m < reach_m => (farthest, reach_m) = ((place, arrival_m), arrival_m),
+            Some(_) => break,
+            // Coarse as it is, the way may cut a corner.
+            None => {}
         }
     }
     Some(farthest)
@@ -520,4 +524,31 @@ fn keeps(margin_m: f32, start: Horizontal, trajectory: &[Horizontal], obstacles:
         let wanted = if at_start < margin_m { at_start } else { margin_m };
         swept_clearance_m(start, trajectory, core::slice::from_ref(obstacle)) >= wanted
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planning::wavefront;
+
+    #[test]
+    fn a_way_seen_from_far_is_followed_past_a_corner_that_it_cuts_and_not_through_a_wall() {
+        let wavefront = wavefront::Config::DEFAULT.build().unwrap();
+        let way: Vec<Horizontal, ROUTE_MAX> =
+            (1..10).map(|k| Horizontal { north: 0.3 * k as f32, east: 0.0 }).collect();
+        let mut window = Window::new();
+        let mut farthest = |centers: &[(f32, f32)]| {
+            let obstacle = |(north, east): &(f32, f32)| Obstacle {
+                center_ned_m: Horizontal { north: *north, east: *east },
+                reach_m: 0.4,
+            };
+            let obstacles: Vec<Obstacle, 64> = centers.iter().map(obstacle).collect();
+            wavefront.march(&mut window, Horizontal::default(), way[8], 1.0, &obstacles);
+            along(&window, &way).map(|(place, _)| place)
+        };
+        // Ten centimetres and more within the reach of a pillar beside the way.
+        assert_eq!(farthest(&[(0.75, 0.25)]), Some(way[8]));
+        let wall: Vec<(f32, f32), 64> = (-20..=20).map(|k| (1.3, 0.3 * k as f32)).collect();
+        assert_eq!(farthest(&wall), Some(way[1]));
+    }
 }
