@@ -33,26 +33,22 @@ fn in_gusts_of_one_and_of_one_and_a_half_metres_a_second_nothing_is_touched_and_
     }
 }
 
-/// The flights past walls, gaps and pillars that are known to collide: a gust larger than all before it is not foreseen.
-const COLLIDES: [(&str, u64); 1] = [("gaps, scan", 1_000_028)];
-
-/// In gusts of 2.5 m/s one known flight past walls, gaps and pillars collides, and at least 97 % arrive.
+/// In gusts of 2.5 m/s no flight past walls, gaps and pillars collides, and at least 97 % arrive.
 /// What has room for the margin, beside ArduCopter; what PX4 makes of it is in `tests/flight/matrix.rs`.
 #[test]
 fn in_gusts_of_two_and_a_half_metres_a_second_walls_gaps_and_pillars_are_passed() {
     let rows: Vec<Row> = roomy().map(|scene| flown(scene.name, STRONG.name)).collect();
-    let collided = rows.iter().flat_map(|row| row.collided.iter().map(|seed| (row.scene, *seed)));
-    assert_eq!(collided.collect::<Vec<_>>(), COLLIDES, "{rows:?}");
+    assert!(rows.iter().all(|row| row.collided.is_empty()), "{rows:?}");
     let reached: u32 = rows.iter().map(|row| row.reached).sum();
     assert!(f64::from(reached) >= 0.97 * (FLIGHTS * rows.len() as u64) as f64, "{rows:?}");
 }
 
-/// In gusts of 3 m/s at most three flights of a scene collide and at least 90 % arrive.
+/// In gusts of 3 m/s no flight past pillars collides and at least 90 % arrive.
 #[test]
-fn in_gusts_of_three_metres_a_second_hardly_any_pillar_is_touched() {
+fn in_gusts_of_three_metres_a_second_no_pillar_is_touched() {
     for scene in ["pillars, scan", "forest, scan"] {
         let row = flown(scene, "gusts, sigma 3 m/s");
-        assert!(row.collided.len() <= 3 && row.reached as f64 >= 0.9 * FLIGHTS as f64, "{row:?}");
+        assert!(row.collided.is_empty() && row.reached as f64 >= 0.9 * FLIGHTS as f64, "{row:?}");
     }
 }
 

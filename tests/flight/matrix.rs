@@ -25,8 +25,7 @@ fn flown(settings: &[Setting], worlds: impl Fn(f64) -> Vec<World>) -> Vec<(Strin
 }
 
 /// Where collisions are known: settings and worlds whose names have this in them, and why.
-const COLLIDES: [(&str, &str, &str); 3] = [
-    ("scan", "gusts, gaps", "a gust of 2.5 m/s (sigma) in a gap of 1.5 m pushes it farther than the room there is"),
+const COLLIDES: [(&str, &str, &str); 2] = [
     ("scan", "movers", "a scan reports no velocity: what moves is not told from what stands"),
     (
         "PX4",
