@@ -448,7 +448,7 @@ impl Guard {
         if situation.gust_margin_m > 0.0 {
             let still = Horizontal::default();
             let retreat = nearest_allowed(still, &half_spaces).or_else(|| evened_out(still, &mut half_spaces));
-            let tried = self.approach(state, retreat.unwrap_or_default().clamped(v_max_mps), true, dt_s);
+            let tried = self.approach(state, retreat.unwrap_or_default().clamped(v_max_mps), is_threatened, dt_s);
             if self.is_clear(tried, situation, near) && self.stays_inside(tried, situation) {
                 return Some((tried, action, unseen));
             }
