@@ -5,3 +5,4 @@ pub mod lor;
 pub mod map;
 pub mod scan;
 pub mod sight;
+pub mod tracks;

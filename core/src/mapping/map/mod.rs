@@ -329,6 +329,15 @@ impl Mapper {
         Ok(())
     }
 
+    /// Forgets what was pieced together from hits where a body that moves is now.
+    #[inline(never)]
+    pub fn vacate(&self, map: &mut Map, center_ned_m: Horizontal, radius_m: f32) {
+        map.known.retain(|known| {
+            known.origin == Origin::Given
+                || known.center_ned_m.minus(center_ned_m).norm_squared() >= radius_m * radius_m
+        });
+    }
+
     /// Carries moving circles along and forgets those that were unseen for too long.
     pub fn advance(&self, map: &mut Map, now: Instant) {
         let dt_s = now.seconds_since(map.carried);

@@ -112,7 +112,7 @@ impl Scan {
     #[must_use]
     pub fn sector(&self, index: i32) -> Sector {
         let index = match self.turn() {
-            Some(turn) if turn > 0 => index.rem_euclid(turn as i32),
+            Some(turn) if turn > 0 => index.wrapping_rem_euclid(turn as i32),
             _ => index,
         };
         usize::try_from(index).ok().and_then(|index| self.sectors.get(index)).copied().unwrap_or_default()

@@ -1,0 +1,208 @@
+//! Hits that lie together, and the centre of the body of a known radius behind them.
+
+use core::ops::Range;
+
+use heapless::Vec;
+
+use super::CLUSTERS_MAX;
+use crate::base::math::inverse_root;
+use crate::base::ned::Horizontal;
+use crate::base::pose::Pose;
+use crate::base::units::wrap_pi;
+use crate::mapping::scan::{Scan, Sector, Segmentation};
+
+/// What is longer than this is no body.
+const LONG_M: f32 = 1.1;
+/// What is longer than this and as straight as that is none either.
+const WALL_M: f32 = 0.45;
+const STRAIGHT_M: f32 = 0.05;
+/// Parts of what is long.
+const PART_M: f32 = 0.7;
+/// A hollow deeper than this is between two bodies.
+const CUSP_M: f32 = 0.08;
+/// Sectors wider than this tell the range and not the place.
+const WIDE_RAD: f32 = 0.05;
+/// Steps of Gauss and Newton.
+const STEPS: usize = 4;
+
+/// Hits that lie together.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cluster {
+    pub(super) from: usize,
+    pub(super) to: usize,
+    pub(super) center_ned_m: Horizontal,
+    pub(super) sigma_m: f32,
+    /// Part of something long or straight: a wall, or people side by side.
+    pub(super) is_long: bool,
+    /// Where it is, an earlier scan saw through.
+    pub(super) was_free: bool,
+    /// The track that it is.
+    pub(super) track: Option<u8>,
+}
+
+/// The clusters of a scan that may be bodies.
+pub(super) fn find(
+    clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
+    scan: &Scan,
+    pose: &Pose,
+    look: &Segmentation,
+    radius_m: f32,
+) {
+    let step_rad = libm::fabsf(scan.step_rad);
+    let points = look.points_m.as_slice();
+    let mut from = 0;
+    let mut cusp = Cusp::default();
+    for to in 1..=points.len() {
+        let (Some(before), next) = (points.get(to - 1), points.get(to)) else { continue };
+        let cut = cusp.step(to - 1, before.norm());
+        if let Some(cut) = cut.filter(|cut| *cut > from) {
+            cut_up(clusters, scan, pose, look, radius_m, from..cut);
+            from = cut;
+        }
+        if next.is_none_or(|next| is_apart(*before, *next, step_rad)) {
+            cut_up(clusters, scan, pose, look, radius_m, from..to);
+            (from, cusp) = (to, Cusp::default());
+        }
+    }
+}
+
+/// A piece, in parts as long as a body where it is longer.
+#[inline(never)]
+fn cut_up(
+    clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
+    scan: &Scan,
+    pose: &Pose,
+    look: &Segmentation,
+    radius_m: f32,
+    piece: Range<usize>,
+) {
+    let points = look.points_m.get(piece.clone()).unwrap_or_default();
+    let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
+    let chord_m = last.minus(*first).norm();
+    let is_long = is_wall(points, chord_m);
+    let parts = (libm::roundf(chord_m / PART_M) as usize).min(points.len()).max(1);
+    for part in 0..parts {
+        let at = |part: usize| piece.start + part * points.len() / parts;
+        let (from, to) = (at(part), at(part + 1));
+        let hits = look.points_m.get(from..to).unwrap_or_default();
+        let (center, range_m) = center(hits, radius_m);
+        let sigma_m = sigma_m(scan, pose, hits, range_m);
+        // Of very many the last are not followed.
+        let center_ned_m = center.plus(look.origin_ned_m);
+        let _ = clusters.push(Cluster { from, to, center_ned_m, sigma_m, is_long, was_free: false, track: None });
+    }
+}
+
+/// Finds where the range has a hollow between two things that are nearer: there two bodies stand side by side.
+#[derive(Clone, Copy, Debug)]
+struct Cusp {
+    least_m: f32,
+    farthest_m: f32,
+    at: usize,
+}
+
+impl Default for Cusp {
+    fn default() -> Self {
+        Self { least_m: f32::INFINITY, farthest_m: 0.0, at: 0 }
+    }
+}
+
+impl Cusp {
+    /// One more hit; says behind which the hollow lies, once it is passed.
+    fn step(&mut self, index: usize, range_m: f32) -> Option<usize> {
+        if range_m > self.farthest_m && range_m > self.least_m + CUSP_M {
+            (self.farthest_m, self.at) = (range_m, index);
+        }
+        if self.farthest_m > 0.0 && range_m < self.farthest_m - CUSP_M {
+            let at = self.at;
+            *self = Self { least_m: range_m, ..Self::default() };
+            return Some(at);
+        }
+        if range_m < self.least_m {
+            self.least_m = range_m;
+        }
+        None
+    }
+}
+
+fn is_apart(a: Horizontal, b: Horizontal, step_rad: f32) -> bool {
+    let (a_m, b_m) = (a.norm(), b.norm());
+    let nearer_m = if a_m < b_m { a_m } else { b_m };
+    let apart_m = a.minus(b).norm();
+    if step_rad > WIDE_RAD {
+        return libm::fabsf(a_m - b_m) > 0.3 || apart_m > 1.8 * step_rad * nearer_m + 0.3;
+    }
+    let by_step_m = 2.5 * step_rad * nearer_m + 0.08;
+    apart_m > if by_step_m > 0.12 { by_step_m } else { 0.12 }
+}
+
+/// Whether hits are of something long, or straight.
+fn is_wall(piece: &[Horizontal], chord_m: f32) -> bool {
+    let (Some(first), Some(last)) = (piece.first(), piece.last()) else { return true };
+    if chord_m > LONG_M {
+        return true;
+    }
+    if chord_m < WALL_M || piece.len() < 3 {
+        return false;
+    }
+    let chord = last.minus(*first);
+    let across = Horizontal { north: -chord.east, east: chord.north }.times(1.0 / chord_m);
+    piece.iter().all(|point| libm::fabsf(point.minus(*first).dot(across)) < STRAIGHT_M)
+}
+
+/// The centre of the circle of that radius behind hits, from where they were seen, and the distance of the nearest of them.
+fn center(piece: &[Horizontal], radius_m: f32) -> (Horizontal, f32) {
+    let unit = |v: Horizontal| v.times(inverse_root(v.norm_squared()));
+    let ends = match (piece.first(), piece.last()) {
+        (Some(first), Some(last)) => unit(unit(*first).plus(unit(*last))),
+        _ => return (Horizontal::default(), 0.0),
+    };
+    let nearest_m = piece.iter().map(|p| p.norm()).fold(f32::INFINITY, |a, b| if b < a { b } else { a });
+    let begin = ends.times(nearest_m + radius_m);
+    let mut at = begin;
+    for _ in 0..STEPS {
+        // The hits say how far it is across the surface; along it a little holds it where its ends say.
+        let hold = 0.1 * piece.len() as f32;
+        let (mut nn, mut ne, mut ee) = (hold, 0.0, hold);
+        let drag = begin.minus(at).times(hold);
+        let (mut n, mut e) = (drag.north, drag.east);
+        for point in piece {
+            let away = at.minus(*point);
+            let towards = away.times(inverse_root(away.norm_squared() + 1e-9));
+            let miss_m = radius_m - away.dot(towards);
+            nn += towards.north * towards.north;
+            ne += towards.north * towards.east;
+            ee += towards.east * towards.east;
+            n += towards.north * miss_m;
+            e += towards.east * miss_m;
+        }
+        let of = 1.0 / (nn * ee - ne * ne);
+        at = at.plus(Horizontal { north: (ee * n - ne * e) * of, east: (nn * e - ne * n) * of });
+    }
+    (at, nearest_m)
+}
+
+/// How well the centre is known: less where something nearer hides a side of it, or the view ends there.
+fn sigma_m(scan: &Scan, pose: &Pose, piece: &[Horizontal], range_m: f32) -> f32 {
+    let by_width_m = 0.3 * libm::fabsf(scan.step_rad) * range_m;
+    let mut sigma_m = if by_width_m > 0.02 { by_width_m } else { 0.02 };
+    for (point, side) in [(piece.first(), -1), (piece.last(), 1)] {
+        let Some(point) = point else { continue };
+        let azimuth_rad = wrap_pi(point.bearing_rad() - pose.yaw_rad - scan.first_azimuth_rad);
+        let index = libm::roundf(azimuth_rad / scan.step_rad) as i32;
+        let index = if scan.turn().is_none() && index < 0 {
+            index + libm::roundf(core::f32::consts::TAU / libm::fabsf(scan.step_rad)) as i32
+        } else {
+            index
+        };
+        let least_m = match scan.sector(index + side) {
+            Sector::Unknown => 0.15,
+            Sector::Hit(hit_m) if hit_m < point.norm() - 0.1 => 0.06,
+            _ => 0.0,
+        };
+        if least_m > sigma_m {
+            sigma_m = least_m;
+        }
+    }
+    sigma_m
+}

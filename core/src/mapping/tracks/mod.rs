@@ -1,0 +1,432 @@
+//! Tracks of what moves: bodies of one size, followed from scan to scan, each by a Kalman filter of constant velocity.
+//!
+//! The hits of a scan are cut into clusters where neighbours are apart. What is long, or straight and not short, is a wall and
+//! has no part in this. Of the others the centre is found (`cluster`), the nearest pair of cluster and track first, and a
+//! cluster without a track begins one.
+//!
+//! A track moves when its speed is above what its filter doubts, and when hits of it lay where a scan of
+//! some tenths of a second ago had seen through: along a wall the view slides, and its pieces seem to, but nothing of
+//! it comes to lie where nothing was.
+//!
+//! The hits of what moves go into the map as all others do: should a pillar be taken for somebody, it is kept off all the same.
+//! What a body that moves leaves behind is taken out of the map ([`Tracker::left_by`]).
+//!
+//! A track is forgotten when the sensor sees through where it should be, or when it was not seen for a while.
+
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
+use crate::base::pose::Pose;
+use crate::base::sort::sort_by_key;
+use crate::base::time::Instant;
+use crate::base::units::{between, wrap_pi};
+use crate::mapping::scan::{Ranges, Scan, Segmentation};
+
+mod cluster;
+use cluster::Cluster;
+
+/// Most bodies that are followed.
+pub const TRACKS_MAX: usize = 32;
+const _: () = assert!(TRACKS_MAX <= 32, "a bit of a word for each");
+/// Most clusters of one scan.
+const CLUSTERS_MAX: usize = 32;
+/// Most pairs of cluster and track that are within the gate.
+const PAIRS_MAX: usize = 64;
+/// Scans that are kept, and how far apart they are at least.
+const KEPT: usize = 4;
+const KEPT_APART_S: f32 = 0.14;
+/// What a scan at least so old has seen through was free.
+const BEFORE_S: f32 = 0.25;
+/// The same of wide sectors.
+const BEFORE_WIDE_S: f32 = 0.28;
+/// A hit so much nearer than what was seen lies where it was free.
+const THROUGH_M: f32 = 0.12;
+/// This share of a cluster's hits has to.
+const THROUGH_SHARE: f32 = 0.3;
+/// It counts for so long.
+const THROUGH_S: f32 = 1.5;
+/// Seen through for so long, a track is forgotten.
+const CLEAR_S: f32 = 0.25;
+/// From one scan that is taken in to the next.
+const LOOKS_APART_S: f32 = 0.035;
+/// Nothing moves that was looked at less often.
+const LOOKS_MIN: u8 = 3;
+/// A body was farther away by no more than this one scan ago.
+const LEFT_M: f32 = 0.25;
+/// A body that is not seen may be elsewhere by so much more a second, for so long.
+const LOST_MPS: f32 = 0.05;
+const LOST_S: f32 = 2.0;
+/// Widest gate.
+const GATE_MAX_M: f32 = 0.75;
+const GATE_M: f32 = 0.25;
+const GATE_SIGMAS: f32 = 2.5;
+
+/// What the tracker needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Radius that a body is taken to have.
+    pub radius_m: f32,
+    /// Acceleration of a body, standard deviation.
+    pub sigma_mps2: f32,
+    /// Speed that a new track may have, standard deviation.
+    pub sigma_mps: f32,
+    /// Slower than this nothing moves.
+    pub moving_min_mps: f32,
+    /// Sigmas of its speed that count.
+    pub moving_sigmas: f32,
+    /// A track that is out of sight is forgotten after this long.
+    pub memory_s: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { radius_m: 0.3, sigma_mps2: 0.5, sigma_mps: 1.5, moving_min_mps: 0.25, moving_sigmas: 2.5, memory_s: 3.0 }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Tracker, ConfigError> {
+        check("tracks.radius_m", self.radius_m, 0.05, 2.0)?;
+        check("tracks.sigma_mps2", self.sigma_mps2, 0.01, 20.0)?;
+        check("tracks.sigma_mps", self.sigma_mps, 0.1, 20.0)?;
+        check("tracks.moving_min_mps", self.moving_min_mps, 0.01, 5.0)?;
+        check("tracks.moving_sigmas", self.moving_sigmas, 0.5, 10.0)?;
+        check("tracks.memory_s", self.memory_s, 0.1, 60.0)?;
+        Ok(Tracker { config: *self })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tracker {
+    config: Config,
+}
+
+/// A body that is followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Track {
+    /// Centre, as of the time of the tracks.
+    pub center_ned_m: Horizontal,
+    /// Velocity.
+    pub velocity_ned_mps: Horizontal,
+    /// Covariance of place and place, place and velocity, velocity and velocity, the same along north and east.
+    pub covariance: [f32; 3],
+    /// For how long it was not seen.
+    pub unseen_s: f32,
+    /// For how long it was seen through.
+    clear_s: f32,
+    /// How long ago hits of it lay where it had been free.
+    through_s: f32,
+    looks: u8,
+    moves: bool,
+}
+
+impl Track {
+    /// Whether it moves.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.moves
+    }
+
+    /// By how much more it may be elsewhere than where it is thought to be, for want of a look.
+    #[must_use]
+    pub fn lost_m(&self) -> f32 {
+        LOST_MPS * if self.unseen_s < LOST_S { self.unseen_s } else { LOST_S }
+    }
+
+    fn predict(&mut self, dt_s: f32, sigma_mps2: f32) {
+        let q = sigma_mps2 * sigma_mps2;
+        let [pp, pv, vv] = self.covariance;
+        let dt2 = dt_s * dt_s;
+        self.center_ned_m = self.center_ned_m.plus(self.velocity_ned_mps.times(dt_s));
+        self.covariance = [
+            pp + 2.0 * dt_s * pv + dt2 * vv + 0.25 * dt2 * dt2 * q,
+            pv + dt_s * vv + 0.5 * dt2 * dt_s * q,
+            vv + dt2 * q,
+        ];
+        self.unseen_s += dt_s;
+        self.through_s += dt_s;
+    }
+
+    fn update(&mut self, seen: &Cluster) {
+        let [pp, pv, vv] = self.covariance;
+        let of = 1.0 / (pp + seen.sigma_m * seen.sigma_m);
+        let (gain_p, gain_v) = (pp * of, pv * of);
+        let innovation = seen.center_ned_m.minus(self.center_ned_m);
+        self.center_ned_m = self.center_ned_m.plus(innovation.times(gain_p));
+        self.velocity_ned_mps = self.velocity_ned_mps.plus(innovation.times(gain_v)).clamped(20.0);
+        self.covariance = [pp * (1.0 - gain_p), pv * (1.0 - gain_p), vv - gain_v * pv];
+        (self.unseen_s, self.clear_s) = (0.0, 0.0);
+        self.looks = self.looks.saturating_add(1);
+    }
+}
+
+/// A scan of before, as one asks it how far was seen.
+#[derive(Clone, Debug, Default)]
+struct Kept {
+    time: Instant,
+    pose: Pose,
+    first_azimuth_rad: f32,
+    step_rad: f32,
+    range_max_m: f32,
+    turn: u8,
+    ranges: Ranges,
+}
+
+impl Kept {
+    fn take(&mut self, scan: &Scan, pose: &Pose) {
+        self.time = scan.time;
+        self.pose = *pose;
+        (self.first_azimuth_rad, self.step_rad) = (scan.first_azimuth_rad, scan.step_rad);
+        self.range_max_m = scan.range_max_m;
+        self.turn = scan.turn().unwrap_or(0) as u8;
+        self.ranges.take(scan);
+    }
+
+    /// Whether enough of the hits of a cluster lie where this scan saw through.
+    fn saw_through(&self, look: &Segmentation, seen: &Cluster) -> bool {
+        let points = look.points_m.get(seen.from..seen.to).unwrap_or_default();
+        let is_through = |point: &&Horizontal| self.beyond_m(point.plus(look.origin_ned_m)) > THROUGH_M;
+        points.iter().filter(is_through).count() as f32 > THROUGH_SHARE * points.len() as f32
+    }
+
+    /// How much farther was seen in the direction of a place than the place is; negative where that is not known.
+    fn beyond_m(&self, place: Horizontal) -> f32 {
+        let away = place.minus(self.pose.position_ned_m);
+        let azimuth_rad = wrap_pi(away.bearing_rad() - self.pose.yaw_rad - self.first_azimuth_rad);
+        let index = libm::roundf(azimuth_rad / self.step_rad) as i32;
+        let index = if self.turn > 0 {
+            index.wrapping_rem_euclid(i32::from(self.turn))
+        } else {
+            let whole = libm::roundf(core::f32::consts::TAU / libm::fabsf(self.step_rad)) as i32;
+            if index < 0 { index + whole } else { index }
+        };
+        // What lies near the edge of a sector may have been seen in the next one.
+        let mut least_m = f32::INFINITY;
+        for beside in [-1, 0, 1] {
+            let index =
+                if self.turn > 0 { (index + beside).wrapping_rem_euclid(i32::from(self.turn)) } else { index + beside };
+            let sees_m = usize::try_from(index).map_or(-1.0, |index| self.ranges.sees_m(index, self.range_max_m));
+            least_m = if sees_m < least_m { sees_m } else { least_m };
+        }
+        least_m - away.norm()
+    }
+}
+
+/// All that is followed, and the scans of before.
+#[derive(Clone, Debug, Default)]
+pub struct Tracks {
+    tracks: Vec<Track, TRACKS_MAX>,
+    time: Option<Instant>,
+    /// The time of the tracks when a scan was last taken in.
+    looked: Option<Instant>,
+    kept: [Kept; KEPT],
+    newest: usize,
+    is_kept: bool,
+}
+
+impl Tracks {
+    /// Back to nothing, in place.
+    pub fn clear(&mut self) {
+        let Self { tracks, time, looked, kept: _, newest, is_kept } = self;
+        tracks.clear();
+        (*time, *looked, *newest, *is_kept) = (None, None, 0, false);
+    }
+
+    /// All that is followed.
+    #[must_use]
+    pub fn all(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    /// Whether a scan was taken in at the time of the tracks.
+    #[must_use]
+    pub fn has_just_looked(&self) -> bool {
+        self.looked.is_some() && self.looked == self.time
+    }
+
+    /// Whether it is long enough since the last one.
+    fn is_due(&self) -> bool {
+        let (Some(time), Some(looked)) = (self.time, self.looked) else { return true };
+        !(0.0..LOOKS_APART_S).contains(&time.seconds_since(looked))
+    }
+
+    /// The latest kept scan that is old enough.
+    fn before(&self, now: Instant) -> Option<&Kept> {
+        if !self.is_kept {
+            return None;
+        }
+        (0..KEPT).map(|k| (self.newest + KEPT - k) % KEPT).filter_map(|at| self.kept.get(at)).find(|kept| {
+            let age_s = now.seconds_since(kept.time);
+            let before_s = if libm::fabsf(kept.step_rad) > 0.05 { BEFORE_WIDE_S } else { BEFORE_S };
+            (before_s..1.0).contains(&age_s) && kept.step_rad != 0.0
+        })
+    }
+
+    /// What was followed and is not seen where the sensor looks.
+    fn miss(&mut self, scan: &Scan, pose: &Pose, taken: u32) {
+        let mut now = Kept::default();
+        now.take(scan, pose);
+        let since_s = self.kept.get(self.newest).filter(|_| self.is_kept);
+        let since_s = since_s.map_or(0.0, |kept| between(scan.time.seconds_since(kept.time), 0.0, 0.2));
+        for (t, track) in self.tracks.iter_mut().enumerate() {
+            if taken >> (t % 32) & 1 == 0 && now.beyond_m(track.center_ned_m) > 0.0 {
+                track.clear_s += since_s;
+            }
+        }
+    }
+
+    fn keep(&mut self, scan: &Scan, pose: &Pose) {
+        if self.is_kept {
+            let since_s = self.kept.get(self.newest).map_or(1.0, |kept| scan.time.seconds_since(kept.time));
+            if (0.0..KEPT_APART_S).contains(&since_s) {
+                return;
+            }
+        } else {
+            for kept in &mut self.kept {
+                kept.step_rad = 0.0;
+            }
+        }
+        self.newest = (self.newest + 1) % KEPT;
+        self.is_kept = true;
+        if let Some(kept) = self.kept.get_mut(self.newest) {
+            kept.take(scan, pose);
+        }
+    }
+}
+
+impl Tracker {
+    /// The radius that a body is taken to have.
+    #[must_use]
+    pub fn radius_m(&self) -> f32 {
+        self.config.radius_m
+    }
+
+    /// Carries all tracks on to a time.
+    #[inline(never)]
+    pub fn advance(&self, tracks: &mut Tracks, now: Instant) {
+        let dt_s = tracks.time.map_or(0.0, |time| now.seconds_since(time));
+        tracks.time = Some(now);
+        if !(0.0..=2.0).contains(&dt_s) {
+            tracks.tracks.clear();
+            return;
+        }
+        if dt_s > 0.0 {
+            for track in &mut tracks.tracks {
+                track.predict(dt_s, self.config.sigma_mps2);
+            }
+        }
+        let memory_s = self.config.memory_s;
+        tracks.tracks.retain(|track| track.unseen_s <= if track.moves { memory_s } else { 1.0 });
+    }
+
+    /// What bodies that move and have just been seen leave behind: circles in which, but for what was seen there now, nothing
+    /// stands.
+    pub fn left_by<'a>(&self, tracks: &'a Tracks) -> impl Iterator<Item = (Horizontal, f32)> + use<'a> {
+        let radius_m = self.config.radius_m + LEFT_M;
+        let seen = tracks.tracks.iter().filter(|track| track.moves && track.unseen_s == 0.0);
+        seen.map(move |track| (track.center_ned_m, radius_m))
+    }
+
+    /// Takes in a scan, after [`Self::advance`] to its step. Of scans that come faster than 25 Hz not every one is.
+    #[inline(never)]
+    pub fn observe(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose, look: &Segmentation) {
+        if !tracks.is_due() {
+            return;
+        }
+        tracks.looked = tracks.time;
+        let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
+        cluster::find(&mut clusters, scan, pose, look, self.config.radius_m);
+        if let Some(before) = tracks.before(scan.time) {
+            for seen in &mut clusters {
+                seen.was_free = before.saw_through(look, seen);
+            }
+        }
+        clusters.retain(|seen| !seen.is_long || seen.was_free);
+        let taken = associate(&tracks.tracks, &mut clusters);
+        tracks.miss(scan, pose, taken);
+        for seen in &clusters {
+            if let Some(track) = seen.track.and_then(|track| tracks.tracks.get_mut(usize::from(track))) {
+                self.follow(track, seen);
+            }
+        }
+        for seen in clusters.iter().filter(|seen| seen.track.is_none()) {
+            self.begin(tracks, seen, pose.position_ned_m);
+        }
+        tracks.tracks.retain(|track| track.clear_s < CLEAR_S);
+        tracks.keep(scan, pose);
+    }
+
+    /// One more look at a body.
+    fn follow(&self, track: &mut Track, seen: &Cluster) {
+        track.update(seen);
+        if seen.was_free {
+            track.through_s = 0.0;
+        }
+        let doubt_mps = self.config.moving_sigmas * sqrt(track.covariance[2]);
+        let least_mps = if doubt_mps > self.config.moving_min_mps { doubt_mps } else { self.config.moving_min_mps };
+        track.moves = track.looks >= LOOKS_MIN
+            && track.through_s < THROUGH_S
+            && track.velocity_ned_mps.norm_squared() > least_mps * least_mps;
+    }
+
+    /// The first look at a body. Where there is no room the farthest that stands gives way to a nearer one.
+    fn begin(&self, tracks: &mut Tracks, seen: &Cluster, from_ned_m: Horizontal) {
+        let sigma_mps = self.config.sigma_mps;
+        let born = Track {
+            center_ned_m: seen.center_ned_m,
+            velocity_ned_mps: Horizontal::default(),
+            covariance: [seen.sigma_m * seen.sigma_m, 0.0, sigma_mps * sigma_mps],
+            unseen_s: 0.0,
+            clear_s: 0.0,
+            through_s: if seen.was_free { 0.0 } else { THROUGH_S },
+            looks: 1,
+            moves: false,
+        };
+        let Err(born) = tracks.tracks.push(born) else { return };
+        let far = |track: &Track| track.center_ned_m.minus(from_ned_m).norm_squared();
+        let standing = tracks.tracks.iter_mut().filter(|track| !track.moves);
+        if let Some(farthest) = standing.max_by(|a, b| far(a).total_cmp(&far(b)))
+            && far(&born) < far(farthest)
+        {
+            *farthest = born;
+        }
+    }
+}
+
+/// Which cluster is which track, the nearest pair first; the tracks that are one, a bit each.
+#[inline(never)]
+fn associate(tracks: &[Track], clusters: &mut [Cluster]) -> u32 {
+    let mut pairs: Vec<(f32, u8, u8), PAIRS_MAX> = Vec::new();
+    for (c, seen) in clusters.iter().enumerate() {
+        for (t, track) in tracks.iter().enumerate() {
+            let gate_m = GATE_M + GATE_SIGMAS * sqrt(track.covariance[0]);
+            let gate_m = if gate_m < GATE_MAX_M { gate_m } else { GATE_MAX_M };
+            let squared = seen.center_ned_m.minus(track.center_ned_m).norm_squared();
+            if squared < gate_m * gate_m {
+                // The last pairs of very many are left out.
+                let _ = pairs.push((squared, c as u8, t as u8));
+            }
+        }
+    }
+    sort_by_key(&mut pairs, |(squared, ..)| *squared);
+    let mut taken = 0_u32;
+    for (_, c, t) in pairs.iter().copied() {
+        let Some(seen) = clusters.get_mut(usize::from(c)) else { continue };
+        let bit = 1 << (t % 32);
+        if seen.track.is_none() && taken & bit == 0 {
+            (seen.track, taken) = (Some(t), taken | bit);
+        }
+    }
+    taken
+}
+
+#[cfg(test)]
+mod tests;

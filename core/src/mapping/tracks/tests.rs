@@ -1,0 +1,162 @@
+//! People and walls as a sensor of any ray width sees them, and what becomes of them.
+
+use std::vec::Vec as StdVec;
+
+use super::*;
+use crate::mapping::scan::{self, SECTORS_MAX, Sector};
+
+const SCAN_S: f32 = 0.1;
+/// A person.
+const RADIUS_M: f32 = 0.3;
+
+fn horizontal(north: f32, east: f32) -> Horizontal {
+    Horizontal { north, east }
+}
+
+/// 72 sectors over a field of view around the nose, each the nearest of its rays.
+fn cast(time: Instant, pose: &Pose, fov_deg: f32, circles: &[(Horizontal, f32)]) -> Scan {
+    let step_rad = (fov_deg / 72.0).to_radians();
+    let first_azimuth_rad = -0.5 * (fov_deg.to_radians() - step_rad);
+    let mut scan = Scan { time, first_azimuth_rad, step_rad, range_max_m: 5.0, sectors: [Sector::Clear; SECTORS_MAX] };
+    let rays = libm::ceilf(fov_deg / 72.0 / 1.25) as i32;
+    for (index, sector) in scan.sectors.iter_mut().enumerate() {
+        let middle_rad = pose.yaw_rad + first_azimuth_rad + step_rad * index as f32;
+        let mut nearest_m = f32::INFINITY;
+        for ray in 0..rays {
+            let beside = (ray as f32 + 0.5) / rays as f32 - 0.5;
+            let along = Horizontal::from_bearing(wrap_pi(middle_rad + beside * step_rad));
+            for (center, radius_m) in circles {
+                let to = center.minus(pose.position_ned_m);
+                let (ahead_m, square) = (to.dot(along), to.norm_squared() - radius_m * radius_m);
+                let within = ahead_m * ahead_m - square;
+                if within > 0.0 && ahead_m > 0.0 {
+                    nearest_m = nearest_m.min(ahead_m - within.sqrt());
+                }
+            }
+        }
+        if nearest_m < 5.0 {
+            *sector = Sector::Hit(nearest_m);
+        }
+    }
+    scan
+}
+
+struct Watch {
+    tracker: Tracker,
+    segmenter: scan::Segmenter,
+    tracks: Tracks,
+    now_s: f32,
+    fov_deg: f32,
+}
+
+impl Watch {
+    fn new(fov_deg: f32) -> Self {
+        let (tracker, segmenter) = (Config::default().build().unwrap(), scan::Config::default().build().unwrap());
+        Self { tracker, segmenter, tracks: Tracks::default(), now_s: 1.0, fov_deg }
+    }
+
+    fn look(&mut self, pose: &Pose, circles: &[(Horizontal, f32)]) {
+        self.now_s += SCAN_S;
+        let now = Instant((self.now_s * 1e6) as u64);
+        let scan = cast(now, pose, self.fov_deg, circles);
+        let mut look = Segmentation::default();
+        self.segmenter.fit_into(&mut look, &scan, pose).unwrap();
+        self.tracker.advance(&mut self.tracks, now);
+        self.tracker.observe(&mut self.tracks, &scan, pose, &look);
+    }
+
+    fn moving(&self) -> StdVec<Track> {
+        self.tracks.all().iter().copied().filter(Track::moves).collect()
+    }
+}
+
+#[test]
+fn a_person_is_followed_with_the_velocity_that_he_has_by_rays_and_by_wide_sectors() {
+    // Field of view, when his velocity is looked at, and how far off it may be.
+    for (fov_deg, after_s, off_mps) in [(90.0, 0.5, 0.15), (90.0, 1.0, 0.05), (360.0, 1.0, 0.35), (360.0, 2.0, 0.15)] {
+        for velocity in [horizontal(0.0, 1.4), horizontal(-0.9, 0.9), horizontal(0.3, -1.5)] {
+            let mut watch = Watch::new(fov_deg);
+            // An empty world at first.
+            for _ in 0..5 {
+                watch.look(&Pose::default(), &[]);
+            }
+            let start = horizontal(2.5, 0.0).minus(velocity.times(0.5 * after_s));
+            let mut person = start;
+            let looks = (after_s / SCAN_S) as usize;
+            for look in 0..=looks {
+                person = start.plus(velocity.times(look as f32 * SCAN_S));
+                watch.look(&Pose::default(), &[(person, RADIUS_M)]);
+            }
+            let moving = watch.moving();
+            assert_eq!(moving.len(), 1, "{fov_deg} {velocity:?} {:?}", watch.tracks.all());
+            assert!(moving[0].center_ned_m.minus(person).norm() < 0.12, "{fov_deg} {velocity:?} {moving:?}");
+            let off = moving[0].velocity_ned_mps.minus(velocity).norm();
+            assert!(off < off_mps, "{fov_deg} {velocity:?}: {off}");
+        }
+    }
+}
+
+#[test]
+fn two_people_abreast_are_two() {
+    for fov_deg in [90.0, 360.0] {
+        let mut watch = Watch::new(fov_deg);
+        for look in 0..16 {
+            let north = 4.2 - 1.4 * SCAN_S * look as f32;
+            let pair = [(horizontal(north, -0.4), RADIUS_M), (horizontal(north, 0.4), RADIUS_M)];
+            watch.look(&Pose::default(), if look < 4 { &[] } else { &pair });
+        }
+        let seen: StdVec<_> = watch.moving().into_iter().filter(|track| track.unseen_s == 0.0).collect();
+        assert_eq!(seen.len(), 2, "{fov_deg} {:?}", watch.tracks.all());
+        assert!(seen.iter().all(|track| track.velocity_ned_mps.minus(horizontal(-1.4, 0.0)).norm() < 0.3), "{seen:?}");
+    }
+}
+
+#[test]
+fn nothing_of_a_wall_moves_however_it_is_flown_along() {
+    let pickets: StdVec<_> = (0..80).map(|k| (horizontal(0.15 * k as f32 - 2.0, 1.2), 0.1)).collect();
+    let posts: StdVec<_> = (0..12).map(|k| (horizontal(1.0 * k as f32, -1.5), 0.2)).collect();
+    let world: StdVec<_> = pickets.into_iter().chain(posts).collect();
+    for fov_deg in [90.0, 120.0, 270.0, 360.0] {
+        for speed_mps in [0.5, 1.0, 2.0] {
+            let mut watch = Watch::new(fov_deg);
+            for look in 0..40 {
+                let yaw_rad = 0.6 * (0.3 * look as f32).sin();
+                let north = (speed_mps * SCAN_S * look as f32).min(8.0);
+                watch.look(&Pose { position_ned_m: horizontal(north, 0.0), yaw_rad }, &world);
+                assert_eq!(watch.moving().len(), 0, "{fov_deg} {speed_mps} {look} {:?}", watch.moving());
+            }
+        }
+    }
+}
+
+#[test]
+fn who_is_gone_is_forgotten_and_who_is_out_of_view_remembered_for_a_while() {
+    let velocity = horizontal(0.0, 1.0);
+    let walk = |watch: &mut Watch| {
+        let mut person = horizontal(2.0, -1.0);
+        for look in 0..14 {
+            person = person.plus(velocity.times(SCAN_S));
+            let there = [(person, RADIUS_M)];
+            watch.look(&Pose::default(), if look < 4 { &[] } else { &there });
+        }
+        assert_eq!(watch.moving().len(), 1);
+        person
+    };
+    let mut watch = Watch::new(90.0);
+    walk(&mut watch);
+    for _ in 0..5 {
+        watch.look(&Pose::default(), &[]);
+    }
+    assert!(watch.moving().is_empty(), "seen through {:?}", watch.moving());
+
+    let mut watch = Watch::new(90.0);
+    let mut person = walk(&mut watch);
+    let behind = Pose { yaw_rad: 3.0, ..Pose::default() };
+    for look in 1..40 {
+        person = person.plus(velocity.times(SCAN_S));
+        watch.look(&behind, &[]);
+        let moving = watch.moving();
+        assert_eq!(moving.len(), usize::from(look <= 30), "after {look} scans");
+        assert!(moving.iter().all(|track| track.center_ned_m.minus(person).norm() < 0.6));
+    }
+}
