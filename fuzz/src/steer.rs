@@ -227,7 +227,8 @@ fn guarded(draw: &mut Draw<'_>) -> Reached {
                 let ruling = guard.step(&mut state, &demand, &situation, &obstacles, dt_s);
                 let about =
                     || format!("{ruling:?} after {last:?}: {demand:?} {situation:?} {obstacles:?} {dt_s} {limits:?}");
-                let is_calm = obstacles.iter().all(|obstacle| obstacle.velocity_ned_mps == Horizontal::default());
+                let stands = |obstacle: &Neighbour| obstacle.velocity_ned_mps == Horizontal::default();
+                let is_calm = !situation.is_evading && obstacles.iter().all(stands);
                 let step = Step { limits: &limits, dt_s, setpoint: ruling.setpoint, last, last_change_mps, is_calm };
                 step.check(&about);
                 assert!(ruling.look_ned_rad.is_none_or(f32::is_finite), "where to look: {}", about());
@@ -259,6 +260,7 @@ fn situation(draw: &mut Draw<'_>) -> GuardInput {
         down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),
         held_down_m: draw.flag().then(|| draw.any(-20.0, 5.0)),
         gust_margin_m: if draw.flag() { 0.0 } else { draw.between(0.0, 0.6) },
+        is_evading: draw.flag(),
     }
 }
 
@@ -566,7 +568,8 @@ impl Flight {
             let withheld = [Outcome::LinkLost, Outcome::NotInControl, Outcome::Landed];
             assert!(withheld.contains(&output.outcome), "{}", about());
         }
-        let is_calm = self.state.map().circles().all(|circle| circle.velocity_ned_mps == Horizontal::default());
+        let is_calm = self.state.map().circles().all(|circle| circle.velocity_ned_mps == Horizontal::default())
+            && !self.state.tracks().all().iter().any(|track| track.moves());
         let step = Step {
             limits: &self.config.guard,
             dt_s: self.config.tick_s,

@@ -135,6 +135,12 @@ impl State {
         self.excess_mps > 0.0
     }
 
+    /// The velocity between the two lags: where the commands so far take that of the vehicle.
+    #[must_use]
+    pub fn halfway_mps(&self) -> Horizontal {
+        self.first_mps
+    }
+
     /// Out of control; what was learned of the wind stays.
     pub fn release(&mut self) {
         self.since = 0;

@@ -98,6 +98,12 @@ impl Response {
         let _ = state.commands.push_back(velocity_ned_mps);
     }
 
+    /// The period of the loop.
+    #[must_use]
+    pub fn tick_s(&self) -> f32 {
+        self.tick_s
+    }
+
     /// Where the vehicle would come to rest.
     #[must_use]
     pub fn rest_point(&self, state: &State, position_ned_m: Horizontal, velocity_ned_mps: Horizontal) -> Horizontal {

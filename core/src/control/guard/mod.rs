@@ -226,6 +226,8 @@ pub struct GuardInput {
     pub delay_s: f32,
     /// How far gusts push the vehicle about: so much more is kept from what stands still.
     pub gust_margin_m: f32,
+    /// The demand is the evader's: getting out of somebody's way does not wait until the nose has turned.
+    pub is_evading: bool,
     /// Vertical position, local NED, if known.
     pub down_m: Option<f32>,
     /// The altitude that is held, local NED, if any.
@@ -392,7 +394,7 @@ impl Guard {
         let v_max_mps = self.gather_near(state.command_ned_mps, situation, obstacles, &mut near)?;
         let near = &near;
         let bounding = if situation.gust_margin_m > 0.0 { obstacles } else { near };
-        let is_threatened = self.bound(situation, bounding, v_max_mps, &mut half_spaces);
+        let is_threatened = self.bound(situation, bounding, v_max_mps, &mut half_spaces) || situation.is_evading;
 
         let wanted = demand.velocity_ned_mps.clamped(v_max_mps);
         let granted = if is_threatened { wanted } else { wanted.times(self.view_share(wanted, situation.yaw_rad)) };

@@ -1,0 +1,500 @@
+//! The evader: who moves is not waited for, and not only braked for. Standing still is where people run into a vehicle.
+//!
+//! Each velocity of a fan is rolled out as the vehicle would fly it, with its dead time, its lag and its limit of
+//! acceleration, and then straight on, against everything that moves, straight on as well. The cost of a velocity grows as
+//! the hit comes nearer, as the clearance shrinks, and with the progress that it gives up. The least bad is flown, whatever it costs: there is
+//! no default brake. While what was asked for keeps clear of all that moves, it passes as it is.
+//!
+//! What stands is looked at for a short time ahead, so that nobody is evaded into a wall; it is the guard that keeps off it.
+//! What moves may change its mind: this is best effort, while what stands is kept off for certain ([`crate::control::guard`]).
+
+use heapless::Vec;
+
+use crate::base::error::{ConfigError, check};
+use crate::base::math::sqrt;
+use crate::base::ned::Horizontal;
+use crate::base::obstacle::Neighbour;
+use crate::base::units::{between, sin_cos};
+use crate::control::response::{self, Response};
+
+/// So many that move are evaded, the ones that could be met first.
+pub const MOVERS_MAX: usize = 8;
+/// So many that stand are kept in mind.
+const STANDING_MAX: usize = 6;
+/// Directions of the fan, and shares of the speed in each.
+const DIRECTIONS: usize = 16;
+const SHARES: [f32; 2] = [1.0, 0.5];
+/// Steps of the roll-out after the dead time. Together they last so long, and so many of the response's lags.
+const STEPS: usize = 5;
+const TURN_S: f32 = 0.9;
+const LAGS: f32 = 2.0;
+/// What stands is looked at for so long beyond the roll-out.
+const STANDING_S: f32 = 0.5;
+
+/// What stands and is no farther from the middle of what moves than this, and their reach, is a part of it.
+const PART_M: f32 = 0.1;
+/// A choice holds for so many more steps: it is made at 12.5 Hz.
+const HOLDS: u8 = 3;
+/// A hit costs as much as one that is so much later, where it is at once.
+const HIT_S: f32 = 0.3;
+/// A margin smaller than this counts as this.
+const MARGIN_MIN_M: f32 = 0.01;
+
+/// What the evader needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// How far ahead who moves is thought to go straight on.
+    pub horizon_s: f32,
+    /// Kept from who moves, beside the two radii.
+    pub margin_m: f32,
+    /// By so much more for each second ahead.
+    pub margin_rate_mps: f32,
+    /// Clearance below which a velocity costs something.
+    pub comfort_m: f32,
+    /// Cost of a hit.
+    pub hit_cost: f32,
+    /// Cost of no clearance.
+    pub clearance_cost: f32,
+    /// Cost of another velocity than the last.
+    pub change_cost: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            horizon_s: 4.0,
+            margin_m: 0.05,
+            margin_rate_mps: 0.03,
+            comfort_m: 0.3,
+            hit_cost: 200.0,
+            clearance_cost: 1.5,
+            change_cost: 0.05,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration for a vehicle.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self, response: &Response, v_max_mps: f32, a_max_mps2: f32) -> Result<Evader, ConfigError> {
+        check("evade.horizon_s", self.horizon_s, 0.5, 30.0)?;
+        check("evade.margin_m", self.margin_m, 0.0, 5.0)?;
+        check("evade.margin_rate_mps", self.margin_rate_mps, 0.0, 1.0)?;
+        check("evade.comfort_m", self.comfort_m, 0.01, 5.0)?;
+        check("evade.hit_cost", self.hit_cost, 0.0, 1e4)?;
+        check("evade.clearance_cost", self.clearance_cost, 0.0, 1e3)?;
+        check("evade.change_cost", self.change_cost, 0.0, 1e3)?;
+        let (dead_steps, lag_s) = response.twice_lagged();
+        let step_s = (TURN_S + 2.0 * LAGS * lag_s) / STEPS as f32;
+        // Beyond the roll-out, however slow the vehicle is.
+        let least_s = step_s * STEPS as f32 + STANDING_S;
+        let horizon_s = if self.horizon_s > least_s { self.horizon_s } else { least_s };
+        let tick_s = response.tick_s();
+        Ok(Evader { config: Self { horizon_s, ..*self }, v_max_mps, a_max_mps2, tick_s, dead_steps, lag_s, step_s })
+    }
+}
+
+/// The configured stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evader {
+    config: Config,
+    v_max_mps: f32,
+    a_max_mps2: f32,
+    tick_s: f32,
+    /// The vehicle's answer, see [`Response::twice_lagged`].
+    dead_steps: usize,
+    lag_s: f32,
+    /// A step of the roll-out.
+    step_s: f32,
+}
+
+/// The last choice, and for how many more steps it holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    choice_ned_mps: Option<Horizontal>,
+    holds: u8,
+}
+
+/// What the evader needs to know in a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Input<'a> {
+    /// Position, local NED.
+    pub position_ned_m: Horizontal,
+    /// Velocity, local NED.
+    pub velocity_ned_mps: Horizontal,
+    /// The last command.
+    pub command_ned_mps: Horizontal,
+    /// The velocity between the two lags of the vehicle's answer.
+    pub halfway_ned_mps: Horizontal,
+    /// The commands that are on their way.
+    pub underway: &'a response::State,
+    /// The tracks have taken in a scan in this step: the last choice holds until the next, so that one step does not do both.
+    pub has_looked: bool,
+    /// What stands near.
+    pub standing: &'a [Neighbour],
+    /// What moves near: what a sensor says moves, and what is followed.
+    pub moving: [&'a [Neighbour]; 2],
+}
+
+/// Somebody or something, when the vehicle begins to obey.
+#[derive(Clone, Copy, Debug)]
+struct Other {
+    at_m: Horizontal,
+    velocity_mps: Horizontal,
+    /// The two radii, what is kept from its centre, and by how much more a second.
+    reach_m: f32,
+    keep_m: f32,
+    rate_mps: f32,
+}
+
+/// The worst hit and the least clearance of one roll-out.
+#[derive(Clone, Copy, Debug, Default)]
+struct Foreseen {
+    /// How much of the margin it takes, at most all, over how soon it is.
+    hit_per_s: f32,
+    closeness: f32,
+}
+
+impl Evader {
+    /// The velocity to fly in place of the one that is asked for; `None`: that is clear of all that moves.
+    #[inline(never)]
+    pub fn step(&self, state: &mut State, asked: Horizontal, input: &Input<'_>) -> Option<Horizontal> {
+        // What is not finite the guard brakes for.
+        if !asked.is_finite() || input.moving.iter().all(|part| part.is_empty()) {
+            *state = State::default();
+            return None;
+        }
+        if state.holds > 0 || input.has_looked {
+            state.holds = state.holds.saturating_sub(1);
+            return state.choice_ned_mps;
+        }
+        state.holds = HOLDS;
+        let c = &self.config;
+        let asked = asked.clamped(self.v_max_mps);
+        let from = self.obeys_from(input);
+        let (start, dead_s) = (from.position, self.dead_steps as f32 * self.tick_s);
+        let mut moving: Vec<Other, MOVERS_MAX> = Vec::new();
+        for other in input.moving.into_iter().flatten() {
+            let at_m = other.center_ned_m.plus(other.velocity_ned_mps.times(dead_s));
+            let away_m = at_m.minus(start).norm();
+            let reach_s = (away_m - other.reach_m) / (self.v_max_mps + other.velocity_ned_mps.norm());
+            if reach_s > c.horizon_s {
+                continue;
+            }
+            let wanted_m = other.reach_m + c.margin_m + c.margin_rate_mps * dead_s;
+            // Who is too near already is not let nearer.
+            let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
+            let velocity_mps = other.velocity_ned_mps;
+            let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: c.margin_rate_mps };
+            keep_nearest(&mut moving, start, one);
+        }
+        if moving.is_empty() {
+            state.choice_ned_mps = None;
+            return None;
+        }
+        let passed = self.foresee(&from, asked, &moving, &[]);
+        if passed.hit_per_s <= 0.0 && passed.closeness <= 0.0 {
+            state.choice_ned_mps = None;
+            return None;
+        }
+        let mut standing: Vec<Other, STANDING_MAX> = Vec::new();
+        for other in input.standing {
+            let away_m = other.center_ned_m.minus(start).norm();
+            if away_m - other.reach_m > (self.turn_s() + STANDING_S) * self.v_max_mps {
+                continue;
+            }
+            // What was hit of a body that moves.
+            let is_part = |body: &Other| {
+                let near_m = body.reach_m + PART_M;
+                body.at_m.minus(body.velocity_mps.times(dead_s)).minus(other.center_ned_m).norm_squared()
+                    < near_m * near_m
+            };
+            if moving.iter().any(is_part) {
+                continue;
+            }
+            let wanted_m = other.reach_m + 0.03;
+            let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
+            let velocity_mps = Horizontal::default();
+            let at_m = other.center_ned_m;
+            keep_nearest(
+                &mut standing,
+                start,
+                Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: 0.0 },
+            );
+        }
+        let speed = asked.norm();
+        let towards = if speed > 1e-3 { asked.times(1.0 / speed) } else { Horizontal::default() };
+        let last = state.choice_ned_mps.unwrap_or(input.command_ned_mps);
+        let (mut best, mut least) = (asked, f32::INFINITY);
+        let mut weigh = |velocity: Horizontal| {
+            let foreseen = self.foresee(&from, velocity, &moving, &standing);
+            let hit = c.hit_cost * foreseen.hit_per_s;
+            let way = if speed > 1e-3 {
+                c.horizon_s * (1.0 - velocity.dot(towards) / speed)
+            } else {
+                velocity.norm() * c.horizon_s / self.v_max_mps
+            };
+            let cost = hit + c.clearance_cost * foreseen.closeness + way + c.change_cost * velocity.minus(last).norm();
+            if cost < least {
+                (best, least) = (velocity, cost);
+            }
+        };
+        weigh(asked);
+        weigh(last.clamped(self.v_max_mps));
+        weigh(Horizontal::default());
+        let along = if speed > 1e-3 { towards } else { Horizontal { north: 1.0, east: 0.0 } };
+        let (sine, cosine) = sin_cos(core::f32::consts::TAU / DIRECTIONS as f32);
+        let mut direction = along;
+        for _ in 0..DIRECTIONS {
+            for share in SHARES {
+                weigh(direction.times(self.v_max_mps * share));
+            }
+            direction = Horizontal {
+                north: cosine * direction.north - sine * direction.east,
+                east: sine * direction.north + cosine * direction.east,
+            };
+        }
+        state.choice_ned_mps = Some(best);
+        Some(best)
+    }
+
+    /// How long the roll-out lasts.
+    fn turn_s(&self) -> f32 {
+        self.step_s * STEPS as f32
+    }
+
+    /// Where the vehicle is when it begins to obey what it is told now.
+    fn obeys_from(&self, input: &Input<'_>) -> Start {
+        let mut start = Start {
+            position: input.position_ned_m,
+            velocity: input.velocity_ned_mps,
+            halfway: input.halfway_ned_mps,
+            command: input.command_ned_mps,
+        };
+        for steps in (0..self.dead_steps).rev() {
+            start.fly(input.underway.ago(steps), self.lag_s, self.tick_s);
+        }
+        start
+    }
+
+    /// Flies one velocity in thought.
+    #[inline(never)]
+    fn foresee(&self, from: &Start, velocity: Horizontal, moving: &[Other], standing: &[Other]) -> Foreseen {
+        let c = &self.config;
+        let (mut legs, mut flown) = ([Leg::default(); STEPS], *from);
+        for leg in &mut legs {
+            let change = velocity.minus(flown.command).clamped(self.a_max_mps2 * self.step_s);
+            let (at, mean) = (flown.position, flown.command.plus(change.times(0.5)));
+            flown.command = flown.command.plus(change);
+            flown.fly(mean, self.lag_s, self.step_s);
+            *leg = Leg { at, velocity: flown.velocity };
+        }
+        let rolled_s = self.turn_s();
+        // What the lags and the limit of acceleration still keep back.
+        let lagging = flown.velocity.plus(flown.halfway).minus(velocity.times(2.0)).times(self.lag_s);
+        let missing = flown.command.minus(velocity);
+        let kept_back = lagging.plus(missing.times(0.5 * missing.norm() / self.a_max_mps2));
+        let last = Leg { at: flown.position.plus(kept_back), velocity };
+        let mut foreseen = Foreseen::default();
+        for (others, lasts_s) in [(moving, c.horizon_s - rolled_s), (standing, STANDING_S)] {
+            for other in others {
+                let mut begun_s = 0.0;
+                for leg in &legs {
+                    self.meet(other, leg, begun_s, self.step_s, &mut foreseen);
+                    begun_s += self.step_s;
+                }
+                self.meet(other, &last, rolled_s, lasts_s, &mut foreseen);
+            }
+        }
+        foreseen
+    }
+
+    /// One straight leg against one other.
+    fn meet(&self, other: &Other, leg: &Leg, begun_s: f32, lasts_s: f32, foreseen: &mut Foreseen) {
+        if foreseen.hit_per_s * (HIT_S + begun_s) >= 1.0 {
+            return;
+        }
+        let c = &self.config;
+        let apart = leg.at.minus(other.at_m.plus(other.velocity_mps.times(begun_s)));
+        let speed = leg.velocity.minus(other.velocity_mps);
+        let (square, along) = (speed.norm_squared(), apart.dot(speed));
+        let nearest_s = if square > 1e-9 { between(-along / square, 0.0, lasts_s) } else { 0.0 };
+        let at_nearest = apart.plus(speed.times(nearest_s));
+        let keep_m = other.keep_m + other.rate_mps * (begun_s + nearest_s);
+        let far_m = keep_m + c.comfort_m;
+        let squared = at_nearest.norm_squared();
+        if squared >= far_m * far_m {
+            return;
+        }
+        let clearance_m = sqrt(squared) - keep_m;
+        if clearance_m < 0.0 {
+            // When the circle is entered.
+            let within = along * along - square * (apart.norm_squared() - keep_m * keep_m);
+            let enters_s = if square > 1e-9 && within > 0.0 { (-along - sqrt(within)) / square } else { 0.0 };
+            let hit_s = begun_s + if enters_s > 0.0 { enters_s } else { 0.0 };
+            let margin_m = if keep_m - other.reach_m > MARGIN_MIN_M { keep_m - other.reach_m } else { MARGIN_MIN_M };
+            let share = if clearance_m < -margin_m { 1.0 } else { -clearance_m / margin_m };
+            let hit_per_s = share / (HIT_S + hit_s);
+            if hit_per_s > foreseen.hit_per_s {
+                foreseen.hit_per_s = hit_per_s;
+            }
+        }
+        let closeness = (1.0 - clearance_m / c.comfort_m) / (1.0 + 0.7 * (begun_s + nearest_s));
+        if closeness > foreseen.closeness {
+            foreseen.closeness = closeness;
+        }
+    }
+}
+
+/// Adds one, in the place of the farthest where there is no room.
+fn keep_nearest<const M: usize>(others: &mut Vec<Other, M>, from: Horizontal, one: Other) {
+    let Err(one) = others.push(one) else { return };
+    let far = |other: &Other| other.at_m.minus(from).norm_squared();
+    if let Some(last) = others.iter_mut().max_by(|a, b| far(a).total_cmp(&far(b)))
+        && far(&one) < far(last)
+    {
+        *last = one;
+    }
+}
+
+/// Where the vehicle is when it begins to obey, and the command that is changed then.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    position: Horizontal,
+    velocity: Horizontal,
+    /// Between the two lags.
+    halfway: Horizontal,
+    command: Horizontal,
+}
+
+impl Start {
+    /// One step under a command, so that each lag keeps back as much in all as in small steps.
+    fn fly(&mut self, command: Horizontal, lag_s: f32, step_s: f32) {
+        let share = step_s / (step_s + lag_s);
+        self.halfway = self.halfway.plus(command.minus(self.halfway).times(share));
+        self.velocity = self.velocity.plus(self.halfway.minus(self.velocity).times(share));
+        self.position = self.position.plus(self.velocity.times(step_s));
+    }
+}
+
+/// A straight piece of the roll-out.
+#[derive(Clone, Copy, Debug, Default)]
+struct Leg {
+    at: Horizontal,
+    velocity: Horizontal,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::Rng;
+    use crate::base::units::wrap_pi;
+    use crate::control::guard::Setpoint;
+    use crate::control::vehicle::Vehicle;
+
+    const TICK_S: f32 = 0.02;
+    const REACH_M: f32 = 0.45;
+
+    fn at(bearing_rad: f32, away_m: f32) -> Horizontal {
+        Horizontal::from_bearing(wrap_pi(bearing_rad)).times(away_m)
+    }
+
+    /// The least distance from a walker, of a vehicle of ArduCopter's delays that is asked for a velocity.
+    fn least_m(asked: Horizontal, from: Horizontal, walk_mps: Horizontal) -> f32 {
+        let response = response::Config::default().build(TICK_S).unwrap();
+        let evader = Config::default().build(&response, 1.0, 2.0).unwrap();
+        let (mut state, mut underway) = (State::default(), response::State::default());
+        let mut vehicle = Vehicle::new(Horizontal::default(), 16, 0.5);
+        let (mut command, mut halfway, mut walker) = (Horizontal::default(), Horizontal::default(), from);
+        let mut least_m = f32::INFINITY;
+        for _ in 0..300 {
+            let moving = [Neighbour { center_ned_m: walker, reach_m: REACH_M, velocity_ned_mps: walk_mps }];
+            let input = Input {
+                position_ned_m: vehicle.position,
+                velocity_ned_mps: vehicle.velocity,
+                command_ned_mps: command,
+                halfway_ned_mps: halfway,
+                underway: &underway,
+                has_looked: false,
+                standing: &[],
+                moving: [&moving, &[]],
+            };
+            let wanted = evader.step(&mut state, asked, &input).unwrap_or(asked);
+            command = command.plus(wanted.minus(command).clamped(2.0 * TICK_S));
+            halfway = halfway.plus(underway.ago(evader.dead_steps).minus(halfway).times(TICK_S / evader.lag_s));
+            response.command(&mut underway, command);
+            let velocity_ned_mps = crate::base::ned::Ned { north: command.north, east: command.east, down: 0.0 };
+            vehicle.follow(&Setpoint { velocity_ned_mps, ..Setpoint::default() });
+            walker = walker.plus(walk_mps.times(TICK_S));
+            least_m = f32::min(least_m, walker.minus(vehicle.position).norm());
+        }
+        least_m
+    }
+
+    #[test]
+    fn who_walks_up_to_a_vehicle_that_hovers_or_flies_does_not_meet_it_from_wherever_he_comes() {
+        for direction in 0..24 {
+            let bearing_rad = direction as f32 * core::f32::consts::TAU / 24.0;
+            for asked in [Horizontal::default(), Horizontal { north: 1.0, east: 0.0 }] {
+                // He walks to where it would be.
+                let from = at(bearing_rad, 5.0);
+                let walk_mps = from.times(-1.0 / 3.0).plus(asked.times(0.8));
+                let least_m = least_m(asked, from, walk_mps);
+                assert!(least_m > REACH_M, "{bearing_rad} {asked:?}: {least_m}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_clear_of_all_that_moves_passes_and_so_does_what_is_not_finite() {
+        let response = response::Config::default().build(TICK_S).unwrap();
+        let evader = Config::default().build(&response, 1.0, 2.0).unwrap();
+        let (underway, north) = (response::State::default(), Horizontal { north: 1.0, east: 0.0 });
+        let away = [Neighbour { center_ned_m: at(3.0, 2.0), reach_m: REACH_M, velocity_ned_mps: at(3.0, 1.0) }];
+        let input = Input {
+            position_ned_m: Horizontal::default(),
+            velocity_ned_mps: Horizontal::default(),
+            command_ned_mps: Horizontal::default(),
+            halfway_ned_mps: Horizontal::default(),
+            underway: &underway,
+            has_looked: false,
+            standing: &[],
+            moving: [&[], &away],
+        };
+        assert_eq!(evader.step(&mut State::default(), north, &input), None);
+        let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
+        assert_eq!(evader.step(&mut State::default(), nowhere, &input), None);
+    }
+
+    #[test]
+    fn in_any_crowd_the_answer_is_finite_and_within_the_speed_limit() {
+        let response = response::Config { dead_time_s: 0.06, lag_s: 0.15 }.build(TICK_S).unwrap();
+        let evader = Config::default().build(&response, 1.5, 2.0).unwrap();
+        let (underway, mut state, mut rng) = (response::State::default(), State::default(), Rng::new(24, 0));
+        let mut evaded = 0;
+        for _ in 0..2_000 {
+            let mut draw = |most: f32| at(6.3 * rng.uniform(), most * rng.uniform());
+            let one = |center_ned_m, velocity_ned_mps| Neighbour { center_ned_m, reach_m: REACH_M, velocity_ned_mps };
+            let moving: std::vec::Vec<_> = (0..40).map(|_| one(draw(4.0), draw(2.0))).collect();
+            let standing: std::vec::Vec<_> = (0..60).map(|_| one(draw(4.0), Horizontal::default())).collect();
+            let input = Input {
+                position_ned_m: draw(1.0),
+                velocity_ned_mps: draw(1.5),
+                command_ned_mps: draw(1.5),
+                halfway_ned_mps: draw(1.5),
+                underway: &underway,
+                has_looked: false,
+                standing: &standing,
+                moving: [&moving[..20], &moving[20..]],
+            };
+            if let Some(velocity) = evader.step(&mut state, draw(3.0), &input) {
+                evaded += 1;
+                assert!(velocity.is_finite() && velocity.norm() <= 1.5 * 1.001, "{velocity:?}");
+            }
+        }
+        assert!(evaded > 1_000, "{evaded}");
+    }
+}
