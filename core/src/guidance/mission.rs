@@ -1,7 +1,8 @@
 //! The state machine above the chain: what a step came to, and what the vehicle does about it.
 //!
 //! A bad world is never an error: it has one of these outcomes, the first that applies from the top. "Hold" is velocity
-//! zero within the acceleration limit, altitude kept, the setpoint stream going on; "none" leaves the stream to the link,
+//! zero within the acceleration limit, altitude kept, the setpoint stream going on, and but for `StaleOwnship`, `StaleObstacles`
+//! and `Fault` giving way to what moves ([`crate::control::evade`]); "none" leaves the stream to the link,
 //! which sends no motion outside of the mode and falls silent with the autopilot.
 //!
 //! | outcome | when | what the vehicle does |

@@ -20,7 +20,7 @@ use crate::base::time::Instant;
 use crate::base::trace::Trace;
 use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::{self, Demand};
-use crate::control::{gust, response};
+use crate::control::{evade, gust, response};
 use crate::doa::array;
 use crate::doa::bearing::{self, Bearing, Finder, Flags};
 use crate::guidance::mission::{Behaviour, Control, Facts, Outcome, Progress};
@@ -36,6 +36,7 @@ use crate::localize::source::gather::Gathering;
 use crate::mapping::map::{self, Map};
 use crate::mapping::scan::{self, Points, Refusal, Scan, Segmentation};
 use crate::mapping::sight::Sight;
+use crate::mapping::tracks::{self, Tracks};
 use crate::planning::planner::{self, Learn, Plan, PlanRequest, Search, Searched, Verdict};
 use crate::planning::rollout::WAYPOINTS;
 use crate::signal::phase::{self, Phasors};
@@ -50,6 +51,8 @@ pub mod turning;
 const POSE_AGE_MAX_S: f32 = 0.3;
 /// The fast loop heeds so many of the nearest ones; the planner is told all.
 pub const OBSTACLES_MAX: usize = 64;
+/// The guard lets the vehicle come so much nearer to what moves than to what stands, where the evader finds no better way.
+const BODY_M: f32 = 0.1;
 /// What tells a reflected link from a direct one, and how many of the links are reflected for each that is direct.
 const CLASSIFIER: Classifier = Classifier::TRAINED;
 const REFLECTED_PRIOR: f32 = 0.25;
@@ -225,6 +228,8 @@ pub struct Config {
     pub scan: scan::Config,
     /// Obstacle memory.
     pub map: map::Config,
+    /// Tracks of what moves.
+    pub tracks: tracks::Config,
     /// Filters of where the source is.
     pub source: bank::Config,
     /// Whether reflections are looked for.
@@ -239,6 +244,8 @@ pub struct Config {
     pub gust: gust::Config,
     /// Waypoint tracker.
     pub track: track::Config,
+    /// What gets out of the way of what moves.
+    pub evade: evade::Config,
     /// Safety filter.
     pub guard: guard::Config,
     /// State machine.
@@ -264,6 +271,7 @@ impl Default for Config {
             bearing: bearing::Config::default(),
             scan: scan::Config::default(),
             map: map::Config::default(),
+            tracks: tracks::Config::default(),
             source: bank::Config::DEFAULT,
             reflections: true,
             goal: goal::Config::default(),
@@ -271,6 +279,7 @@ impl Default for Config {
             response: response::Config::default(),
             gust: gust::Config::default(),
             track: track::Config::default(),
+            evade: evade::Config::default(),
             guard: guard::Config::default(),
             mission: mission::Config::default(),
             turning: None,
@@ -322,6 +331,7 @@ impl Config {
             bearing: self.bearing.build(self.array.build()?)?,
             scan: self.scan.build()?,
             map: self.map.build()?,
+            tracks: self.tracks.build()?,
             source: self.source.build()?,
             reflections: self.reflections,
             searches: self.planner.explore.is_some(),
@@ -329,6 +339,7 @@ impl Config {
             response,
             gust: self.gust.build(&response, self.tick_s)?,
             track: self.track.build()?,
+            evade: self.evade.build(&response, self.guard.v_max_mps, self.guard.a_max_mps2)?,
             guard: self.guard.build()?,
             mission: self.mission.build()?,
             turning: match &self.turning {
@@ -362,6 +373,7 @@ pub struct Guidance<const N: usize> {
     bearing: bearing::Finder,
     scan: scan::Segmenter,
     map: map::Mapper,
+    tracks: tracks::Tracker,
     source: bank::Bank,
     reflections: bool,
     searches: bool,
@@ -369,6 +381,7 @@ pub struct Guidance<const N: usize> {
     response: response::Response,
     gust: gust::Gauge,
     track: track::Tracker,
+    evade: evade::Evader,
     guard: guard::Guard,
     mission: mission::Mission,
     turning: Option<turning::Turning>,
@@ -381,6 +394,7 @@ pub struct State<const N: usize> {
     tick: u32,
     phase: phase::State<N>,
     map: Map,
+    tracks: Tracks,
     refused: Refused,
     gathering: Gathering,
     link: link_state::State,
@@ -397,6 +411,7 @@ pub struct State<const N: usize> {
     response: response::State,
     gust: gust::State,
     track: track::State,
+    evade: evade::State,
     guard: guard::State,
     /// Where the guard wants to look before it goes on.
     look_ned_rad: Option<f32>,
@@ -433,6 +448,7 @@ impl<const N: usize> Default for State<N> {
             tick: 0,
             phase: phase::State::default(),
             map: Map::default(),
+            tracks: Tracks::default(),
             refused: Refused::default(),
             gathering: Gathering::default(),
             link: link_state::State::new(),
@@ -445,6 +461,7 @@ impl<const N: usize> Default for State<N> {
             response: response::State::default(),
             gust: gust::State::default(),
             track: track::State::default(),
+            evade: evade::State::default(),
             guard: guard::State::default(),
             look_ned_rad: None,
             mission: mission::State::default(),
@@ -481,6 +498,12 @@ impl<const N: usize> State<N> {
     #[must_use]
     pub fn map(&self) -> &Map {
         &self.map
+    }
+
+    /// The bodies that are followed.
+    #[must_use]
+    pub fn tracks(&self) -> &Tracks {
+        &self.tracks
     }
 
     /// Deliveries of obstacle sensors that were refused.
@@ -538,6 +561,7 @@ impl<const N: usize> Guidance<N> {
             tick,
             phase,
             map,
+            tracks,
             refused,
             gathering,
             link,
@@ -550,6 +574,7 @@ impl<const N: usize> Guidance<N> {
             response,
             gust,
             track,
+            evade,
             guard,
             look_ned_rad,
             mission,
@@ -575,6 +600,7 @@ impl<const N: usize> Guidance<N> {
         (*tick, *activated, *plans_late, *is_plan_late) = (0, 0, 0, false);
         phase.clear();
         map.clear();
+        tracks.clear();
         *refused = Refused::default();
         *gathering = Gathering::default();
         *link = link_state::State::new();
@@ -586,6 +612,7 @@ impl<const N: usize> Guidance<N> {
         *response = response::State::default();
         *gust = gust::State::default();
         *track = track::State::default();
+        *evade = evade::State::default();
         *guard = guard::State::default();
         (*look_ned_rad, *hold_down_m) = (None, None);
         *mission = mission::State::default();
@@ -659,7 +686,7 @@ impl<const N: usize> Guidance<N> {
                 if let Some(look_ned_rad) = state.look_ned_rad {
                     demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
                 }
-                (setpoint, guard_action) = self.command(state, &demand, &situation);
+                (setpoint, guard_action) = self.command(state, &demand, &situation, false);
                 let progress = match guard_action {
                     _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
                     guard::Action::Braked => Progress::GuardBraked,
@@ -673,13 +700,15 @@ impl<const N: usize> Guidance<N> {
             Behaviour::Hold if !state.is_searching => {
                 let stay = Demand::default();
                 let demand = turning.map_or(stay, |turning| turning.turn(stay));
-                (setpoint, _) = self.command(state, &demand, &situation);
+                // Where it is, or what is around it, is not known well enough to give way.
+                let knows = !matches!(outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
+                (setpoint, _) = self.command(state, &demand, &situation, knows);
             }
             Behaviour::Hold | Behaviour::Follow => {
                 let demand = self.demand(state, &situation);
                 let demanded = demand.unwrap_or_default();
                 let demanded = turning.map_or(demanded, |turning| turning.turn(demanded));
-                (setpoint, guard_action) = self.command(state, &demanded, &situation);
+                (setpoint, guard_action) = self.command(state, &demanded, &situation, true);
                 let progress = progress(state, demand, guard_action);
                 let concluded = mission.conclude(&mut state.mission, input.now, progress);
                 if !state.is_searching {
@@ -856,6 +885,7 @@ impl<const N: usize> Guidance<N> {
         let (now, ownship) = (input.now, state.ownship);
         let pose = |time: Instant| pose_at(ownship.as_ref(), time);
         self.map.advance(&mut state.map, now);
+        self.tracks.advance(&mut state.tracks, now);
         let circles =
             input.circles.map(|circles| pose(now).and_then(|pose| self.take_circles(state, now, circles, pose)));
         let points =
@@ -893,6 +923,10 @@ impl<const N: usize> Guidance<N> {
     fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
         self.scan.fit_into(&mut look, scan, &pose)?;
+        self.tracks.observe(&mut state.tracks, scan, &pose, &look);
+        for (center_ned_m, radius_m) in self.tracks.left_by(&state.tracks) {
+            self.map.vacate(&mut state.map, center_ned_m, radius_m);
+        }
         self.map.observe_scan(&mut state.map, now, scan, &pose, &look);
         Ok(pose)
     }
@@ -947,6 +981,7 @@ impl<const N: usize> Guidance<N> {
             yaw_rad: ownship.yaw_rad,
             delay_s: self.response.delay_s(),
             gust_margin_m: self.gust.margin_m(&state.gust),
+            is_evading: false,
             down_m: state.ownship.map(|ownship| ownship.position_ned_m.down),
             held_down_m: state.hold_down_m,
         }
@@ -1014,8 +1049,14 @@ impl<const N: usize> Guidance<N> {
         Some(demand)
     }
 
-    /// The demand, with the altitude held, through the guard.
-    fn command(&self, state: &mut State<N>, demand: &Demand, situation: &GuardInput) -> (Setpoint, guard::Action) {
+    /// The demand, with the altitude held, past what moves and through the guard.
+    fn command(
+        &self,
+        state: &mut State<N>,
+        demand: &Demand,
+        situation: &GuardInput,
+        evades: bool,
+    ) -> (Setpoint, guard::Action) {
         // The altitude of the first word heard in control; before it there is none to hold.
         let mut demand = *demand;
         let mut situation = *situation;
@@ -1026,6 +1067,36 @@ impl<const N: usize> Guidance<N> {
         } else if let Some(ownship) = &state.ownship {
             let down_m = ownship.position_ned_m.down;
             demand.down_mps = self.track.hold_altitude(*state.hold_down_m.get_or_insert(down_m), down_m);
+        }
+        if evades {
+            let ownship = state.ownship.unwrap_or_default();
+            let (standing, told) = near::told_apart(&state.near);
+            let mut followed = Vec::new();
+            near::followed(&self.guard, self.tracks.radius_m(), &state.tracks, &mut followed);
+            let evasion = self.evade.step(
+                &mut state.evade,
+                demand.velocity_ned_mps,
+                &evade::Input {
+                    position_ned_m: situation.position_ned_m,
+                    velocity_ned_mps: ownship.velocity_ned_mps.horizontal(),
+                    command_ned_mps: state.guard.command_ned_mps(),
+                    halfway_ned_mps: state.gust.halfway_mps(),
+                    underway: &state.response,
+                    has_looked: state.tracks.has_just_looked(),
+                    standing,
+                    moving: [told, &followed],
+                },
+            );
+            if let Some(velocity_ned_mps) = evasion {
+                demand.velocity_ned_mps = velocity_ned_mps;
+                situation.is_evading = true;
+            }
+            // The guard keeps off where a body is now, as if it stood there; the hits of one that is followed are in the map.
+            let standing = standing.len();
+            for body in state.near.iter_mut().skip(standing) {
+                body.velocity_ned_mps = Horizontal::default();
+                body.reach_m -= BODY_M;
+            }
         }
         let ruling = self.guard.step(&mut state.guard, &demand, &situation, &state.near, self.tick_s);
         state.look_ned_rad = ruling.look_ned_rad;
@@ -1040,6 +1111,7 @@ impl<const N: usize> Guidance<N> {
         state.is_searching = false;
         state.look_ned_rad = None;
         state.track = track::State::default();
+        state.evade = evade::State::default();
         state.hold_down_m = None;
         state.due = None;
         state.pending = None;

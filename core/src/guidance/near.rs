@@ -6,9 +6,10 @@ use heapless::Vec;
 use super::OBSTACLES_MAX;
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
-use crate::base::obstacle::Neighbour;
+use crate::base::obstacle::{Circle, Neighbour};
 use crate::control::guard::Guard;
 use crate::mapping::map::{CIRCLES_MAX, Map};
+use crate::mapping::tracks::{TRACKS_MAX, Tracks};
 use crate::planning::rollout::swept_clearance_m;
 
 /// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
@@ -16,7 +17,7 @@ pub(super) const NEAR_M: f32 = 4.0;
 /// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
 pub(super) const FAR: u8 = 64;
 
-/// Lists what is near the vehicle: the nearest, where there is no room for all of it.
+/// Lists what is near the vehicle: the nearest, where there is no room for all of it; what stands before what moves.
 #[inline(never)]
 pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec<Neighbour, OBSTACLES_MAX>) {
     let mut rings = [FAR; CIRCLES_MAX];
@@ -40,12 +41,37 @@ pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec
         (whole, left) = (whole + 1, rest);
     }
     near.clear();
+    let mut standing = 0;
     for (circle, ring) in map.circles().zip(rings) {
         if ring < whole || (ring == whole && ring < FAR && left > 0) {
             left -= u8::from(ring == whole);
+            let mut one = guard.obstacle(&circle);
+            if one.velocity_ned_mps == Horizontal::default() {
+                // In the place of the first that moves, which goes to the end.
+                if let Some(first) = near.get_mut(standing) {
+                    one = core::mem::replace(first, one);
+                }
+                standing += 1;
+            }
             // Cannot fail: so many places were shared out.
-            let _ = near.push(guard.obstacle(&circle));
+            let _ = near.push(one);
         }
+    }
+}
+
+/// What stands, and what moves.
+pub(super) fn told_apart(near: &[Neighbour]) -> (&[Neighbour], &[Neighbour]) {
+    near.split_at(near.partition_point(|neighbour| neighbour.velocity_ned_mps == Horizontal::default()))
+}
+
+/// The bodies that are followed and move, as obstacles that grow while they are out of sight.
+#[inline(never)]
+pub(super) fn followed(guard: &Guard, radius_m: f32, tracks: &Tracks, bodies: &mut Vec<Neighbour, TRACKS_MAX>) {
+    for track in tracks.all().iter().filter(|track| track.moves()) {
+        let radius_m = radius_m + track.lost_m();
+        let (center_ned_m, velocity_ned_mps) = (track.center_ned_m, track.velocity_ned_mps);
+        // Cannot fail: there is room for all of them.
+        let _ = bodies.push(guard.obstacle(&Circle { center_ned_m, radius_m, velocity_ned_mps }));
     }
 }
 

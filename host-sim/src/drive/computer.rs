@@ -15,6 +15,7 @@ use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::Values;
 use foxhound_core::guidance::systems::Systems as _;
 use foxhound_core::guidance::{self, FrontEnd, Guidance, Output};
+use foxhound_core::mapping::tracks::Track;
 use foxhound_core::planning::planner::{Plan, Workspace};
 use foxhound_link::companion::{self, Companion};
 use foxhound_link::signing::Signing;
@@ -113,6 +114,11 @@ pub trait Computer {
 
     /// The obstacles that it remembers, where one can look into it.
     fn remembered(&self) -> Vec<Circle> {
+        Vec::new()
+    }
+
+    /// The bodies that it follows, where one can look into it.
+    fn followed(&self) -> Vec<Track> {
         Vec::new()
     }
 
@@ -265,6 +271,10 @@ impl Computer for HostComputer {
 
     fn remembered(&self) -> Vec<Circle> {
         self.state.map().circles().collect()
+    }
+
+    fn followed(&self) -> Vec<Track> {
+        self.state.tracks().all().to_vec()
     }
 
     fn considered(&self) -> Option<Considered<'_>> {
