@@ -35,10 +35,12 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_core::control::guard::{self, GuardInput};
 use foxhound_core::control::track::Demand;
+use foxhound_core::control::{evade, response};
 use foxhound_core::guidance;
 use foxhound_core::localize::source::Sighting;
 use foxhound_core::mapping::map::{self, Map};
 use foxhound_core::mapping::scan::{self, SECTORS_MAX, Scan, Sector};
+use foxhound_core::mapping::tracks::{self, Tracks};
 use foxhound_core::planning::planner::{self, Kind, PlanRequest, Planner, SAMPLES, Workspace};
 use foxhound_core::planning::rollout::{Cost, SPACING_M, Scene, Trajectory, WAYPOINTS};
 use foxhound_core::signal::phase::{self, Complex, Phasors};
@@ -93,6 +95,7 @@ fn main() -> ! {
     let workspace = SCRATCH.take();
     fast_loop::rows(&measure, &guidance, &planner, workspace, snapshot);
     guard_among_obstacles(&measure);
+    evader_in_a_crowd(&measure);
     rollouts(&measure);
     replan(&measure, &planner, workspace);
     belief::rows(&measure);
@@ -500,9 +503,12 @@ fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let (Ok(segmenter), Ok(mapper)) = (scan::Config::default().build(), map::Config::default().build()) else {
         Twin::halt(format_args!("the built-in obstacle memory does not build"))
     };
-    let mut rng = Rng::new(13, 13);
+    let Ok(tracker) = tracks::Config::default().build() else {
+        Twin::halt(format_args!("the built-in tracks do not build"))
+    };
+    let (mut rng, mut worst_follow) = (Rng::new(13, 13), 0);
     let mut flight = |world: &[[f32; 3]], noise_m: f32, looks: u64| {
-        let mut map = Map::default();
+        let (mut map, mut tracks) = (Map::default(), Tracks::default());
         let (mut worst, mut worst_fit) = (0, 0);
         for look in 0..looks {
             let pose = Pose {
@@ -516,7 +522,9 @@ fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let Some(seen) = seen else { return (0, 0) };
             worst_fit = worst_fit.max(fit);
             let take = measure(&mut || mapper.observe_scan(&mut map, now, &scan, &pose, black_box(&seen)));
-            worst = worst.max(fit + take);
+            tracker.advance(&mut tracks, now);
+            let follow = measure(&mut || tracker.observe(&mut tracks, &scan, &pose, black_box(&seen)));
+            (worst, worst_follow) = (worst.max(fit + take), worst_follow.max(follow));
         }
         (worst_fit, worst)
     };
@@ -537,6 +545,7 @@ fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         semihosting::println!("count fit_{name} {fit} 0");
         semihosting::println!("count look_{name} {all} 0");
     }
+    row("tracks_72", worst_follow, 0);
     row("look_pillars", rows.iter().take(2).map(|(_, (_, all))| *all).max().unwrap_or(0), 0);
     row("look_worst", rows.iter().map(|(_, (_, all))| *all).max().unwrap_or(0), 0);
 }
@@ -612,6 +621,48 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     }
     row("guard_64", worst, 11_000);
     row("look_64", worst_look, 0);
+}
+
+/// What gets out of the way of 4 and of 16 people among 64 obstacles: the worst of some crowds.
+#[inline(never)]
+fn evader_in_a_crowd(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
+    let built = response::Config::default()
+        .build(0.02)
+        .and_then(|response| evade::Config::default().build(&response, 1.0, 2.0));
+    let Ok(evader) = built else { Twin::halt(format_args!("the built-in evader does not build")) };
+    let underway = response::State::default();
+    for (name, people) in [("evade_4", 4), ("evade_16", 16)] {
+        let mut worst = 0;
+        for seed in 0..FORESTS {
+            let mut rng = Rng::new(seed, 24);
+            let standing = forest(&mut rng).map(|Obstacle { center_ned_m, reach_m }| Neighbour {
+                center_ned_m,
+                reach_m,
+                velocity_ned_mps: Horizontal::default(),
+            });
+            let moving: [Neighbour; 16] = core::array::from_fn(|_| {
+                let mut draw =
+                    |most: f32| Horizontal::from_bearing(wrap_pi(TAU * rng.uniform())).times(most * rng.uniform());
+                Neighbour { center_ned_m: draw(4.0), reach_m: 0.45, velocity_ned_mps: draw(2.0) }
+            });
+            let input = evade::Input {
+                position_ned_m: Horizontal::default(),
+                velocity_ned_mps: Horizontal::default(),
+                command_ned_mps: Horizontal::default(),
+                halfway_ned_mps: Horizontal::default(),
+                underway: &underway,
+                has_looked: false,
+                standing: &standing,
+                moving: [&[], &moving[..people]],
+            };
+            let (mut state, asked) = (evade::State::default(), Horizontal { north: 1.0, east: 0.0 });
+            let step = measure(&mut || {
+                black_box(evader.step(&mut state, black_box(asked), black_box(&input)));
+            });
+            worst = worst.max(step);
+        }
+        row(name, worst, 0);
+    }
 }
 
 /// Ten rollouts with their costs, the worst of some maps of 64 circles at one per square metre with the vehicle in the
