@@ -7,5 +7,6 @@ mod matrix;
 mod multipath;
 mod navigation;
 mod pad;
+mod people;
 mod scenarios;
 mod turning;

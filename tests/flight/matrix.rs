@@ -26,7 +26,7 @@ fn flown(settings: &[Setting], worlds: impl Fn(f64) -> Vec<World>) -> Vec<(Strin
 
 /// Where collisions are known: settings and worlds whose names have this in them, and why.
 const COLLIDES: [(&str, &str, &str); 2] = [
-    ("scan", "movers", "a scan reports no velocity: what moves is not told from what stands"),
+    ("scan", "movers", "a scan reports no velocity, and what comes from outside its view is not seen"),
     (
         "PX4",
         "gusts, ",
