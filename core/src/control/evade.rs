@@ -2,11 +2,13 @@
 //!
 //! Each velocity of a fan is rolled out as the vehicle would fly it, with its dead time, its lag and its limit of
 //! acceleration, and then straight on, against everything that moves, straight on as well. The cost of a velocity grows as
-//! the hit comes nearer, as the clearance shrinks, and with the progress that it gives up. The least bad is flown, whatever it costs: there is
-//! no default brake. While what was asked for keeps clear of all that moves, it passes as it is.
+//! the hit comes nearer, as the clearance shrinks, and with the progress that it gives up. The least bad is flown, whatever it
+//! costs: there is no default brake. While what was asked for keeps clear of all that moves, it passes as it is.
 //!
 //! What stands is looked at for a short time ahead, so that nobody is evaded into a wall; it is the guard that keeps off it.
-//! What moves may change its mind: this is best effort, while what stands is kept off for certain ([`crate::control::guard`]).
+//! What moves may change its mind: this is best effort. `docs/results/people.md` says what is kept off and what is not.
+//!
+//! Cost: bench rows `evade_4` and `evade_16`.
 
 use heapless::Vec;
 
@@ -17,7 +19,7 @@ use crate::base::obstacle::Neighbour;
 use crate::base::units::{between, sin_cos};
 use crate::control::response::{self, Response};
 
-/// So many that move are evaded, the ones that could be met first.
+/// So many that move are evaded, the nearest ones.
 pub const MOVERS_MAX: usize = 8;
 /// So many that stand are kept in mind.
 const STANDING_MAX: usize = 6;

@@ -51,7 +51,8 @@ pub mod turning;
 const POSE_AGE_MAX_S: f32 = 0.3;
 /// The fast loop heeds so many of the nearest ones; the planner is told all.
 pub const OBSTACLES_MAX: usize = 64;
-/// The guard lets the vehicle come so much nearer to what moves than to what stands, where the evader finds no better way.
+/// The guard lets the vehicle come so much nearer to what is told to move than to what stands, where the evader finds no better
+/// way.
 const BODY_M: f32 = 0.1;
 /// What tells a reflected link from a direct one, and how many of the links are reflected for each that is direct.
 const CLASSIFIER: Classifier = Classifier::TRAINED;

@@ -18,7 +18,8 @@
 //! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at ([`sight`]).
 //!    Otherwise it is cut down or held, and the ruling says where to look first. Behind something that the latest look has
 //!    seen, where looking does not help, it goes slowly. Two threats are worse than what might be there: an obstacle that comes at
-//!    the vehicle, and gusts that push it towards one. From that it keeps away while the nose turns, and does no more.
+//!    the vehicle, and gusts that push it towards one. From that it keeps away while the nose turns, and does no more. Nor does what the
+//!    evader asks for wait until the nose has turned.
 //!
 //! Within limits a brake is always granted. Everything is counted, and the count of steps tells that the guard is alive.
 //! Cost: at most 11 000 instructions among 64 obstacles (bench row `guard_64`).
