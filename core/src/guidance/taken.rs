@@ -3,12 +3,14 @@
 //! random sequences: sensors at any rate, with gaps and bursts, by turns and together, with and without frames, stamps of any
 //! age, telemetry that stands still, and clocks that jump.
 
+use heapless::Vec;
+
 use super::*;
 use crate::base::ned::Ned;
 use crate::base::rng::Rng;
 use crate::base::units::wrap_pi;
 use crate::mapping::map::CIRCLES_MAX;
-use crate::mapping::scan::{Frame, POINTS_MAX, Ranges, SECTORS_MAX, Sector};
+use crate::mapping::scan::{Frame, POINTS_MAX, Ranges, Refusal, SECTORS_MAX, Sector};
 
 const EPISODES: u64 = 240;
 const STEPS: u32 = 500;

@@ -2,11 +2,13 @@
 
 use super::*;
 use crate::base::ned::Ned;
-use crate::base::obstacle::Disc;
+use crate::base::obstacle::{Disc, Neighbour};
+use crate::base::ownship::Agreement;
 use crate::base::units::wrap_pi;
 use crate::control::vehicle::Vehicle;
-use crate::doa::bearing::Quality;
-use crate::planning::planner::Workspace;
+use crate::doa::bearing::{Flags, Quality};
+use crate::landing;
+use crate::planning::planner::{self, Workspace};
 use std::vec::Vec as StdVec;
 
 const DT: f32 = 0.02;

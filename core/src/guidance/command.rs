@@ -1,0 +1,106 @@
+//! From the active plan to the command: the demand, past what moves and through the guard; and what is let go out of control.
+
+use heapless::Vec;
+
+use super::step::is_landing;
+use super::{Guidance, State, near};
+use crate::base::ned::Horizontal;
+use crate::control::evade;
+use crate::control::guard::{self, GuardInput, Setpoint};
+use crate::control::track::{self, Demand};
+use crate::planning::planner::Verdict;
+
+/// The guard lets the vehicle come so much nearer to what is told to move than to what stands, where the evader finds no better
+/// way.
+const BODY_M: f32 = 0.1;
+
+impl<const N: usize> Guidance<N> {
+    /// What the active plan asks for; `None` when there is nothing to follow.
+    pub(super) fn demand(&self, state: &mut State<N>, situation: &GuardInput) -> Option<Demand> {
+        let plan = state.active.as_ref()?;
+        let trajectory = &plan.waypoints_ned_m;
+        let mut demand =
+            self.track.step(&mut state.track, trajectory, situation.rest_ned_m, situation.yaw_rad, self.tick_s);
+        if let Some(look_ned_rad) = state.look_ned_rad {
+            demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
+        }
+        if plan.verdict == Verdict::Brake {
+            demand.velocity_ned_mps = Horizontal::default();
+            // Nothing safe in sight: look where the source is.
+            if let Some(bearing_rad) = state.goal.source_bearing_ned_rad() {
+                demand.yaw_rate_radps = self.track.turn_to(bearing_rad, situation.yaw_rad);
+            }
+        }
+        Some(demand)
+    }
+
+    /// The demand, with the altitude held, past what moves and through the guard.
+    pub(super) fn command(
+        &self,
+        state: &mut State<N>,
+        demand: &Demand,
+        situation: &GuardInput,
+        evades: bool,
+    ) -> (Setpoint, guard::Action) {
+        // The altitude of the first word heard in control; before it there is none to hold.
+        let mut demand = *demand;
+        let mut situation = *situation;
+        if is_landing(state) {
+            // What it is held at next is where the landing leaves it.
+            state.hold_down_m = None;
+            situation.held_down_m = None;
+        } else if let Some(ownship) = &state.ownship {
+            let down_m = ownship.position_ned_m.down;
+            demand.down_mps = self.track.hold_altitude(*state.hold_down_m.get_or_insert(down_m), down_m);
+        }
+        if evades {
+            let ownship = state.ownship.unwrap_or_default();
+            let (standing, told) = near::told_apart(&state.near);
+            let mut followed = Vec::new();
+            near::followed(&self.guard, self.tracks.radius_m(), &state.tracks, &mut followed);
+            let evasion = self.evade.step(
+                &mut state.evade,
+                demand.velocity_ned_mps,
+                &evade::Input {
+                    position_ned_m: situation.position_ned_m,
+                    velocity_ned_mps: ownship.velocity_ned_mps.horizontal(),
+                    command_ned_mps: state.guard.command_ned_mps(),
+                    halfway_ned_mps: state.gust.halfway_mps(),
+                    underway: &state.response,
+                    has_looked: state.tracks.has_just_looked(),
+                    standing,
+                    moving: [told, &followed],
+                },
+            );
+            if let Some(velocity_ned_mps) = evasion {
+                demand.velocity_ned_mps = velocity_ned_mps;
+                situation.is_evading = true;
+            }
+            // The guard keeps off where a body is now, as if it stood there; the hits of one that is followed are in the map.
+            let standing = standing.len();
+            for body in state.near.iter_mut().skip(standing) {
+                body.velocity_ned_mps = Horizontal::default();
+                body.reach_m -= BODY_M;
+            }
+        }
+        let ruling = self.guard.step(&mut state.guard, &demand, &situation, &state.near, self.tick_s);
+        state.look_ned_rad = ruling.look_ned_rad;
+        (ruling.setpoint, ruling.action)
+    }
+
+    /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
+    pub(super) fn let_go(&self, state: &mut State<N>) {
+        state.guard.release();
+        state.gust.release();
+        state.agreement.release();
+        state.is_searching = false;
+        state.look_ned_rad = None;
+        state.track = track::State::default();
+        state.evade = evade::State::default();
+        state.hold_down_m = None;
+        state.due = None;
+        state.pending = None;
+        state.active = None;
+        state.is_plan_late = false;
+    }
+}

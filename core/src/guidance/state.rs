@@ -1,0 +1,263 @@
+//! What the fast loop carries from step to step, and how it starts over.
+
+use heapless::Vec;
+
+use super::{Guidance, OBSTACLES_MAX, Refused, mission, turning};
+use crate::base::ned::Horizontal;
+use crate::base::obstacle::Neighbour;
+use crate::base::ownship::{Agreement, Ownship};
+use crate::base::trace::Trace;
+use crate::control::{evade, guard, gust, response, track};
+use crate::doa::bearing::Flags;
+use crate::landing::{self, Advice};
+use crate::localize::source::bank::{self, Way};
+use crate::localize::source::gather::Gathering;
+use crate::localize::{goal, link_state};
+use crate::mapping::map::Map;
+use crate::mapping::sight::Sight;
+use crate::mapping::tracks::Tracks;
+use crate::planning::planner::{Plan, PlanRequest};
+use crate::signal::phase;
+
+/// What the fast loop carries from step to step.
+#[derive(Clone, Debug)]
+pub struct State<const N: usize> {
+    pub(super) tick: u32,
+    pub(super) phase: phase::State<N>,
+    pub(super) map: Map,
+    pub(super) tracks: Tracks,
+    pub(super) refused: Refused,
+    pub(super) gathering: Gathering,
+    pub(super) link: link_state::State,
+    /// How likely the link is reflected, as of the last bearing.
+    pub(super) reflected: f32,
+    pub(super) source: bank::State,
+    /// What the planner has learned of the source was about its image.
+    pub(super) misled: bool,
+    /// What the bank said last.
+    pub(super) belief: Option<bank::Answer>,
+    /// Nothing is heard, and the vehicle goes and looks for it.
+    pub(super) is_searching: bool,
+    pub(super) goal: goal::State,
+    pub(super) response: response::State,
+    pub(super) gust: gust::State,
+    pub(super) track: track::State,
+    pub(super) evade: evade::State,
+    pub(super) guard: guard::State,
+    /// Where the guard wants to look before it goes on.
+    pub(super) look_ned_rad: Option<f32>,
+    pub(super) mission: mission::State,
+    pub(super) turning: turning::State,
+    pub(super) landing: landing::State,
+    /// What the landing said last, and whether the guard braked then.
+    pub(super) advice: Option<Advice>,
+    pub(super) is_blocked: bool,
+    pub(super) height_m: Option<f32>,
+    /// Obstacles near the vehicle, as of this step.
+    pub(super) near: Vec<Neighbour, OBSTACLES_MAX>,
+    pub(super) ownship: Option<Ownship>,
+    pub(super) agreement: Agreement,
+    pub(super) last_flags: Flags,
+    pub(super) hold_down_m: Option<f32>,
+    pub(super) request: PlanRequest,
+    /// The step at which the request's answer takes effect; `None` when nothing is asked.
+    pub(super) due: Option<u32>,
+    pub(super) pending: Option<Plan>,
+    pub(super) active: Option<Plan>,
+    /// When the active plan took effect.
+    pub(super) activated: u32,
+    pub(super) plans_late: u32,
+    /// The last plan that was asked for did not come in time.
+    pub(super) is_plan_late: bool,
+    pub(super) trace: Trace,
+}
+
+impl<const N: usize> Default for State<N> {
+    /// Before the first step, of whatever configuration.
+    fn default() -> Self {
+        Self {
+            tick: 0,
+            phase: phase::State::default(),
+            map: Map::default(),
+            tracks: Tracks::default(),
+            refused: Refused::default(),
+            gathering: Gathering::default(),
+            link: link_state::State::new(),
+            reflected: 0.0,
+            source: bank::State::new(),
+            misled: false,
+            belief: None,
+            is_searching: false,
+            goal: goal::State::default(),
+            response: response::State::default(),
+            gust: gust::State::default(),
+            track: track::State::default(),
+            evade: evade::State::default(),
+            guard: guard::State::default(),
+            look_ned_rad: None,
+            mission: mission::State::default(),
+            turning: turning::State::default(),
+            landing: landing::State::default(),
+            advice: None,
+            is_blocked: false,
+            height_m: None,
+            near: Vec::new(),
+            ownship: None,
+            agreement: Agreement::default(),
+            last_flags: Flags::default(),
+            hold_down_m: None,
+            request: PlanRequest::default(),
+            due: None,
+            pending: None,
+            active: None,
+            activated: 0,
+            plans_late: 0,
+            is_plan_late: false,
+            trace: Trace::default(),
+        }
+    }
+}
+
+impl<const N: usize> State<N> {
+    /// The plan request that is under way. It is made with the obstacles that [`Self::map`] knew at its step.
+    #[must_use]
+    pub fn request(&self) -> &PlanRequest {
+        &self.request
+    }
+
+    /// The known obstacles.
+    #[must_use]
+    pub fn map(&self) -> &Map {
+        &self.map
+    }
+
+    /// The bodies that are followed.
+    #[must_use]
+    pub fn tracks(&self) -> &Tracks {
+        &self.tracks
+    }
+
+    /// Deliveries of obstacle sensors that were refused.
+    #[must_use]
+    pub const fn refused(&self) -> &Refused {
+        &self.refused
+    }
+
+    /// Obstacles near the vehicle, as the guard took them in the last step.
+    #[must_use]
+    pub fn near(&self) -> &[Neighbour] {
+        &self.near
+    }
+
+    /// What the obstacle sensors have looked at.
+    #[must_use]
+    pub fn sight(&self) -> &Sight {
+        self.guard.sight()
+    }
+
+    /// How high the vehicle is over the ground, where that is known.
+    #[must_use]
+    pub const fn height_m(&self) -> Option<f32> {
+        self.height_m
+    }
+
+    /// The plan that is being followed.
+    #[must_use]
+    pub fn plan(&self) -> Option<&Plan> {
+        self.active.as_ref()
+    }
+}
+
+impl<const N: usize> State<N> {
+    /// The direction of a source that is heard by way of a wall, from a place.
+    pub(super) fn around_the_corner(&self, from_ned_m: Horizontal) -> Option<Horizontal> {
+        let belief = self.belief.filter(|belief| belief.way != Way::Direct)?;
+        let towards = belief.estimate.place_ned_m.minus(from_ned_m);
+        let norm = towards.norm();
+        (norm > 1e-3).then(|| towards.times(1.0 / norm))
+    }
+}
+
+impl<const N: usize> Guidance<N> {
+    /// The state before the first step.
+    #[must_use]
+    pub fn start(&self) -> State<N> {
+        State::default()
+    }
+
+    /// Back to the state before the first step, in place: a second state on the stack is more than a microcontroller has
+    /// room for.
+    pub fn restart(&self, state: &mut State<N>) {
+        let State {
+            tick,
+            phase,
+            map,
+            tracks,
+            refused,
+            gathering,
+            link,
+            reflected,
+            source,
+            misled,
+            belief,
+            is_searching,
+            goal,
+            response,
+            gust,
+            track,
+            evade,
+            guard,
+            look_ned_rad,
+            mission,
+            turning,
+            landing,
+            advice,
+            is_blocked,
+            height_m,
+            near,
+            ownship,
+            agreement,
+            last_flags,
+            hold_down_m,
+            request,
+            due,
+            pending,
+            active,
+            activated,
+            plans_late,
+            is_plan_late,
+            trace,
+        } = state;
+        (*tick, *activated, *plans_late, *is_plan_late) = (0, 0, 0, false);
+        phase.clear();
+        map.clear();
+        tracks.clear();
+        *refused = Refused::default();
+        *gathering = Gathering::default();
+        *link = link_state::State::new();
+        *reflected = 0.0;
+        *source = bank::State::new();
+        (*misled, *is_searching) = (false, false);
+        *belief = None;
+        *goal = goal::State::default();
+        *response = response::State::default();
+        *gust = gust::State::default();
+        *track = track::State::default();
+        *evade = evade::State::default();
+        *guard = guard::State::default();
+        (*look_ned_rad, *hold_down_m) = (None, None);
+        *mission = mission::State::default();
+        *turning = turning::State::default();
+        *landing = landing::State::default();
+        (*advice, *is_blocked, *height_m) = (None, false, None);
+        near.clear();
+        *ownship = None;
+        *agreement = Agreement::default();
+        *last_flags = Flags::default();
+        *request = PlanRequest::default();
+        *due = None;
+        *pending = None;
+        *active = None;
+        *trace = Trace::default();
+    }
+}

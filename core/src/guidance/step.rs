@@ -1,0 +1,234 @@
+//! One step of the fast loop: what came in is taken in, the mission decides, and one setpoint goes out.
+
+use super::mission::{Behaviour, Control, Facts, Outcome, Progress};
+use super::{Guidance, Input, Output, State};
+use crate::base::ownship::Ownship;
+use crate::control::guard::{self, GuardInput, Setpoint};
+use crate::control::track::Demand;
+use crate::doa::bearing::{Bearing, Flags};
+use crate::landing;
+use crate::localize::source::bank::Way;
+use crate::planning::planner::{Searched, Verdict};
+use crate::planning::rollout::WAYPOINTS;
+
+impl<const N: usize> Guidance<N> {
+    /// One step of the fast loop: all that came in is taken in, and nothing is left for the next step.
+    pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
+        state.tick = state.tick.wrapping_add(1);
+        if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
+            state.agreement.follow(state.ownship.as_ref(), &ownship);
+            state.ownship = Some(ownship);
+        }
+        let heard = self.listen(state, input.front_end);
+        let (bearing, bearing_ned_rad) = heard.and_then(|heard| self.hear(state, &heard)).unzip();
+        let bearing_ned_rad = bearing_ned_rad.flatten();
+        self.look(state, input);
+        let plan_activated = self.take_over(state, input.plan);
+
+        if let Some(ownship) = &state.ownship {
+            let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
+            self.gust.begin(&mut state.gust, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
+            self.gust.step(&mut state.gust, &state.response, velocity_ned_mps, ownship.position_time);
+        }
+        let was_landing = is_landing(state);
+        self.land(state, input, bearing.as_ref());
+        if was_landing && !is_landing(state) {
+            // It seeks again, from where it is now.
+            state.active = None;
+        }
+        let situation = self.situation(state);
+        let facts = self.facts(state, input, &situation);
+        let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
+        let mission = turning.map_or(&self.mission, |turning| &turning.mission);
+        let mut outcome = mission.admit(&mut state.mission, &facts);
+        let stale = mission.stale(&facts).filter(|_| outcome == Outcome::StaleOwnship);
+        // It turns to hear something, and not for anything else that makes it hold.
+        let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
+        let may_search = turning.is_none() || state.last_flags.contains(Flags::NO_SIGNAL);
+        let mut guard_action = guard::Action::Passed;
+        let mut setpoint = Setpoint::default();
+        let mut plan_requested = false;
+        state.is_searching = self.searches
+            && may_search
+            && outcome == Outcome::NoSignal
+            && !is_landing(state)
+            && state.active.as_ref().is_none_or(|plan| plan.search != Some(Searched::Ended));
+        match outcome.behaviour() {
+            Behaviour::None if has_landed(state) && input.is_landed => {
+                self.let_go(state);
+                outcome = Outcome::Landed;
+            }
+            Behaviour::None => {
+                self.let_go(state);
+                state.landing = landing::State::default();
+                state.advice = None;
+            }
+            Behaviour::Follow if is_landing(state) => {
+                let (mut demand, ends) = landing_demand(state);
+                if let Some(look_ned_rad) = state.look_ned_rad {
+                    demand.yaw_rate_radps = self.track.turn_to(look_ned_rad, situation.yaw_rad);
+                }
+                (setpoint, guard_action) = self.command(state, &demand, &situation, false);
+                let progress = match guard_action {
+                    _ if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
+                    guard::Action::Braked => Progress::GuardBraked,
+                    _ => Progress::Following,
+                };
+                outcome = mission.conclude(&mut state.mission, input.now, progress);
+                if outcome == Outcome::Nominal {
+                    outcome = ends.unwrap_or(outcome);
+                }
+            }
+            Behaviour::Hold if !state.is_searching => {
+                let stay = Demand::default();
+                let demand = turning.map_or(stay, |turning| turning.turn(stay));
+                // Where it is, or what is around it, is not known well enough to give way.
+                let knows = !matches!(outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
+                (setpoint, _) = self.command(state, &demand, &situation, knows);
+            }
+            Behaviour::Hold | Behaviour::Follow => {
+                let demand = self.demand(state, &situation);
+                let demanded = demand.unwrap_or_default();
+                let demanded = turning.map_or(demanded, |turning| turning.turn(demanded));
+                (setpoint, guard_action) = self.command(state, &demanded, &situation, true);
+                let progress = progress(state, demand, guard_action);
+                let concluded = mission.conclude(&mut state.mission, input.now, progress);
+                if !state.is_searching {
+                    outcome = concluded;
+                }
+                plan_requested = self.ask(state, input.now, &situation, progress);
+            }
+        }
+        state.is_blocked = guard_action == guard::Action::Braked;
+        self.response.command(&mut state.response, setpoint.velocity_ned_mps.horizontal());
+
+        if let Some(bearing) = &bearing {
+            state.trace.float(bearing.azimuth_rad);
+            state.trace.float(bearing.sigma_rad);
+            state.trace.word(u32::from(bearing.flags.0) | u32::from(bearing.valid) << 16);
+        }
+        let velocity = setpoint.velocity_ned_mps;
+        for value in [velocity.north, velocity.east, velocity.down, setpoint.yaw_rate_radps] {
+            state.trace.float(value);
+        }
+        Output {
+            time: input.now,
+            outcome,
+            stale,
+            setpoint,
+            bearing,
+            bearing_ned_rad,
+            source_bearing_ned_rad: state.goal.source_bearing_ned_rad(),
+            target_ned_m: state.active.as_ref().map(|plan| plan.target_ned_m),
+            source: state.active.as_ref().and_then(|plan| plan.source),
+            source_share_and_nis: state.belief.map(|belief| (belief.share, belief.nis)),
+            landing: state.advice,
+            guard: guard_action,
+            guard_counts: state.guard.counts(),
+            plan_requested,
+            plan_activated,
+            plans_late: state.plans_late,
+            trace_hash: state.trace.hash(),
+        }
+    }
+
+    /// Where the vehicle is and where it would come to rest.
+    fn situation(&self, state: &State<N>) -> GuardInput {
+        let ownship = state.ownship.unwrap_or_default();
+        let position_ned_m = ownship.position_ned_m.horizontal();
+        let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
+        let rest_ned_m = self.response.rest_point(&state.response, position_ned_m, velocity_ned_mps);
+        GuardInput {
+            position_ned_m,
+            rest_ned_m,
+            yaw_rad: ownship.yaw_rad,
+            delay_s: self.response.delay_s(),
+            gust_margin_m: self.gust.margin_m(&state.gust),
+            is_evading: false,
+            down_m: state.ownship.map(|ownship| ownship.position_ned_m.down),
+            held_down_m: state.hold_down_m,
+        }
+    }
+
+    /// What the landing says of this step; nothing before the vehicle is in control, and nothing after, unless it has landed.
+    fn land(&self, state: &mut State<N>, input: &Input<'_, N>, bearing: Option<&Bearing>) {
+        let Some(lander) = &self.lander else { return };
+        if input.control != Control::Granted && !(input.is_landed && is_landing(state)) {
+            return;
+        }
+        let is_direct = state.reflected < self.reflected_min;
+        let believed = state.belief.filter(|belief| belief.way == Way::Direct);
+        let estimate = believed.map(|belief| belief.estimate);
+        let facts = landing::Facts {
+            now: input.now,
+            ownship: input.ownship.as_ref().filter(|ownship| ownship.is_plausible()),
+            height_m: input.height_m,
+            bearing: bearing.filter(|_| is_direct),
+            estimate: estimate.as_ref(),
+            look: input.look,
+            is_landed: input.is_landed,
+            is_blocked: state.is_blocked,
+            tick_s: self.tick_s,
+        };
+        state.advice = Some(lander.step(&mut state.landing, &facts));
+        let by_pad = input.ownship.and_then(|ownship| state.landing.height_m(ownship.position_ned_m.down));
+        state.height_m = input.height_m.or(by_pad);
+    }
+
+    fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> Facts {
+        let heard = input.ownship.filter(Ownship::is_plausible);
+        Facts {
+            now: input.now,
+            control: input.control,
+            position: heard.map(|ownship| ownship.position_time),
+            attitude: heard.map(|ownship| ownship.attitude_time),
+            contradiction: state.agreement.found(),
+            obstacles: state.map.taken(),
+            // The last metres are not flown by bearings.
+            bearing: if is_landing(state) { Some(input.now) } else { state.goal.updated() },
+            is_plan_late: state.is_plan_late,
+            is_arriving: is_landing(state),
+            bearing_flags: state.last_flags,
+            place_ned_m: situation.position_ned_m,
+        }
+    }
+}
+
+/// Whether the vehicle is flown by the landing, or has been to its end.
+pub(super) fn is_landing<const N: usize>(state: &State<N>) -> bool {
+    state.advice.is_some_and(|advice| advice.demand.is_some())
+}
+
+/// Whether it stands on the ground and is done.
+fn has_landed<const N: usize>(state: &State<N>) -> bool {
+    state.advice.is_some_and(|advice| advice.stage == landing::Stage::Landed)
+}
+
+/// What the landing asks for, and the outcome if that is its end.
+fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>) {
+    let Some(advice) = state.advice else { return (Demand::default(), None) };
+    let (velocity_ned_mps, down_mps) = advice.demand.unwrap_or_default();
+    let ends = match advice.stage {
+        landing::Stage::HandedOver => Some(Outcome::HandedOver),
+        landing::Stage::Landed => Some(Outcome::Landed),
+        _ => None,
+    };
+    (Demand { velocity_ned_mps, down_mps, ..Demand::default() }, ends)
+}
+
+/// What became of the plan in this step.
+fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: guard::Action) -> Progress {
+    let progress = match (&state.active, demand) {
+        (Some(_), Some(demand)) if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
+        (Some(plan), Some(_)) if plan.verdict == Verdict::Brake => Progress::NoPath,
+        (Some(_), Some(_)) if state.track.passed >= WAYPOINTS => Progress::RanOut,
+        (Some(_), Some(_)) if action == guard::Action::Braked => Progress::GuardBraked,
+        (Some(_), Some(_)) => Progress::Following,
+        _ => Progress::RanOut,
+    };
+    match progress {
+        // It waits for the planner, not for a way.
+        Progress::RanOut | Progress::NoPath | Progress::GuardBraked if state.is_plan_late => Progress::Late,
+        progress => progress,
+    }
+}
