@@ -15,164 +15,40 @@
 //!    fast an acceleration builds up or turns round; it may end at once.
 //! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must not
 //!    touch a circle or leave the fence, or the command is cut down, in the end to a brake.
-//! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at ([`sight`]).
-//!    Otherwise it is cut down or held, and the ruling says where to look first. Behind something that the latest look has
-//!    seen, where looking does not help, it goes slowly. Two threats are worse than what might be there: an obstacle that comes at
-//!    the vehicle, and gusts that push it towards one. From that it keeps away while the nose turns, and does no more. Nor does what the
-//!    evader asks for wait until the nose has turned.
+//! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at
+//!    ([`crate::mapping::sight`]). Otherwise it is cut down or held, and the ruling says where to look first. Behind
+//!    something that the latest look has seen, where looking does not help, it goes slowly. Two threats are worse than what
+//!    might be there: an obstacle that comes at the vehicle, and gusts that push it towards one. From that it keeps away
+//!    while the nose turns, and does no more. Nor does what the evader asks for wait until the nose has turned.
 //!
 //! Within limits a brake is always granted. Everything is counted, and the count of steps tells that the guard is alive.
 //! Cost: at most 11 000 instructions among 64 obstacles (bench row `guard_64`).
 
-use heapless::Vec;
-
-use crate::base::error::{ConfigError, Why, check};
-use crate::base::math::sqrt;
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::obstacle::{Circle, Neighbour};
 use crate::base::pose::Pose;
-use crate::base::units::{between, sin_cos};
+use crate::base::units::between;
 use crate::control::track::Demand;
 use crate::mapping::scan::Scan;
-use crate::mapping::sight::{self, Cover, Sight, Surveyor};
+use crate::mapping::sight::{Sight, Surveyor};
 
+mod ahead;
+mod bounds;
+mod config;
 mod fence;
-pub use fence::{CORNERS_MAX, Fence};
+mod half_space;
 
-/// A half-space counts as kept when it is missed by no more than this.
-const AGREED_MPS: f32 = 1e-4;
-/// So many half-spaces may decide.
-const DECISIVE_MAX: usize = 12;
-/// So many obstacles are looked at closely in one step. Among more the vehicle is slower, so that fewer can matter.
-pub const CLOSE_MAX: usize = 18;
-/// So many bound the velocity in gusts, where those as far away as the gust margin do, whatever the speed. Of more than that
-/// the least demanding are left out.
-const GUSTY_MAX: usize = 64;
-/// How often its speed is halved for that; where there are still more it brakes.
-const HALVED_MAX: u8 = 3;
-/// How far ahead the straight line from the vehicle to where the command leads must be clear.
-const CORNER_S: f32 = 0.2;
-/// Fastest that what is too close is moved away from, where it stands still.
-const OUT_MPS: f32 = 0.3;
-/// So many times as fast in gusts.
-const GUSTY_OUT: f32 = 2.0;
+use ahead::Way;
+pub use bounds::CLOSE_MAX;
+use bounds::Near;
+pub use config::Config;
+pub use fence::{CORNERS_MAX, Fence};
+use half_space::{HalfSpaces, evened_out, nearest_allowed};
+
 /// Fastest towards what is hidden behind something.
 const HIDDEN_MPS: f32 = 0.4;
-/// What comes at the vehicle slower than this is no threat.
-const STILL_MPS: f32 = 0.02;
-/// Slower than this nothing need be looked at.
-const CREEP_MPS: f32 = 0.001;
 /// Share of the altitude that is left to a limit that may be used up a second.
 const ALTITUDE_RATE_PER_S: f32 = 0.5;
-/// Half a way shorter than this is not looked at by itself: what is asked of a place holds for 7 cm around it.
-const SHORT_M: f32 = 0.06;
-/// Halvings of the shortfall where gusts want more room than there is.
-const EVENED_MAX: u8 = 4;
-/// Half-planes beyond this many times the speed limit cannot matter.
-const SLACK: f32 = 1.5;
-
-/// Cosine and sine of the directions, off that of travel, in which the hull's front comes nearer to something: up to 75
-/// degrees. At 90 it would pass it.
-const FRONT: [(f32, f32); 9] = [
-    (1.0, 0.0),
-    (0.946_930, 0.321_439),
-    (0.946_930, -0.321_439),
-    (0.793_353, 0.608_761),
-    (0.793_353, -0.608_761),
-    (0.555_570, 0.831_470),
-    (0.555_570, -0.831_470),
-    (0.258_819, 0.965_926),
-    (0.258_819, -0.965_926),
-];
-
-/// What the guard needs to know.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Config {
-    /// Largest horizontal speed.
-    pub v_max_mps: f32,
-    /// Largest vertical speed.
-    pub v_down_max_mps: f32,
-    /// Largest change of the horizontal, and of the vertical, command.
-    pub a_max_mps2: f32,
-    /// Largest change of that change while the speed grows.
-    pub jerk_max_mps3: f32,
-    /// Largest yaw rate.
-    pub yaw_rate_max_radps: f32,
-    /// Radius of the vehicle.
-    pub vehicle_radius_m: f32,
-    /// Clearance that the half-spaces keep.
-    pub margin_m: f32,
-    /// Share of the remaining clearance that may be used up a second.
-    pub approach_rate_per_s: f32,
-    /// Full angle of the obstacle sensor's view, centred on the nose; 2 pi when it looks all round.
-    pub fov_rad: f32,
-    /// Share of the speed that is granted out of the view, into what has been seen.
-    pub out_of_view_share: f32,
-    /// Where has been looked.
-    pub sight: sight::Config,
-    /// Largest deviation from the altitude that is held, either way.
-    pub altitude_band_m: f32,
-    /// Highest place, local NED.
-    pub down_min_m: f32,
-    /// Lowest place, local NED.
-    pub down_max_m: f32,
-    /// Where the vehicle may be.
-    pub fence: Fence,
-    /// Distance that is kept from the fence, on its inside.
-    pub fence_margin_m: f32,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            v_max_mps: 1.0,
-            v_down_max_mps: 0.5,
-            a_max_mps2: 2.0,
-            jerk_max_mps3: 20.0,
-            yaw_rate_max_radps: 2.5,
-            vehicle_radius_m: 0.15,
-            margin_m: 0.03,
-            approach_rate_per_s: 2.0,
-            fov_rad: core::f32::consts::FRAC_PI_2,
-            out_of_view_share: 0.5,
-            sight: sight::Config::default(),
-            altitude_band_m: 2.0,
-            down_min_m: -1e4,
-            down_max_m: 1e4,
-            fence: Fence::Off,
-            fence_margin_m: 0.5,
-        }
-    }
-}
-
-impl Config {
-    /// Checks the configuration.
-    ///
-    /// # Errors
-    /// The field that is out of range.
-    pub fn build(&self) -> Result<Guard, ConfigError> {
-        check("guard.v_max_mps", self.v_max_mps, 0.05, 20.0)?;
-        check("guard.v_down_max_mps", self.v_down_max_mps, 0.0, 5.0)?;
-        check("guard.a_max_mps2", self.a_max_mps2, 0.1, 20.0)?;
-        check("guard.jerk_max_mps3", self.jerk_max_mps3, 1.0, 1000.0)?;
-        check("guard.yaw_rate_max_radps", self.yaw_rate_max_radps, 0.1, 6.3)?;
-        check("guard.vehicle_radius_m", self.vehicle_radius_m, 0.0, 5.0)?;
-        check("guard.margin_m", self.margin_m, 0.0, 5.0)?;
-        check("guard.approach_rate_per_s", self.approach_rate_per_s, 0.1, 20.0)?;
-        check("guard.out_of_view_share", self.out_of_view_share, 0.0, 1.0)?;
-        check("guard.altitude_band_m", self.altitude_band_m, 0.1, 1e3)?;
-        check("guard.down_min_m", self.down_min_m, -1e4, 1e4)?;
-        check("guard.down_max_m", self.down_max_m, -1e4, 1e4)?;
-        if !(self.down_min_m + 0.1 < self.down_max_m) {
-            let why = Why::Inconsistent("the highest place must be above the lowest");
-            return Err(ConfigError { field: "guard.down_min_m", value: self.down_min_m, why });
-        }
-        check("guard.fence_margin_m", self.fence_margin_m, 0.0, 100.0)?;
-        self.fence.build()?;
-        Ok(Guard { config: *self, looker: self.sight.build(self.fov_rad)? })
-    }
-}
 
 /// The one command that leaves the core.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -300,29 +176,6 @@ impl State {
         self.counts.beats = self.counts.beats.wrapping_add(1);
     }
 }
-
-/// A half-plane of velocities: `outwards . v >= least`.
-#[derive(Clone, Copy, Debug)]
-struct HalfSpace {
-    outwards: Horizontal,
-    least_mps: f32,
-    /// The least that keeps the distance.
-    oncoming_mps: f32,
-}
-
-/// What lies where a command leads.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Way {
-    Seen,
-    Hidden,
-    /// Towards the place to look at first.
-    Unseen(Horizontal),
-}
-
-/// The obstacles that can matter in a step.
-type Near = Vec<Neighbour, CLOSE_MAX>;
-/// Half-spaces of all obstacles and of the fence.
-type HalfSpaces = Vec<HalfSpace, { GUSTY_MAX + CORNERS_MAX }>;
 
 impl Guard {
     /// The obstacle that a known circle is to this vehicle.
@@ -503,286 +356,6 @@ impl Guard {
         }
         let most = c.a_max_mps2 * dt_s;
         last_mps + between(wanted_mps - last_mps, -most, most)
-    }
-
-    /// The obstacles that can matter, those that the vehicle could come to in the time that it takes to stop, and the speed up to
-    /// which these are all; `None` where there are too many for any speed.
-    fn gather_near(
-        &self,
-        command_ned_mps: Horizontal,
-        situation: &GuardInput,
-        obstacles: &[Neighbour],
-        near: &mut Near,
-    ) -> Option<f32> {
-        let c = &self.config;
-        let (rest, delay_s) = (situation.rest_ned_m, situation.delay_s);
-        let underway_m = rest.minus(situation.position_ned_m).norm();
-        let mut v_max_mps = c.v_max_mps;
-        for _ in 0..=HALVED_MAX {
-            // It is no slower than this before the next step.
-            let command_mps = command_ned_mps.norm();
-            let fastest_mps = if v_max_mps > command_mps { v_max_mps } else { command_mps };
-            let range_m = self.range_m(SLACK * fastest_mps) + c.margin_m;
-            let range_m = if range_m > underway_m { range_m } else { underway_m };
-            let is_near = |obstacle: &&Neighbour| {
-                let drift_m =
-                    libm::fabsf(obstacle.velocity_ned_mps.north) + libm::fabsf(obstacle.velocity_ned_mps.east);
-                let limit_m = obstacle.reach_m + range_m + drift_m * (1.0 + delay_s);
-                rest.minus(obstacle.center_ned_m).norm_squared() < limit_m * limit_m
-            };
-            near.clear();
-            if obstacles.iter().filter(is_near).all(|obstacle| near.push(*obstacle).is_ok()) {
-                return Some(v_max_mps);
-            }
-            v_max_mps *= 0.5;
-        }
-        None
-    }
-
-    /// The distance from which a speed of approach is allowed: the inverse of the bound of the module's text.
-    fn range_m(&self, speed_mps: f32) -> f32 {
-        let c = &self.config;
-        let (by_rate, by_brake) = (speed_mps / c.approach_rate_per_s, speed_mps * speed_mps / (1.4 * c.a_max_mps2));
-        if by_rate > by_brake { by_rate } else { by_brake }
-    }
-
-    /// Fastest approach at a clearance; negative, a speed of retreat, inside the margin: in gusts twice as fast, since they push as
-    /// fast as that.
-    fn approach_mps(&self, h: f32, gust_m: f32) -> f32 {
-        if !(h > 0.0) {
-            let out_mps = between(-h, 0.0, OUT_MPS + gust_m);
-            return if gust_m > 0.0 { -GUSTY_OUT * out_mps } else { -out_mps };
-        }
-        let by_rate = self.config.approach_rate_per_s * h;
-        let by_brake = sqrt(1.4 * self.config.a_max_mps2 * h);
-        if by_rate < by_brake { by_rate } else { by_brake }
-    }
-
-    /// What circles and fence say of the velocity, and whether something comes at the vehicle so that it cannot just stay.
-    fn bound(&self, situation: &GuardInput, near: &[Neighbour], v_max_mps: f32, half_spaces: &mut HalfSpaces) -> bool {
-        let c = &self.config;
-        let (rest, delay_s) = (situation.rest_ned_m, situation.delay_s);
-        let mut is_threatened = false;
-        let beyond = -SLACK * v_max_mps;
-        for obstacle in near {
-            let mut drift = obstacle.velocity_ned_mps;
-            // What pushes the vehicle about misleads its eyes, too: in gusts, what seems to go away is held to stand.
-            if situation.gust_margin_m > 0.0 && rest.minus(obstacle.center_ned_m).dot(drift) < 0.0 {
-                drift = Horizontal::default();
-            }
-            let away = rest.minus(obstacle.center_ned_m.plus(drift.times(delay_s)));
-            let norm = away.norm();
-            let outwards = if norm > 1e-6 { away.times(1.0 / norm) } else { Horizontal { north: 1.0, east: 0.0 } };
-            // From what moves it goes out of the way as in calm air: into the arms of the next one else.
-            let gust_m = if drift == Horizontal::default() { situation.gust_margin_m } else { 0.0 };
-            let h = norm - obstacle.reach_m - c.margin_m - gust_m - 0.2 * drift.norm();
-            let oncoming = outwards.dot(drift);
-            let least_mps = oncoming - self.approach_mps(h, gust_m);
-            is_threatened |= least_mps > 0.0 && oncoming > STILL_MPS;
-            if least_mps > beyond {
-                add(half_spaces, HalfSpace { outwards, least_mps, oncoming_mps: oncoming });
-            }
-        }
-        for (inwards, depth_m) in c.fence.sides(rest) {
-            let gust_m = situation.gust_margin_m;
-            let least_mps = -self.approach_mps(depth_m - c.fence_margin_m - gust_m, gust_m);
-            if least_mps > beyond {
-                // Cannot fail: there is room for all of them.
-                let _ = half_spaces.push(HalfSpace { outwards: inwards, least_mps, oncoming_mps: 0.0 });
-            }
-        }
-        is_threatened
-    }
-
-    /// Where a command leads until it is braked away, at least a little ahead.
-    fn ahead(&self, velocity: Horizontal, rest: Horizontal) -> (Horizontal, f32) {
-        let brake_s = 0.5 * velocity.norm() / self.config.a_max_mps2;
-        let ahead_s = if brake_s > CORNER_S { brake_s } else { CORNER_S };
-        (rest.plus(velocity.times(ahead_s)), ahead_s)
-    }
-
-    /// Whether a command keeps the vehicle out of every circle: on the way to its rest point, from there until the command
-    /// is braked away, and on the straight line to where it leads next. What touches a circle already may move if it does
-    /// not go deeper.
-    fn is_clear(&self, velocity: Horizontal, situation: &GuardInput, near: &[Neighbour]) -> bool {
-        let (position, rest) = (situation.position_ned_m, situation.rest_ned_m);
-        let (ahead, ahead_s) = self.ahead(velocity, rest);
-        let (underway_m, ahead_m) = (position.minus(rest).norm(), ahead.minus(rest).norm());
-        let spread_m = self.config.margin_m + if underway_m > ahead_m { underway_m } else { ahead_m };
-        near.iter().all(|obstacle| {
-            let center = obstacle.center_ned_m;
-            let far_m = obstacle.reach_m + spread_m;
-            let is_still = obstacle.velocity_ned_mps == Horizontal::default();
-            if is_still && center.minus(rest).norm_squared() > far_m * far_m {
-                return true;
-            }
-            let least = |distance: f32, other: f32| if distance < other { distance } else { other };
-            let on_way = least(
-                Horizontal::distance_to_segment(center, rest, ahead),
-                Horizontal::distance_to_segment(center, position, ahead),
-            ) - obstacle.reach_m;
-            if on_way >= 0.5 * self.config.margin_m && is_still {
-                return true;
-            }
-            // What is on its way cannot be called back: it is no reason to refuse a command that leads out of it.
-            let at_rest = Horizontal::distance_to_segment(center, position, rest) - obstacle.reach_m;
-            let later = center.plus(obstacle.velocity_ned_mps.times(situation.delay_s + ahead_s));
-            let later_ahead = ahead.minus(later).norm() - obstacle.reach_m;
-            let later_at_rest = rest.minus(later).norm() - obstacle.reach_m;
-            on_way >= least(0.5 * self.config.margin_m, at_rest - 1e-3)
-                && later_ahead >= least(0.5 * self.config.margin_m, later_at_rest - 1e-3)
-        })
-    }
-
-    /// Whether a command leads to a place inside the fence, or at least not farther out.
-    fn stays_inside(&self, velocity: Horizontal, situation: &GuardInput) -> bool {
-        let (ahead, _) = self.ahead(velocity, situation.rest_ned_m);
-        let now = self.config.fence.sides(situation.rest_ned_m);
-        self.config.fence.sides(ahead).zip(now).all(|((_, then_m), (_, now_m))| then_m >= 0.0 || then_m >= now_m - 1e-4)
-    }
-
-    /// What has been seen of the places where an obstacle would touch the hull on its way.
-    fn way(&self, sight: &Sight, velocity: Horizontal, situation: &GuardInput, near: &[Neighbour]) -> Way {
-        let speed = velocity.norm();
-        if speed < CREEP_MPS {
-            return Way::Seen;
-        }
-        let (radius_m, smallest_m) = (self.config.vehicle_radius_m, self.looker.smallest_obstacle_m());
-        let reach_m = radius_m + smallest_m;
-        let along = velocity.times(1.0 / speed);
-        let right = Horizontal { north: -along.east, east: along.north };
-        let (ahead, _) = self.ahead(velocity, situation.rest_ned_m);
-        let middle = ahead.plus(situation.rest_ned_m).times(0.5);
-        // A short way has no middle that its end does not cover.
-        let is_short = ahead.minus(middle).norm_squared() < SHORT_M * SHORT_M;
-        let (nose_east, nose_north) = sin_cos(situation.yaw_rad);
-        let nose = Horizontal { north: nose_north, east: nose_east };
-
-        let mut way = Way::Seen;
-        let mut nearest_the_nose = f32::NEG_INFINITY;
-        for station in [middle, ahead].into_iter().skip(usize::from(is_short)) {
-            for (cosine, sine) in FRONT {
-                let place = station.plus(along.times(reach_m * cosine)).plus(right.times(reach_m * sine));
-                if self.looker.is_at_home(sight, place, radius_m) {
-                    continue;
-                }
-                let cover = self.looker.cover(sight, place);
-                // What could stand there unseen is inside of what is known, but for the margin that is kept from it.
-                let is_known = |obstacle: &Neighbour| {
-                    let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;
-                    limit_m > 0.0 && obstacle.center_ned_m.minus(place).norm_squared() < limit_m * limit_m
-                };
-                if cover == Cover::Seen || near.iter().any(is_known) {
-                    continue;
-                }
-                // What was hidden from elsewhere can be looked at by now, unless something known stands before it.
-                let is_before = |obstacle: &Neighbour| {
-                    let place_m =
-                        Horizontal::distance_to_segment(obstacle.center_ned_m, situation.position_ned_m, place);
-                    place_m < obstacle.reach_m - radius_m
-                };
-                if cover == Cover::Hidden || cover == Cover::WasHidden && near.iter().any(is_before) {
-                    if way == Way::Seen {
-                        way = Way::Hidden;
-                    }
-                    continue;
-                }
-                let direction = place.minus(situation.position_ned_m);
-                let off_nose = nose.dot(direction) / direction.norm();
-                if off_nose > nearest_the_nose {
-                    nearest_the_nose = off_nose;
-                    way = Way::Unseen(direction);
-                }
-            }
-        }
-        way
-    }
-}
-
-/// Adds an obstacle's half-space, or puts it in the place of the least demanding one.
-fn add(half_spaces: &mut HalfSpaces, half_space: HalfSpace) {
-    if half_spaces.len() < GUSTY_MAX {
-        // Cannot fail.
-        let _ = half_spaces.push(half_space);
-        return;
-    }
-    let demands = |one: &&mut HalfSpace, other: &&mut HalfSpace| one.least_mps.total_cmp(&other.least_mps);
-    if let Some(least) = half_spaces.iter_mut().min_by(demands).filter(|least| least.least_mps < half_space.least_mps) {
-        *least = half_space;
-    }
-}
-
-/// Where gusts want more room than there is: the same shortfall from all that stands, so that the vehicle keeps to the middle.
-fn evened_out(wanted: Horizontal, half_spaces: &mut HalfSpaces) -> Option<Horizontal> {
-    // By the largest of them, nothing is asked for any more.
-    let most_mps = half_spaces
-        .iter()
-        .fold(0.0, |most, half_space| if half_space.least_mps > most { half_space.least_mps } else { most });
-    let (mut least_mps, mut most_mps, mut lowered_mps) = (0.0, most_mps, 0.0);
-    let mut lower = |half_spaces: &mut HalfSpaces, by_mps: f32| {
-        for half_space in half_spaces {
-            if half_space.oncoming_mps == 0.0 {
-                half_space.least_mps -= by_mps - lowered_mps;
-            }
-        }
-        lowered_mps = by_mps;
-    };
-    let mut best = None;
-    for _ in 0..EVENED_MAX {
-        let by_mps = 0.5 * (least_mps + most_mps);
-        lower(half_spaces, by_mps);
-        match nearest_allowed(wanted, half_spaces) {
-            Some(velocity) => (best, most_mps) = (Some(velocity), by_mps),
-            None => least_mps = by_mps,
-        }
-    }
-    lower(half_spaces, 0.0);
-    best
-}
-
-/// The velocity nearest to the wanted one that all half-spaces allow; `None` if there is none.
-///
-/// The half-space that the answer so far breaks most is added: the new answer lies on its edge, within what those added
-/// before leave of that line (the incremental linear programme of de Berg et al., Computational Geometry, section 4.3, with a
-/// distance for its objective). Exact; two or three of them mostly decide, and where more than [`DECISIVE_MAX`] have to, there
-/// is none in time.
-fn nearest_allowed(wanted: Horizontal, half_spaces: &[HalfSpace]) -> Option<Horizontal> {
-    let mut velocity = wanted;
-    let mut decisive: Vec<HalfSpace, DECISIVE_MAX> = Vec::new();
-    loop {
-        let (mut most_broken, mut most_mps) = (None, AGREED_MPS);
-        for half_space in half_spaces {
-            let lacking_mps = half_space.least_mps - half_space.outwards.dot(velocity);
-            if lacking_mps > most_mps {
-                (most_broken, most_mps) = (Some(half_space), lacking_mps);
-            }
-        }
-        let Some(edge) = most_broken else { return Some(velocity) };
-        let foot = edge.outwards.times(edge.least_mps);
-        let along = Horizontal { north: -edge.outwards.east, east: edge.outwards.north };
-        let (mut from, mut to) = (f32::NEG_INFINITY, f32::INFINITY);
-        for earlier in &decisive {
-            let (slope, lacking) = (earlier.outwards.dot(along), earlier.least_mps - earlier.outwards.dot(foot));
-            if libm::fabsf(slope) < 1e-5 {
-                if lacking > AGREED_MPS {
-                    return None;
-                }
-                continue;
-            }
-            let bound = lacking / slope;
-            if slope > 0.0 && bound > from {
-                from = bound;
-            } else if slope < 0.0 && bound < to {
-                to = bound;
-            }
-        }
-        if from > to + AGREED_MPS {
-            return None;
-        }
-        let at = wanted.dot(along);
-        let at = if at < from { from } else { at };
-        velocity = foot.plus(along.times(if at > to { to } else { at }));
-        decisive.push(*edge).ok()?;
     }
 }
 

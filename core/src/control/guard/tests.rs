@@ -1,5 +1,6 @@
 //! Tests of the guard.
 
+use super::half_space::HalfSpace;
 use super::*;
 use crate::base::pose::Pose;
 use crate::base::rng::Rng;

@@ -1,0 +1,94 @@
+//! What the guard needs to know, and what of that is refused.
+
+use super::{Fence, Guard};
+use crate::base::error::{ConfigError, Why, check};
+use crate::mapping::sight;
+
+/// What the guard needs to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Config {
+    /// Largest horizontal speed.
+    pub v_max_mps: f32,
+    /// Largest vertical speed.
+    pub v_down_max_mps: f32,
+    /// Largest change of the horizontal, and of the vertical, command.
+    pub a_max_mps2: f32,
+    /// Largest change of that change while the speed grows.
+    pub jerk_max_mps3: f32,
+    /// Largest yaw rate.
+    pub yaw_rate_max_radps: f32,
+    /// Radius of the vehicle.
+    pub vehicle_radius_m: f32,
+    /// Clearance that the half-spaces keep.
+    pub margin_m: f32,
+    /// Share of the remaining clearance that may be used up a second.
+    pub approach_rate_per_s: f32,
+    /// Full angle of the obstacle sensor's view, centred on the nose; 2 pi when it looks all round.
+    pub fov_rad: f32,
+    /// Share of the speed that is granted out of the view, into what has been seen.
+    pub out_of_view_share: f32,
+    /// Where has been looked.
+    pub sight: sight::Config,
+    /// Largest deviation from the altitude that is held, either way.
+    pub altitude_band_m: f32,
+    /// Highest place, local NED.
+    pub down_min_m: f32,
+    /// Lowest place, local NED.
+    pub down_max_m: f32,
+    /// Where the vehicle may be.
+    pub fence: Fence,
+    /// Distance that is kept from the fence, on its inside.
+    pub fence_margin_m: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            v_max_mps: 1.0,
+            v_down_max_mps: 0.5,
+            a_max_mps2: 2.0,
+            jerk_max_mps3: 20.0,
+            yaw_rate_max_radps: 2.5,
+            vehicle_radius_m: 0.15,
+            margin_m: 0.03,
+            approach_rate_per_s: 2.0,
+            fov_rad: core::f32::consts::FRAC_PI_2,
+            out_of_view_share: 0.5,
+            sight: sight::Config::default(),
+            altitude_band_m: 2.0,
+            down_min_m: -1e4,
+            down_max_m: 1e4,
+            fence: Fence::Off,
+            fence_margin_m: 0.5,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Guard, ConfigError> {
+        check("guard.v_max_mps", self.v_max_mps, 0.05, 20.0)?;
+        check("guard.v_down_max_mps", self.v_down_max_mps, 0.0, 5.0)?;
+        check("guard.a_max_mps2", self.a_max_mps2, 0.1, 20.0)?;
+        check("guard.jerk_max_mps3", self.jerk_max_mps3, 1.0, 1000.0)?;
+        check("guard.yaw_rate_max_radps", self.yaw_rate_max_radps, 0.1, 6.3)?;
+        check("guard.vehicle_radius_m", self.vehicle_radius_m, 0.0, 5.0)?;
+        check("guard.margin_m", self.margin_m, 0.0, 5.0)?;
+        check("guard.approach_rate_per_s", self.approach_rate_per_s, 0.1, 20.0)?;
+        check("guard.out_of_view_share", self.out_of_view_share, 0.0, 1.0)?;
+        check("guard.altitude_band_m", self.altitude_band_m, 0.1, 1e3)?;
+        check("guard.down_min_m", self.down_min_m, -1e4, 1e4)?;
+        check("guard.down_max_m", self.down_max_m, -1e4, 1e4)?;
+        if !(self.down_min_m + 0.1 < self.down_max_m) {
+            let why = Why::Inconsistent("the highest place must be above the lowest");
+            return Err(ConfigError { field: "guard.down_min_m", value: self.down_min_m, why });
+        }
+        check("guard.fence_margin_m", self.fence_margin_m, 0.0, 100.0)?;
+        self.fence.build()?;
+        Ok(Guard { config: *self, looker: self.sight.build(self.fov_rad)? })
+    }
+}

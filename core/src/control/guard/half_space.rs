@@ -1,0 +1,115 @@
+//! Half-spaces of velocities, and the velocity nearest to the wanted one that all of them allow.
+
+use heapless::Vec;
+
+use super::CORNERS_MAX;
+use crate::base::ned::Horizontal;
+
+/// A half-space counts as kept when it is missed by no more than this.
+const AGREED_MPS: f32 = 1e-4;
+/// So many half-spaces may decide.
+const DECISIVE_MAX: usize = 12;
+/// So many obstacles bound the velocity in gusts, where those as far away as the gust margin do, whatever the speed. Of more than that
+/// the least demanding are left out.
+const GUSTY_MAX: usize = 64;
+/// Halvings of the shortfall where gusts want more room than there is.
+const EVENED_MAX: u8 = 4;
+
+/// A half-plane of velocities: `outwards . v >= least`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HalfSpace {
+    pub(super) outwards: Horizontal,
+    pub(super) least_mps: f32,
+    /// The least that keeps the distance.
+    pub(super) oncoming_mps: f32,
+}
+
+/// Half-spaces of all obstacles and of the fence.
+pub(super) type HalfSpaces = Vec<HalfSpace, { GUSTY_MAX + CORNERS_MAX }>;
+
+/// Adds an obstacle's half-space, or puts it in the place of the least demanding one.
+pub(super) fn add(half_spaces: &mut HalfSpaces, half_space: HalfSpace) {
+    if half_spaces.len() < GUSTY_MAX {
+        // Cannot fail.
+        let _ = half_spaces.push(half_space);
+        return;
+    }
+    let demands = |one: &&mut HalfSpace, other: &&mut HalfSpace| one.least_mps.total_cmp(&other.least_mps);
+    if let Some(least) = half_spaces.iter_mut().min_by(demands).filter(|least| least.least_mps < half_space.least_mps) {
+        *least = half_space;
+    }
+}
+
+/// Where gusts want more room than there is: the same shortfall from all that stands, so that the vehicle keeps to the middle.
+pub(super) fn evened_out(wanted: Horizontal, half_spaces: &mut HalfSpaces) -> Option<Horizontal> {
+    // By the largest of them, nothing is asked for any more.
+    let most_mps = half_spaces
+        .iter()
+        .fold(0.0, |most, half_space| if half_space.least_mps > most { half_space.least_mps } else { most });
+    let (mut least_mps, mut most_mps, mut lowered_mps) = (0.0, most_mps, 0.0);
+    let mut lower = |half_spaces: &mut HalfSpaces, by_mps: f32| {
+        for half_space in half_spaces {
+            if half_space.oncoming_mps == 0.0 {
+                half_space.least_mps -= by_mps - lowered_mps;
+            }
+        }
+        lowered_mps = by_mps;
+    };
+    let mut best = None;
+    for _ in 0..EVENED_MAX {
+        let by_mps = 0.5 * (least_mps + most_mps);
+        lower(half_spaces, by_mps);
+        match nearest_allowed(wanted, half_spaces) {
+            Some(velocity) => (best, most_mps) = (Some(velocity), by_mps),
+            None => least_mps = by_mps,
+        }
+    }
+    lower(half_spaces, 0.0);
+    best
+}
+
+/// The velocity nearest to the wanted one that all half-spaces allow; `None` if there is none.
+///
+/// The half-space that the answer so far breaks most is added: the new answer lies on its edge, within what those added
+/// before leave of that line (the incremental linear programme of de Berg et al., Computational Geometry, section 4.3, with a
+/// distance for its objective). Exact; two or three of them mostly decide, and where more than [`DECISIVE_MAX`] have to, there
+/// is none in time.
+pub(super) fn nearest_allowed(wanted: Horizontal, half_spaces: &[HalfSpace]) -> Option<Horizontal> {
+    let mut velocity = wanted;
+    let mut decisive: Vec<HalfSpace, DECISIVE_MAX> = Vec::new();
+    loop {
+        let (mut most_broken, mut most_mps) = (None, AGREED_MPS);
+        for half_space in half_spaces {
+            let lacking_mps = half_space.least_mps - half_space.outwards.dot(velocity);
+            if lacking_mps > most_mps {
+                (most_broken, most_mps) = (Some(half_space), lacking_mps);
+            }
+        }
+        let Some(edge) = most_broken else { return Some(velocity) };
+        let foot = edge.outwards.times(edge.least_mps);
+        let along = Horizontal { north: -edge.outwards.east, east: edge.outwards.north };
+        let (mut from, mut to) = (f32::NEG_INFINITY, f32::INFINITY);
+        for earlier in &decisive {
+            let (slope, lacking) = (earlier.outwards.dot(along), earlier.least_mps - earlier.outwards.dot(foot));
+            if libm::fabsf(slope) < 1e-5 {
+                if lacking > AGREED_MPS {
+                    return None;
+                }
+                continue;
+            }
+            let bound = lacking / slope;
+            if slope > 0.0 && bound > from {
+                from = bound;
+            } else if slope < 0.0 && bound < to {
+                to = bound;
+            }
+        }
+        if from > to + AGREED_MPS {
+            return None;
+        }
+        let at = wanted.dot(along);
+        let at = if at < from { from } else { at };
+        velocity = foot.plus(along.times(if at > to { to } else { at }));
+        decisive.push(*edge).ok()?;
+    }
+}
