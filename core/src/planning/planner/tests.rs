@@ -1,0 +1,169 @@
+//! Tests of the planner.
+
+use super::*;
+use crate::base::rng::Rng;
+use crate::planning::rollout::swept_clearance_m;
+
+type Discs = std::vec::Vec<Disc>;
+
+fn discs(circles: &[(f32, f32, f32)]) -> Discs {
+    circles
+        .iter()
+        .map(|(north, east, radius_m)| Disc {
+            center_ned_m: Horizontal { north: *north, east: *east },
+            radius_m: *radius_m,
+            ..Disc::default()
+        })
+        .collect()
+}
+
+fn request() -> PlanRequest {
+    PlanRequest { id: 1, seed: 9, target_ned_m: Horizontal { north: 2.0, east: 0.0 }, ..PlanRequest::default() }
+}
+
+fn plan(request: &PlanRequest, known: &[Disc]) -> (Plan, Workspace) {
+    let mut workspace = Workspace::default();
+    let plan = Config::default().build().unwrap().plan(&mut workspace, request, known);
+    (plan, workspace)
+}
+
+fn obstacles(known: &[Disc]) -> std::vec::Vec<Obstacle> {
+    known.iter().map(|disc| Obstacle::of(disc, 0.15)).collect()
+}
+
+#[test]
+fn it_flies_straight_through_the_open() {
+    let (plan, _) = plan(&request(), &[]);
+    assert_eq!(plan.verdict, Verdict::Follow);
+    assert!(plan.waypoints_ned_m[14].minus(Horizontal { north: 2.0, east: 0.0 }).norm() < 1e-4);
+}
+
+#[test]
+fn ours_never_returns_a_path_that_loses_its_margin() {
+    let planner = Config::default().build().unwrap();
+    let mut workspace = Workspace::default();
+    let (mut followed, mut braked) = (0, 0);
+    for seed in 0..400_u64 {
+        let mut rng = Rng::new(seed, 77);
+        let mut place = || (0.3 + 2.0 * rng.uniform(), -1.0 + 2.0 * rng.uniform(), 0.1 + 0.25 * rng.uniform());
+        let known = discs(&[place(), place(), place(), place()]);
+        let plan = planner.plan(&mut workspace, &PlanRequest { seed, begins: true, ..request() }, &known);
+        let obstacles = obstacles(&known);
+        let at_start = obstacles.iter().map(|o| o.clearance_m(Horizontal::default())).fold(f32::INFINITY, f32::min);
+        match plan.verdict {
+            Verdict::Follow => {
+                let clearance = swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m[..6], &obstacles);
+                let least = Config::default().tight_margin_m - 1e-4;
+                assert!(clearance >= least.min(at_start - 0.0011), "seed {seed}: {clearance} from {at_start}");
+                followed += 1;
+            }
+            Verdict::Brake => {
+                assert!(plan.waypoints_ned_m.iter().all(|p| *p == plan.start_ned_m));
+                braked += 1;
+            }
+        }
+    }
+    assert!(followed > 300, "{followed} followed, {braked} braked");
+}
+
+#[test]
+fn gusts_make_the_way_wider_and_a_narrow_gap_none() {
+    let least_m = |gust_margin_m: f32, gap_m: f32| {
+        let east_m = 0.3 + 0.5 * gap_m;
+        let known = discs(&[(1.0, east_m, 0.3), (1.0, -east_m, 0.3)]);
+        let (plan, _) = plan(&PlanRequest { gust_margin_m, ..request() }, &known);
+        swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles(&known))
+    };
+    // Between them, there is 0.15 m on either side; with gusts it goes round, or does not come near.
+    assert!(least_m(0.0, 0.6) < 0.16);
+    assert!(least_m(0.3, 0.6) >= 0.3);
+    // Where there is room for both.
+    assert!((0.3..0.46).contains(&least_m(0.3, 1.2)), "{}", least_m(0.3, 1.2));
+}
+
+#[test]
+fn an_obstacle_exactly_on_the_line_is_passed_on_one_side() {
+    let (plan, _) = plan(&request(), &discs(&[(1.0, 0.0, 0.3)]));
+    assert_eq!(plan.verdict, Verdict::Follow);
+    // To the place beside the pillar from which the target is in sight.
+    let end = plan.waypoints_ned_m[14];
+    assert!(end.north > 0.6 && end.east.abs() > 0.4 && end.minus(plan.target_ned_m).norm() < 0.2, "{end:?}");
+}
+
+/// A wall 20 m long across the way to a source that is known, and the vehicle in front of its middle.
+fn wide_wall() -> (PlanRequest, Discs) {
+    let wall: std::vec::Vec<_> = (0..61).map(|k| (1.5, (k as f32 - 30.0) * 0.33, 0.2)).collect();
+    let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
+    (PlanRequest { known_source_ned_m, begins: true, ..request() }, discs(&wall))
+}
+
+#[test]
+fn a_wall_wider_than_the_window_is_gone_round() {
+    let planner = Config::default().build().unwrap();
+    let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
+    let source = request.known_source_ned_m.unwrap();
+    for _ in 0..80 {
+        let plan = planner.plan(&mut workspace, &request, &known);
+        request.begins = false;
+        request.id += 1;
+        request.start_ned_m = plan.waypoints_ned_m[5];
+        if request.start_ned_m.minus(source).norm() < 0.5 {
+            return;
+        }
+    }
+    panic!("after 80 replans at {:?}", request.start_ned_m);
+}
+
+#[test]
+fn who_never_comes_nearer_is_told_that_there_is_no_way_until_it_is_handed_over_again() {
+    let planner = Config::default().build().unwrap();
+    let (mut workspace, (mut request, known)) = (Workspace::default(), wide_wall());
+    request.start_ned_m.north = 1.0;
+    let mut verdict = |begins| {
+        request.begins = begins;
+        request.id += 1;
+        planner.plan(&mut workspace, &request, &known).verdict
+    };
+    assert_eq!(verdict(true), Verdict::Follow);
+    let follows = (0..200).take_while(|_| verdict(false) == Verdict::Follow).count();
+    // A way is in sight from far all the time: it is followed for twice as long as one that is searched for.
+    assert!((100..=160).contains(&follows), "{follows}");
+    assert_eq!(verdict(false), Verdict::Brake);
+    assert_eq!(verdict(true), Verdict::Follow);
+}
+
+#[test]
+fn a_sealed_start_yields_a_brake_plan() {
+    let ring: std::vec::Vec<_> = (0..12)
+        .map(|k| {
+            let angle = core::f32::consts::TAU * k as f32 / 12.0;
+            let p = Horizontal::from_bearing(angle).times(0.55);
+            (p.north, p.east, 0.2)
+        })
+        .collect();
+    assert_eq!(plan(&request(), &discs(&ring)).0.verdict, Verdict::Brake);
+}
+
+#[test]
+fn same_seed_same_plan_and_another_seed_another() {
+    let (request, known) = (request(), discs(&[(1.0, 0.1, 0.3)]));
+    let other = PlanRequest { seed: 10, ..request.clone() };
+    assert_eq!(plan(&request, &known).0, plan(&request, &known).0);
+    assert_ne!(plan(&request, &known).1.gains, plan(&other, &known).1.gains);
+}
+
+#[test]
+fn bad_gains_are_refused_by_name() {
+    let refused = |change: &dyn Fn(&mut Config)| {
+        let mut config = Config::default();
+        change(&mut config);
+        config.build().unwrap_err().field
+    };
+    assert_eq!(refused(&|c| c.lambda = 0.0), "planner.lambda");
+    assert_eq!(refused(&|c| c.gains.k_rep = f32::NAN), "planner.gains.k_rep");
+    assert_eq!(refused(&|c| c.gains.influence_m = -1.0), "planner.gains.influence_m");
+    assert_eq!(refused(&|c| c.gains_sigma.swirl = -1.0), "planner.gains_sigma");
+    assert_eq!(refused(&|c| c.checked_segments = 0), "planner.checked_segments");
+    assert_eq!(refused(&|c| c.kind = Kind::Paper), "planner.kind");
+    assert_eq!(refused(&|c| c.law = Law::of(baseline::Kind::Khatib)), "planner.law.kind");
+}
