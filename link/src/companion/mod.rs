@@ -11,22 +11,25 @@
 //! Commands in Guided Mode*, PX4's *Offboard Mode*, the MAVLink guide on heartbeats, message intervals and time
 //! synchronisation.
 //!
-//! `hear` and `speak` are the two halves of it; `exam` is about examining the receiver.
+//! `hear` and `speak` are the two halves of it; `control` says whether guidance may move the vehicle; `exam` is about
+//! examining the receiver.
 
+mod aging;
 mod config;
+mod control;
 mod exam;
 mod hear;
+mod parameters;
 mod speak;
 
-use foxhound_core::base::error::ConfigError;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::sin_cos;
 use foxhound_core::control::guard::Setpoint;
 use foxhound_core::guidance;
-use foxhound_core::guidance::mission::{Behaviour, Control, Outcome};
-use foxhound_core::guidance::param::{Id, Values};
+use foxhound_core::guidance::mission::{Behaviour, Outcome};
+use foxhound_core::guidance::param::Values;
 use foxhound_core::mapping::scan::{Points, Scan};
 
 use crate::MessageData;
@@ -35,9 +38,9 @@ use crate::autopilot::{Attitude, Position};
 use crate::clock::{PeerClock, is_over};
 use crate::continuity::Continuity;
 use crate::dialect::HEARTBEAT_DATA;
-use crate::failsafe::{Cause, Facts};
+use crate::failsafe::Cause;
 use crate::framer::{self, Content, Framer};
-use crate::health::{Charge, Health};
+use crate::health::Health;
 use crate::landing;
 use crate::outbox::Outbox;
 use crate::params::Params;
@@ -61,22 +64,8 @@ const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 const TIMESYNC_PERIOD_US: u32 = 1_000_000;
 /// After a jump of the autopilot's estimate guidance gets no ownship for this long, and so holds.
 const UNSETTLED_US: u64 = 500_000;
-/// Ownship older than this is of no use.
-const OWNSHIP_AGE_MAX_S: f32 = 0.5;
-/// Without a usable one for this long, setpoints end.
-const OWNSHIP_LOST_S: f32 = 2.0;
 /// A range finder's word that is older says nothing of the height.
 const GROUND_AGE_MAX_S: f32 = 0.5;
-/// Setpoints that are not sane for this long, and a guidance that is silent for this long, make us unfit.
-const INSANE_MAX_S: f32 = 0.5;
-const GUIDANCE_SILENT_MAX_S: f32 = 2.0;
-/// A setpoint that waits for the wire longer than this is counted as late.
-const LATE_US: u64 = 200_000;
-/// Damaged frames are counted over this long, and there must be some frames at all.
-const NOISE_WINDOW_US: u64 = 2_000_000;
-const NOISE_FRAMES_MIN: u32 = 20;
-const NOISE_HOLD_PERCENT: u32 = 20;
-const NOISE_WARN_PERCENT: u32 = 5;
 
 /// How the application keeps time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -319,44 +308,6 @@ impl Companion {
         }
     }
 
-    /// Whether guidance may move the vehicle.
-    #[must_use]
-    #[inline(never)]
-    pub fn control(&self, now: Instant) -> Control {
-        match self.cause(now) {
-            Cause::None | Cause::OwnshipLost => Control::Granted,
-            Cause::NoAutopilot | Cause::LinkLost | Cause::LinkQuiet => Control::LinkLost,
-            _ => Control::NotInControl,
-        }
-    }
-
-    /// Why guidance may not move the vehicle.
-    #[must_use]
-    #[inline(never)]
-    pub fn cause(&self, now: Instant) -> Cause {
-        let charge = self.health.charge(self.config.battery_min_percent);
-        let silent = |limit_s| self.autopilot.is_none_or(|autopilot| is_over(now, autopilot.heard, limit_s));
-        Facts {
-            unfit: self.is_unfit(now),
-            has_autopilot: self.autopilot.is_some(),
-            is_lost: silent(self.config.silence_after_s),
-            is_quiet: silent(self.config.heartbeat_timeout_s),
-            obeys: self.obeys(),
-            on_ground: self.is_on_ground(),
-            store_damaged: self.store_damaged,
-            entry_needed: self.entry_needed,
-            switched_off: self.config.switch_channel > 0 && !self.health.is_switched_on(now),
-            paused: self.paused,
-            battery_critical: charge == Charge::Critical,
-            battery_low: charge == Charge::Low,
-            seeking: self.seeking,
-            fence_breached: self.health.is_fence_breached(),
-            is_noisy: self.noise.percent > NOISE_HOLD_PERCENT,
-            ownship_lost: self.usable_at.is_some_and(|at| is_over(now, at, OWNSHIP_LOST_S)),
-        }
-        .cause()
-    }
-
     /// The autopilot that we listen to; `None` before its first heartbeat.
     #[must_use]
     pub const fn autopilot(&self) -> Option<Autopilot> {
@@ -443,80 +394,9 @@ impl Companion {
         core::mem::take(&mut self.key_changed)
     }
 
-    /// The application runs with other parameters from now on; the link takes its own from them.
-    ///
-    /// # Errors
-    /// The field of the link's configuration that does not fit the others; then everything stays as it was.
-    #[inline(never)]
-    pub fn set_parameters(&mut self, values: Values) -> Result<(), ConfigError> {
-        let config = self.config.with(&values);
-        config.check_together()?;
-        self.params.replace(values);
-        self.reconfigure(config);
-        Ok(())
-    }
-
-    /// The parameters that hold.
-    #[must_use]
-    pub const fn parameters(&self) -> &Values {
-        self.params.values()
-    }
-
-    /// A parameter that somebody wants changed, and all of them with it: for the application to try. To be answered by
-    /// [`settle`](Self::settle) before anything else.
-    #[inline(never)]
-    pub fn proposal(&mut self) -> Option<(Id, Values)> {
-        let is_seeking = self.control(self.now) == Control::Granted;
-        loop {
-            let values = self.params.proposal(is_seeking)?;
-            match self.config.with(&values).check_together() {
-                Ok(()) => return self.params.proposed().map(|id| (id, values)),
-                Err(error) => self.params.settle(Err(error)),
-            }
-        }
-    }
-
-    /// The application's answer: from now on it runs with the proposal, or it cannot.
-    #[inline(never)]
-    pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
-        self.params.settle(verdict);
-        let config = self.config.with(self.params.values());
-        self.reconfigure(config);
-    }
-
-    /// What the application is to do with its storage of parameters; to be answered by [`stored`](Self::stored).
-    #[inline(never)]
-    pub fn take_storage(&mut self) -> Option<Storage> {
-        let storage = self.params.take_storage()?;
-        if self.control(self.now) == Control::Granted {
-            // It was asked for before. To write a flash stops the processor.
-            self.params.stored(false);
-            return None;
-        }
-        Some(storage)
-    }
-
     /// Whether the autopilot has restarted since the last call: guidance must begin anew, as its frame does.
     pub fn take_world_lost(&mut self) -> bool {
         core::mem::take(&mut self.world_is_lost)
-    }
-
-    /// The application has done it, or could not. Values that were loaded or reset have been
-    /// [set](Self::set_parameters) before.
-    #[inline(never)]
-    pub fn stored(&mut self, is_done: bool) {
-        self.params.stored(is_done);
-    }
-
-    fn reconfigure(&mut self, config: Config) {
-        if self.config.accept_v1 != config.accept_v1 {
-            self.framer.accept_v1(config.accept_v1);
-        }
-        let channel_changed = self.config.switch_channel != config.switch_channel;
-        self.config = config;
-        if let Some(autopilot) = self.autopilot.filter(|_| channel_changed) {
-            self.wish(autopilot.software);
-        }
     }
 
     /// We have been restarted in flight: the mode gives control only when it is entered afresh.
@@ -628,83 +508,6 @@ impl Companion {
     #[inline(never)]
     fn system_id(&self) -> u8 {
         self.autopilot.map_or(self.config.system_id, |autopilot| autopilot.system_id)
-    }
-
-    /// Whether the autopilot would obey us.
-    fn obeys(&self) -> bool {
-        self.autopilot.is_some_and(|autopilot| autopilot.obeys())
-    }
-
-    #[inline(never)]
-    fn is_unfit(&self, now: Instant) -> bool {
-        let lasts = |since: Option<Instant>, limit_s| since.is_some_and(|since| is_over(now, since, limit_s));
-        self.failed
-            || lasts(self.insane_since, INSANE_MAX_S)
-            || lasts(self.published.map(|published| published.time), GUIDANCE_SILENT_MAX_S)
-    }
-
-    /// Lets go of what is too old, and notes what is not.
-    #[inline(never)]
-    fn age(&mut self) {
-        let now = self.now;
-        let obstacle_age_max_s = self.config.obstacle_age_max_s;
-        if self.scan.as_ref().is_some_and(|scan| is_over(now, scan.time, obstacle_age_max_s)) {
-            self.scan = None;
-        }
-        if self.points.as_ref().is_some_and(|points| is_over(now, points.time, obstacle_age_max_s)) {
-            self.points = None;
-        }
-        let is_young = |ownship: &Ownship| {
-            !is_over(now, ownship.position_time, OWNSHIP_AGE_MAX_S)
-                && !is_over(now, ownship.attitude_time, OWNSHIP_AGE_MAX_S)
-        };
-        if self.ownship().as_ref().is_some_and(is_young) {
-            self.usable_at = Some(now);
-        }
-        if now.micros_since(self.noise.since) >= NOISE_WINDOW_US {
-            let counters = self.framer.counters();
-            let good = counters.frames.saturating_add(counters.unknown);
-            let (new_good, new_bad) = (good - self.noise.good, counters.bad_crc - self.noise.bad);
-            let all = new_good.saturating_add(new_bad);
-            let percent = if all < NOISE_FRAMES_MIN { 0 } else { (u64::from(new_bad) * 100 / u64::from(all)) as u32 };
-            self.noise = Noise { since: now, good, bad: counters.bad_crc, percent };
-        }
-        let is_late = self.outbox.waiting_since().is_some_and(|since| now.micros_since(since) > LATE_US);
-        if is_late && !self.was_late {
-            count(&mut self.counters.setpoints_late);
-        }
-        self.was_late = is_late;
-    }
-
-    /// A clock that runs backwards must not make old things look fresh.
-    fn follow_clock(&mut self, now: Instant) {
-        if now < self.now {
-            self.published = None;
-            self.insane_since = None;
-            self.scan = None;
-            self.points = None;
-            self.clock = PeerClock::new();
-            self.settled_at = self.settled_at.min(now.plus_micros(UNSETTLED_US));
-            self.usable_at = self.usable_at.map(|at| at.min(now));
-            self.noise.since = now;
-            self.heartbeat_due = now;
-            self.timesync_due = now;
-            self.telemetry.restart(now);
-            self.requests.restart(now);
-            self.health.follow_clock(now);
-            self.sources.follow_clock(now);
-            self.advice.follow_clock(now);
-            if let Some(position) = &mut self.position {
-                position.time = position.time.min(now);
-            }
-            if let Some(attitude) = &mut self.attitude {
-                attitude.time = attitude.time.min(now);
-            }
-            if let Some(autopilot) = &mut self.autopilot {
-                autopilot.heard = autopilot.heard.min(now);
-            }
-        }
-        self.now = now;
     }
 }
 

@@ -10,7 +10,7 @@ use foxhound_core::guidance;
 use foxhound_core::guidance::mission::Outcome;
 use heapless::{Deque, String};
 
-use super::{Companion, NOISE_WARN_PERCENT, Pace, Published, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
+use super::{Companion, Pace, Published, TIMESYNC_PERIOD_US, TYPE_MASK, TYPE_MASK_YAW, Yaw};
 use crate::CharArray;
 use crate::autopilot::Autopilot;
 use crate::clock::{is_due, is_over};
@@ -24,6 +24,8 @@ use crate::landing;
 use crate::params::Reply;
 use crate::surroundings;
 
+/// With more damaged frames than this the ground is warned.
+const NOISE_WARN_PERCENT: u32 = 5;
 /// Warnings that may wait.
 const WARNINGS: usize = 4;
 /// One value of the list in turn: each of the fifteen every 0.6 s.
