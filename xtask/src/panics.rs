@@ -19,7 +19,7 @@ use crate::thumb::Program;
 const ROOTS: [&str; 6] = [
     "foxhound_firmware::app::fly",
     "foxhound_computer::flight::Flight<S>::serve",
-    "foxhound_firmware::app::replan",
+    "foxhound_firmware::app::planner::replan",
     "foxhound_link::companion::Companion::receive",
     "foxhound_link::companion::Companion::transmit",
     // What is around it wakes guidance, which is embassy's.
