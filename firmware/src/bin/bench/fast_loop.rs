@@ -21,7 +21,8 @@ use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::{N, ranges, receive, row};
+use crate::looks::ranges;
+use crate::{N, receive, row};
 
 /// The ceilings of design, section 6: of the median step of a mission, and of the worst that can be made, 950 000 of the
 /// 3 400 000 cycles of a step.
