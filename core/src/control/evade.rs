@@ -66,7 +66,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             horizon_s: 4.0,
-            margin_m: 0.05,
+            margin_m: 0.2,
             margin_rate_mps: 0.03,
             comfort_m: 0.3,
             hit_cost: 200.0,
