@@ -1,6 +1,9 @@
 //! Bearings, calibration and the link's state are as accurate as we claim, on signals that these tests make themselves.
 
 mod bearing_accuracy;
+mod bearing_command;
 mod calibration;
 mod direction_finding;
 mod link_state;
+mod reflections;
+mod waves;

@@ -8,6 +8,7 @@ mod dialect;
 mod entry;
 mod exam;
 mod failsafes;
+mod jumps;
 mod keys;
 mod landing;
 mod latching;

@@ -1,0 +1,140 @@
+//! `foxhound bearing`, by files, on the same waves.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use foxhound_core::base::adc::AdcFrame;
+use foxhound_tests::run;
+use npyz::WriterBuilder as _;
+use serde_json::Value;
+
+use crate::reflections::{Passage, passage};
+use crate::waves::*;
+
+/// The lines that `foxhound bearing` prints for frames.
+fn lines(frames: &[AdcFrame<N>], yaws: &[f64], keys: &str, arguments: &[&str]) -> Vec<Value> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
+    let (adc, array, yaw) = (path("adc.npy"), path("array.toml"), path("yaw.npy"));
+    write_npy(&adc, &[frames.len() as u64, 4, N as u64], frames.iter().flat_map(|frame| frame.codes.as_flattened()));
+    write_npy(&yaw, &[yaws.len() as u64], yaws);
+    let side_m = SIDE_WAVELENGTHS * WAVELENGTH_M;
+    let text = format!("wavelength_m = {WAVELENGTH_M}\nside_m = {side_m}\nsample_rate_hz = {SAMPLE_RATE_HZ}\n{keys}");
+    std::fs::write(&array, text).unwrap();
+    let mut all = vec!["bearing", "--adc", &adc, "--array", &array, "--json"];
+    all.extend_from_slice(arguments);
+    if !yaws.is_empty() {
+        all.extend(["--yaw", yaw.as_str()]);
+    }
+    let output = run(&all);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+fn write_npy<'a, T: npyz::AutoSerialize + Copy + 'a>(
+    path: &str,
+    shape: &[u64],
+    values: impl IntoIterator<Item = &'a T>,
+) {
+    let file = std::fs::File::create(path).unwrap();
+    let mut writer = npyz::WriteOptions::new().default_dtype().shape(shape).writer(file).begin_nd().unwrap();
+    writer.extend(values).unwrap();
+    writer.finish().unwrap();
+}
+
+/// Errors of lines, in degrees and in sigmas.
+fn errors_of(lines: &[Value], truth: impl Fn(usize) -> f64) -> (Vec<f64>, Vec<f64>) {
+    let errors = lines.iter().enumerate().map(|(k, line)| {
+        assert_eq!(line["valid"], true, "{line}");
+        let error = degrees_between(line["azimuth_deg"].as_f64().unwrap().to_radians(), truth(k));
+        (error, error / line["sigma_deg"].as_f64().unwrap())
+    });
+    errors.unzip()
+}
+
+fn turns(count: usize, make: impl Fn(f64, &mut Random) -> AdcFrame<N>) -> Vec<AdcFrame<N>> {
+    let mut random = Random::new(17);
+    (0..count).map(|k| make(azimuth_of(k), &mut random)).collect()
+}
+
+fn azimuth_of(frame: usize) -> f64 {
+    (frame as f64).to_radians()
+}
+
+/// `foxhound bearing` is at the bound too.
+#[test]
+fn the_command_line_is_at_the_bound_too() {
+    for (bins, snr_db) in [(37.37, 0.0), (60.25, 10.0), (37.0, 40.0)] {
+        let source = Source::new(bins, snr_db);
+        let frames = turns(2880, |azimuth, random| source.air(azimuth, random).codes());
+        for arguments in [&[][..], &["--independent"]] {
+            let answers = lines(&frames, &[], "", arguments);
+            // One plane wave, less its noise; none has a range but by chance, three sigma on one side.
+            let coherent = |line: &Value| line["coherence"].as_f64().is_some_and(|gamma| (0.93..=1.0).contains(&gamma));
+            assert!(answers.iter().all(coherent), "{bins} {snr_db}: coherence");
+            assert!(
+                answers.iter().filter(|line| !line["range_hint_m"].is_null()).count() <= 14,
+                "{bins} {snr_db}: ranges"
+            );
+            let (errors, normalised) = errors_of(&answers, azimuth_of);
+            assert_eq!(errors.len(), 2880);
+            assert!(rms(&errors) <= 1.10 * source.bound_deg(), "{bins} {snr_db}: {}", rms(&errors));
+            let nees = rms(&normalised).powi(2);
+            assert!((0.80..=1.25).contains(&nees), "{bins} {snr_db}: NEES {nees}");
+        }
+    }
+}
+
+/// `foxhound bearing` reports a dead channel, an interferer and silence.
+#[test]
+fn the_command_line_names_a_dead_channel_an_interferer_and_silence() {
+    let source = Source { amplitude: 400.0, ..Source::new(37.3, 20.0) };
+    let frames = turns(360, |azimuth, random| {
+        let mut frame = source.air(azimuth, random).codes();
+        frame.codes[2] = [0; N];
+        frame
+    });
+    let answers = lines(&frames, &[], "", &["--independent"]);
+    assert!(answers.iter().all(|line| line["flags"] == serde_json::json!(["dead_3"])), "{}", answers[0]);
+    assert!(answers.iter().all(|line| line["closure_chi2"].is_null() && line["coherence"].is_null()));
+    assert!(rms(&errors_of(&answers, azimuth_of).0) <= 1.6 * source.bound_deg());
+
+    let frames = turns(360, |azimuth, random| {
+        let other = Wave { bins: 45.3, amplitude: 1265.0, ..source.wave(azimuth + 2.0, random) };
+        source.air(azimuth, random).with_wave(other).codes()
+    });
+    let answers = lines(&frames, &[], "tone_hz = 14900\n", &["--independent"]);
+    assert!(answers.iter().all(|line| line["flags"].as_array().unwrap().iter().any(|flag| flag == "interferer")));
+    assert!(rms(&errors_of(&answers, azimuth_of).0) <= 0.25);
+
+    let frames = turns(360, |_, random| Air::silence().with_noise(300.0, random).codes());
+    let answers = lines(&frames, &[], "", &[]);
+    let is_silent = |line: &Value| line["valid"] == false && line["azimuth_deg"].is_null();
+    assert!(answers.iter().filter(|line| is_silent(line)).count() >= 359);
+    assert_eq!(answers[0]["flags"], serde_json::json!(["no_signal"]));
+}
+
+/// `foxhound bearing` resolves a reflection over eight frames while moving.
+#[test]
+fn the_command_line_resolves_a_reflection_over_eight_looks() {
+    for turning in [false, true] {
+        let mut random = Random::new(18);
+        let passages: Vec<Passage> = (0..250).map(|_| passage(turning, &mut random)).collect();
+        let frames: Vec<_> = passages.iter().flat_map(|passage| passage.frames.clone()).collect();
+        let yaws: Vec<f64> = passages.iter().flat_map(|passage| passage.yaws.clone()).collect();
+        // A yaw that does not change need not be told.
+        let yaws = if turning { &yaws[..] } else { &[] };
+        let answers = lines(&frames, yaws, "", &["--looks", "8", "--independent"]);
+        assert_eq!(answers.len(), 250);
+        assert!(answers.iter().enumerate().all(|(group, line)| line["frame"] == 8 * group + 7));
+        let unresolved = answers.iter().filter(|line| line["valid"] == false).count();
+        assert_eq!(unresolved, 0);
+        let error = |(line, passage): (&Value, &Passage)| {
+            degrees_between(line["azimuth_deg"].as_f64().unwrap().to_radians(), passage.truth)
+        };
+        let errors: Vec<f64> = answers.iter().zip(&passages).map(error).collect();
+        let (median, p90) = (quantile(&errors, 0.5), quantile(&errors, 0.9));
+        assert!(median <= 1.0 && p90 <= 2.5, "turning {turning}: median {median}, p90 {p90}");
+        let flagged = answers.iter().filter(|line| line["flags"].as_array().unwrap().iter().any(|f| f == "multipath"));
+        assert!(flagged.count() >= 225);
+    }
+}
