@@ -1,6 +1,6 @@
 //! What the application asks of a board. `boards` has one file for each; `app` and `console` know nothing else of them.
 //!
-//! What most boards do alike has a default here. How a new one is made is told in `docs/adding.md`.
+//! What most boards do alike has a default here. How a new one is made is told in `docs/contributing.md`.
 
 use core::fmt;
 use core::future::Future;

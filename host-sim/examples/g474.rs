@@ -17,7 +17,9 @@ fn main() -> ExitCode {
     };
     let mut last = None;
     println!("# The image in an instruction emulator\n");
-    println!("`cargo xtask g474` prints this page. [How we measure](../measuring.md) says what the model assumes.\n");
+    println!(
+        "`cargo xtask g474` prints this page. [Contributing](../contributing.md#the-image-in-an-emulator) says what the model assumes.\n"
+    );
     println!("## Missions\n");
     println!(
         "The built-in mission, by waveforms and scans. The hash is that of the image, of the desktop and of QEMU's twin on"

@@ -2,7 +2,7 @@
 //!
 //! Each cause asks for one of two things. A stream of zero velocity makes the vehicle stand, where the link and this program can
 //! be trusted. No setpoint at all lets the autopilot's own failsafe act, where they cannot. No cause asks for another flight mode.
-//! The page `docs/failsafes.md` of the repository has the table: when each cause applies, what becomes of setpoints and heartbeat.
+//! The page `docs/autopilot.md` of the repository has the table: when each cause applies, what becomes of setpoints and heartbeat.
 
 use crate::autopilot::Software;
 

@@ -31,7 +31,7 @@ fn number(value: &Value) -> f64 {
 }
 
 fn manual() -> String {
-    std::fs::read_to_string(root().join("docs/logs.md")).unwrap()
+    std::fs::read_to_string(root().join("docs/simulator.md")).unwrap()
 }
 
 /// Writing an MCAP file does not change the flight, and the file stays below 3 MB.
@@ -98,7 +98,7 @@ fn the_makers_of_mcap_read_the_flight_that_was_flown() {
 
     let manual = manual();
     for topic in found["counts"].as_object().unwrap().keys() {
-        assert!(manual.contains(&format!("| `{topic}` |")), "docs/logs.md has no {topic}");
+        assert!(manual.contains(&format!("| `{topic}` |")), "docs/simulator.md has no {topic}");
     }
     assert_eq!(manual.matches("| `/").count(), found["counts"].as_object().unwrap().len());
 }

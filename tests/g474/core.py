@@ -17,7 +17,7 @@ from unicorn import arm_const as arm
 from rules import Broken, require
 
 UNITS_PER_S = 4_080_000_000
-# What `docs/measuring.md` reckons with, and what the flash adds at 4 wait states with prefetch and caches on.
+# What `docs/contributing.md` reckons with, and what the flash adds at 4 wait states with prefetch and caches on.
 CYCLES_PER_INSTRUCTION = 1.5
 FLASH_STALL_PER_INSTRUCTION = 0.25
 # Cortex-M4 Technical Reference Manual, 3.9.2: 12 cycles to stack and fetch the vector, as many to return.

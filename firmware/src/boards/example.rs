@@ -2,7 +2,7 @@
 //! built by `cargo xtask test` and was never flashed; nothing of it is proven.
 //!
 //! It comes up, steps every 20 ms without a frame, restarts by itself after a fault, and says nothing to anybody. Where
-//! hardware belongs stands "HERE". `docs/adding.md` goes through it.
+//! hardware belongs stands "HERE". `docs/contributing.md` goes through it.
 
 #![expect(unsafe_code, reason = "vectors, interrupt handlers")]
 

@@ -74,7 +74,7 @@ pub(super) struct Fly {
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
     /// Which computer flies: `host`, `qemu:ELF` for a firmware image in QEMU, `g474:ELF` for that of the NUCLEO-G474RE
-    /// in an instruction emulator (docs/measuring.md).
+    /// in an instruction emulator (docs/contributing.md).
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
     /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrules the scenario.
@@ -89,7 +89,7 @@ pub(super) struct Fly {
     /// Report of the flight to look around in: one HTML file that needs no network.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// The flight for Foxglove and whatever else reads MCAP: map, 3-D, plots; docs/logs.md says what is in it.
+    /// The flight for Foxglove and whatever else reads MCAP: map, 3-D, plots; docs/simulator.md says what is in it.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
     #[command(flatten)]

@@ -93,7 +93,7 @@ pub(super) struct SuiteCommand {
     /// Antenna waveforms at this signal-to-noise ratio per sample, in dB; overrules the file.
     #[arg(long, value_name = "DB", value_parser = number(SNR_DB), allow_negative_numbers = true)]
     snr_db: Option<f64>,
-    /// Writes a table of the flights, a row each: docs/logs.md has the columns.
+    /// Writes a table of the flights, a row each: docs/simulator.md has the columns.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// The same as Parquet, for pandas and polars.

@@ -8,7 +8,7 @@
 //!
 //! - no setpoint outside the limits, and none that moves when the autopilot has told us that it does not obey;
 //! - no pillar touched under our control. What the autopilot flies on by itself after the computer went away is counted
-//!   apart: with `GUID_TIMEOUT` as `docs/mavlink.md` has it that is a second;
+//!   apart: with `GUID_TIMEOUT` as `docs/hardware/autopilot.md` has it that is a second;
 //! - the computer restarts where the fault ends the program, and nowhere else, and every restart is told to the pilot in the
 //!   words that belong to it;
 //! - a stolen processor makes late steps.

@@ -1,4 +1,4 @@
-//! The flights of a suite as a table, a row each: CSV, and Parquet for pandas, polars and their kin (`docs/logs.md`).
+//! The flights of a suite as a table, a row each: CSV, and Parquet for pandas, polars and their kin (`docs/simulator.md`).
 //!
 //! Parquet is written by Apache's own crate without its Arrow half and without compression: a flight takes about a hundred
 //! bytes. A number that there is not is an empty field, and a null.

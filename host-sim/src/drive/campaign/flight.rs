@@ -36,7 +36,7 @@ const TOLD_US: u64 = 5 * SECOND_US;
 const LINE_BYTES: usize = 1843;
 /// We hear of a change of the mode with the next heartbeat, a second later at most, and half a step later here.
 const HEARTBEAT_US: u64 = 1_060_000;
-/// Where noise has swallowed that, we stand when we have heard none for 2.5 s (`docs/failsafes.md`).
+/// Where noise has swallowed that, we stand when we have heard none for 2.5 s (`docs/autopilot.md`).
 const QUIET_US: u64 = 2_560_000;
 const ARRIVED_M: f64 = 1.0;
 

@@ -1,4 +1,4 @@
-//! A flight as an MCAP file, which Foxglove and its kin open: map, 3-D, plots (`docs/logs.md`).
+//! A flight as an MCAP file, which Foxglove and its kin open: map, 3-D, plots (`docs/simulator.md`).
 //!
 //! A [`Log`] watches the flight as the report does, and writes what its [`Recorder`] makes of each step as messages in JSON,
 //! every topic with its schema. Where Foxglove has a message of its own, that is taken. Times are those of the flight, from

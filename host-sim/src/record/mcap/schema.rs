@@ -240,7 +240,10 @@ pub(super) fn setpoint() -> Value {
 }
 
 pub(super) fn outcome() -> Value {
-    object("foxhound.Outcome", &[("outcome", text("What the step came to; docs/failsafes.md says what is done then."))])
+    object(
+        "foxhound.Outcome",
+        &[("outcome", text("What the step came to; core/src/guidance/mission.rs says what is done then."))],
+    )
 }
 
 pub(super) fn guard() -> Value {
