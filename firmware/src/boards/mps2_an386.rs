@@ -18,10 +18,10 @@
 
 mod clock;
 mod ending;
+mod faults;
 mod flash;
 mod interrupt;
 mod line;
-mod mischief;
 mod registers;
 mod uart;
 mod watchdog;
@@ -222,9 +222,9 @@ impl board::Pacer for Pacer {
             }
         }
         let step = self.arrivals.step();
-        mischief::go_on();
+        faults::go_on();
         if let Some(fault) = step.fault {
-            mischief::begin(fault);
+            faults::begin(fault);
         }
         (self.now, self.now_at) = (step.now, embassy_time::Instant::now());
         Call::Step(Step {
@@ -233,7 +233,7 @@ impl board::Pacer for Pacer {
                 rx_expected: step.rx_expected,
                 camera_expected: step.camera_expected,
                 holds_plan: step.fault == Some(twin::Fault::StarvePlanner),
-                begin: mischief::measured,
+                begin: faults::measured,
             }),
             front_end: step.front_end,
             circles: step.circles,
@@ -302,7 +302,7 @@ impl Pacer {
     }
 
     fn answer(&mut self, written: Result<(), twin::Error>) {
-        mischief::pause();
+        faults::pause();
         self.pace = Pace::LockStep { alarm: embassy_time::Instant::now() + BELL_TIMEOUT };
         match written {
             Ok(()) => {

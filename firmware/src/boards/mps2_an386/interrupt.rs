@@ -21,7 +21,7 @@ pub enum Interrupt {
     Timer0 = 8,
     /// The alarm.
     Timer1 = 9,
-    /// Mischief is due.
+    /// A fault is due.
     DualTimer = 10,
     /// Nothing is wired here: the executor of guidance.
     GuidanceExecutor = 30,
@@ -80,7 +80,7 @@ static __INTERRUPTS: [extern "C" fn(); 32] = {
     table[Interrupt::Uart2Tx as usize] = super::uart::on_port_room;
     table[Interrupt::Timer0 as usize] = super::clock::on_wrap;
     table[Interrupt::Timer1 as usize] = super::clock::on_alarm;
-    table[Interrupt::DualTimer as usize] = super::mischief::on_due;
+    table[Interrupt::DualTimer as usize] = super::faults::on_due;
     table[Interrupt::GuidanceExecutor as usize] = super::on_guidance;
     table[Interrupt::LinkExecutor as usize] = super::on_link;
     table
