@@ -28,7 +28,7 @@ const AUTOPILOT_HELP: &str = "Examples:
 
 It begins armed, in the air, in GUIDED (PX4: enters OFFBOARD as soon as a companion's stream lets it); a ground station may \
 change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line tells the address for \
-`companion --autopilot`, the last one where the vehicle came to be and what it was told.";
+`companion --autopilot`, the last one where the vehicle ended and which setpoints it received.";
 
 /// Physics go on in steps of this length.
 const STEP_US: u64 = 10_000;

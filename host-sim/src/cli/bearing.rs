@@ -23,8 +23,8 @@ optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, 
 (written by `foxhound calibrate`).
 
 Looks: from 4 on, direct path and one reflection are told apart (MUSIC over the looks); fewer are averaged as unit \
-vectors, weighted by 1/sigma^2. --yaw says how the array stood; the azimuth is that in the body frame of the last \
-look. Frames left over at the end are not answered.
+vectors, weighted by 1/sigma^2. --yaw gives the heading of the array; the azimuth is that in the body frame of the last \
+look. Frames left over at the end give no bearing.
 
 Examples:
   foxhound bearing --adc frames.npy --array array.toml
@@ -42,7 +42,7 @@ pub(super) struct BearingCommand {
     /// Which angle-of-arrival estimator.
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
-    /// Consecutive frames an answer.
+    /// Consecutive frames for each bearing.
     #[arg(
         long,
         value_name = "K",
@@ -87,7 +87,7 @@ pub(super) struct CalibrateCommand {
         required_unless_present = "splitter"
     )]
     azimuth_deg: Option<f64>,
-    /// All channels hear the same, through a splitter.
+    /// All channels get the same signal, through a splitter.
     #[arg(long, conflicts_with_all = ["azimuth_deg", "elevation_deg", "range_m", "yaw"])]
     splitter: bool,
     /// Elevation of the source.

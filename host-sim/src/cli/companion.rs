@@ -45,7 +45,7 @@ Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
 #[command(after_help = COMPANION_HELP)]
 pub(super) struct CompanionCommand {
     /// Where the autopilot is: tcp:HOST:PORT, udp:HOST:PORT (it listens there), udpin:HOST:PORT (it sends there), or
-    /// serial:DEVICE:BAUD. It may come later, or start anew.
+    /// serial:DEVICE:BAUD. It may start later, or restart.
     #[arg(long, value_name = "ADDRESS")]
     autopilot: Address,
     /// Where the beacon is, in metres of the autopilot's local frame: north, east, down.
@@ -93,19 +93,19 @@ pub(super) struct CompanionCommand {
     /// Gives up after so many seconds, from the start of the program [default: never].
     #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
     max_time: Option<f64>,
-    /// Parameters, as `foxhound params` checks them; they overrule the options. Who has them stored by MAVLink has them all
-    /// stored here.
+    /// Parameters, as `foxhound params` checks them; they overrule the options. What is stored by
+    /// MAVLink is written to this file.
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
     /// Signs every frame, and believes no position, obstacle or command that is not signed with the same key: a file of
     /// 64 hexadecimal digits.
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
-    /// Report of the flight to look around in: one HTML file that needs no network. Where the vehicle is, is what its
-    /// autopilot says; with `qemu:ELF` without the plans.
+    /// Report of the flight: one interactive HTML file that works offline. Positions are those that the autopilot
+    /// reports; with `qemu:ELF` it has no plans.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// The flight for Foxglove and whatever else reads MCAP, with the same in it as in the report.
+    /// MCAP file of the flight, for Foxglove and others, with the content of the report.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
     #[command(flatten)]

@@ -66,8 +66,8 @@ pub(super) struct Fly {
     /// Scenario file [default: the built-in pillar forest].
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
-    /// Which planner: ours, the main paper's and its baseline, with their readings; the others are the baseline in the
-    /// field of that name.
+    /// Planner: `foxhound`, ours; `paper`, the main paper's, and `standard`, its baseline, with variants; the others are the baseline
+    /// in the potential field of that name.
     #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
     planner: planner::Config,
     /// Which angle-of-arrival estimator.
@@ -86,15 +86,15 @@ pub(super) struct Fly {
     /// Picture of the flight, .svg or .png [default: flight.svg in the output folder].
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Report of the flight to look around in: one HTML file that needs no network.
+    /// Report of the flight: one interactive HTML file that works offline.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// The flight for Foxglove and whatever else reads MCAP: map, 3-D, plots; docs/simulator.md says what is in it.
+    /// MCAP file of the flight, for Foxglove and others: map, 3-D, plots; docs/simulator.md lists the topics.
     #[arg(long, value_name = "FILE")]
     mcap: Option<PathBuf>,
     #[command(flatten)]
     live: LiveArgs,
-    /// So many times as fast as in reality, with `--live`.
+    /// Speed of the flight with `--live`, as a multiple of real time.
     #[arg(
         long,
         value_name = "X",

@@ -23,7 +23,7 @@ pub(super) struct LiveArgs {
     /// Ctrl-C.
     #[arg(long)]
     live: bool,
-    /// Port of that page; 0 is any that is free [default: 8868].
+    /// Port of the live page; 0: any free one [default: 8868].
     #[arg(long, value_name = "N", value_parser = whole::<u16>(0..=65535), requires = "live", allow_negative_numbers = true)]
     port: Option<u16>,
 }

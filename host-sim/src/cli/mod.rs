@@ -76,7 +76,7 @@ struct Cli {
 const EXAMPLES: &str = "Examples:
   foxhound                               a pillar forest; picture in out/flight.svg
   foxhound fly --scenario gate.json --json
-  foxhound fly --report flight.html      a page to look around in
+  foxhound fly --report flight.html      an interactive page
   foxhound fly --via qemu:firmware.elf   the same flight, the firmware in QEMU
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,-9,-5
   foxhound bearing --adc frames.npy --array array.toml --json
@@ -95,7 +95,7 @@ enum Command {
     Fly(Fly),
     /// Flies a real or modelled autopilot over MAVLink, in real time.
     Companion(CompanionCommand),
-    /// Is a modelled autopilot in real time, to try `companion` with.
+    /// Runs a modelled autopilot in real time, to try `companion` with.
     Autopilot(AutopilotCommand),
     /// Finds the bearings in recorded ADC frames.
     Bearing(BearingCommand),
@@ -103,9 +103,9 @@ enum Command {
     Calibrate(CalibrateCommand),
     /// Counts the MAVLink frames of a telemetry log.
     Tlog(TlogCommand),
-    /// Flies a flight log again, and says whether every step came to the same bits.
+    /// Flies a flight log again, and compares every step bit for bit.
     Replay(ReplayCommand),
-    /// Speaks with a flight computer by its maintenance port, and keeps its flight log.
+    /// Talks to a flight computer over its maintenance port, and records its flight log.
     Port(PortCommand),
     /// Draws maps of given obstacle density and start/goal pairs on them, or describes those of a suite file.
     Maps(MapsCommand),
@@ -118,13 +118,13 @@ enum Command {
     /// Prints the JSON schema of scenario files, by which an editor completes and checks them.
     #[command(after_help = SCHEMA_HELP)]
     Schema,
-    /// Repeats an experiment of a paper and puts our number beside its number.
+    /// Repeats an experiment of a paper, and prints our number beside the paper's.
     Reproduce(Reproduce),
     /// Looks for the landing pad in a picture.
     Pad(PadCommand),
-    /// Examines, or trains, what tells a reflection from the line of sight.
+    /// Examines or trains the network that tells a reflected wave from a direct one.
     LinkState(LinkState),
-    /// Prints what makes a shell complete the commands and options.
+    /// Prints the completions of commands and options for a shell.
     Completions(CompletionsCommand),
     /// Prints the manual page, or writes those of all commands.
     Man(ManCommand),

@@ -22,7 +22,7 @@ use super::value::number;
 use super::{Cli, json_line, write_text};
 
 const PAD_HELP: &str = "The picture is a PNG, seen by a camera that looks straight down: its top is towards the nose. It is scaled down to --size, \
-by default to 160 columns, and shown to the detector twice, since a camera's second picture finds its light known. With --height the pad must have \
+by default to 160 columns, and shown to the detector twice, since the detector learns the light from the first. With --height the pad must have \
 the size that it has from there.
 
 Examples:
@@ -51,7 +51,7 @@ pub(super) struct PadCommand {
     /// Columns and lines that the detector gets.
     #[arg(long, value_name = "WxH")]
     size: Option<String>,
-    /// Shows it in grey.
+    /// Converts the picture to grey.
     #[arg(long)]
     grey: bool,
     /// Focal length over the picture's width.

@@ -55,7 +55,7 @@ pub(super) struct PortCommand {
         allow_negative_numbers = true
     )]
     baud: u32,
-    /// Keeps everything that comes.
+    /// Records everything that is received.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Ends after that many seconds at the latest [default: 3 with a command, else never].
@@ -64,7 +64,7 @@ pub(super) struct PortCommand {
     /// Where `dump` puts the frames, and `bringup` those that it has looked at: int16, shape (frames, 4, 256).
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// What to say to it, or `bringup`; `help` lists what it understands. Without, one only listens.
+    /// Command for the flight computer, or `bringup`; `help` lists them. Without one it only listens.
     command: Vec<String>,
 }
 

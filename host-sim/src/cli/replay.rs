@@ -17,7 +17,7 @@ Examples:
   foxhound fly --flight-log flight.log && foxhound replay flight.log
   foxhound replay flight.log --json | jq .first_difference_s
 
-Exit status: 0 every step came to the same bits; 1 one did not, or frames are missing; 2 there is no flight log.";
+Exit status: 0 every step is the same, bit for bit; 1 one is not, or frames are missing; 2 there is no flight log.";
 
 #[derive(Args, Debug)]
 #[command(after_help = REPLAY_HELP)]

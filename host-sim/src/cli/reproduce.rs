@@ -21,7 +21,7 @@ const REPRODUCE_HELP: &str = "Examples:
   foxhound reproduce apf-density --pairs 10 --json --out density
   foxhound reproduce stretch             the largest: a minute or two
 
-`all` goes on where it was ended: an experiment is kept whose files are whole and were made by this program with these options.";
+`all` continues a run that was interrupted: it keeps finished experiments that this program made with these options.";
 
 #[derive(Args, Debug)]
 #[command(after_help = REPRODUCE_HELP)]
@@ -45,7 +45,7 @@ pub(super) struct Reproduce {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Name {
-    /// Every one, into a folder with a page that shows what was published beside ours. What is there and whole is kept.
+    /// All of them, into a folder with a page that shows the published results beside ours.
     All,
     /// Bearings around a circle of 5 m without noise (main paper, fig. 8).
     AoaCircle,

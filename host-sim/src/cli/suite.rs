@@ -53,8 +53,8 @@ pub(super) struct SuiteCommand {
     /// Flights at a time [default: as many as there are processors].
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1024), allow_negative_numbers = true)]
     jobs: Option<u32>,
-    /// Which planner: ours, the main paper's and its baseline, with their readings; the others are the baseline in the
-    /// field of that name.
+    /// Planner: `foxhound`, ours; `paper`, the main paper's, and `standard`, its baseline, with variants; the others are the baseline
+    /// in the potential field of that name.
     #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
     planner: planner::Config,
     /// Which angle-of-arrival estimator.
@@ -93,7 +93,7 @@ pub(super) struct SuiteCommand {
     /// Antenna waveforms at this signal-to-noise ratio per sample, in dB; overrules the file.
     #[arg(long, value_name = "DB", value_parser = number(SNR_DB), allow_negative_numbers = true)]
     snr_db: Option<f64>,
-    /// Writes a table of the flights, a row each: docs/simulator.md has the columns.
+    /// Writes a table of the flights as CSV, a row for each: docs/simulator.md lists the columns.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// The same as Parquet, for pandas and polars.
