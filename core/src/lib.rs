@@ -9,22 +9,22 @@
 //!  i16    fixed point  phasors  rad, sigma  filters  where   10 x 15    PID     limits, swept check
 //! ```
 //!
-//! One file (or folder) is one room, and the rooms stand on nine floors. A floor imports those only that are named behind
-//! it; `tests/proof/floors.rs` holds that:
+//! Each stage is one module, a file or a folder, and the modules are in nine layers. A layer imports only those that are named
+//! behind it; `tests/proof/floors.rs` checks that:
 //!
-//! | floor | what it is for | imports |
+//! | layer | what it is for | imports |
 //! |---|---|---|
 //! | [`base`] | units, time, vectors, mathematics, random numbers | |
 //! | [`signal`] | a frame of codes becomes phasors | `base` |
 //! | [`doa`] | phasors become a bearing | `base`, `signal` |
-//! | [`mapping`] | hits become circles and walls; where has been looked | `base` |
-//! | [`localize`] | bearings become what is believed of the source | `base`, `doa`, `mapping` |
-//! | [`planning`] | a trajectory from what is believed and what is in the way | `base`, `mapping`, `localize` |
+//! | [`mapping`] | hits become circles and walls; which places have been seen | `base` |
+//! | [`localize`] | bearings become an estimate of the source | `base`, `doa`, `mapping` |
+//! | [`planning`] | a trajectory from the estimate and the obstacles | `base`, `mapping`, `localize` |
 //! | [`landing`] | the last metres | `base`, `doa`, `localize` |
-//! | [`control`] | a trajectory becomes a velocity that is safe | `base`, `mapping`, `planning` |
+//! | [`control`] | a trajectory becomes a safe velocity | `base`, `mapping`, `planning` |
 //! | [`guidance`] | all of it in one step, the state machine, the parameters | all |
 //!
-//! Two doors lead in: [`guidance`], stepped at every snapshot, and [`planning::planner`], asked now and then. Each room has
+//! There are two entries: [`guidance`], stepped with every frame, and [`planning::planner`], asked now and then. Each module has
 //! the same parts in the same order: what it does and after whom, `Config` with defaults in SI units, `build` which checks
 //! it, the immutable stage, its `State` and outputs, `step`, tests.
 //!
@@ -98,11 +98,11 @@
 //!
 //! *main paper*: S. M. Mulla, A. Kanakapudi, L. Narasimhan, A. Tiwari, "RF-source Seeking with Obstacle Avoidance using
 //! Real-time Modified Artificial Potential Fields in Unknown Environments", IIT Madras. Equation numbers in the docs of
-//! the rooms are that paper's unless another is named.
+//! the modules are that paper's unless another is named.
 //!
-//! *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (rooms
+//! *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (modules
 //! [`localize::source`], [`mapping::lor`], [`planning::ilqr`]). *Rotating vehicle's paper*: RF source seeking with a
-//! single-wing rotating micro aerial vehicle (room [`doa::rss`]).
+//! single-wing rotating micro aerial vehicle (module [`doa::rss`]).
 #![no_std]
 
 #[cfg(test)]

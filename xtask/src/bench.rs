@@ -1,4 +1,4 @@
-//! Instruction counts of the rooms: the firmware's bench image in QEMU.
+//! Instruction counts of the stages: the firmware's bench image in QEMU.
 //!
 //! The image measures itself and the crates that do the same work, and compares the target's kernels with the portable
 //! ones (its own documentation says in which lines). A row above its ceiling fails the run.

@@ -79,7 +79,7 @@ enum Task {
     /// The firmware's twin in QEMU
     #[command(subcommand)]
     Qemu(Twin),
-    /// Count the instructions of the rooms in QEMU
+    /// Count the instructions of each stage in QEMU
     Bench {
         /// Print one JSON object: the rows with name, instructions, ceiling
         #[arg(long)]
@@ -146,7 +146,7 @@ enum Twin {
         #[arg(long, default_value_t = 20)]
         seeds: u32,
     },
-    /// Count the instructions of the rooms, and the worst of whole missions: docs/results/bench.md
+    /// Count the instructions of each stage, and the worst of whole missions: docs/results/bench.md
     Bench,
     /// Fly many missions with everything going wrong: docs/results/faults.md
     Faults {

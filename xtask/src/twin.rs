@@ -33,9 +33,9 @@ fn mission(via: &str, seed: u32) -> Result<Value, Failure> {
     serde_json::from_slice(&output.stdout).map_err(|error| Failure(format!("seed {seed} through {via}: {error}")))
 }
 
-/// The rooms, then whole missions.
+/// The stages, then whole missions.
 pub(crate) fn bench() -> Result<(), Failure> {
-    let rooms = bench::run(false);
+    let stages = bench::run(false);
     println!();
     let folder = workspace().join("tests/scenarios");
     let unreadable = |error: std::io::Error| Failure(format!("{}: {error}", folder.display()));
@@ -46,7 +46,7 @@ pub(crate) fn bench() -> Result<(), Failure> {
     let mut missions = simulator();
     missions.args(["--example", "worst", "--"]).arg(image()?.elf).args(scenarios);
     attend(&mut missions)?;
-    rooms
+    stages
 }
 
 /// Many missions with everything going wrong, or one of them.

@@ -1,5 +1,5 @@
-//! What every floor stands on: units, time, vectors, frames of codes, mathematics, random numbers, the vehicle's own
-//! position, errors. It imports no other floor.
+//! What every layer builds on: units, time, vectors, frames of codes, mathematics, random numbers, the vehicle's own
+//! position, errors. It imports no other layer.
 
 pub mod adc;
 pub mod error;

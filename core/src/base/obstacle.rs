@@ -1,4 +1,4 @@
-//! What is in the way, as every floor sees it: a circle, and a circle that has grown by the vehicle.
+//! What is in the way, as every layer sees it: a circle, and a circle that has grown by the vehicle.
 
 use crate::base::ned::Horizontal;
 

@@ -17,7 +17,7 @@ pub struct Rng {
 }
 
 impl Rng {
-    /// A generator from a seed; a `stream` per purpose keeps the draws of different rooms apart.
+    /// A generator from a seed; a `stream` per purpose keeps the draws of different modules apart.
     #[must_use]
     pub fn new(seed: u64, stream: u64) -> Self {
         let mixed = seed ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15);

@@ -1,4 +1,4 @@
-//! The last metres: is this the beacon, where is the pad, and down onto it. A floor of its own, which may import `base`,
+//! The last metres: is this the beacon, where is the pad, and down onto it. A layer of its own, which may import `base`,
 //! `doa` and `localize`.
 //!
 //! The planner brings the vehicle near; [`arrival`] says when it is there, or cannot say; [`search`] looks for what is not found,

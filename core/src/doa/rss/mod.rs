@@ -9,7 +9,7 @@
 //! Power is in dB: fading multiplies, so that its errors are additive and alike in every bin; the range is an offset
 //! instead of a factor; a burst weighs as one reading and not as a thousand. What receivers report is in dB already.
 //!
-//! Source (its equation numbers in this room): the paper on RF source seeking with a single-wing rotating micro air vehicle
+//! Source (its equation numbers in this module): the paper on RF source seeking with a single-wing rotating micro air vehicle
 //! and its directional antenna. Cost, counted on the host: about 400 instructions a reading; some 14 000 a rotation, and 7 000 to
 //! 9 000 for what joins it to those before.
 

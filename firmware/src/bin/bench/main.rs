@@ -1,4 +1,4 @@
-//! Instruction counts of the rooms, in QEMU: `cargo xtask bench`.
+//! Instruction counts of the stages, in QEMU: `cargo xtask bench`.
 //!
 //! Under `-icount shift=8` an instruction takes 256 ns of the machine's time, 6.4 ticks of its 25 MHz timer, so the
 //! timer tells single instructions apart. Each row is what lies between two readings of the timer, less what lies
