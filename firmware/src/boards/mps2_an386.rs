@@ -21,7 +21,6 @@ mod ending;
 mod faults;
 mod flash;
 mod interrupt;
-mod line;
 mod registers;
 mod uart;
 mod watchdog;
@@ -200,8 +199,8 @@ impl board::Pacer for Pacer {
             match select(self.doorbell.wait(), Timer::at(alarm)).await {
                 Either::First(twin::SETUP) => {
                     read(twin::SETUP_AT, self.block);
-                    line::AUTOPILOT.open();
-                    line::PORT.open();
+                    uart::AUTOPILOT.open();
+                    uart::PORT.open();
                     match twin::Setup::decode(self.block) {
                         Ok(setup) => {
                             self.setup = setup.guidance;

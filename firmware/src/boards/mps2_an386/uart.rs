@@ -2,11 +2,16 @@
 //!
 //! Bytes come in by interrupt into a ring. When the ring is full the interrupt is masked until somebody reads: the
 //! byte stays in the receiver, where QEMU lets the sender wait.
+//!
+//! Bytes of the autopilot, and of a camera, also come by the memory that we share with the simulator, as by DMA: layout in
+//! `foxhound_computer::twin`. QEMU's serial line costs the simulator's machine a dozen changes of thread for every byte. A simulator
+//! that flies for hours fills the rings before it rings the bell; one that fills nothing has UART0 and UART2. What was written
+//! before the setup of this start was for the last one.
 
 use core::future::{Future as _, poll_fn};
 use core::ops::Range;
 use core::pin::Pin;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering, fence};
 use core::task::{Poll, Waker};
 
 use cortex_m::peripheral::NVIC;
@@ -16,9 +21,10 @@ use embassy_sync::waitqueue::AtomicWaker;
 
 use foxhound_computer::part::{self, Refused};
 use foxhound_computer::port::Waiting;
+use foxhound_computer::twin::{LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT};
 
+use super::PSRAM;
 use super::interrupt::{Interrupt, unmask};
-use super::line;
 use super::registers::{Peripheral, Register, UART0, UART1, UART2};
 use crate::board::{self, Read, Write};
 use crate::register_values::baud_divider;
@@ -102,7 +108,7 @@ pub(super) fn console_ends() -> (ConsoleReceiver, ConsoleTransmitter) {
 impl board::Receiver for Receiver {
     fn try_read(&mut self, bytes: &mut [u8]) -> usize {
         self.most = self.most.max(RING.len() as u32);
-        let count = match line::AUTOPILOT.take(bytes, Waker::noop()) {
+        let count = match AUTOPILOT.take(bytes, Waker::noop()) {
             0 => RING.try_read(bytes).unwrap_or(0),
             count => count,
         };
@@ -123,7 +129,7 @@ impl board::Receiver for Receiver {
 
 impl Read for Receiver {
     async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        let count = poll_fn(|context| match line::AUTOPILOT.take(bytes, context.waker()) {
+        let count = poll_fn(|context| match AUTOPILOT.take(bytes, context.waker()) {
             0 => Pin::new(&mut RING.read(bytes)).poll(context),
             count => Poll::Ready(count),
         })
@@ -183,7 +189,7 @@ async fn send(uart: Peripheral, interrupt: Interrupt, room: &AtomicWaker, byte: 
 
 impl Read for ConsoleReceiver {
     async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        let count = poll_fn(|context| match line::PORT.take(bytes, context.waker()) {
+        let count = poll_fn(|context| match PORT.take(bytes, context.waker()) {
             0 => Pin::new(&mut TYPED.read(bytes)).poll(context),
             count => Poll::Ready(count),
         })
@@ -267,6 +273,64 @@ pub(super) extern "C" fn on_port_room() {
 
 pub(super) extern "C" fn on_bell() {
     receive(UART1, Interrupt::Uart1Rx, &BELL);
-    line::AUTOPILOT.wake();
-    line::PORT.wake();
+    AUTOPILOT.wake();
+    PORT.wake();
+}
+
+/// Bytes of the autopilot.
+pub(super) static AUTOPILOT: Line = Line::new(LINE_TOTAL_AT, LINE_AT, LINE_BYTES);
+/// Bytes of the maintenance port, those of a camera among them.
+pub(super) static PORT: Line = Line::new(PORT_TOTAL_AT, PORT_AT, PORT_BYTES);
+
+/// A ring in the shared memory.
+pub(super) struct Line {
+    total_at: usize,
+    from: usize,
+    length: usize,
+    waker: AtomicWaker,
+    is_open: AtomicBool,
+    taken: AtomicU32,
+}
+
+impl Line {
+    const fn new(total_at: usize, from: usize, length: usize) -> Self {
+        let (is_open, taken) = (AtomicBool::new(false), AtomicU32::new(0));
+        Self { total_at, from, length, waker: AtomicWaker::new(), is_open, taken }
+    }
+
+    /// A setup has come: what follows is for us.
+    pub(super) fn open(&self) {
+        if !self.is_open.swap(true, Ordering::Relaxed) {
+            self.taken.store(self.total(), Ordering::Relaxed);
+        }
+    }
+
+    /// The bell has rung.
+    pub(super) fn wake(&self) {
+        self.waker.wake();
+    }
+
+    /// Takes what is there; the waker is woken by the bell.
+    pub(super) fn take(&self, bytes: &mut [u8], waker: &Waker) -> usize {
+        self.waker.register(waker);
+        if !self.is_open.load(Ordering::Relaxed) {
+            return 0;
+        }
+        let taken = self.taken.load(Ordering::Relaxed);
+        let count = (self.total().wrapping_sub(taken) as usize).min(bytes.len());
+        for (index, byte) in bytes.iter_mut().take(count).enumerate() {
+            let address = (PSRAM + self.from + (taken as usize).wrapping_add(index) % self.length) as *const u8;
+            // SAFETY: inside the 16 MB PSRAM, where no Rust object lies; volatile, because somebody else writes there.
+            *byte = unsafe { address.read_volatile() };
+        }
+        self.taken.store(taken.wrapping_add(count as u32), Ordering::Relaxed);
+        count
+    }
+
+    fn total(&self) -> u32 {
+        // SAFETY: word-aligned, and as above.
+        let total = unsafe { ((PSRAM + self.total_at) as *const u32).read_volatile() };
+        fence(Ordering::Acquire);
+        u32::from_le(total)
+    }
 }
