@@ -42,5 +42,5 @@ pub mod timing;
 pub mod tone;
 pub mod twin;
 
-/// Samples of one channel in one snapshot.
+/// Samples of one channel in one frame.
 pub const SAMPLES_PER_CHANNEL: usize = 256;

@@ -22,7 +22,7 @@ static CHECK: Crc<u32, Table<1>> = CRC;
 
 /// Bytes behind the record.
 const CRC_BYTES: usize = 4;
-/// Longest frame without its stuffing; the codes of a snapshot are the longest record.
+/// Longest frame without its stuffing; the codes of a frame of the antennas are the longest record.
 pub const FRAME_MAX: usize = 2048;
 
 /// A frame that is being written.

@@ -1,4 +1,4 @@
-//! Snapshots: four coherent channels of signed 12-bit codes, taken at the same instants.
+//! Frames: four coherent channels of signed 12-bit codes, taken at the same instants.
 //!
 //! The codes arrive centred (midscale taken off), -2048..=2047. Codes at either rail are counted as clipped.
 
@@ -6,7 +6,7 @@
 
 use crate::base::time::Instant;
 
-/// Antenna channels of one snapshot. Channel `i` is antenna `A(i+1)` of the main paper's square: front-right,
+/// Antenna channels of one frame. Channel `i` is antenna `A(i+1)` of the main paper's square: front-right,
 /// front-left, back-left, back-right.
 pub const CHANNELS: usize = 4;
 
@@ -25,7 +25,7 @@ pub struct AdcFrame<const N: usize> {
 }
 
 impl<const N: usize> AdcFrame<N> {
-    /// A silent snapshot.
+    /// A silent frame.
     #[must_use]
     pub const fn zeroed() -> Self {
         Self { time: Instant(0), codes: [[0; N]; CHANNELS] }
@@ -54,15 +54,15 @@ mod tests {
 
     #[test]
     fn unsigned_codes_are_centred_and_rails_are_counted() {
-        let mut snapshot = AdcFrame::<64>::zeroed();
+        let mut frame = AdcFrame::<64>::zeroed();
         let mut raw = [[2048_u16; 64]; 4];
         raw[1][3] = 0;
         raw[1][4] = 4095;
         raw[2][0] = 0xf000 | 4095;
-        snapshot.fill_from_unsigned(Instant(9), raw.each_ref());
-        assert_eq!(snapshot.codes[0], [0; 64]);
-        assert_eq!((snapshot.codes[1][3], snapshot.codes[1][4]), (CODE_MIN, CODE_MAX));
-        assert_eq!(snapshot.clip_count(), [0, 2, 1, 0]);
-        assert_eq!(snapshot.time, Instant(9));
+        frame.fill_from_unsigned(Instant(9), raw.each_ref());
+        assert_eq!(frame.codes[0], [0; 64]);
+        assert_eq!((frame.codes[1][3], frame.codes[1][4]), (CODE_MIN, CODE_MAX));
+        assert_eq!(frame.clip_count(), [0, 2, 1, 0]);
+        assert_eq!(frame.time, Instant(9));
     }
 }

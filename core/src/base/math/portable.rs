@@ -336,10 +336,10 @@ mod tests {
     #[test]
     fn sums_are_those_of_wide_integers() {
         let mut rng = Rng::new(2, 0);
-        let mut snapshot = AdcFrame::<64>::zeroed();
+        let mut frame = AdcFrame::<64>::zeroed();
         let mut table = [0_i16; 64];
         for round in 0..500 {
-            for code in snapshot.codes.as_flattened_mut() {
+            for code in frame.codes.as_flattened_mut() {
                 *code = match round % 3 {
                     0 => ((rng.uniform() * 4096.0) as i32 - 2048).clamp(-2048, 2047) as i16,
                     1 => [-2048, 2047][usize::from(rng.uniform() > 0.5)],
@@ -349,7 +349,7 @@ mod tests {
             for entry in &mut table {
                 *entry = ((rng.uniform() - 0.5) * 32_000.0) as i16;
             }
-            for (row, clipped) in snapshot.codes.iter().zip(snapshot.clip_count()) {
+            for (row, clipped) in frame.codes.iter().zip(frame.clip_count()) {
                 let moments = moments(row);
                 assert_eq!(i64::from(moments.sum), row.iter().map(|code| i64::from(*code)).sum::<i64>());
                 assert_eq!(moments.energy, row.iter().map(|code| i64::from(*code).pow(2)).sum::<i64>());

@@ -304,10 +304,10 @@ pub(crate) mod tests {
             let ratio = (2.0 * 10_f64.powf(self.snr_db / 10.0)).sqrt();
             let sigma = 1800.0 / (ratio + 4.0);
             let start = TAU * f64::from(rng.uniform());
-            let mut snapshot = AdcFrame::zeroed();
-            snapshot.time = Instant(0);
+            let mut frame = AdcFrame::zeroed();
+            frame.time = Instant(0);
             let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)];
-            for (m, row) in snapshot.codes.iter_mut().enumerate() {
+            for (m, row) in frame.codes.iter_mut().enumerate() {
                 let (x, y) = corners[m];
                 let wave = azimuth.map_or(0.0, |a| PI * SIDE * (x * a.cos() + y * a.sin()));
                 for (n, code) in row.iter_mut().enumerate() {
@@ -317,7 +317,7 @@ pub(crate) mod tests {
                     *code = value.round().clamp(-2048.0, 2047.0) as i16;
                 }
             }
-            snapshot
+            frame
         }
 
         pub(crate) fn phasors(&self, azimuth: Option<f64>, rng: &mut Rng) -> Phasors {

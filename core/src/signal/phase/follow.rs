@@ -1,4 +1,4 @@
-//! The frequency, followed from snapshot to snapshot by what the phase advances from half block to half block.
+//! The frequency, followed from frame to frame by what the phase advances from half block to half block.
 
 use super::fit::{Fit, fit, offset_variance, tune};
 use super::{Extractor, State};
@@ -6,7 +6,7 @@ use crate::base::adc::CHANNELS;
 use crate::base::math::sqrt;
 use crate::signal::spectrum::tone::Window;
 
-/// Variance by which the tone's frequency may move from snapshot to snapshot, in squared bins.
+/// Variance by which the tone's frequency may move from frame to frame, in squared bins.
 const DRIFT: f32 = 1e-6;
 /// Squared distance, in variances, beyond which a frequency is believed instead of averaged.
 const GATE: f32 = 16.0;

@@ -11,14 +11,14 @@
 //! scalar Kalman filter follows it; beyond four standard deviations it is believed at once.
 //!
 //! **Acquisition**, at the start, on loss, when the power the fit leaves over has changed, and every
-//! [`REFRESH`] snapshots for the noise floor: the Hann periodogram, each channel in units of its floor (the median over
+//! [`REFRESH`] frames for the noise floor: the Hann periodogram, each channel in units of its floor (the median over
 //! `ln 2`, corrected for the bins under the tone), averaged over the channels. The peak in the band must reach
 //! [`SEARCH_THRESHOLD`] and then, after refinement and the fit, `s` must reach [`CONFIRM_THRESHOLD`]: in noise alone `s`
 //! is the mean of four exponential variables, and exceeds 7 in 3 of 10^9 bins.
 //!
 //! **Other lines.** With another line within 10 dB the fit is weighted by Hann's window: half as much variance again, but
 //! lines more than three bins away are out but for what [`Phasors::noise`] then holds as well: `sin pi d / (pi d (d^2 - 1))`
-//! of their amplitude. Every snapshot is then acquired anew.
+//! of their amplitude. Every frame is then acquired anew.
 //!
 //! Instructions on a Cortex-M4F, four channels, N = 256 (1024), counted in QEMU:
 //!
@@ -27,9 +27,9 @@
 //! | periodogram | 25 800 (120 800) | 59 800 (288 100) |
 //! | products with a given reference | 1 610 (5 930) | |
 //! | a new reference | 4 660 (14 400) | |
-//! | snapshot, tracked | 6 600 (21 600) | 6 600 (21 600) |
-//! | snapshot, floor renewed | 58 000 (240 000) | 93 000 (400 000) |
-//! | snapshot, first | 67 000 (274 000) | 104 000 (444 000) |
+//! | frame, tracked | 6 600 (21 600) | 6 600 (21 600) |
+//! | frame, floor renewed | 58 000 (240 000) | 93 000 (400 000) |
+//! | frame, first | 67 000 (274 000) | 104 000 (444 000) |
 
 use crate::base::adc::{AdcFrame, CHANNELS};
 use crate::base::error::{ConfigError, Why, check};
@@ -95,7 +95,7 @@ pub const SEARCH_THRESHOLD: f32 = 4.0;
 pub const CONFIRM_THRESHOLD: f32 = 7.0;
 /// The tone statistic, at a known frequency, of a tone that is still there; times the same.
 pub const HOLD_THRESHOLD: f32 = 5.5;
-/// The noise floor is measured anew after this many snapshots.
+/// The noise floor is measured anew after this many frames.
 pub const REFRESH: u8 = 8;
 
 /// Variance of the converter's rounding, in squared codes: no channel is quieter.
@@ -168,7 +168,7 @@ pub struct Extractor<const N: usize> {
     band: [f32; 2],
 }
 
-/// What is carried from snapshot to snapshot: the tracked frequency and the noise floor; and working memory.
+/// What is carried from frame to frame: the tracked frequency and the noise floor; and working memory.
 #[derive(Clone, Debug)]
 pub struct State<const N: usize> {
     spectrum: Spectrum<N>,
@@ -182,7 +182,7 @@ pub struct State<const N: usize> {
     variance: [f32; CHANNELS],
     /// Power the fit left over when the floor was measured, per channel.
     left_over: [f32; CHANNELS],
-    /// Snapshots until the floor is due.
+    /// Frames until the floor is due.
     floor_due_in: u8,
     interferer: bool,
     /// Variance of a phasor that is the interferers', per channel, in squared codes.
@@ -207,7 +207,7 @@ impl<const N: usize> Default for State<N> {
 }
 
 impl<const N: usize> State<N> {
-    /// Back to the state before the first snapshot, in place.
+    /// Back to the state before the first frame, in place.
     pub fn clear(&mut self) {
         let Self {
             spectrum,
@@ -229,7 +229,7 @@ impl<const N: usize> State<N> {
         (*left_over, *leakage) = ([0.0; CHANNELS], [0.0; CHANNELS]);
     }
 
-    /// Forgets the tone: for a snapshot that has nothing to do with the ones before.
+    /// Forgets the tone: for a frame that has nothing to do with the ones before.
     pub fn reset(&mut self) {
         self.tracked = None;
         self.floor_due_in = 0;
@@ -244,9 +244,9 @@ impl<const N: usize> Extractor<N> {
     const HOLD: f32 = HOLD_THRESHOLD * (1.0 + 25.0 / N as f32);
     const CONFIRM: f32 = CONFIRM_THRESHOLD * (1.0 + 25.0 / N as f32);
 
-    /// Extracts the phasors of one snapshot.
-    pub fn step(&self, state: &mut State<N>, snapshot: &AdcFrame<N>) -> Phasors {
-        let codes = &snapshot.codes;
+    /// Extracts the phasors of one frame.
+    pub fn step(&self, state: &mut State<N>, frame: &AdcFrame<N>) -> Phasors {
+        let codes = &frame.codes;
         let levels = codes.each_ref().map(level);
         let mut found = None;
         if state.floor_due_in > 0 && state.reference.window() == Window::Flat {
@@ -260,21 +260,15 @@ impl<const N: usize> Extractor<N> {
         if found.is_none() {
             found = self.acquire(state, codes, &levels);
         }
-        self.report(state, snapshot, &levels, found)
+        self.report(state, frame, &levels, found)
     }
 
     /// Puts the result into the contract's units.
-    fn report(
-        &self,
-        state: &State<N>,
-        snapshot: &AdcFrame<N>,
-        levels: &[Level; CHANNELS],
-        found: Option<Fit>,
-    ) -> Phasors {
+    fn report(&self, state: &State<N>, frame: &AdcFrame<N>, levels: &[Level; CHANNELS], found: Option<Fit>) -> Phasors {
         let rate = self.config.sample_rate_hz;
         let frequency_hz = state.tracked.map_or(0.0, |tracked| tracked.step as f32 * (rate / 4_294_967_296.0));
         let mut phasors = Phasors {
-            time: snapshot.time,
+            time: frame.time,
             z: [Complex::default(); CHANNELS],
             noise: state.variance.map(|variance| variance * 4.0 / N as f32),
             snr_db: SNR_FLOOR_DB,

@@ -50,8 +50,8 @@ impl Scene {
     }
 
     pub(super) fn frame<const N: usize>(&self, rng: &mut Rng) -> AdcFrame<N> {
-        let mut snapshot = AdcFrame::zeroed();
-        for (channel, row) in snapshot.codes.iter_mut().enumerate() {
+        let mut frame = AdcFrame::zeroed();
+        for (channel, row) in frame.codes.iter_mut().enumerate() {
             for (n, code) in row.iter_mut().enumerate() {
                 let t = (n as f64 - (N as f64 - 1.0) / 2.0) * TAU / N as f64;
                 let value = self.dc[channel]
@@ -61,7 +61,7 @@ impl Scene {
                 *code = value.round().clamp(-2048.0, 2047.0) as i16;
             }
         }
-        snapshot
+        frame
     }
 
     /// Errors of the phase differences to channel 0, in radians.
