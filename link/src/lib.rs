@@ -8,7 +8,7 @@
 //!  bytes out <- outbox <- companion <- setpoint, what happened <- guidance
 //! ```
 //!
-//! [`companion`] is the door for whoever flies. [`framer`] and [`dialect`] serve both ends of a link: the simulator
+//! [`companion`] is the entry for whoever flies. [`framer`] and [`dialect`] serve both ends of a link: the simulator
 //! plays the autopilot with them.
 //!
 //! ## Size
