@@ -248,8 +248,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     found.filter(|path| path.extension().is_some_and(|ending| ending == "rs")).collect()
 }
 
-/// Every name of ours that begins with `FH_`, on any page, is a parameter or a telemetry value, and every telemetry value is on
-/// the page that lists them.
+/// Every parameter and telemetry value that any page names exists, and every telemetry value is on the page that lists them.
 #[test]
 fn every_parameter_and_telemetry_value_that_a_page_names_exists() {
     let listed = |text: &str| -> BTreeSet<String> {
