@@ -18,7 +18,7 @@ use foxhound_sim::drive::g474::{self, G474Computer, Needs};
 use foxhound_sim::drive::qemu::QemuComputer;
 use foxhound_sim::record::report::{Beside, Recorder};
 use foxhound_sim::record::{mcap, plot};
-use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within, read_text};
+use foxhound_sim::scenario::input::{InputError, SNR_DB, SPEED, check_within};
 use foxhound_sim::scenario::params::Given;
 use foxhound_sim::scenario::{BearingModel, Scenario, SensorModel};
 
@@ -39,6 +39,11 @@ A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a d
   name, bounds [x0,y0,x1,y1], drone_radius (0.15),
   start [x,y], goal [x,y], goal_velocity [vx,vy],
   obstacles [{x,y,r,vx,vy,turns_s: there and back}],
+  people [{route [[x,y],...], heading_deg, track [[t,x,y],...] in place of
+    both, speed (1.67), r (0.3), sway_m, sway_s (2), stop_every_s,
+    stop_s (2), turn_every_s, turn_deg (60), group (1), group_gap (0.7),
+    steps_aside}],
+  people_csv: a file of tracks, time_s,person,x,y,
   random {count, radius [r0,r1], gap, clear}: pillars by the seed,
   walls [{x0,y0,x1,y1,r,reflection_db,passage_db}],
   explore_s: how long a signal is searched for,
@@ -176,10 +181,7 @@ impl std::str::FromStr for Via {
 
 pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     let mut scenario = match &args.scenario {
-        Some(path) => {
-            let read = Scenario::parse(&read_text(path)?).and_then(|scenario| scenario.drawn(cli.seed));
-            read.map_err(|error| error.in_file(path))?
-        }
+        Some(path) => Scenario::read(path, cli.seed)?,
         None => Scenario::built_in(),
     };
     if let Some(snr_db) = args.snr_db {

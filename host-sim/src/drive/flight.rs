@@ -157,7 +157,7 @@ pub fn fly_watched(
     mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Record, FlightError> {
     let scenario = &mission.scenario;
-    let world = scenario.world();
+    let mut world = scenario.peopled(mission.seed);
     let start = Horizontal::from_xy(scenario.start);
     let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose_at_start(scenario, &world, start));
     let mut downward = Downward::new(scenario, &world, mission.seed);
@@ -249,6 +249,13 @@ pub fn fly_watched(
         if let Some(air) = &mut air {
             vehicle.push = air.step(step_s);
         }
+        world.step_aside(
+            scenario.drone_radius,
+            position,
+            Horizontal { north: north_mps, east: east_mps },
+            time_s,
+            time_s + step_s,
+        );
         for part in 1..=CHECKS_PER_TICK {
             vehicle.step(autopilot.command(now_us), step_s / CHECKS_PER_TICK as f64);
             if let Some(downward) = &mut downward {
@@ -308,7 +315,8 @@ pub fn fly_watched(
         expect: scenario.expect.clone(),
         reference_length_m: scenario.reference_length_m.clone(),
     };
-    Ok(Record { scenario: scenario.clone(), report, path, replans, remembered: computer.remembered() })
+    let remembered = computer.remembered();
+    Ok(Record { scenario: scenario.clone(), report, path, replans, remembered, world })
 }
 
 /// When a step is.

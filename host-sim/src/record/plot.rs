@@ -255,8 +255,9 @@ fn views<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
 }
 
 fn pillars<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
-    let world = record.scenario.world();
-    for (then, now) in world.pillars_at(0.0).zip(world.pillars_at(record.report.time_s)) {
+    let (world, end_s) = (&record.world, record.report.time_s);
+    for (then, now) in world.all_at(0.0).zip(world.all_at(end_s)) {
+        let (Some(then), Some(now)) = (then, now) else { continue };
         if then.velocity_mps.norm() > 0.0 {
             page.circle(then.center, then.radius_m, fill(PILLAR, 0.35))?;
             page.path([then.center, now.center], line(PILLAR_EDGE, 0.8, 1.0))?;
@@ -289,7 +290,7 @@ fn trajectories<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn
 
 /// Start and goal.
 fn ends<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
-    let world = record.scenario.world();
+    let world = &record.world;
     let goal = world.source_at(record.report.time_s);
     page.circle(goal, record.scenario.goal_tolerance, fill(BEACON, 0.08))?;
     page.dashed_circle(goal, record.scenario.goal_tolerance, line(BEACON, 0.7, 1.2))?;

@@ -3,6 +3,8 @@
 //! Map axes: x east, y north, metres; degrees, seconds. Every key may be missing; a key that is not known, or a value out
 //! of range, is refused with its full path.
 
+use std::path::PathBuf;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -10,7 +12,9 @@ use serde_json::Value;
 use super::disturbed::{OtherBeacon, Position, Wind};
 use super::input::{InputError, check, parse_strictly};
 use super::landing::Landing;
+use super::people::Person;
 use super::random::RandomPillars;
+use super::tracks;
 
 mod keys;
 mod parts;
@@ -49,6 +53,12 @@ pub struct Scenario {
     pub goal_velocity: [f64; 2],
     /// The pillars.
     pub obstacles: Vec<Obstacle>,
+    /// People who walk about; the flight's seed is how.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub people: Vec<Person>,
+    /// A file of tracks of more people: CSV, in a line `time_s,person,x,y`; a relative path begins where this file is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub people_csv: Option<PathBuf>,
     /// Pillars besides, which the flight's seed throws.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<RandomPillars>,
@@ -113,6 +123,8 @@ impl Default for Scenario {
             goal: [9.0, 9.0],
             goal_velocity: [0.0, 0.0],
             obstacles: Vec::new(),
+            people: Vec::new(),
+            people_csv: None,
             random: None,
             walls: Vec::new(),
             sensor: Sensor::default(),
@@ -213,6 +225,9 @@ impl Scenario {
                 check(&path("turns_s"), obstacle.turns_s, 0.5, 3600.0)?;
             }
         }
+        for (index, person) in self.people.iter().enumerate() {
+            person.check(&format!("people[{index}]"), self.start)?;
+        }
         if let Some(random) = self.random {
             random.check()?;
         }
@@ -292,6 +307,16 @@ impl Scenario {
         Ok(self)
     }
 
+    /// The same with the people of its file among the others.
+    pub(crate) fn with_tracks(mut self) -> Result<Self, InputError> {
+        let Some(path) = self.people_csv.take() else { return Ok(self) };
+        for (name, person) in tracks::read(&path)? {
+            person.check(&format!("person {name}"), self.start).map_err(|error| error.in_file(&path))?;
+            self.people.push(person);
+        }
+        Ok(self)
+    }
+
     /// Refuses what the noise model knows nothing of.
     fn needs_waveforms(&self, field: &str) -> Result<(), InputError> {
         match self.bearing_model() {
@@ -328,7 +353,7 @@ fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
         let place = value.pointer(&format!("/{}", name.replace('.', "/")));
         places.push((name.to_owned(), place.filter(|value| !value.is_null())));
     }
-    for name in ["obstacles", "walls", "other_beacons"] {
+    for name in ["obstacles", "people", "walls", "other_beacons"] {
         for (index, entry) in value.get(name).and_then(Value::as_array).into_iter().flatten().enumerate() {
             places.push((format!("{name}[{index}]"), Some(entry)));
         }

@@ -2,7 +2,8 @@
 //!
 //! | module | what it reads |
 //! |---|---|
-//! | `file` | the scenario file, with its parts in `disturbed`, `landing` and `random` |
+//! | `file` | the scenario file, with its parts in `disturbed`, `landing`, `people` and `random` |
+//! | `tracks` | the file of tracks of real people that it may name |
 //! | `schema` | the same as a JSON schema |
 //! | [`params`] | parameters of the flight computer |
 //! | [`input`] | any input: how it is read, and how it is refused |
@@ -12,8 +13,10 @@ mod file;
 pub mod input;
 mod landing;
 pub mod params;
+mod people;
 mod random;
 mod schema;
+mod tracks;
 
 pub use disturbed::{OtherBeacon, Position, Pulses, Wind};
 pub(crate) use file::FLIGHT_KEYS;
@@ -22,5 +25,6 @@ pub use file::{
     Software, Vehicle, VehicleModel, Wall, inside,
 };
 pub use landing::{Camera, Landing};
+pub use people::Person;
 pub use random::RandomPillars;
 pub use schema::schema;

@@ -66,7 +66,9 @@ mod tests {
     fn full() -> Value {
         json!({
             "bounds": [0, 0, 10, 10], "start": [1, 1], "goal": [9, 9], "goal_velocity": [0, 0],
-            "obstacles": [{"x": 1, "y": 1, "r": 0.3}], "random": {"radius": [0.1, 0.2]},
+            "obstacles": [{"x": 1, "y": 1, "r": 0.3}],
+            "people": [{"route": [[5, 5]], "heading_deg": 0}],
+            "random": {"radius": [0.1, 0.2]},
             "walls": [{"x0": 0, "y0": 0, "x1": 5, "y1": 0}], "antenna": {"boresight_deg": [0, 0, 0, 0]},
             "bearing": {"snr_db": 20, "outlier": {}, "dropout": [0, 1], "pulses": {"period_s": 1, "length_s": 0.5}},
             "other_beacons": [{"x": 1, "y": 1, "offset_hz": 3000}], "wind": {}, "position": {},
@@ -79,6 +81,9 @@ mod tests {
 
     fn parsed(path: &[String], value: f64) -> Result<Scenario, String> {
         let mut scenario = full();
+        if path.iter().any(|key| key == "track") {
+            scenario["people"] = json!([{"track": [[0, 5, 5], [1, 6, 5]]}]);
+        }
         let mut place = &mut scenario;
         for key in path {
             place = match place {
@@ -86,7 +91,7 @@ mod tests {
                 other => &mut other[key.as_str()],
             };
         }
-        let is_whole = ["random count", "camera width", "camera height"]
+        let is_whole = ["random count", "camera width", "camera height", "0 group"]
             .iter()
             .any(|whole| path.len() > 1 && path[path.len() - 2..].join(" ") == **whole);
         *place = if is_whole { json!(value as i64) } else { json!(value) };
@@ -110,7 +115,17 @@ mod tests {
             for limit in [low, high] {
                 // What is refused then, is refused for what another number is.
                 if let Err(error) = parsed(&path, limit) {
-                    let about = ["bounds", "its length", "radius", "length_s", "dropout", "faults", "cut", "blind"];
+                    let about = [
+                        "bounds",
+                        "its length",
+                        "radius",
+                        "length_s",
+                        "dropout",
+                        "faults",
+                        "cut",
+                        "blind",
+                        "people[0]:",
+                    ];
                     assert!(about.iter().any(|one| error.contains(one)), "{path:?} = {limit}: {error}");
                 }
             }

@@ -1,18 +1,35 @@
-//! Random worlds: pillars thrown anywhere, where they leave room.
+//! Worlds out of files and at random: people on recorded tracks; pillars thrown anywhere, where they leave room.
+
+use std::path::Path;
 
 use super::random::Random;
-use crate::scenario::input::InputError;
+use crate::scenario::input::{InputError, read_text};
 use crate::scenario::{Obstacle, Scenario};
 
 /// Throws for a pillar before the map counts as full.
 const THROWS: usize = 1000;
 
 impl Scenario {
-    /// The same with its random pillars among the others.
+    /// Reads a scenario and what it names: [`Self::parse`], and [`Self::drawn`]. A file that it names lies beside it.
     ///
     /// # Errors
-    /// There is not room for so many.
+    /// Names the file, and what is wrong in it.
+    pub fn read(path: &Path, seed: u64) -> Result<Self, InputError> {
+        let parsed = Self::parse(&read_text(path)?).and_then(|mut scenario| {
+            if let (Some(tracks), Some(folder)) = (&mut scenario.people_csv, path.parent()) {
+                *tracks = folder.join(&tracks);
+            }
+            scenario.drawn(seed)
+        });
+        parsed.map_err(|error| error.in_file(path))
+    }
+
+    /// The same with its random pillars and the people of its file among the others.
+    ///
+    /// # Errors
+    /// There is not room for so many, or the file cannot be read.
     pub fn drawn(mut self, seed: u64) -> Result<Self, InputError> {
+        self = self.with_tracks()?;
         let Some(wanted) = self.random.take() else { return Ok(self) };
         let mut random = Random::new(seed, 5);
         let [west, south, east, north] = self.bounds;

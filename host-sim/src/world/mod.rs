@@ -1,4 +1,4 @@
-//! What is physically there: a beacon, pillars and walls, the vehicle in the wind, and what its antennas, its obstacle
+//! What is physically there: a beacon, pillars, walls and people, the vehicle in the wind, and what its antennas, its obstacle
 //! sensor and its camera measure.
 //!
 //! | module | what it simulates |
@@ -6,6 +6,7 @@
 //! | `geometry` | places, directions and attitudes |
 //! | `truth` | the beacon, the pillars, and which clearance is a collision |
 //! | `draw` | pillars thrown at random, by the seed |
+//! | `people` | who walks about: `walk` is his way, `aside` how he gives way, `course` either in time |
 //! | [`rays`] | radio paths among walls |
 //! | [`antennas`] | the samples of the four channels |
 //! | [`air`], [`deviation`] | the wind, and how far it moves the vehicle off its course |
@@ -16,16 +17,21 @@
 
 pub mod air;
 pub mod antennas;
+mod aside;
 pub mod camera;
 pub mod camera_line;
+mod course;
 pub mod deviation;
 mod draw;
 mod geometry;
+mod people;
 pub mod random;
 pub mod rays;
 pub mod sensor;
 mod truth;
 pub mod vehicle;
+mod walk;
 
 pub use geometry::{Horizontal, Pose, from_core, horizontal, wrap_pi};
+pub use people::Person;
 pub use truth::{Hull, Pillar, World};

@@ -88,7 +88,7 @@ impl View<'_> {
     pub fn circles(&self) -> Vec<Circle> {
         let pillars = self.in_range();
         let rays = (self.sensor.fov_deg * CIRCLE_RAYS_PER_DEG).ceil().max(2.0) as usize;
-        let mut seen = vec![false; self.world.pillars.len()];
+        let mut seen = vec![false; self.world.pillars_at(self.time_s).count()];
         for ray in 0..=rays {
             let azimuth_deg = self.sensor.fov_deg * (ray as f64 / rays as f64 - 0.5);
             if self.sensor.occlusion {

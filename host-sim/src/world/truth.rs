@@ -3,6 +3,7 @@
 //! Everything here is in the NED frame, metres and seconds, in `f64`: it is the truth that the core never sees.
 
 use super::geometry::Horizontal;
+use super::people::Person;
 use super::rays::{self, Wall};
 use crate::scenario::{self, Scenario};
 
@@ -36,11 +37,13 @@ impl Pillar {
     }
 }
 
-/// The beacon and the pillars at time zero. The beacon moves straight on; pillars do, or go to and fro.
+/// The beacon and the pillars at time zero, and people on their ways. The beacon moves straight on; pillars do, or go to and fro.
 #[derive(Clone, Debug, PartialEq)]
 pub struct World {
     /// Pillars at time zero.
     pub pillars: Vec<Pillar>,
+    /// Who walks about.
+    pub people: Vec<Person>,
     /// The beacon at time zero.
     pub source: Horizontal,
     /// The beacon's velocity.
@@ -52,9 +55,20 @@ pub struct World {
 }
 
 impl World {
-    /// The pillars at a time.
+    /// The pillars at a time, and whoever is there then.
     pub fn pillars_at(&self, time_s: f64) -> impl Iterator<Item = Pillar> + '_ {
-        self.pillars.iter().map(move |pillar| pillar.after(time_s))
+        self.all_at(time_s).flatten()
+    }
+
+    /// The same, always as many in the same order: none is who is not there.
+    pub fn all_at(&self, time_s: f64) -> impl Iterator<Item = Option<Pillar>> + '_ {
+        let pillars = self.pillars.iter().map(move |pillar| Some(pillar.after(time_s)));
+        pillars.chain(self.people.iter().map(move |person| person.at(time_s)))
+    }
+
+    /// The people who are there at a time, without the pillars.
+    pub fn people_at(&self, time_s: f64) -> impl Iterator<Item = Pillar> + '_ {
+        self.people.iter().filter_map(move |person| person.at(time_s))
     }
 
     /// The beacon at a time.
@@ -70,7 +84,7 @@ const SOURCE_DOWN_M: f64 = -1.7;
 const PAD_SOURCE_DOWN_M: f64 = -0.05;
 
 impl Scenario {
-    /// The true world of this scenario.
+    /// The true world of this scenario, without its people: [`Self::peopled`].
     #[must_use]
     pub fn world(&self) -> World {
         let pillars = self.obstacles.iter().map(|obstacle| Pillar {
@@ -87,6 +101,7 @@ impl Scenario {
         });
         World {
             pillars: pillars.chain(self.walls.iter().flat_map(|wall| wall.pillars())).collect(),
+            people: Vec::new(),
             walls: walls.collect(),
             source: Horizontal::from_xy(self.goal),
             source_velocity_mps: Horizontal::from_xy(self.goal_velocity),
@@ -109,7 +124,7 @@ impl scenario::Wall {
     }
 }
 
-/// Clearance between the vehicle's hull and the pillars, and what counts as a collision.
+/// Clearance between the vehicle's hull and pillars and people, and what counts as a collision.
 ///
 /// A hull that overlaps a pillar at the start has not collided while that overlap grows by no more than 1 mm; once out,
 /// the pillar is one like any other.
@@ -132,7 +147,8 @@ impl Hull {
     /// The hull at the start of a flight.
     #[must_use]
     pub fn new(world: &World, radius_m: f64, start: Horizontal) -> Self {
-        let clearances: Vec<f64> = world.pillars_at(0.0).map(|pillar| clearance_m(&pillar, radius_m, start)).collect();
+        let clearance = |pillar: Option<Pillar>| pillar.map_or(f64::INFINITY, |one| clearance_m(&one, radius_m, start));
+        let clearances: Vec<f64> = world.all_at(0.0).map(clearance).collect();
         let min_clearance_m = clearances.iter().copied().fold(f64::INFINITY, f64::min);
         let allowed_m = clearances
             .into_iter()
@@ -144,7 +160,11 @@ impl Hull {
     /// Whether the hull at `position` has collided at `time_s`.
     pub fn collides(&mut self, world: &World, position: Horizontal, time_s: f64) -> bool {
         let mut collided = false;
-        for (pillar, allowed_m) in world.pillars_at(time_s).zip(&mut self.allowed_m) {
+        for (pillar, allowed_m) in world.all_at(time_s).zip(&mut self.allowed_m) {
+            let Some(pillar) = pillar else {
+                *allowed_m = 0.0;
+                continue;
+            };
             // Most pillars are further off than the nearest ever was: seen without a root.
             let to_center = pillar.center.minus(position);
             let counts_m = (self.min_clearance_m.max(0.0) + pillar.radius_m + self.radius_m) * ROOT_MARGIN;
@@ -179,6 +199,7 @@ mod tests {
                 velocity_mps: Horizontal { north: 0.0, east: velocity_east },
                 turns_s: 0.0,
             }],
+            people: Vec::new(),
             source: Horizontal::default(),
             source_velocity_mps: Horizontal::default(),
             source_down_m: 0.0,

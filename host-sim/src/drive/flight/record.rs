@@ -126,6 +126,8 @@ pub struct Record {
     pub replans: Vec<Replan>,
     /// The obstacles that the computer remembers at the end.
     pub remembered: Vec<Circle>,
+    /// The world, and which ways people went in it.
+    pub world: World,
 }
 
 /// Why a flight could not be flown to its end.

@@ -38,7 +38,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 33] = [
 ];
 
 /// The others of a scenario file.
-pub(in crate::scenario) const KEYS: [&str; 69] = [
+pub(in crate::scenario) const KEYS: [&str; 85] = [
     "$schema",
     "start",
     "goal",
@@ -50,6 +50,22 @@ pub(in crate::scenario) const KEYS: [&str; 69] = [
     "obstacles[].vx",
     "obstacles[].vy",
     "obstacles[].turns_s",
+    "people",
+    "people[].route",
+    "people[].heading_deg",
+    "people[].track",
+    "people[].speed",
+    "people[].r",
+    "people[].sway_m",
+    "people[].sway_s",
+    "people[].stop_every_s",
+    "people[].stop_s",
+    "people[].turn_every_s",
+    "people[].turn_deg",
+    "people[].group",
+    "people[].group_gap",
+    "people[].steps_aside",
+    "people_csv",
     "random",
     "random.count",
     "random.radius",

@@ -22,6 +22,8 @@ fn an_empty_scenario_is_the_defaults() {
 fn every_key_is_taken_and_written_back() {
     let text = r#"{"$schema":"scenario.schema.json","name":"n","bounds":[-1,-2,12,13],"drone_radius":0.2,"start":[1,2],"goal":[3,4],
         "goal_velocity":[0.1,-0.1],"obstacles":[{"x":5,"y":6,"r":0.5,"vx":0.1,"vy":0.2,"turns_s":3},{"x":1,"y":9,"r":0.1}],
+        "people":[{"route":[[5,6]],"heading_deg":90,"speed":1,"r":0.2,"sway_m":0.1,"sway_s":3,"stop_every_s":9,"stop_s":1,
+        "turn_every_s":8,"turn_deg":50,"group":2,"group_gap":1,"steps_aside":true},{"track":[[0,5,5],[1,6,5]]}],"people_csv":"p.csv",
         "walls":[{"x0":-1,"y0":8,"x1":4,"y1":8,"r":0.1,"reflection_db":5,"passage_db":20}],
         "random":{"count":3,"radius":[0.1,0.2],"gap":1,"clear":2},"wind":{"vx":1,"vy":2,"gust_mps":1,"gust_s":3},
         "position":{"noise_m":0.1,"drift_m":0.2,"drift_s":30},
@@ -45,6 +47,49 @@ fn every_key_is_taken_and_written_back() {
         let pointer = format!("/{}", key.replace("[]", ".0").replace('.', "/"));
         assert!(value.pointer(&pointer).is_some(), "{key} is no key of a scenario");
     }
+}
+
+#[test]
+fn people_have_one_way_each_and_do_not_start_where_the_vehicle_does() {
+    let one = |text: &str| refused(&format!(r#"{{"people":[{{"route":[[5,5],[6,6]]}},{{{text}}}]}}"#));
+    for (text, why) in [
+        ("", "needs a route or a track"),
+        (r#""route":[[5,5]]"#, "needs a heading_deg, or a second place of its route"),
+        (r#""route":[[5,5],[6,6]],"heading_deg":0"#, "heading_deg is for a route of one place"),
+        (r#""route":[[5,5],[6,6]],"turn_every_s":5"#, "turn_every_s is for a route of one place"),
+        (r#""route":[[5,5],[5,5]]"#, "two places of its route are the same"),
+        (r#""route":[[5,5],[6,6]],"track":[[0,5,5],[1,6,6]]"#, "has both a route and a track"),
+        (r#""track":[[0,5,5]]"#, "a track has two points at least"),
+        (r#""track":[[0,5,5],[0,6,6]]"#, "the times of a track increase"),
+        (r#""track":[[0,5,5],[1,6,6]],"sway_m":0.1"#, "who has a track does nothing but to follow it"),
+        (r#""route":[[2,2],[6,6]]"#, "starts 1.41 m from where the vehicle does; 1.5 m at least"),
+        (r#""track":[[-1,0,2],[1,2,2]]"#, "starts 1.00 m from where the vehicle does; 1.5 m at least"),
+        (r#""route":[[2.8,1]],"heading_deg":0,"group":3"#, "starts 1.10 m from where the vehicle does; 1.5 m at least"),
+    ] {
+        assert_eq!(one(text), format!("people[1]: {why}"), "{text}");
+    }
+    // He is not there yet.
+    Scenario::parse(r#"{"people":[{"track":[[1,1,1],[2,2,2]]}]}"#).unwrap();
+}
+
+#[test]
+fn a_file_of_tracks_lies_beside_the_scenario_and_its_people_become_those_of_the_scenario() {
+    let folder = std::env::temp_dir().join(format!("foxhound-tracks-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("scenario.json");
+    std::fs::write(&path, r#"{"people_csv":"tracks.csv","people":[{"route":[[5,5],[6,6]]}]}"#).unwrap();
+    let with = |tracks: &str| {
+        std::fs::write(folder.join("tracks.csv"), tracks).unwrap();
+        Scenario::read(&path, 1).map_err(|error| error.to_string())
+    };
+    let read = with("time_s,person,x,y\n0,a,5,5\n1,a,6,5\n").unwrap();
+    assert_eq!((read.people.len(), &read.people_csv), (2, &None));
+    assert_eq!(read.people[1].track, [[0.0, 5.0, 5.0], [1.0, 6.0, 5.0]]);
+    let wrong = with("time_s,person,x,y\n0,a,5,?\n").unwrap_err();
+    assert!(wrong.contains("tracks.csv: line 2, column y: expected a number, not `?`"), "{wrong}");
+    let near = with("time_s,person,x,y\n0,a,1,2\n1,a,6,5\n").unwrap_err();
+    assert!(near.contains("tracks.csv: person a: starts 1.00 m from where the vehicle does"), "{near}");
+    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]

@@ -1,0 +1,176 @@
+//! People who walk about: where to, how fast, and how they behave on the way.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::input::{InputError, check};
+
+/// Nearer than this nobody is when the vehicle starts.
+const START_FREE_M: f64 = 1.5;
+
+/// Somebody, or some side by side, who walk. They go where `route` and `heading_deg` say, or where `track` says that they were.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+#[serde(default)]
+pub struct Person {
+    /// Where he starts, and the places that he walks to, one after the other, x and y. After the last he walks straight on.
+    #[schemars(inner(inner(range(min = -10000.0, max = 10000.0))))]
+    pub route: Vec<[f64; 2]>,
+    /// Where he walks to from a route of one place, from north, clockwise.
+    #[schemars(range(min = -360.0, max = 360.0))]
+    pub heading_deg: Option<f64>,
+    /// In place of a route where he was when: time, x, y. In between he walks straight on, before and after he is not there.
+    #[schemars(inner(inner(range(min = -10000.0, max = 10000.0))))]
+    pub track: Vec<[f64; 3]>,
+    /// How fast he walks. The default is the median of those in a hurry.
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub speed: f64,
+    /// Radius.
+    #[schemars(range(min = 0.05, max = 5.0))]
+    pub r: f64,
+    /// He sways to either side of his way by so much.
+    #[schemars(range(min = 0.0, max = 2.0))]
+    pub sway_m: f64,
+    /// How long he takes from one side to the other and back.
+    #[schemars(range(min = 0.2, max = 60.0))]
+    pub sway_s: f64,
+    /// He stops, on average so long after he last did; zero: never.
+    #[schemars(range(min = 0.0, max = 3600.0))]
+    pub stop_every_s: f64,
+    /// For how long, on average.
+    #[schemars(range(min = 0.1, max = 600.0))]
+    pub stop_s: f64,
+    /// He turns, on average so long after he last did; zero: never.
+    #[schemars(range(min = 0.0, max = 3600.0))]
+    pub turn_every_s: f64,
+    /// By how much at most, to either side.
+    #[schemars(range(min = 0.0, max = 180.0))]
+    pub turn_deg: f64,
+    /// So many walk together, side by side.
+    #[schemars(range(min = 1, max = 10))]
+    pub group: u32,
+    /// From one of them to the next.
+    #[schemars(range(min = 0.3, max = 5.0))]
+    pub group_gap: f64,
+    /// He gives way to the vehicle; others do not look out for it.
+    pub steps_aside: bool,
+}
+
+impl Default for Person {
+    fn default() -> Self {
+        Self {
+            route: Vec::new(),
+            heading_deg: None,
+            track: Vec::new(),
+            speed: 1.67,
+            r: 0.3,
+            sway_m: 0.0,
+            sway_s: 2.0,
+            stop_every_s: 0.0,
+            stop_s: 2.0,
+            turn_every_s: 0.0,
+            turn_deg: 60.0,
+            group: 1,
+            group_gap: 0.7,
+            steps_aside: false,
+        }
+    }
+}
+
+impl Person {
+    /// Checks everybody's numbers, and that nobody starts where the vehicle does.
+    pub(super) fn check(&self, name: &str, start: [f64; 2]) -> Result<(), InputError> {
+        let path = |key: &str| format!("{name}.{key}");
+        for (index, place) in self.route.iter().enumerate() {
+            for (axis, value) in place.iter().enumerate() {
+                check(&format!("{name}.route[{index}][{axis}]"), *value, -10_000.0, 10_000.0)?;
+            }
+        }
+        for (index, point) in self.track.iter().enumerate() {
+            for (axis, value) in point.iter().enumerate() {
+                check(&format!("{name}.track[{index}][{axis}]"), *value, -10_000.0, 10_000.0)?;
+            }
+        }
+        if let Some(heading_deg) = self.heading_deg {
+            check(&path("heading_deg"), heading_deg, -360.0, 360.0)?;
+        }
+        check(&path("speed"), self.speed, 0.0, 10.0)?;
+        check(&path("r"), self.r, 0.05, 5.0)?;
+        check(&path("sway_m"), self.sway_m, 0.0, 2.0)?;
+        check(&path("sway_s"), self.sway_s, 0.2, 60.0)?;
+        for (key, every_s) in [("stop_every_s", self.stop_every_s), ("turn_every_s", self.turn_every_s)] {
+            if every_s != 0.0 {
+                check(&path(key), every_s, 0.5, 3600.0)?;
+            }
+        }
+        check(&path("stop_s"), self.stop_s, 0.1, 600.0)?;
+        check(&path("turn_deg"), self.turn_deg, 0.0, 180.0)?;
+        check(&path("group"), f64::from(self.group), 1.0, 10.0)?;
+        check(&path("group_gap"), self.group_gap, 0.3, 5.0)?;
+        self.check_way(name)?;
+        let gap_m = |[x, y]: [f64; 2]| libm::hypot(x - start[0], y - start[1]);
+        if let Some(gap_m) = self.starts().into_iter().map(gap_m).find(|gap_m| *gap_m < START_FREE_M) {
+            let text = format!("{name}: starts {gap_m:.2} m from where the vehicle does; {START_FREE_M} m at least");
+            return Err(InputError::new(text));
+        }
+        Ok(())
+    }
+
+    /// Whether there is one way, and not two or none.
+    fn check_way(&self, name: &str) -> Result<(), InputError> {
+        let wrong = match (self.route.len(), self.track.len()) {
+            (0, 0) => "needs a route or a track",
+            (0, 1) => "a track has two points at least",
+            (0, _) if self.track.windows(2).any(|pair| pair[1][0] <= pair[0][0]) => "the times of a track increase",
+            (0, _) if self.heading_deg.is_some() || self.turn_every_s != 0.0 || self.stop_every_s != 0.0 => {
+                "who has a track does nothing but to follow it"
+            }
+            (0, _) if self.sway_m != 0.0 || self.group != 1 => "who has a track does nothing but to follow it",
+            (0, _) => return Ok(()),
+            (_, 1..) => "has both a route and a track",
+            (1, 0) if self.heading_deg.is_none() => "needs a heading_deg, or a second place of its route",
+            (2.., 0) if self.heading_deg.is_some() => "heading_deg is for a route of one place",
+            (2.., 0) if self.turn_every_s != 0.0 => "turn_every_s is for a route of one place",
+            (2.., 0) if self.route.windows(2).any(|pair| pair[0] == pair[1]) => "two places of its route are the same",
+            _ => return Ok(()),
+        };
+        Err(InputError::new(format!("{name}: {wrong}")))
+    }
+
+    /// Where he looks at first, x and y, as a unit vector.
+    pub(crate) fn first_heading(&self) -> [f64; 2] {
+        match (&self.route[..], self.heading_deg) {
+            ([from, to, ..], _) => {
+                let (x, y) = (to[0] - from[0], to[1] - from[1]);
+                let norm = libm::hypot(x, y);
+                [x / norm, y / norm]
+            }
+            (_, heading_deg) => {
+                let (sine, cosine) = libm::sincos(heading_deg.unwrap_or_default().to_radians());
+                [sine, cosine]
+            }
+        }
+    }
+
+    /// Where those who walk together are beside the middle one: the same all the way.
+    pub(crate) fn abreast(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
+        let ([x, y], middle, gap_m) = (self.first_heading(), 0.5 * f64::from(self.group - 1), self.group_gap);
+        (0..self.group).map(move |k| {
+            let aside_m = gap_m * (f64::from(k) - middle);
+            [y * aside_m, -x * aside_m]
+        })
+    }
+
+    /// Where everybody is at time zero, who is there then.
+    fn starts(&self) -> Vec<[f64; 2]> {
+        if let Some([x, y]) = self.route.first() {
+            return self.abreast().map(|[aside_x, aside_y]| [x + aside_x, y + aside_y]).collect();
+        }
+        let spans = self.track.windows(2).find(|pair| pair[0][0] <= 0.0 && 0.0 <= pair[1][0]);
+        let at = |pair: &[[f64; 3]]| {
+            let share = -pair[0][0] / (pair[1][0] - pair[0][0]);
+            [1, 2].map(|axis| pair[0][axis] + share * (pair[1][axis] - pair[0][axis]))
+        };
+        spans.map(at).into_iter().collect()
+    }
+}
