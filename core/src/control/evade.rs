@@ -120,6 +120,14 @@ pub struct State {
     holds: u8,
 }
 
+impl State {
+    /// What the last step chose to fly; none where it let pass what was asked for.
+    #[must_use]
+    pub const fn choice_ned_mps(&self) -> Option<Horizontal> {
+        self.choice_ned_mps
+    }
+}
+
 /// What the evader needs to know in a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {

@@ -137,6 +137,12 @@ impl<const N: usize> State<N> {
         &self.tracks
     }
 
+    /// The velocity with which the last step gives way to what moves; none where it gives way to nothing.
+    #[must_use]
+    pub const fn evasion_ned_mps(&self) -> Option<Horizontal> {
+        self.evade.choice_ned_mps()
+    }
+
     /// Deliveries of obstacle sensors that were refused.
     #[must_use]
     pub const fn refused(&self) -> &Refused {

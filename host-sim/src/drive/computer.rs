@@ -9,6 +9,7 @@ use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
 use foxhound_computer::selftest::{self, Report};
 use foxhound_computer::twin::Planned;
 use foxhound_core::ConfigError;
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::{Circle, Disc};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::calibration::record::Calibration;
@@ -120,6 +121,11 @@ pub trait Computer {
     /// The bodies that it follows, where one can look into it.
     fn followed(&self) -> Vec<Track> {
         Vec::new()
+    }
+
+    /// The velocity with which it gives way to what moves, where it does and one can look into it.
+    fn evasion(&self) -> Option<Horizontal> {
+        None
     }
 
     /// What the plan of the last step was made from, where there is one and one can look into it.
@@ -275,6 +281,10 @@ impl Computer for HostComputer {
 
     fn followed(&self) -> Vec<Track> {
         self.state.tracks().all().to_vec()
+    }
+
+    fn evasion(&self) -> Option<Horizontal> {
+        self.state.evasion_ned_mps()
     }
 
     fn considered(&self) -> Option<Considered<'_>> {

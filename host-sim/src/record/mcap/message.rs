@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::frame::{Enu, enu};
-use crate::record::report::record::{Gains, Heard, Plan, Step, Xy};
+use crate::record::report::record::{Gains, Heard, Plan, Step, Track, Tracks, Xy};
 use crate::world::vehicle::Motion;
 
 /// The fields that are there.
@@ -63,6 +63,23 @@ pub(super) fn setpoint(step: &Step) -> Value {
         "east_mps": east_mps, "north_mps": north_mps, "speed_mps": libm::hypot(east_mps, north_mps),
         "yaw_rate_degps": step.yaw_rate_degps,
     })
+}
+
+/// Whether it gives way, and with which velocity.
+pub(super) fn evader(step: &Step) -> Value {
+    let [east_mps, north_mps] = [0, 1].map(|axis| step.evasion_mps.map(|velocity_mps| velocity_mps[axis]));
+    with(json!({ "evades": step.evasion_mps.is_some() }), &[("east_mps", east_mps), ("north_mps", north_mps)])
+}
+
+pub(super) fn tracks(tracks: &Tracks) -> Value {
+    let one = |Track { place_m, velocity_mps, covariance, unseen_s }: &Track| {
+        json!({
+            "east_m": place_m[0], "north_m": place_m[1], "east_mps": velocity_mps[0], "north_mps": velocity_mps[1],
+            "place_m2": covariance[0], "place_velocity_m2ps": covariance[1], "velocity_m2ps2": covariance[2],
+            "unseen_s": unseen_s,
+        })
+    };
+    json!({ "tracks": tracks.tracks.iter().map(one).collect::<Vec<_>>() })
 }
 
 /// What is believed of the source; `truth` is where it really is.

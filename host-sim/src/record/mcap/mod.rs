@@ -24,7 +24,7 @@ use serde_json::{Value, json};
 
 use crate::drive::flight::{Ending, Mission, Moment, Report};
 use crate::record::report::Recorder;
-use crate::record::report::record::{Begin, Plan, Record, Remembered, Step};
+use crate::record::report::record::{Begin, Plan, Record, Remembered, Step, Tracks};
 use crate::scenario::input::InputError;
 use frame::{Enu, Rotation, enu};
 
@@ -53,6 +53,7 @@ enum Topic {
     Plans,
     Way,
     Now,
+    Moving,
     Potential,
     Vehicle,
     Beacon,
@@ -60,14 +61,16 @@ enum Topic {
     Setpoint,
     Outcome,
     Guard,
+    Evader,
     Source,
     Remembered,
+    Tracks,
     Plan,
 }
 
 /// A topic, its name, the name of its schema, and that. In the order of [`Topic`].
 type Row = (Topic, &'static str, &'static str, fn() -> Value);
-const TOPICS: [Row; 18] = [
+const TOPICS: [Row; 21] = [
     (Topic::Transform, "/tf", "foxglove.FrameTransform", schema::frame_transform),
     (Topic::Pose, "/pose", "foxglove.PoseInFrame", schema::pose_in_frame),
     (Topic::Log, "/log", "foxglove.Log", schema::log),
@@ -76,6 +79,7 @@ const TOPICS: [Row; 18] = [
     (Topic::Plans, "/scene/plan", "foxglove.SceneUpdate", schema::scene_update),
     (Topic::Way, "/scene/way", "foxglove.SceneUpdate", schema::scene_update),
     (Topic::Now, "/scene/moment", "foxglove.SceneUpdate", schema::scene_update),
+    (Topic::Moving, "/scene/tracks", "foxglove.SceneUpdate", schema::scene_update),
     (Topic::Potential, "/potential", "foxglove.Grid", schema::grid),
     (Topic::Vehicle, "/vehicle", "foxhound.Vehicle", schema::vehicle),
     (Topic::Beacon, "/beacon", "foxhound.Beacon", schema::beacon),
@@ -83,8 +87,10 @@ const TOPICS: [Row; 18] = [
     (Topic::Setpoint, "/setpoint", "foxhound.Setpoint", schema::setpoint),
     (Topic::Outcome, "/outcome", "foxhound.Outcome", schema::outcome),
     (Topic::Guard, "/guard", "foxhound.Guard", schema::guard),
+    (Topic::Evader, "/evader", "foxhound.Evader", schema::evader),
     (Topic::Source, "/source", "foxhound.Source", schema::source),
     (Topic::Remembered, "/remembered", "foxhound.Remembered", schema::remembered),
+    (Topic::Tracks, "/tracks", "foxhound.Tracks", schema::tracks),
     (Topic::Plan, "/plan", "foxhound.Plan", schema::plan),
 ];
 
@@ -139,7 +145,8 @@ impl Log {
                 Record::Step(step) => self.step(moment, place, &step),
                 Record::Remembered(remembered) => self.remembered(&remembered),
                 Record::Plan(plan) => self.plan(&plan, place),
-                Record::Begin(_) | Record::Picture(_) | Record::End(_) => {}
+                Record::Tracks(tracks) => self.tracks(&tracks, place),
+                Record::Begin(_) | Record::People(_) | Record::Picture(_) | Record::End(_) => {}
             }
         }
     }
@@ -187,6 +194,7 @@ impl Log {
         self.put(Topic::Setpoint, &message::setpoint(step));
         self.put(Topic::Outcome, &json!({ "outcome": step.outcome }));
         self.put(Topic::Guard, &json!({ "action": step.guard }));
+        self.put(Topic::Evader, &message::evader(step));
         self.put(Topic::Source, &message::source(step, beacon));
         if let Some(heard) = &step.heard {
             self.put(Topic::Bearing, &message::bearing(heard, step.truth_deg));
@@ -220,6 +228,11 @@ impl Log {
         let height_m = self.way.places.last().map_or(PILLAR_MIN_M, |place| height_m(*place));
         self.put(Topic::Remembered, &message::remembered(circles));
         self.put(Topic::Memory, &scene::remembered(self.time_ns, circles, height_m));
+    }
+
+    fn tracks(&mut self, tracks: &Tracks, place: Enu) {
+        self.put(Topic::Tracks, &message::tracks(tracks));
+        self.put(Topic::Moving, &scene::tracks(self.time_ns, tracks, place.z));
     }
 
     fn plan(&mut self, plan: &Plan, place: Enu) {

@@ -6,7 +6,7 @@
 use serde_json::{Value, json};
 
 use super::frame::{Enu, Rotation};
-use crate::record::report::record::{Field, Plan, Step, Xy};
+use crate::record::report::record::{Field, Plan, Step, Tracks, Xy};
 
 /// The frame of the map.
 pub(super) const MAP: &str = "map";
@@ -26,10 +26,16 @@ const REFUSED: Color = [0.60, 0.60, 0.60, 0.4];
 const FOLLOWED: Color = [0.05, 0.55, 0.25, 1.0];
 const HEARD: Color = [0.55, 0.25, 0.75, 0.9];
 const TOLD: Color = [0.05, 0.55, 0.25, 0.9];
+const EVADES: Color = [0.95, 0.45, 0.05, 1.0];
+const MOVES: Color = [0.95, 0.75, 0.05, 0.35];
+const MOVES_TO: Color = [0.95, 0.75, 0.05, 1.0];
 const BELIEVED: Color = [0.85, 0.15, 0.15, 0.25];
 
 const BEACON_M: f64 = 0.3;
 const TARGET_M: f64 = 0.12;
+/// What is followed is drawn as flat as this, and two standard deviations wide.
+const TRACK_M: f64 = 0.05;
+const TRACK_SIGMAS: f64 = 2.0;
 const ARROW_M: f64 = 1.0;
 const ARROW_WIDTH_M: f64 = 0.03;
 const LINE_M: f64 = 0.02;
@@ -130,15 +136,31 @@ pub(super) fn way(time_ns: u64, places: &[Enu]) -> Value {
     scene(time_ns, "way", [Vec::new(), Vec::new(), Vec::new(), lines])
 }
 
-/// What is known and told at the moment: hull, bearing, setpoint, source, target.
+/// An arrow of a metre for 1 m/s; none for none.
+fn velocity(from: Enu, [east_mps, north_mps]: Xy, of: Color) -> Option<Value> {
+    let speed_mps = libm::hypot(east_mps, north_mps);
+    (speed_mps > 0.0).then(|| arrow(from, libm::atan2(east_mps, north_mps).to_degrees(), speed_mps, of))
+}
+
+/// The bodies that are followed and move: how well their places are known, and where they are going.
+pub(super) fn tracks(time_ns: u64, tracks: &Tracks, up_m: f64) -> Value {
+    let cylinders = tracks.tracks.iter().map(|track| {
+        let sigmas_m = TRACK_SIGMAS * libm::sqrt(track.covariance[0].max(0.0));
+        let mut flat = cylinder([track.place_m[0], track.place_m[1], sigmas_m], TRACK_M, MOVES);
+        flat["pose"] = pose(at(track.place_m, up_m), Rotation::IDENTITY);
+        flat
+    });
+    let arrows =
+        tracks.tracks.iter().filter_map(|track| velocity(at(track.place_m, up_m), track.velocity_mps, MOVES_TO));
+    scene(time_ns, "tracks", [arrows.collect(), Vec::new(), cylinders.collect(), Vec::new()])
+}
+
+/// What is known and told at the moment: hull, bearing, setpoint, how it gives way, source, target.
 pub(super) fn moment(time_ns: u64, place: Enu, step: &Step, radius_m: f64) -> Value {
     let bearing = step.heard.as_ref().filter(|heard| heard.valid).and_then(|heard| heard.bearing_deg);
     let mut arrows: Vec<Value> = bearing.map(|deg| arrow(place, deg, ARROW_M, HEARD)).into_iter().collect();
-    let [east_mps, north_mps] = step.setpoint_mps;
-    let speed_mps = libm::hypot(east_mps, north_mps);
-    if speed_mps > 0.0 {
-        arrows.push(arrow(place, libm::atan2(east_mps, north_mps).to_degrees(), speed_mps, TOLD));
-    }
+    arrows.extend(velocity(place, step.setpoint_mps, TOLD));
+    arrows.extend(step.evasion_mps.and_then(|velocity_mps| velocity(place, velocity_mps, EVADES)));
     let mut spheres = vec![sphere(place, 2.0 * radius_m, HULL)];
     spheres.extend(step.target_m.map(|target| sphere(at(target, place.z), TARGET_M, TOLD)));
     if let (Some(source), Some(sigma_m)) = (step.source_m, step.source_sigma_m) {

@@ -250,6 +250,17 @@ pub(super) fn guard() -> Value {
     object("foxhound.Guard", &[("action", text("passed, limited, looking or braked."))])
 }
 
+pub(super) fn evader() -> Value {
+    object(
+        "foxhound.Evader",
+        &[
+            ("evades", flag("Whether it gives way to what moves.")),
+            ("east_mps?", number("With which velocity, before the guard; none where it does not.")),
+            ("north_mps?", number("")),
+        ],
+    )
+}
+
 pub(super) fn source() -> Value {
     object(
         "foxhound.Source",
@@ -265,6 +276,23 @@ pub(super) fn source() -> Value {
 
 pub(super) fn remembered() -> Value {
     object("foxhound.Remembered", &[("circles", list(&circle()))])
+}
+
+pub(super) fn tracks() -> Value {
+    let track = object(
+        "foxhound.Track",
+        &[
+            ("east_m", number("Where it is thought to be.")),
+            ("north_m", number("")),
+            ("east_mps", number("How it is thought to move.")),
+            ("north_mps", number("")),
+            ("place_m2", number("Covariance of place and place, the same along both axes.")),
+            ("place_velocity_m2ps", number("Of place and velocity.")),
+            ("velocity_m2ps2", number("Of velocity and velocity.")),
+            ("unseen_s", number("How long ago it was seen.")),
+        ],
+    );
+    object("foxhound.Tracks", &[("tracks", list(&track))])
 }
 
 pub(super) fn plan() -> Value {

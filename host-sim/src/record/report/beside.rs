@@ -1,8 +1,10 @@
 //! A computer that one cannot look into, and beside it one that one can: it is given the same and comes to the same.
 
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::FrontEnd;
+use foxhound_core::mapping::tracks::Track;
 
 use crate::drive::computer::{BLOCK, Computer, ComputerError, Considered, HostComputer, StepReport};
 
@@ -53,6 +55,14 @@ impl<C: Computer> Computer for Beside<C> {
 
     fn remembered(&self) -> Vec<Circle> {
         self.looked_into.remembered()
+    }
+
+    fn followed(&self) -> Vec<Track> {
+        self.looked_into.followed()
+    }
+
+    fn evasion(&self) -> Option<Horizontal> {
+        self.looked_into.evasion()
     }
 
     fn considered(&self) -> Option<Considered<'_>> {

@@ -29,6 +29,10 @@ pub enum Record {
     Step(Step),
     /// What the computer remembers of the obstacles has changed.
     Remembered(Remembered),
+    /// Who walks about, as they are.
+    People(People),
+    /// The bodies that are followed.
+    Tracks(Tracks),
     /// A replan.
     Plan(Box<Plan>),
     /// A picture of the camera that looks down.
@@ -101,6 +105,9 @@ pub struct Step {
     pub setpoint_mps: Xy,
     /// How it is told to turn, clockwise.
     pub yaw_rate_degps: f64,
+    /// With which velocity it would give way to what moves; none where it need not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub evasion_mps: Option<Xy>,
     /// What the step came to.
     pub outcome: &'static str,
     /// What the guard did.
@@ -153,6 +160,37 @@ pub struct Remembered {
     pub time_s: f64,
     /// x, y, radius of each.
     pub circles_m: Vec<[f64; 3]>,
+}
+
+/// The people who are there.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct People {
+    /// When.
+    pub time_s: f64,
+    /// x, y, radius of each.
+    pub circles_m: Vec<[f64; 3]>,
+}
+
+/// The bodies that are followed and move. Those that stand are remembered as what stands is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Tracks {
+    /// When.
+    pub time_s: f64,
+    /// Each.
+    pub tracks: Vec<Track>,
+}
+
+/// A body that is followed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Track {
+    /// Where it is thought to be.
+    pub place_m: Xy,
+    /// How it is thought to move.
+    pub velocity_mps: Xy,
+    /// Covariance of place and place (m2), place and velocity (m2/s), velocity and velocity (m2/s2): the same along both axes.
+    pub covariance: [f64; 3],
+    /// How long ago it was seen.
+    pub unseen_s: f64,
 }
 
 /// How a plan came about.

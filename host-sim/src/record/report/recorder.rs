@@ -8,6 +8,7 @@ use foxhound_core::base::obstacle::{Disc, Obstacle};
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, TABLE, Values};
 use foxhound_core::landing::observation::Seen;
+use foxhound_core::mapping::tracks;
 use foxhound_core::planning::field;
 use foxhound_core::planning::planner::{self, SAMPLES, Verdict, Workspace};
 use foxhound_core::planning::rollout::Trajectory;
@@ -16,8 +17,8 @@ use foxhound_papers::apf::{self, NAMES};
 use serde_json::Value;
 
 use super::record::{
-    Begin, Belief, End, Field, Gains, Heard, Origin, Parameter, Picture, Plan, Record, Remembered, Sample, Step,
-    VERSION, circles, core_xy, degrees, finite, flags, guard, milli, rounded, xy,
+    Begin, Belief, End, Field, Gains, Heard, Origin, Parameter, People, Picture, Plan, Record, Remembered, Sample,
+    Step, Track, Tracks, VERSION, circles, core_xy, degrees, finite, flags, guard, milli, rounded, xy,
 };
 use crate::drive::computer::Considered;
 use crate::drive::flight::{self, Mission, Moment, Report, TICK_S};
@@ -26,6 +27,8 @@ use crate::world::{Horizontal, Pillar};
 
 /// What is remembered is looked at every so many steps: 5 Hz.
 const REMEMBERED_STEPS: u64 = 10;
+/// What moves is looked at every so many steps: 10 Hz.
+const MOVING_STEPS: u64 = 5;
 /// Half the side of the raster of the potential, in steps, and the step: what is within the horizon, and a bit more.
 const FIELD_HALF: i32 = 22;
 const FIELD_STEP_M: f32 = 0.1;
@@ -44,6 +47,8 @@ pub struct Recorder {
     steps: u64,
     drawn: Drawn,
     remembered: Vec<[f64; 3]>,
+    people: Vec<[f64; 3]>,
+    tracks: Vec<Track>,
     records: Vec<Record>,
 }
 
@@ -64,6 +69,8 @@ impl Recorder {
             steps: 0,
             drawn: Some((empty.gains, empty.samples)),
             remembered: Vec::new(),
+            people: Vec::new(),
+            tracks: Vec::new(),
             records: Vec::new(),
         };
         recorder.records.push(Record::Begin(Box::new(begin(mission, config, command))));
@@ -82,6 +89,9 @@ impl Recorder {
                 self.records.push(Record::Remembered(Remembered { time_s, circles_m }));
             }
         }
+        if self.steps.is_multiple_of(MOVING_STEPS) {
+            self.watch_moving(moment, time_s);
+        }
         if let Some(shown) = moment.picture {
             self.records
                 .push(Record::Picture(Picture { time_s, ..picture(self.detector.as_ref(), self.focal_widths, shown) }));
@@ -95,6 +105,24 @@ impl Recorder {
             self.records.push(Record::Plan(Box::new(plan)));
         }
         self.steps += 1;
+    }
+
+    /// Who walks about, and who is followed, where that has changed.
+    fn watch_moving(&mut self, moment: &Moment<'_>, time_s: f64) {
+        let one = |pillar: Pillar| {
+            let [x, y] = xy(pillar.center);
+            [x, y, milli(pillar.radius_m)]
+        };
+        let circles_m: Vec<[f64; 3]> = moment.world.people_at(moment.sample.time_s).map(one).collect();
+        if circles_m != self.people {
+            self.people.clone_from(&circles_m);
+            self.records.push(Record::People(People { time_s, circles_m }));
+        }
+        let tracks: Vec<Track> = moment.computer.followed().iter().filter(|body| body.moves()).map(track).collect();
+        if tracks != self.tracks || self.steps == 0 {
+            self.tracks.clone_from(&tracks);
+            self.records.push(Record::Tracks(Tracks { time_s, tracks }));
+        }
     }
 
     /// Ends with what the flight came to.
@@ -150,7 +178,7 @@ fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin
 
 /// A step, but for its time.
 fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
-    let Moment { world, motion, sample, output, .. } = moment;
+    let Moment { world, motion, sample, output, computer, .. } = moment;
     let to_source = world.source_at(sample.time_s).minus(sample.position);
     let clearance =
         |pillar: Pillar| pillar.center.minus(sample.position).norm() - pillar.radius_m - f64::from(radius_m);
@@ -169,6 +197,7 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         velocity_mps: xy(Horizontal { north, east }),
         setpoint_mps: core_xy(output.setpoint.velocity_ned_mps.horizontal()),
         yaw_rate_degps: degrees(f64::from(output.setpoint.yaw_rate_radps)),
+        evasion_mps: computer.evasion().map(core_xy),
         outcome: output.outcome.name(),
         guard: guard(output.guard),
         clearance_m: world.pillars_at(sample.time_s).map(clearance).min_by(f64::total_cmp).map(milli),
@@ -179,6 +208,15 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
         source_m: output.source.map(|source| core_xy(source.place_ned_m)),
         source_sigma_m: output.source.and_then(|source| finite(source.sigma_m)),
         target_m: output.target_ned_m.map(core_xy),
+    }
+}
+
+fn track(body: &tracks::Track) -> Track {
+    Track {
+        place_m: core_xy(body.center_ned_m),
+        velocity_mps: core_xy(body.velocity_ned_mps),
+        covariance: body.covariance.map(|value| rounded(f64::from(value), 6)),
+        unseen_s: milli(f64::from(body.unseen_s)),
     }
 }
 

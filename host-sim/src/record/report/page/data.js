@@ -1,7 +1,7 @@
 // What is known of the flight, and of any time in it. Records come one by one through `add`, from the page or from anywhere.
 
 /** `cut`: it was under way when whoever flies it fell silent. */
-const flight = { begin: null, steps: [], remembered: [], plans: [], pictures: [], end: null, cut: false };
+const flight = { begin: null, steps: [], remembered: [], people: [], tracks: [], plans: [], pictures: [], end: null, cut: false };
 /** Told, at most once a picture, that there are new records. */
 let refresh = () => {};
 let refreshing = false;
@@ -10,13 +10,19 @@ let refreshing = false;
 function add(record) {
   switch (record.kind) {
     case "begin":
-      Object.assign(flight, { begin: record, steps: [], remembered: [], plans: [], pictures: [], end: null });
+      Object.assign(flight, { begin: record, steps: [], remembered: [], people: [], tracks: [], plans: [], pictures: [], end: null });
       break;
     case "step":
       flight.steps.push(record);
       break;
     case "remembered":
       flight.remembered.push(record);
+      break;
+    case "people":
+      flight.people.push(record);
+      break;
+    case "tracks":
+      flight.tracks.push(record);
       break;
     case "plan":
       flight.plans.push(record);
@@ -87,13 +93,13 @@ function away_s({ turns_s }, time_s) {
   return Math.min(since_s, 2 * turns_s - since_s);
 }
 
-/** The pillars at a time: x, y, radius. */
+/** The pillars at a time, and people: x, y, radius. */
 function pillarsAt(time_s) {
   const moved = flight.begin.scenario.obstacles.map((o) => {
     const on_s = away_s(o, time_s);
     return [o.x + o.vx * on_s, o.y + o.vy * on_s, o.r];
   });
-  return moved.concat(flight.begin.walls);
+  return moved.concat(flight.begin.walls, latest(flight.people, time_s)?.circles_m ?? []);
 }
 
 /** How far off the source is believed to be, metres. */
@@ -117,6 +123,15 @@ function ellipse([xx, xy, yy]) {
   };
 }
 
+/** The bodies that are followed at a time, carried on from the record before. */
+function tracksAt(time_s) {
+  const record = latest(flight.tracks, time_s);
+  const on_s = record ? time_s - record.time_s : 0;
+  return (record ? record.tracks : []).map(({ place_m: [x, y], velocity_mps: [vx, vy], covariance: [place_m2] }) => ({
+    place_m: [x + vx * on_s, y + vy * on_s], velocity_mps: [vx, vy], sigma_m: Math.sqrt(Math.max(place_m2, 0)),
+  }));
+}
+
 /** What is said of a plan. */
 const ORIGINS = {
   sampled: "a sampled trajectory",
@@ -138,6 +153,10 @@ function events() {
       // It comes and goes from step to step: a pause of less than a second is none.
       if (!(step.time_s - acted_s[step.guard] < 1)) happens(step.time_s, guardColor(step.guard), `guard: ${step.guard}`);
       acted_s[step.guard] = step.time_s;
+    }
+    if (step.evasion_mps) {
+      if (!(step.time_s - acted_s.evades < 1)) happens(step.time_s, "orange", "gives way to what moves");
+      acted_s.evades = step.time_s;
     }
     ({ outcome } = step);
   }

@@ -3,6 +3,7 @@
 const LAYERS = [
   ["pillars", "pillars as they are", "pillar-edge"],
   ["remembered", "as remembered", "red"],
+  ["tracks", "what is followed, and giving way to it", "orange"],
   ["view", "field of view", "sky"],
   ["samples", "sampled trajectories", "blue"],
   ["plans", "plans before", "orange"],
@@ -10,7 +11,7 @@ const LAYERS = [
   ["heard", "bearing heard", "green"],
   ["potential", "potential", "yellow"],
 ];
-const shown = new Set(["pillars", "remembered", "view", "samples", "plans", "belief", "heard"]);
+const shown = new Set(["pillars", "remembered", "tracks", "view", "samples", "plans", "belief", "heard"]);
 
 /** How the path is coloured: what of a step, its range, its unit. */
 const PATH_BY = {
@@ -75,6 +76,7 @@ function drawMap(canvas, index) {
   if (shown.has("view") && step) drawView(picture);
   if (shown.has("pillars")) drawPillars(picture);
   if (shown.has("remembered")) drawRemembered(picture);
+  if (shown.has("tracks")) drawTracks(picture);
   if (shown.has("plans")) drawPlans(picture);
   if (shown.has("belief") && plan) drawBelief(picture);
   drawEnds(picture);
@@ -147,6 +149,23 @@ function drawRemembered({ context, at, time_s }) {
   const memory = latest(flight.remembered, time_s);
   for (const [x, y, r] of memory ? memory.circles_m : []) {
     disc(context, at([x, y]), Math.max(r * camera.scale, 2), { stroke: colors.red, width: 1.6, dash: [4, 3] });
+  }
+}
+
+/** A velocity in pixels. */
+const shaft = ([x, y]) => [x * camera.scale * 0.8, -y * camera.scale * 0.8];
+
+/** What is followed and moves, as wide as two standard deviations, where it is going, and how the vehicle gives way to it. */
+function drawTracks({ context, at, time_s, step }) {
+  for (const { place_m, velocity_mps, sigma_m } of tracksAt(time_s)) {
+    const place = at(place_m);
+    const radius = Math.max(2 * sigma_m * camera.scale, 3);
+    disc(context, place, radius, { fill: colors.orange, alpha: 0.25 });
+    disc(context, place, radius, { stroke: colors.orange, width: 1.4 });
+    arrow(context, place, shaft(velocity_mps), { color: colors.orange, width: 1.8 });
+  }
+  if (step && step.evasion_mps) {
+    arrow(context, at(step.place_m), shaft(step.evasion_mps), { color: colors.orange, width: 3.5 });
   }
 }
 
@@ -268,13 +287,12 @@ function drawVehicle({ context, at, step }) {
   const place = at(step.place_m);
   const radius = Math.max(flight.begin.scenario.drone_radius * camera.scale, 5);
   const yaw = (step.yaw_deg * Math.PI) / 180;
-  const along = ([x, y]) => [x * camera.scale * 0.8, -y * camera.scale * 0.8];
   disc(context, place, radius, { fill: colors.panel, alpha: 0.85 });
   disc(context, place, radius, { stroke: colors.ink, width: 2 });
   const nose = [place[0] + radius * Math.sin(yaw), place[1] - radius * Math.cos(yaw)];
   line(context, [place, nose], { color: colors.ink, width: 2 });
-  arrow(context, place, along(step.setpoint_mps), { color: colors.faint, width: 1.6 });
-  arrow(context, place, along(step.velocity_mps), { color: colors.ink, width: 2.2 });
+  arrow(context, place, shaft(step.setpoint_mps), { color: colors.faint, width: 1.6 });
+  arrow(context, place, shaft(step.velocity_mps), { color: colors.ink, width: 2.2 });
 }
 
 /** What the camera saw, with a circle round what is taken for the pad. */

@@ -54,6 +54,7 @@ function showRun() {
     ["obstacle sensor", `${sensor.model}, ${sensor.fov_deg} deg, ${sensor.range_m} m`],
     ["direction finding", Number.isFinite(bearing.snr_db) ? `waveforms at ${bearing.snr_db} dB` : `sigma ${bearing.sigma_deg} deg`],
     ["pillars", String(scenario.obstacles.length)],
+    ...(scenario.people ? [["people", String(scenario.people.reduce((sum, { group }) => sum + group, 0))]] : []),
     ["steps", `${steps.length} of ${begin.tick_s * 1000} ms`],
     ["plans", String(plans.length)],
     ["program", `foxhound ${begin.program}`],
