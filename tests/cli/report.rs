@@ -223,6 +223,42 @@ fn every_planner_and_a_world_that_moves_have_a_report() {
     }
 }
 
+/// Among people who walk across, the page has them where they are, and there what is followed, with how well it is known; it says
+/// when the vehicle gives way, and watching changes nothing.
+#[test]
+fn the_page_shows_people_what_is_followed_and_how_the_vehicle_gives_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scenario.json");
+    let scenario = r#"{"start":[0,0],"goal":[9,0],"bounds":[-1,-6,10,6],"bearing":{"snr_db":20},"max_time_s":40,
+        "people":[{"route":[[4,-7]],"heading_deg":0,"speed":1.6,"group":2},{"route":[[7,9]],"heading_deg":180,"sway_m":0.1}],
+        "sensor":{"model":"scan","fov_deg":360,"range_m":5}}"#;
+    std::fs::write(&path, scenario).unwrap();
+    let flight = ["--scenario", path.to_str().unwrap()];
+    let flown = Flown::with(&flight);
+    let (_, alone) = run_json(&[&["fly", "--json"], &flight[..]].concat());
+    assert_eq!(flown.printed, alone, "watching changes nothing");
+    let people: Vec<&Value> = flown.of_kind("people").collect();
+    assert!(people.iter().all(|record| record["circles_m"].as_array().unwrap().len() == 3));
+    let (mut near, mut all) = (0, 0);
+    for record in flown.of_kind("tracks") {
+        let Some(truth) = people.iter().find(|people| people["time_s"] == record["time_s"]) else { continue };
+        for track in record["tracks"].as_array().unwrap() {
+            let (place, sigma_m) = (numbers(&track["place_m"]), numbers(&track["covariance"])[0].sqrt());
+            assert!(
+                (1e-3..1.5).contains(&sigma_m) && distance(&numbers(&track["velocity_mps"]), &[0.0, 0.0]) < 4.0,
+                "{track}"
+            );
+            let off = |circle: &Value| distance(&numbers(circle), &place);
+            let circles = truth["circles_m"].as_array().unwrap();
+            near += usize::from(circles.iter().map(off).fold(f64::INFINITY, f64::min) < 0.3);
+            all += 1;
+        }
+    }
+    assert!(all > 20 && near * 10 > all * 8, "{near} of {all} tracks are where somebody is");
+    let gives_way = flown.of_kind("step").filter(|step| step.get("evasion_mps").is_some()).count();
+    assert!(gives_way > 10, "{gives_way} steps");
+}
+
 /// The report of the image in QEMU equals that of the same flight on the desktop.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]

@@ -64,6 +64,8 @@ fn what_the_reader_refuses_the_schema_refuses_as_well() {
         json!({"start": "here"}),
         json!({"obstacles": [{"x": 1, "y": 1}]}),
         json!({"obstacles": [[1, 2, 3]]}),
+        json!({"people": [{"route": [[5, 5]], "heading_deg": 0, "group": 0}]}),
+        json!({"people": [{"route": [[5, 5, 5]]}]}),
         json!({"walls": [{"x0": 1, "y0": 1, "x1": 2}]}),
         json!({"sensor": {"model": "lidar"}}),
         json!({"sensor": {"fov_deg": 361}}),
@@ -98,10 +100,20 @@ fn every_scenario_says_why_it_is_there_and_the_library_has_one_of_each_kind() {
         assert_eq!(scenario["$schema"], "scenario.schema.json", "{stem}");
         all += &scenario.to_string();
     }
-    for kind in
-        ["random", "walls", "reflection_db", "wind", "gust_mps", "noise_m", "drift_m", "turns_s", "goal_velocity"]
-            .into_iter()
-            .chain(["other_beacons", "pulses", "dropout", "outlier", "antenna", "px4"])
+    for kind in [
+        "random",
+        "walls",
+        "reflection_db",
+        "wind",
+        "gust_mps",
+        "noise_m",
+        "drift_m",
+        "turns_s",
+        "people",
+        "goal_velocity",
+    ]
+    .into_iter()
+    .chain(["other_beacons", "pulses", "dropout", "outlier", "antenna", "px4"])
     {
         assert!(all.contains(&format!("\"{kind}\"")), "{kind}");
     }

@@ -40,7 +40,7 @@ A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a d
   start [x,y], goal [x,y], goal_velocity [vx,vy],
   obstacles [{x,y,r,vx,vy,turns_s: there and back}],
   people [{route [[x,y],...], heading_deg, track [[t,x,y],...] in place of
-    both, speed (1.67), r (0.3), sway_m, sway_s (2), stop_every_s,
+    both, speed (1.67), r (0.3), sway_m, sway_s (4), stop_every_s,
     stop_s (2), turn_every_s, turn_deg (60), group (1), group_gap (0.7),
     steps_aside}],
   people_csv: a file of tracks, time_s,person,x,y,

@@ -65,7 +65,7 @@ impl Default for Person {
             speed: 1.67,
             r: 0.3,
             sway_m: 0.0,
-            sway_s: 2.0,
+            sway_s: 4.0,
             stop_every_s: 0.0,
             stop_s: 2.0,
             turn_every_s: 0.0,
