@@ -21,7 +21,7 @@ use super::sheet::{
 use crate::drive::flight::{Ending, Record};
 use crate::scenario::VehicleModel;
 use crate::scenario::input::InputError;
-use crate::world::{Horizontal, from_core};
+use crate::world::{Horizontal, Pillar, from_core};
 
 const PAGE: (u32, u32) = (1280, 960);
 const PNG_REDUCTION: u32 = 2;
@@ -51,6 +51,8 @@ const SPEED: [RGBColor; 5] = [
 const MAP: [f64; 4] = [64.0, 40.0, 868.0, 868.0];
 const LEGEND_LEFT: f64 = 968.0;
 const MARGIN_M: f64 = 0.35;
+/// From one place to the next of the way that somebody walked.
+const WALK_STEP_S: f64 = 0.2;
 
 /// Draws a flight into a file.
 ///
@@ -256,12 +258,19 @@ fn views<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
 
 fn pillars<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
     let (world, end_s) = (&record.world, record.report.time_s);
-    for (then, now) in world.all_at(0.0).zip(world.all_at(end_s)) {
-        let (Some(then), Some(now)) = (then, now) else { continue };
-        if then.velocity_mps.norm() > 0.0 {
+    for person in &world.people {
+        let times_s = (0..=(end_s / WALK_STEP_S) as u32).map(|step| f64::from(step) * WALK_STEP_S);
+        page.path(times_s.filter_map(|time_s| Some(person.at(time_s)?.center)), line(PILLAR_EDGE, 0.8, 1.0))?;
+    }
+    let begun: Vec<Option<Pillar>> = world.all_at(0.0).collect();
+    for (index, (then, now)) in begun.into_iter().zip(world.all_at(end_s)).enumerate() {
+        if let Some(then) = then.filter(|then| then.velocity_mps.norm() > 0.0) {
             page.circle(then.center, then.radius_m, fill(PILLAR, 0.35))?;
-            page.path([then.center, now.center], line(PILLAR_EDGE, 0.8, 1.0))?;
+            if let Some(now) = now.filter(|_| index < world.pillars.len()) {
+                page.path([then.center, now.center], line(PILLAR_EDGE, 0.8, 1.0))?;
+            }
         }
+        let Some(now) = now else { continue };
         page.circle(now.center, now.radius_m, fill(PILLAR, 1.0))?;
         page.circle(now.center, now.radius_m, line(PILLAR_EDGE, 1.0, 1.25))?;
     }

@@ -20,7 +20,8 @@ pub struct Person {
 
 impl Person {
     /// Him as a pillar at a time; none while he is not there.
-    pub(super) fn at(&self, time_s: f64) -> Option<Pillar> {
+    #[must_use]
+    pub fn at(&self, time_s: f64) -> Option<Pillar> {
         let (place, velocity) = self.course.at(time_s)?;
         let (offset, aside_mps) = self.aside.as_ref().map_or_else(Default::default, |aside| aside.at(time_s));
         Some(Pillar {
