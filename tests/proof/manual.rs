@@ -334,16 +334,20 @@ fn blocks(text: &str, language: &str) -> Vec<String> {
         .collect()
 }
 
-/// The scenario of the manual is flown to its beacon.
+/// The scenarios of the manual are flown to their beacons.
 #[test]
-fn the_scenario_of_the_manual_is_flown_to_its_beacon() {
-    let scenarios = blocks(&read(Path::new("docs/simulator.md")), "json");
-    assert_eq!(scenarios.len(), 1);
+fn the_scenarios_of_the_manual_are_flown_to_their_beacons() {
+    let manual = read(Path::new("docs/simulator.md"));
+    let (scenarios, tracks) = (blocks(&manual, "json"), blocks(&manual, "csv"));
+    assert_eq!((scenarios.len(), tracks.len()), (2, 1));
     let dir = tempfile::tempdir().unwrap();
-    let file = dir.path().join("world.json");
-    std::fs::write(&file, &scenarios[0]).unwrap();
-    let (code, flight) = run_json(&["fly", "--json", "--scenario", &file.to_string_lossy()]);
-    assert_eq!((code, flight["result"].as_str()), (0, Some("reached")), "{flight}");
+    std::fs::write(dir.path().join("station.csv"), &tracks[0]).unwrap();
+    for scenario in scenarios {
+        let file = dir.path().join("world.json");
+        std::fs::write(&file, &scenario).unwrap();
+        let (code, flight) = run_json(&["fly", "--json", "--scenario", &file.to_string_lossy()]);
+        assert_eq!((code, flight["result"].as_str()), (0, Some("reached")), "{flight}");
+    }
 }
 
 /// The Python program of the manual runs and prints the documented values.
