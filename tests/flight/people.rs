@@ -16,10 +16,12 @@ use foxhound_sim::world::random::Random;
 use foxhound_tests::root;
 use serde_json::{Map, Value, json};
 
+mod following;
 mod orca;
 mod policies;
 mod scenes;
 
+use following::Following;
 use policies::Policy;
 
 const TOLD_1: &str = r#"{"sensor":{"fov_deg":360,"range_m":5}}"#;
@@ -37,16 +39,20 @@ struct Row {
     pace_spm: f64,
 }
 
+/// A world in a setting, with waveforms at 20 dB, beside a vehicle model.
+fn scenario(world: &Value, setting: &str, vehicle: &str) -> Scenario {
+    let setting: Map<String, Value> = serde_json::from_str(setting).unwrap();
+    let mut world = world.as_object().unwrap().clone();
+    world.extend(setting);
+    world.extend([("bearing".into(), json!({"snr_db": 20})), ("vehicle".into(), json!({"model": vehicle}))]);
+    Scenario::parse(&Value::Object(world).to_string()).unwrap()
+}
+
 /// Flies scenarios with waveforms at 20 dB in a setting, beside a vehicle model.
 fn fly(worlds: &[Value], setting: &str, vehicle: &str) -> Row {
-    let setting: Map<String, Value> = serde_json::from_str(setting).unwrap();
     let mut row = Row { flights: worlds.len(), hit: 0, reached: 0, pace_spm: 0.0 };
     for (world, seed) in worlds.iter().zip(seeds::TEST) {
-        let mut world = world.as_object().unwrap().clone();
-        world.extend(setting.clone());
-        world.extend([("bearing".into(), json!({"snr_db": 20})), ("vehicle".into(), json!({"model": vehicle}))]);
-        let scenario = Scenario::parse(&Value::Object(world).to_string()).unwrap();
-        let report = flight::report(scenario, seed, |_| ()).unwrap();
+        let report = flight::report(scenario(world, setting, vehicle), seed, |_| ()).unwrap();
         row.hit += usize::from(report.collisions > 0);
         if report.result == Ending::Reached {
             row.reached += 1;
@@ -119,14 +125,14 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
         &worlds,
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 225),
-            ("told all round, 2 m/s", TOLD_2, "point", 1, 224),
-            ("scan of 72 sectors all round", SCAN_360, "point", 25, 200),
-            ("scan of 90 deg, 3 m", SCAN_90, "point", 63, 162),
-            ("told in 90 deg, 3 m", TOLD_90, "point", 43, 182),
-            ("told all round, 1 m/s", TOLD_1, "arducopter", 8, 217),
-            ("told all round, 2 m/s", TOLD_2, "arducopter", 23, 202),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 44, 181),
-            ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 101, 124),
+            ("told all round, 2 m/s", TOLD_2, "point", 0, 225),
+            ("scan of 72 sectors all round", SCAN_360, "point", 19, 206),
+            ("scan of 90 deg, 3 m", SCAN_90, "point", 58, 167),
+            ("told in 90 deg, 3 m", TOLD_90, "point", 48, 177),
+            ("told all round, 1 m/s", TOLD_1, "arducopter", 4, 221),
+            ("told all round, 2 m/s", TOLD_2, "arducopter", 9, 216),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 38, 187),
+            ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 99, 126),
         ],
     );
 }
@@ -157,23 +163,42 @@ fn drawn_people_who_cross_the_way_are_evaded() {
         &drawn(),
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 40),
-            ("scan of 72 sectors all round", SCAN_360, "point", 7, 33),
+            ("scan of 72 sectors all round", SCAN_360, "point", 4, 36),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 2, 38),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 15, 25),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 16, 24),
         ],
     );
+}
+
+/// Who walks across the way of a flight is followed: after half a second in view his velocity is wrong by less than 0.15 m/s by
+/// sectors of 5 degrees and 0.05 m/s by rays of 1.25 degrees (medians), and of the tracks that move fewer than 5 in 1000 are
+/// where nobody is.
+#[test]
+fn who_is_followed_is_followed_well_and_nobody_else_is() {
+    for (name, setting, most_mps) in [
+        ("scan of 72 sectors all round", SCAN_360, [0.6, 0.15, 0.06]),
+        ("scan of 90 deg, 3 m", SCAN_90, [0.15, 0.05, 0.03]),
+    ] {
+        let mut following = Following::default();
+        for (world, seed) in drawn().iter().zip(seeds::TEST) {
+            following.fly(scenario(world, setting, "point"), seed);
+        }
+        let (medians_mps, ghosts) = following.told(name);
+        assert!(medians_mps.iter().zip(most_mps).all(|(median, most)| *median < most), "{name}: {medians_mps:?}");
+        assert!(ghosts < 0.005, "{name}: {ghosts}");
+    }
 }
 
 /// The most flights of a scene that may hit somebody: a point mass told all round and by scans of 72 sectors, then the same beside
 /// ArduCopter's delays. The test prints it as it stands here.
 const SCENE_HITS: [[usize; 4]; 8] = [
     [0, 0, 0, 0],   // crossing
-    [5, 9, 13, 16], // swaying
-    [1, 10, 9, 10], // stopping
-    [4, 4, 4, 10],  // turning
-    [1, 14, 3, 17], // in groups
-    [2, 2, 2, 4],   // overtaking
-    [1, 5, 14, 11], // two streams in a corridor of 4 m
+    [3, 9, 11, 13], // swaying
+    [1, 11, 9, 10], // stopping
+    [3, 8, 5, 8],   // turning
+    [0, 6, 6, 16],  // in groups
+    [0, 0, 1, 2],   // overtaking
+    [0, 2, 11, 9],  // two streams in a corridor of 4 m
     [0, 0, 0, 0],   // stepping aside
 ];
 
