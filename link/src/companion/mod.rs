@@ -406,6 +406,25 @@ impl Companion {
         (!is_over(ground, attitude.time, GROUND_AGE_MAX_S)).then_some(slant_m * level)
     }
 
+    /// The newest obstacle scan that nobody took.
+    #[must_use]
+    pub const fn scan(&self) -> Option<&Scan> {
+        self.scan.as_ref()
+    }
+
+    /// The single points that nobody took.
+    #[must_use]
+    pub const fn points(&self) -> Option<&Points> {
+        self.points.as_ref()
+    }
+
+    /// Scan and points have been used where they lie: a copy of them takes 1.2 KB.
+    #[inline(never)]
+    pub fn drop_obstacles(&mut self) {
+        self.last_scan_of = self.scan_of;
+        (self.scan, self.points) = (None, None);
+    }
+
     /// The newest obstacle scan since the last call.
     #[inline(never)]
     pub fn take_scan(&mut self) -> Option<Scan> {
@@ -441,6 +460,15 @@ impl Companion {
     #[inline(never)]
     pub fn take_key_change(&mut self) -> bool {
         core::mem::take(&mut self.key_changed)
+    }
+
+    /// Whether the link can run with other parameters.
+    ///
+    /// # Errors
+    /// The field of the link's configuration that does not fit the others.
+    #[inline(never)]
+    pub fn check_parameters(&self, values: &Values) -> Result<(), ConfigError> {
+        self.config.with(values).check_together()
     }
 
     /// The application runs with other parameters from now on; the link takes its own from them.
