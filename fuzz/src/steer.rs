@@ -79,7 +79,7 @@ fn scan(draw: &mut Draw<'_>, time: Instant) -> Scan {
         first_azimuth_rad: draw.field(0.0, -4.0, 4.0),
         step_rad: draw.field(PI / 36.0, -0.2, 0.2),
         range_max_m: draw.field(3.0, 0.1, 20.0),
-        sectors,
+        rays: sectors.into_iter().collect(),
     }
 }
 

@@ -44,6 +44,7 @@ use crate::params::Params;
 use crate::requests::Requests;
 use crate::signing::{Signing, Unsigned, Verdict};
 use crate::sources::Sources;
+use crate::turns::Turns;
 
 pub use self::config::{Config, ObstacleFrame, Yaw};
 pub use self::exam::{Exam, Examined, Tone};
@@ -179,8 +180,7 @@ pub struct Companion {
     noise: Noise,
     advice: Advice,
     sources: Sources,
-    /// The component whose scan waits, and the one whose scan was taken last.
-    scan_of: u8,
+    /// The component whose scan was taken last.
     last_scan_of: u8,
 
     published: Option<Published>,
@@ -206,7 +206,7 @@ pub struct Companion {
     requests: Requests,
     params: Params,
     signing: Option<Signing>,
-    scan: Option<Scan>,
+    turns: Turns,
     points: Option<Points>,
 }
 
@@ -248,8 +248,7 @@ impl Companion {
             noise: Noise { since: Instant(0), good: 0, bad: 0, percent: 0 },
             advice: Advice::new(),
             sources: Sources::new(),
-            scan: None,
-            scan_of: 0,
+            turns: Turns::new(),
             last_scan_of: 0,
             points: None,
             published: None,
@@ -408,8 +407,8 @@ impl Companion {
 
     /// The newest obstacle scan that nobody took.
     #[must_use]
-    pub const fn scan(&self) -> Option<&Scan> {
-        self.scan.as_ref()
+    pub fn scan(&self) -> Option<&Scan> {
+        self.turns.scan()
     }
 
     /// The single points that nobody took.
@@ -421,15 +420,18 @@ impl Companion {
     /// Scan and points have been used where they lie: a copy of them takes 1.2 KB.
     #[inline(never)]
     pub fn drop_obstacles(&mut self) {
-        self.last_scan_of = self.scan_of;
-        (self.scan, self.points) = (None, None);
+        self.last_scan_of = self.turns.component_id();
+        self.turns.take();
+        self.points = None;
     }
 
     /// The newest obstacle scan since the last call.
     #[inline(never)]
     pub fn take_scan(&mut self) -> Option<Scan> {
-        self.last_scan_of = self.scan_of;
-        self.scan.take()
+        self.last_scan_of = self.turns.component_id();
+        let scan = self.turns.scan().cloned();
+        self.turns.take();
+        scan
     }
 
     /// Who reports obstacles, and how long ago each did.
@@ -676,9 +678,7 @@ impl Companion {
     fn age(&mut self) {
         let now = self.now;
         let obstacle_age_max_s = self.config.obstacle_age_max_s;
-        if self.scan.as_ref().is_some_and(|scan| is_over(now, scan.time, obstacle_age_max_s)) {
-            self.scan = None;
-        }
+        self.turns.age(now, obstacle_age_max_s);
         if self.points.as_ref().is_some_and(|points| is_over(now, points.time, obstacle_age_max_s)) {
             self.points = None;
         }
@@ -709,7 +709,7 @@ impl Companion {
         if now < self.now {
             self.published = None;
             self.insane_since = None;
-            self.scan = None;
+            self.turns.clear();
             self.points = None;
             self.clock = PeerClock::new();
             self.settled_at = self.settled_at.min(now.plus_micros(UNSETTLED_US));

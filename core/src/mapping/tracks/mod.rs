@@ -22,7 +22,7 @@ use crate::base::pose::Pose;
 use crate::base::sort::sort_by_key;
 use crate::base::time::Instant;
 use crate::base::units::{between, wrap_pi};
-use crate::mapping::scan::{Ranges, Scan, Segmentation};
+use crate::mapping::scan::{RAYS_MAX, Ranges, Scan};
 
 mod cluster;
 use cluster::Cluster;
@@ -35,8 +35,10 @@ const CLUSTERS_MAX: usize = 32;
 /// Most pairs of cluster and track that are within the gate.
 const PAIRS_MAX: usize = 64;
 /// Scans that are kept, and how far apart they are at least.
-const KEPT: usize = 4;
+const KEPT: usize = 3;
 const KEPT_APART_S: f32 = 0.14;
+/// Most sectors of a scan that is kept.
+const KEPT_SECTORS: usize = 120;
 /// What a scan at least so old has seen through was free.
 const BEFORE_S: f32 = 0.25;
 /// The same of wide sectors.
@@ -177,23 +179,24 @@ struct Kept {
     step_rad: f32,
     range_max_m: f32,
     turn: u8,
-    ranges: Ranges,
+    ranges: Ranges<KEPT_SECTORS>,
 }
 
 impl Kept {
     fn take(&mut self, scan: &Scan, pose: &Pose) {
         self.time = scan.time;
         self.pose = *pose;
-        (self.first_azimuth_rad, self.step_rad) = (scan.first_azimuth_rad, scan.step_rad);
+        let sectors = scan.in_sectors(KEPT_SECTORS);
+        (self.first_azimuth_rad, self.step_rad) = (sectors.first_azimuth_rad, sectors.step_rad);
         self.range_max_m = scan.range_max_m;
-        self.turn = scan.turn().unwrap_or(0) as u8;
+        self.turn = sectors.turn().unwrap_or(0) as u8;
         self.ranges.take(scan);
     }
 
     /// Whether enough of the hits of a cluster lie where this scan saw through.
-    fn saw_through(&self, look: &Segmentation, seen: &Cluster) -> bool {
-        let points = look.points_m.get(seen.from..seen.to).unwrap_or_default();
-        let is_through = |point: &&Horizontal| self.beyond_m(point.plus(look.origin_ned_m)) > THROUGH_M;
+    fn saw_through(&self, hits: &[Horizontal], from_ned_m: Horizontal, seen: &Cluster) -> bool {
+        let points = hits.get(seen.from..seen.to).unwrap_or_default();
+        let is_through = |point: &&Horizontal| self.beyond_m(point.plus(from_ned_m)) > THROUGH_M;
         points.iter().filter(is_through).count() as f32 > THROUGH_SHARE * points.len() as f32
     }
 
@@ -335,18 +338,30 @@ impl Tracker {
         seen.map(move |track| (track.center_ned_m, radius_m))
     }
 
-    /// Takes in a scan, after [`Self::advance`] to its step. Of scans that come faster than 25 Hz not every one is.
+    /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
     #[inline(never)]
-    pub fn observe(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose, look: &Segmentation) {
+    pub fn observe_rays(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose) {
+        if !tracks.is_due() || !scan.is_plausible() || !pose.is_plausible() {
+            return;
+        }
+        let mut hits: Vec<Horizontal, RAYS_MAX> = Vec::new();
+        scan.hits_into(&mut hits, pose.yaw_rad);
+        self.observe(tracks, scan, pose, &hits);
+    }
+
+    /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order. Of scans
+    /// that come faster than 25 Hz not every one is.
+    #[inline(never)]
+    pub fn observe(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
         if !tracks.is_due() {
             return;
         }
         tracks.looked = tracks.time;
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
-        cluster::find(&mut clusters, scan, pose, look, self.config.radius_m);
+        cluster::find(&mut clusters, scan, pose, hits, self.config.radius_m);
         if let Some(before) = tracks.before(scan.time) {
             for seen in &mut clusters {
-                seen.was_free = before.saw_through(look, seen);
+                seen.was_free = before.saw_through(hits, pose.position_ned_m, seen);
             }
         }
         clusters.retain(|seen| !seen.is_long || seen.was_free);

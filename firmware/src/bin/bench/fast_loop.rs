@@ -21,7 +21,7 @@ use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::{N, ranges, receive, row};
+use crate::{N, NOSE, TURN, ranges, receive, row};
 
 /// The ceilings of design, section 6: of the median step of a mission, and of the worst that can be made, 950 000 of the
 /// 3 400 000 cycles of a step.
@@ -173,7 +173,7 @@ fn mission(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>)
         let azimuth_rad = (!SILENCE.contains(&step)).then(|| wrap_pi(towards.bearing_rad() - yaw_rad));
         let pose = Pose { position_ned_m: place, yaw_rad };
         let looks = step.is_multiple_of(STEPS_PER_LOOK);
-        let scan = looks.then(|| Scan { time: now, ..ranges(&pillars, &pose, 0.005, &mut rng) });
+        let scan = looks.then(|| Scan { time: now, ..ranges(&pillars, &pose, NOSE, 0.005, &mut rng) });
         let delivered = Delivered { scan: scan.as_ref(), ..Delivered::default() };
         let ownship = at(now, place, velocity, yaw_rad);
         let (count, output) = fast_loop.step(measure, now, ownship, azimuth_rad, &delivered);
@@ -204,7 +204,11 @@ fn median(counts: &mut [u32]) -> u32 {
 #[inline(never)]
 fn absurd(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) {
     let mut rng = Rng::new(14, 14);
-    for (name, everything) in [("fast_loop_random_full_store", false), ("fast_loop_everything", true)] {
+    for (name, everything, view) in [
+        ("fast_loop_random_full_store", false, NOSE),
+        ("fast_loop_everything", true, NOSE),
+        ("fast_loop_everything_360", true, TURN),
+    ] {
         fast_loop.restart();
         let mut worst = 0;
         for step in 0..ABSURD_STEPS {
@@ -213,7 +217,7 @@ fn absurd(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) 
             let place = Horizontal { north: 0.005 * step as f32, east: 0.0 };
             let pose = Pose { position_ned_m: place, yaw_rad };
             let looks = everything || step.is_multiple_of(STEPS_PER_LOOK);
-            let scan = looks.then(|| Scan { time: now, ..ranges(&[], &pose, 0.0, &mut rng) });
+            let scan = looks.then(|| Scan { time: now, ..ranges(&[], &pose, view, 0.0, &mut rng) });
             let points = everything.then(|| scatter(now, &mut rng));
             let circles = (everything || step < FILLING).then(|| crowd(place, &mut rng));
             let delivered = Delivered {
