@@ -158,23 +158,25 @@ impl<'a> Sectors<'a> {
         if self.rays_each == 1 {
             return (self.scan.rays.get(index), 0.0);
         }
-        let from = index * self.rays_each;
-        let (mut nearest, mut clear, mut absurd) = (None, 0, None);
-        for ray in 0..self.rays_each {
-            match self.scan.rays.get(from + ray) {
-                Sector::Hit(range_m) if !(range_m > 0.0 && range_m <= self.scan.range_max_m) => absurd = Some(range_m),
-                Sector::Hit(range_m) if nearest.is_none_or(|(least_m, _)| range_m < least_m) => {
-                    nearest = Some((range_m, ray));
-                }
-                Sector::Hit(_) | Sector::Unknown => {}
-                Sector::Clear => clear += 1,
+        let (from, most_mm) = (index * self.rays_each, (1000.0 * self.scan.range_max_m + 0.5) as u16);
+        let (mut least_mm, mut nearest, mut clear, mut absurd) = (CLEAR, 0, 0, None);
+        let its = self.scan.rays.ranges_mm.get(from..).unwrap_or_default().iter().take(self.rays_each);
+        for (ray, range_mm) in its.enumerate() {
+            match *range_mm {
+                UNKNOWN => {}
+                CLEAR => clear += 1,
+                range_mm if range_mm == ABSURD || range_mm > most_mm => absurd = Some(from + ray),
+                range_mm if range_mm < least_mm => (least_mm, nearest) = (range_mm, ray),
+                _ => {}
             }
         }
-        match (nearest, absurd) {
-            (Some((range_m, ray)), _) => (Sector::Hit(range_m), ray as f32 - 0.5 * (self.rays_each - 1) as f32),
-            (None, Some(range_m)) => (Sector::Hit(range_m), 0.0),
-            (None, None) if 2 * clear > self.rays_each => (Sector::Clear, 0.0),
-            (None, None) => (Sector::Unknown, 0.0),
+        match absurd {
+            _ if least_mm < CLEAR => {
+                (self.scan.rays.get(from + nearest), nearest as f32 - 0.5 * (self.rays_each - 1) as f32)
+            }
+            Some(ray) => (self.scan.rays.get(ray), 0.0),
+            None if 2 * clear > self.rays_each => (Sector::Clear, 0.0),
+            None => (Sector::Unknown, 0.0),
         }
     }
 }

@@ -52,6 +52,10 @@ pub(super) fn find(
     let mut from = 0;
     let mut cusp = Cusp::default();
     for to in 1..=hits.len() {
+        // Of very many the last are not followed.
+        if clusters.is_full() {
+            return;
+        }
         let (Some(before), next) = (hits.get(to - 1), hits.get(to)) else { continue };
         let cut = cusp.step(to - 1, before.norm());
         if let Some(cut) = cut.filter(|cut| *cut > from) {
@@ -86,8 +90,8 @@ fn cut_up(
         let its = hits.get(from..to).unwrap_or_default();
         let (center, range_m) = center(its, radius_m);
         let sigma_m = sigma_m(scan, pose, its, range_m);
-        // Of very many the last are not followed.
         let center_ned_m = center.plus(pose.position_ned_m);
+        // Where there is no room, it is not followed.
         let _ = clusters.push(Cluster { from, to, center_ned_m, sigma_m, is_long, was_free: false, track: None });
     }
 }

@@ -274,11 +274,9 @@ impl Tracks {
     }
 
     /// What was followed and is not seen where the sensor looks.
-    fn miss(&mut self, scan: &Scan, pose: &Pose, taken: u32) {
-        let mut now = Kept::default();
-        now.take(scan, pose);
+    fn miss(&mut self, now: &Kept, taken: u32) {
         let since_s = self.kept.get(self.newest).filter(|_| self.is_kept);
-        let since_s = since_s.map_or(0.0, |kept| between(scan.time.seconds_since(kept.time), 0.0, 0.2));
+        let since_s = since_s.map_or(0.0, |kept| between(now.time.seconds_since(kept.time), 0.0, 0.2));
         for (t, track) in self.tracks.iter_mut().enumerate() {
             if taken >> (t % 32) & 1 == 0 && now.beyond_m(track.center_ned_m) > 0.0 {
                 track.clear_s += since_s;
@@ -286,9 +284,9 @@ impl Tracks {
         }
     }
 
-    fn keep(&mut self, scan: &Scan, pose: &Pose) {
+    fn keep(&mut self, now: &Kept) {
         if self.is_kept {
-            let since_s = self.kept.get(self.newest).map_or(1.0, |kept| scan.time.seconds_since(kept.time));
+            let since_s = self.kept.get(self.newest).map_or(1.0, |kept| now.time.seconds_since(kept.time));
             if (0.0..KEPT_APART_S).contains(&since_s) {
                 return;
             }
@@ -300,7 +298,7 @@ impl Tracks {
         self.newest = (self.newest + 1) % KEPT;
         self.is_kept = true;
         if let Some(kept) = self.kept.get_mut(self.newest) {
-            kept.take(scan, pose);
+            kept.clone_from(now);
         }
     }
 }
@@ -366,7 +364,9 @@ impl Tracker {
         }
         clusters.retain(|seen| !seen.is_long || seen.was_free);
         let taken = associate(&tracks.tracks, &mut clusters);
-        tracks.miss(scan, pose, taken);
+        let mut now = Kept::default();
+        now.take(scan, pose);
+        tracks.miss(&now, taken);
         for seen in &clusters {
             if let Some(track) = seen.track.and_then(|track| tracks.tracks.get_mut(usize::from(track))) {
                 self.follow(track, seen);
@@ -376,7 +376,7 @@ impl Tracker {
             self.begin(tracks, seen, pose.position_ned_m);
         }
         tracks.tracks.retain(|track| track.clear_s < CLEAR_S);
-        tracks.keep(scan, pose);
+        tracks.keep(&now);
     }
 
     /// One more look at a body.

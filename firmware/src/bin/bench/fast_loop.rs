@@ -112,12 +112,17 @@ pub(crate) fn rows(
     workspace: &mut Workspace,
     snapshot: &mut AdcFrame<N>,
 ) {
-    static STATE: StaticCell<guidance::State<N>> = StaticCell::new();
-    let state = STATE.init_with(|| guidance.start());
-    let mut fast_loop = Loop { guidance, planner, workspace, snapshot, state, plan: None };
+    let mut fast_loop = Loop { guidance, planner, workspace, snapshot, state: first_state(), plan: None };
     past_circles(measure, &mut fast_loop);
     mission(measure, &mut fast_loop);
     absurd(measure, &mut fast_loop);
+}
+
+/// In a function of its own: it is made on the stack.
+#[inline(never)]
+fn first_state() -> &'static mut guidance::State<N> {
+    static STATE: StaticCell<guidance::State<N>> = StaticCell::new();
+    STATE.init_with(guidance::State::default)
 }
 
 /// Past circles towards the source: the middle of the steps, and of those in which the sensor has looked.
