@@ -935,9 +935,8 @@ impl<const N: usize> Guidance<N> {
         if !scan.is_fine() {
             self.tracks.observe(&mut state.tracks, scan, &pose, &look.points_m);
         }
-        for (center_ned_m, radius_m) in self.tracks.left_by(&state.tracks) {
-            self.map.vacate(&mut state.map, center_ned_m, radius_m);
-        }
+        let (centers_ned_m, radius_m) = self.tracks.left_by(&state.tracks);
+        self.map.vacate(&mut state.map, &centers_ned_m, radius_m);
         self.map.observe_scan(&mut state.map, now, scan, &pose, &look);
         Ok(pose)
     }

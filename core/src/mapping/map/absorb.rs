@@ -11,7 +11,7 @@ use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::base::units::{between, wrap_pi};
+use crate::base::units::{between, whole_below, wrap_pi};
 use crate::mapping::scan::{Detection, Kind, POINTS_MAX, RAYS_MAX, Scan, Sector, Segmentation};
 
 /// So many pillars at most are looked at again when the one that was seen has been averaged.
@@ -140,7 +140,7 @@ impl View<'_> {
         } else {
             (distance_m - known.radius_m + FRONT_M, distance_m + 0.05)
         };
-        if self.passes_sector(libm::floorf(middle + 0.5) as i32, front_m) {
+        if self.passes_sector(whole_below(middle + 0.5), front_m) {
             return true;
         }
         if known.origin == Origin::Given || known.radius_m <= RIM_M {
@@ -149,8 +149,8 @@ impl View<'_> {
         // The outermost rays that should have met it; the arcsine from below.
         let x = (known.radius_m - RIM_M) / distance_m;
         let reach = x * (1.0 + x * x / 6.0) / libm::fabsf(self.scan.step_rad) + self.outermost_ray;
-        let (low, high) = (libm::ceilf(middle - reach), libm::floorf(middle + reach));
-        low <= high && (self.passes_sector(low as i32, side_m) || self.passes_sector(high as i32, side_m))
+        let (low, high) = (-whole_below(reach - middle), whole_below(middle + reach));
+        low <= high && (self.passes_sector(low, side_m) || self.passes_sector(high, side_m))
     }
 
     fn passes_sector(&self, index: i32, limit_m: f32) -> bool {

@@ -23,7 +23,7 @@ use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::{ANGLE_MAX_RAD, Pose};
 use crate::base::time::Instant;
-use crate::base::units::{between, sin_cos};
+use crate::base::units::{between, nearest, sin_cos};
 
 mod chain;
 mod circle;
@@ -102,7 +102,8 @@ impl Scan {
     #[must_use]
     pub fn turn(&self) -> Option<usize> {
         let width_rad = libm::fabsf(self.step_rad);
-        let count = libm::roundf(core::f32::consts::TAU / width_rad);
+        let turn = core::f32::consts::TAU / width_rad;
+        let count = if turn < 2.0 * RAYS_MAX as f32 { nearest(turn) as f32 } else { f32::INFINITY };
         let closes = count <= self.rays.len() as f32
             && libm::fabsf(count * width_rad - core::f32::consts::TAU) < 0.5 * width_rad;
         closes.then_some(count as usize)

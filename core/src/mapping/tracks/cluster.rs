@@ -8,7 +8,7 @@ use super::CLUSTERS_MAX;
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
-use crate::base::units::wrap_pi;
+use crate::base::units::{nearest, wrap_pi};
 use crate::mapping::scan::{Scan, Sector};
 
 /// What is longer than this is no body.
@@ -192,9 +192,9 @@ fn sigma_m(scan: &Scan, pose: &Pose, piece: &[Horizontal], range_m: f32) -> f32 
     for (point, side) in [(piece.first(), -1), (piece.last(), 1)] {
         let Some(point) = point else { continue };
         let azimuth_rad = wrap_pi(point.bearing_rad() - pose.yaw_rad - scan.first_azimuth_rad);
-        let index = libm::roundf(azimuth_rad / scan.step_rad) as i32;
+        let index = nearest(azimuth_rad / scan.step_rad);
         let index = if scan.turn().is_none() && index < 0 {
-            index + libm::roundf(core::f32::consts::TAU / libm::fabsf(scan.step_rad)) as i32
+            index + nearest(core::f32::consts::TAU / libm::fabsf(scan.step_rad))
         } else {
             index
         };

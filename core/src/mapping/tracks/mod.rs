@@ -21,7 +21,7 @@ use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::sort::sort_by_key;
 use crate::base::time::Instant;
-use crate::base::units::{between, wrap_pi};
+use crate::base::units::{between, nearest, wrap_pi};
 use crate::mapping::scan::{RAYS_MAX, Ranges, Scan};
 
 mod cluster;
@@ -204,11 +204,11 @@ impl Kept {
     fn beyond_m(&self, place: Horizontal) -> f32 {
         let away = place.minus(self.pose.position_ned_m);
         let azimuth_rad = wrap_pi(away.bearing_rad() - self.pose.yaw_rad - self.first_azimuth_rad);
-        let index = libm::roundf(azimuth_rad / self.step_rad) as i32;
+        let index = nearest(azimuth_rad / self.step_rad);
         let index = if self.turn > 0 {
             index.wrapping_rem_euclid(i32::from(self.turn))
         } else {
-            let whole = libm::roundf(core::f32::consts::TAU / libm::fabsf(self.step_rad)) as i32;
+            let whole = nearest(core::f32::consts::TAU / libm::fabsf(self.step_rad));
             if index < 0 { index + whole } else { index }
         };
         // What lies near the edge of a sector may have been seen in the next one.
@@ -328,12 +328,12 @@ impl Tracker {
         tracks.tracks.retain(|track| track.unseen_s <= if track.moves { memory_s } else { 1.0 });
     }
 
-    /// What bodies that move and have just been seen leave behind: circles in which, but for what was seen there now, nothing
+    /// Where bodies that move and have just been seen are, and how far around them, but for what was seen there now, nothing
     /// stands.
-    pub fn left_by<'a>(&self, tracks: &'a Tracks) -> impl Iterator<Item = (Horizontal, f32)> + use<'a> {
-        let radius_m = self.config.radius_m + LEFT_M;
+    #[must_use]
+    pub fn left_by(&self, tracks: &Tracks) -> (Vec<Horizontal, TRACKS_MAX>, f32) {
         let seen = tracks.tracks.iter().filter(|track| track.moves && track.unseen_s == 0.0);
-        seen.map(move |track| (track.center_ned_m, radius_m))
+        (seen.map(|track| track.center_ned_m).collect(), self.config.radius_m + LEFT_M)
     }
 
     /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
