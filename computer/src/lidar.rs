@@ -245,12 +245,12 @@ impl Lidar {
             rays.set(usize::from((last + skipped) % RAYS), Sector::Unknown);
         }
         rays.set(at, seen);
-        if last + on >= RAYS {
-            if let Some(began) = self.began.replace(now) {
-                self.scan.time = began.plus_micros(now.micros_since(began) / 2);
-                self.is_new = true;
-                self.counters.turns = self.counters.turns.saturating_add(1);
-            }
+        if last + on >= RAYS
+            && let Some(began) = self.began.replace(now)
+        {
+            self.scan.time = began.plus_micros(now.micros_since(began) / 2);
+            self.is_new = true;
+            self.counters.turns = self.counters.turns.saturating_add(1);
         }
     }
 }

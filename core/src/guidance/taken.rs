@@ -95,8 +95,8 @@ impl World {
             1 => Sector::Clear,
             2..5 if self.is_wild => Sector::Hit(0.3 + 2.6 * rng.uniform()),
             2..5 => Sector::Hit(self.wall_m),
-            5 if index % 10 == 0 => Sector::Hit(f32::INFINITY),
-            _ if index / 6 % 2 == 0 => Sector::Hit(self.wall_m + 0.1 * (index / 12) as f32),
+            5 if index.is_multiple_of(10) => Sector::Hit(f32::INFINITY),
+            _ if (index / 6).is_multiple_of(2) => Sector::Hit(self.wall_m + 0.1 * (index / 12) as f32),
             _ if rng.uniform() < 0.1 => Sector::Unknown,
             _ => Sector::Clear,
         };
