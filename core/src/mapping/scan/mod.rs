@@ -100,6 +100,7 @@ impl Scan {
 
     /// Rays of a full turn, if these are one: then the last is a neighbour of the first.
     #[must_use]
+    #[inline(never)]
     pub fn turn(&self) -> Option<usize> {
         let width_rad = libm::fabsf(self.step_rad);
         let turn = core::f32::consts::TAU / width_rad;

@@ -110,6 +110,7 @@ pub struct Sectors<'a> {
 }
 
 impl<'a> Sectors<'a> {
+    #[inline(never)]
     pub(super) fn new(scan: &'a Scan, sectors_max: usize) -> Self {
         let rays_each = scan.rays.len().div_ceil(sectors_max.max(1)).max(1);
         Self {
@@ -154,6 +155,7 @@ impl<'a> Sectors<'a> {
 
     /// What a sector says, and how far from its middle that is, in rays.
     #[must_use]
+    #[inline(never)]
     pub fn nearest(&self, index: usize) -> (Sector, f32) {
         if self.rays_each == 1 {
             return (self.scan.rays.get(index), 0.0);
@@ -193,6 +195,7 @@ impl<const SECTORS: usize> Ranges<SECTORS> {
     }
 
     /// Those of a scan.
+    #[inline(never)]
     pub fn take(&mut self, scan: &Scan) {
         let sectors = scan.in_sectors(SECTORS);
         for index in 0..SECTORS {
