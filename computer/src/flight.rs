@@ -121,16 +121,15 @@ impl Receiver {
         self.watch.frames()
     }
 
-    /// A configuration with the sample rate that there will be in place of the one that was asked for.
+    /// Gives a configuration the sample rate that there will be in place of the one that was asked for.
     ///
     /// # Errors
     /// The field that is refused.
-    pub fn fit(&self, config: &guidance::Config) -> Result<guidance::Config, ConfigError> {
-        let mut config = *config;
+    pub fn fit(&self, config: &mut guidance::Config) -> Result<(), ConfigError> {
         if let Some(timer) = &self.timer {
-            config.phase.sample_rate_hz = timer.sampling(&config)?.rate_hz;
+            config.phase.sample_rate_hz = timer.sampling(config)?.rate_hz;
         }
-        Ok(config)
+        Ok(())
     }
 }
 
@@ -158,29 +157,37 @@ impl<S: Systems> Flight<'_, S> {
     /// # Errors
     /// The field that is refused.
     pub fn begin_anew(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
-        self.set_up(config)?;
+        self.copy_and_set_up(config)?;
         self.listen_anew()
     }
 
-    /// Guidance and systems with another configuration, from the start; the old one goes on if that is refused.
+    #[inline(never)]
+    fn copy_and_set_up(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
+        self.set_up(&mut config.clone())
+    }
+
+    /// Guidance and systems with another configuration, from the start; the old one goes on if that is refused. The sample rate
+    /// becomes the one that there will be.
     ///
     /// # Errors
     /// The field that is refused.
     #[inline(never)]
-    pub fn set_up(&mut self, config: &guidance::Config) -> Result<(), ConfigError> {
+    fn set_up(&mut self, config: &mut guidance::Config) -> Result<(), ConfigError> {
         let systems = S::build(config)?;
-        let config = self.receiver.fit(config)?;
-        *self.guidance = S::guidance(&config)?;
+        self.receiver.fit(config)?;
+        match S::guidance(config) {
+            Ok(guidance) => *self.guidance = guidance,
+            Err(error) => return Err(error),
+        }
         *self.systems = systems;
         self.guidance.restart(self.state);
-        *self.config = config;
+        *self.config = *config;
         Ok(())
     }
 
     #[inline(never)]
     fn listen_anew(&mut self) -> Result<(), ConfigError> {
-        *self.companion = companion::Config::default().build_with(Values::of(self.config))?;
-        Ok(())
+        companion::Config::default().rebuild_with(self.companion, Values::of(self.config))
     }
 
     /// Starts afresh with all of these parameters, or goes on with the old ones.
@@ -189,11 +196,11 @@ impl<S: Systems> Flight<'_, S> {
     /// The field that is refused.
     #[inline(never)]
     pub fn run_with(&mut self, values: Values) -> Result<(), ConfigError> {
-        let old = *self.config;
-        let mut config = old;
+        self.companion.check_parameters(&values)?;
+        let mut config = *self.config;
         values.apply(&mut config);
-        self.set_up(&config)?;
-        self.companion.set_parameters(values).or_else(|error| self.set_up(&old).and(Err(error)))
+        self.set_up(&mut config)?;
+        self.companion.set_parameters(values)
     }
 
     /// Takes in bytes of the autopilot.
@@ -238,7 +245,7 @@ impl<S: Systems> Flight<'_, S> {
     fn adopt(&mut self, id: Id, values: &Values) -> Result<(), ConfigError> {
         let mut config = *self.config;
         values.apply_one(id, &mut config);
-        self.set_up(&config)
+        self.set_up(&mut config)
     }
 
     /// Begins to examine the receiver, or to calibrate it.
@@ -273,7 +280,7 @@ impl<S: Systems> Flight<'_, S> {
     fn calibrate(&mut self, entry: &Entry) -> Result<(), ConfigError> {
         let mut config = *self.config;
         config.array.calibration = Some(Table::new(config.array.wavelength_m, core::slice::from_ref(entry))?);
-        self.set_up(&config)
+        self.set_up(&mut config)
     }
 
     /// What an examination has come to since the last call.
@@ -331,13 +338,12 @@ impl<S: Systems> Flight<'_, S> {
         let begin = ticks();
         let heard =
             self.guidance.listen_with(self.state, front_end, |finder, phasors| self.systems.bearing(finder, phasors));
-        let (scan, points) = (self.companion.take_scan(), self.companion.take_points());
         let input = Input {
             now: step.now,
             front_end: heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard),
             ownship: self.companion.ownship(),
-            scan: scan.as_ref(),
-            points: points.as_ref(),
+            scan: self.companion.scan(),
+            points: self.companion.points(),
             circles: step.circles,
             look: step.look,
             height_m: self.companion.height_m(step.now),
@@ -347,6 +353,7 @@ impl<S: Systems> Flight<'_, S> {
         };
         let output = self.guidance.step(self.state, &input);
         let taken = ticks().wrapping_sub(begin);
+        self.companion.drop_obstacles();
         self.companion.publish(step.now, &output);
         if self.companion.wants_surroundings(step.now) {
             self.companion.publish_surroundings(step.now, self.state.map().circles());

@@ -14,6 +14,7 @@
 //! | [`port`] | the maintenance port: lines in, words out |
 //! | [`frozen`] | whether the converters still convert |
 //! | [`sampling`] | sample rates that a timer can have |
+//! | [`lidar`] | a lidar on a line of its own: its frames to scans |
 //! | [`selftest`] | the receiver examined and calibrated on board |
 //! | [`timing`] | how long the tasks take |
 //! | [`tone`] | the test tone of a board that can make one |
@@ -31,6 +32,7 @@ pub mod circular;
 pub mod deadline;
 pub mod flight;
 pub mod frozen;
+pub mod lidar;
 pub mod log;
 pub mod part;
 pub mod port;

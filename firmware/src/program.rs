@@ -3,7 +3,7 @@
 //! It is part of the library, so that the compiler makes one copy of what `core` has for any number of samples, as in the
 //! benchmark.
 
-use crate::app::{self, Begun, Desk, Kept, Line, Outgoing, Planning, Shared};
+use crate::app::{self, Begun, Desk, Kept, Line, Outgoing, Planning, Shared, State};
 use crate::board::{Board, Parts};
 use crate::boards::Chosen;
 use crate::console::{self, Console};
@@ -23,8 +23,14 @@ pub fn run() -> ! {
 /// Its own function, so that the stack does not hold it while the planner runs.
 #[inline(never)]
 fn start() -> Desk<Kept<Chosen>> {
+    start_with(app::first_state())
+}
+
+#[inline(never)]
+fn start_with(state: &'static mut State) -> Desk<Kept<Chosen>> {
     let board: Parts<Chosen> = Chosen::start();
-    let ready = app::begin_with(board.flash).and_then(|begun| Ok((begun.detector()?, begun, app::planning(&PLANNER)?)));
+    let ready =
+        app::begin_with(state, board.flash).and_then(|begun| Ok((begun.detector()?, begun, app::planning(&PLANNER)?)));
     let (detector, begun, (planning, desk)) = match ready {
         Ok(all) => all,
         Err(error) => app::refuse::<Chosen>(error),

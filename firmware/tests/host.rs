@@ -72,7 +72,7 @@ impl Computing {
     /// As `program.rs` does on a microcontroller, but for the executors.
     fn start() -> Self {
         let board: Parts<Machine> = Machine::start();
-        let begun = app::begin_with::<Machine>(board.flash).unwrap();
+        let begun = app::begin_with::<Machine>(app::first_state(), board.flash).unwrap();
         let detector = begun.detector().unwrap();
         let (planning, desk) = app::planning(&PLANNER).unwrap();
         let (end, log, camera) = console::ends(detector);

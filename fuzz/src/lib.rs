@@ -8,6 +8,7 @@
 //! | [`link`](fn@link) | bytes, broken and whole frames, signed and not, outputs, parameters, keys, clocks -> framer and companion | every whole frame is found, nothing is invented; what is sent is well formed and signed where there is a key; a setpoint is what was published last, or that turned after a jump, inside the limits, fresh, and only where the failsafe table says so; with a key nothing unsigned or played back is believed; no parameter is proposed while in control, and what is settled builds and flies |
 //! | [`steer`](fn@steer) | demands to the guard; sensors, controls and clocks through guidance and all planners -> setpoints, plans | finite and inside the limits of speed, acceleration, jerk, yaw rate and altitude; nothing without control; every plan finite |
 //! | [`filters`](fn@filters) | sightings, walls, powers, looks, points, circles -> filters of the source, bank, seeking, link state, walls, search | finite; every covariance symmetric and positive; probabilities, directions and targets in range |
+//! | [`lidar`](fn@lidar) | bytes, frames whole and broken -> a lidar's frames -> scans | no panic; every whole frame behind a whole one is found; rays in range |
 //! | [`pad`](fn@pad) | frames of any size, broken and in any order -> pad detector | no panic; finite; a bad frame is never a pad |
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -24,10 +25,12 @@ use foxhound_papers::aoa::AnyFinder;
 use foxhound_papers::multipath::{self, Frame, Method};
 
 mod filters;
+mod lidar;
 mod link;
 mod pad;
 mod steer;
 pub use filters::filters;
+pub use lidar::lidar;
 pub use link::link;
 pub use pad::pad;
 pub use steer::steer;

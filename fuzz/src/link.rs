@@ -299,7 +299,7 @@ impl Flight {
             assert!(scan.first_azimuth_rad.is_finite() && scan.step_rad.is_finite() && scan.step_rad != 0.0);
             let sane =
                 |sector: &Sector| !matches!(sector, Sector::Hit(metres) if !(metres.is_finite() && *metres >= 0.0));
-            assert!(scan.sectors.iter().all(sane), "{scan:?}");
+            assert!(scan.rays.iter().all(|sector| sane(&sector)), "{scan:?}");
         }
         if let Some(points) = self.companion.take_points() {
             assert!(points.points_m.iter().all(|point| point.is_finite()), "{points:?}");

@@ -63,6 +63,7 @@ mod outbox;
 mod requests;
 mod sources;
 mod surroundings;
+mod turns;
 
 pub use mavlink_core::types::CharArray;
 pub use mavlink_core::{Message, MessageData};

@@ -14,7 +14,8 @@
 //! | 0 | touching, says the definition; ArduPilot takes it for *no reading*, and who feeds ArduPilot relies on that |
 //! | else | the nearest obstacle, centimetres |
 //!
-//! So 0 is unknown on ArduPilot's link and otherwise a hit at `min_distance`, at least 1 cm.
+//! So 0 is unknown on ArduPilot's link and otherwise a hit at `min_distance`, at least 1 cm. What is farther than 65.5 m is
+//! nothing as far as the sensor reaches, which then is so far. Messages of one turn make one scan ([`crate::turns`]).
 //!
 //! ## Points
 //!
@@ -25,18 +26,19 @@
 //! vehicle. Points more than a metre above or below the vehicle are the ground or no concern. Nothing that is remembered is
 //! forgotten for what points and beams do not see.
 
-use core::f32::consts::{FRAC_PI_4, PI};
+use core::f32::consts::FRAC_PI_4;
 
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::base::time::Instant;
-use foxhound_core::base::units::{sin_cos, wrap_pi};
-use foxhound_core::mapping::scan::{SECTORS_MAX, Scan, Sector};
+use foxhound_core::base::units::sin_cos;
+use foxhound_core::mapping::scan::{RAY_MAX_M, Sector};
 
 use crate::dialect::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA};
 
 const UNKNOWN_CM: u16 = u16::MAX;
-const FULL_TURN_DEG: f32 = 360.0;
+/// What is farther does not concern us.
+const RAY_MAX_CM: u16 = (100.0 * RAY_MAX_M) as u16;
+pub(crate) const FULL_TURN_DEG: f32 = 360.0;
 /// What is farther above or below is not in the way.
 const LEVEL_M: f32 = 1.0;
 /// The orientation of a beam whose quaternion says where it points.
@@ -52,8 +54,23 @@ pub(crate) struct Reading {
     pub(crate) zero_touches: bool,
 }
 
-/// The scan that a message brings; `None` for a message that means nothing.
-pub(crate) fn scan(message: &OBSTACLE_DISTANCE_DATA, time: Instant, reading: Reading) -> Option<Scan> {
+/// What a message tells of a scan.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Part<'a> {
+    message: &'a OBSTACLE_DISTANCE_DATA,
+    zero_touches: bool,
+    /// Of the first sector's middle, as the message counts it, and from a sector to the next.
+    pub(crate) first_deg: f32,
+    pub(crate) step_deg: f32,
+    /// To be taken off its angles.
+    pub(crate) yaw_rad: f32,
+    /// Sectors.
+    pub(crate) count: usize,
+    pub(crate) range_max_m: f32,
+}
+
+/// Reads a message; `None` for one that means nothing.
+pub(crate) fn part(message: &OBSTACLE_DISTANCE_DATA, reading: Reading) -> Option<Part<'_>> {
     let step_deg = if message.increment_f == 0.0 { f32::from(message.increment) } else { message.increment_f };
     let width_deg = libm::fabsf(step_deg);
     // Narrower than any sensor's, and still a number in radians.
@@ -61,30 +78,32 @@ pub(crate) fn scan(message: &OBSTACLE_DISTANCE_DATA, time: Instant, reading: Rea
         && libm::fabsf(message.angle_offset) <= 2.0 * FULL_TURN_DEG
         && message.max_distance > 0
         && message.min_distance <= message.max_distance;
-    if !sane {
-        return None;
-    }
-    // A float to integer cast saturates.
-    let count = ((FULL_TURN_DEG / width_deg + 0.5) as usize).min(SECTORS_MAX);
-    let touching_m = f32::from(message.min_distance.max(1)) / 100.0;
-    let mut sectors = [Sector::Unknown; SECTORS_MAX];
-    for (sector, &distance_cm) in sectors.iter_mut().zip(&message.distances).take(count) {
-        *sector = match distance_cm {
-            UNKNOWN_CM => Sector::Unknown,
-            0 if reading.zero_touches => Sector::Hit(touching_m),
-            0 => Sector::Unknown,
-            _ if distance_cm <= message.max_distance => Sector::Hit(f32::from(distance_cm) / 100.0),
-            _ if message.max_distance.checked_add(1) == Some(distance_cm) => Sector::Clear,
-            _ => Sector::Unknown,
-        };
-    }
-    Some(Scan {
-        time,
-        first_azimuth_rad: wrap_pi(message.angle_offset * (PI / 180.0) - reading.yaw_rad),
-        step_rad: step_deg * (PI / 180.0),
-        range_max_m: f32::from(message.max_distance) / 100.0,
-        sectors,
+    sane.then_some(Part {
+        message,
+        zero_touches: reading.zero_touches,
+        first_deg: message.angle_offset,
+        step_deg,
+        yaw_rad: reading.yaw_rad,
+        // A float to integer cast saturates.
+        count: ((FULL_TURN_DEG / width_deg + 0.5) as usize).min(message.distances.len()),
+        range_max_m: f32::from(message.max_distance.min(RAY_MAX_CM)) / 100.0,
     })
+}
+
+impl Part<'_> {
+    /// What a sector says.
+    pub(crate) fn sector(&self, index: usize) -> Sector {
+        let message = self.message;
+        match message.distances.get(index).copied().unwrap_or(UNKNOWN_CM) {
+            UNKNOWN_CM => Sector::Unknown,
+            0 if self.zero_touches => Sector::Hit(f32::from(message.min_distance.max(1)) / 100.0),
+            0 => Sector::Unknown,
+            distance_cm if distance_cm <= message.max_distance && distance_cm > RAY_MAX_CM => Sector::Clear,
+            distance_cm if distance_cm <= message.max_distance => Sector::Hit(f32::from(distance_cm) / 100.0),
+            distance_cm if message.max_distance.checked_add(1) == Some(distance_cm) => Sector::Clear,
+            _ => Sector::Unknown,
+        }
+    }
 }
 
 /// What a message about one point says.
@@ -174,6 +193,9 @@ pub(crate) fn ground_m(message: &DISTANCE_SENSOR_DATA) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::turns::Turns;
+    use foxhound_core::base::time::Instant;
+    use foxhound_core::mapping::scan::Scan;
 
     const NOSE: Reading = Reading { yaw_rad: 0.0, zero_touches: false };
 
@@ -187,12 +209,18 @@ mod tests {
         }
     }
 
+    fn scan(message: &OBSTACLE_DISTANCE_DATA, reading: Reading) -> Option<Scan> {
+        let mut turns = Turns::new();
+        turns.hear(Instant(7), 1, &part(message, reading)?);
+        turns.scan().cloned()
+    }
+
     fn read(message: &OBSTACLE_DISTANCE_DATA) -> Option<Scan> {
-        scan(message, Instant(7), NOSE)
+        scan(message, NOSE)
     }
 
     fn known(scan: &Scan) -> usize {
-        scan.sectors.iter().filter(|sector| **sector != Sector::Unknown).count()
+        scan.rays.iter().filter(|sector| *sector != Sector::Unknown).count()
     }
 
     #[test]
@@ -203,11 +231,17 @@ mod tests {
             let unknown = Sector::Unknown;
             [unknown, Sector::Clear, unknown, unknown, zero, Sector::Hit(0.01), Sector::Hit(0.29), Sector::Hit(8.0)]
         };
-        assert_eq!(read(&message).unwrap().sectors[..8], expected(Sector::Unknown));
+        assert_eq!(
+            read(&message).unwrap().rays.iter().take(8).collect::<std::vec::Vec<_>>(),
+            expected(Sector::Unknown)
+        );
         let touching = Reading { zero_touches: true, ..NOSE };
-        assert_eq!(scan(&message, Instant(7), touching).unwrap().sectors[..8], expected(Sector::Hit(0.3)));
+        assert_eq!(
+            scan(&message, touching).unwrap().rays.iter().take(8).collect::<std::vec::Vec<_>>(),
+            expected(Sector::Hit(0.3))
+        );
         message.min_distance = 0;
-        assert_eq!(scan(&message, Instant(7), touching).unwrap().sectors[4], Sector::Hit(0.01));
+        assert_eq!(scan(&message, touching).unwrap().rays.get(4), Sector::Hit(0.01));
     }
 
     #[test]
@@ -236,9 +270,9 @@ mod tests {
     fn at_the_end_of_the_number_range_unknown_wins_over_clear() {
         let mut message = OBSTACLE_DISTANCE_DATA { max_distance: 65534, ..message() };
         message.distances[0] = u16::MAX;
-        assert_eq!(read(&message).unwrap().sectors[0], Sector::Unknown);
+        assert_eq!(read(&message).unwrap().rays.get(0), Sector::Unknown);
         message.max_distance = u16::MAX;
-        assert_eq!(read(&message).unwrap().sectors[0], Sector::Unknown);
+        assert_eq!(read(&message).unwrap().rays.get(0), Sector::Unknown);
     }
 
     #[test]
@@ -264,7 +298,7 @@ mod tests {
         let message = OBSTACLE_DISTANCE_DATA { angle_offset: 30.0, ..message() };
         for yaw_deg in [-170.0_f32, -30.0, 0.0, 45.0, 179.0] {
             let reading = Reading { yaw_rad: yaw_deg.to_radians(), ..NOSE };
-            let azimuth_rad = scan(&message, Instant(7), reading).unwrap().first_azimuth_rad;
+            let azimuth_rad = scan(&message, reading).unwrap().first_azimuth_rad;
             let expected = (30.0 - yaw_deg + 540.0).rem_euclid(360.0) - 180.0;
             assert!((azimuth_rad.to_degrees() - expected).abs() < 1e-3, "yaw {yaw_deg}: {azimuth_rad}");
         }

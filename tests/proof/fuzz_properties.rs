@@ -3,7 +3,7 @@
 #[path = "../../fuzz/src/lib.rs"]
 pub mod properties;
 
-use properties::{Reached, filters, frames, link, looks, pad, steer};
+use properties::{Reached, filters, frames, lidar, link, looks, pad, steer};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -74,6 +74,16 @@ fn any_lines_leave_the_pad_detector_sane() {
     let (configured, sum) = run(pad, 4000, 400);
     assert!(
         configured > 1000 && sum.answers > 4000 && sum.usable > 20,
+        "too shallow: {configured} configured, {sum:?}"
+    );
+}
+
+/// Any bytes of a lidar leave it sane, and its whole frames are found.
+#[test]
+fn any_bytes_of_a_lidar_leave_it_sane_and_whole_frames_are_found() {
+    let (configured, sum) = run(lidar, 4000, 4000);
+    assert!(
+        configured > 1000 && sum.answers > 50_000 && sum.usable > 500,
         "too shallow: {configured} configured, {sum:?}"
     );
 }

@@ -25,9 +25,18 @@ pub fn wrap_pi(angle_rad: f32) -> f32 {
     }
 }
 
+/// The whole number below: `libm::floorf` for `|x| < 2^23`, in a quarter of its instructions.
+#[must_use]
+#[inline]
+pub fn whole_below(x: f32) -> i32 {
+    let whole = x as i32;
+    whole.saturating_sub(i32::from(x < whole as f32))
+}
+
 /// The nearest whole number, halves away from zero: `libm::roundf` for `|x| < 2^23`, in a quarter of its instructions.
+#[must_use]
 #[inline(always)]
-fn nearest(x: f32) -> i32 {
+pub fn nearest(x: f32) -> i32 {
     // The largest number below a half: with a half, what is just below one would be rounded twice.
     const BELOW_HALF: f32 = 0.5 - 0.25 * f32::EPSILON;
     (x + libm::copysignf(BELOW_HALF, x)) as i32
@@ -112,6 +121,7 @@ mod tests {
         let all = around.chain((-100_000..100_000).map(|k| k as f32 * 0.013_7)).chain([8e6, -8e6, 8_388_607.5]);
         for x in all.filter(|x| x.is_finite()) {
             assert_eq!(nearest(x) as f32, libm::roundf(x), "{x}");
+            assert_eq!(whole_below(x) as f32, libm::floorf(x), "{x}");
         }
     }
 

@@ -227,12 +227,21 @@ impl<const N: usize> Guidance<N> {
     /// Scan -> circles -> map; says from where it was made.
     #[inline(never)]
     fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
+        if scan.is_fine() {
+            self.tracks.observe_rays(&mut state.tracks, scan, &pose);
+        }
+        self.map_scan(state, now, scan, pose)
+    }
+
+    #[inline(never)]
+    fn map_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
         self.scan.fit_into(&mut look, scan, &pose)?;
-        self.tracks.observe(&mut state.tracks, scan, &pose, &look);
-        for (center_ned_m, radius_m) in self.tracks.left_by(&state.tracks) {
-            self.map.vacate(&mut state.map, center_ned_m, radius_m);
+        if !scan.is_fine() {
+            self.tracks.observe(&mut state.tracks, scan, &pose, &look.points_m);
         }
+        let (centers_ned_m, radius_m) = self.tracks.left_by(&state.tracks);
+        self.map.vacate(&mut state.map, &centers_ned_m, radius_m);
         self.map.observe_scan(&mut state.map, now, scan, &pose, &look);
         Ok(pose)
     }

@@ -480,12 +480,18 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
         }
         // Eight things, and nothing between them.
         let far_m: [f32; 8] = core::array::from_fn(|k| 1.8 + 0.2 * (k % 4) as f32 + 0.01 * rng.gaussian());
-        let sectors = core::array::from_fn(|index| match far_m.get(index / 9) {
+        let sectors: [scan::Sector; scan::SECTORS_MAX] = core::array::from_fn(|index| match far_m.get(index / 9) {
             Some(far_m) if index % 9 < 5 => scan::Sector::Hit(*far_m),
             _ => scan::Sector::Clear,
         });
         let step_rad = 0.02;
-        let look = Scan { time: now, first_azimuth_rad: -0.7, step_rad, range_max_m: 3.0, sectors };
+        let look = Scan {
+            time: now,
+            first_azimuth_rad: -0.7,
+            step_rad,
+            range_max_m: 3.0,
+            rays: sectors.into_iter().collect(),
+        };
         let ownship = Ownship {
             position_time: now,
             position_ned_m: Ned { north: 0.003 * step as f32, east: 0.0, down: -5.0 },
@@ -542,11 +548,17 @@ fn however_much_is_delivered_with_it_a_tone_is_heard_in_its_first_frame() {
                     Circle { center_ned_m, radius_m: 0.1, ..Circle::default() }
                 })
                 .collect();
-            let sectors = core::array::from_fn(|index| match index % 9 {
+            let sectors: [scan::Sector; scan::SECTORS_MAX] = core::array::from_fn(|index| match index % 9 {
                 0..5 => scan::Sector::Hit(1.8),
                 _ => scan::Sector::Clear,
             });
-            let look = Scan { time: now, first_azimuth_rad: -0.7, step_rad: 0.02, range_max_m: 3.0, sectors };
+            let look = Scan {
+                time: now,
+                first_azimuth_rad: -0.7,
+                step_rad: 0.02,
+                range_max_m: 3.0,
+                rays: sectors.into_iter().collect(),
+            };
             let input = Input {
                 now,
                 front_end: FrontEnd::Frame(&snapshot),

@@ -255,11 +255,11 @@ impl Surveyor {
         if !scan.is_plausible() {
             return;
         }
-        let latest = &mut sight.latest;
-        latest.step_rad = scan.step_rad;
-        latest.first_ned_rad = wrap_pi(pose.yaw_rad + scan.first_azimuth_rad);
-        latest.rays = scan.turn().unwrap_or(SECTORS_MAX) as u8;
-        latest.closes = scan.turn().is_some();
+        let (latest, sectors) = (&mut sight.latest, scan.in_sectors(SECTORS_MAX));
+        latest.step_rad = sectors.step_rad;
+        latest.first_ned_rad = wrap_pi(pose.yaw_rad + sectors.first_azimuth_rad);
+        latest.rays = sectors.turn().unwrap_or(sectors.count()) as u8;
+        latest.closes = sectors.turn().is_some();
         latest.range_m = scan.range_max_m;
         latest.ranges.take(scan);
         sight.latest.origin_ned_m = pose.position_ned_m;
@@ -454,7 +454,7 @@ mod tests {
             first_azimuth_rad: 0.5 * (step_rad - core::f32::consts::FRAC_PI_2),
             step_rad,
             range_max_m: 3.0,
-            sectors,
+            rays: sectors.into_iter().collect(),
         }
     }
 

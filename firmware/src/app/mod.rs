@@ -73,6 +73,9 @@ type Systems = foxhound_papers::AllSystems;
 
 type Flight<'a> = flight::Flight<'a, Systems>;
 
+/// What guidance carries from step to step.
+pub type State = guidance::State<SAMPLES_PER_CHANNEL>;
+
 /// What a board keeps of a plan's samples.
 pub type Kept<B> = <<B as Board>::Pacer as Pacer>::Samples;
 
@@ -336,23 +339,20 @@ impl<B: Board> Begun<B> {
     }
 }
 
-/// The flight as it begins, with what was kept. To be called once, before anything else runs: it takes more of the stack than
-/// any step after it.
+/// The state that the flight begins with. To be called once, before anything else runs and while the stack is empty: it is made
+/// there.
+#[inline(never)]
+pub fn first_state() -> &'static mut State {
+    static STATE: StaticCell<State> = StaticCell::new();
+    STATE.init_with(State::default)
+}
+
+/// The flight as it begins, with what was kept. To be called once.
 ///
 /// # Errors
 /// The field of the built-in configuration that is refused.
 #[inline(never)]
-pub fn begin_with<B: Board>(flash: B::Flash) -> Result<Begun<B>, ConfigError> {
-    // It is made on the stack: before anything else is there.
-    let state = first_state();
-    begin_in(state, flash)
-}
-
-#[inline(never)]
-fn begin_in<B: Board>(
-    state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>,
-    flash: B::Flash,
-) -> Result<Begun<B>, ConfigError> {
+pub fn begin_with<B: Board>(state: &'static mut State, flash: B::Flash) -> Result<Begun<B>, ConfigError> {
     let mut store = Store::new(flash);
     let start = store.begin();
     let mut config = guidance::Config::default();
@@ -363,15 +363,13 @@ fn begin_in<B: Board>(
 }
 
 #[inline(never)]
-fn begin<B: Board>(
-    config: &guidance::Config,
-    state: &'static mut guidance::State<SAMPLES_PER_CHANNEL>,
-) -> Result<Flight<'static>, ConfigError> {
+fn begin<B: Board>(config: &guidance::Config, state: &'static mut State) -> Result<Flight<'static>, ConfigError> {
     static CONFIG: StaticCell<guidance::Config> = StaticCell::new();
     static SYSTEMS: StaticCell<Systems> = StaticCell::new();
     static RECEIVER: StaticCell<flight::Receiver> = StaticCell::new();
     let receiver = RECEIVER.init(flight::Receiver::new(B::SAMPLE_TIMER, &selftest::Config::default())?);
-    let config = CONFIG.init(receiver.fit(config)?);
+    let config = CONFIG.init(*config);
+    receiver.fit(config)?;
     let guidance = first_guidance(config)?;
     let systems = SYSTEMS.init(Systems::build(config)?);
     let companion = first_companion(config)?;
@@ -382,12 +380,6 @@ fn begin<B: Board>(
 fn first_guidance(config: &guidance::Config) -> Result<&'static mut Guidance<SAMPLES_PER_CHANNEL>, ConfigError> {
     static GUIDANCE: StaticCell<Guidance<SAMPLES_PER_CHANNEL>> = StaticCell::new();
     Ok(GUIDANCE.init(Systems::guidance(config)?))
-}
-
-#[inline(never)]
-fn first_state() -> &'static mut guidance::State<SAMPLES_PER_CHANNEL> {
-    static STATE: StaticCell<guidance::State<SAMPLES_PER_CHANNEL>> = StaticCell::new();
-    STATE.init_with(guidance::State::default)
 }
 
 #[inline(never)]

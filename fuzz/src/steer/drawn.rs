@@ -10,7 +10,7 @@ use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::guidance;
 use foxhound_core::landing;
 use foxhound_core::landing::observation::{Bad, Nothing, Pad, PadObservation, Seen};
-use foxhound_core::mapping::scan::{Frame, Points, SECTORS_MAX, Scan, Sector};
+use foxhound_core::mapping::scan::{Frame, Points, RAYS_MAX, SECTORS_MAX, Scan, Sector};
 use foxhound_core::planning::planner::baseline::{self, Law, Offsets, Reading};
 use foxhound_core::planning::planner::{self, Kind};
 
@@ -46,22 +46,29 @@ pub(super) fn circles(draw: &mut Draw<'_>) -> Vec<Circle> {
 }
 
 pub(super) fn scan(draw: &mut Draw<'_>, time: Instant) -> Scan {
-    let mut sectors = [Sector::Unknown; SECTORS_MAX];
+    let count = match draw.below(4) {
+        0 => RAYS_MAX,
+        1 => usize::from(draw.byte()),
+        _ => SECTORS_MAX,
+    };
     let (pattern, range_m) = (draw.word(), draw.any(0.0, 4.0));
-    for (index, sector) in sectors.iter_mut().enumerate() {
-        *sector = match pattern.rotate_left(index as u32) & 3 {
+    let mut sector = |index: usize| {
+        match pattern.rotate_left(index as u32) & 3 {
             0 => Sector::Unknown,
             1 => Sector::Clear,
             2 => Sector::Hit(range_m),
+            // Fewer bytes for more rays.
+            _ if !index.is_multiple_of(5) && count > SECTORS_MAX => Sector::Hit(range_m + 0.01 * (index % 40) as f32),
             _ => Sector::Hit(draw.any(0.0, 5.0)),
-        };
-    }
+        }
+    };
+    let rays = (0..count).map(&mut sector).collect();
     Scan {
         time,
         first_azimuth_rad: draw.field(0.0, -4.0, 4.0),
         step_rad: draw.field(PI / 36.0, -0.2, 0.2),
         range_max_m: draw.field(3.0, 0.1, 20.0),
-        sectors,
+        rays,
     }
 }
 

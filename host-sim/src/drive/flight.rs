@@ -191,13 +191,16 @@ pub fn fly_watched(
         let error = drift.as_mut().map_or(Horizontal::default(), |drift| drift.step(TICK_S));
         let believed = motion.displaced(error);
         autopilot.telemetry(now_us, &believed, inside(scenario.faults.stale_ownship, time_s));
-        let looks = tick % SENSOR_TICKS == 0 && !inside(scenario.faults.stale_obstacles, time_s);
+        let is_blind = inside(scenario.faults.stale_obstacles, time_s);
+        let looks = tick % SENSOR_TICKS == 0 && !is_blind;
         let position = horizontal(&motion.pose);
         let view = View { world: &world, time_s, position, yaw_rad: motion.pose.yaw_rad, sensor: scenario.sensor };
         let circles =
             (looks && scenario.sensor.model == SensorModel::Circles).then(|| on_the_map(view.circles(), error));
-        if looks && scenario.sensor.model == SensorModel::Scan {
-            autopilot.forward(&view.scan(now_us));
+        if !is_blind && scenario.sensor.model == SensorModel::Scan {
+            for message in view.scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion) {
+                autopilot.forward(&message);
+            }
         }
         if let Some(downward) = &mut downward {
             if tick % landing::RANGE_TICKS == 0

@@ -281,7 +281,7 @@ impl<C: Computer> Trial<C> {
         if (time_us / STEP_US).is_multiple_of(SENSOR_STEPS) && !self.obstacles_are_silent {
             let (position, yaw_rad) = (place(&motion), motion.pose.yaw_rad);
             let view = View { world: &self.world, time_s: 0.0, position, yaw_rad, sensor: self.sensor };
-            self.autopilot.forward(&view.scan(theirs_us));
+            view.scan(theirs_us).for_each(|message| self.autopilot.forward(&message));
         }
         let obeyed = self.autopilot.armed && self.autopilot.custom_mode == self.autopilot.companion_mode();
         let heard = self.autopilot.transmit();

@@ -244,6 +244,8 @@ impl Scenario {
         }
         check("sensor.fov_deg", self.sensor.fov_deg, 6.0, 360.0)?;
         check("sensor.range_m", self.sensor.range_m, 0.1, 100.0)?;
+        check("sensor.rays", f64::from(self.sensor.rays), 8.0, 360.0)?;
+        check("sensor.turn_s", self.sensor.turn_s, 0.0, 0.1)?;
         check("bearing.sigma_deg", self.bearing.sigma_deg, 0.0, 180.0)?;
         if let Some(snr_db) = self.bearing.snr_db {
             check("bearing.snr_db", snr_db, -30.0, 80.0)?;

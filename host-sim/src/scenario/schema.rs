@@ -91,7 +91,7 @@ mod tests {
                 other => &mut other[key.as_str()],
             };
         }
-        let is_whole = ["random count", "camera width", "camera height", "0 group"]
+        let is_whole = ["random count", "camera width", "camera height", "0 group", "sensor rays"]
             .iter()
             .any(|whole| path.len() > 1 && path[path.len() - 2..].join(" ") == **whole);
         *place = if is_whole { json!(value as i64) } else { json!(value) };

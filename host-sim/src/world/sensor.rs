@@ -4,9 +4,11 @@
 //! pillar hides what is behind it. Two deliveries:
 //!
 //! - circles: every pillar that some ray sees, exactly as it is, velocity included;
-//! - scan: an `OBSTACLE_DISTANCE` message of 72 sectors that share the field of view. A sector's distance is that of its
-//!   centre ray, as a scanning lidar's; sectors wider than 1.25 deg take the nearest of several rays evenly spread, so
-//!   that a wide field of view has no gaps between its rays.
+//! - scan: sectors that share the field of view, 72 or as many as [`Sensor::rays`](crate::scenario::Sensor) says, in an
+//!   `OBSTACLE_DISTANCE` message for each 72 of them. A sector's distance is that of its centre ray, as a scanning lidar's;
+//!   sectors wider than 1.25 deg take the nearest of several rays evenly spread, so that a wide field of view has no gaps
+//!   between its rays. The rays of a sensor that takes time to turn are cast one after another, each from where the vehicle
+//!   is by then, and each message is sent when its last ray is.
 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::mapping::map::DELIVERY_MAX;
@@ -14,14 +16,16 @@ use foxhound_link::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA
 
 use super::geometry::Horizontal;
 use super::truth::{Pillar, World};
+use super::vehicle::Motion;
 use crate::scenario;
 
-/// Sectors of one scan.
+/// Sectors of one message.
 pub const SECTORS: usize = 72;
 /// Widest sector that one ray may stand for.
 const RAY_STEP_DEG: f64 = 1.25;
 /// Nearest distance that a scan reports: 0 would mean "no reading" to ArduPilot.
 const NEAREST_CM: u16 = 1;
+const UNKNOWN_CM: u16 = u16::MAX;
 /// Rays by which pillars are found for the circles model, per degree.
 const CIRCLE_RAYS_PER_DEG: f64 = 2.0;
 
@@ -118,25 +122,75 @@ impl View<'_> {
             .collect()
     }
 
-    /// One sweep as an `OBSTACLE_DISTANCE` message in the body frame.
-    #[must_use]
-    pub fn scan(&self, time_us: u64) -> OBSTACLE_DISTANCE_DATA {
+    /// One sweep at once, as `OBSTACLE_DISTANCE` messages in the body frame.
+    pub fn scan(&self, time_us: u64) -> impl Iterator<Item = OBSTACLE_DISTANCE_DATA> {
+        (0..self.messages()).map(move |message| self.message(message, time_us, None))
+    }
+
+    /// What is sent of sweeps that begin every `period` ticks, so many ticks after one has begun.
+    pub fn scan_in_turn(
+        &self,
+        ticks: u64,
+        period: u64,
+        tick_s: f64,
+        time_us: u64,
+        motion: &Motion,
+    ) -> impl Iterator<Item = OBSTACLE_DISTANCE_DATA> {
+        let (messages, turn_s) = (self.messages(), self.sensor.turn_s);
+        let is_due = move |message: &usize| {
+            let after_s = turn_s * (message + 1) as f64 / messages as f64;
+            (after_s / tick_s - 1e-6).ceil() as u64 % period == ticks % period
+        };
+        let motion = (turn_s > 0.0).then_some(*motion);
+        (0..messages).filter(is_due).map(move |message| self.message(message, time_us, motion.as_ref()))
+    }
+
+    fn sectors(&self) -> usize {
+        self.sensor.rays as usize
+    }
+
+    fn messages(&self) -> usize {
+        self.sectors().div_ceil(SECTORS)
+    }
+
+    /// The same view some time ago, by a motion.
+    fn before(&self, ago_s: f64, motion: &Motion) -> Self {
+        let [north_mps, east_mps, _] = motion.velocity_ned_mps;
+        Self {
+            time_s: self.time_s - ago_s,
+            position: self.position.along(Horizontal { north: north_mps, east: east_mps }, -ago_s),
+            yaw_rad: self.yaw_rad - ago_s * motion.yaw_rate_radps,
+            ..*self
+        }
+    }
+
+    /// One of the messages of a sweep; its last ray is cast now, the others before, where a motion is given.
+    fn message(&self, message: usize, time_us: u64, motion: Option<&Motion>) -> OBSTACLE_DISTANCE_DATA {
         let pillars = self.in_range();
-        let width_deg = self.sensor.fov_deg / SECTORS as f64;
+        let sectors = self.sectors();
+        let width_deg = self.sensor.fov_deg / sectors as f64;
         let first_deg = (width_deg - self.sensor.fov_deg) / 2.0;
         let rays = (width_deg / RAY_STEP_DEG - 1e-9).ceil().max(1.0);
         let max_cm = (self.sensor.range_m * 100.0) as u16;
-        let mut distances = [max_cm + 1; SECTORS];
-        for (sector, distance_cm) in distances.iter_mut().enumerate() {
+        let (from, to) = (message * SECTORS, sectors.min((message + 1) * SECTORS));
+        let mut distances = [UNKNOWN_CM; SECTORS];
+        for (sector, distance_cm) in (from..to).zip(&mut distances) {
+            let ago_s = self.sensor.turn_s * (to - 1 - sector) as f64 / sectors as f64;
+            let earlier = motion.map(|motion| self.before(ago_s, motion));
+            let (view, pillars) = match &earlier {
+                Some(earlier) => (earlier, &earlier.in_range()),
+                None => (self, &pillars),
+            };
             let center_deg = first_deg + sector as f64 * width_deg;
             let nearest = (0..rays as usize)
                 .map(|ray| center_deg + width_deg * ((ray as f64 + 0.5) / rays - 0.5))
-                .filter_map(|azimuth_deg| self.hit(&pillars, azimuth_deg))
+                .filter_map(|azimuth_deg| view.hit(pillars, azimuth_deg))
                 .map(|(_, distance)| distance)
                 .min_by(f64::total_cmp);
-            if let Some(nearest_m) = nearest {
-                *distance_cm = (libm::rint(nearest_m * 100.0) as u16).clamp(NEAREST_CM, max_cm);
-            }
+            *distance_cm = match nearest {
+                Some(nearest_m) => (libm::rint(nearest_m * 100.0) as u16).clamp(NEAREST_CM, max_cm),
+                None => max_cm + 1,
+            };
         }
         OBSTACLE_DISTANCE_DATA {
             time_usec: time_us,
@@ -146,7 +200,7 @@ impl View<'_> {
             min_distance: NEAREST_CM,
             max_distance: max_cm,
             increment_f: width_deg as f32,
-            angle_offset: first_deg as f32,
+            angle_offset: (first_deg + from as f64 * width_deg) as f32,
             frame: MavFrame::MAV_FRAME_BODY_FRD as u8,
         }
     }
@@ -169,7 +223,13 @@ mod tests {
             time_s: 0.0,
             position: Horizontal { north: 0.0, east: 0.0 },
             yaw_rad: yaw_deg.to_radians(),
-            sensor: scenario::Sensor { fov_deg, range_m: 3.0, occlusion, model: SensorModel::Scan },
+            sensor: scenario::Sensor {
+                fov_deg,
+                range_m: 3.0,
+                occlusion,
+                model: SensorModel::Scan,
+                ..scenario::Sensor::default()
+            },
         }
     }
 
@@ -177,7 +237,7 @@ mod tests {
     fn a_pillar_dead_ahead_is_seen_at_its_surface_by_the_middle_sectors_only() {
         // North is y; half the angle that r = 0.3 at 2 m covers is asin(0.15) = 8.63 deg.
         let world = world(&[[0.0, 2.0, 0.3]]);
-        let scan = view(&world, 0.0, 90.0, true).scan(7);
+        let scan = view(&world, 0.0, 90.0, true).scan(7).next().unwrap();
         assert_eq!(scan.time_usec, 7);
         assert_eq!((scan.increment_f, scan.angle_offset), (1.25, -44.375));
         assert_eq!((scan.max_distance, scan.frame), (300, 12));
@@ -198,7 +258,7 @@ mod tests {
     fn azimuth_runs_clockwise_from_the_nose() {
         let world = world(&[[2.0, 2.0, 0.2]]);
         let hit_deg = |yaw_deg: f64| {
-            let scan = view(&world, yaw_deg, 90.0, true).scan(0);
+            let scan = view(&world, yaw_deg, 90.0, true).scan(0).next().unwrap();
             let hits: Vec<f64> = (0..SECTORS).filter(|k| scan.distances[*k] <= 300).map(|k| k as f64).collect();
             f64::from(scan.angle_offset) + 1.25 * hits.iter().sum::<f64>() / hits.len() as f64
         };
@@ -211,14 +271,22 @@ mod tests {
         // 5 deg sectors: a ray in the middle of each would miss this 1.9 deg wide pillar between two of them.
         let bearing = 45.0_f64.to_radians();
         let world = world(&[[3.0 * bearing.sin(), 3.0 * bearing.cos(), 0.05]]);
-        let scan = view(&world, 0.0, 360.0, true).scan(0);
+        let scan = view(&world, 0.0, 360.0, true).scan(0).next().unwrap();
         assert!(scan.distances.iter().any(|distance| *distance <= 300));
     }
 
     #[test]
     fn inside_a_pillar_the_distance_is_the_smallest_that_is_not_zero() {
         let world = world(&[[0.1, 0.0, 0.5]]);
-        assert!(view(&world, 0.0, 90.0, true).scan(0).distances.iter().all(|distance| *distance == NEAREST_CM));
+        assert!(
+            view(&world, 0.0, 90.0, true)
+                .scan(0)
+                .next()
+                .unwrap()
+                .distances
+                .iter()
+                .all(|distance| *distance == NEAREST_CM)
+        );
     }
 
     #[test]
@@ -241,5 +309,39 @@ mod tests {
         look.time_s = 2.0;
         let seen = look.circles();
         assert_eq!((seen[0].center_ned_m.east, seen[0].velocity_ned_mps.east), (2.0, 1.0));
+    }
+
+    #[test]
+    fn a_fine_scan_comes_in_messages_whose_angles_continue_each_other() {
+        let world = world(&[[0.0, 2.0, 0.3]]);
+        let mut look = view(&world, 0.0, 360.0, true);
+        look.sensor.rays = 300;
+        let messages: Vec<_> = look.scan(7).collect();
+        assert_eq!(messages.len(), 5);
+        for (index, message) in messages.iter().enumerate() {
+            assert!((f64::from(message.angle_offset) - (-179.4 + 1.2 * 72.0 * index as f64)).abs() < 1e-4);
+            assert_eq!(message.increment_f, 1.2);
+        }
+        let known = |message: &OBSTACLE_DISTANCE_DATA| message.distances.iter().filter(|cm| **cm != u16::MAX).count();
+        assert_eq!(messages.iter().map(known).collect::<Vec<_>>(), [72, 72, 72, 72, 12]);
+    }
+
+    #[test]
+    fn a_sensor_that_turns_sees_each_way_from_where_the_vehicle_is_by_then() {
+        // A wall of pillars at one metre all round would do; one dead astern, which the first and the last ray see, is enough.
+        let world = world(&[[0.0, -2.0, 0.3]]);
+        let mut look = view(&world, 0.0, 360.0, true);
+        (look.sensor.rays, look.sensor.turn_s) = (360, 0.1);
+        let motion = Motion { velocity_ned_mps: [2.0, 0.0, 0.0], yaw_rate_radps: 0.0, ..Motion::default() };
+        let sent: Vec<usize> = (0..5).map(|tick| look.scan_in_turn(tick, 5, 0.02, 0, &motion).count()).collect();
+        assert_eq!(sent, [1; 5], "one a tick");
+        // Seen at the end of the turn, and 20 ms before its own end at the begin of the last message.
+        let last = look.scan_in_turn(0, 5, 0.02, 0, &motion).next().unwrap();
+        assert_eq!(last.distances[71], 170);
+        let first = look.scan_in_turn(1, 5, 0.02, 0, &motion).next().unwrap();
+        assert_eq!(first.distances[0], 166, "19.7 ms before at 2 m/s");
+        look.sensor.turn_s = 0.0;
+        let sent: Vec<usize> = (0..5).map(|tick| look.scan_in_turn(tick, 5, 0.02, 0, &motion).count()).collect();
+        assert_eq!(sent, [5, 0, 0, 0, 0], "all at once");
     }
 }

@@ -20,9 +20,7 @@ impl Companion {
     pub(super) fn age(&mut self) {
         let now = self.now;
         let obstacle_age_max_s = self.config.obstacle_age_max_s;
-        if self.scan.as_ref().is_some_and(|scan| is_over(now, scan.time, obstacle_age_max_s)) {
-            self.scan = None;
-        }
+        self.turns.age(now, obstacle_age_max_s);
         if self.points.as_ref().is_some_and(|points| is_over(now, points.time, obstacle_age_max_s)) {
             self.points = None;
         }
@@ -53,7 +51,7 @@ impl Companion {
         if now < self.now {
             self.published = None;
             self.insane_since = None;
-            self.scan = None;
+            self.turns.clear();
             self.points = None;
             self.clock = PeerClock::new();
             self.settled_at = self.settled_at.min(now.plus_micros(UNSETTLED_US));

@@ -160,10 +160,27 @@ impl Config {
     /// The field that is out of range.
     #[inline(never)]
     pub fn build_with(&self, values: Values) -> Result<Companion, ConfigError> {
-        let config = self.with(&values);
+        Ok(Companion::from_checked(&self.checked_with(&values)?, values))
+    }
+
+    /// As [`Self::build_with`], in the place of another, which stays where that fails: a second one on the stack is more than
+    /// a microcontroller has room for.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    #[inline(never)]
+    pub fn rebuild_with(&self, companion: &mut Companion, values: Values) -> Result<(), ConfigError> {
+        let config = self.checked_with(&values)?;
+        *companion = Companion::from_checked(&config, values);
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn checked_with(&self, values: &Values) -> Result<Self, ConfigError> {
+        let config = self.with(values);
         config.check_each()?;
         config.check_together()?;
-        Ok(Companion::from_checked(&config, values))
+        Ok(config)
     }
 
     fn check_each(&self) -> Result<(), ConfigError> {

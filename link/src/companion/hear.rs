@@ -369,7 +369,7 @@ impl Companion {
             self.reset_counter = None;
             self.usable_at = None;
             self.ground = None;
-            self.scan = None;
+            self.turns.clear();
             self.points = None;
             // Whatever was known of its mode: only a heartbeat out of the mode that is heard from now on lifts it.
             self.entry_needed = true;
@@ -392,7 +392,8 @@ impl Companion {
     fn on_obstacles(&mut self, header: Header, content: &Content) {
         let now = self.now;
         self.note_source(header, content, 0);
-        if self.scan.is_some() && self.scan_of != header.component_id && self.last_scan_of == header.component_id {
+        let waits = self.turns.scan().is_some() && self.turns.component_id() != header.component_id;
+        if waits && self.last_scan_of == header.component_id {
             // Two sensors between two steps: it is the other one's turn.
             return;
         }
@@ -412,11 +413,8 @@ impl Companion {
             _ => None,
         };
         let zero_touches = !ardupilot;
-        match yaw_rad.and_then(|yaw_rad| obstacles::scan(&obstacles, now, Reading { yaw_rad, zero_touches })) {
-            Some(scan) => {
-                self.scan = Some(scan);
-                self.scan_of = header.component_id;
-            }
+        match yaw_rad.and_then(|yaw_rad| obstacles::part(&obstacles, Reading { yaw_rad, zero_touches })) {
+            Some(part) => self.turns.hear(now, header.component_id, &part),
             None => count(&mut self.counters.rejected),
         }
     }

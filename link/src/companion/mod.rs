@@ -47,6 +47,7 @@ use crate::params::Params;
 use crate::requests::Requests;
 use crate::signing::{Signing, Unsigned, Verdict};
 use crate::sources::Sources;
+use crate::turns::Turns;
 
 pub use self::config::{Config, ObstacleFrame, Yaw};
 pub use self::exam::{Exam, Examined, Tone};
@@ -168,8 +169,7 @@ pub struct Companion {
     noise: Noise,
     advice: Advice,
     sources: Sources,
-    /// The component whose scan waits, and the one whose scan was taken last.
-    scan_of: u8,
+    /// The component whose scan was taken last.
     last_scan_of: u8,
 
     published: Option<Published>,
@@ -195,7 +195,7 @@ pub struct Companion {
     requests: Requests,
     params: Params,
     signing: Option<Signing>,
-    scan: Option<Scan>,
+    turns: Turns,
     points: Option<Points>,
 }
 
@@ -237,8 +237,7 @@ impl Companion {
             noise: Noise { since: Instant(0), good: 0, bad: 0, percent: 0 },
             advice: Advice::new(),
             sources: Sources::new(),
-            scan: None,
-            scan_of: 0,
+            turns: Turns::new(),
             last_scan_of: 0,
             points: None,
             published: None,
@@ -357,11 +356,33 @@ impl Companion {
         (!is_over(ground, attitude.time, GROUND_AGE_MAX_S)).then_some(slant_m * level)
     }
 
+    /// The newest obstacle scan that nobody took.
+    #[must_use]
+    pub fn scan(&self) -> Option<&Scan> {
+        self.turns.scan()
+    }
+
+    /// The single points that nobody took.
+    #[must_use]
+    pub const fn points(&self) -> Option<&Points> {
+        self.points.as_ref()
+    }
+
+    /// Scan and points have been used where they lie: a copy of them takes 1.2 KB.
+    #[inline(never)]
+    pub fn drop_obstacles(&mut self) {
+        self.last_scan_of = self.turns.component_id();
+        self.turns.take();
+        self.points = None;
+    }
+
     /// The newest obstacle scan since the last call.
     #[inline(never)]
     pub fn take_scan(&mut self) -> Option<Scan> {
-        self.last_scan_of = self.scan_of;
-        self.scan.take()
+        self.last_scan_of = self.turns.component_id();
+        let scan = self.turns.scan().cloned();
+        self.turns.take();
+        scan
     }
 
     /// Who reports obstacles, and how long ago each did.

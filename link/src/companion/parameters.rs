@@ -8,6 +8,15 @@ use super::{Companion, Config};
 use crate::params::Storage;
 
 impl Companion {
+    /// Whether the link can run with other parameters.
+    ///
+    /// # Errors
+    /// The field of the link's configuration that does not fit the others.
+    #[inline(never)]
+    pub fn check_parameters(&self, values: &Values) -> Result<(), ConfigError> {
+        self.config.with(values).check_together()
+    }
+
     /// The application runs with other parameters from now on; the link takes its own from them.
     ///
     /// # Errors

@@ -65,7 +65,10 @@ fn zero_is_no_reading_on_ardupilot_and_touching_elsewhere() {
         bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, 0, DISARMED)));
         bench.say(&obstacles(12));
         let scan = bench.companion.take_scan().unwrap();
-        assert_eq!(scan.sectors[..4], [Sector::Hit(2.5), expected, Sector::Unknown, Sector::Clear]);
+        assert_eq!(
+            scan.rays.iter().take(4).collect::<Vec<_>>(),
+            [Sector::Hit(2.5), expected, Sector::Unknown, Sector::Clear]
+        );
         assert_eq!((scan.time, scan.range_max_m), (bench.now(), 10.0));
         assert_eq!(bench.companion.take_scan(), None, "taken once");
     }

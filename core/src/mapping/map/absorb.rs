@@ -11,8 +11,8 @@ use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::base::units::{between, wrap_pi};
-use crate::mapping::scan::{Detection, Kind, POINTS_MAX, Scan, Sector, Segmentation};
+use crate::base::units::{between, whole_below, wrap_pi};
+use crate::mapping::scan::{Detection, Kind, POINTS_MAX, RAYS_MAX, Scan, Sector, Segmentation};
 
 /// So many pillars at most are looked at again when the one that was seen has been averaged.
 const MET_MAX: usize = 4;
@@ -120,8 +120,10 @@ struct View<'a> {
     origin_ned_m: Horizontal,
     /// From north to the middle of the first sector.
     first_ned_rad: f32,
-    /// Sectors of a full turn, if it is one.
+    /// Rays of a full turn, if it is one.
     turn: Option<i32>,
+    /// See [`Sectors::outermost_ray`](crate::mapping::scan::Sectors::outermost_ray).
+    outermost_ray: f32,
 }
 
 impl View<'_> {
@@ -138,7 +140,7 @@ impl View<'_> {
         } else {
             (distance_m - known.radius_m + FRONT_M, distance_m + 0.05)
         };
-        if self.passes_sector(libm::floorf(middle + 0.5) as i32, front_m) {
+        if self.passes_sector(whole_below(middle + 0.5), front_m) {
             return true;
         }
         if known.origin == Origin::Given || known.radius_m <= RIM_M {
@@ -146,9 +148,9 @@ impl View<'_> {
         }
         // The outermost rays that should have met it; the arcsine from below.
         let x = (known.radius_m - RIM_M) / distance_m;
-        let reach = x * (1.0 + x * x / 6.0) / libm::fabsf(self.scan.step_rad) + self.scan.outermost_ray();
-        let (low, high) = (libm::ceilf(middle - reach), libm::floorf(middle + reach));
-        low <= high && (self.passes_sector(low as i32, side_m) || self.passes_sector(high as i32, side_m))
+        let reach = x * (1.0 + x * x / 6.0) / libm::fabsf(self.scan.step_rad) + self.outermost_ray;
+        let (low, high) = (-whole_below(reach - middle), whole_below(middle + reach));
+        low <= high && (self.passes_sector(low, side_m) || self.passes_sector(high, side_m))
     }
 
     fn passes_sector(&self, index: i32, limit_m: f32) -> bool {
@@ -157,10 +159,10 @@ impl View<'_> {
             Some(turn) if index >= turn => index - turn,
             _ => index,
         };
-        match usize::try_from(index).ok().and_then(|index| self.scan.sectors.get(index)) {
-            Some(Sector::Clear) => true,
-            Some(Sector::Hit(hit_m)) => *hit_m > limit_m && *hit_m <= self.scan.range_max_m,
-            _ => false,
+        match usize::try_from(index).map_or(Sector::Unknown, |index| self.scan.rays.get(index)) {
+            Sector::Clear => true,
+            Sector::Hit(hit_m) => hit_m > limit_m && hit_m <= self.scan.range_max_m,
+            Sector::Unknown => false,
         }
     }
 }
@@ -248,6 +250,7 @@ impl Mapper {
             origin_ned_m: pose.position_ned_m,
             first_ned_rad: pose.yaw_rad + scan.first_azimuth_rad,
             turn: scan.turn().map(|turn| turn as i32),
+            outermost_ray: scan.in_sectors(RAYS_MAX).outermost_ray(),
         };
         for known in &mut map.known {
             let away = known.center_ned_m.minus(view.origin_ned_m);

@@ -329,13 +329,15 @@ impl Mapper {
         Ok(())
     }
 
-    /// Forgets what was pieced together from hits where a body that moves is now.
+    /// Forgets what was pieced together from hits where bodies that move are now.
     #[inline(never)]
-    pub fn vacate(&self, map: &mut Map, center_ned_m: Horizontal, radius_m: f32) {
-        map.known.retain(|known| {
-            known.origin == Origin::Given
-                || known.center_ned_m.minus(center_ned_m).norm_squared() >= radius_m * radius_m
-        });
+    pub fn vacate(&self, map: &mut Map, centers_ned_m: &[Horizontal], radius_m: f32) {
+        let squared_m2 = radius_m * radius_m;
+        let is_left =
+            |place: Horizontal| centers_ned_m.iter().any(|center| place.minus(*center).norm_squared() < squared_m2);
+        if !centers_ned_m.is_empty() {
+            map.known.retain(|known| known.origin == Origin::Given || !is_left(known.center_ned_m));
+        }
     }
 
     /// Carries moving circles along and forgets those that were unseen for too long.

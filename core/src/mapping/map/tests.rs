@@ -25,7 +25,7 @@ fn unknown_scan() -> Scan {
         first_azimuth_rad: -0.7,
         step_rad: 0.02,
         range_max_m: 3.0,
-        sectors: [Sector::Unknown; SECTORS_MAX],
+        rays: [Sector::Unknown; SECTORS_MAX].into_iter().collect(),
     }
 }
 
@@ -100,7 +100,7 @@ fn a_circle_that_is_seen_through_is_forgotten_after_three_looks() {
     mapper
         .observe_circles(&mut map, Instant(1), Horizontal::default(), &[circle(2.0, 0.0, 0.2), circle(-2.0, 0.0, 0.2)])
         .unwrap();
-    let scan = Scan { sectors: [Sector::Clear; SECTORS_MAX], ..unknown_scan() };
+    let scan = Scan { rays: [Sector::Clear; SECTORS_MAX].into_iter().collect(), ..unknown_scan() };
     for look in 0..3 {
         assert_eq!(map.circles().count(), 2, "{look}");
         mapper.observe_scan(&mut map, Instant(1), &scan, &Pose::default(), &Segmentation::default());
@@ -256,7 +256,7 @@ impl World {
     fn scan(&self, place: (f64, f64), yaw: f64, fov: f64, noise: f64, rng: &mut Rng) -> (Scan, Pose) {
         let step = fov / 72.0;
         let first = (step - fov) / 2.0;
-        let sectors = core::array::from_fn(|k| {
+        let sectors: [Sector; SECTORS_MAX] = core::array::from_fn(|k| {
             let distance = self.distance(place, yaw + first + step * k as f64) + noise * f64::from(rng.gaussian());
             if distance > 3.0 {
                 Sector::Clear
@@ -271,7 +271,7 @@ impl World {
             first_azimuth_rad: first as f32,
             step_rad: step as f32,
             range_max_m: 3.0,
-            sectors,
+            rays: sectors.into_iter().collect(),
         };
         (scan, pose)
     }
@@ -379,7 +379,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                     None
                 }
                 kind if kind > -1.0 => {
-                    let sectors = core::array::from_fn(|_| match number(3.0) {
+                    let sectors: [Sector; SECTORS_MAX] = core::array::from_fn(|_| match number(3.0) {
                         n if n < -1.5 => Sector::Unknown,
                         n if n < 0.0 => Sector::Clear,
                         n => Sector::Hit(n),
@@ -389,7 +389,7 @@ fn whatever_is_delivered_in_whatever_order_the_store_is_finite_and_covers_the_la
                         first_azimuth_rad: number(3.0),
                         step_rad: number(0.09),
                         range_max_m: 3.0,
-                        sectors,
+                        rays: sectors.into_iter().collect(),
                     };
                     let look = segmenter.fit(&scan, &pose).ok();
                     if let Some(look) = &look {

@@ -23,15 +23,20 @@ use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::{ANGLE_MAX_RAD, Pose};
 use crate::base::time::Instant;
-use crate::base::units::{between, sin_cos};
+use crate::base::units::{between, nearest, sin_cos};
 
 mod chain;
 mod circle;
+mod rays;
 mod segment;
 
 use circle::root;
 
-/// Most sectors one scan can hold.
+pub use rays::{Ranges, Rays, Sectors};
+
+/// Most rays one scan can hold.
+pub const RAYS_MAX: usize = 360;
+/// Most sectors that circles are made from; of a scan of more rays, several make a sector.
 pub const SECTORS_MAX: usize = 72;
 /// Most points one delivery can hold.
 pub const POINTS_MAX: usize = 72;
@@ -50,6 +55,8 @@ const REACH_M: f32 = 0.03;
 const RAY_STEP_MAX_RAD: f32 = 0.0219;
 /// Nothing is measured from farther away.
 const RANGE_MAX_M: f32 = 1e3;
+/// Nothing that a ray measures is farther away: it has two bytes for its millimetres.
+pub const RAY_MAX_M: f32 = 65.5;
 
 /// What one sector of a scan says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -70,14 +77,14 @@ pub enum Sector {
 pub struct Scan {
     /// When it was measured, as well as known.
     pub time: Instant,
-    /// Azimuth of the centre of sector 0, from the nose, clockwise positive.
+    /// Azimuth of ray 0, or of the middle of sector 0, from the nose, clockwise positive.
     pub first_azimuth_rad: f32,
-    /// Azimuth step from a sector to the next; may be negative, never 0.
+    /// Azimuth step from a ray to the next; may be negative, never 0.
     pub step_rad: f32,
     /// Farthest distance that the sensor sees.
     pub range_max_m: f32,
-    /// The sectors; those past the sensor's last are [`Sector::Unknown`].
-    pub sectors: [Sector; SECTORS_MAX],
+    /// What it sees.
+    pub rays: Rays,
 }
 
 impl Scan {
@@ -91,85 +98,38 @@ impl Scan {
             && self.range_max_m <= RANGE_MAX_M
     }
 
-    /// Sectors of a full turn, if these are one: then the last is a neighbour of the first.
+    /// Rays of a full turn, if these are one: then the last is a neighbour of the first.
     #[must_use]
+    #[inline(never)]
     pub fn turn(&self) -> Option<usize> {
         let width_rad = libm::fabsf(self.step_rad);
-        let count = libm::roundf(core::f32::consts::TAU / width_rad);
-        let closes =
-            count <= SECTORS_MAX as f32 && libm::fabsf(count * width_rad - core::f32::consts::TAU) < 0.5 * width_rad;
+        let turn = core::f32::consts::TAU / width_rad;
+        let count = if turn < 2.0 * RAYS_MAX as f32 { nearest(turn) as f32 } else { f32::INFINITY };
+        let closes = count <= self.rays.len() as f32
+            && libm::fabsf(count * width_rad - core::f32::consts::TAU) < 0.5 * width_rad;
         closes.then_some(count as usize)
     }
 
-    /// The outermost rays of a sector, in sector widths from its middle: as far from there a hit may lie. 0 where a sector is
-    /// a single ray.
+    /// The same in no more than so many sectors.
     #[must_use]
-    pub fn outermost_ray(&self) -> f32 {
-        0.5 - 0.5 / libm::ceilf(libm::fabsf(self.step_rad) / RAY_STEP_MAX_RAD)
+    pub fn in_sectors(&self, sectors_max: usize) -> Sectors<'_> {
+        Sectors::new(self, sectors_max)
     }
 
-    /// The sector at an index that may lie a turn off; unknown where there is none.
+    /// Whether it has more rays than circles are made from.
+    #[must_use]
+    pub const fn is_fine(&self) -> bool {
+        self.rays.len() > SECTORS_MAX
+    }
+
+    /// The ray at an index that may lie a turn off; unknown where there is none.
     #[must_use]
     pub fn sector(&self, index: i32) -> Sector {
         let index = match self.turn() {
             Some(turn) if turn > 0 => index.wrapping_rem_euclid(turn as i32),
             _ => index,
         };
-        usize::try_from(index).ok().and_then(|index| self.sectors.get(index)).copied().unwrap_or_default()
-    }
-}
-
-/// How far each sector of a scan sees, to the millimetre below and 65 m at most, in half the room.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Ranges([u16; SECTORS_MAX]);
-
-impl Ranges {
-    const UNKNOWN: u16 = u16::MAX;
-    const CLEAR: u16 = u16::MAX - 1;
-    const MOST_M: f32 = 65.5;
-
-    /// Nothing is known.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self([Self::UNKNOWN; SECTORS_MAX])
-    }
-
-    /// Those of a scan.
-    pub fn take(&mut self, scan: &Scan) {
-        for (index, sector) in scan.sectors.iter().enumerate() {
-            match *sector {
-                Sector::Clear => self.put(index, Self::CLEAR),
-                Sector::Hit(range_m) if range_m > 0.0 && range_m <= scan.range_max_m => self.set_m(index, range_m),
-                _ => self.put(index, Self::UNKNOWN),
-            }
-        }
-    }
-
-    /// Sees to a hit.
-    pub fn set_m(&mut self, index: usize, range_m: f32) {
-        self.put(index, (1000.0 * between(range_m, 0.0, Self::MOST_M)) as u16);
-    }
-
-    /// How far a sector sees; `clear_m` where there is nothing, -1 where nothing is known.
-    #[must_use]
-    pub fn sees_m(&self, index: usize, clear_m: f32) -> f32 {
-        match self.0.get(index).copied().unwrap_or(Self::UNKNOWN) {
-            Self::UNKNOWN => -1.0,
-            Self::CLEAR => clear_m,
-            range_mm => f32::from(range_mm) * 1e-3,
-        }
-    }
-
-    fn put(&mut self, index: usize, value: u16) {
-        if let Some(slot) = self.0.get_mut(index) {
-            *slot = value;
-        }
-    }
-}
-
-impl Default for Ranges {
-    fn default() -> Self {
-        Self::new()
+        usize::try_from(index).map_or(Sector::Unknown, |index| self.rays.get(index))
     }
 }
 
@@ -333,7 +293,7 @@ struct Run<'a> {
     first: usize,
     /// Azimuth step between its points; 0 where there is none.
     step_rad: f32,
-    /// See [`Scan::outermost_ray`].
+    /// See [`Sectors::outermost_ray`].
     outermost_ray: f32,
     /// The direction next to either end, if it is seen to be free, as a unit vector.
     free: [Option<Horizontal>; 2],

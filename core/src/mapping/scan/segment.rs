@@ -6,12 +6,12 @@ use heapless::Vec;
 use super::chain::{self, Edges};
 use super::circle::{self, root};
 use super::{
-    Detection, FIT_MIN, FITS_MAX, Frame, JUMP_MAX_M, Kind, POINTS_MAX, Points, Pose, RANGE_MAX_M, Refusal, Run,
-    SECTORS_MAX, Scan, Sector, Segmentation, Segmenter, Turned, Verdict, around, unit,
+    Detection, FIT_MIN, FITS_MAX, Frame, JUMP_MAX_M, Kind, POINTS_MAX, Points, Pose, RANGE_MAX_M, RAYS_MAX, Refusal,
+    Run, SECTORS_MAX, Scan, Sector, Sectors, Segmentation, Segmenter, Turned, Verdict, around, unit,
 };
 use crate::base::ned::Horizontal;
 use crate::base::sort::sort_by_key;
-use crate::base::units::{between, sin_cos};
+use crate::base::units::{between, sin_cos, wrap_pi};
 
 /// The hit belongs to the same run as the one after it.
 const GOES_ON: u8 = 1;
@@ -20,6 +20,9 @@ const FREE_BEFORE: u8 = 2;
 const FREE_BEHIND: u8 = 4;
 /// A run was cut behind it.
 const CUT: u8 = 8;
+
+/// Stands for the range of a sector that sees past whatever is at its sides.
+const PAST: f32 = -1.0;
 
 /// What is known of each hit of a look.
 #[derive(Default)]
@@ -82,11 +85,12 @@ impl Segmenter {
             return Err(Refusal::NoOwnship);
         }
         (look.time, look.origin_ned_m) = (scan.time, pose.position_ned_m);
-        look.beside_rad = scan.outermost_ray() * scan.step_rad;
+        let sectors = scan.in_sectors(SECTORS_MAX);
+        look.beside_rad = if sectors.is_exact() { 0.0 } else { sectors.outermost_ray() * sectors.step_rad };
         let mut marks = Marks::default();
-        self.trace(scan, pose, look, &mut marks);
+        self.trace(scan, &sectors, pose, look, &mut marks);
         look.check()?;
-        self.segment(look, &mut marks, scan.step_rad, scan.outermost_ray());
+        self.segment(look, &mut marks, sectors.step_rad, sectors.outermost_ray());
         Ok(())
     }
 
@@ -110,42 +114,43 @@ impl Segmenter {
 
     /// Hits of a scan, with what lies beside them.
     #[inline(never)]
-    fn trace(&self, scan: &Scan, pose: &Pose, look: &mut Segmentation, marks: &mut Marks) {
-        let step_rad = libm::fabsf(scan.step_rad);
+    fn trace(&self, scan: &Scan, sectors: &Sectors<'_>, pose: &Pose, look: &mut Segmentation, marks: &mut Marks) {
+        let step_rad = libm::fabsf(sectors.step_rad);
         let continues = |before: f32, range_m: f32| {
             let nearer = if range_m < before { range_m } else { before };
             let explained = self.config.gap_m + 3.0 * nearer * step_rad;
             let allowed = if explained < JUMP_MAX_M { explained } else { JUMP_MAX_M };
             before > 0.0 && range_m > 0.0 && libm::fabsf(range_m - before) < allowed
         };
-        // Zero where there is no hit.
-        let mut ranges_m = [0.0_f32; SECTORS_MAX];
-        for (range_m, sector) in ranges_m.iter_mut().zip(&scan.sectors) {
-            match *sector {
-                Sector::Hit(hit_m) if hit_m > 0.0 && hit_m <= scan.range_max_m => *range_m = hit_m,
-                Sector::Hit(_) => look.refused += 1,
-                _ => {}
-            }
+        // Zero where there is no hit and [`PAST`] where it sees past; and where in its sector the hit is.
+        let (mut ranges_m, mut offsets_rad) = ([0.0_f32; SECTORS_MAX], [0.0_f32; SECTORS_MAX]);
+        for (index, (range_m, offset_rad)) in ranges_m.iter_mut().zip(&mut offsets_rad).enumerate() {
+            let (sector, offset) = sectors.nearest(index);
+            (*range_m, *offset_rad) = match sector {
+                Sector::Hit(hit_m) if hit_m > 0.0 && hit_m <= scan.range_max_m => (hit_m, offset * scan.step_rad),
+                Sector::Hit(hit_m) => {
+                    look.refused += 1;
+                    (if hit_m > scan.range_max_m { PAST } else { 0.0 }, 0.0)
+                }
+                Sector::Clear => (PAST, 0.0),
+                Sector::Unknown => (0.0, 0.0),
+            };
         }
         // A full turn is walked from a place where nothing continues, so that no run is cut at the seam.
-        let turn = scan.turn();
+        let turn = sectors.turn();
         let count = turn.unwrap_or(SECTORS_MAX).min(SECTORS_MAX);
         let range_at = |index: usize| ranges_m.get(index).copied().unwrap_or_default();
         let before = |index: usize| if index == 0 { count - 1 } else { index - 1 };
         let seam = |index: &usize| !continues(range_at(before(*index)), range_at(*index));
         let begin = if turn.is_some() { (0..count).find(seam).unwrap_or(0) } else { 0 };
 
-        let turned = Turned::new(scan.step_rad);
-        let start = Horizontal::from_bearing(pose.yaw_rad + scan.first_azimuth_rad);
+        let turned = Turned::new(sectors.step_rad);
+        let start = Horizontal::from_bearing(pose.yaw_rad + sectors.first_azimuth_rad);
         let mut direction =
-            Horizontal::from_bearing(pose.yaw_rad + scan.first_azimuth_rad + scan.step_rad * begin as f32);
+            Horizontal::from_bearing(pose.yaw_rad + sectors.first_azimuth_rad + sectors.step_rad * begin as f32);
         // A silhouette ends there unless something nearer hides it or nothing is known.
-        let is_free = |index: usize, edge_m: f32| match scan.sectors.get(index).copied().unwrap_or_default() {
-            Sector::Clear => true,
-            Sector::Hit(hit_m) => hit_m > edge_m,
-            Sector::Unknown => false,
-        };
-        let outermost_rad = between(scan.outermost_ray() * scan.step_rad, -0.1, 0.1);
+        let is_free = |index: usize, edge_m: f32| range_at(index) > edge_m || range_at(index) == PAST;
+        let outermost_rad = between(look.beside_rad, -0.1, 0.1);
         let mut index = begin;
         for left in (0..count).rev() {
             let range_m = range_at(index);
@@ -166,7 +171,9 @@ impl Segmenter {
                 }
                 // Cannot fail: as many places as sectors.
                 let side = nearer_side(beside(before(index), false), range_m, beside(next, true));
-                let _ = look.points_m.push(turned_a_little(direction, side * outermost_rad).times(range_m));
+                let offset_rad = offsets_rad.get(index).copied().unwrap_or_default();
+                let aside_rad = if sectors.is_exact() { between(offset_rad, -0.1, 0.1) } else { side * outermost_rad };
+                let _ = look.points_m.push(turned_a_little(direction, aside_rad).times(range_m));
                 if outermost_rad != 0.0 {
                     let _ = look.sides.push((100.0 * side) as i8);
                 }
@@ -329,6 +336,33 @@ impl Segmenter {
         }
         let radius_m = if found.radius_m < c.radius_min_m { c.radius_min_m } else { found.radius_m };
         piece.pillar(found.center, radius_m, found.sigma_m)
+    }
+}
+
+impl Scan {
+    /// Where every ray hits something, north and east of where it was taken, neighbours in order; a full turn begins where
+    /// nothing continues.
+    #[inline(never)]
+    pub fn hits_into(&self, hits: &mut Vec<Horizontal, RAYS_MAX>, yaw_rad: f32) {
+        let (turn, count) = (self.turn(), self.rays.len());
+        let range_m = |index: usize| match self.rays.get(index) {
+            Sector::Hit(range_m) if range_m > 0.0 && range_m <= self.range_max_m => range_m,
+            _ => 0.0,
+        };
+        let before = |index: usize| if index == 0 { count.wrapping_sub(1) } else { index - 1 };
+        let is_seam = |index: &usize| libm::fabsf(range_m(*index) - range_m(before(*index))) > JUMP_MAX_M;
+        let begin = if turn.is_some() { (0..count).find(is_seam).unwrap_or(0) } else { 0 };
+        let turned = Turned::new(self.step_rad);
+        let mut direction =
+            Horizontal::from_bearing(wrap_pi(yaw_rad + self.first_azimuth_rad + self.step_rad * begin as f32));
+        for index in (begin..count).chain(0..begin) {
+            let range_m = range_m(index);
+            if range_m > 0.0 {
+                // Cannot fail: as many places as rays.
+                let _ = hits.push(direction.times(range_m));
+            }
+            direction = turned.on(direction);
+        }
     }
 }
 

@@ -33,7 +33,7 @@ fn cast_wide(circles: &[(f64, f64, f64)], fov_deg: f64, range: f64, rays: usize)
         first_azimuth_rad: first as f32,
         step_rad: step as f32,
         range_max_m: range as f32,
-        sectors,
+        rays: sectors.into_iter().collect(),
     }
 }
 
@@ -127,10 +127,10 @@ fn garbage_in_sectors_is_refused() {
     for value in [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e30] {
         let mut scan = cast(&[(2.0, 0.0, 0.3)]);
         let good = segmenter.fit(&scan, &Pose::default()).unwrap();
-        scan.sectors[0] = Sector::Hit(value);
+        scan.rays.set(0, Sector::Hit(value));
         let one = segmenter.fit(&scan, &Pose::default()).unwrap();
         assert_eq!((one.refused, one.points_m.len()), (1, good.points_m.len()), "{value}");
-        scan.sectors = [Sector::Hit(value); SECTORS_MAX];
+        scan.rays = [Sector::Hit(value); SECTORS_MAX].into_iter().collect();
         assert_eq!(segmenter.fit(&scan, &Pose::default()), Err(Refusal::Absurd), "{value}");
     }
 }
@@ -138,7 +138,7 @@ fn garbage_in_sectors_is_refused() {
 #[test]
 fn a_hit_that_touches_the_sensor_yields_finite_circles() {
     let mut scan = cast(&[]);
-    scan.sectors = [Sector::Hit(1e-20); SECTORS_MAX];
+    scan.rays = [Sector::Hit(1e-20); SECTORS_MAX].into_iter().collect();
     for detection in Config::default().build().unwrap().fit(&scan, &Pose::default()).unwrap().detections {
         assert!(detection.center_ned_m.is_finite() && detection.radius_m.is_finite());
     }
@@ -147,7 +147,7 @@ fn a_hit_that_touches_the_sensor_yields_finite_circles() {
 #[test]
 fn what_is_no_sensor_or_looks_from_nowhere_is_refused() {
     let segmenter = Config::default().build().unwrap();
-    let good = Scan { sectors: [Sector::Hit(1.0); SECTORS_MAX], ..cast(&[]) };
+    let good = Scan { rays: [Sector::Hit(1.0); SECTORS_MAX].into_iter().collect(), ..cast(&[]) };
     for bad in [
         Scan { step_rad: 0.0, ..good.clone() },
         Scan { step_rad: f32::NAN, ..good.clone() },

@@ -8,8 +8,8 @@ use super::CLUSTERS_MAX;
 use crate::base::math::inverse_root;
 use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
-use crate::base::units::wrap_pi;
-use crate::mapping::scan::{Scan, Sector, Segmentation};
+use crate::base::units::{nearest, wrap_pi};
+use crate::mapping::scan::{Scan, Sector};
 
 /// What is longer than this is no body.
 const LONG_M: f32 = 1.1;
@@ -45,22 +45,25 @@ pub(super) fn find(
     clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
     scan: &Scan,
     pose: &Pose,
-    look: &Segmentation,
+    hits: &[Horizontal],
     radius_m: f32,
 ) {
     let step_rad = libm::fabsf(scan.step_rad);
-    let points = look.points_m.as_slice();
     let mut from = 0;
     let mut cusp = Cusp::default();
-    for to in 1..=points.len() {
-        let (Some(before), next) = (points.get(to - 1), points.get(to)) else { continue };
+    for to in 1..=hits.len() {
+        // Of very many the last are not followed.
+        if clusters.is_full() {
+            return;
+        }
+        let (Some(before), next) = (hits.get(to - 1), hits.get(to)) else { continue };
         let cut = cusp.step(to - 1, before.norm());
         if let Some(cut) = cut.filter(|cut| *cut > from) {
-            cut_up(clusters, scan, pose, look, radius_m, from..cut);
+            cut_up(clusters, scan, pose, hits, radius_m, from..cut);
             from = cut;
         }
         if next.is_none_or(|next| is_apart(*before, *next, step_rad)) {
-            cut_up(clusters, scan, pose, look, radius_m, from..to);
+            cut_up(clusters, scan, pose, hits, radius_m, from..to);
             (from, cusp) = (to, Cusp::default());
         }
     }
@@ -72,11 +75,11 @@ fn cut_up(
     clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
     scan: &Scan,
     pose: &Pose,
-    look: &Segmentation,
+    hits: &[Horizontal],
     radius_m: f32,
     piece: Range<usize>,
 ) {
-    let points = look.points_m.get(piece.clone()).unwrap_or_default();
+    let points = hits.get(piece.clone()).unwrap_or_default();
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let chord_m = last.minus(*first).norm();
     let is_long = is_wall(points, chord_m);
@@ -84,11 +87,11 @@ fn cut_up(
     for part in 0..parts {
         let at = |part: usize| piece.start + part * points.len() / parts;
         let (from, to) = (at(part), at(part + 1));
-        let hits = look.points_m.get(from..to).unwrap_or_default();
-        let (center, range_m) = center(hits, radius_m);
-        let sigma_m = sigma_m(scan, pose, hits, range_m);
-        // Of very many the last are not followed.
-        let center_ned_m = center.plus(look.origin_ned_m);
+        let its = hits.get(from..to).unwrap_or_default();
+        let (center, range_m) = center(its, radius_m);
+        let sigma_m = sigma_m(scan, pose, its, range_m);
+        let center_ned_m = center.plus(pose.position_ned_m);
+        // Where there is no room, it is not followed.
         let _ = clusters.push(Cluster { from, to, center_ned_m, sigma_m, is_long, was_free: false, track: None });
     }
 }
@@ -189,9 +192,9 @@ fn sigma_m(scan: &Scan, pose: &Pose, piece: &[Horizontal], range_m: f32) -> f32 
     for (point, side) in [(piece.first(), -1), (piece.last(), 1)] {
         let Some(point) = point else { continue };
         let azimuth_rad = wrap_pi(point.bearing_rad() - pose.yaw_rad - scan.first_azimuth_rad);
-        let index = libm::roundf(azimuth_rad / scan.step_rad) as i32;
+        let index = nearest(azimuth_rad / scan.step_rad);
         let index = if scan.turn().is_none() && index < 0 {
-            index + libm::roundf(core::f32::consts::TAU / libm::fabsf(scan.step_rad)) as i32
+            index + nearest(core::f32::consts::TAU / libm::fabsf(scan.step_rad))
         } else {
             index
         };

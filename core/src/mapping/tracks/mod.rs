@@ -21,8 +21,8 @@ use crate::base::ned::Horizontal;
 use crate::base::pose::Pose;
 use crate::base::sort::sort_by_key;
 use crate::base::time::Instant;
-use crate::base::units::{between, wrap_pi};
-use crate::mapping::scan::{Ranges, Scan, Segmentation};
+use crate::base::units::{between, nearest, wrap_pi};
+use crate::mapping::scan::{RAYS_MAX, Ranges, Scan};
 
 mod cluster;
 use cluster::Cluster;
@@ -35,8 +35,10 @@ const CLUSTERS_MAX: usize = 32;
 /// Most pairs of cluster and track that are within the gate.
 const PAIRS_MAX: usize = 64;
 /// Scans that are kept, and how far apart they are at least.
-const KEPT: usize = 4;
+const KEPT: usize = 3;
 const KEPT_APART_S: f32 = 0.14;
+/// Most sectors of a scan that is kept.
+const KEPT_SECTORS: usize = 120;
 /// What a scan at least so old has seen through was free.
 const BEFORE_S: f32 = 0.25;
 /// The same of wide sectors.
@@ -177,23 +179,24 @@ struct Kept {
     step_rad: f32,
     range_max_m: f32,
     turn: u8,
-    ranges: Ranges,
+    ranges: Ranges<KEPT_SECTORS>,
 }
 
 impl Kept {
     fn take(&mut self, scan: &Scan, pose: &Pose) {
         self.time = scan.time;
         self.pose = *pose;
-        (self.first_azimuth_rad, self.step_rad) = (scan.first_azimuth_rad, scan.step_rad);
+        let sectors = scan.in_sectors(KEPT_SECTORS);
+        (self.first_azimuth_rad, self.step_rad) = (sectors.first_azimuth_rad, sectors.step_rad);
         self.range_max_m = scan.range_max_m;
-        self.turn = scan.turn().unwrap_or(0) as u8;
+        self.turn = sectors.turn().unwrap_or(0) as u8;
         self.ranges.take(scan);
     }
 
     /// Whether enough of the hits of a cluster lie where this scan saw through.
-    fn saw_through(&self, look: &Segmentation, seen: &Cluster) -> bool {
-        let points = look.points_m.get(seen.from..seen.to).unwrap_or_default();
-        let is_through = |point: &&Horizontal| self.beyond_m(point.plus(look.origin_ned_m)) > THROUGH_M;
+    fn saw_through(&self, hits: &[Horizontal], from_ned_m: Horizontal, seen: &Cluster) -> bool {
+        let points = hits.get(seen.from..seen.to).unwrap_or_default();
+        let is_through = |point: &&Horizontal| self.beyond_m(point.plus(from_ned_m)) > THROUGH_M;
         points.iter().filter(is_through).count() as f32 > THROUGH_SHARE * points.len() as f32
     }
 
@@ -201,11 +204,11 @@ impl Kept {
     fn beyond_m(&self, place: Horizontal) -> f32 {
         let away = place.minus(self.pose.position_ned_m);
         let azimuth_rad = wrap_pi(away.bearing_rad() - self.pose.yaw_rad - self.first_azimuth_rad);
-        let index = libm::roundf(azimuth_rad / self.step_rad) as i32;
+        let index = nearest(azimuth_rad / self.step_rad);
         let index = if self.turn > 0 {
             index.wrapping_rem_euclid(i32::from(self.turn))
         } else {
-            let whole = libm::roundf(core::f32::consts::TAU / libm::fabsf(self.step_rad)) as i32;
+            let whole = nearest(core::f32::consts::TAU / libm::fabsf(self.step_rad));
             if index < 0 { index + whole } else { index }
         };
         // What lies near the edge of a sector may have been seen in the next one.
@@ -271,11 +274,9 @@ impl Tracks {
     }
 
     /// What was followed and is not seen where the sensor looks.
-    fn miss(&mut self, scan: &Scan, pose: &Pose, taken: u32) {
-        let mut now = Kept::default();
-        now.take(scan, pose);
+    fn miss(&mut self, now: &Kept, taken: u32) {
         let since_s = self.kept.get(self.newest).filter(|_| self.is_kept);
-        let since_s = since_s.map_or(0.0, |kept| between(scan.time.seconds_since(kept.time), 0.0, 0.2));
+        let since_s = since_s.map_or(0.0, |kept| between(now.time.seconds_since(kept.time), 0.0, 0.2));
         for (t, track) in self.tracks.iter_mut().enumerate() {
             if taken >> (t % 32) & 1 == 0 && now.beyond_m(track.center_ned_m) > 0.0 {
                 track.clear_s += since_s;
@@ -283,9 +284,9 @@ impl Tracks {
         }
     }
 
-    fn keep(&mut self, scan: &Scan, pose: &Pose) {
+    fn keep(&mut self, now: &Kept) {
         if self.is_kept {
-            let since_s = self.kept.get(self.newest).map_or(1.0, |kept| scan.time.seconds_since(kept.time));
+            let since_s = self.kept.get(self.newest).map_or(1.0, |kept| now.time.seconds_since(kept.time));
             if (0.0..KEPT_APART_S).contains(&since_s) {
                 return;
             }
@@ -297,7 +298,7 @@ impl Tracks {
         self.newest = (self.newest + 1) % KEPT;
         self.is_kept = true;
         if let Some(kept) = self.kept.get_mut(self.newest) {
-            kept.take(scan, pose);
+            kept.clone_from(now);
         }
     }
 }
@@ -327,31 +328,45 @@ impl Tracker {
         tracks.tracks.retain(|track| track.unseen_s <= if track.moves { memory_s } else { 1.0 });
     }
 
-    /// What bodies that move and have just been seen leave behind: circles in which, but for what was seen there now, nothing
+    /// Where bodies that move and have just been seen are, and how far around them, but for what was seen there now, nothing
     /// stands.
-    pub fn left_by<'a>(&self, tracks: &'a Tracks) -> impl Iterator<Item = (Horizontal, f32)> + use<'a> {
-        let radius_m = self.config.radius_m + LEFT_M;
+    #[must_use]
+    pub fn left_by(&self, tracks: &Tracks) -> (Vec<Horizontal, TRACKS_MAX>, f32) {
         let seen = tracks.tracks.iter().filter(|track| track.moves && track.unseen_s == 0.0);
-        seen.map(move |track| (track.center_ned_m, radius_m))
+        (seen.map(|track| track.center_ned_m).collect(), self.config.radius_m + LEFT_M)
     }
 
-    /// Takes in a scan, after [`Self::advance`] to its step. Of scans that come faster than 25 Hz not every one is.
+    /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
     #[inline(never)]
-    pub fn observe(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose, look: &Segmentation) {
+    pub fn observe_rays(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose) {
+        if !tracks.is_due() || !scan.is_plausible() || !pose.is_plausible() {
+            return;
+        }
+        let mut hits: Vec<Horizontal, RAYS_MAX> = Vec::new();
+        scan.hits_into(&mut hits, pose.yaw_rad);
+        self.observe(tracks, scan, pose, &hits);
+    }
+
+    /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order. Of scans
+    /// that come faster than 25 Hz not every one is.
+    #[inline(never)]
+    pub fn observe(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
         if !tracks.is_due() {
             return;
         }
         tracks.looked = tracks.time;
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
-        cluster::find(&mut clusters, scan, pose, look, self.config.radius_m);
+        cluster::find(&mut clusters, scan, pose, hits, self.config.radius_m);
         if let Some(before) = tracks.before(scan.time) {
             for seen in &mut clusters {
-                seen.was_free = before.saw_through(look, seen);
+                seen.was_free = before.saw_through(hits, pose.position_ned_m, seen);
             }
         }
         clusters.retain(|seen| !seen.is_long || seen.was_free);
         let taken = associate(&tracks.tracks, &mut clusters);
-        tracks.miss(scan, pose, taken);
+        let mut now = Kept::default();
+        now.take(scan, pose);
+        tracks.miss(&now, taken);
         for seen in &clusters {
             if let Some(track) = seen.track.and_then(|track| tracks.tracks.get_mut(usize::from(track))) {
                 self.follow(track, seen);
@@ -361,7 +376,7 @@ impl Tracker {
             self.begin(tracks, seen, pose.position_ned_m);
         }
         tracks.tracks.retain(|track| track.clear_s < CLEAR_S);
-        tracks.keep(scan, pose);
+        tracks.keep(&now);
     }
 
     /// One more look at a body.

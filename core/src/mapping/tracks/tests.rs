@@ -3,7 +3,7 @@
 use std::vec::Vec as StdVec;
 
 use super::*;
-use crate::mapping::scan::{self, SECTORS_MAX, Sector};
+use crate::mapping::scan::{self, Sector};
 
 const SCAN_S: f32 = 0.1;
 /// A person.
@@ -13,13 +13,13 @@ fn horizontal(north: f32, east: f32) -> Horizontal {
     Horizontal { north, east }
 }
 
-/// 72 sectors over a field of view around the nose, each the nearest of its rays.
-fn cast(time: Instant, pose: &Pose, fov_deg: f32, circles: &[(Horizontal, f32)]) -> Scan {
-    let step_rad = (fov_deg / 72.0).to_radians();
+/// Sectors over a field of view around the nose, each the nearest of its rays.
+fn cast(time: Instant, pose: &Pose, (fov_deg, sectors): (f32, usize), circles: &[(Horizontal, f32)]) -> Scan {
+    let step_deg = fov_deg / sectors as f32;
+    let step_rad = step_deg.to_radians();
     let first_azimuth_rad = -0.5 * (fov_deg.to_radians() - step_rad);
-    let mut scan = Scan { time, first_azimuth_rad, step_rad, range_max_m: 5.0, sectors: [Sector::Clear; SECTORS_MAX] };
-    let rays = libm::ceilf(fov_deg / 72.0 / 1.25) as i32;
-    for (index, sector) in scan.sectors.iter_mut().enumerate() {
+    let rays = libm::ceilf(step_deg / 1.25) as i32;
+    let sector = |index: usize| {
         let middle_rad = pose.yaw_rad + first_azimuth_rad + step_rad * index as f32;
         let mut nearest_m = f32::INFINITY;
         for ray in 0..rays {
@@ -34,11 +34,9 @@ fn cast(time: Instant, pose: &Pose, fov_deg: f32, circles: &[(Horizontal, f32)])
                 }
             }
         }
-        if nearest_m < 5.0 {
-            *sector = Sector::Hit(nearest_m);
-        }
-    }
-    scan
+        if nearest_m < 5.0 { Sector::Hit(nearest_m) } else { Sector::Clear }
+    };
+    Scan { time, first_azimuth_rad, step_rad, range_max_m: 5.0, rays: (0..sectors).map(sector).collect() }
 }
 
 struct Watch {
@@ -46,23 +44,29 @@ struct Watch {
     segmenter: scan::Segmenter,
     tracks: Tracks,
     now_s: f32,
-    fov_deg: f32,
+    view: (f32, usize),
 }
 
 impl Watch {
     fn new(fov_deg: f32) -> Self {
+        Self::with_rays(fov_deg, 72)
+    }
+
+    fn with_rays(fov_deg: f32, rays: usize) -> Self {
         let (tracker, segmenter) = (Config::default().build().unwrap(), scan::Config::default().build().unwrap());
-        Self { tracker, segmenter, tracks: Tracks::default(), now_s: 1.0, fov_deg }
+        Self { tracker, segmenter, tracks: Tracks::default(), now_s: 1.0, view: (fov_deg, rays) }
     }
 
     fn look(&mut self, pose: &Pose, circles: &[(Horizontal, f32)]) {
         self.now_s += SCAN_S;
         let now = Instant((self.now_s * 1e6) as u64);
-        let scan = cast(now, pose, self.fov_deg, circles);
-        let mut look = Segmentation::default();
-        self.segmenter.fit_into(&mut look, &scan, pose).unwrap();
+        let scan = cast(now, pose, self.view, circles);
         self.tracker.advance(&mut self.tracks, now);
-        self.tracker.observe(&mut self.tracks, &scan, pose, &look);
+        if scan.is_fine() {
+            return self.tracker.observe_rays(&mut self.tracks, &scan, pose);
+        }
+        let look = self.segmenter.fit(&scan, pose).unwrap();
+        self.tracker.observe(&mut self.tracks, &scan, pose, &look.points_m);
     }
 
     fn moving(&self) -> StdVec<Track> {
@@ -72,10 +76,18 @@ impl Watch {
 
 #[test]
 fn a_person_is_followed_with_the_velocity_that_he_has_by_rays_and_by_wide_sectors() {
-    // Field of view, when his velocity is looked at, and how far off it may be.
-    for (fov_deg, after_s, off_mps) in [(90.0, 0.5, 0.15), (90.0, 1.0, 0.05), (360.0, 1.0, 0.35), (360.0, 2.0, 0.15)] {
+    // Field of view, rays, when his velocity is looked at, and how far off it may be.
+    for (fov_deg, rays, after_s, off_mps) in [
+        (90.0, 72, 0.5, 0.15),
+        (90.0, 72, 1.0, 0.05),
+        (360.0, 72, 1.0, 0.35),
+        (360.0, 72, 2.0, 0.15),
+        (360.0, 360, 0.5, 0.15),
+        (360.0, 360, 1.0, 0.05),
+        (180.0, 360, 0.5, 0.15),
+    ] {
         for velocity in [horizontal(0.0, 1.4), horizontal(-0.9, 0.9), horizontal(0.3, -1.5)] {
-            let mut watch = Watch::new(fov_deg);
+            let mut watch = Watch::with_rays(fov_deg, rays);
             // An empty world at first.
             for _ in 0..5 {
                 watch.look(&Pose::default(), &[]);
@@ -98,8 +110,8 @@ fn a_person_is_followed_with_the_velocity_that_he_has_by_rays_and_by_wide_sector
 
 #[test]
 fn two_people_abreast_are_two() {
-    for fov_deg in [90.0, 360.0] {
-        let mut watch = Watch::new(fov_deg);
+    for (fov_deg, rays) in [(90.0, 72), (360.0, 72), (360.0, 360)] {
+        let mut watch = Watch::with_rays(fov_deg, rays);
         for look in 0..16 {
             let north = 4.2 - 1.4 * SCAN_S * look as f32;
             let pair = [(horizontal(north, -0.4), RADIUS_M), (horizontal(north, 0.4), RADIUS_M)];
@@ -116,14 +128,14 @@ fn nothing_of_a_wall_moves_however_it_is_flown_along() {
     let pickets: StdVec<_> = (0..80).map(|k| (horizontal(0.15 * k as f32 - 2.0, 1.2), 0.1)).collect();
     let posts: StdVec<_> = (0..12).map(|k| (horizontal(1.0 * k as f32, -1.5), 0.2)).collect();
     let world: StdVec<_> = pickets.into_iter().chain(posts).collect();
-    for fov_deg in [90.0, 120.0, 270.0, 360.0] {
+    for (fov_deg, rays) in [(90.0, 72), (120.0, 72), (270.0, 72), (360.0, 72), (180.0, 360), (360.0, 360)] {
         for speed_mps in [0.5, 1.0, 2.0] {
-            let mut watch = Watch::new(fov_deg);
+            let mut watch = Watch::with_rays(fov_deg, rays);
             for look in 0..40 {
                 let yaw_rad = 0.6 * (0.3 * look as f32).sin();
                 let north = (speed_mps * SCAN_S * look as f32).min(8.0);
                 watch.look(&Pose { position_ned_m: horizontal(north, 0.0), yaw_rad }, &world);
-                assert_eq!(watch.moving().len(), 0, "{fov_deg} {speed_mps} {look} {:?}", watch.moving());
+                assert_eq!(watch.moving().len(), 0, "{fov_deg} {rays} {speed_mps} {look} {:?}", watch.moving());
             }
         }
     }

@@ -21,7 +21,7 @@ use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use heapless::Vec;
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::looks::ranges;
+use crate::looks::{NOSE, TURN, ranges};
 use crate::{N, receive, row};
 
 /// The ceilings of design, section 6: of the median step of a mission, and of the worst that can be made, 950 000 of the
@@ -113,12 +113,17 @@ pub(crate) fn rows(
     workspace: &mut Workspace,
     snapshot: &mut AdcFrame<N>,
 ) {
-    static STATE: StaticCell<guidance::State<N>> = StaticCell::new();
-    let state = STATE.init_with(|| guidance.start());
-    let mut fast_loop = Loop { guidance, planner, workspace, snapshot, state, plan: None };
+    let mut fast_loop = Loop { guidance, planner, workspace, snapshot, state: first_state(), plan: None };
     past_circles(measure, &mut fast_loop);
     mission(measure, &mut fast_loop);
     absurd(measure, &mut fast_loop);
+}
+
+/// In a function of its own: it is made on the stack.
+#[inline(never)]
+fn first_state() -> &'static mut guidance::State<N> {
+    static STATE: StaticCell<guidance::State<N>> = StaticCell::new();
+    STATE.init_with(guidance::State::default)
 }
 
 /// Past circles towards the source: the middle of the steps, and of those in which the sensor has looked.
@@ -174,7 +179,7 @@ fn mission(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>)
         let azimuth_rad = (!SILENCE.contains(&step)).then(|| wrap_pi(towards.bearing_rad() - yaw_rad));
         let pose = Pose { position_ned_m: place, yaw_rad };
         let looks = step.is_multiple_of(STEPS_PER_LOOK);
-        let scan = looks.then(|| Scan { time: now, ..ranges(&pillars, &pose, 0.005, &mut rng) });
+        let scan = looks.then(|| Scan { time: now, ..ranges(&pillars, &pose, NOSE, 0.005, &mut rng) });
         let delivered = Delivered { scan: scan.as_ref(), ..Delivered::default() };
         let ownship = at(now, place, velocity, yaw_rad);
         let (count, output) = fast_loop.step(measure, now, ownship, azimuth_rad, &delivered);
@@ -205,7 +210,11 @@ fn median(counts: &mut [u32]) -> u32 {
 #[inline(never)]
 fn absurd(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) {
     let mut rng = Rng::new(14, 14);
-    for (name, everything) in [("fast_loop_random_full_store", false), ("fast_loop_everything", true)] {
+    for (name, everything, view) in [
+        ("fast_loop_random_full_store", false, NOSE),
+        ("fast_loop_everything", true, NOSE),
+        ("fast_loop_everything_360", true, TURN),
+    ] {
         fast_loop.restart();
         let mut worst = 0;
         for step in 0..ABSURD_STEPS {
@@ -214,7 +223,7 @@ fn absurd(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) 
             let place = Horizontal { north: 0.005 * step as f32, east: 0.0 };
             let pose = Pose { position_ned_m: place, yaw_rad };
             let looks = everything || step.is_multiple_of(STEPS_PER_LOOK);
-            let scan = looks.then(|| Scan { time: now, ..ranges(&[], &pose, 0.0, &mut rng) });
+            let scan = looks.then(|| Scan { time: now, ..ranges(&[], &pose, view, 0.0, &mut rng) });
             let points = everything.then(|| scatter(now, &mut rng));
             let circles = (everything || step < FILLING).then(|| crowd(place, &mut rng));
             let delivered = Delivered {

@@ -1,7 +1,7 @@
 //! The keys that are known.
 
 /// The keys that a scenario file and a suite file share, with their paths.
-pub(crate) const FLIGHT_KEYS: [&str; 33] = [
+pub(crate) const FLIGHT_KEYS: [&str; 35] = [
     "name",
     "why",
     "frame",
@@ -13,6 +13,8 @@ pub(crate) const FLIGHT_KEYS: [&str; 33] = [
     "sensor.range_m",
     "sensor.occlusion",
     "sensor.model",
+    "sensor.rays",
+    "sensor.turn_s",
     "bearing",
     "bearing.only",
     "bearing.model",

@@ -94,6 +94,12 @@ pub struct Sensor {
     pub occlusion: bool,
     /// What it delivers.
     pub model: SensorModel,
+    /// Sectors of a scan.
+    #[schemars(range(min = 8, max = 360))]
+    pub rays: u32,
+    /// How long a scan takes; the vehicle moves meanwhile.
+    #[schemars(range(min = 0.0, max = 0.1))]
+    pub turn_s: f64,
 }
 
 /// What the obstacle sensor delivers.
@@ -103,7 +109,7 @@ pub enum SensorModel {
     /// The visible pillars, exactly.
     #[default]
     Circles,
-    /// Distances in 72 sectors, as an `OBSTACLE_DISTANCE` message.
+    /// Distances in sectors, as `OBSTACLE_DISTANCE` messages of 72 each.
     Scan,
 }
 
@@ -250,7 +256,7 @@ pub struct Faults {
 
 impl Default for Sensor {
     fn default() -> Self {
-        Self { fov_deg: 90.0, range_m: 3.0, occlusion: true, model: SensorModel::Circles }
+        Self { fov_deg: 90.0, range_m: 3.0, occlusion: true, model: SensorModel::Circles, rays: 72, turn_s: 0.0 }
     }
 }
 

@@ -1,0 +1,267 @@
+//! A lidar on a line of its own: the LDROBOT LD06, LD19 and STL-19P, which say the same in the same frames, 230400 baud, and
+//! are never spoken to.
+//!
+//! A frame has 47 bytes: `0x54`, `0x2C` (12 points), speed (`u16`, deg/s), angle of the first point (`u16`, 0.01 deg), 12 points
+//! (distance `u16`, mm; confidence `u8`), angle of the last point, time (`u16`, ms), CRC-8 of all before it (polynomial 0x4D).
+//! Numbers are little-endian. 4500 points a second are 375 frames; a turn takes 0.1 s. After LDROBOT's development manuals of
+//! the LD06 and the LD19.
+//!
+//! The angle grows clockwise, seen from above a lidar that stands upright, from the arrow on its housing. A turn becomes a scan
+//! of 360 rays of a degree, the nearest point in each. Each ray is the newest that was heard; a degree in which there was no
+//! point, because a frame was lost or the lidar turns fast, is unknown, and so is a point that it is not sure of, or that is
+//! nearer than anything but the vehicle can be. The time of a scan is the middle of its turn.
+//!
+//! A distance of 0 says that nothing came back. In the open that is so nearly everywhere, so it counts as free as far as
+//! [`Config::range_max_m`]. What is black or made of glass gives nothing back either: [`Config::trusts_silence`] off takes it for
+//! unknown.
+
+use core::f32::consts::PI;
+
+use foxhound_core::base::error::{ConfigError, check};
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::mapping::scan::{RAYS_MAX, Rays, Scan, Sector};
+
+/// Bytes of a frame.
+pub const FRAME_BYTES: usize = 47;
+/// Points of a frame.
+pub const POINTS: usize = 12;
+const BEGIN: [u8; 2] = [0x54, 0x2C];
+const TURN_CDEG: u32 = 36_000;
+/// Between the first and the last point of a frame: 12.5 deg at 13 Hz.
+const SPAN_MAX_CDEG: u32 = 2_000;
+const RAYS: u16 = RAYS_MAX as u16;
+
+/// How it is mounted, and what is believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Where its arrow points, from the nose, clockwise.
+    pub yaw_rad: f32,
+    /// It hangs upside down: its angle grows counter-clockwise.
+    pub is_upside_down: bool,
+    /// What is nearer is the vehicle.
+    pub range_min_m: f32,
+    /// What is farther is not looked at.
+    pub range_max_m: f32,
+    /// It is not sure of points of less confidence.
+    pub confidence_min: u8,
+    /// Where nothing comes back, nothing is.
+    pub trusts_silence: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            yaw_rad: 0.0,
+            is_upside_down: false,
+            range_min_m: 0.1,
+            range_max_m: 8.0,
+            confidence_min: 15,
+            trusts_silence: true,
+        }
+    }
+}
+
+impl Config {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn build(&self) -> Result<Lidar, ConfigError> {
+        check("lidar.yaw_rad", self.yaw_rad, -PI, PI)?;
+        check("lidar.range_min_m", self.range_min_m, 0.0, 1.0)?;
+        check("lidar.range_max_m", self.range_max_m, 1.0, 12.0)?;
+        let sense = if self.is_upside_down { -1.0 } else { 1.0 };
+        let mut rays = Rays::new();
+        rays.resize(RAYS_MAX);
+        let scan = Scan {
+            time: Instant(0),
+            first_azimuth_rad: wrap_pi(self.yaw_rad + sense * (PI / 360.0)),
+            step_rad: sense * (PI / 180.0),
+            range_max_m: self.range_max_m,
+            rays,
+        };
+        let counters = Counters::default();
+        Ok(Lidar {
+            config: *self,
+            bytes: [0; FRAME_BYTES],
+            filled: 0,
+            scan,
+            last: None,
+            began: None,
+            is_new: false,
+            counters,
+        })
+    }
+}
+
+/// What came in since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames that were right.
+    pub frames: u32,
+    /// What began like a frame and was none, or said what cannot be.
+    pub bad: u32,
+    /// Turns.
+    pub turns: u32,
+}
+
+/// Takes in its bytes.
+#[derive(Clone, Debug)]
+pub struct Lidar {
+    config: Config,
+    bytes: [u8; FRAME_BYTES],
+    filled: usize,
+    scan: Scan,
+    /// The ray that was heard last.
+    last: Option<u16>,
+    /// When this turn began; none before the first whole one.
+    began: Option<Instant>,
+    is_new: bool,
+    counters: Counters,
+}
+
+impl Lidar {
+    /// Takes in bytes, in pieces of any size, that have come by now.
+    pub fn push(&mut self, now: Instant, bytes: &[u8]) {
+        for byte in bytes {
+            if let Some(slot) = self.bytes.get_mut(self.filled) {
+                *slot = *byte;
+                self.filled += 1;
+            }
+            while self.filled > 0 && !self.may_begin() {
+                self.skip();
+            }
+            if self.filled == FRAME_BYTES {
+                if self.is_right() && self.read(now) {
+                    self.counters.frames = self.counters.frames.saturating_add(1);
+                    self.filled = 0;
+                } else {
+                    self.counters.bad = self.counters.bad.saturating_add(1);
+                    self.skip();
+                    while self.filled > 0 && !self.may_begin() {
+                        self.skip();
+                    }
+                }
+            }
+        }
+    }
+
+    /// The turn that nobody took, if one is complete. Its rays are renewed where it lies.
+    #[must_use]
+    pub fn scan(&self) -> Option<&Scan> {
+        self.is_new.then_some(&self.scan)
+    }
+
+    /// Somebody took it.
+    pub fn take(&mut self) {
+        self.is_new = false;
+    }
+
+    /// What came in since the start.
+    #[must_use]
+    pub const fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    fn may_begin(&self) -> bool {
+        self.bytes.iter().zip(BEGIN).take(self.filled).all(|(byte, begin)| *byte == begin)
+    }
+
+    /// Drops the first byte, and those behind it that begin no frame.
+    fn skip(&mut self) {
+        let rest = self.bytes.get(1..self.filled).unwrap_or_default();
+        let next = rest.iter().position(|byte| *byte == BEGIN[0]).map_or(self.filled, |index| index + 1);
+        self.bytes.copy_within(next.min(self.filled)..self.filled, 0);
+        self.filled -= next.min(self.filled);
+    }
+
+    fn is_right(&self) -> bool {
+        let (body, crc) = self.bytes.split_at(FRAME_BYTES - 1);
+        crc.first() == Some(&crc8(body))
+    }
+
+    fn word(&self, at: usize) -> u16 {
+        match self.bytes.get(at..at + 2) {
+            Some([low, high]) => u16::from_le_bytes([*low, *high]),
+            _ => 0,
+        }
+    }
+
+    /// Reads a whole frame; false where it says what cannot be.
+    fn read(&mut self, now: Instant) -> bool {
+        let (first_cdeg, last_cdeg) = (u32::from(self.word(4)), u32::from(self.word(FRAME_BYTES - 5)));
+        if first_cdeg >= TURN_CDEG || last_cdeg >= TURN_CDEG {
+            return false;
+        }
+        let span_cdeg = (last_cdeg + TURN_CDEG - first_cdeg) % TURN_CDEG;
+        if span_cdeg > SPAN_MAX_CDEG {
+            return false;
+        }
+        for point in 0..POINTS {
+            let at = 6 + 3 * point;
+            let along_cdeg = span_cdeg * point as u32 / (POINTS as u32 - 1);
+            let ray = ((first_cdeg + along_cdeg) / 100 % u32::from(RAYS)) as u16;
+            let confidence = self.bytes.get(at + 2).copied().unwrap_or(0);
+            let seen = self.seen(self.word(at), confidence);
+            self.note(now, ray, seen);
+        }
+        true
+    }
+
+    /// What a point says.
+    fn seen(&self, distance_mm: u16, confidence: u8) -> Sector {
+        let range_m = f32::from(distance_mm) / 1000.0;
+        if distance_mm == 0 {
+            if self.config.trusts_silence { Sector::Clear } else { Sector::Unknown }
+        } else if confidence < self.config.confidence_min || range_m < self.config.range_min_m {
+            Sector::Unknown
+        } else if range_m > self.config.range_max_m {
+            Sector::Clear
+        } else {
+            Sector::Hit(range_m)
+        }
+    }
+
+    /// A point in a ray: of several of a turn the nearest counts, and a hit before none.
+    fn note(&mut self, now: Instant, ray: u16, seen: Sector) {
+        let rays = &mut self.scan.rays;
+        let at = usize::from(ray);
+        let Some(last) = self.last.replace(ray) else { return rays.set(at, seen) };
+        if last == ray {
+            return match (rays.get(at), seen) {
+                (Sector::Hit(before_m), Sector::Hit(range_m)) if before_m <= range_m => {}
+                (Sector::Hit(_), Sector::Clear | Sector::Unknown) | (Sector::Clear, Sector::Unknown) => {}
+                _ => rays.set(at, seen),
+            };
+        }
+        // A step back of less than half a turn is the jitter of its motor.
+        let on = (ray + RAYS - last) % RAYS;
+        if on > RAYS / 2 && RAYS - on < 5 {
+            self.last = Some(last);
+            return;
+        }
+        for skipped in 1..on {
+            rays.set(usize::from((last + skipped) % RAYS), Sector::Unknown);
+        }
+        rays.set(at, seen);
+        if last + on >= RAYS
+            && let Some(began) = self.began.replace(now)
+        {
+            self.scan.time = began.plus_micros(now.micros_since(began) / 2);
+            self.is_new = true;
+            self.counters.turns = self.counters.turns.saturating_add(1);
+        }
+    }
+}
+
+/// CRC-8 by the polynomial 0x4D, from 0.
+#[must_use]
+pub fn crc8(bytes: &[u8]) -> u8 {
+    bytes
+        .iter()
+        .fold(0, |crc, byte| (0..8).fold(crc ^ byte, |crc, _| (crc << 1) ^ if crc & 0x80 == 0 { 0 } else { 0x4D }))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,236 @@
+//! The rays of a scan, two bytes each, and the same in sectors where somebody has no use for so many.
+
+use super::{RAY_MAX_M, RAY_STEP_MAX_RAD, RAYS_MAX, SECTORS_MAX, Scan, Sector};
+use crate::base::units::between;
+
+const UNKNOWN: u16 = u16::MAX;
+const CLEAR: u16 = u16::MAX - 1;
+/// What no sensor measures; it is refused where it is read.
+const ABSURD: u16 = 0;
+
+/// How far each ray of a scan sees, to the millimetre.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Rays {
+    ranges_mm: [u16; RAYS_MAX],
+    count: u16,
+}
+
+impl Rays {
+    /// There are none.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { ranges_mm: [UNKNOWN; RAYS_MAX], count: 0 }
+    }
+
+    /// There are so many from now on, [`RAYS_MAX`] at most; of new ones nothing is known.
+    pub fn resize(&mut self, count: usize) {
+        let old = self.len();
+        self.count = count.min(RAYS_MAX) as u16;
+        for index in old..self.len() {
+            self.set(index, Sector::Unknown);
+        }
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.count as usize
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// One more; without effect where there is no room.
+    pub fn push(&mut self, sector: Sector) {
+        if self.len() < RAYS_MAX {
+            self.count += 1;
+            self.set(self.len() - 1, sector);
+        }
+    }
+
+    /// What a ray says; without effect where there is none.
+    pub fn set(&mut self, index: usize, sector: Sector) {
+        if let Some(slot) = self.ranges_mm.get_mut(index).filter(|_| index < usize::from(self.count)) {
+            *slot = match sector {
+                Sector::Unknown => UNKNOWN,
+                Sector::Clear => CLEAR,
+                Sector::Hit(range_m) if range_m > 0.0 && range_m <= RAY_MAX_M => {
+                    between(1000.0 * range_m + 0.5, 1.0, 1000.0 * RAY_MAX_M) as u16
+                }
+                Sector::Hit(_) => ABSURD,
+            };
+        }
+    }
+
+    /// What a ray says; unknown where there is none. A hit at 0 m is one that could not be measured.
+    #[must_use]
+    pub fn get(&self, index: usize) -> Sector {
+        match self.ranges_mm.get(index).copied().unwrap_or(UNKNOWN) {
+            UNKNOWN => Sector::Unknown,
+            CLEAR => Sector::Clear,
+            // By this, not by its inverse: a whole number of centimetres comes back with every bit.
+            range_mm => Sector::Hit(f32::from(range_mm) / 1000.0),
+        }
+    }
+
+    /// What they say, in order.
+    pub fn iter(&self) -> impl Iterator<Item = Sector> + '_ {
+        (0..self.len()).map(|index| self.get(index))
+    }
+}
+
+impl Default for Rays {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl FromIterator<Sector> for Rays {
+    fn from_iter<I: IntoIterator<Item = Sector>>(sectors: I) -> Self {
+        let mut rays = Self::new();
+        sectors.into_iter().take(RAYS_MAX).for_each(|sector| rays.push(sector));
+        rays
+    }
+}
+
+/// A scan in sectors of so many neighbouring rays each that there are no more sectors than somebody has use for. A sector's hit
+/// is the nearest of its rays'; without a hit it is clear where more than half of its rays are. Where the rays are few enough,
+/// each is a sector.
+#[derive(Clone, Copy, Debug)]
+pub struct Sectors<'a> {
+    scan: &'a Scan,
+    rays_each: usize,
+    /// Azimuth of the middle of sector 0, from the nose, clockwise positive.
+    pub first_azimuth_rad: f32,
+    /// Azimuth step from a sector to the next.
+    pub step_rad: f32,
+}
+
+impl<'a> Sectors<'a> {
+    #[inline(never)]
+    pub(super) fn new(scan: &'a Scan, sectors_max: usize) -> Self {
+        let rays_each = scan.rays.len().div_ceil(sectors_max.max(1)).max(1);
+        Self {
+            scan,
+            rays_each,
+            first_azimuth_rad: scan.first_azimuth_rad + 0.5 * (rays_each - 1) as f32 * scan.step_rad,
+            step_rad: rays_each as f32 * scan.step_rad,
+        }
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.scan.rays.len().div_ceil(self.rays_each)
+    }
+
+    /// Sectors of a full turn, if these are one: then the last is a neighbour of the first.
+    #[must_use]
+    pub fn turn(&self) -> Option<usize> {
+        self.scan.turn().map(|rays| rays.div_ceil(self.rays_each))
+    }
+
+    /// Whether it is known where in a sector its hit is.
+    #[must_use]
+    pub const fn is_exact(&self) -> bool {
+        self.rays_each > 1
+    }
+
+    /// The outermost rays of a sector, in sector widths from its middle: as far from there a hit may lie. 0 where a sector is
+    /// a single ray.
+    #[must_use]
+    pub fn outermost_ray(&self) -> f32 {
+        let rays = self.rays_each as f32 * libm::ceilf(libm::fabsf(self.scan.step_rad) / RAY_STEP_MAX_RAD);
+        0.5 - 0.5 / rays
+    }
+
+    /// What a sector says.
+    #[must_use]
+    pub fn get(&self, index: usize) -> Sector {
+        self.nearest(index).0
+    }
+
+    /// What a sector says, and how far from its middle that is, in rays.
+    #[must_use]
+    #[inline(never)]
+    pub fn nearest(&self, index: usize) -> (Sector, f32) {
+        if self.rays_each == 1 {
+            return (self.scan.rays.get(index), 0.0);
+        }
+        let (from, most_mm) = (index * self.rays_each, (1000.0 * self.scan.range_max_m + 0.5) as u16);
+        let (mut least_mm, mut nearest, mut clear, mut absurd) = (CLEAR, 0, 0, None);
+        let its = self.scan.rays.ranges_mm.get(from..).unwrap_or_default().iter().take(self.rays_each);
+        for (ray, range_mm) in its.enumerate() {
+            match *range_mm {
+                UNKNOWN => {}
+                CLEAR => clear += 1,
+                range_mm if range_mm == ABSURD || range_mm > most_mm => absurd = Some(from + ray),
+                range_mm if range_mm < least_mm => (least_mm, nearest) = (range_mm, ray),
+                _ => {}
+            }
+        }
+        match absurd {
+            _ if least_mm < CLEAR => {
+                (self.scan.rays.get(from + nearest), nearest as f32 - 0.5 * (self.rays_each - 1) as f32)
+            }
+            Some(ray) => (self.scan.rays.get(ray), 0.0),
+            None if 2 * clear > self.rays_each => (Sector::Clear, 0.0),
+            None => (Sector::Unknown, 0.0),
+        }
+    }
+}
+
+/// How far each sector of a scan sees, to the millimetre below and 65 m at most, in half the room.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ranges<const SECTORS: usize = SECTORS_MAX>([u16; SECTORS]);
+
+impl<const SECTORS: usize> Ranges<SECTORS> {
+    /// Nothing is known.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self([UNKNOWN; SECTORS])
+    }
+
+    /// Those of a scan.
+    #[inline(never)]
+    pub fn take(&mut self, scan: &Scan) {
+        let sectors = scan.in_sectors(SECTORS);
+        for index in 0..SECTORS {
+            match sectors.get(index) {
+                Sector::Clear => self.put(index, CLEAR),
+                Sector::Hit(range_m) if range_m > 0.0 && range_m <= scan.range_max_m => self.set_m(index, range_m),
+                _ => self.put(index, UNKNOWN),
+            }
+        }
+    }
+
+    /// Sees to a hit.
+    pub fn set_m(&mut self, index: usize, range_m: f32) {
+        self.put(index, (1000.0 * between(range_m, 0.0, RAY_MAX_M)) as u16);
+    }
+
+    /// How far a sector sees; `clear_m` where there is nothing, -1 where nothing is known.
+    #[must_use]
+    pub fn sees_m(&self, index: usize, clear_m: f32) -> f32 {
+        match self.0.get(index).copied().unwrap_or(UNKNOWN) {
+            UNKNOWN => -1.0,
+            CLEAR => clear_m,
+            range_mm => f32::from(range_mm) * 1e-3,
+        }
+    }
+
+    fn put(&mut self, index: usize, value: u16) {
+        if let Some(slot) = self.0.get_mut(index) {
+            *slot = value;
+        }
+    }
+}
+
+impl<const SECTORS: usize> Default for Ranges<SECTORS> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,368 @@
+//! One scan out of the several `OBSTACLE_DISTANCE` messages that a fine lidar's turn takes: 72 distances each, of one
+//! increment, at offsets that continue each other.
+//!
+//! A message whose sensor has never sent more than one kind of offset is a scan by itself, at once. Where another follows that
+//! continues it, the two are joined, and so on until one comes that was heard before: so many make a turn from then on, and the
+//! scan is there with the last of them. It is there sooner where it closes a full turn, and with what has come where a message
+//! was lost: when the next turn begins, or [`TURN_MAX_US`] after the first. What did not come is unknown.
+//!
+//! A ray is always the newest that was heard of it. The time of a scan is the middle between its first message and its last, so
+//! that no ray is older than half of [`TURN_MAX_US`] before it. A turn of more than 360 rays is joined as far as 360 go.
+
+use core::f32::consts::PI;
+
+use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::wrap_pi;
+use foxhound_core::mapping::scan::{RAYS_MAX, Rays, Scan, Sector};
+
+use crate::clock::is_over;
+use crate::obstacles::{FULL_TURN_DEG, Part};
+
+/// No turn takes longer.
+const TURN_MAX_US: u64 = 300_000;
+/// Messages of one turn are off a common grid of rays by less than this.
+const OFF_GRID_MAX: f32 = 0.25;
+
+/// A bit for each ray.
+#[derive(Clone, Copy, Debug)]
+struct Bits([u32; RAYS_MAX.div_ceil(32)]);
+
+impl Bits {
+    const NONE: Self = Self([0; RAYS_MAX.div_ceil(32)]);
+
+    fn has(&self, ray: usize) -> bool {
+        self.0.get(ray / 32).is_some_and(|word| word >> (ray % 32) & 1 != 0)
+    }
+
+    fn set(&mut self, ray: usize) {
+        if let Some(word) = self.0.get_mut(ray / 32) {
+            *word |= 1 << (ray % 32);
+        }
+    }
+
+    fn count(&self) -> usize {
+        self.0.iter().map(|word| word.count_ones() as usize).sum()
+    }
+}
+
+/// What is gathered, and the scan that came of it.
+#[derive(Clone, Debug)]
+pub(crate) struct Turns {
+    scan: Scan,
+    /// Nobody took it yet.
+    is_new: bool,
+    /// Who sent it.
+    component_id: u8,
+    /// Azimuth of ray 0, as the messages count.
+    first_deg: f32,
+    step_deg: f32,
+    /// When the first message of this turn came.
+    began: Instant,
+    /// Messages of this turn, of which there is no scan yet where they are fewer than the last turn had.
+    parts: u8,
+    parts_before: u8,
+    /// The rays that were heard of in this turn, and those with which a message began.
+    heard: Bits,
+    begun: Bits,
+}
+
+impl Turns {
+    pub(crate) const fn new() -> Self {
+        Self {
+            scan: Scan { time: Instant(0), first_azimuth_rad: 0.0, step_rad: 1.0, range_max_m: 1.0, rays: Rays::new() },
+            is_new: false,
+            component_id: 0,
+            first_deg: 0.0,
+            step_deg: 0.0,
+            began: Instant(0),
+            parts: 0,
+            parts_before: 1,
+            heard: Bits::NONE,
+            begun: Bits::NONE,
+        }
+    }
+
+    /// The scan that nobody took.
+    pub(crate) fn scan(&self) -> Option<&Scan> {
+        self.is_new.then_some(&self.scan)
+    }
+
+    /// Somebody took it.
+    pub(crate) fn take(&mut self) {
+        self.is_new = false;
+    }
+
+    /// Forgets all of it.
+    pub(crate) fn clear(&mut self) {
+        (self.is_new, self.parts, self.parts_before) = (false, 0, 1);
+        (self.heard, self.begun) = (Bits::NONE, Bits::NONE);
+        self.scan.rays.resize(0);
+    }
+
+    /// Who sent what was heard last.
+    pub(crate) const fn component_id(&self) -> u8 {
+        self.component_id
+    }
+
+    /// Lets go of a scan that nobody took for so long, and waits no longer for a turn that does not end.
+    pub(crate) fn age(&mut self, now: Instant, age_max_s: f32) {
+        if (1..self.parts_before).contains(&self.parts) && now.micros_since(self.began) > TURN_MAX_US {
+            self.parts_before = self.parts;
+            self.end(self.began);
+        }
+        if is_over(now, self.scan.time, age_max_s) {
+            self.is_new = false;
+        }
+    }
+
+    /// Takes in a message.
+    #[inline(never)]
+    pub(crate) fn hear(&mut self, now: Instant, component_id: u8, part: &Part<'_>) {
+        let mut from = 0;
+        match self.place(now, component_id, part) {
+            Some(ray) if self.heard.has(ray) && self.begun.has(ray) => {
+                // The next turn. What came of the one before is a scan, if it is not one yet.
+                if self.parts < self.parts_before {
+                    self.end(now);
+                }
+                (self.parts_before, self.parts, self.heard) = (self.parts, 0, Bits::NONE);
+                from = ray;
+            }
+            Some(ray) if (ray..ray + said(part, ray)).all(|ray| !self.heard.has(ray)) => from = ray,
+            _ => {
+                self.clear();
+                (self.component_id, self.first_deg, self.step_deg) = (component_id, part.first_deg, part.step_deg);
+            }
+        }
+        if self.parts == 0 {
+            self.began = now;
+        }
+        let scan = &mut self.scan;
+        scan.step_rad = part.step_deg * (PI / 180.0);
+        scan.range_max_m = part.range_max_m;
+        scan.first_azimuth_rad = wrap_pi(self.first_deg * (PI / 180.0) - part.yaw_rad);
+        let rays = scan.rays.len().max((from + part.count).min(room(part.step_deg)));
+        scan.rays.resize(rays);
+        for index in 0..said(part, from) {
+            let ray = from + index;
+            scan.rays.set(ray, part.sector(index));
+            self.heard.set(ray);
+        }
+        self.begun.set(from);
+        self.parts = self.parts.saturating_add(1);
+        if self.parts >= self.parts_before || self.is_whole() {
+            self.end(now);
+        }
+    }
+
+    /// At which ray a message continues the turn; `None` where it does not belong to it.
+    fn place(&self, now: Instant, component_id: u8, part: &Part<'_>) -> Option<usize> {
+        let is_same = component_id == self.component_id
+            && part.step_deg == self.step_deg
+            && part.range_max_m == self.scan.range_max_m
+            && now.micros_since(self.began) <= TURN_MAX_US;
+        let steps = (part.first_deg - self.first_deg) / part.step_deg;
+        let whole = libm::roundf(steps);
+        if !is_same || libm::fabsf(steps - whole) > OFF_GRID_MAX {
+            return None;
+        }
+        let turn = libm::roundf(FULL_TURN_DEG / libm::fabsf(part.step_deg)) as i32;
+        let ray = (whole as i32).wrapping_rem_euclid(turn.max(1)) as usize;
+        (ray < room(part.step_deg)).then_some(ray)
+    }
+
+    /// Whether every ray of a full turn was heard of.
+    fn is_whole(&self) -> bool {
+        let turn = self.scan.turn();
+        turn.is_some_and(|turn| self.heard.count() >= turn)
+    }
+
+    /// What has come is a scan.
+    fn end(&mut self, now: Instant) {
+        for ray in 0..self.scan.rays.len() {
+            if !self.heard.has(ray) {
+                self.scan.rays.set(ray, Sector::Unknown);
+            }
+        }
+        self.scan.time = self.began.plus_micros(now.micros_since(self.began) / 2);
+        self.is_new = true;
+    }
+}
+
+/// Rays of a turn, or as many as there is room for.
+fn room(step_deg: f32) -> usize {
+    let turn = libm::roundf(FULL_TURN_DEG / libm::fabsf(step_deg));
+    if turn < RAYS_MAX as f32 { turn as usize } else { RAYS_MAX }
+}
+
+/// How many rays a message that begins at one tells of: those behind the last that says something may lie a turn on.
+fn said(part: &Part<'_>, from: usize) -> usize {
+    let mut said = part.count.min(room(part.step_deg) - from);
+    while said > 1 && part.sector(said - 1) == Sector::Unknown {
+        said -= 1;
+    }
+    said
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use foxhound_core::base::rng::Rng;
+
+    use super::*;
+    use crate::dialect::OBSTACLE_DISTANCE_DATA;
+    use crate::obstacles::{Reading, part};
+
+    const NOSE: Reading = Reading { yaw_rad: 0.0, zero_touches: false };
+
+    fn message(first_deg: f32, step_deg: f32, distances_cm: &[u16]) -> OBSTACLE_DISTANCE_DATA {
+        OBSTACLE_DISTANCE_DATA {
+            distances: core::array::from_fn(|index| distances_cm.get(index).copied().unwrap_or(u16::MAX)),
+            increment_f: step_deg,
+            angle_offset: first_deg,
+            min_distance: 5,
+            max_distance: 1200,
+            ..OBSTACLE_DISTANCE_DATA::DEFAULT
+        }
+    }
+
+    fn hear(turns: &mut Turns, at_ms: u64, message: &OBSTACLE_DISTANCE_DATA) {
+        turns.hear(Instant(1000 * at_ms), 7, &part(message, NOSE).unwrap());
+    }
+
+    /// What a scan says in so many directions of a turn, centimetres; 0 where nothing is known.
+    fn around(scan: &Scan, rays: usize) -> Vec<u16> {
+        let step_rad = scan.step_rad;
+        let mut around = std::vec![0; rays];
+        for (index, sector) in scan.rays.iter().enumerate() {
+            let azimuth_rad = scan.first_azimuth_rad + step_rad * index as f32;
+            let at = (azimuth_rad / step_rad.abs()).round() as i32;
+            if let Sector::Hit(range_m) = sector {
+                around[at.rem_euclid(rays as i32) as usize] = (100.0 * range_m).round() as u16;
+            }
+        }
+        around
+    }
+
+    #[test]
+    fn five_messages_make_a_turn_from_the_second_on_whichever_comes_first() {
+        for first in 0..5 {
+            let mut turns = Turns::new();
+            for count in 0..20 {
+                let number = (first + count) % 5;
+                let distances: Vec<u16> = (0..72).map(|ray| 100 + 72 * number + ray).collect();
+                hear(&mut turns, 20 * u64::from(count), &message(f32::from(72 * number), 1.0, &distances));
+                let scan = turns.scan().cloned();
+                turns.take();
+                let is_last = count % 5 == 4;
+                assert_eq!(scan.is_some(), count < 5 || is_last, "the first turn bit by bit, then whole ones");
+                if is_last {
+                    let scan = scan.unwrap();
+                    assert_eq!(scan.turn(), Some(360));
+                    assert_eq!(around(&scan, 360), (100..460).collect::<Vec<_>>());
+                    assert_eq!(scan.time, Instant(20_000 * u64::from(count) - 40_000), "the middle");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_lost_is_unknown_and_the_rest_is_a_scan_when_the_next_turn_begins_or_none_does() {
+        let mut turns = Turns::new();
+        let part_of = |number: u16| message(f32::from(72 * number), 1.0, &[100 + number; 72]);
+        (0..5).for_each(|number| hear(&mut turns, 20 * u64::from(number), &part_of(number)));
+        turns.take();
+        for number in [0, 1, 3, 4] {
+            hear(&mut turns, 100 + 20 * u64::from(number), &part_of(number));
+        }
+        assert!(turns.scan().is_none(), "one is missing");
+        hear(&mut turns, 200, &part_of(0));
+        let known = |scan: &Scan| scan.rays.iter().filter(|sector| *sector != Sector::Unknown).count();
+        assert_eq!(turns.scan().map(known), Some(288));
+        turns.take();
+        hear(&mut turns, 220, &part_of(1));
+        turns.age(Instant(450_000), 0.5);
+        assert!(turns.scan().is_none());
+        turns.age(Instant(510_000), 0.5);
+        assert_eq!(turns.scan().map(known), Some(144), "the sensor fell silent");
+        turns.age(Instant(900_000), 0.5);
+        assert!(turns.scan().is_none(), "too old");
+    }
+
+    #[test]
+    fn other_sensors_and_other_angles_begin_anew() {
+        let mut turns = Turns::new();
+        let base = message(-36.0, 1.0, &[200; 72]);
+        for other in [
+            message(-35.5, 1.0, &[200; 72]),
+            message(0.0, 1.0, &[200; 72]),
+            message(36.0, 2.0, &[200; 72]),
+            OBSTACLE_DISTANCE_DATA { max_distance: 600, ..message(36.0, 1.0, &[200; 72]) },
+        ] {
+            hear(&mut turns, 0, &base);
+            hear(&mut turns, 10, &other);
+            assert_eq!(turns.scan().unwrap().rays.len(), 72, "{}", other.angle_offset);
+        }
+        hear(&mut turns, 20, &base);
+        hear(&mut turns, 321, &message(36.0, 1.0, &[200; 72]));
+        assert_eq!(turns.scan().unwrap().rays.len(), 72, "of another turn");
+        turns.hear(Instant(322_000), 8, &part(&message(108.0, 1.0, &[200; 72]), NOSE).unwrap());
+        assert_eq!(turns.scan().unwrap().rays.len(), 72, "another's");
+    }
+
+    #[test]
+    fn nothing_is_lost_and_no_ray_is_older_than_it_may_be() {
+        let (mut scans, mut said_rays) = (0, 0);
+        for seed in 0..400 {
+            let mut rng = Rng::new(seed, 3);
+            let mut below = |count: u32| ((rng.uniform() * count as f32) as u32).min(count - 1);
+            // Rays of a turn, of how many of them something is told, in messages of so many, and what is lost of a hundred.
+            let rays = [72_usize, 100, 180, 240, 300, 360][below(6) as usize];
+            let told = if below(2) == 0 { rays } else { rays / 2 };
+            let each = [36_usize, 60, 72][below(3) as usize].min(told);
+            let messages = told.div_ceil(each);
+            let (lost, period_ms) = ([0, 0, 10, 40][below(4) as usize], u64::from(60 + below(140)));
+            let step_deg = 360.0 / rays as f32;
+            let mut turns = Turns::new();
+            let mut number = 0_u16;
+            // When each ray was last told of, what it was, and whether a scan has said so.
+            let mut truth = std::vec![(0_u64, 0_u16, true); rays];
+            for count in below(5) as usize..80 {
+                let at_ms = 1000 + count as u64 * period_ms / messages as u64;
+                turns.age(Instant(1000 * at_ms), 0.5);
+                let from = count % messages * each;
+                if below(100) >= lost {
+                    let mut distances = Vec::new();
+                    for ray in &mut truth[from..(from + each).min(told)] {
+                        number = number % 1000 + 1;
+                        distances.push(number);
+                        *ray = (at_ms, number, false);
+                    }
+                    hear(&mut turns, at_ms, &message(step_deg * from as f32, step_deg, &distances));
+                }
+                if below(3) > 0
+                    && let Some(scan) = turns.scan().cloned()
+                {
+                    turns.take();
+                    scans += 1;
+                    for (heard, truth) in around(&scan, rays).into_iter().zip(&mut truth) {
+                        // The newest that was heard, or nothing.
+                        assert!(heard == 0 || heard == truth.1, "{seed} {count}");
+                        if heard != 0 {
+                            said_rays += 1;
+                            truth.2 = true;
+                            assert!((1000 * truth.0).abs_diff(scan.time.0) <= TURN_MAX_US, "{seed} {count}");
+                        }
+                    }
+                }
+                for (ray, (told_ms, _, is_said)) in truth.iter().enumerate() {
+                    // Until the next turn has begun, or nobody waits for it any more, and somebody took it.
+                    let most_ms = 300 + 12 * period_ms / messages as u64 + period_ms;
+                    assert!(*is_said || at_ms - told_ms <= most_ms, "{seed} {count}: ray {ray}");
+                }
+            }
+        }
+        assert!(scans > 5_000 && said_rays > 500_000, "{scans} {said_rays}");
+    }
+}
