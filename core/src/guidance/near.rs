@@ -4,7 +4,7 @@
 use heapless::Vec;
 
 use super::OBSTACLES_MAX;
-use crate::base::math::inverse_root;
+use crate::base::math::{inverse_root, sqrt};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Circle, Neighbour};
 use crate::control::guard::Guard;
@@ -16,6 +16,9 @@ use crate::planning::rollout::swept_clearance_m;
 pub(super) const NEAR_M: f32 = 4.0;
 /// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
 pub(super) const FAR: u8 = 64;
+
+/// A body that is followed is kept off by so many standard deviations of its place more.
+const DOUBT_SIGMAS: f32 = 2.0;
 
 /// Lists what is near the vehicle: the nearest, where there is no room for all of it; what stands before what moves.
 #[inline(never)]
@@ -64,11 +67,11 @@ pub(super) fn told_apart(near: &[Neighbour]) -> (&[Neighbour], &[Neighbour]) {
     near.split_at(near.partition_point(|neighbour| neighbour.velocity_ned_mps == Horizontal::default()))
 }
 
-/// The bodies that are followed and move, as obstacles that grow while they are out of sight.
+/// The bodies that are followed and move, as obstacles that grow with the doubt of where they are.
 #[inline(never)]
 pub(super) fn followed(guard: &Guard, radius_m: f32, tracks: &Tracks, bodies: &mut Vec<Neighbour, TRACKS_MAX>) {
     for track in tracks.all().iter().filter(|track| track.moves()) {
-        let radius_m = radius_m + track.lost_m();
+        let radius_m = radius_m + DOUBT_SIGMAS * sqrt(track.covariance[0]);
         let (center_ned_m, velocity_ned_mps) = (track.center_ned_m, track.velocity_ned_mps);
         // Cannot fail: there is room for all of them.
         let _ = bodies.push(guard.obstacle(&Circle { center_ned_m, radius_m, velocity_ned_mps }));

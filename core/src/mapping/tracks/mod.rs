@@ -57,9 +57,6 @@ const LOOKS_APART_S: f32 = 0.035;
 const LOOKS_MIN: u8 = 3;
 /// A body was farther away by no more than this one scan ago.
 const LEFT_M: f32 = 0.25;
-/// A body that is not seen may be elsewhere by so much more a second, for so long.
-const LOST_MPS: f32 = 0.05;
-const LOST_S: f32 = 2.0;
 /// Widest gate.
 const GATE_MAX_M: f32 = 0.75;
 const GATE_M: f32 = 0.25;
@@ -135,12 +132,6 @@ impl Track {
     #[must_use]
     pub fn moves(&self) -> bool {
         self.moves
-    }
-
-    /// By how much more it may be elsewhere than where it is thought to be, for want of a look.
-    #[must_use]
-    pub fn lost_m(&self) -> f32 {
-        LOST_MPS * if self.unseen_s < LOST_S { self.unseen_s } else { LOST_S }
     }
 
     fn predict(&mut self, dt_s: f32, sigma_mps2: f32) {
