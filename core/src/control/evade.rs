@@ -33,10 +33,15 @@ const LAGS: f32 = 2.0;
 /// What stands is looked at for so long beyond the roll-out.
 const STANDING_S: f32 = 0.5;
 
+/// Kept from what stands while it gives way: it may be a body too slow to be known to move.
+const STANDING_M: f32 = 0.2;
+
 /// What stands and is no farther from the middle of what moves than this, and their reach, is a part of it.
 const PART_M: f32 = 0.1;
 /// A choice holds for so many more steps: it is made at 12.5 Hz.
 const HOLDS: u8 = 3;
+/// So much earlier or later than thought a body may be where it is going.
+const EARLY_S: f32 = 0.1;
 /// A hit costs as much as one that is so much later, where it is at once.
 const HIT_S: f32 = 0.3;
 /// A margin smaller than this counts as this.
@@ -48,7 +53,7 @@ const MARGIN_MIN_M: f32 = 0.01;
 pub struct Config {
     /// How far ahead who moves is thought to go straight on.
     pub horizon_s: f32,
-    /// Kept from who moves, beside the two radii.
+    /// Kept from who moves, beside the two radii and the way of 0.1 s.
     pub margin_m: f32,
     /// By so much more for each second ahead.
     pub margin_rate_mps: f32,
@@ -66,7 +71,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             horizon_s: 4.0,
-            margin_m: 0.2,
+            margin_m: 0.05,
             margin_rate_mps: 0.03,
             comfort_m: 0.3,
             hit_cost: 200.0,
@@ -194,7 +199,8 @@ impl Evader {
             if reach_s > c.horizon_s {
                 continue;
             }
-            let wanted_m = other.reach_m + c.margin_m + c.margin_rate_mps * dead_s;
+            let wanted_m =
+                other.reach_m + c.margin_m + EARLY_S * other.velocity_ned_mps.norm() + c.margin_rate_mps * dead_s;
             // Who is too near already is not let nearer.
             let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
             let velocity_mps = other.velocity_ned_mps;
@@ -225,7 +231,7 @@ impl Evader {
             if moving.iter().any(is_part) {
                 continue;
             }
-            let wanted_m = other.reach_m + 0.03;
+            let wanted_m = other.reach_m + STANDING_M;
             let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
             let velocity_mps = Horizontal::default();
             let at_m = other.center_ned_m;

@@ -13,7 +13,7 @@ use crate::planning::planner::Verdict;
 /// The guard lets the vehicle come so much nearer to what is told to move than to what stands.
 const BODY_M: f32 = 0.1;
 /// What is told to move faster than this is left to the evader while it gives way.
-const WALKS_MPS: f32 = 0.25;
+const WALKS_MPS: f32 = 0.5;
 
 impl<const N: usize> Guidance<N> {
     /// What the active plan asks for; `None` when there is nothing to follow.
@@ -77,14 +77,17 @@ impl<const N: usize> Guidance<N> {
                 demand.velocity_ned_mps = velocity_ned_mps;
                 situation.is_evading = true;
             }
-            // The guard keeps off where a body is now, as if it stood there; the hits of one that is followed are in the map. What
-            // is told to walk has left that place when the vehicle comes there, and a brake for it spoils what gives way.
-            if situation.is_evading {
-                state.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
-            }
-            for body in state.near.iter_mut().filter(|one| one.velocity_ned_mps != Horizontal::default()) {
-                body.velocity_ned_mps = Horizontal::default();
-                body.reach_m -= BODY_M;
+            // Where scans are taken in, the guard knows the hits of one who is followed, and what the map finds to move. Where
+            // circles are told, it keeps off where a body is now, as if it stood there; what walks is left to what gives way, since
+            // it has left that place when the vehicle comes there.
+            if !state.tracks.has_looked() {
+                if situation.is_evading {
+                    state.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
+                }
+                for body in state.near.iter_mut().filter(|one| one.velocity_ned_mps != Horizontal::default()) {
+                    body.velocity_ned_mps = Horizontal::default();
+                    body.reach_m -= BODY_M;
+                }
             }
         }
         let ruling = self.guard.step(&mut state.guard, &demand, &situation, &state.near, self.tick_s);

@@ -240,6 +240,12 @@ impl Tracks {
         &self.tracks
     }
 
+    /// Whether scans are taken in.
+    #[must_use]
+    pub const fn has_looked(&self) -> bool {
+        self.looked.is_some()
+    }
+
     /// Whether a scan was taken in at the time of the tracks.
     #[must_use]
     pub fn has_just_looked(&self) -> bool {
