@@ -167,8 +167,8 @@ enum Twin {
 
 /// The flash that a program may take, and the memory for variables and for the stack: every board's `memory.x`.
 const FLASH_BYTES: u64 = 496 << 10;
-const RAM_BYTES: u64 = 88 << 10;
-const STACK_BYTES: u64 = 40 << 10;
+const RAM_BYTES: u64 = 89 << 10;
+const STACK_BYTES: u64 = 39 << 10;
 
 /// What went wrong, in words.
 #[derive(Debug)]
