@@ -112,7 +112,7 @@ pub struct Sectors<'a> {
 impl<'a> Sectors<'a> {
     #[inline(never)]
     pub(super) fn new(scan: &'a Scan, sectors_max: usize) -> Self {
-        let rays_each = scan.rays.len().div_ceil(sectors_max.max(1)).max(1);
+        let rays_each = pieces(scan.rays.len(), sectors_max).max(1);
         Self {
             scan,
             rays_each,
@@ -124,13 +124,13 @@ impl<'a> Sectors<'a> {
     /// How many there are.
     #[must_use]
     pub fn count(&self) -> usize {
-        self.scan.rays.len().div_ceil(self.rays_each)
+        pieces(self.scan.rays.len(), self.rays_each)
     }
 
     /// Sectors of a full turn, if these are one: then the last is a neighbour of the first.
     #[must_use]
     pub fn turn(&self) -> Option<usize> {
-        self.scan.turn().map(|rays| rays.div_ceil(self.rays_each))
+        self.scan.turn().map(|rays| pieces(rays, self.rays_each))
     }
 
     /// Whether it is known where in a sector its hit is.
@@ -181,6 +181,11 @@ impl<'a> Sectors<'a> {
             None => (Sector::Unknown, 0.0),
         }
     }
+}
+
+/// How many pieces of so many each a number makes; a division that cannot panic.
+fn pieces(count: usize, each: usize) -> usize {
+    (count + each.saturating_sub(1)).checked_div(each).unwrap_or(count)
 }
 
 /// How far each sector of a scan sees, to the millimetre below and 65 m at most, in half the room.

@@ -329,8 +329,12 @@ impl Tracker {
     /// stands.
     #[must_use]
     pub fn left_by(&self, tracks: &Tracks) -> (Vec<Horizontal, TRACKS_MAX>, f32) {
-        let seen = tracks.tracks.iter().filter(|track| track.moves && track.unseen_s == 0.0);
-        (seen.map(|track| track.center_ned_m).collect(), self.config.radius_m + LEFT_M)
+        let mut centers_ned_m = Vec::new();
+        for track in tracks.tracks.iter().filter(|track| track.moves && track.unseen_s == 0.0) {
+            // Cannot fail: there is room for all of them.
+            let _ = centers_ned_m.push(track.center_ned_m);
+        }
+        (centers_ned_m, self.config.radius_m + LEFT_M)
     }
 
     /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
