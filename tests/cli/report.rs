@@ -231,7 +231,7 @@ fn the_page_shows_people_what_is_followed_and_how_the_vehicle_gives_way() {
     let path = folder.path().join("scenario.json");
     let scenario = r#"{"start":[0,0],"goal":[9,0],"bounds":[-1,-6,10,6],"bearing":{"snr_db":20},"max_time_s":40,
         "people":[{"route":[[4,-7]],"heading_deg":0,"speed":1.6,"group":2},{"route":[[7,9]],"heading_deg":180,"sway_m":0.1}],
-        "sensor":{"model":"scan","fov_deg":360,"range_m":5}}"#;
+        "sensor":{"model":"scan","fov_deg":360,"range_m":5,"rays":360}}"#;
     std::fs::write(&path, scenario).unwrap();
     let flight = ["--scenario", path.to_str().unwrap()];
     let flown = Flown::with(&flight);
