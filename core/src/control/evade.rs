@@ -32,7 +32,6 @@ const TURN_S: f32 = 0.9;
 const LAGS: f32 = 2.0;
 /// What stands is looked at for so long beyond the roll-out.
 const STANDING_S: f32 = 0.5;
-
 /// Kept from what stands while it gives way: it may be a body too slow to be known to move.
 const STANDING_M: f32 = 0.2;
 

@@ -12,7 +12,7 @@ const STEP_S: f64 = 0.02;
 /// As often as in a flight the hull is checked.
 const CHECKS: usize = 4;
 const TOLD_M: f64 = 5.0;
-/// Kept from others beside the radii, as the evader does.
+/// Kept from others beside the radii.
 const MARGIN_M: f64 = 0.05;
 /// So long who only stands stands: as long as the people were recorded.
 const STANDS_S: f64 = 25.0;
