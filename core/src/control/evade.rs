@@ -172,6 +172,12 @@ struct Foreseen {
     closeness: f32,
 }
 
+impl Foreseen {
+    fn cost(&self, config: &Config) -> f32 {
+        config.hit_cost * self.hit_per_s + config.clearance_cost * self.closeness
+    }
+}
+
 impl Evader {
     /// The velocity to fly in place of the one that is asked for; `None`: that is clear of all that moves.
     #[inline(never)]
@@ -210,8 +216,7 @@ impl Evader {
             state.choice_ned_mps = None;
             return None;
         }
-        let passed = self.foresee(&from, asked, &moving, &[]);
-        if passed.hit_per_s <= 0.0 && passed.closeness <= 0.0 {
+        if self.foresee(&from, asked, &moving, &[], f32::INFINITY) <= 0.0 {
             state.choice_ned_mps = None;
             return None;
         }
@@ -245,16 +250,17 @@ impl Evader {
         let last = state.choice_ned_mps.unwrap_or(input.command_ned_mps);
         let (mut best, mut least) = (asked, f32::INFINITY);
         let mut weigh = |velocity: Horizontal| {
-            let foreseen = self.foresee(&from, velocity, &moving, &standing);
-            let hit = c.hit_cost * foreseen.hit_per_s;
             let way = if speed > 1e-3 {
                 c.horizon_s * (1.0 - velocity.dot(towards) / speed)
             } else {
                 velocity.norm() * c.horizon_s / self.v_max_mps
             };
-            let cost = hit + c.clearance_cost * foreseen.closeness + way + c.change_cost * velocity.minus(last).norm();
-            if cost < least {
-                (best, least) = (velocity, cost);
+            let given_up = way + c.change_cost * velocity.minus(last).norm();
+            if given_up < least {
+                let cost = given_up + self.foresee(&from, velocity, &moving, &standing, least - given_up);
+                if cost < least {
+                    (best, least) = (velocity, cost);
+                }
             }
         };
         weigh(asked);
@@ -295,9 +301,9 @@ impl Evader {
         start
     }
 
-    /// Flies one velocity in thought.
+    /// Flies one velocity in thought: what its hits and clearance cost, or at least so much as to be no better than the best.
     #[inline(never)]
-    fn foresee(&self, from: &Start, velocity: Horizontal, moving: &[Other], standing: &[Other]) -> Foreseen {
+    fn foresee(&self, from: &Start, velocity: Horizontal, moving: &[Other], standing: &[Other], least: f32) -> f32 {
         let c = &self.config;
         let (mut legs, mut flown) = ([Leg::default(); STEPS], *from);
         for leg in &mut legs {
@@ -322,9 +328,13 @@ impl Evader {
                     begun_s += self.step_s;
                 }
                 self.meet(other, &last, rolled_s, lasts_s, &mut foreseen);
+                // It only grows with the others.
+                if foreseen.cost(c) >= least {
+                    return foreseen.cost(c);
+                }
             }
         }
-        foreseen
+        foreseen.cost(c)
     }
 
     /// One straight leg against one other.
