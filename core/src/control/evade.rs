@@ -145,8 +145,6 @@ pub struct Input<'a> {
     pub halfway_ned_mps: Horizontal,
     /// The commands that are on their way.
     pub underway: &'a response::State,
-    /// The tracks have taken in a scan in this step: the last choice holds until the next, so that one step does not do both.
-    pub has_looked: bool,
     /// What stands near.
     pub standing: &'a [Neighbour],
     /// What moves near: what a sensor says moves, and what is followed.
@@ -187,8 +185,8 @@ impl Evader {
             *state = State::default();
             return None;
         }
-        if state.holds > 0 || input.has_looked {
-            state.holds = state.holds.saturating_sub(1);
+        if state.holds > 0 {
+            state.holds -= 1;
             return state.choice_ned_mps;
         }
         state.holds = HOLDS;
@@ -443,7 +441,6 @@ mod tests {
                 command_ned_mps: command,
                 halfway_ned_mps: halfway,
                 underway: &underway,
-                has_looked: false,
                 standing: &[],
                 moving: [&moving, &[]],
             };
@@ -485,7 +482,6 @@ mod tests {
             command_ned_mps: Horizontal::default(),
             halfway_ned_mps: Horizontal::default(),
             underway: &underway,
-            has_looked: false,
             standing: &[],
             moving: [&[], &away],
         };
@@ -511,7 +507,6 @@ mod tests {
                 command_ned_mps: draw(1.5),
                 halfway_ned_mps: draw(1.5),
                 underway: &underway,
-                has_looked: false,
                 standing: &standing,
                 moving: [&moving[..20], &moving[20..]],
             };

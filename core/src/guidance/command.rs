@@ -68,7 +68,6 @@ impl<const N: usize> Guidance<N> {
                     command_ned_mps: state.guard.command_ned_mps(),
                     halfway_ned_mps: state.gust.halfway_mps(),
                     underway: &state.response,
-                    has_looked: state.tracks.has_just_looked(),
                     standing,
                     moving: [told, &followed],
                 },

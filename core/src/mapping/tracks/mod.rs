@@ -51,8 +51,6 @@ const THROUGH_SHARE: f32 = 0.3;
 const THROUGH_S: f32 = 1.5;
 /// Seen through for so long, a track is forgotten.
 const CLEAR_S: f32 = 0.25;
-/// From one scan that is taken in to the next.
-const LOOKS_APART_S: f32 = 0.035;
 /// Nothing moves that was looked at less often.
 const LOOKS_MIN: u8 = 3;
 /// A body was farther away by no more than this one scan ago.
@@ -219,7 +217,7 @@ impl Kept {
 pub struct Tracks {
     tracks: Vec<Track, TRACKS_MAX>,
     time: Option<Instant>,
-    /// The time of the tracks when a scan was last taken in.
+    /// When the last scan that was taken in was taken.
     looked: Option<Instant>,
     kept: [Kept; KEPT],
     newest: usize,
@@ -246,18 +244,6 @@ impl Tracks {
         self.looked.is_some()
     }
 
-    /// Whether a scan was taken in at the time of the tracks.
-    #[must_use]
-    pub fn has_just_looked(&self) -> bool {
-        self.looked.is_some() && self.looked == self.time
-    }
-
-    /// Whether it is long enough since the last one.
-    fn is_due(&self) -> bool {
-        let (Some(time), Some(looked)) = (self.time, self.looked) else { return true };
-        !(0.0..LOOKS_APART_S).contains(&time.seconds_since(looked))
-    }
-
     /// The latest kept scan that is old enough.
     fn before(&self, now: Instant) -> Option<&Kept> {
         if !self.is_kept {
@@ -272,8 +258,7 @@ impl Tracks {
 
     /// What was followed and is not seen where the sensor looks.
     fn miss(&mut self, now: &Kept, taken: u32) {
-        let since_s = self.kept.get(self.newest).filter(|_| self.is_kept);
-        let since_s = since_s.map_or(0.0, |kept| between(now.time.seconds_since(kept.time), 0.0, 0.2));
+        let since_s = self.looked.map_or(0.0, |looked| between(now.time.seconds_since(looked), 0.0, 0.2));
         for (t, track) in self.tracks.iter_mut().enumerate() {
             if taken >> (t % 32) & 1 == 0 && now.beyond_m(track.center_ned_m) > 0.0 {
                 track.clear_s += since_s;
@@ -340,7 +325,7 @@ impl Tracker {
     /// Takes in a scan of more rays than circles are made from, as [`Self::observe`] does, each ray for itself.
     #[inline(never)]
     pub fn observe_rays(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose) {
-        if !tracks.is_due() || !scan.is_plausible() || !pose.is_plausible() {
+        if !scan.is_plausible() || !pose.is_plausible() {
             return;
         }
         let mut hits: Vec<Horizontal, RAYS_MAX> = Vec::new();
@@ -348,14 +333,9 @@ impl Tracker {
         self.observe(tracks, scan, pose, &hits);
     }
 
-    /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order. Of scans
-    /// that come faster than 25 Hz not every one is.
+    /// Takes in a scan, after [`Self::advance`] to its step, and where it hits, from where it was taken and in order.
     #[inline(never)]
     pub fn observe(&self, tracks: &mut Tracks, scan: &Scan, pose: &Pose, hits: &[Horizontal]) {
-        if !tracks.is_due() {
-            return;
-        }
-        tracks.looked = tracks.time;
         let mut clusters: Vec<Cluster, CLUSTERS_MAX> = Vec::new();
         cluster::find(&mut clusters, scan, pose, hits, self.config.radius_m);
         if let Some(before) = tracks.before(scan.time) {
@@ -368,6 +348,7 @@ impl Tracker {
         let mut now = Kept::default();
         now.take(scan, pose);
         tracks.miss(&now, taken);
+        tracks.looked = Some(scan.time);
         for seen in &clusters {
             if let Some(track) = seen.track.and_then(|track| tracks.tracks.get_mut(usize::from(track))) {
                 self.follow(track, seen);
