@@ -76,20 +76,34 @@ impl Index {
     /// Notes where all circles of a store are.
     pub(super) fn place_all(&mut self, known: &[Known]) {
         for (at, known) in known.iter().enumerate() {
-            self.place(at, known);
+            let squared_bits = self.mark(at, known);
+            if let Some(squared) = self.squared_bits.get_mut(at) {
+                *squared = squared_bits;
+            }
+        }
+        for (block, members) in self.squared_bits.chunks_exact(BLOCK).enumerate() {
+            if let Some(farthest) = self.farthest.get_mut(block) {
+                *farthest = (block * BLOCK + last_greatest(members)) as u8;
+            }
         }
     }
 
     /// Notes where a circle is that has a place in the store.
     #[inline(never)]
     pub(super) fn place(&mut self, at: usize, known: &Known) {
+        let squared_bits = self.mark(at, known);
+        self.place_at(at, squared_bits);
+    }
+
+    /// Notes into which bins a circle reaches; says how far it is.
+    fn mark(&mut self, at: usize, known: &Known) -> u32 {
         let away = known.center_ned_m.minus(self.origin_ned_m);
-        self.place_at(at, away.norm_squared().to_bits());
         for (scale, middle_m) in [(&mut self.north, away.north), (&mut self.east, away.east)] {
             for bin in bins(middle_m, known.radius_m) {
                 scale[bin].set(at);
             }
         }
+        away.norm_squared().to_bits()
     }
 
     fn place_at(&mut self, at: usize, squared_bits: u32) {
@@ -100,8 +114,8 @@ impl Index {
         let has_come_nearer = squared_bits < *squared;
         *squared = squared_bits;
         if has_come_nearer && usize::from(*farthest) == at {
-            let members = self.squared_bits.iter().enumerate().skip(first).take(BLOCK);
-            *farthest = members.max_by_key(|(_, squared)| **squared).map_or(0, |(at, _)| at as u8);
+            let members = self.squared_bits.get(first..first + BLOCK).unwrap_or_default();
+            *farthest = (first + last_greatest(members)) as u8;
         } else if self.squared_bits.get(usize::from(*farthest)) <= Some(&squared_bits) {
             *farthest = at as u8;
         }
@@ -144,6 +158,17 @@ impl Index {
         let least = newcomer.center_ned_m.minus(self.origin_ned_m).norm_squared().to_bits();
         ((squared(farthest) > least).then_some(usize::from(farthest)), false)
     }
+}
+
+/// Where the greatest stands; the last of equal ones.
+fn last_greatest(members: &[u32]) -> usize {
+    let mut greatest = (0, 0);
+    for (at, squared) in members.iter().enumerate() {
+        if *squared >= greatest.1 {
+            greatest = (at, *squared);
+        }
+    }
+    greatest.0
 }
 
 /// The bins of a scale that something reaches into.

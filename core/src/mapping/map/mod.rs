@@ -33,7 +33,7 @@ mod index;
 mod motion;
 mod thin_out;
 
-use index::Index;
+use index::{Index, Places};
 use motion::{Motion, Sighting};
 
 /// Most circles that are remembered.
@@ -306,15 +306,18 @@ impl Mapper {
                 origin: Origin::Given,
                 clear_looks: 0,
             };
+            let near_m = 0.05 + 0.25 * circle.radius_m;
+            let reach_m = circle.radius_m + STICK_OUT_M;
+            let near = index.near(circle.center_ned_m, if reach_m > near_m { reach_m } else { near_m });
             // What was pieced together from hits is superseded where the sensor names the whole.
-            for at in index.near(circle.center_ned_m, circle.radius_m + STICK_OUT_M) {
+            for at in near {
                 if let Some(pieced) = map.known.get_mut(at).filter(|k| k.origin != Origin::Given && holds(circle, k)) {
                     pieced.clear_looks = DOOMED;
                     index.doom(at);
                 }
             }
-            let found = seen_before(&map.known, &index, circle, next);
-            match found.or_else(|| seen_nearby(&map.known, &index, circle, now_ms)) {
+            let found = seen_before(&map.known, near, circle, next);
+            match found.or_else(|| seen_nearby(&map.known, near, circle, near_m, now_ms)) {
                 Some(at) => {
                     if let Some(old) = map.known.get_mut(at) {
                         *old = known;
@@ -342,6 +345,9 @@ impl Mapper {
 
     /// Carries moving circles along and forgets those that were unseen for too long.
     pub fn advance(&self, map: &mut Map, now: Instant) {
+        if map.carried == now {
+            return;
+        }
         let dt_s = now.seconds_since(map.carried);
         map.carried = now;
         let (memory_s, now_ms) = (self.config.moving_memory_s, millis(now));
@@ -415,16 +421,15 @@ impl Mapper {
 
 /// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
 /// order each time: it is looked for behind the last one that was found first.
-fn seen_before(known: &[Known], index: &Index, circle: &Circle, next: usize) -> Option<usize> {
+fn seen_before(known: &[Known], mut near: Places, circle: &Circle, next: usize) -> Option<usize> {
     let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle() == *circle && k.origin == Origin::Given);
-    Some(next).filter(is_it).or_else(|| index.near(circle.center_ned_m, 0.0).find(is_it))
+    Some(next).filter(is_it).or_else(|| near.find(is_it))
 }
 
 /// The place of what a circle is another measurement of.
-fn seen_nearby(known: &[Known], index: &Index, circle: &Circle, now_ms: u32) -> Option<usize> {
-    let near_m = 0.05 + 0.25 * circle.radius_m;
-    index.near(circle.center_ned_m, near_m).find(|at| {
-        let Some(k) = known.get(*at) else { return false };
+fn seen_nearby(known: &[Known], mut near: Places, circle: &Circle, near_m: f32, now_ms: u32) -> Option<usize> {
+    near.find(|at| {
+        let Some(k) = known.get(*at).filter(|k| k.clear_looks != DOOMED) else { return false };
         // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
         if k.seen_ms == now_ms && k.origin == Origin::Given {
             return false;

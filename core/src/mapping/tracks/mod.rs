@@ -402,12 +402,17 @@ impl Tracker {
 #[inline(never)]
 fn associate(tracks: &[Track], clusters: &mut [Cluster]) -> u32 {
     let mut pairs: Vec<(f32, u8, u8), PAIRS_MAX> = Vec::new();
+    let mut gates: Vec<f32, TRACKS_MAX> = Vec::new();
+    for track in tracks {
+        let gate_m = GATE_M + GATE_SIGMAS * sqrt(track.covariance[0]);
+        let gate_m = if gate_m < GATE_MAX_M { gate_m } else { GATE_MAX_M };
+        // There are no more tracks than gates.
+        let _ = gates.push(gate_m * gate_m);
+    }
     for (c, seen) in clusters.iter().enumerate() {
-        for (t, track) in tracks.iter().enumerate() {
-            let gate_m = GATE_M + GATE_SIGMAS * sqrt(track.covariance[0]);
-            let gate_m = if gate_m < GATE_MAX_M { gate_m } else { GATE_MAX_M };
+        for (t, (track, gate_m2)) in tracks.iter().zip(&gates).enumerate() {
             let squared = seen.center_ned_m.minus(track.center_ned_m).norm_squared();
-            if squared < gate_m * gate_m {
+            if squared < *gate_m2 {
                 // The last pairs of very many are left out.
                 let _ = pairs.push((squared, c as u8, t as u8));
             }

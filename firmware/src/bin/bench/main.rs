@@ -183,7 +183,6 @@ fn evader_in_a_crowd(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 command_ned_mps: Horizontal::default(),
                 halfway_ned_mps: Horizontal::default(),
                 underway: &underway,
-                has_looked: false,
                 standing: &standing,
                 moving: [&[], &moving[..people]],
             };
