@@ -22,8 +22,9 @@ const PART_M: f32 = 0.7;
 const CUSP_M: f32 = 0.08;
 /// Sectors wider than this tell the range and not the place.
 const WIDE_RAD: f32 = 0.05;
-/// Steps of Gauss and Newton.
+/// Steps of Gauss and Newton, and one that is short enough to be the last.
 const STEPS: usize = 4;
+const ENOUGH_M: f32 = 0.003;
 
 /// Hits that lie together.
 #[derive(Clone, Copy, Debug)]
@@ -180,7 +181,11 @@ fn center(piece: &[Horizontal], radius_m: f32) -> (Horizontal, f32) {
             e += towards.east * miss_m;
         }
         let of = 1.0 / (nn * ee - ne * ne);
-        at = at.plus(Horizontal { north: (ee * n - ne * e) * of, east: (nn * e - ne * n) * of });
+        let step = Horizontal { north: (ee * n - ne * e) * of, east: (nn * e - ne * n) * of };
+        at = at.plus(step);
+        if step.norm_squared() < ENOUGH_M * ENOUGH_M {
+            break;
+        }
     }
     (at, nearest_m)
 }
