@@ -37,8 +37,6 @@ const STANDING_M: f32 = 0.2;
 
 /// What stands and is no farther from the middle of what moves than this, and their reach, is a part of it.
 const PART_M: f32 = 0.1;
-/// A choice holds for so many more steps: it is made at 12.5 Hz.
-const HOLDS: u8 = 3;
 /// So much earlier or later than thought a body may be where it is going.
 const EARLY_S: f32 = 0.1;
 /// A hit costs as much as one that is so much later, where it is at once.
@@ -117,11 +115,10 @@ pub struct Evader {
     step_s: f32,
 }
 
-/// The last choice, and for how many more steps it holds.
+/// The last choice.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     choice_ned_mps: Option<Horizontal>,
-    holds: u8,
 }
 
 impl State {
@@ -185,11 +182,6 @@ impl Evader {
             *state = State::default();
             return None;
         }
-        if state.holds > 0 {
-            state.holds -= 1;
-            return state.choice_ned_mps;
-        }
-        state.holds = HOLDS;
         let c = &self.config;
         let asked = asked.clamped(self.v_max_mps);
         let from = self.obeys_from(input);
