@@ -15,7 +15,8 @@ use foxhound_core::mapping::map::DELIVERY_MAX;
 use foxhound_link::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA};
 
 use super::geometry::Horizontal;
-use super::truth::{Pillar, World};
+use super::pillar::Pillar;
+use super::truth::World;
 use super::vehicle::Motion;
 use crate::scenario;
 
