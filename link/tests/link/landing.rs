@@ -79,9 +79,9 @@ fn only_a_reading_that_looks_down_is_a_height_and_it_is_no_obstacle() {
         bench.say(&range_finder(orientation, distance));
         assert_eq!(bench.companion.height_m(bench.now()), None, "orientation {orientation}, {distance} cm");
     }
-    bench.companion.take_points();
+    bench.take_points();
     bench.say(&range_finder(25, 300));
-    assert_eq!(bench.companion.take_points(), None);
+    assert_eq!(bench.take_points(), None);
     assert_eq!(bench.companion.height_m(bench.now()), Some(3.0));
     bench.say_as((2, 1), &range_finder(25, 700));
     assert_eq!(bench.companion.height_m(bench.now()), Some(3.0), "another system's height is not ours");
