@@ -146,7 +146,7 @@ pub struct Input<'a> {
     /// The commands that are on their way.
     pub underway: &'a response::State,
     /// The tracks have taken in a scan in this step: the last choice holds until the next, so that one step does not do both.
-    pub has_looked: bool,
+    pub has_scanned: bool,
     /// What stands near.
     pub standing: &'a [Neighbour],
     /// What moves near: what a sensor says moves, and what is followed.
@@ -181,7 +181,7 @@ impl Evader {
             *state = State::default();
             return None;
         }
-        if state.holds > 0 || input.has_looked {
+        if state.holds > 0 || input.has_scanned {
             state.holds = state.holds.saturating_sub(1);
             return state.choice_ned_mps;
         }
@@ -433,7 +433,7 @@ mod tests {
                 command_ned_mps: command,
                 halfway_ned_mps: halfway,
                 underway: &underway,
-                has_looked: false,
+                has_scanned: false,
                 standing: &[],
                 moving: [&moving, &[]],
             };
@@ -475,7 +475,7 @@ mod tests {
             command_ned_mps: Horizontal::default(),
             halfway_ned_mps: Horizontal::default(),
             underway: &underway,
-            has_looked: false,
+            has_scanned: false,
             standing: &[],
             moving: [&[], &away],
         };
@@ -501,7 +501,7 @@ mod tests {
                 command_ned_mps: draw(1.5),
                 halfway_ned_mps: draw(1.5),
                 underway: &underway,
-                has_looked: false,
+                has_scanned: false,
                 standing: &standing,
                 moving: [&moving[..20], &moving[20..]],
             };

@@ -68,7 +68,7 @@ impl<const N: usize> Guidance<N> {
                     command_ned_mps: state.guard.command_ned_mps(),
                     halfway_ned_mps: state.gust.halfway_mps(),
                     underway: &state.response,
-                    has_looked: state.tracks.has_just_looked(),
+                    has_scanned: state.tracks.has_just_scanned(),
                     standing,
                     moving: [told, &followed],
                 },
@@ -80,7 +80,7 @@ impl<const N: usize> Guidance<N> {
             // Where scans are taken in, the guard knows the hits of one who is followed, and what the map finds to move. Where
             // circles are told, it keeps off where a body is now, as if it stood there; what walks is left to what gives way, since
             // it has left that place when the vehicle comes there.
-            if !state.tracks.has_looked() {
+            if !state.tracks.has_scanned() {
                 if situation.is_evading {
                     state.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
                 }

@@ -13,8 +13,8 @@ use crate::landing::{self, Advice};
 use crate::localize::source::bank::{self, Way};
 use crate::localize::source::gather::Gathering;
 use crate::localize::{goal, link_state};
+use crate::mapping::coverage::Coverage;
 use crate::mapping::map::Map;
-use crate::mapping::sight::Sight;
 use crate::mapping::tracks::Tracks;
 use crate::planning::planner::{Plan, PlanRequest};
 use crate::signal::phase;
@@ -157,8 +157,8 @@ impl<const N: usize> State<N> {
 
     /// What the obstacle sensors have looked at.
     #[must_use]
-    pub fn sight(&self) -> &Sight {
-        self.guard.sight()
+    pub fn coverage(&self) -> &Coverage {
+        self.guard.coverage()
     }
 
     /// How high the vehicle is over the ground, where that is known.

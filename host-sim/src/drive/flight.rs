@@ -92,7 +92,7 @@ impl Mission {
             let [east, north] = scenario.goal.map(|metres| metres as f32);
             config.goal.known_source_ned_m = Some(foxhound_core::base::ned::Horizontal { north, east });
         }
-        config.guard.sight.range_m = scenario.sensor.range_m as f32;
+        config.guard.coverage.range_m = scenario.sensor.range_m as f32;
         // The others are flown as they are.
         if scenario.explore_s > 0.0 && self.planner.kind == planner::Kind::Foxhound {
             config.planner.explore = Some(explore::Config {
@@ -120,7 +120,7 @@ impl Mission {
             request_land: landing.request_land,
             ..core_landing::Config::default()
         });
-        config.planner.sees_m = config.guard.sight.range_m;
+        config.planner.sees_m = config.guard.coverage.range_m;
         config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.response = match scenario.vehicle.model {

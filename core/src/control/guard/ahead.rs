@@ -4,7 +4,7 @@ use super::{Guard, GuardInput};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::units::sin_cos;
-use crate::mapping::sight::{Cover, Sight};
+use crate::mapping::coverage::{Cover, Coverage};
 
 /// How far ahead the straight line from the vehicle to where the command leads must be clear.
 const CORNER_S: f32 = 0.2;
@@ -85,12 +85,18 @@ impl Guard {
     }
 
     /// What has been seen of the places where an obstacle would touch the hull on its way.
-    pub(super) fn way(&self, sight: &Sight, velocity: Horizontal, situation: &GuardInput, near: &[Neighbour]) -> Way {
+    pub(super) fn way(
+        &self,
+        coverage: &Coverage,
+        velocity: Horizontal,
+        situation: &GuardInput,
+        near: &[Neighbour],
+    ) -> Way {
         let speed = velocity.norm();
         if speed < CREEP_MPS {
             return Way::Seen;
         }
-        let (radius_m, smallest_m) = (self.config.vehicle_radius_m, self.looker.smallest_obstacle_m());
+        let (radius_m, smallest_m) = (self.config.vehicle_radius_m, self.surveyor.smallest_obstacle_m());
         let reach_m = radius_m + smallest_m;
         let along = velocity.times(1.0 / speed);
         let right = Horizontal { north: -along.east, east: along.north };
@@ -106,10 +112,10 @@ impl Guard {
         for station in [middle, ahead].into_iter().skip(usize::from(is_short)) {
             for (cosine, sine) in FRONT {
                 let place = station.plus(along.times(reach_m * cosine)).plus(right.times(reach_m * sine));
-                if self.looker.is_at_home(sight, place, radius_m) {
+                if self.surveyor.is_at_home(coverage, place, radius_m) {
                     continue;
                 }
-                let cover = self.looker.cover(sight, place);
+                let cover = self.surveyor.cover(coverage, place);
                 // What could stand there unseen is inside of what is known, but for the margin that is kept from it.
                 let is_known = |obstacle: &Neighbour| {
                     let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;

@@ -16,7 +16,7 @@
 //! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must not
 //!    touch a circle or leave the fence, or the command is cut down, in the end to a brake.
 //! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at
-//!    ([`crate::mapping::sight`]). Otherwise it is cut down or held, and the ruling says where to look first. Behind
+//!    ([`crate::mapping::coverage`]). Otherwise it is cut down or held, and the ruling says where to look first. Behind
 //!    something that the latest look has seen, where looking does not help, it goes slowly. Two threats are worse than what
 //!    might be there: an obstacle that comes at the vehicle, and gusts that push it towards one. From that it keeps away
 //!    while the nose turns, and does no more. Nor does what the evader asks for wait until the nose has turned.
@@ -29,8 +29,8 @@ use crate::base::obstacle::{Circle, Neighbour};
 use crate::base::pose::Pose;
 use crate::base::units::between;
 use crate::control::track::Demand;
+use crate::mapping::coverage::{Coverage, Surveyor};
 use crate::mapping::scan::Scan;
-use crate::mapping::sight::{Sight, Surveyor};
 
 mod ahead;
 mod bounds;
@@ -134,7 +134,7 @@ pub struct Counts {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guard {
     config: Config,
-    looker: Surveyor,
+    surveyor: Surveyor,
 }
 
 /// The last command, from which the next may differ by the limits, what has been seen, and the counts.
@@ -144,7 +144,7 @@ pub struct State {
     down_mps: f32,
     /// Change of the command in the last step.
     change_ned_mps: Horizontal,
-    sight: Sight,
+    coverage: Coverage,
     counts: Counts,
 }
 
@@ -157,8 +157,8 @@ impl State {
 
     /// Where has been looked.
     #[must_use]
-    pub fn sight(&self) -> &Sight {
-        &self.sight
+    pub fn coverage(&self) -> &Coverage {
+        &self.coverage
     }
 
     /// What the guard has done so far.
@@ -172,7 +172,7 @@ impl State {
         self.command_ned_mps = Horizontal::default();
         self.change_ned_mps = Horizontal::default();
         self.down_mps = 0.0;
-        self.sight.leave();
+        self.coverage.leave();
         self.counts.beats = self.counts.beats.wrapping_add(1);
     }
 }
@@ -185,13 +185,13 @@ impl Guard {
     }
 
     /// Takes in what a scan has looked at.
-    pub fn look_scan(&self, state: &mut State, scan: &Scan, pose: &Pose) {
-        self.looker.note_scan(&mut state.sight, scan, pose);
+    pub fn note_scan(&self, state: &mut State, scan: &Scan, pose: &Pose) {
+        self.surveyor.note_scan(&mut state.coverage, scan, pose);
     }
 
     /// Takes in that a sensor has delivered circles; `obstacles` are all that are known near the vehicle.
-    pub fn look_circles(&self, state: &mut State, obstacles: &[Neighbour], pose: &Pose) {
-        self.looker.note_circles(&mut state.sight, obstacles, self.config.vehicle_radius_m, pose);
+    pub fn note_circles(&self, state: &mut State, obstacles: &[Neighbour], pose: &Pose) {
+        self.surveyor.note_circles(&mut state.coverage, obstacles, self.config.vehicle_radius_m, pose);
     }
 
     /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits whatever comes in.
@@ -242,7 +242,7 @@ impl Guard {
         dt_s: f32,
     ) -> Option<(Horizontal, Action, Option<f32>)> {
         let c = &self.config;
-        self.looker.stand(&mut state.sight, situation.position_ned_m, c.vehicle_radius_m);
+        self.surveyor.stand(&mut state.coverage, situation.position_ned_m, c.vehicle_radius_m);
         // Filled where they lie: to return them would copy them.
         let (mut near, mut half_spaces) = (Near::new(), HalfSpaces::new());
         let v_max_mps = self.gather_near(state.command_ned_mps, situation, obstacles, &mut near)?;
@@ -271,7 +271,7 @@ impl Guard {
         let safe = safe.clamped(v_max_mps);
 
         // Where nothing has ever looked there is no such sensor: whether there must be one is for the mission to say.
-        let looks = state.sight.has_looked() && !is_threatened;
+        let looks = state.coverage.has_scanned() && !is_threatened;
         let mut unseen = None;
         for (trial, share) in [1.0, 0.5, 0.25].into_iter().enumerate() {
             let tried = self.approach(state, safe.times(share), is_threatened, dt_s);
@@ -279,7 +279,7 @@ impl Guard {
             if !is_clear {
                 continue;
             }
-            let way = if looks { self.way(&state.sight, tried, situation, near) } else { Way::Seen };
+            let way = if looks { self.way(&state.coverage, tried, situation, near) } else { Way::Seen };
             match way {
                 Way::Unseen(direction) => {
                     unseen = unseen.or(Some(direction.bearing_rad()));
@@ -291,7 +291,7 @@ impl Guard {
             if looks
                 && unseen.is_none()
                 && tried != safe
-                && let Way::Unseen(direction) = self.way(&state.sight, safe, situation, near)
+                && let Way::Unseen(direction) = self.way(&state.coverage, safe, situation, near)
             {
                 // The nose turns to where the full command leads before the vehicle is fast enough to need it.
                 unseen = Some(direction.bearing_rad());

@@ -137,7 +137,7 @@ fn blown(wind_mps: f32, gust_margin_m: f32, obstacles: &[Neighbour]) -> (f32, f3
     let (guard, mut state) = (Config::default().build().unwrap(), State::default());
     let (mut position, mut closest_m, mut clearance_m) = (Horizontal::default(), f32::INFINITY, 0.0);
     for _ in 0..500 {
-        guard.look_circles(&mut state, obstacles, &Pose { position_ned_m: position, yaw_rad: 0.0 });
+        guard.note_circles(&mut state, obstacles, &Pose { position_ned_m: position, yaw_rad: 0.0 });
         let situation =
             GuardInput { position_ned_m: position, rest_ned_m: position, gust_margin_m, ..GuardInput::default() };
         let setpoint = guard.step(&mut state, &demand(0.0, 0.0), &situation, obstacles, DT).setpoint;
@@ -296,7 +296,7 @@ fn set_off(seed: u64, looks: bool) -> (f32, f32) {
         let near: Vec<_> = pillars.iter().zip(known).filter(|(_, known)| *known).map(|(o, _)| *o).collect();
         if looks && step % 5 == 0 {
             let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
-            guard.look_circles(&mut state, &near, &pose);
+            guard.note_circles(&mut state, &near, &pose);
         }
         let towards = look.unwrap_or(heading_rad);
         let yaw_rate_radps = 2.5 * crate::base::units::wrap_pi(towards - vehicle.yaw_rad);
@@ -330,7 +330,7 @@ fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
     let mut state = State::default();
     let screen = pillar(1.0, 0.0, 0.1);
     let look = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
-        guard.look_circles(state, &[screen], &Pose { position_ned_m, yaw_rad });
+        guard.note_circles(state, &[screen], &Pose { position_ned_m, yaw_rad });
     };
     let rule = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
         let situation = GuardInput { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..GuardInput::default() };
@@ -365,7 +365,7 @@ fn it_passes_a_gap_that_is_little_wider_than_itself() {
     for step in 0..500 {
         if step % 5 == 0 {
             let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
-            guard.look_circles(&mut state, &wall, &pose);
+            guard.note_circles(&mut state, &wall, &pose);
         }
         let yaw_rate_radps = 2.5 * (look_rad - vehicle.yaw_rad);
         let wish = Demand { yaw_rate_radps, ..demand(1.0, 0.0) };
@@ -392,7 +392,7 @@ fn what_comes_at_it_is_evaded_from_a_standstill_even_into_the_unseen() {
                 };
                 if step % 5 == 0 {
                     let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: 0.0 };
-                    guard.look_circles(&mut state, &[mover], &pose);
+                    guard.note_circles(&mut state, &[mover], &pose);
                 }
                 let ruling = guard.step(&mut state, &Demand::default(), &situation(&vehicle), &[mover], DT);
                 vehicle.follow(&ruling.setpoint);

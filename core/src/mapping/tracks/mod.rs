@@ -242,13 +242,13 @@ impl Tracks {
 
     /// Whether scans are taken in.
     #[must_use]
-    pub const fn has_looked(&self) -> bool {
+    pub const fn has_scanned(&self) -> bool {
         self.looked.is_some()
     }
 
     /// Whether a scan was taken in at the time of the tracks.
     #[must_use]
-    pub fn has_just_looked(&self) -> bool {
+    pub fn has_just_scanned(&self) -> bool {
         self.looked.is_some() && self.looked == self.time
     }
 

@@ -134,7 +134,7 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let yaw_rad = wrap_pi(yaw_rad + 0.1 * step as f32);
             if step % 5 == 0 {
                 let pose = Pose { position_ned_m: Horizontal::default(), yaw_rad };
-                let look = measure(&mut || guard.look_circles(&mut state, black_box(&obstacles), black_box(&pose)));
+                let look = measure(&mut || guard.note_circles(&mut state, black_box(&obstacles), black_box(&pose)));
                 worst_look = worst_look.max(look);
             }
             let situation = GuardInput { rest_ned_m, yaw_rad, ..GuardInput::default() };
@@ -183,7 +183,7 @@ fn evader_in_a_crowd(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
                 command_ned_mps: Horizontal::default(),
                 halfway_ned_mps: Horizontal::default(),
                 underway: &underway,
-                has_looked: false,
+                has_scanned: false,
                 standing: &standing,
                 moving: [&[], &moving[..people]],
             };
