@@ -17,7 +17,7 @@ use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::units::{between, sin_cos};
-use crate::control::response::{self, Response};
+use crate::control::vehicle_model::{self, VehicleModel};
 
 /// So many that move are evaded, the nearest ones.
 pub const MOVERS_MAX: usize = 8;
@@ -26,7 +26,7 @@ const STANDING_MAX: usize = 6;
 /// Directions of the fan, and shares of the speed in each.
 const DIRECTIONS: usize = 16;
 const SHARES: [f32; 2] = [1.0, 0.5];
-/// Steps of the roll-out after the dead time. Together they last so long, and so many of the response's lags.
+/// Steps of the roll-out after the dead time. Together they last so long, and so many of the vehicle's lags.
 const STEPS: usize = 5;
 const TURN_S: f32 = 0.9;
 const LAGS: f32 = 2.0;
@@ -85,7 +85,7 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self, response: &Response, v_max_mps: f32, a_max_mps2: f32) -> Result<Evader, ConfigError> {
+    pub fn build(&self, vehicle_model: &VehicleModel, v_max_mps: f32, a_max_mps2: f32) -> Result<Evader, ConfigError> {
         check("evade.horizon_s", self.horizon_s, 0.5, 30.0)?;
         check("evade.margin_m", self.margin_m, 0.0, 5.0)?;
         check("evade.margin_rate_mps", self.margin_rate_mps, 0.0, 1.0)?;
@@ -93,12 +93,12 @@ impl Config {
         check("evade.hit_cost", self.hit_cost, 0.0, 1e4)?;
         check("evade.clearance_cost", self.clearance_cost, 0.0, 1e3)?;
         check("evade.change_cost", self.change_cost, 0.0, 1e3)?;
-        let (dead_steps, lag_s) = response.twice_lagged();
+        let (dead_steps, lag_s) = vehicle_model.twice_lagged();
         let step_s = (TURN_S + 2.0 * LAGS * lag_s) / STEPS as f32;
         // Beyond the roll-out, however slow the vehicle is.
         let least_s = step_s * STEPS as f32 + STANDING_S;
         let horizon_s = if self.horizon_s > least_s { self.horizon_s } else { least_s };
-        let tick_s = response.tick_s();
+        let tick_s = vehicle_model.tick_s();
         Ok(Evader { config: Self { horizon_s, ..*self }, v_max_mps, a_max_mps2, tick_s, dead_steps, lag_s, step_s })
     }
 }
@@ -110,7 +110,7 @@ pub struct Evader {
     v_max_mps: f32,
     a_max_mps2: f32,
     tick_s: f32,
-    /// The vehicle's answer, see [`Response::twice_lagged`].
+    /// The vehicle's answer, see [`VehicleModel::twice_lagged`].
     dead_steps: usize,
     lag_s: f32,
     /// A step of the roll-out.
@@ -144,7 +144,7 @@ pub struct Input<'a> {
     /// The velocity between the two lags of the vehicle's answer.
     pub halfway_ned_mps: Horizontal,
     /// The commands that are on their way.
-    pub underway: &'a response::State,
+    pub underway: &'a vehicle_model::State,
     /// The tracks have taken in a scan in this step: the last choice holds until the next, so that one step does not do both.
     pub has_scanned: bool,
     /// What stands near.
@@ -419,9 +419,9 @@ mod tests {
 
     /// The least distance from a walker, of a vehicle of ArduCopter's delays that is asked for a velocity.
     fn least_m(asked: Horizontal, from: Horizontal, walk_mps: Horizontal) -> f32 {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let evader = Config::default().build(&response, 1.0, 2.0).unwrap();
-        let (mut state, mut underway) = (State::default(), response::State::default());
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let evader = Config::default().build(&vehicle_model, 1.0, 2.0).unwrap();
+        let (mut state, mut underway) = (State::default(), vehicle_model::State::default());
         let mut vehicle = Vehicle::new(Horizontal::default(), 16, 0.5);
         let (mut command, mut halfway, mut walker) = (Horizontal::default(), Horizontal::default(), from);
         let mut least_m = f32::INFINITY;
@@ -440,7 +440,7 @@ mod tests {
             let wanted = evader.step(&mut state, asked, &input).unwrap_or(asked);
             command = command.plus(wanted.minus(command).clamped(2.0 * TICK_S));
             halfway = halfway.plus(underway.ago(evader.dead_steps).minus(halfway).times(TICK_S / evader.lag_s));
-            response.command(&mut underway, command);
+            vehicle_model.command(&mut underway, command);
             let velocity_ned_mps = crate::base::ned::Ned { north: command.north, east: command.east, down: 0.0 };
             vehicle.follow(&Setpoint { velocity_ned_mps, ..Setpoint::default() });
             walker = walker.plus(walk_mps.times(TICK_S));
@@ -465,9 +465,9 @@ mod tests {
 
     #[test]
     fn what_is_clear_of_all_that_moves_passes_and_so_does_what_is_not_finite() {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let evader = Config::default().build(&response, 1.0, 2.0).unwrap();
-        let (underway, north) = (response::State::default(), Horizontal { north: 1.0, east: 0.0 });
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let evader = Config::default().build(&vehicle_model, 1.0, 2.0).unwrap();
+        let (underway, north) = (vehicle_model::State::default(), Horizontal { north: 1.0, east: 0.0 });
         let away = [Neighbour { center_ned_m: at(3.0, 2.0), reach_m: REACH_M, velocity_ned_mps: at(3.0, 1.0) }];
         let input = Input {
             position_ned_m: Horizontal::default(),
@@ -486,9 +486,9 @@ mod tests {
 
     #[test]
     fn in_any_crowd_the_answer_is_finite_and_within_the_speed_limit() {
-        let response = response::Config { dead_time_s: 0.06, lag_s: 0.15 }.build(TICK_S).unwrap();
-        let evader = Config::default().build(&response, 1.5, 2.0).unwrap();
-        let (underway, mut state, mut rng) = (response::State::default(), State::default(), Rng::new(24, 0));
+        let vehicle_model = vehicle_model::Config { dead_time_s: 0.06, lag_s: 0.15 }.build(TICK_S).unwrap();
+        let evader = Config::default().build(&vehicle_model, 1.5, 2.0).unwrap();
+        let (underway, mut state, mut rng) = (vehicle_model::State::default(), State::default(), Rng::new(24, 0));
         let mut evaded = 0;
         for _ in 0..2_000 {
             let mut draw = |most: f32| at(6.3 * rng.uniform(), most * rng.uniform());

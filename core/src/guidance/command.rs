@@ -66,8 +66,8 @@ impl<const N: usize> Guidance<N> {
                     position_ned_m: situation.position_ned_m,
                     velocity_ned_mps: ownship.velocity_ned_mps.horizontal(),
                     command_ned_mps: state.guard.command_ned_mps(),
-                    halfway_ned_mps: state.gust.halfway_mps(),
-                    underway: &state.response,
+                    halfway_ned_mps: state.wind.halfway_mps(),
+                    underway: &state.vehicle_model,
                     has_scanned: state.tracks.has_just_scanned(),
                     standing,
                     moving: [told, &followed],
@@ -98,7 +98,7 @@ impl<const N: usize> Guidance<N> {
     /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
     pub(super) fn let_go(&self, state: &mut State<N>) {
         state.guard.release();
-        state.gust.release();
+        state.wind.release();
         state.agreement.release();
         state.is_searching = false;
         state.look_ned_rad = None;

@@ -7,7 +7,7 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::ownship::{Agreement, Ownship};
 use crate::base::trace::Trace;
-use crate::control::{evade, guard, gust, response, track};
+use crate::control::{evade, guard, track, vehicle_model, wind};
 use crate::doa::bearing::Flags;
 use crate::landing::{self, Advice};
 use crate::localize::source::bank::{self, Way};
@@ -39,8 +39,8 @@ pub struct State<const N: usize> {
     /// Nothing is heard, and the vehicle goes and looks for it.
     pub(super) is_searching: bool,
     pub(super) goal: goal::State,
-    pub(super) response: response::State,
-    pub(super) gust: gust::State,
+    pub(super) vehicle_model: vehicle_model::State,
+    pub(super) wind: wind::State,
     pub(super) track: track::State,
     pub(super) evade: evade::State,
     pub(super) guard: guard::State,
@@ -89,8 +89,8 @@ impl<const N: usize> Default for State<N> {
             belief: None,
             is_searching: false,
             goal: goal::State::default(),
-            response: response::State::default(),
-            gust: gust::State::default(),
+            vehicle_model: vehicle_model::State::default(),
+            wind: wind::State::default(),
             track: track::State::default(),
             evade: evade::State::default(),
             guard: guard::State::default(),
@@ -208,8 +208,8 @@ impl<const N: usize> Guidance<N> {
             belief,
             is_searching,
             goal,
-            response,
-            gust,
+            vehicle_model,
+            wind,
             track,
             evade,
             guard,
@@ -246,8 +246,8 @@ impl<const N: usize> Guidance<N> {
         (*misled, *is_searching) = (false, false);
         *belief = None;
         *goal = goal::State::default();
-        *response = response::State::default();
-        *gust = gust::State::default();
+        *vehicle_model = vehicle_model::State::default();
+        *wind = wind::State::default();
         *track = track::State::default();
         *evade = evade::State::default();
         *guard = guard::State::default();

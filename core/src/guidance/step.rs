@@ -27,8 +27,8 @@ impl<const N: usize> Guidance<N> {
 
         if let Some(ownship) = &state.ownship {
             let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
-            self.gust.begin(&mut state.gust, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
-            self.gust.step(&mut state.gust, &state.response, velocity_ned_mps, ownship.position_time);
+            self.wind.begin(&mut state.wind, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
+            self.wind.step(&mut state.wind, &state.vehicle_model, velocity_ned_mps, ownship.position_time);
         }
         let was_landing = is_landing(state);
         self.land(state, input, bearing.as_ref());
@@ -100,7 +100,7 @@ impl<const N: usize> Guidance<N> {
             }
         }
         state.is_blocked = guard_action == guard::Action::Braked;
-        self.response.command(&mut state.response, setpoint.velocity_ned_mps.horizontal());
+        self.vehicle_model.command(&mut state.vehicle_model, setpoint.velocity_ned_mps.horizontal());
 
         if let Some(bearing) = &bearing {
             state.trace.float(bearing.azimuth_rad);
@@ -137,13 +137,13 @@ impl<const N: usize> Guidance<N> {
         let ownship = state.ownship.unwrap_or_default();
         let position_ned_m = ownship.position_ned_m.horizontal();
         let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
-        let rest_ned_m = self.response.rest_point(&state.response, position_ned_m, velocity_ned_mps);
+        let rest_ned_m = self.vehicle_model.rest_point(&state.vehicle_model, position_ned_m, velocity_ned_mps);
         GuardInput {
             position_ned_m,
             rest_ned_m,
             yaw_rad: ownship.yaw_rad,
-            delay_s: self.response.delay_s(),
-            gust_margin_m: self.gust.margin_m(&state.gust),
+            delay_s: self.vehicle_model.delay_s(),
+            gust_margin_m: self.wind.margin_m(&state.wind),
             is_evading: false,
             down_m: state.ownship.map(|ownship| ownship.position_ned_m.down),
             held_down_m: state.hold_down_m,

@@ -10,7 +10,7 @@
 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
-use foxhound_core::control::response;
+use foxhound_core::control::vehicle_model;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::guidance::{self, turning};
@@ -123,11 +123,11 @@ impl Mission {
         config.planner.sees_m = config.guard.coverage.range_m;
         config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
-        config.response = match scenario.vehicle.model {
+        config.vehicle_model = match scenario.vehicle.model {
             VehicleModel::Point => {
-                response::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }
+                vehicle_model::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }
             }
-            VehicleModel::Arducopter => response::Config::default(),
+            VehicleModel::Arducopter => vehicle_model::Config::default(),
         };
         config
     }

@@ -8,7 +8,7 @@
 //!    `-dh/dt <= min(rate h, sqrt(1.4 a h))` on the speed relative to the circle. The command becomes the nearest one that
 //!    all of them allow. What is too close is moved away from, also from a standstill. If they do not agree, what stands
 //!    still need only not come nearer; if they still do not, it brakes.
-//!    Where gusts push the vehicle about ([`crate::control::gust`]) the margin to what stands still grows by as much; where
+//!    Where gusts push the vehicle about ([`crate::control::wind`]) the margin to what stands still grows by as much; where
 //!    there is no room for that, all give way by the same, which leads to the middle.
 //! 3. The change from the last command is limited: by the acceleration limit always, by the jerk limit when the speed
 //!    grows. Slowing down is never limited by jerk, nor is getting out of the way: a brake must not be late. The jerk limit bounds how

@@ -41,8 +41,8 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
         param::FH_ACC_MAX => guard.a_max_mps2,
         param::FH_JERK_MAX => guard.jerk_max_mps3,
         param::FH_YAWR_MAX => guard.yaw_rate_max_radps,
-        param::FH_DEAD_TIME => config.response.dead_time_s,
-        param::FH_LAG => config.response.lag_s,
+        param::FH_DEAD_TIME => config.vehicle_model.dead_time_s,
+        param::FH_LAG => config.vehicle_model.lag_s,
         param::FH_RADIUS => guard.vehicle_radius_m,
         param::FH_MARGIN => planner.margin_m,
         param::FH_MARGIN_TGT => planner.tight_margin_m,
@@ -123,8 +123,8 @@ impl Values {
             param::FH_ACC_MAX => guard.a_max_mps2 = value,
             param::FH_JERK_MAX => guard.jerk_max_mps3 = value,
             param::FH_YAWR_MAX => guard.yaw_rate_max_radps = value,
-            param::FH_DEAD_TIME => config.response.dead_time_s = value,
-            param::FH_LAG => config.response.lag_s = value,
+            param::FH_DEAD_TIME => config.vehicle_model.dead_time_s = value,
+            param::FH_LAG => config.vehicle_model.lag_s = value,
             param::FH_RADIUS => config.set_vehicle_radius_m(value),
             param::FH_MARGIN => {
                 planner.margin_m = value;

@@ -21,14 +21,14 @@ const MORE: [&str; 2] = ["corridor", "pillars, scan, PX4"];
 type Constant = (&'static str, [f32; 4], fn(&mut guidance::Config, f32));
 
 const CONSTANTS: [Constant; 8] = [
-    ("margin_s", [0.9, 1.1, 1.6, 2.0], |config, value| config.gust.margin_s = value),
-    ("margin_max_m", [0.6, 0.8, 1.2, 1.5], |config, value| config.gust.margin_max_m = value),
-    ("memory_s", [15.0, 25.0, 60.0, 100.0], |config, value| config.gust.memory_s = value),
-    ("unsure", [0.0, 1.0, 3.0, 4.0], |config, value| config.gust.unsure = value),
-    ("unsure_s", [2.0, 3.0, 6.0, 10.0], |config, value| config.gust.unsure_s = value),
-    ("floor_mps", [0.03, 0.04, 0.08, 0.12], |config, value| config.gust.floor_mps = value),
-    ("slack_s", [0.03, 0.045, 0.08, 0.12], |config, value| config.gust.slack_s = value),
-    ("lean_mps_per_rad", [0.0, 0.7, 2.1, 2.8], |config, value| config.gust.lean_mps_per_rad = value),
+    ("margin_s", [0.9, 1.1, 1.6, 2.0], |config, value| config.wind.margin_s = value),
+    ("margin_max_m", [0.6, 0.8, 1.2, 1.5], |config, value| config.wind.margin_max_m = value),
+    ("memory_s", [15.0, 25.0, 60.0, 100.0], |config, value| config.wind.memory_s = value),
+    ("unsure", [0.0, 1.0, 3.0, 4.0], |config, value| config.wind.unsure = value),
+    ("unsure_s", [2.0, 3.0, 6.0, 10.0], |config, value| config.wind.unsure_s = value),
+    ("floor_mps", [0.03, 0.04, 0.08, 0.12], |config, value| config.wind.floor_mps = value),
+    ("slack_s", [0.03, 0.045, 0.08, 0.12], |config, value| config.wind.slack_s = value),
+    ("lean_mps_per_rad", [0.0, 0.7, 2.1, 2.8], |config, value| config.wind.lean_mps_per_rad = value),
 ];
 
 /// The page that is written.

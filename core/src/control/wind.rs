@@ -1,6 +1,6 @@
 //! How hard gusts push: how much faster the vehicle has lately been than its commands alone would have made it.
 //!
-//! What they would have made it says the delay of [`crate::control::response`], as a dead time and two equal lags one after
+//! What they would have made it says the delay of [`crate::control::vehicle_model`], as a dead time and two equal lags one after
 //! the other: the shape of a real autopilot's answer, which is nearly a critically damped second order.
 //!
 //! ```text
@@ -23,7 +23,7 @@ use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
-use crate::control::response::{self, Response};
+use crate::control::vehicle_model::{self, VehicleModel};
 
 /// Not compared for so long after control was taken.
 const SETTLING_S: f32 = 1.0;
@@ -51,7 +51,7 @@ pub struct Config {
     pub unsure_s: f32,
     /// Less than this is noise.
     pub floor_mps: f32,
-    /// Error of the response's model, in time.
+    /// Error of the vehicle's model, in time.
     pub slack_s: f32,
     /// What a lean at the beginning counts for; zero: nothing.
     pub lean_mps_per_rad: f32,
@@ -79,17 +79,17 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self, response: &Response, tick_s: f32) -> Result<Gauge, ConfigError> {
-        check("gust.margin_s", self.margin_s, 0.0, 10.0)?;
-        check("gust.margin_max_m", self.margin_max_m, 0.0, 5.0)?;
-        check("gust.memory_s", self.memory_s, 0.1, 1000.0)?;
-        check("gust.unsure", self.unsure, 0.0, 10.0)?;
-        check("gust.unsure_s", self.unsure_s, 0.1, 1000.0)?;
-        check("gust.floor_mps", self.floor_mps, 0.0, 10.0)?;
-        check("gust.slack_s", self.slack_s, 0.0, 10.0)?;
-        check("gust.lean_mps_per_rad", self.lean_mps_per_rad, 0.0, 100.0)?;
-        let (dead_steps, tau_s) = response.twice_lagged();
-        Ok(Gauge {
+    pub fn build(&self, vehicle_model: &VehicleModel, tick_s: f32) -> Result<Estimator, ConfigError> {
+        check("wind.margin_s", self.margin_s, 0.0, 10.0)?;
+        check("wind.margin_max_m", self.margin_max_m, 0.0, 5.0)?;
+        check("wind.memory_s", self.memory_s, 0.1, 1000.0)?;
+        check("wind.unsure", self.unsure, 0.0, 10.0)?;
+        check("wind.unsure_s", self.unsure_s, 0.1, 1000.0)?;
+        check("wind.floor_mps", self.floor_mps, 0.0, 10.0)?;
+        check("wind.slack_s", self.slack_s, 0.0, 10.0)?;
+        check("wind.lean_mps_per_rad", self.lean_mps_per_rad, 0.0, 100.0)?;
+        let (dead_steps, tau_s) = vehicle_model.twice_lagged();
+        Ok(Estimator {
             config: *self,
             dead_steps,
             per_tau: 1.0 / tau_s,
@@ -103,7 +103,7 @@ impl Config {
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gauge {
+pub struct Estimator {
     config: Config,
     dead_steps: usize,
     per_tau: f32,
@@ -147,7 +147,7 @@ impl State {
     }
 }
 
-impl Gauge {
+impl Estimator {
     /// What the vehicle's lean says where control has just begun.
     pub fn begin(&self, state: &mut State, roll_rad: f32, pitch_rad: f32, velocity_ned_mps: Horizontal) {
         if state.since > BEGINNING || velocity_ned_mps.norm_squared() > STANDING_MPS * STANDING_MPS {
@@ -162,7 +162,13 @@ impl Gauge {
     }
 
     /// One step in control: `commands` are those before this step's; the velocity is what was heard last, and when.
-    pub fn step(&self, state: &mut State, commands: &response::State, velocity_ned_mps: Horizontal, heard: Instant) {
+    pub fn step(
+        &self,
+        state: &mut State,
+        commands: &vehicle_model::State,
+        velocity_ned_mps: Horizontal,
+        heard: Instant,
+    ) {
         let c = &self.config;
         if state.since == 0 {
             (state.first_mps, state.second_mps) = (velocity_ned_mps, velocity_ned_mps);
@@ -206,9 +212,9 @@ mod tests {
     /// ArduCopter's measured answer: 0.22 s, then critically damped at 3.1 rad/s; what `wind` says is added to it. Commands turn and
     /// change at the guard's limit of 2 m/s^2. The margin after each step.
     fn margins(duration_s: f32, wind: impl Fn(f32) -> Horizontal) -> std::vec::Vec<f32> {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let gauge = Config::default().build(&response, TICK_S).unwrap();
-        let (mut commands, mut state) = (response::State::default(), State::default());
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let estimator = Config::default().build(&vehicle_model, TICK_S).unwrap();
+        let (mut commands, mut state) = (vehicle_model::State::default(), State::default());
         let mut line = std::collections::VecDeque::from(std::vec![Horizontal::default(); 11]);
         let (mut velocity, mut acceleration) = (Horizontal::default(), Horizontal::default());
         let (mut command, mut wanted) = (Horizontal::default(), Horizontal::default());
@@ -220,9 +226,9 @@ mod tests {
                     wanted = Horizontal::from_bearing(6.3 * rng.uniform()).times(rng.uniform());
                 }
                 let heard = velocity.plus(wind(step as f32 * TICK_S));
-                gauge.step(&mut state, &commands, heard, Instant(1 + step * 20_000));
+                estimator.step(&mut state, &commands, heard, Instant(1 + step * 20_000));
                 command = command.plus(wanted.minus(command).clamped(2.0 * TICK_S));
-                response.command(&mut commands, command);
+                vehicle_model.command(&mut commands, command);
                 line.push_back(command);
                 let acting = line.pop_front().unwrap();
                 for _ in 0..10 {
@@ -230,7 +236,7 @@ mod tests {
                     acceleration = acceleration.plus(jerk.times(0.002));
                     velocity = velocity.plus(acceleration.times(0.002));
                 }
-                gauge.margin_m(&state)
+                estimator.margin_m(&state)
             })
             .collect()
     }
@@ -242,12 +248,12 @@ mod tests {
 
     #[test]
     fn who_stands_in_the_air_and_leans_expects_gusts_and_who_flies_does_not() {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let gauge = Config::default().build(&response, TICK_S).unwrap();
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let estimator = Config::default().build(&vehicle_model, TICK_S).unwrap();
         let margin_m = |pitch_rad: f32, north: f32| {
             let mut state = State::default();
-            gauge.begin(&mut state, 0.0, pitch_rad, Horizontal { north, east: 0.0 });
-            gauge.margin_m(&state)
+            estimator.begin(&mut state, 0.0, pitch_rad, Horizontal { north, east: 0.0 });
+            estimator.margin_m(&state)
         };
         // Against 3 m/s: 0.3 1/s of it over gravity.
         assert!((0.2..0.4).contains(&margin_m(-0.092, 0.0)), "{}", margin_m(-0.092, 0.0));
@@ -280,16 +286,16 @@ mod tests {
 
     #[test]
     fn it_is_bounded_and_learns_nothing_from_silence_or_out_of_control() {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let gauge = Config::default().build(&response, TICK_S).unwrap();
-        let commands = response::State::default();
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let estimator = Config::default().build(&vehicle_model, TICK_S).unwrap();
+        let commands = vehicle_model::State::default();
         let mut state = State::default();
         let mut flown = |north: f32, heard_us: u64, released: bool| {
             if released {
                 state.release();
             }
-            gauge.step(&mut state, &commands, Horizontal { north, east: 0.0 }, Instant(heard_us));
-            gauge.margin_m(&state)
+            estimator.step(&mut state, &commands, Horizontal { north, east: 0.0 }, Instant(heard_us));
+            estimator.margin_m(&state)
         };
         // A pilot flies it about, and then a velocity that stands still in the wire, and one that is none.
         assert!((0..500).all(|k| flown((0.1 * k as f32).sin(), 1 + k, true) == 0.0));
@@ -302,9 +308,9 @@ mod tests {
 
     #[test]
     fn what_is_out_of_range_is_refused_by_name() {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let refused = |config: Config| config.build(&response, TICK_S).unwrap_err().field;
-        assert_eq!(refused(Config { margin_s: -1.0, ..Config::default() }), "gust.margin_s");
-        assert_eq!(refused(Config { memory_s: f32::NAN, ..Config::default() }), "gust.memory_s");
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let refused = |config: Config| config.build(&vehicle_model, TICK_S).unwrap_err().field;
+        assert_eq!(refused(Config { margin_s: -1.0, ..Config::default() }), "wind.margin_s");
+        assert_eq!(refused(Config { memory_s: f32::NAN, ..Config::default() }), "wind.memory_s");
     }
 }

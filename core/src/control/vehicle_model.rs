@@ -40,17 +40,17 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range; a dead time of more steps than can be remembered.
-    pub fn build(&self, tick_s: f32) -> Result<Response, ConfigError> {
-        check("response.dead_time_s", self.dead_time_s, 0.0, tick_s * PENDING_MAX as f32)?;
-        check("response.lag_s", self.lag_s, 0.0, 5.0)?;
+    pub fn build(&self, tick_s: f32) -> Result<VehicleModel, ConfigError> {
+        check("vehicle_model.dead_time_s", self.dead_time_s, 0.0, tick_s * PENDING_MAX as f32)?;
+        check("vehicle_model.lag_s", self.lag_s, 0.0, 5.0)?;
         let steps = libm::roundf(self.dead_time_s / tick_s) as usize;
-        Ok(Response { lag_s: self.lag_s, pending: steps.min(PENDING_MAX), tick_s })
+        Ok(VehicleModel { lag_s: self.lag_s, pending: steps.min(PENDING_MAX), tick_s })
     }
 }
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Response {
+pub struct VehicleModel {
     lag_s: f32,
     pending: usize,
     tick_s: f32,
@@ -71,7 +71,7 @@ impl State {
     }
 }
 
-impl Response {
+impl VehicleModel {
     /// Mean delay of the vehicle behind its rest point.
     #[must_use]
     pub fn delay_s(&self) -> f32 {
@@ -119,12 +119,12 @@ mod tests {
     #[test]
     fn a_vehicle_with_dead_time_and_lag_stops_where_the_rest_point_said() {
         let (tick, dead, lag) = (0.02, 0.32, 0.5);
-        let response = Config { dead_time_s: dead, lag_s: lag }.build(tick as f32).unwrap();
+        let vehicle_model = Config { dead_time_s: dead, lag_s: lag }.build(tick as f32).unwrap();
         let mut state = State::default();
         let (mut position, mut velocity) = (0.0_f64, 0.0_f64);
         let mut line = std::collections::VecDeque::from(std::vec![0.0_f64; 16]);
         let mut run = |command: f64, state: &mut State| {
-            response.command(state, Horizontal { north: command as f32, east: 0.0 });
+            vehicle_model.command(state, Horizontal { north: command as f32, east: 0.0 });
             line.push_back(command);
             let acting = line.pop_front().unwrap();
             for _ in 0..20 {
@@ -138,7 +138,7 @@ mod tests {
             at = run(if step < 30 { 1.0 } else { 0.4 }, &mut state);
         }
         let north = |value: f64| Horizontal { north: value as f32, east: 0.0 };
-        let rest = response.rest_point(&state, north(at.0), north(at.1));
+        let rest = vehicle_model.rest_point(&state, north(at.0), north(at.1));
         for _ in 0..300 {
             at = run(0.0, &mut state);
         }
