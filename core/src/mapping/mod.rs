@@ -2,7 +2,7 @@
 //! `base`.
 
 pub mod coverage;
-pub mod lor;
 pub mod map;
 pub mod scan;
 pub mod tracks;
+pub mod walls;

@@ -109,8 +109,8 @@ impl Mission {
                 yaw_rate_radps: antenna.turn_deg_per_s.to_radians() as f32,
                 ..turning::Config::default()
             };
-            turning.rss.pattern.exponent = antenna.exponent as f32;
-            turning.rss.pattern.front_to_back_db = antenna.front_to_back_db as f32;
+            turning.rotating.pattern.exponent = antenna.exponent as f32;
+            turning.rotating.pattern.front_to_back_db = antenna.front_to_back_db as f32;
             turning
         });
         config.landing = scenario.landing.map(|landing| core_landing::Config {
