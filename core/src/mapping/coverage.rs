@@ -1,8 +1,8 @@
-//! Where has been looked: the guard lets the vehicle go only there.
+//! Which places the obstacle sensor has seen: the guard lets the vehicle go only there.
 //!
 //! A nose with a narrow view does not see what stands beside it, and a disc that moves comes nearer to everything up to 90
-//! degrees off its way. So the places that the obstacle sensor has seen are remembered, in a grid of bits around the
-//! vehicle that scrolls along with it (64 x 64 cells of 5 cm; what scrolls in has not been seen), and the latest look is
+//! degrees off its path. So the places that the obstacle sensor has seen are remembered, in a grid of bits around the
+//! vehicle that scrolls along with it (64 x 64 cells of 5 cm; what scrolls in has not been seen), and the latest scan is
 //! kept as it is for what lies farther.
 //!
 //! The question asked is not "is this cell empty" but "could an obstacle stand here unseen": one of at least
@@ -10,11 +10,11 @@
 //! of the four cells nearest to it has been, and rays need not be denser than cells.
 //!
 //! - [`Cover::Seen`]: a ray has passed.
-//! - [`Cover::Hidden`]: it is in the view of the latest look, behind something. Looking again does not help, only going there slowly.
-//! - [`Cover::WasHidden`]: it was so in an earlier look, from elsewhere. Whether looking helps depends on what is before it now.
-//! - [`Cover::Unseen`]: never looked at.
+//! - [`Cover::Hidden`]: in the field of view of the latest scan, behind something. Another scan from here does not help, only going there slowly.
+//! - [`Cover::WasHidden`]: it was so in an earlier scan, from elsewhere. Whether another scan helps depends on what stands before it now.
+//! - [`Cover::Unseen`]: never in the field of view.
 //!
-//! Cost: bench rows `look_64` for a look, `guard_64` for a step with all its questions.
+//! Cost: bench rows `look_64` for a scan, `guard_64` for a step with all its queries.
 
 use micromath::F32;
 
@@ -31,16 +31,16 @@ const SIDE: i32 = 64;
 /// Side of a cell.
 const CELL_M: f32 = 0.05;
 const CELLS_PER_M: f32 = 1.0 / CELL_M;
-/// A look is drawn this far at most; it stays inside the grid.
+/// A scan is drawn this far at most; it stays inside the grid.
 const DRAWN_M: f32 = 1.52;
-/// Distance between the marks along a ray, and between rays: with the four cells of a question no gap is left.
+/// Distance between the marks along a ray, and between rays: with the four cells of a query no gap is left.
 const STEP_M: f32 = 0.07;
 /// Rays over the field of view of a sensor that delivers circles are at most this far apart.
 const RAY_STEP_RAD: f32 = 0.045;
 /// Positions beyond this are no place for a grid.
 const PLACE_MAX_M: f32 = 1e5;
 
-/// What this room needs to know.
+/// Configuration of the coverage grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -48,7 +48,7 @@ pub struct Config {
     pub smallest_obstacle_m: f32,
     /// Nothing unseen is closer to the vehicle than this where it is first asked to move.
     pub start_clearance_m: f32,
-    /// How far a sensor that delivers circles sees.
+    /// Range of a sensor that delivers circles.
     pub range_m: f32,
 }
 
@@ -87,15 +87,15 @@ pub struct Surveyor {
 pub enum Cover {
     /// A ray of the sensor has passed.
     Seen,
-    /// In the view of the latest look, but behind something.
+    /// In the field of view of the latest scan, but behind something.
     Hidden,
-    /// In the view of an earlier look, behind something from there.
+    /// In the field of view of an earlier scan, behind something from there.
     WasHidden,
-    /// Never looked at.
+    /// Never in the field of view.
     Unseen,
 }
 
-/// The latest look: how far each ray saw.
+/// The latest scan: the range of each ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
     /// Where it was taken from.
@@ -108,14 +108,14 @@ pub struct Profile {
     pub rays: u8,
     /// See `rays`.
     pub closes: bool,
-    /// How far a ray sees that meets nothing.
+    /// Range of a ray that hits nothing.
     pub range_m: f32,
-    /// How far each ray sees.
+    /// Range of each ray.
     pub ranges: Ranges,
 }
 
 impl Profile {
-    /// How far a ray sees; -1 where nothing is known.
+    /// Range of a ray; -1 where nothing is known.
     fn seen_m(&self, index: usize) -> f32 {
         self.ranges.sees_m(index, self.range_m)
     }
@@ -124,7 +124,7 @@ impl Profile {
 /// Bits of the grid, two words for each row.
 type Bits = [[u32; 2]; SIDE as usize];
 
-/// What has been looked at so far.
+/// Which places have been seen so far.
 #[derive(Clone, Debug)]
 pub struct Coverage {
     seen: Bits,
@@ -174,19 +174,19 @@ fn is_one_marked(bits: &Bits, north: i32, east: i32) -> bool {
 }
 
 impl Coverage {
-    /// Whether any look has been heard of.
+    /// Whether there has been any scan.
     #[must_use]
     pub fn has_scanned(&self) -> bool {
         self.latest.rays > 0
     }
 
-    /// The latest look.
+    /// The latest scan.
     #[must_use]
     pub fn latest(&self) -> &Profile {
         &self.latest
     }
 
-    /// The vehicle is moved by somebody else: where it is next asked to move is a new start.
+    /// Someone else moves the vehicle: the place where it is next asked to move is a new start.
     pub fn leave(&mut self) {
         self.home_ned_m = None;
     }
@@ -313,13 +313,13 @@ impl Surveyor {
         self.draw(coverage);
     }
 
-    /// Draws the latest look into the grid.
+    /// Draws the latest scan into the grid.
     fn draw(&self, coverage: &mut Coverage) {
         let Some((north, east)) = cell(coverage.latest.origin_ned_m) else { return };
         coverage.center(north, east);
         let Coverage { seen, hidden, corner, latest, .. } = coverage;
 
-        // A wide view is drawn less far, so that every look costs the same, and no farther than its rays are dense.
+        // A wide view is drawn less far, so that every scan costs the same, and no farther than its rays are dense.
         let step_rad = libm::fabsf(latest.step_rad);
         let angle_rad = step_rad * f32::from(latest.rays);
         let by_cost = if angle_rad > 1.65 { DRAWN_M * sqrt(1.65 / angle_rad) } else { DRAWN_M };
@@ -352,7 +352,7 @@ impl Surveyor {
         }
     }
 
-    /// Where the vehicle is there is room for it.
+    /// Marks the vehicle's own place as free: it fits there.
     pub fn stand(&self, coverage: &mut Coverage, position_ned_m: Horizontal, vehicle_radius_m: f32) {
         let Some((north, east)) = cell(position_ned_m) else { return };
         if coverage.has_scanned() {
@@ -402,7 +402,7 @@ impl Surveyor {
         coverage.home_ned_m.is_none_or(|home| place.minus(home).norm_squared() < reach_m * reach_m)
     }
 
-    /// What the latest look says of a place.
+    /// What the latest scan shows of a place.
     fn in_latest(&self, latest: &Profile, place: Horizontal) -> Cover {
         let away = place.minus(latest.origin_ned_m);
         let squared = away.norm_squared();

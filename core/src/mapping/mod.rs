@@ -1,4 +1,4 @@
-//! What is in the way: hits become circles and walls that are remembered, and where has been looked is kept. It may import
+//! Obstacles: hits become circles and walls that are remembered, and which places the sensor has seen is kept. It may import
 //! `base`.
 
 pub mod coverage;

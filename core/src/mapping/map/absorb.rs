@@ -14,13 +14,13 @@ use crate::base::time::Instant;
 use crate::base::units::{between, whole_below, wrap_pi};
 use crate::mapping::scan::{Detection, Kind, POINTS_MAX, RAYS_MAX, Scan, Sector, Segmentation};
 
-/// So many pillars at most are looked at again when the one that was seen has been averaged.
+/// So many pillars at most are checked again when the one that was seen has been averaged.
 const MET_MAX: usize = 4;
 /// No hit sticks out of the circle of its detection by more than this.
 const OUT_M: f32 = 0.03;
 /// A patch may be explained by what is known so far beside its hits, however wide the sectors are.
 const BESIDE_MAX_M: f32 = 0.10;
-/// What is nearer has to be covered where it is told: the vehicle may be about to pass it.
+/// What is nearer has to be covered where it was measured: the vehicle may be about to pass it.
 pub(super) const BESIDE_FROM_M: f32 = 1.0;
 
 /// A bit for each hit.
@@ -114,7 +114,7 @@ impl Covered<'_> {
     }
 }
 
-/// A scan as one asks it what lies in a direction.
+/// A scan, of which the sector in a direction is asked.
 struct View<'a> {
     scan: &'a Scan,
     origin_ned_m: Horizontal,
@@ -168,7 +168,7 @@ impl View<'_> {
 }
 
 impl Mapper {
-    /// Takes a detection of a look into the store.
+    /// Takes a detection of a scan into the store.
     pub(super) fn absorb(&self, map: &mut Map, index: &mut Index, now: Instant, look: &Segmentation, seen: &Detection) {
         let origin = look.origin_ned_m;
         let center = seen.center_ned_m.minus(origin);
@@ -243,7 +243,7 @@ impl Mapper {
         }
     }
 
-    /// Counts, of every circle in reach of a scan, the looks that see through it, and gives up those with too many.
+    /// Counts, of every circle in reach of a scan, the scans that see through it, and forgets those with too many.
     pub(super) fn judge(&self, map: &mut Map, scan: &Scan, pose: &Pose) {
         let view = View {
             scan,

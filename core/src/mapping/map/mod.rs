@@ -1,22 +1,22 @@
 //! The obstacle map: a bounded store of circles, remembered once seen.
 //!
-//! A sensor that delivers circles has the last word on what it sees. A look at hits ([`Segmentation`]) is taken in like this:
+//! What a sensor that delivers circles reports replaces what was known. A scan of hits ([`Segmentation`]) is taken in like this:
 //!
-//! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_looks`] looks is forgotten.
+//! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_looks`] scans is forgotten.
 //! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
 //!    a poor glimpse of a better known one. If the average leaves out what was just seen, that is added beside what was known.
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
-//!    What a wide sector tells from more than a metre away may stand a little beside its hit, too (`absorb`).
+//!    What a wide sector reports from more than a metre away may stand a little beside its hit, too (`absorb`).
 //!
-//! So after each look every hit is covered, or else what may be behind it, however wrong the store was, unless the store is full: then the circle farthest
-//! from the vehicle gives way and [`Map::overflow_count`] says so. Before it is full, what others cover is forgotten
+//! So after each scan every hit is covered, or else what may be behind it, however wrong the store was, unless the store is full: then the circle farthest
+//! from the vehicle is dropped and [`Map::overflow_count`] counts it. Before it is full, what others cover is forgotten
 //! (`thin_out`). What is out of sight stays, but for circles that move: those are carried along and forgotten when unseen
-//! for a while. A circle moves when its filter says so with four sigma for several looks in a row, so that the change of the
+//! for a while. A circle moves when its filter says so with four sigma for several scans in a row, so that the change of the
 //! view of a standing pillar does not set it in motion.
 //!
-//! The cost of a look is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` say what it is.
+//! The cost of a scan is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` give it.
 //!
-//! The radius that is told is the measured one plus its sigma, nothing for exact circles.
+//! The reported radius is the measured one plus its sigma, which is zero for exact circles.
 
 use heapless::Vec;
 
@@ -39,13 +39,13 @@ use motion::{Motion, Sighting};
 /// Most circles that are remembered.
 pub const CIRCLES_MAX: usize = 192;
 const _: () =
-    assert!(CIRCLES_MAX.is_multiple_of(32) && CIRCLES_MAX < 256, "sets of places are words, places are bytes");
-/// Most circles that one delivery may hold; the rest of a longer one is not looked at.
+    assert!(CIRCLES_MAX.is_multiple_of(32) && CIRCLES_MAX < 256, "sets of places are arrays of u32, places are bytes");
+/// Most circles that one delivery may hold; the rest of a longer one is ignored.
 pub const DELIVERY_MAX: usize = 64;
 
 /// Sigma below which averaging does not bring it, so that the map follows if the vehicle's own position drifts.
 const SIGMA_MIN_M: f32 = 0.005;
-/// Sigmas that a circle's radius is told larger by.
+/// Sigmas by which a circle's reported radius is larger.
 const INFLATION_SIGMAS: f32 = 1.0;
 /// A ray that passes a circle's rim on the inside by more than this, unhindered, speaks against the circle.
 const RIM_M: f32 = 0.03;
@@ -54,9 +54,9 @@ const STICK_OUT_M: f32 = 0.04;
 /// Two pillars are one whose centres are closer than a share of the larger radius and twice their doubt, at most this.
 const GATE_M: f32 = 0.10;
 const GATE: f32 = 0.5;
-/// In place of a number of looks: to be forgotten.
+/// In place of a number of scans: to be forgotten.
 const DOOMED: u8 = u8::MAX;
-/// The same: seen in the look that is being taken in, and no other pillar of that look can be it.
+/// The same: seen in the scan that is being taken in, and no other pillar of that scan can be it.
 const AVERAGED: u8 = u8::MAX - 1;
 /// A hit farther behind a circle's front than this speaks against the circle.
 const FRONT_M: f32 = 0.08;
@@ -135,7 +135,7 @@ impl Known {
         if self.motion.moves() { self.slope_or_front } else { Horizontal::default() }
     }
 
-    /// As it is told: larger by its doubt unless it was delivered, and with a velocity only if it moves.
+    /// As it is reported: larger by its sigma unless it was delivered, and with a velocity only if it moves.
     fn circle(&self) -> Circle {
         let doubt_m = if self.origin == Origin::Given { 0.0 } else { INFLATION_SIGMAS * self.sigma_m };
         Circle {
@@ -153,7 +153,7 @@ pub struct Map {
     taken: Option<Instant>,
     /// Until when the moving circles have been carried along.
     carried: Instant,
-    /// The circle that was asked last whether others cover it.
+    /// The circle that was checked last for being covered by others.
     asked: usize,
     overflow_count: u32,
     refused_count: u32,
@@ -178,13 +178,13 @@ impl Map {
         self.circles().map(Disc::from)
     }
 
-    /// When the newest look was measured that has been taken in, even if it saw nothing.
+    /// When the newest scan was measured that has been taken in, even if it hit nothing.
     #[must_use]
     pub fn taken(&self) -> Option<Instant> {
         self.taken
     }
 
-    /// Circles that gave way because the store was full or their delivery too long.
+    /// Circles that were dropped because the store was full or their delivery too long.
     #[must_use]
     pub fn overflow_count(&self) -> u32 {
         self.overflow_count
@@ -200,7 +200,7 @@ impl Map {
         self.refused_count = self.refused_count.saturating_add(count);
     }
 
-    /// A look has been taken in. What is newer than now was stamped by a clock that has been set back since.
+    /// A scan has been taken in. What is newer than now was stamped by a clock that has been set back since.
     fn note_taken(&mut self, time: Instant, now: Instant) {
         if self.taken.is_none_or(|taken| taken <= time || taken > now) {
             self.taken = Some(time);
@@ -218,7 +218,7 @@ impl Map {
         }
     }
 
-    /// Adds a circle. When the store is full one that is to be forgotten gives way, or else the farthest from the vehicle.
+    /// Adds a circle. When the store is full it replaces one that is to be forgotten, or else the farthest from the vehicle.
     fn add(&mut self, index: &mut Index, known: Known) {
         let at = self.known.len();
         let Err(known) = self.known.push(known) else { return index.place(at, &known) };
@@ -244,7 +244,7 @@ impl Mapper {
         self.take_in(map, now, look);
     }
 
-    /// Takes in what was fitted to points. Nothing is forgotten for it: points do not say where there is nothing.
+    /// Takes in what was fitted to points. Nothing is forgotten because of it: points do not show where there is nothing.
     pub fn observe_points(&self, map: &mut Map, now: Instant, look: &Segmentation) {
         self.begin_look(map, now);
         self.take_in(map, now, look);
@@ -270,10 +270,10 @@ impl Mapper {
         map.sweep();
     }
 
-    /// Takes in circles from a sensor that delivers circles, as of now: what it says replaces what was known.
+    /// Takes in circles from a sensor that delivers circles, as of now: they replace what was known.
     ///
     /// # Errors
-    /// There are some, and none is plausible.
+    /// None of the circles is plausible.
     pub fn observe_circles(
         &self,
         map: &mut Map,
@@ -329,7 +329,7 @@ impl Mapper {
         Ok(())
     }
 
-    /// Forgets what was pieced together from hits where bodies that move are now.
+    /// Forgets what was pieced together from hits where moving objects are now.
     #[inline(never)]
     pub fn vacate(&self, map: &mut Map, centers_ned_m: &[Horizontal], radius_m: f32) {
         let squared_m2 = radius_m * radius_m;
@@ -414,7 +414,7 @@ impl Mapper {
 }
 
 /// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
-/// order each time: it is looked for behind the last one that was found first.
+/// order each time: the search begins behind the last one that was found.
 fn seen_before(known: &[Known], index: &Index, circle: &Circle, next: usize) -> Option<usize> {
     let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle() == *circle && k.origin == Origin::Given);
     Some(next).filter(is_it).or_else(|| index.near(circle.center_ned_m, 0.0).find(is_it))
@@ -434,7 +434,7 @@ fn seen_nearby(known: &[Known], index: &Index, circle: &Circle, now_ms: u32) -> 
     })
 }
 
-/// The unit vector from a patch towards where it is seen from. What is round has none, and stands at first.
+/// The unit vector from a patch towards where it is seen from. Round ones have no such vector, and are assumed to stand at first.
 fn front_of(seen: &Detection) -> Horizontal {
     if seen.kind != Kind::Patch {
         return Horizontal::default();

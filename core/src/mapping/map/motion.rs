@@ -1,8 +1,8 @@
-//! Whether a pillar moves, and how fast: an alpha-beta filter with a memory that grows from look to look.
+//! Whether a pillar moves, and how fast: an alpha-beta filter with a memory that grows from scan to scan.
 //!
-//! With `k` evenly spaced looks so far the gains `alpha = 2 (2 k - 1) / (k (k + 1))`, `beta = 6 / (k (k + 1))` make the
+//! With `k` evenly spaced scans so far the gains `alpha = 2 (2 k - 1) / (k (k + 1))`, `beta = 6 / (k (k + 1))` make the
 //! filter the least-squares straight line through all of them, whose slope has `sigma_v = sqrt(12) sigma / (dt k^1.5)`.
-//! From the tenth look on `k` stays, and the filter forgets.
+//! From the tenth scan on `k` stays, and the filter forgets.
 
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -11,7 +11,7 @@ use crate::base::ned::Horizontal;
 const LOOKS_MAX: u8 = 10;
 /// A pause longer than this starts the line anew.
 const PAUSE_S: f32 = 0.5;
-/// Centres that are less well known than this say nothing about motion.
+/// Centres that are less well known than this are not used for motion.
 const SIGMA_MAX_M: f32 = 0.06;
 /// The change of the view shifts a centre by this much, slowly, whatever its sigma.
 const SIGMA_FLOOR_M: f32 = 0.015;
@@ -22,7 +22,7 @@ const STEADY: u8 = 3;
 /// Nothing that is averaged into one circle is faster.
 const SPEED_MAX_MPS: f32 = 20.0;
 
-/// State of the filter, but for the slope of its line, which is kept beside it to save room.
+/// State of the filter, but for the slope of its line, which is kept beside it to save memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Motion {
     looks: u8,
@@ -30,14 +30,14 @@ pub(super) struct Motion {
     steady: u8,
 }
 
-/// One more look at a pillar.
+/// One more measurement of a pillar.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sighting {
     pub(super) center: Horizontal,
     pub(super) sigma_m: f32,
     /// Weight that its precision gives it.
     pub(super) share: f32,
-    /// Time since the look before.
+    /// Time since the measurement before.
     pub(super) dt_s: f32,
 }
 
@@ -52,7 +52,7 @@ impl Motion {
         self.steady >= STEADY
     }
 
-    /// Where the centre is after one more look.
+    /// Where the centre is after one more measurement.
     pub(super) fn step(
         &mut self,
         slope_mps: &mut Horizontal,

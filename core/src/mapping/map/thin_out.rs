@@ -1,8 +1,8 @@
 //! When the store fills up, circles that others cover are forgotten: what is known to be occupied stays the same, and there
-//! is room for more of it.
+//! is space for more of it.
 //!
 //! A surface that is seen from several sides leaves more circles than it needs: patches from before its pillar was
-//! recognised, and between pillars. A few circles are asked before each look is taken in, in turn: what of the look is then not
+//! recognised, and between pillars. A few circles are checked before each scan is taken in, in turn: what of the scan is then not
 //! covered any more is added again.
 
 use core::f32::consts::FRAC_1_SQRT_2;
@@ -13,19 +13,19 @@ use crate::base::ned::Horizontal;
 
 /// From so many circles on.
 const FULL: usize = CIRCLES_MAX * 3 / 4;
-/// Circles that are asked in a look.
+/// Circles that are checked in a scan.
 const ASKED: usize = 12;
-/// The rim of a covered circle sticks out of the others by this much at most, where it is looked at.
+/// The rim of a covered circle sticks out of the others by this much at most, where it is checked.
 const STICK_OUT_M: f32 = 0.02;
 /// The middle of a patch's chord sticks out of the others by this much at most: nothing fits in there.
 const BETWEEN_M: f32 = 0.08;
-/// Larger pillars are not asked: their rim is looked at too far apart.
+/// Larger pillars are not checked: the places on their rim are too far apart.
 const RADIUS_MAX_M: f32 = 0.3;
-/// Nor are patches of a longer chord: it is looked at in the middle alone.
+/// Nor are patches of a longer chord: it is checked in the middle alone.
 const CHORD_MAX_M: f32 = 0.45;
 const COS_30: f32 = 0.8660254;
 const TAN_30: f32 = 0.57735026;
-/// Where its rim is looked at: every 15 degrees.
+/// Where its rim is checked: every 15 degrees.
 const RIM: [(f32, f32); 24] = [
     (1.0, 0.0),
     (0.9659258, 0.258819),
@@ -111,7 +111,7 @@ fn is_in_others(all: &[Known], mut near: Places, at: usize, known: &Known, place
     })
 }
 
-/// Whether a circle may stand for another: a patch says nothing of a pillar, nor of what was seen from its other side.
+/// Whether a circle may stand for another: a patch does not cover a pillar, nor what was seen from its other side.
 fn may_stand_for(one: &Known, other: &Known) -> bool {
     one.is_round() || !other.is_round() && one.slope_or_front.dot(other.slope_or_front) > 0.0
 }

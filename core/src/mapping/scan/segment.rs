@@ -1,4 +1,4 @@
-//! From the hits of a look to circles: runs of neighbours are cut into pillars and pieces that are none, and those become
+//! From the hits of a scan to circles: runs of neighbours are cut into pillars and other pieces, and those become
 //! chains.
 
 use heapless::Vec;
@@ -24,7 +24,7 @@ const CUT: u8 = 8;
 /// Stands for the range of a sector that sees past whatever is at its sides.
 const PAST: f32 = -1.0;
 
-/// What is known of each hit of a look.
+/// What is known of each hit of a scan.
 #[derive(Default)]
 struct Marks(Vec<u8, POINTS_MAX>);
 
@@ -55,7 +55,7 @@ impl Segmenter {
     /// The circles behind the hits of a scan taken at `pose`.
     ///
     /// # Errors
-    /// Why nothing of it can be believed.
+    /// Why it is refused.
     pub fn fit(&self, scan: &Scan, pose: &Pose) -> Result<Segmentation, Refusal> {
         let mut look = Segmentation::default();
         self.fit_into(&mut look, scan, pose)?;
@@ -65,17 +65,17 @@ impl Segmenter {
     /// The circles behind single hits seen from `pose`.
     ///
     /// # Errors
-    /// Why nothing of them can be believed.
+    /// Why they are refused.
     pub fn fit_points(&self, points: &Points, pose: &Pose) -> Result<Segmentation, Refusal> {
         let mut look = Segmentation::default();
         self.fit_points_into(&mut look, points, pose)?;
         Ok(look)
     }
 
-    /// As [`Self::fit`], into an empty look where it lies: it is 3 KB, and a copy of it another 3.
+    /// As [`Self::fit`], into an empty segmentation in place: it is 3 KB, and a copy of it another 3.
     ///
     /// # Errors
-    /// Why nothing of it can be believed.
+    /// Why it is refused.
     #[inline(never)]
     pub fn fit_into(&self, look: &mut Segmentation, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
         if !scan.is_plausible() {
@@ -94,10 +94,10 @@ impl Segmenter {
         Ok(())
     }
 
-    /// As [`Self::fit_points`], into an empty look where it lies.
+    /// As [`Self::fit_points`], into an empty segmentation in place.
     ///
     /// # Errors
-    /// Why nothing of them can be believed.
+    /// Why they are refused.
     #[inline(never)]
     pub fn fit_points_into(&self, look: &mut Segmentation, points: &Points, pose: &Pose) -> Result<(), Refusal> {
         if !pose.is_plausible() {
@@ -218,7 +218,7 @@ impl Segmenter {
         }
     }
 
-    /// Runs of hits to circles, local NED: pillars first, then the chains of what is none.
+    /// Runs of hits to circles, local NED: pillars first, then the chains of the rest.
     #[inline(never)]
     fn segment(&self, look: &mut Segmentation, marks: &mut Marks, step_rad: f32, outermost_ray: f32) {
         let mut chains: Vec<(u8, u8), POINTS_MAX> = Vec::new();

@@ -120,7 +120,7 @@ impl Spread {
     }
 }
 
-/// The line of the least squares; `None` for fewer than two different points. Points that are no numbers are not looked at.
+/// The line of the least squares; `None` for fewer than two different points. Points that are not finite are ignored.
 #[must_use]
 pub fn fit(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
     fit_finite(points_ned_m.filter(|point| point.is_finite()))

@@ -3,7 +3,7 @@
 //! After the belief-space paper (section III): first clusters, so that walls that meet are separate, then a line through
 //! each. Whatever makes the clusters, the same steps follow:
 //!
-//! 1. split and merge, for points in the order of a scan, proposes lines; another way of clustering may do so instead
+//! 1. split and merge, for points in the order of a scan, proposes lines; another method of clustering may do so instead
 //!    ([`Extractor::find_among`]: the paper's mixture is in the crate `foxhound-papers`);
 //! 2. every point goes to the nearest proposed line that it is within [`Config::deviation_m`] of;
 //! 3. the points of a line are cut where a gap is wider than [`Config::gap_m`], and each piece is fitted anew ([`fit`]);
@@ -31,16 +31,16 @@ use fit::{Fit, Moments};
 use split_merge::Limits;
 pub use wall::Wall;
 
-/// Most points that are looked at; the rest of a longer list is not.
+/// Most points that are used; the rest of a longer list is not.
 pub const POINTS_MAX: usize = crate::mapping::map::CIRCLES_MAX;
-/// Most lines that are told, the longest.
+/// Most walls that are reported, the longest.
 pub const WALLS_MAX: usize = 8;
 /// Nothing is mapped farther from the origin.
 const PLACE_MAX_M: f32 = 1e5;
 /// Lines that may be proposed and found before they are merged.
 const PROPOSED_MAX: usize = 16;
 
-/// What a wall is.
+/// What counts as a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -118,7 +118,7 @@ impl Default for Workspace {
 }
 
 impl Workspace {
-    /// Empty. All bits are zero, so that it takes no room in flash.
+    /// Empty. All bits are zero, so that it takes no flash.
     #[must_use]
     pub const fn new() -> Self {
         Self { points: Vec::new(), owners: [0; POINTS_MAX], order: Vec::new(), proposed: Vec::new() }
@@ -146,14 +146,14 @@ impl Proposals<'_> {
 
 /// Rounds of points going to lines and lines being fitted to them: strays leave, and what a stray kept away comes.
 const ROUNDS: u8 = 4;
-/// In place of a proposed line: none.
+/// The point belongs to no proposed line.
 const NONE: u8 = u8::MAX;
-/// Not yet asked.
+/// Not yet assigned.
 const UNASKED: u8 = NONE - 1;
 
 impl Extractor {
-    /// The walls among points in the order of a scan, the longest first. Points that are no numbers, or absurd, are not looked
-    /// at.
+    /// The walls among points in the order of a scan, the longest first. Points that are not finite, or absurdly far, are
+    /// ignored.
     pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Wall, WALLS_MAX> {
         let config = &self.config;
         let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m: self.joined_m() };
@@ -170,8 +170,8 @@ impl Extractor {
         0.5 * self.config.deviation_m
     }
 
-    /// The walls among points, the longest first, from clusters of another way of clustering. It is called once with the points
-    /// that are looked at, relative to one of them, and proposes the moments of each cluster.
+    /// The walls among points, the longest first, from clusters found by `cluster`. It is called once with the points
+    /// that are used, relative to one of them, and proposes the moments of each cluster.
     pub fn find_among(
         &self,
         workspace: &mut Workspace,

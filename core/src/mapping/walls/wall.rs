@@ -4,7 +4,7 @@
 //! origin (Hesse), `n . p = offset`, which every wall has and which varies smoothly as a wall turns.
 //!
 //! The law of reflection (eq. 4) says that a ray which is reflected once goes straight from the mirror image of where it
-//! began. So a vehicle that hears a reflection sees what its own mirror image sees directly: place and direction mirrored,
+//! began. So a vehicle that receives a reflection sees what its own mirror image sees directly: place and direction mirrored,
 //! every line-of-sight formula holds. Eq. 6 and 7 come to the same (`foxhound-papers` has them literally; a test compares).
 
 use crate::base::math::sqrt;
@@ -87,7 +87,7 @@ impl Wall {
     pub fn range_along_m(&self, from_ned_m: Horizontal, direction_ned: Horizontal, slack_m: f32) -> Option<f32> {
         let approach = self.normal_ned.dot(direction_ned);
         let range_m = -self.distance_m(from_ned_m) / approach;
-        // A ray along the line divides by zero: its range is no number, or none that is near.
+        // A ray along the line divides by zero: its range is not finite, or not near.
         if !(range_m > 0.0 && range_m < 1e5) {
             return None;
         }
