@@ -1,12 +1,13 @@
-//! The evader: who moves is not waited for, and not only braked for. Standing still is where people run into a vehicle.
+//! The evader: it moves out of the path of moving obstacles instead of waiting or only braking. People run into a vehicle that
+//! stands still.
 //!
 //! Each velocity of a fan is rolled out as the vehicle would fly it, with its dead time, its lag and its limit of
 //! acceleration, and then straight on, against everything that moves, straight on as well. The cost of a velocity grows as
 //! the hit comes nearer, as the clearance shrinks, and with the progress that it gives up. The least bad is flown, whatever it
 //! costs: there is no default brake. While what was asked for keeps clear of all that moves, it passes as it is.
 //!
-//! What stands is looked at for a short time ahead, so that nobody is evaded into a wall; it is the guard that keeps off it.
-//! What moves may change its mind: this is best effort. `docs/results/people.md` says what is kept off and what is not.
+//! Standing obstacles are considered for a short time ahead, so that the vehicle does not evade into a wall; keeping clear of
+//! them is the guard's task. Moving obstacles may turn: this is best effort, measured in `docs/results/people.md`.
 //!
 //! Cost: bench rows `evade_4` and `evade_16`.
 
@@ -19,9 +20,9 @@ use crate::base::obstacle::Neighbour;
 use crate::base::units::{between, sin_cos};
 use crate::control::vehicle_model::{self, VehicleModel};
 
-/// So many that move are evaded, the nearest ones.
+/// Most moving obstacles that are evaded, the nearest ones.
 pub const MOVERS_MAX: usize = 8;
-/// So many that stand are kept in mind.
+/// Most standing obstacles that are considered.
 const STANDING_MAX: usize = 6;
 /// Directions of the fan, and shares of the speed in each.
 const DIRECTIONS: usize = 16;
@@ -30,29 +31,29 @@ const SHARES: [f32; 2] = [1.0, 0.5];
 const STEPS: usize = 5;
 const TURN_S: f32 = 0.9;
 const LAGS: f32 = 2.0;
-/// What stands is looked at for so long beyond the roll-out.
+/// Standing obstacles are considered for this long beyond the roll-out.
 const STANDING_S: f32 = 0.5;
-/// Kept from what stands while it gives way: it may be a body too slow to be known to move.
+/// Kept from standing obstacles while evading: one may move too slowly to be known to move.
 const STANDING_M: f32 = 0.2;
 
 /// What stands and is no farther from the middle of what moves than this, and their reach, is a part of it.
 const PART_M: f32 = 0.1;
 /// A choice holds for so many more steps: it is made at 12.5 Hz.
 const HOLDS: u8 = 3;
-/// So much earlier or later than thought a body may be where it is going.
+/// A moving obstacle may be this much earlier or later than predicted.
 const EARLY_S: f32 = 0.1;
 /// A hit costs as much as one that is so much later, where it is at once.
 const HIT_S: f32 = 0.3;
 /// A margin smaller than this counts as this.
 const MARGIN_MIN_M: f32 = 0.01;
 
-/// What the evader needs to know.
+/// Configuration of the evader.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// How far ahead who moves is thought to go straight on.
+    /// How far ahead moving obstacles are predicted, straight on.
     pub horizon_s: f32,
-    /// Kept from who moves, beside the two radii and the way of 0.1 s.
+    /// Kept from moving obstacles, beside the two radii and what they move in 0.1 s.
     pub margin_m: f32,
     /// By so much more for each second ahead.
     pub margin_rate_mps: f32,
@@ -125,14 +126,14 @@ pub struct State {
 }
 
 impl State {
-    /// What the last step chose to fly; none where it let pass what was asked for.
+    /// What the last step chose to fly; `None` where it passed what was asked for.
     #[must_use]
     pub const fn choice_ned_mps(&self) -> Option<Horizontal> {
         self.choice_ned_mps
     }
 }
 
-/// What the evader needs to know in a step.
+/// Input of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     /// Position, local NED.
@@ -143,17 +144,17 @@ pub struct Input<'a> {
     pub command_ned_mps: Horizontal,
     /// The velocity between the two lags of the vehicle's answer.
     pub halfway_ned_mps: Horizontal,
-    /// The commands that are on their way.
+    /// The commands that have not taken effect yet.
     pub underway: &'a vehicle_model::State,
     /// The tracks have taken in a scan in this step: the last choice holds until the next, so that one step does not do both.
     pub has_scanned: bool,
-    /// What stands near.
+    /// Standing obstacles nearby.
     pub standing: &'a [Neighbour],
-    /// What moves near: what a sensor says moves, and what is followed.
+    /// Moving obstacles nearby: those that a sensor reports as moving, and those that are tracked.
     pub moving: [&'a [Neighbour]; 2],
 }
 
-/// Somebody or something, when the vehicle begins to obey.
+/// An obstacle at the time when the vehicle begins to obey.
 #[derive(Clone, Copy, Debug)]
 struct Other {
     at_m: Horizontal,
@@ -200,7 +201,7 @@ impl Evader {
             }
             let wanted_m =
                 other.reach_m + c.margin_m + EARLY_S * other.velocity_ned_mps.norm() + c.margin_rate_mps * dead_s;
-            // Who is too near already is not let nearer.
+            // One that is too near already must not come nearer.
             let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
             let velocity_mps = other.velocity_ned_mps;
             let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: c.margin_rate_mps };
@@ -221,10 +222,10 @@ impl Evader {
             if away_m - other.reach_m > (self.turn_s() + STANDING_S) * self.v_max_mps {
                 continue;
             }
-            // What was hit of a body that moves.
-            let is_part = |body: &Other| {
-                let near_m = body.reach_m + PART_M;
-                body.at_m.minus(body.velocity_mps.times(dead_s)).minus(other.center_ned_m).norm_squared()
+            // Hits of a moving obstacle.
+            let is_part = |mover: &Other| {
+                let near_m = mover.reach_m + PART_M;
+                mover.at_m.minus(mover.velocity_mps.times(dead_s)).minus(other.center_ned_m).norm_squared()
                     < near_m * near_m
             };
             if moving.iter().any(is_part) {
@@ -244,28 +245,29 @@ impl Evader {
         let towards = if speed > 1e-3 { asked.times(1.0 / speed) } else { Horizontal::default() };
         let last = state.choice_ned_mps.unwrap_or(input.command_ned_mps);
         let (mut best, mut least) = (asked, f32::INFINITY);
-        let mut weigh = |velocity: Horizontal| {
+        let mut consider = |velocity: Horizontal| {
             let foreseen = self.foresee(&from, velocity, &moving, &standing);
             let hit = c.hit_cost * foreseen.hit_per_s;
-            let way = if speed > 1e-3 {
+            let progress = if speed > 1e-3 {
                 c.horizon_s * (1.0 - velocity.dot(towards) / speed)
             } else {
                 velocity.norm() * c.horizon_s / self.v_max_mps
             };
-            let cost = hit + c.clearance_cost * foreseen.closeness + way + c.change_cost * velocity.minus(last).norm();
+            let cost =
+                hit + c.clearance_cost * foreseen.closeness + progress + c.change_cost * velocity.minus(last).norm();
             if cost < least {
                 (best, least) = (velocity, cost);
             }
         };
-        weigh(asked);
-        weigh(last.clamped(self.v_max_mps));
-        weigh(Horizontal::default());
+        consider(asked);
+        consider(last.clamped(self.v_max_mps));
+        consider(Horizontal::default());
         let along = if speed > 1e-3 { towards } else { Horizontal { north: 1.0, east: 0.0 } };
         let (sine, cosine) = sin_cos(core::f32::consts::TAU / DIRECTIONS as f32);
         let mut direction = along;
         for _ in 0..DIRECTIONS {
             for share in SHARES {
-                weigh(direction.times(self.v_max_mps * share));
+                consider(direction.times(self.v_max_mps * share));
             }
             direction = Horizontal {
                 north: cosine * direction.north - sine * direction.east,
@@ -281,7 +283,7 @@ impl Evader {
         self.step_s * STEPS as f32
     }
 
-    /// Where the vehicle is when it begins to obey what it is told now.
+    /// Where the vehicle is when it begins to obey the command of this step.
     fn obeys_from(&self, input: &Input<'_>) -> Start {
         let mut start = Start {
             position: input.position_ned_m,
@@ -295,7 +297,7 @@ impl Evader {
         start
     }
 
-    /// Flies one velocity in thought.
+    /// Predicts a flight at one velocity.
     #[inline(never)]
     fn foresee(&self, from: &Start, velocity: Horizontal, moving: &[Other], standing: &[Other]) -> Foreseen {
         let c = &self.config;
@@ -364,7 +366,7 @@ impl Evader {
     }
 }
 
-/// Adds one, in the place of the farthest where there is no room.
+/// Adds one; when the list is full it replaces the farthest.
 fn keep_nearest<const M: usize>(others: &mut Vec<Other, M>, from: Horizontal, one: Other) {
     let Err(one) = others.push(one) else { return };
     let far = |other: &Other| other.at_m.minus(from).norm_squared();

@@ -1,5 +1,5 @@
-//! A trajectory becomes a velocity that the vehicle can fly and that keeps it clear of everything: model of the vehicle, wind, tracker,
-//! guard. It may import `base`, `mapping` and, for the trajectory, `planning`.
+//! A trajectory becomes a velocity that the vehicle can fly and that keeps it clear of everything: a model of how the vehicle
+//! follows commands, wind, tracker, evader, guard. It may import `base`, `mapping` and, for the trajectory, `planning`.
 
 pub mod evade;
 pub mod guard;

@@ -1,7 +1,7 @@
-//! How the vehicle answers to a velocity setpoint, and from it the rest point: where it would stop if told to stop now.
+//! How the vehicle follows a velocity setpoint, and from it the rest point: where it would stop if commanded to stop now.
 //!
-//! An autopilot follows a velocity setpoint after a dead time `T` and with a first-order lag `tau`. What is on its way
-//! already moves the vehicle by `v tau` and by the commands of the last `T` seconds, whatever is said now; so
+//! An autopilot follows a velocity setpoint after a dead time `T` and with a first-order lag `tau`. Whatever
+//! is commanded now, the vehicle still moves by `v tau` and by the commands of the last `T` seconds; so
 //!
 //! ```text
 //!     rest = p + v tau + integral of the commands over the last T seconds,     d rest / dt = command
@@ -15,10 +15,10 @@ use heapless::Deque;
 use crate::base::error::{ConfigError, check};
 use crate::base::ned::Horizontal;
 
-/// Most commands that can be on their way.
+/// Most commands that can be pending.
 const PENDING_MAX: usize = 56;
 
-/// What is known of the vehicle's answer.
+/// Configuration of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -56,7 +56,7 @@ pub struct VehicleModel {
     tick_s: f32,
 }
 
-/// The commands that are on their way.
+/// The commands that have not taken effect yet.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     commands: Deque<Horizontal, PENDING_MAX>,
@@ -86,7 +86,7 @@ impl VehicleModel {
         (dead_steps, if tau_s > self.tick_s { tau_s } else { self.tick_s })
     }
 
-    /// Notes the command of this step.
+    /// Records the command of this step.
     pub fn command(&self, state: &mut State, velocity_ned_mps: Horizontal) {
         if self.pending == 0 {
             return;
@@ -94,7 +94,7 @@ impl VehicleModel {
         while state.commands.len() >= self.pending {
             state.commands.pop_front();
         }
-        // Cannot fail: there is room now.
+        // Cannot fail: one was removed.
         let _ = state.commands.push_back(velocity_ned_mps);
     }
 

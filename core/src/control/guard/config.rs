@@ -1,10 +1,10 @@
-//! What the guard needs to know, and what of that is refused.
+//! Configuration of the guard, and which values are refused.
 
 use super::{Fence, Guard};
 use crate::base::error::{ConfigError, Why, check};
 use crate::mapping::coverage;
 
-/// What the guard needs to know.
+/// Configuration of the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -24,11 +24,11 @@ pub struct Config {
     pub margin_m: f32,
     /// Share of the remaining clearance that may be used up a second.
     pub approach_rate_per_s: f32,
-    /// Full angle of the obstacle sensor's view, centred on the nose; 2 pi when it looks all round.
+    /// Full angle of the obstacle sensor's view, centred on the nose; 2 pi when it covers the full circle.
     pub fov_rad: f32,
-    /// Share of the speed that is granted out of the view, into what has been seen.
+    /// Share of the speed that is granted outside the field of view, into what has been seen.
     pub out_of_view_share: f32,
-    /// Where has been looked.
+    /// Which places the sensor has seen.
     pub coverage: coverage::Config,
     /// Largest deviation from the altitude that is held, either way.
     pub altitude_band_m: f32,

@@ -169,18 +169,25 @@ impl View<'_> {
 
 impl Mapper {
     /// Takes a detection of a scan into the store.
-    pub(super) fn absorb(&self, map: &mut Map, index: &mut Index, now: Instant, look: &Segmentation, seen: &Detection) {
-        let origin = look.origin_ned_m;
+    pub(super) fn absorb(
+        &self,
+        map: &mut Map,
+        index: &mut Index,
+        now: Instant,
+        segmentation: &Segmentation,
+        seen: &Detection,
+    ) {
+        let origin = segmentation.origin_ned_m;
         let center = seen.center_ned_m.minus(origin);
         let face_m = seen.face_ned_m.minus(origin);
-        let (toward, beside_m) = beside(look, seen, face_m);
+        let (toward, beside_m) = beside(segmentation, seen, face_m);
         let mut covered = Covered {
-            points_m: look.points_of(seen),
+            points_m: segmentation.points_of(seen),
             face_m,
             margin_m: self.config.cover_m,
             toward,
             beside_m,
-            sides: look.sides.get(usize::from(seen.from)..usize::from(seen.to)).unwrap_or_default(),
+            sides: segmentation.sides.get(usize::from(seen.from)..usize::from(seen.to)).unwrap_or_default(),
             all: Bits::default(),
             by_round: Bits::default(),
             is_face: false,
@@ -202,11 +209,11 @@ impl Mapper {
                 if !known.is_round() {
                     let inside_m = seen.radius_m + STICK_OUT_M - known.radius_m;
                     if inside_m > 0.0 && squared < inside_m * inside_m {
-                        known.clear_looks = DOOMED;
+                        known.clear_scans = DOOMED;
                         index.doom(at);
                         continue;
                     }
-                } else if known.clear_looks != AVERAGED && is_gated(known, seen, squared) && met.push(at as u8).is_ok()
+                } else if known.clear_scans != AVERAGED && is_gated(known, seen, squared) && met.push(at as u8).is_ok()
                 {
                     // It covers nothing before it is known whether it is the one.
                     if nearest.is_none_or(|(_, least)| squared < least) {
@@ -238,8 +245,8 @@ impl Mapper {
             Kind::Patch => covered.all.has_first(count) && (covered.is_face || seen.to <= seen.from + 1),
         };
         if !is_covered && let Some(known) = self.known_of(map, now, seen) {
-            let clear_looks = if seen.kind == Kind::Pillar { AVERAGED } else { 0 };
-            map.add(index, Known { clear_looks, ..known });
+            let clear_scans = if seen.kind == Kind::Pillar { AVERAGED } else { 0 };
+            map.add(index, Known { clear_scans, ..known });
         }
     }
 
@@ -260,9 +267,9 @@ impl Mapper {
                 continue;
             }
             let passes = view.passes(known, away, squared * inverse_root(squared));
-            known.clear_looks = if passes { known.clear_looks.saturating_add(1) } else { 0 };
-            if known.clear_looks >= self.config.clear_looks {
-                known.clear_looks = DOOMED;
+            known.clear_scans = if passes { known.clear_scans.saturating_add(1) } else { 0 };
+            if known.clear_scans >= self.config.clear_scans {
+                known.clear_scans = DOOMED;
             }
         }
     }
@@ -270,13 +277,13 @@ impl Mapper {
 
 /// In which direction the hits of a patch lie, and how far from the middles of their sectors they may be: each is the nearest of
 /// several rays, and it is not said which. A pillar is fitted to where its hits are taken to be.
-fn beside(look: &Segmentation, seen: &Detection, face_m: Horizontal) -> (Horizontal, f32) {
+fn beside(segmentation: &Segmentation, seen: &Detection, face_m: Horizontal) -> (Horizontal, f32) {
     let is_far = |point: &Horizontal| point.norm_squared() > BESIDE_FROM_M * BESIDE_FROM_M;
-    if look.beside_rad == 0.0 || seen.kind == Kind::Pillar || !look.points_of(seen).iter().all(is_far) {
+    if segmentation.beside_rad == 0.0 || seen.kind == Kind::Pillar || !segmentation.points_of(seen).iter().all(is_far) {
         return (Horizontal::default(), 0.0);
     }
     let (squared, inverse) = (face_m.norm_squared(), inverse_root(face_m.norm_squared()));
-    (face_m.times(inverse), look.beside_rad * squared * inverse)
+    (face_m.times(inverse), segmentation.beside_rad * squared * inverse)
 }
 
 /// Whether a known pillar may be the one that is seen.

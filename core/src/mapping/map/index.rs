@@ -176,7 +176,7 @@ mod tests {
             motion: Motion::default(),
             seen_ms: 0,
             origin: Origin::Given,
-            clear_looks: 0,
+            clear_scans: 0,
         }
     }
 

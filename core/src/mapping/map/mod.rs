@@ -2,7 +2,7 @@
 //!
 //! What a sensor that delivers circles reports replaces what was known. A scan of hits ([`Segmentation`]) is taken in like this:
 //!
-//! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_looks`] scans is forgotten.
+//! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_scans`] scans is forgotten.
 //! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
 //!    a poor glimpse of a better known one. If the average leaves out what was just seen, that is added beside what was known.
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
@@ -68,7 +68,7 @@ pub struct Config {
     /// A circle that moves is forgotten when unseen for this long.
     pub moving_memory_s: f32,
     /// Looks through a circle before it is forgotten.
-    pub clear_looks: u8,
+    pub clear_scans: u8,
     /// A hit this close to a known circle is part of it.
     pub cover_m: f32,
     /// Slower than this nothing moves.
@@ -77,7 +77,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { moving_memory_s: 3.0, clear_looks: 3, cover_m: 0.018, moving_min_mps: 0.10 }
+        Self { moving_memory_s: 3.0, clear_scans: 3, cover_m: 0.018, moving_min_mps: 0.10 }
     }
 }
 
@@ -88,7 +88,7 @@ impl Config {
     /// The field that is out of range.
     pub fn build(&self) -> Result<Mapper, ConfigError> {
         check("map.moving_memory_s", self.moving_memory_s, 0.1, 60.0)?;
-        check("map.clear_looks", f32::from(self.clear_looks), 1.0, 100.0)?;
+        check("map.clear_scans", f32::from(self.clear_scans), 1.0, 100.0)?;
         check("map.cover_m", self.cover_m, 0.001, 0.5)?;
         check("map.moving_min_mps", self.moving_min_mps, 0.01, 5.0)?;
         Ok(Mapper { config: *self })
@@ -123,7 +123,7 @@ struct Known {
     seen_ms: u32,
     motion: Motion,
     origin: Origin,
-    clear_looks: u8,
+    clear_scans: u8,
 }
 
 impl Known {
@@ -212,7 +212,7 @@ impl Map {
         let mut at = self.known.len();
         while at > 0 {
             at -= 1;
-            if self.known.get(at).is_some_and(|known| known.clear_looks == DOOMED) {
+            if self.known.get(at).is_some_and(|known| known.clear_scans == DOOMED) {
                 self.known.swap_remove(at);
             }
         }
@@ -237,35 +237,35 @@ impl Map {
 
 impl Mapper {
     /// Takes in what was fitted to a scan: what it sees through is forgotten in time.
-    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, look: &Segmentation) {
+    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, segmentation: &Segmentation) {
         self.begin_look(map, now);
         self.judge(map, scan, pose);
         map.sweep();
-        self.take_in(map, now, look);
+        self.take_in(map, now, segmentation);
     }
 
     /// Takes in what was fitted to points. Nothing is forgotten because of it: points do not show where there is nothing.
-    pub fn observe_points(&self, map: &mut Map, now: Instant, look: &Segmentation) {
+    pub fn observe_points(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
         self.begin_look(map, now);
-        self.take_in(map, now, look);
+        self.take_in(map, now, segmentation);
     }
 
     fn begin_look(&self, map: &mut Map, now: Instant) {
         self.advance(map, now);
-        for known in map.known.iter_mut().filter(|known| known.clear_looks == AVERAGED) {
-            known.clear_looks = 0;
+        for known in map.known.iter_mut().filter(|known| known.clear_scans == AVERAGED) {
+            known.clear_scans = 0;
         }
     }
 
     #[inline(never)]
-    fn take_in(&self, map: &mut Map, now: Instant, look: &Segmentation) {
-        map.refuse(u32::from(look.refused));
-        map.note_taken(look.time, now);
-        let mut index = Index::new(look.origin_ned_m);
+    fn take_in(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
+        map.refuse(u32::from(segmentation.refused));
+        map.note_taken(segmentation.time, now);
+        let mut index = Index::new(segmentation.origin_ned_m);
         index.place_all(&map.known);
         self.thin_out(map, &mut index);
-        for seen in &look.detections {
-            self.absorb(map, &mut index, now, look, seen);
+        for seen in &segmentation.detections {
+            self.absorb(map, &mut index, now, segmentation, seen);
         }
         map.sweep();
     }
@@ -304,12 +304,12 @@ impl Mapper {
                 motion: Motion::of(circle.velocity_ned_mps),
                 seen_ms: now_ms,
                 origin: Origin::Given,
-                clear_looks: 0,
+                clear_scans: 0,
             };
             // What was pieced together from hits is superseded where the sensor names the whole.
             for at in index.near(circle.center_ned_m, circle.radius_m + STICK_OUT_M) {
                 if let Some(pieced) = map.known.get_mut(at).filter(|k| k.origin != Origin::Given && holds(circle, k)) {
-                    pieced.clear_looks = DOOMED;
+                    pieced.clear_scans = DOOMED;
                     index.doom(at);
                 }
             }
@@ -365,7 +365,7 @@ impl Mapper {
         origin_ned_m: Horizontal,
     ) {
         let now_ms = millis(now);
-        known.clear_looks = AVERAGED;
+        known.clear_scans = AVERAGED;
         let margin_m = self.config.cover_m;
         let covers = |known: &Known| {
             let center = known.center_ned_m.minus(origin_ned_m);
@@ -403,7 +403,7 @@ impl Mapper {
             seen_ms: millis(now),
             motion: Motion::default(),
             origin: Origin::Seen(seen.kind),
-            clear_looks: 0,
+            clear_scans: 0,
         };
         if !known.circle().is_plausible() || !(seen.sigma_m > 0.0) {
             map.refuse(1);

@@ -8,7 +8,7 @@ use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 
 /// Memory of the filter.
-const LOOKS_MAX: u8 = 10;
+const SCANS_MAX: u8 = 10;
 /// A pause longer than this starts the line anew.
 const PAUSE_S: f32 = 0.5;
 /// Centres that are less well known than this are not used for motion.
@@ -25,7 +25,7 @@ const SPEED_MAX_MPS: f32 = 20.0;
 /// State of the filter, but for the slope of its line, which is kept beside it to save memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Motion {
-    looks: u8,
+    scans: u8,
     /// Looks that counted, up to twice [`STEADY`].
     steady: u8,
 }
@@ -44,7 +44,7 @@ pub(super) struct Sighting {
 impl Motion {
     /// What a sensor said it is.
     pub(super) fn of(velocity_ned_mps: Horizontal) -> Self {
-        Self { looks: LOOKS_MAX, steady: if velocity_ned_mps.norm_squared() > 0.0 { 2 * STEADY } else { 0 } }
+        Self { scans: SCANS_MAX, steady: if velocity_ned_mps.norm_squared() > 0.0 { 2 * STEADY } else { 0 } }
     }
 
     /// Whether it moves: whether the slope of the line is its velocity.
@@ -62,15 +62,15 @@ impl Motion {
     ) -> Horizontal {
         if seen.sigma_m > SIGMA_MAX_M || seen.dt_s > PAUSE_S || !(seen.dt_s > 0.0) {
             if !self.moves() {
-                *self = Self { looks: 1, steady: 0 };
+                *self = Self { scans: 1, steady: 0 };
                 *slope_mps = Horizontal::default();
             }
             return center.plus(seen.center.minus(center).times(seen.share));
         }
         // What moves has been carried along already.
         let ahead = if self.moves() { center } else { center.plus(slope_mps.times(seen.dt_s)) };
-        self.looks = (self.looks + 1).min(LOOKS_MAX);
-        let k = f32::from(self.looks);
+        self.scans = (self.scans + 1).min(SCANS_MAX);
+        let k = f32::from(self.scans);
         let (alpha, beta) = (2.0 * (2.0 * k - 1.0) / (k * (k + 1.0)), 6.0 / (k * (k + 1.0)));
         let innovation = seen.center.minus(ahead);
         *slope_mps = slope_mps.plus(innovation.times(beta / seen.dt_s)).clamped(SPEED_MAX_MPS);

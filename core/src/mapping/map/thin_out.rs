@@ -64,7 +64,7 @@ impl Mapper {
             if is_covered(&map.known, index, map.asked)
                 && let Some(known) = map.known.get_mut(map.asked)
             {
-                known.clear_looks = DOOMED;
+                known.clear_scans = DOOMED;
                 index.doom(map.asked);
             }
         }
@@ -117,11 +117,11 @@ fn may_stand_for(one: &Known, other: &Known) -> bool {
 }
 
 fn covers(known: &Known) -> bool {
-    stands(known) && matches!(known.clear_looks, 0 | AVERAGED)
+    stands(known) && matches!(known.clear_scans, 0 | AVERAGED)
 }
 
 fn stands(known: &Known) -> bool {
-    known.velocity_ned_mps() == Horizontal::default() && known.clear_looks != DOOMED
+    known.velocity_ned_mps() == Horizontal::default() && known.clear_scans != DOOMED
 }
 
 #[cfg(test)]
@@ -143,7 +143,7 @@ mod tests {
             motion: Motion::default(),
             seen_ms: 0,
             origin,
-            clear_looks: 0,
+            clear_scans: 0,
         }
     }
 
@@ -249,13 +249,13 @@ mod tests {
 
     #[test]
     fn neither_a_circles_doubt_nor_one_that_is_seen_through_covers_another() {
-        for (sigma_m, clear_looks) in [(0.3, 0), (0.005, 1)] {
+        for (sigma_m, clear_scans) in [(0.3, 0), (0.005, 1)] {
             let mut map = Map::default();
             for at in 0..FULL / 2 {
                 let center = Horizontal { north: 2.0 * at as f32, east: 2.0 };
                 let pillar = known(center, 0.1 + sigma_m, Origin::Seen(Kind::Pillar));
-                map.known.push(Known { radius_m: 0.1, sigma_m, clear_looks, ..pillar }).unwrap();
-                let east = if clear_looks == 0 { 2.2 } else { 2.0 };
+                map.known.push(Known { radius_m: 0.1, sigma_m, clear_scans, ..pillar }).unwrap();
+                let east = if clear_scans == 0 { 2.2 } else { 2.0 };
                 let patch = known(Horizontal { east, ..center }, 0.06, Origin::Seen(Kind::Patch));
                 map.known.push(patch).unwrap();
             }
