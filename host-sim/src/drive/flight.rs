@@ -43,7 +43,7 @@ pub const TICK_S: f64 = 0.02;
 const TICK_US: u64 = 20_000;
 /// Parts of a step after which the hull is checked.
 const CHECKS_PER_TICK: usize = 4;
-/// Steps from one word of the obstacle sensor to the next: 10 Hz.
+/// Steps from one scan of the obstacle sensor to the next: 10 Hz.
 const SENSOR_TICKS: u64 = 5;
 /// Steps from one try of the pilot to give control to the next.
 const PILOT_TICKS: u64 = 25;
@@ -133,7 +133,7 @@ impl Mission {
     }
 }
 
-/// Flies a mission with a computer; `watch` is told the time as it passes.
+/// Flies a mission with a computer; `watch` is called with the time as it passes.
 ///
 /// # Errors
 /// The computer fails, or the log cannot be written.

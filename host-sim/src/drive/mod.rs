@@ -6,7 +6,7 @@
 //! | [`qemu`], [`g474`] | the same as a firmware image: in QEMU, or in an instruction emulator |
 //! | [`flight`] | one closed-loop flight |
 //! | [`suite`], [`maps`] | many flights in parallel, and the maps that they are flown on |
-//! | [`trial`] | the loop step by step, for whoever makes things go wrong |
+//! | [`trial`] | the loop step by step, for callers that inject faults |
 //! | [`soak`], [`campaign`] | days of the link, and hundreds of missions, with faults |
 //! | [`companion`] | the loop in real time, beside an autopilot at the end of a line |
 //! | [`replay`] | a flight log once more |

@@ -76,7 +76,7 @@ pub struct Report {
     pub setpoints_off_grid: u64,
     /// Those that say neither what guidance does nor nothing.
     pub setpoints_wrong: u64,
-    /// The longest time from guidance's word to the setpoint that repeats it, microseconds.
+    /// The longest time from guidance's output to the setpoint that repeats it, microseconds.
     pub setpoint_oldest_us: u64,
     /// Clock requests to us, and answers to them.
     pub clock_requests: u64,
@@ -100,13 +100,13 @@ pub struct Report {
     pub frames: u32,
     /// Frames that it found damaged.
     pub damaged: u32,
-    /// Answers and telemetry for which there was no room.
+    /// Answers and telemetry that did not fit.
     pub dropped: u32,
     /// Bytes of the link's state, all of it.
     pub state_bytes: usize,
 }
 
-/// Keeps the link up for as long as `config` says; `watch` is told the hours as they pass.
+/// Keeps the link up for as long as `config` says; `watch` is called with the hours as they pass.
 ///
 /// # Errors
 /// The field of the link's configuration that is refused.

@@ -29,7 +29,7 @@ use crate::world::{Horizontal, Hull, Pose, World};
 
 /// Length of one step.
 pub const STEP_US: u64 = 20_000;
-/// Steps from one word of the obstacle sensor to the next: 10 Hz.
+/// Steps from one scan of the obstacle sensor to the next: 10 Hz.
 const SENSOR_STEPS: u64 = 5;
 const SNR_DB: f64 = 20.0;
 const GROUND_STATION: (u8, u8) = (255, 190);
@@ -55,7 +55,7 @@ pub struct Step {
     pub motion: Motion,
     /// Whether the autopilot obeyed us then: in the mode and armed.
     pub obeyed: bool,
-    /// What guidance published; none while the computer stood still.
+    /// What guidance published; `None` while the computer stood still.
     pub output: Option<Output>,
     /// What we sent.
     pub sent: Vec<(Header, MavMessage)>,
@@ -348,7 +348,7 @@ pub fn parameter(step: &Step, name: &str) -> Option<f32> {
     })
 }
 
-/// It answers as an autopilot does, and guidance is told so.
+/// It responds as an autopilot does, and guidance is configured for that.
 const fn vehicle(scenario: &Scenario) -> scenario::Vehicle {
     scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario.vehicle }
 }

@@ -88,7 +88,7 @@ impl View<'_> {
             .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// The visible pillars as the core takes them: the nearest ones, as many as it has room for.
+    /// The visible pillars as the core takes them: the nearest ones, as many as fit.
     #[must_use]
     pub fn circles(&self) -> Vec<Circle> {
         let pillars = self.in_range();

@@ -26,12 +26,12 @@ pub struct World {
 }
 
 impl World {
-    /// The pillars at a time, and whoever is there then.
+    /// The pillars at a time, and the people who are there then.
     pub fn pillars_at(&self, time_s: f64) -> impl Iterator<Item = Pillar> + '_ {
         self.all_at(time_s).flatten()
     }
 
-    /// The same, always as many in the same order: none is who is not there.
+    /// The same, always as many in the same order: `None` for a person who is not there.
     pub fn all_at(&self, time_s: f64) -> impl Iterator<Item = Option<Pillar>> + '_ {
         let pillars = self.pillars.iter().map(move |pillar| Some(pillar.after(time_s)));
         pillars.chain(self.people.iter().map(move |person| person.at(time_s)))

@@ -30,7 +30,7 @@ const AWAY_STEPS: u32 = 25;
 const COAST_US: u64 = 2_000_000;
 /// So long the vehicle may take to fly on after the pilot's fresh entry.
 const RECOVERY_US: u64 = 25 * SECOND_US;
-/// So long it may take until the pilot is told of a restart.
+/// Longest time until the pilot gets the text about a restart.
 const TOLD_US: u64 = 5 * SECOND_US;
 /// Bytes that the line carries in a step at 921 600 baud.
 const LINE_BYTES: usize = 1843;

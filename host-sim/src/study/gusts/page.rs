@@ -14,7 +14,7 @@ use crate::study::{Campaign, Study, Watch, seeds};
 /// Flights of each scene in each weather of the table, and of each scene and weather for each value of a constant.
 const IN_THE_TABLE: u64 = 100;
 const FOR_A_VALUE: u64 = 60;
-/// Where constants are compared besides where there is room for the margin.
+/// Where constants are compared besides where there is space for the margin.
 const MORE: [&str; 2] = ["corridor", "pillars, scan, PX4"];
 
 /// A constant, its values, and how it is set.

@@ -19,7 +19,7 @@ use crate::world::{Horizontal, Pose, wrap_pi};
 
 /// Samples of a frame.
 const N: usize = 256;
-/// A strongest path with less signal-to-noise ratio per sample than this is none.
+/// A strongest path with less signal-to-noise ratio per sample than this does not count.
 pub const NONE_BELOW_DB: f64 = -13.0;
 /// Paths that lose more are not traced.
 const LOSS_MAX_DB: f64 = 45.0;

@@ -31,7 +31,7 @@ use crate::world::{Horizontal, from_core};
 
 /// Variance that a step adds to the place.
 pub const PROCESS_NOISE_M2: f32 = 0.01;
-/// Longest step along an axis with which there is room for a detour.
+/// Longest step along an axis that leaves space for a detour.
 pub const FREE_STEP_M: f32 = 2.5;
 /// The paper's.
 pub const PRINTED_STEP_M: f32 = 1.0;
