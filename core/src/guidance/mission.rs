@@ -47,7 +47,7 @@ pub enum Outcome {
     Ambiguous,
     /// The array needs a calibration that is missing or does not apply.
     Uncalibrated,
-    /// Position or attitude too old, not finite, or or the velocity contradicts the positions ([`Stale`]).
+    /// Position or attitude too old, not finite, or the velocity contradicts the positions ([`Stale`]).
     StaleOwnship,
     /// Obstacle data too old.
     StaleObstacles,
