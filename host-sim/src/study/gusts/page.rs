@@ -1,4 +1,4 @@
-//! Flights in gusts, on held-out seeds, and the constants of `core/src/control/gust.rs`, each around its value, on
+//! Flights in gusts, on held-out seeds, and the constants of `core/src/control/wind.rs`, each around its value, on
 //! development seeds: the page `docs/results/gusts.md`. On development seeds the flights are flown when it is asked for.
 
 use std::fmt::Write as _;
@@ -97,7 +97,7 @@ fn written(settings: &Campaign) -> Result<String, InputError> {
     let _ = write!(
         text,
         "\n## The constants\n\n\
-         Each constant of `core/src/control/gust.rs` at other values, the others as they are: {} flights for each value on development seeds, past\n\
+         Each constant of `core/src/control/wind.rs` at other values, the others as they are: {} flights for each value on development seeds, past\n\
          walls, gaps and random pillars, through the corridor, and beside PX4 past pillars, in gusts of 2.5 and of 3 m/s.\n\n\
          | constant | value | collisions | reached | mean time, s |\n|---|---|---|---|---|\n",
         10 * flown,
