@@ -57,9 +57,9 @@ pub fn fly_with(elf: &Path, seed: u64, kinds: &[Kind]) -> Result<Report, QemuErr
     let twin = Twin::new(QemuComputer::start_quick(elf, &setup)?, setup);
     let mut trial = Trial::with(twin, &scenario, software, Start::Hovering, Clocks::default(), seed);
     for (name, value) in [("GUID_TIMEOUT", 1.0), ("COM_OF_LOSS_T", 0.5)] {
-        trial.autopilot.set_parameter(name, value);
+        trial.rig.autopilot.set_parameter(name, value);
     }
-    let ends = [trial.world.source, Horizontal::from_xy(scenario.start)];
+    let ends = [trial.rig.world.source, Horizontal::from_xy(scenario.start)];
     let mut flight = Flight::new(trial, software, Random::new(seed, 0xfa17), ends, setup.guidance.guard.v_max_mps);
     let mut report = Report { missions: 1, ..Report::default() };
     flight.run(2.0);
@@ -71,7 +71,7 @@ pub fn fly_with(elf: &Path, seed: u64, kinds: &[Kind]) -> Result<Report, QemuErr
             report.complaints.push(Complaint { fault: number, kind, what: error.to_string() });
             break;
         }
-        if flight.trial.collided {
+        if flight.trial.rig.collided {
             break;
         }
     }

@@ -10,8 +10,8 @@ use foxhound_core::guidance::mission::Outcome;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::landing::{Landing, Picture};
 use crate::drive::computer::{Computer, ComputerError};
+use crate::drive::landing::{Landing, Picture};
 use crate::scenario::Scenario;
 use crate::world::vehicle::Motion;
 use crate::world::{Horizontal, World};

@@ -78,6 +78,7 @@ pub struct Picture {
 }
 
 /// What looks down.
+#[derive(Debug)]
 pub(super) struct Downward {
     landing: scenario::Landing,
     random: Random,
@@ -95,6 +96,7 @@ pub(super) struct Downward {
 }
 
 /// What the camera sees, and how.
+#[derive(Debug)]
 struct View {
     camera: scenario::Camera,
     scene: Scene,
