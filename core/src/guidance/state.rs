@@ -9,7 +9,7 @@ use crate::base::ownship::{Agreement, Ownship};
 use crate::base::trace::Trace;
 use crate::control::{evade, guard, track, vehicle_model, wind};
 use crate::doa::bearing::Flags;
-use crate::landing::{self, Advice};
+use crate::landing;
 use crate::localize::source::bank::{self, Way};
 use crate::localize::source::gather::Gathering;
 use crate::localize::{goal, link_state};
@@ -50,7 +50,7 @@ pub struct State<const N: usize> {
     pub(super) turning: turning::State,
     pub(super) landing: landing::State,
     /// What the landing said last, and whether the guard braked then.
-    pub(super) advice: Option<Advice>,
+    pub(super) advice: Option<landing::Output>,
     pub(super) is_blocked: bool,
     pub(super) height_m: Option<f32>,
     /// Obstacles near the vehicle, as of this step.

@@ -1,6 +1,6 @@
 //! One step of the fast loop: what came in is taken in, the mission decides, and one setpoint goes out.
 
-use super::mission::{Behaviour, Control, Facts, Outcome, Progress};
+use super::mission::{self, Behaviour, Control, Outcome, Progress};
 use super::{Guidance, Input, Output, State};
 use crate::base::ownship::Ownship;
 use crate::control::guard::{self, GuardInput, Setpoint};
@@ -37,7 +37,7 @@ impl<const N: usize> Guidance<N> {
             state.active = None;
         }
         let situation = self.situation(state);
-        let facts = self.facts(state, input, &situation);
+        let facts = self.mission_input(state, input, &situation);
         let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
         let mission = turning.map_or(&self.mission, |turning| &turning.mission);
         let mut outcome = mission.admit(&mut state.mission, &facts);
@@ -159,7 +159,7 @@ impl<const N: usize> Guidance<N> {
         let is_direct = state.reflected < self.reflected_min;
         let believed = state.belief.filter(|belief| belief.way == Way::Direct);
         let estimate = believed.map(|belief| belief.estimate);
-        let facts = landing::Facts {
+        let facts = landing::Input {
             now: input.now,
             ownship: input.ownship.as_ref().filter(|ownship| ownship.is_plausible()),
             height_m: input.height_m,
@@ -175,9 +175,9 @@ impl<const N: usize> Guidance<N> {
         state.height_m = input.height_m.or(by_pad);
     }
 
-    fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> Facts {
+    fn mission_input(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> mission::Input {
         let heard = input.ownship.filter(Ownship::is_plausible);
-        Facts {
+        mission::Input {
             now: input.now,
             control: input.control,
             position: heard.map(|ownship| ownship.position_time),

@@ -529,7 +529,7 @@ mod tests {
         let turning = alone().build(&mission::Config::default(), 2.5).unwrap();
         let outcome = |age_s: f32| {
             let now = Instant(100_000_000);
-            let facts = mission::Facts {
+            let input = mission::Input {
                 now,
                 control: mission::Control::Granted,
                 position: Some(now),
@@ -542,7 +542,7 @@ mod tests {
                 is_arriving: false,
                 place_ned_m: Horizontal::default(),
             };
-            turning.mission.admit(&mut mission::State::default(), &facts)
+            turning.mission.admit(&mut mission::State::default(), &input)
         };
         assert_eq!((outcome(10.5), outcome(12.0)), (mission::Outcome::Nominal, mission::Outcome::NoSignal));
     }

@@ -5,7 +5,7 @@ use std::f32::consts::TAU;
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::Output;
-use foxhound_core::landing::{Advice, Stage};
+use foxhound_core::landing::{self, Stage};
 use foxhound_link::dialect::DISTANCE_SENSOR_DATA;
 use foxhound_pad::Format;
 use serde::Serialize;
@@ -92,7 +92,7 @@ pub(super) struct Downward {
     /// Since when the flight is over, and how fast it came down.
     over_s: Option<f64>,
     touchdown_mps: Option<f64>,
-    last: Option<Advice>,
+    last: Option<landing::Output>,
 }
 
 /// What the camera sees, and how.
