@@ -101,8 +101,8 @@
 //! the modules are that paper's unless another is named.
 //!
 //! *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (modules
-//! [`localize::source`], [`mapping::lor`], [`planning::ilqr`]). *Rotating vehicle's paper*: RF source seeking with a
-//! single-wing rotating micro aerial vehicle (module [`doa::rss`]).
+//! [`localize::source`], [`mapping::walls`], [`planning::ilqr`]). *Rotating vehicle's paper*: RF source seeking with a
+//! single-wing rotating micro aerial vehicle (module [`doa::rotating`]).
 #![no_std]
 
 #[cfg(test)]

@@ -8,12 +8,12 @@ use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::pose::Pose;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
-use foxhound_core::doa::rss::{self, direction};
+use foxhound_core::doa::rotating::{self, direction};
 use foxhound_core::localize::link_state::{self, Classifier, Features, Sightline};
 use foxhound_core::localize::pursuit;
 use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, polar};
-use foxhound_core::mapping::lor::{self, LINES_MAX, Line};
 use foxhound_core::mapping::map::CIRCLES_MAX;
+use foxhound_core::mapping::walls::{self, WALLS_MAX, Wall};
 use foxhound_core::planning::explore::{self, Explored};
 use foxhound_papers::filters::cartesian;
 use foxhound_papers::filters::reflected::{Known, literal, unknown};
@@ -43,16 +43,16 @@ fn place(draw: &mut Draw<'_>) -> Horizontal {
     Horizontal { north: draw.any(-reach_m, reach_m), east: draw.any(-reach_m, reach_m) }
 }
 
-fn line(draw: &mut Draw<'_>) -> Line {
+fn line(draw: &mut Draw<'_>) -> Wall {
     match draw.below(8) {
-        0 => Line {
+        0 => Wall {
             normal_ned: place(draw),
             offset_m: draw.any(-20.0, 20.0),
             from_m: draw.any(-20.0, 0.0),
             to_m: draw.any(0.0, 20.0),
         },
-        1 => Line::of_slope_intercept([draw.any(-5.0, 5.0), draw.any(-20.0, 20.0)]),
-        _ => Line::between(place(draw), place(draw)).unwrap_or_default(),
+        1 => Wall::of_slope_intercept([draw.any(-5.0, 5.0), draw.any(-20.0, 20.0)]),
+        _ => Wall::between(place(draw), place(draw)).unwrap_or_default(),
     }
 }
 
@@ -196,7 +196,7 @@ fn alone(draw: &mut Draw<'_>) -> Reached {
         check_polar(&moving, &about);
         if draw.below(16) == 0 {
             // Of which a sound wall leaves as much.
-            let line = Line::between(place(draw), place(draw)).unwrap_or_default();
+            let line = Wall::between(place(draw), place(draw)).unwrap_or_default();
             if line.offset_m.abs() < 1e5 {
                 check_polar(&resting.mirrored(&line), &about);
             }
@@ -312,7 +312,7 @@ fn several(draw: &mut Draw<'_>) -> Reached {
     reached.configured = true;
     let mut state = bank::State::new();
     let mut stream = Stream::new(draw);
-    let mut walls = [Line::default(); 3];
+    let mut walls = [Wall::default(); 3];
     while !draw.rest.is_empty() && reached.answers < STEPS_MAX {
         if reached.answers == 0 || draw.below(16) == 0 {
             walls = [line(draw), line(draw), line(draw)];
@@ -333,12 +333,12 @@ fn several(draw: &mut Draw<'_>) -> Reached {
 /// Readings of one antenna through the seeking, and what it hears through what joins rotations.
 fn seeking(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
-    let config = rss::Config {
+    let config = rotating::Config {
         boresight_rad: draw.field(0.0, -6.3, 6.3),
         memory: draw.field(0.7, 0.0, 0.99),
         silence_db: draw.field(-110.0, -300.0, 0.0),
         sigma_min_rad: draw.field(0.035, 1e-3, 1.0),
-        ..rss::Config::default()
+        ..rotating::Config::default()
     };
     let joined = direction::Config {
         outlier_rate: draw.field(0.4, 0.001, 0.95),
@@ -352,7 +352,7 @@ fn seeking(draw: &mut Draw<'_>) -> Reached {
         return reached;
     };
     reached.configured = true;
-    let (mut state, mut joint) = (rss::State::new(), direction::State::new());
+    let (mut state, mut joint) = (rotating::State::new(), direction::State::new());
     let (mut resting, mut moving) = (pursuit::State::<2>::new(), pursuit::State::<4>::new());
     let (mut now, mut yaw_rad, mut stream) = (Instant(0), 0.0, Stream::new(draw));
     let (rate_rad, mut noise) = (draw.field(0.13, -1.6, 1.6), Noise(u64::from(draw.word())));
@@ -398,15 +398,15 @@ fn seeking(draw: &mut Draw<'_>) -> Reached {
 
 /// One reading, and what the rotation came to.
 fn listen(
-    seeker: &rss::Seeker,
-    state: &mut rss::State,
+    seeker: &rotating::Seeker,
+    state: &mut rotating::State,
     time: Instant,
     yaw_rad: f32,
     power_db: f32,
-) -> Option<rss::Rotation> {
+) -> Option<rotating::Rotation> {
     let outcome = seeker.step(state, time, yaw_rad, power_db)?;
     assert!(state.bins().iter().flatten().all(f32::is_finite), "{state:?}");
-    let rss::Outcome::Heard(rotation) = outcome else { return None };
+    let rotating::Outcome::Heard(rotation) = outcome else { return None };
     assert!(rotation.bearing_ned_rad.abs() <= PI + 1e-6 && rotation.loudest_ned_rad.abs() <= PI + 1e-6, "{rotation:?}");
     assert!(rotation.sigma_rad > 0.0 && rotation.independent_sigma_rad().is_finite(), "{rotation:?}");
     assert!((0.0..=1.001).contains(&rotation.second) && rotation.duration_s >= 0.0, "{rotation:?}");
@@ -480,9 +480,9 @@ fn points(draw: &mut Draw<'_>) -> Vec<Horizontal> {
 /// Points through both ways of finding walls.
 fn walls(draw: &mut Draw<'_>) -> Reached {
     let mut reached = Reached::default();
-    let usual = lor::Config::DEFAULT;
+    let usual = walls::Config::DEFAULT;
     let is_in_any_order = draw.flag();
-    let config = lor::Config {
+    let config = walls::Config {
         deviation_m: draw.field(usual.deviation_m, 0.1, 2.0),
         gap_m: draw.field(usual.gap_m, 0.05, 10.0),
         length_min_m: draw.field(usual.length_min_m, 0.1, 5.0),
@@ -491,9 +491,9 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
         ..usual
     };
     let Ok(lines) = config.build() else { return reached };
-    let Ok(mixture) = mixture::Config { lor: config, ..mixture::Config::DEFAULT }.build() else { return reached };
+    let Ok(mixture) = mixture::Config { walls: config, ..mixture::Config::DEFAULT }.build() else { return reached };
     reached.configured = true;
-    let (mut workspace, mut mixture_workspace) = (lor::Workspace::new(), mixture::Workspace::new());
+    let (mut workspace, mut mixture_workspace) = (walls::Workspace::new(), mixture::Workspace::new());
     while !draw.rest.is_empty() && reached.answers < 8 {
         let mut points = points(draw);
         if draw.flag() {
@@ -503,14 +503,14 @@ fn walls(draw: &mut Draw<'_>) -> Reached {
                 ..Disc::default()
             });
             let circles: Vec<Disc> = circles.collect();
-            points = lor::points_of(&circles, place(draw)).to_vec();
+            points = walls::points_of(&circles, place(draw)).to_vec();
         }
         let found = if is_in_any_order {
             mixture.find(&mut mixture_workspace, &points)
         } else {
             lines.find(&mut workspace, &points)
         };
-        assert!(found.len() <= LINES_MAX);
+        assert!(found.len() <= WALLS_MAX);
         for line in &found {
             let [from, to] = line.ends_ned_m();
             assert!((line.normal_ned.norm() - 1.0).abs() < 1e-3, "{line:?} {points:?}");

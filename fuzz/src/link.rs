@@ -248,7 +248,7 @@ impl Flight {
         }
         if key.is_some() && !genuine && self.config.unsigned != Unsigned::Always {
             assert_eq!(before, Believed::of(&mut self.companion, now), "believed without a signature");
-            assert!(self.companion.take_scan().is_none() && self.companion.take_points().is_none());
+            assert!(self.companion.scan().is_none() && self.companion.points().is_none());
         }
         framed
     }
@@ -295,15 +295,16 @@ impl Flight {
         if let Some(ownship) = self.companion.ownship() {
             assert!(ownship.is_finite(), "{ownship:?}");
         }
-        if let Some(scan) = self.companion.take_scan() {
+        if let Some(scan) = self.companion.scan() {
             assert!(scan.first_azimuth_rad.is_finite() && scan.step_rad.is_finite() && scan.step_rad != 0.0);
             let sane =
                 |sector: &Sector| !matches!(sector, Sector::Hit(metres) if !(metres.is_finite() && *metres >= 0.0));
             assert!(scan.rays.iter().all(|sector| sane(&sector)), "{scan:?}");
         }
-        if let Some(points) = self.companion.take_points() {
+        if let Some(points) = self.companion.points() {
             assert!(points.points_m.iter().all(|point| point.is_finite()), "{points:?}");
         }
+        self.companion.drop_obstacles();
         if self.polls.len() == POLLS {
             self.polls.pop_front();
         }

@@ -97,12 +97,12 @@ fn guarded(draw: &mut Draw<'_>) -> Reached {
         match draw.below(8) {
             0 => {
                 let pose = Pose { position_ned_m: place(draw), yaw_rad: not_absurd(draw.any(-4.0, 4.0)) };
-                guard.look_scan(&mut state, &scan(draw, Instant(0)), &pose);
+                guard.note_scan(&mut state, &scan(draw, Instant(0)), &pose);
             }
             1 => {
                 let obstacles: Vec<_> = circles(draw).iter().map(|circle| guard.obstacle(circle)).collect();
                 let pose = Pose { position_ned_m: place(draw), yaw_rad: not_absurd(draw.any(-4.0, 4.0)) };
-                guard.look_circles(&mut state, &obstacles, &pose);
+                guard.note_circles(&mut state, &obstacles, &pose);
             }
             2 if draw.flag() => {
                 state.release();

@@ -57,7 +57,7 @@ pub(crate) enum Stream {
 
 /// What the table is asked about.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Facts {
+pub(crate) struct Input {
     pub(crate) unfit: bool,
     pub(crate) has_autopilot: bool,
     pub(crate) is_lost: bool,
@@ -76,7 +76,7 @@ pub(crate) struct Facts {
     pub(crate) ownship_lost: bool,
 }
 
-impl Facts {
+impl Input {
     /// The first row that applies.
     pub(crate) fn cause(&self) -> Cause {
         static CAUSES: [Cause; 15] = [
@@ -175,9 +175,9 @@ mod tests {
 
     #[test]
     fn the_first_row_that_applies_decides() {
-        let fine = Facts { has_autopilot: true, obeys: true, ..Facts::default() };
+        let fine = Input { has_autopilot: true, obeys: true, ..Input::default() };
         assert_eq!(fine.cause(), Cause::None);
-        let all = Facts {
+        let all = Input {
             unfit: true,
             is_lost: true,
             is_quiet: true,
@@ -191,32 +191,32 @@ mod tests {
             fence_breached: true,
             is_noisy: true,
             ownship_lost: true,
-            ..Facts::default()
+            ..Input::default()
         };
-        type Lift = fn(&mut Facts);
+        type Lift = fn(&mut Input);
         let lift: [(Lift, Cause); 15] = [
             (|_| {}, Cause::Unfit),
-            (|facts| facts.unfit = false, Cause::NoAutopilot),
-            (|facts| facts.has_autopilot = true, Cause::LinkLost),
-            (|facts| facts.is_lost = false, Cause::LinkQuiet),
-            (|facts| facts.is_quiet = false, Cause::NotInMode),
-            (|facts| facts.obeys = true, Cause::OnGround),
-            (|facts| facts.on_ground = false, Cause::StoreDamaged),
-            (|facts| facts.store_damaged = false, Cause::EntryNeeded),
-            (|facts| facts.entry_needed = false, Cause::SwitchedOff),
-            (|facts| facts.switched_off = false, Cause::Paused),
-            (|facts| facts.paused = false, Cause::BatteryCritical),
-            (|facts| facts.battery_critical = false, Cause::BatteryLow),
-            (|facts| facts.seeking = true, Cause::FenceBreached),
-            (|facts| facts.fence_breached = false, Cause::LinkNoisy),
-            (|facts| facts.is_noisy = false, Cause::OwnshipLost),
+            (|input| input.unfit = false, Cause::NoAutopilot),
+            (|input| input.has_autopilot = true, Cause::LinkLost),
+            (|input| input.is_lost = false, Cause::LinkQuiet),
+            (|input| input.is_quiet = false, Cause::NotInMode),
+            (|input| input.obeys = true, Cause::OnGround),
+            (|input| input.on_ground = false, Cause::StoreDamaged),
+            (|input| input.store_damaged = false, Cause::EntryNeeded),
+            (|input| input.entry_needed = false, Cause::SwitchedOff),
+            (|input| input.switched_off = false, Cause::Paused),
+            (|input| input.paused = false, Cause::BatteryCritical),
+            (|input| input.battery_critical = false, Cause::BatteryLow),
+            (|input| input.seeking = true, Cause::FenceBreached),
+            (|input| input.fence_breached = false, Cause::LinkNoisy),
+            (|input| input.is_noisy = false, Cause::OwnshipLost),
         ];
-        let mut facts = all;
+        let mut input = all;
         for (lift, cause) in lift {
-            lift(&mut facts);
-            assert_eq!(facts.cause(), cause);
+            lift(&mut input);
+            assert_eq!(input.cause(), cause);
         }
-        facts.ownship_lost = false;
-        assert_eq!(facts.cause(), Cause::None);
+        input.ownship_lost = false;
+        assert_eq!(input.cause(), Cause::None);
     }
 }

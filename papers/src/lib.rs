@@ -15,7 +15,7 @@
 //! | none: ours | [`multipath`] | MUSIC over several looks | two paths by maximum likelihood | `foxhound bearing --looks` |
 //!
 //! What else the papers have flies, or is shared with what flies, and is in the core: the potential field and the draws of the
-//! main paper (`planning`), the belief planner of the mmWave paper (`planning::ilqr`), the antenna that turns (`doa::rss`).
+//! main paper (`planning`), the belief planner of the mmWave paper (`planning::ilqr`), the antenna that turns (`doa::rotating`).
 //!
 //! A flight is flown with [`AllSystems`] in place of the core's own systems; the configuration then names any of them.
 //!

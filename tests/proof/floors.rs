@@ -297,3 +297,119 @@ fn an_import_is_seen_however_it_is_written() {
         fn h() { g(r#\"\"crate::planning\", 3 of \"#, b\"crate::planning\") }";
     assert!(named(none).is_empty());
 }
+
+/// All crates of the repository, by their sources.
+const CRATES: [&str; 9] = [
+    "computer/src",
+    "core/src",
+    "firmware/src",
+    "fuzz/src",
+    "host-sim/src",
+    "link/src",
+    "pad/src",
+    "papers/src",
+    "xtask/src",
+];
+
+/// The paths of a tree of imports, each behind `before`.
+fn expand(before: &[String], tree: &str, found: &mut BTreeSet<Vec<String>>) {
+    let (mut path, mut rest) = (before.to_vec(), tree);
+    loop {
+        if let Some(list) = rest.strip_prefix('{') {
+            let (mut depth, mut from) = (0, 0);
+            for (at, c) in list.char_indices() {
+                match c {
+                    '{' => depth += 1,
+                    '}' if depth > 0 => depth -= 1,
+                    ',' | '}' if depth == 0 => {
+                        expand(&path, &list[from..at], found);
+                        from = at + 1;
+                        if c == '}' {
+                            return;
+                        }
+                    }
+                    _ => {}
+                }
+            }
+            return;
+        }
+        let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
+        path.push(rest[..end].to_owned());
+        match rest[end..].strip_prefix("::") {
+            Some(next) => rest = next,
+            None => break,
+        }
+    }
+    found.insert(path);
+}
+
+/// The modules, from the root of the crate, that a module's code names, with what it names in them.
+fn named_anywhere(module: &[&str], text: &str) -> BTreeSet<Vec<String>> {
+    let is_word = |c: char| c.is_alphanumeric() || c == '_';
+    let code = packed(text);
+    // Tests stand at the end, in a module of their own.
+    let code = code.split("#[cfg(test)]mod tests{").next().unwrap_or_default();
+    let mut found = BTreeSet::new();
+    for start in ["crate", "super", "foxhound_sim", "foxhound_firmware"] {
+        for (at, _) in code.match_indices(&format!("{start}::")) {
+            if !code[..at].ends_with(is_word) && !code[..at].ends_with("::") {
+                expand(&[], &code[at..], &mut found);
+            }
+        }
+    }
+    let from_root = |path: Vec<String>| {
+        let above = path.iter().take_while(|name| *name == "super").count();
+        let base = if above == 0 { &[] } else { &module[..module.len().saturating_sub(above)] };
+        let named = path.into_iter().skip(above.max(1));
+        base.iter().map(|name| (*name).to_owned()).chain(named).collect()
+    };
+    found.into_iter().map(from_root).collect()
+}
+
+/// What is left of arrows when again and again those are taken away that lead nowhere on, or that nothing leads to.
+fn circles(mut arrows: BTreeSet<(PathBuf, PathBuf)>) -> BTreeSet<(PathBuf, PathBuf)> {
+    loop {
+        let (begins, ends): (BTreeSet<PathBuf>, BTreeSet<PathBuf>) = arrows.iter().cloned().unzip();
+        let before = arrows.len();
+        arrows.retain(|(from, to)| begins.contains(to) && ends.contains(from));
+        if arrows.len() == before {
+            return arrows;
+        }
+    }
+}
+
+/// No files of a crate import each other in a circle; a module and those inside it may.
+#[test]
+fn no_imports_of_files_go_round() {
+    let mut arrows = BTreeSet::new();
+    for sources in CRATES {
+        let layout = Layout { sources, roots: &[], floors: &[], exported: None, roofs: &[], files_min: 0 };
+        let files: Vec<PathBuf> = files(&layout).into_iter().filter(|file| !file.starts_with("bin")).collect();
+        let modules: Vec<Vec<&str>> = files.iter().map(|file| module(file)).collect();
+        for (file, from) in files.iter().zip(&modules) {
+            let text = std::fs::read_to_string(root().join(sources).join(file)).unwrap();
+            for path in named_anywhere(from, &text) {
+                // The innermost module on the path.
+                let to = (1..=path.len()).rev().find_map(|length| modules.iter().position(|to| path[..length] == **to));
+                if let Some(to) = to.filter(|to| !from.starts_with(&modules[*to]) && !modules[*to].starts_with(from)) {
+                    arrows.insert((Path::new(sources).join(file), Path::new(sources).join(&files[to])));
+                }
+            }
+        }
+    }
+    assert!(arrows.len() > 1000, "{}", arrows.len());
+    let round = circles(arrows);
+    assert!(round.is_empty(), "files that import each other:\n{round:#?}");
+}
+
+/// A circle of three files is found, and what leads to it or from it is not.
+#[test]
+fn a_circle_of_files_is_seen() {
+    let named =
+        named_anywhere(&["map", "index"], "use super::{motion::{self, Motion}, Known}; fn f() { crate::scan::g(); }");
+    let named: Vec<String> = named.iter().map(|path| path.join("/")).collect();
+    assert_eq!(named, ["map/Known", "map/motion/Motion", "map/motion/self", "scan/g"]);
+    let arrows = [("z", "a"), ("a", "b"), ("b", "c"), ("c", "a"), ("c", "d"), ("d", "e")];
+    let round = circles(arrows.map(|(from, to)| (PathBuf::from(from), PathBuf::from(to))).into());
+    assert_eq!(round.len(), 3);
+}

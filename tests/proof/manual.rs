@@ -159,6 +159,81 @@ fn every_link_and_picture_leads_to_a_file_and_a_heading_that_are_there() {
     assert!(checked > 60, "only {checked} links found");
 }
 
+/// A question of somebody who has not seen the project, the links that are followed from the README, and words of the answer.
+struct Question {
+    asked: &'static str,
+    links: &'static [&'static str],
+    answer: &'static str,
+}
+
+const QUESTIONS: [Question; 5] = [
+    Question {
+        asked: "where is the guard's margin changed?",
+        links: &["docs/contributing.md#where-to-change-what"],
+        answer: "its default is `margin_m` in `core/src/control/guard/config.rs`",
+    },
+    Question {
+        asked: "where does a new layout of antennas go?",
+        links: &["docs/contributing.md#where-to-change-what", "#a-layout-of-antennas"],
+        answer: "Any other layout of four antennas is `antennas_m`",
+    },
+    Question {
+        asked: "which test proves the bearing's accuracy?",
+        links: &[],
+        answer: "`cargo test -p foxhound-tests --test rf bearing_accuracy`",
+    },
+    Question {
+        asked: "how is a board added?",
+        links: &["docs/contributing.md#a-board"],
+        answer: "`cargo xtask firmware --board NAME` builds the board",
+    },
+    Question {
+        asked: "what happens when the link is lost?",
+        links: &["docs/autopilot.md#when-something-goes-wrong"],
+        answer: "| `LinkLost` | no heartbeat of the autopilot",
+    },
+];
+
+/// A page from one of its headings on.
+fn from_heading<'a>(text: &'a str, anchor: &str) -> &'a str {
+    let start = text.match_indices("\n#").map(|(at, _)| &text[at + 1..]).find(|rest| {
+        let line = rest.lines().next().unwrap_or_default();
+        anchors(line).contains(anchor)
+    });
+    start.unwrap()
+}
+
+/// Five questions are answered from the README by its links, in no more steps and minutes than `docs/contributing.md` says.
+///
+/// Everything between where a step arrives and the next link, or the answer, counts as read, at 200 words a minute.
+#[test]
+fn five_questions_are_answered_from_the_readme() {
+    let contributing = read(Path::new("docs/contributing.md"));
+    for Question { asked, links, answer } in QUESTIONS {
+        let mut page = PathBuf::from("README.md");
+        let mut rest = read(&page);
+        let mut words = 0;
+        for link in links {
+            let (before, _) = rest.split_once(&format!("]({link})")).unwrap_or_else(|| panic!("{asked} {link}"));
+            words += before.split_whitespace().count();
+            let (file, anchor) = link.split_once('#').unwrap();
+            if !file.is_empty() {
+                page = plain(&page.parent().unwrap_or(Path::new("")).join(file));
+            }
+            rest = from_heading(&read(&page), anchor).to_owned();
+        }
+        // A line may be broken anywhere.
+        let rest: Vec<&str> = rest.split_whitespace().collect();
+        let rest = rest.join(" ");
+        let (before, _) = rest.split_once(answer).unwrap_or_else(|| panic!("{asked} {answer}"));
+        words += before.split_whitespace().count() + answer.split_whitespace().count();
+        let minutes = words.div_ceil(200);
+        let row = contributing.lines().find_map(|line| line.strip_prefix(&format!("| {asked} | {} | ", links.len())));
+        let most: usize = row.and_then(|row| row.split_once(" |")?.0.parse().ok()).unwrap_or_else(|| panic!("{asked}"));
+        assert!(minutes <= most, "{asked} {minutes} minutes, {words} words");
+    }
+}
+
 /// Every picture of the manual is shown on a page.
 #[test]
 fn every_picture_is_shown_on_a_page() {

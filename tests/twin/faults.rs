@@ -59,7 +59,7 @@ impl Seeker {
         let setup = Setup { guidance: Trial::guidance(&scenario, 3) };
         let computer = QemuComputer::start_quick(&PathBuf::from(qemu_image()), &setup).unwrap();
         let mut trial = Trial::with(computer, &scenario, Software::ArduCopter, Start::Hovering, Clocks::default(), 3);
-        trial.autopilot.set_parameter("GUID_TIMEOUT", 1.0);
+        trial.rig.autopilot.set_parameter("GUID_TIMEOUT", 1.0);
         trial.give_control();
         let mut seeker = Self { trial, setup, said: Vec::new() };
         let last = seeker.fly(5.0);
@@ -144,7 +144,7 @@ fn late_steps_alone_do_not_feed_the_watchdog_and_after_it_the_vehicle_stands_unt
     });
     assert!(words.is_some_and(|words| words.starts_with("Foxhound: restart 2: watchdog at 0x")), "{words:?}");
     let now_us = seeker.trial.autopilot_us();
-    seeker.trial.autopilot.select_mode(now_us, manual_mode(Software::ArduCopter));
+    seeker.trial.rig.autopilot.select_mode(now_us, manual_mode(Software::ArduCopter));
     seeker.fly(1.1);
     seeker.trial.give_control();
     let flies = seeker.fly(5.0);

@@ -1,12 +1,13 @@
-//! The evader: who moves is not waited for, and not only braked for. Standing still is where people run into a vehicle.
+//! The evader: it moves out of the path of moving obstacles instead of waiting or only braking. People run into a vehicle that
+//! stands still.
 //!
 //! Each velocity of a fan is rolled out as the vehicle would fly it, with its dead time, its lag and its limit of
 //! acceleration, and then straight on, against everything that moves, straight on as well. The cost of a velocity grows as
 //! the hit comes nearer, as the clearance shrinks, and with the progress that it gives up. The least bad is flown, whatever it
 //! costs: there is no default brake. While what was asked for keeps clear of all that moves, it passes as it is.
 //!
-//! What stands is looked at for a short time ahead, so that nobody is evaded into a wall; it is the guard that keeps off it.
-//! What moves may change its mind: this is best effort. `docs/results/people.md` says what is kept off and what is not.
+//! Standing obstacles are considered for a short time ahead, so that the vehicle does not evade into a wall; keeping clear of
+//! them is the guard's task. Moving obstacles may turn: this is best effort, measured in `docs/results/people.md`.
 //!
 //! Cost: bench rows `evade_4` and `evade_16`.
 
@@ -17,40 +18,40 @@ use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::units::{between, sin_cos};
-use crate::control::response::{self, Response};
+use crate::control::vehicle_model::{self, VehicleModel};
 
-/// So many that move are evaded, the nearest ones.
+/// Most moving obstacles that are evaded, the nearest ones.
 pub const MOVERS_MAX: usize = 8;
-/// So many that stand are kept in mind.
+/// Most standing obstacles that are considered.
 const STANDING_MAX: usize = 6;
 /// Directions of the fan, and shares of the speed in each.
 const DIRECTIONS: usize = 16;
 const SHARES: [f32; 2] = [1.0, 0.5];
-/// Steps of the roll-out after the dead time. Together they last so long, and so many of the response's lags.
+/// Steps of the roll-out after the dead time. Together they last so long, and so many of the vehicle's lags.
 const STEPS: usize = 5;
 const TURN_S: f32 = 0.9;
 const LAGS: f32 = 2.0;
-/// What stands is looked at for so long beyond the roll-out.
+/// Standing obstacles are considered for this long beyond the roll-out.
 const STANDING_S: f32 = 0.5;
-/// Kept from what stands while it gives way: it may be a body too slow to be known to move.
+/// Kept from standing obstacles while evading: one may move too slowly to be known to move.
 const STANDING_M: f32 = 0.2;
 
 /// What stands and is no farther from the middle of what moves than this, and their reach, is a part of it.
 const PART_M: f32 = 0.1;
-/// So much earlier or later than thought a body may be where it is going.
+/// A moving obstacle may be this much earlier or later than predicted.
 const EARLY_S: f32 = 0.1;
 /// A hit costs as much as one that is so much later, where it is at once.
 const HIT_S: f32 = 0.3;
 /// A margin smaller than this counts as this.
 const MARGIN_MIN_M: f32 = 0.01;
 
-/// What the evader needs to know.
+/// Configuration of the evader.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// How far ahead who moves is thought to go straight on.
+    /// How far ahead moving obstacles are predicted, straight on.
     pub horizon_s: f32,
-    /// Kept from who moves, beside the two radii and the way of 0.1 s.
+    /// Kept from moving obstacles, beside the two radii and what they move in 0.1 s.
     pub margin_m: f32,
     /// By so much more for each second ahead.
     pub margin_rate_mps: f32,
@@ -83,7 +84,7 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self, response: &Response, v_max_mps: f32, a_max_mps2: f32) -> Result<Evader, ConfigError> {
+    pub fn build(&self, vehicle_model: &VehicleModel, v_max_mps: f32, a_max_mps2: f32) -> Result<Evader, ConfigError> {
         check("evade.horizon_s", self.horizon_s, 0.5, 30.0)?;
         check("evade.margin_m", self.margin_m, 0.0, 5.0)?;
         check("evade.margin_rate_mps", self.margin_rate_mps, 0.0, 1.0)?;
@@ -91,12 +92,12 @@ impl Config {
         check("evade.hit_cost", self.hit_cost, 0.0, 1e4)?;
         check("evade.clearance_cost", self.clearance_cost, 0.0, 1e3)?;
         check("evade.change_cost", self.change_cost, 0.0, 1e3)?;
-        let (dead_steps, lag_s) = response.twice_lagged();
+        let (dead_steps, lag_s) = vehicle_model.twice_lagged();
         let step_s = (TURN_S + 2.0 * LAGS * lag_s) / STEPS as f32;
         // Beyond the roll-out, however slow the vehicle is.
         let least_s = step_s * STEPS as f32 + STANDING_S;
         let horizon_s = if self.horizon_s > least_s { self.horizon_s } else { least_s };
-        let tick_s = response.tick_s();
+        let tick_s = vehicle_model.tick_s();
         Ok(Evader { config: Self { horizon_s, ..*self }, v_max_mps, a_max_mps2, tick_s, dead_steps, lag_s, step_s })
     }
 }
@@ -108,7 +109,7 @@ pub struct Evader {
     v_max_mps: f32,
     a_max_mps2: f32,
     tick_s: f32,
-    /// The vehicle's answer, see [`Response::twice_lagged`].
+    /// The vehicle's answer, see [`VehicleModel::twice_lagged`].
     dead_steps: usize,
     lag_s: f32,
     /// A step of the roll-out.
@@ -122,14 +123,14 @@ pub struct State {
 }
 
 impl State {
-    /// What the last step chose to fly; none where it let pass what was asked for.
+    /// What the last step chose to fly; `None` where it passed what was asked for.
     #[must_use]
     pub const fn choice_ned_mps(&self) -> Option<Horizontal> {
         self.choice_ned_mps
     }
 }
 
-/// What the evader needs to know in a step.
+/// Input of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     /// Position, local NED.
@@ -140,15 +141,15 @@ pub struct Input<'a> {
     pub command_ned_mps: Horizontal,
     /// The velocity between the two lags of the vehicle's answer.
     pub halfway_ned_mps: Horizontal,
-    /// The commands that are on their way.
-    pub underway: &'a response::State,
-    /// What stands near.
+    /// The commands that have not taken effect yet.
+    pub underway: &'a vehicle_model::State,
+    /// Standing obstacles nearby.
     pub standing: &'a [Neighbour],
-    /// What moves near: what a sensor says moves, and what is followed.
+    /// Moving obstacles nearby: those that a sensor reports as moving, and those that are tracked.
     pub moving: [&'a [Neighbour]; 2],
 }
 
-/// Somebody or something, when the vehicle begins to obey.
+/// An obstacle at the time when the vehicle begins to obey.
 #[derive(Clone, Copy, Debug)]
 struct Other {
     at_m: Horizontal,
@@ -196,7 +197,7 @@ impl Evader {
             }
             let wanted_m =
                 other.reach_m + c.margin_m + EARLY_S * other.velocity_ned_mps.norm() + c.margin_rate_mps * dead_s;
-            // Who is too near already is not let nearer.
+            // One that is too near already must not come nearer.
             let keep_m = if wanted_m < away_m - 0.01 { wanted_m } else { away_m - 0.01 };
             let velocity_mps = other.velocity_ned_mps;
             let one = Other { at_m, velocity_mps, reach_m: other.reach_m, keep_m, rate_mps: c.margin_rate_mps };
@@ -216,10 +217,10 @@ impl Evader {
             if away_m - other.reach_m > (self.turn_s() + STANDING_S) * self.v_max_mps {
                 continue;
             }
-            // What was hit of a body that moves.
-            let is_part = |body: &Other| {
-                let near_m = body.reach_m + PART_M;
-                body.at_m.minus(body.velocity_mps.times(dead_s)).minus(other.center_ned_m).norm_squared()
+            // Hits of a moving obstacle.
+            let is_part = |mover: &Other| {
+                let near_m = mover.reach_m + PART_M;
+                mover.at_m.minus(mover.velocity_mps.times(dead_s)).minus(other.center_ned_m).norm_squared()
                     < near_m * near_m
             };
             if moving.iter().any(is_part) {
@@ -239,13 +240,13 @@ impl Evader {
         let towards = if speed > 1e-3 { asked.times(1.0 / speed) } else { Horizontal::default() };
         let last = state.choice_ned_mps.unwrap_or(input.command_ned_mps);
         let (mut best, mut least) = (asked, f32::INFINITY);
-        let mut weigh = |velocity: Horizontal| {
-            let way = if speed > 1e-3 {
+        let mut consider = |velocity: Horizontal| {
+            let progress = if speed > 1e-3 {
                 c.horizon_s * (1.0 - velocity.dot(towards) / speed)
             } else {
                 velocity.norm() * c.horizon_s / self.v_max_mps
             };
-            let given_up = way + c.change_cost * velocity.minus(last).norm();
+            let given_up = progress + c.change_cost * velocity.minus(last).norm();
             if given_up < least {
                 let cost = given_up + self.foresee(&from, velocity, &moving, &standing, least - given_up);
                 if cost < least {
@@ -253,15 +254,15 @@ impl Evader {
                 }
             }
         };
-        weigh(asked);
-        weigh(last.clamped(self.v_max_mps));
-        weigh(Horizontal::default());
+        consider(asked);
+        consider(last.clamped(self.v_max_mps));
+        consider(Horizontal::default());
         let along = if speed > 1e-3 { towards } else { Horizontal { north: 1.0, east: 0.0 } };
         let (sine, cosine) = sin_cos(core::f32::consts::TAU / DIRECTIONS as f32);
         let mut direction = along;
         for _ in 0..DIRECTIONS {
             for share in SHARES {
-                weigh(direction.times(self.v_max_mps * share));
+                consider(direction.times(self.v_max_mps * share));
             }
             direction = Horizontal {
                 north: cosine * direction.north - sine * direction.east,
@@ -277,7 +278,7 @@ impl Evader {
         self.step_s * STEPS as f32
     }
 
-    /// Where the vehicle is when it begins to obey what it is told now.
+    /// Where the vehicle is when it begins to obey the command of this step.
     fn obeys_from(&self, input: &Input<'_>) -> Start {
         let mut start = Start {
             position: input.position_ned_m,
@@ -291,7 +292,7 @@ impl Evader {
         start
     }
 
-    /// Flies one velocity in thought: what its hits and clearance cost, or at least so much as to be no better than the best.
+    /// Predicts a flight at one velocity: what its hits and clearance cost, or at least so much as to be no better than the best.
     #[inline(never)]
     fn foresee(&self, from: &Start, velocity: Horizontal, moving: &[Other], standing: &[Other], least: f32) -> f32 {
         let c = &self.config;
@@ -364,7 +365,7 @@ impl Evader {
     }
 }
 
-/// Adds one, in the place of the farthest where there is no room.
+/// Adds one; when the list is full it replaces the farthest.
 fn keep_nearest<const M: usize>(others: &mut Vec<Other, M>, from: Horizontal, one: Other) {
     let Err(one) = others.push(one) else { return };
     let far = |other: &Other| other.at_m.minus(from).norm_squared();
@@ -419,9 +420,9 @@ mod tests {
 
     /// The least distance from a walker, of a vehicle of ArduCopter's delays that is asked for a velocity.
     fn least_m(asked: Horizontal, from: Horizontal, walk_mps: Horizontal) -> f32 {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let evader = Config::default().build(&response, 1.0, 2.0).unwrap();
-        let (mut state, mut underway) = (State::default(), response::State::default());
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let evader = Config::default().build(&vehicle_model, 1.0, 2.0).unwrap();
+        let (mut state, mut underway) = (State::default(), vehicle_model::State::default());
         let mut vehicle = Vehicle::new(Horizontal::default(), 16, 0.5);
         let (mut command, mut halfway, mut walker) = (Horizontal::default(), Horizontal::default(), from);
         let mut least_m = f32::INFINITY;
@@ -439,7 +440,7 @@ mod tests {
             let wanted = evader.step(&mut state, asked, &input).unwrap_or(asked);
             command = command.plus(wanted.minus(command).clamped(2.0 * TICK_S));
             halfway = halfway.plus(underway.ago(evader.dead_steps).minus(halfway).times(TICK_S / evader.lag_s));
-            response.command(&mut underway, command);
+            vehicle_model.command(&mut underway, command);
             let velocity_ned_mps = crate::base::ned::Ned { north: command.north, east: command.east, down: 0.0 };
             vehicle.follow(&Setpoint { velocity_ned_mps, ..Setpoint::default() });
             walker = walker.plus(walk_mps.times(TICK_S));
@@ -464,9 +465,9 @@ mod tests {
 
     #[test]
     fn what_is_clear_of_all_that_moves_passes_and_so_does_what_is_not_finite() {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let evader = Config::default().build(&response, 1.0, 2.0).unwrap();
-        let (underway, north) = (response::State::default(), Horizontal { north: 1.0, east: 0.0 });
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let evader = Config::default().build(&vehicle_model, 1.0, 2.0).unwrap();
+        let (underway, north) = (vehicle_model::State::default(), Horizontal { north: 1.0, east: 0.0 });
         let away = [Neighbour { center_ned_m: at(3.0, 2.0), reach_m: REACH_M, velocity_ned_mps: at(3.0, 1.0) }];
         let input = Input {
             position_ned_m: Horizontal::default(),
@@ -484,9 +485,9 @@ mod tests {
 
     #[test]
     fn in_any_crowd_the_answer_is_finite_and_within_the_speed_limit() {
-        let response = response::Config { dead_time_s: 0.06, lag_s: 0.15 }.build(TICK_S).unwrap();
-        let evader = Config::default().build(&response, 1.5, 2.0).unwrap();
-        let (underway, mut state, mut rng) = (response::State::default(), State::default(), Rng::new(24, 0));
+        let vehicle_model = vehicle_model::Config { dead_time_s: 0.06, lag_s: 0.15 }.build(TICK_S).unwrap();
+        let evader = Config::default().build(&vehicle_model, 1.5, 2.0).unwrap();
+        let (underway, mut state, mut rng) = (vehicle_model::State::default(), State::default(), Rng::new(24, 0));
         let mut evaded = 0;
         for _ in 0..2_000 {
             let mut draw = |most: f32| at(6.3 * rng.uniform(), most * rng.uniform());

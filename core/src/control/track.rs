@@ -82,7 +82,7 @@ impl State {
     }
 }
 
-/// What the tracker would like; the guard has the last word.
+/// What the tracker asks for; the guard decides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Demand {
     /// Horizontal velocity, local NED.

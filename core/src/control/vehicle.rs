@@ -1,5 +1,5 @@
 //! The vehicle that tests of the guard and of guidance fly: it follows setpoints after a dead time and with a lag, as
-//! [`response`](super::response) predicts.
+//! [`vehicle_model`](super::vehicle_model) predicts.
 
 use std::collections::VecDeque;
 

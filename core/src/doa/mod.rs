@@ -4,4 +4,4 @@
 pub mod array;
 pub mod bearing;
 pub mod calibration;
-pub mod rss;
+pub mod rotating;

@@ -66,8 +66,8 @@ impl<const N: usize> Guidance<N> {
                     position_ned_m: situation.position_ned_m,
                     velocity_ned_mps: ownship.velocity_ned_mps.horizontal(),
                     command_ned_mps: state.guard.command_ned_mps(),
-                    halfway_ned_mps: state.gust.halfway_mps(),
-                    underway: &state.response,
+                    halfway_ned_mps: state.wind.halfway_mps(),
+                    underway: &state.vehicle_model,
                     standing,
                     moving: [told, &followed],
                 },
@@ -79,7 +79,7 @@ impl<const N: usize> Guidance<N> {
             // Where scans are taken in, the guard knows the hits of one who is followed, and what the map finds to move. Where
             // circles are told, it keeps off where a body is now, as if it stood there; what walks is left to what gives way, since
             // it has left that place when the vehicle comes there.
-            if !state.tracks.has_looked() {
+            if !state.tracks.has_scanned() {
                 if situation.is_evading {
                     state.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
                 }
@@ -97,7 +97,7 @@ impl<const N: usize> Guidance<N> {
     /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
     pub(super) fn let_go(&self, state: &mut State<N>) {
         state.guard.release();
-        state.gust.release();
+        state.wind.release();
         state.agreement.release();
         state.is_searching = false;
         state.look_ned_rad = None;

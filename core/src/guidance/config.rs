@@ -2,7 +2,7 @@
 
 use super::{Guidance, mission, turning};
 use crate::base::error::{ConfigError, Why, check};
-use crate::control::{evade, guard, gust, response, track};
+use crate::control::{evade, guard, track, vehicle_model, wind};
 use crate::doa::{array, bearing};
 use crate::landing;
 use crate::localize::goal;
@@ -49,9 +49,9 @@ pub struct Config {
     /// Planner.
     pub planner: planner::Config,
     /// The vehicle's answer to setpoints.
-    pub response: response::Config,
+    pub vehicle_model: vehicle_model::Config,
     /// What is made of gusts.
-    pub gust: gust::Config,
+    pub wind: wind::Config,
     /// Waypoint tracker.
     pub track: track::Config,
     /// What gets out of the way of what moves.
@@ -86,8 +86,8 @@ impl Default for Config {
             reflections: true,
             goal: goal::Config::default(),
             planner: planner::Config::default(),
-            response: response::Config::default(),
-            gust: gust::Config::default(),
+            vehicle_model: vehicle_model::Config::default(),
+            wind: wind::Config::default(),
             track: track::Config::default(),
             evade: evade::Config::default(),
             guard: guard::Config::default(),
@@ -123,7 +123,7 @@ impl Config {
             return Err(ConfigError { field: "planner.vehicle_radius_m", value: self.planner.vehicle_radius_m, why });
         }
         self.planner.build()?;
-        let response = self.response.build(self.tick_s)?;
+        let vehicle_model = self.vehicle_model.build(self.tick_s)?;
         Ok(Guidance {
             seed: self.seed,
             tick_s: self.tick_s,
@@ -146,10 +146,10 @@ impl Config {
             reflections: self.reflections,
             searches: self.planner.explore.is_some(),
             goal: self.goal.build()?,
-            response,
-            gust: self.gust.build(&response, self.tick_s)?,
+            vehicle_model,
+            wind: self.wind.build(&vehicle_model, self.tick_s)?,
             track: self.track.build()?,
-            evade: self.evade.build(&response, self.guard.v_max_mps, self.guard.a_max_mps2)?,
+            evade: self.evade.build(&vehicle_model, self.guard.v_max_mps, self.guard.a_max_mps2)?,
             guard: self.guard.build()?,
             mission: self.mission.build()?,
             turning: match &self.turning {

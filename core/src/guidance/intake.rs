@@ -204,10 +204,10 @@ impl<const N: usize> Guidance<N> {
             near::gather(&self.guard, &state.map, ownship.position_ned_m.horizontal(), &mut state.near);
         }
         if let Some(Ok(pose)) = circles {
-            self.guard.look_circles(&mut state.guard, &state.near, &pose);
+            self.guard.note_circles(&mut state.guard, &state.near, &pose);
         }
         if let (Some(scan), Some(Ok(pose))) = (input.scan, scan) {
-            self.guard.look_scan(&mut state.guard, scan, &pose);
+            self.guard.note_scan(&mut state.guard, scan, &pose);
         }
     }
 

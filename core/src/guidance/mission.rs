@@ -47,7 +47,7 @@ pub enum Outcome {
     Ambiguous,
     /// The array needs a calibration that is missing or does not apply.
     Uncalibrated,
-    /// Position or attitude too old, not finite, or or the velocity contradicts the positions ([`Stale`]).
+    /// Position or attitude too old, not finite, or the velocity contradicts the positions ([`Stale`]).
     StaleOwnship,
     /// Obstacle data too old.
     StaleObstacles,
@@ -187,7 +187,7 @@ impl Config {
 
 /// What the mission looks at in a step.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts {
+pub struct Input {
     /// The time of the step.
     pub now: Instant,
     /// Whether we are in control.
@@ -267,51 +267,51 @@ pub struct Mission {
 
 impl Mission {
     /// Before the chain: may the plan be followed at all? [`Outcome::Nominal`] if so.
-    pub fn admit(&self, state: &mut State, facts: &Facts) -> Outcome {
+    pub fn admit(&self, state: &mut State, input: &Input) -> Outcome {
         let c = &self.config;
-        let old = |heard, limit_s| is_old(facts.now, heard, limit_s);
-        match facts.control {
+        let old = |heard, limit_s| is_old(input.now, heard, limit_s);
+        match input.control {
             Control::Granted => {}
             withheld => {
                 *state = State::default();
                 return if withheld == Control::LinkLost { Outcome::LinkLost } else { Outcome::NotInControl };
             }
         }
-        let step_us = facts.now.micros_since(core::mem::replace(&mut state.looked, facts.now));
-        if facts.is_plan_late {
+        let step_us = input.now.micros_since(core::mem::replace(&mut state.looked, input.now));
+        if input.is_plan_late {
             state.wait(step_us);
         }
-        if self.stale(facts).is_some() {
+        if self.stale(input).is_some() {
             return Outcome::StaleOwnship;
         }
-        if c.obstacles_required && old(facts.obstacles, c.obstacles_age_max_s) {
+        if c.obstacles_required && old(input.obstacles, c.obstacles_age_max_s) {
             return Outcome::StaleObstacles;
         }
-        if old(facts.bearing, c.bearing_age_max_s) {
-            return if facts.bearing_flags.contains(Flags::UNCALIBRATED) {
+        if old(input.bearing, c.bearing_age_max_s) {
+            return if input.bearing_flags.contains(Flags::UNCALIBRATED) {
                 Outcome::Uncalibrated
-            } else if facts.bearing_flags.contains(Flags::AMBIGUOUS) {
+            } else if input.bearing_flags.contains(Flags::AMBIGUOUS) {
                 Outcome::Ambiguous
             } else {
                 Outcome::NoSignal
             };
         }
-        if facts.is_arriving {
+        if input.is_arriving {
             *state = State::default();
             return Outcome::Nominal;
         }
-        if self.gives_up(state, facts) { Outcome::GoalUnreachable } else { Outcome::Nominal }
+        if self.gives_up(state, input) { Outcome::GoalUnreachable } else { Outcome::Nominal }
     }
 
     /// Why ownship is of no use, if it is not: the first reason that applies.
     #[must_use]
-    pub fn stale(&self, facts: &Facts) -> Option<Stale> {
-        if is_old(facts.now, facts.position, self.config.position_age_max_s) {
+    pub fn stale(&self, input: &Input) -> Option<Stale> {
+        if is_old(input.now, input.position, self.config.position_age_max_s) {
             Some(Stale::PositionOld)
-        } else if is_old(facts.now, facts.attitude, self.config.attitude_age_max_s) {
+        } else if is_old(input.now, input.attitude, self.config.attitude_age_max_s) {
             Some(Stale::AttitudeOld)
         } else {
-            facts.contradiction
+            input.contradiction
         }
     }
 
@@ -333,15 +333,15 @@ impl Mission {
     }
 
     /// Whether the goal has to be given up: no retry goes on for ever.
-    fn gives_up(&self, state: &mut State, facts: &Facts) -> bool {
+    fn gives_up(&self, state: &mut State, input: &Input) -> bool {
         let c = &self.config;
-        let (since, from) = *state.stall_since.get_or_insert((facts.now, facts.place_ned_m));
-        if facts.place_ned_m.minus(from).norm() > c.stall_radius_m {
-            state.stall_since = Some((facts.now, facts.place_ned_m));
-        } else if facts.now.seconds_since(since) > c.stall_s {
+        let (since, from) = *state.stall_since.get_or_insert((input.now, input.place_ned_m));
+        if input.place_ned_m.minus(from).norm() > c.stall_radius_m {
+            state.stall_since = Some((input.now, input.place_ned_m));
+        } else if input.now.seconds_since(since) > c.stall_s {
             state.given_up = true;
         }
-        if state.no_path_since.is_some_and(|since| facts.now.seconds_since(since) > c.no_path_max_s) {
+        if state.no_path_since.is_some_and(|since| input.now.seconds_since(since) > c.no_path_max_s) {
             state.given_up = true;
         }
         state.given_up
@@ -363,8 +363,8 @@ mod tests {
         Some(Instant(NOW.0 - (seconds * 1e6) as u64))
     }
 
-    fn fresh() -> Facts {
-        Facts {
+    fn fresh() -> Input {
+        Input {
             now: NOW,
             control: Control::Granted,
             position: ago(0.02),
@@ -379,8 +379,8 @@ mod tests {
         }
     }
 
-    fn admit(facts: &Facts) -> Outcome {
-        Config::default().build().unwrap().admit(&mut State::default(), facts)
+    fn admit(input: &Input) -> Outcome {
+        Config::default().build().unwrap().admit(&mut State::default(), input)
     }
 
     #[test]
@@ -391,24 +391,24 @@ mod tests {
 
     #[test]
     fn without_a_link_or_the_mode_nothing_is_said() {
-        let outcome = admit(&Facts { control: Control::LinkLost, ..fresh() });
+        let outcome = admit(&Input { control: Control::LinkLost, ..fresh() });
         assert_eq!((outcome, outcome.behaviour()), (Outcome::LinkLost, Behaviour::None));
-        let outcome = admit(&Facts { control: Control::NotInControl, ..fresh() });
+        let outcome = admit(&Input { control: Control::NotInControl, ..fresh() });
         assert_eq!((outcome, outcome.behaviour()), (Outcome::NotInControl, Behaviour::None));
     }
 
     #[test]
     fn stale_or_missing_ownship_holds() {
-        for facts in [
-            Facts { position: ago(0.31), ..fresh() },
-            Facts { attitude: ago(0.21), ..fresh() },
-            Facts { position: None, ..fresh() },
-            Facts { attitude: None, ..fresh() },
+        for input in [
+            Input { position: ago(0.31), ..fresh() },
+            Input { attitude: ago(0.21), ..fresh() },
+            Input { position: None, ..fresh() },
+            Input { attitude: None, ..fresh() },
             // A clock that went back is as bad as an old word.
-            Facts { position: Some(Instant(NOW.0 + 5_000_000)), ..fresh() },
+            Input { position: Some(Instant(NOW.0 + 5_000_000)), ..fresh() },
         ] {
-            let outcome = admit(&facts);
-            assert_eq!((outcome, outcome.behaviour()), (Outcome::StaleOwnship, Behaviour::Hold), "{facts:?}");
+            let outcome = admit(&input);
+            assert_eq!((outcome, outcome.behaviour()), (Outcome::StaleOwnship, Behaviour::Hold), "{input:?}");
         }
     }
 
@@ -416,22 +416,22 @@ mod tests {
     fn ownship_that_contradicts_itself_holds_and_says_in_what() {
         let mission = Config::default().build().unwrap();
         for stale in [Stale::VelocityContradicts, Stale::PositionFrozen] {
-            let facts = Facts { contradiction: Some(stale), ..fresh() };
-            assert_eq!((admit(&facts), mission.stale(&facts)), (Outcome::StaleOwnship, Some(stale)));
-            let old = Facts { attitude: ago(0.21), ..facts };
+            let input = Input { contradiction: Some(stale), ..fresh() };
+            assert_eq!((admit(&input), mission.stale(&input)), (Outcome::StaleOwnship, Some(stale)));
+            let old = Input { attitude: ago(0.21), ..input };
             assert_eq!(mission.stale(&old), Some(Stale::AttitudeOld));
-            assert_eq!(mission.stale(&Facts { position: None, ..old }), Some(Stale::PositionOld));
+            assert_eq!(mission.stale(&Input { position: None, ..old }), Some(Stale::PositionOld));
         }
         assert_eq!(mission.stale(&fresh()), None);
     }
 
     #[test]
     fn stale_obstacles_hold_unless_none_are_required() {
-        let facts = Facts { obstacles: ago(0.6), ..fresh() };
-        assert_eq!((admit(&facts), admit(&facts).behaviour()), (Outcome::StaleObstacles, Behaviour::Hold));
-        assert_eq!(admit(&Facts { obstacles: None, ..fresh() }), Outcome::StaleObstacles);
+        let input = Input { obstacles: ago(0.6), ..fresh() };
+        assert_eq!((admit(&input), admit(&input).behaviour()), (Outcome::StaleObstacles, Behaviour::Hold));
+        assert_eq!(admit(&Input { obstacles: None, ..fresh() }), Outcome::StaleObstacles);
         let free = Config { obstacles_required: false, ..Config::default() }.build().unwrap();
-        assert_eq!(free.admit(&mut State::default(), &facts), Outcome::Nominal);
+        assert_eq!(free.admit(&mut State::default(), &input), Outcome::Nominal);
     }
 
     #[test]
@@ -443,10 +443,10 @@ mod tests {
             (Flags::UNCALIBRATED, Outcome::Uncalibrated),
         ] {
             for bearing in [ago(1.1), None] {
-                let outcome = admit(&Facts { bearing, bearing_flags: flags, ..fresh() });
+                let outcome = admit(&Input { bearing, bearing_flags: flags, ..fresh() });
                 assert_eq!((outcome, outcome.behaviour()), (expected, Behaviour::Hold));
             }
-            assert_eq!(admit(&Facts { bearing_flags: flags, ..fresh() }), Outcome::Nominal, "one bad frame is no loss");
+            assert_eq!(admit(&Input { bearing_flags: flags, ..fresh() }), Outcome::Nominal, "one bad frame is no loss");
         }
     }
 
@@ -471,7 +471,7 @@ mod tests {
         let later = |s: u64| {
             let at = Instant(NOW.0 + s * 1_000_000);
             let place_ned_m = Horizontal { north: s as f32 * 2.0, east: 0.0 };
-            Facts {
+            Input {
                 now: at,
                 position: Some(at),
                 attitude: Some(at),
@@ -486,7 +486,7 @@ mod tests {
         assert_eq!((outcome, outcome.behaviour()), (Outcome::GoalUnreachable, Behaviour::Hold));
         mission.conclude(&mut state, NOW, Progress::Following);
         assert_eq!(mission.admit(&mut state, &later(17)), Outcome::GoalUnreachable, "not by itself");
-        mission.admit(&mut state, &Facts { control: Control::NotInControl, ..later(18) });
+        mission.admit(&mut state, &Input { control: Control::NotInControl, ..later(18) });
         assert_eq!(mission.admit(&mut state, &later(19)), Outcome::Nominal);
     }
 
@@ -503,10 +503,10 @@ mod tests {
             let given_up = (0..10_000).find(|step| {
                 let at = Some(Instant(NOW.0 + step * 20_000));
                 let is_plan_late = (100..100 + late_steps).contains(step);
-                let facts = Facts { now: Instant(NOW.0 + step * 20_000), is_plan_late, ..fresh() };
-                let facts = Facts { position: at, attitude: at, obstacles: at, bearing: at, ..facts };
-                let outcome = mission.admit(&mut state, &facts);
-                mission.conclude(&mut state, facts.now, if is_plan_late { Progress::Late } else { progress });
+                let input = Input { now: Instant(NOW.0 + step * 20_000), is_plan_late, ..fresh() };
+                let input = Input { position: at, attitude: at, obstacles: at, bearing: at, ..input };
+                let outcome = mission.admit(&mut state, &input);
+                mission.conclude(&mut state, input.now, if is_plan_late { Progress::Late } else { progress });
                 outcome == Outcome::GoalUnreachable
             });
             let given_up_s = given_up.unwrap() as f32 * 0.02;
@@ -522,9 +522,9 @@ mod tests {
             (0..5_000_u64).find(|step| {
                 let now = Instant(NOW.0 + step * 20_000);
                 let (at, place_ned_m) = (Some(now), Horizontal { north: 0.02 * *step as f32, east: 0.0 });
-                let facts =
-                    Facts { now, position: at, attitude: at, obstacles: at, bearing: at, place_ned_m, ..fresh() };
-                let outcome = mission.admit(&mut state, &facts);
+                let input =
+                    Input { now, position: at, attitude: at, obstacles: at, bearing: at, place_ned_m, ..fresh() };
+                let outcome = mission.admit(&mut state, &input);
                 let is_without = step % 100 < without_steps;
                 mission.conclude(&mut state, now, if is_without { Progress::NoPath } else { Progress::Following });
                 outcome == Outcome::GoalUnreachable
@@ -544,7 +544,7 @@ mod tests {
                 .map(|s| {
                     let at = Instant(NOW.0 + s * 1_000_000);
                     let place_ned_m = Horizontal { north: speed_mps * s as f32, east: 0.0 };
-                    let facts = Facts {
+                    let input = Input {
                         now: at,
                         position: Some(at),
                         attitude: Some(at),
@@ -553,7 +553,7 @@ mod tests {
                         place_ned_m,
                         ..fresh()
                     };
-                    mission.admit(&mut state, &facts)
+                    mission.admit(&mut state, &input)
                 })
                 .position(|outcome| outcome == Outcome::GoalUnreachable)
         };

@@ -14,11 +14,11 @@ use crate::base::obstacle::Circle;
 use crate::base::ownship::{Ownship, Stale};
 use crate::base::time::Instant;
 use crate::control::guard::{self, Setpoint};
-use crate::control::{evade, gust, response, track};
+use crate::control::{evade, track, vehicle_model, wind};
 use crate::doa::bearing::{self, Bearing};
 use crate::guidance::mission::{Control, Outcome};
 use crate::landing::observation::PadObservation;
-use crate::landing::{Advice, Lander};
+use crate::landing::{self, Lander};
 use crate::localize::goal;
 use crate::localize::goal::posterior::Estimate;
 use crate::localize::source::bank;
@@ -142,7 +142,7 @@ pub struct Output {
     /// Share of the weight that the leading filter of the source has, and its normalised innovation squared, averaged.
     pub source_share_and_nis: Option<(f32, f32)>,
     /// How far the landing is, once the vehicle has come near the beacon.
-    pub landing: Option<Advice>,
+    pub landing: Option<landing::Output>,
     /// What the guard did.
     pub guard: guard::Action,
     /// What the guard has done so far; its beats tell that it is alive.
@@ -181,8 +181,8 @@ pub struct Guidance<const N: usize> {
     reflections: bool,
     searches: bool,
     goal: goal::Seeker,
-    response: response::Response,
-    gust: gust::Gauge,
+    vehicle_model: vehicle_model::VehicleModel,
+    wind: wind::Estimator,
     track: track::Tracker,
     evade: evade::Evader,
     guard: guard::Guard,

@@ -78,7 +78,7 @@ impl<const N: usize> Guidance<N> {
         state.request.id = state.request.id.wrapping_add(1);
         state.request.seed = self.seed;
         state.request.start_ned_m = start_ned_m;
-        state.request.gust_margin_m = self.gust.margin_m(&state.gust);
+        state.request.gust_margin_m = self.wind.margin_m(&state.wind);
         state.request.target_ned_m = situation.position_ned_m.plus(direction.times(distance_m));
         state.request.fresh = state.request.id == 1 || core::mem::take(&mut state.misled);
         state.request.wants_lines = state.reflected >= self.reflected_min;

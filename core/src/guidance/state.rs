@@ -7,14 +7,14 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::ownship::{Agreement, Ownship};
 use crate::base::trace::Trace;
-use crate::control::{evade, guard, gust, response, track};
+use crate::control::{evade, guard, track, vehicle_model, wind};
 use crate::doa::bearing::Flags;
-use crate::landing::{self, Advice};
+use crate::landing;
 use crate::localize::source::bank::{self, Way};
 use crate::localize::source::gather::Gathering;
 use crate::localize::{goal, link_state};
+use crate::mapping::coverage::Coverage;
 use crate::mapping::map::Map;
-use crate::mapping::sight::Sight;
 use crate::mapping::tracks::Tracks;
 use crate::planning::planner::{Plan, PlanRequest};
 use crate::signal::phase;
@@ -39,8 +39,8 @@ pub struct State<const N: usize> {
     /// Nothing is heard, and the vehicle goes and looks for it.
     pub(super) is_searching: bool,
     pub(super) goal: goal::State,
-    pub(super) response: response::State,
-    pub(super) gust: gust::State,
+    pub(super) vehicle_model: vehicle_model::State,
+    pub(super) wind: wind::State,
     pub(super) track: track::State,
     pub(super) evade: evade::State,
     pub(super) guard: guard::State,
@@ -50,7 +50,7 @@ pub struct State<const N: usize> {
     pub(super) turning: turning::State,
     pub(super) landing: landing::State,
     /// What the landing said last, and whether the guard braked then.
-    pub(super) advice: Option<Advice>,
+    pub(super) advice: Option<landing::Output>,
     pub(super) is_blocked: bool,
     pub(super) height_m: Option<f32>,
     /// Obstacles near the vehicle, as of this step.
@@ -89,8 +89,8 @@ impl<const N: usize> Default for State<N> {
             belief: None,
             is_searching: false,
             goal: goal::State::default(),
-            response: response::State::default(),
-            gust: gust::State::default(),
+            vehicle_model: vehicle_model::State::default(),
+            wind: wind::State::default(),
             track: track::State::default(),
             evade: evade::State::default(),
             guard: guard::State::default(),
@@ -157,8 +157,8 @@ impl<const N: usize> State<N> {
 
     /// What the obstacle sensors have looked at.
     #[must_use]
-    pub fn sight(&self) -> &Sight {
-        self.guard.sight()
+    pub fn coverage(&self) -> &Coverage {
+        self.guard.coverage()
     }
 
     /// How high the vehicle is over the ground, where that is known.
@@ -208,8 +208,8 @@ impl<const N: usize> Guidance<N> {
             belief,
             is_searching,
             goal,
-            response,
-            gust,
+            vehicle_model,
+            wind,
             track,
             evade,
             guard,
@@ -246,8 +246,8 @@ impl<const N: usize> Guidance<N> {
         (*misled, *is_searching) = (false, false);
         *belief = None;
         *goal = goal::State::default();
-        *response = response::State::default();
-        *gust = gust::State::default();
+        *vehicle_model = vehicle_model::State::default();
+        *wind = wind::State::default();
         *track = track::State::default();
         *evade = evade::State::default();
         *guard = guard::State::default();

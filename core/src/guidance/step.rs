@@ -1,6 +1,6 @@
 //! One step of the fast loop: what came in is taken in, the mission decides, and one setpoint goes out.
 
-use super::mission::{Behaviour, Control, Facts, Outcome, Progress};
+use super::mission::{self, Behaviour, Control, Outcome, Progress};
 use super::{Guidance, Input, Output, State};
 use crate::base::ownship::Ownship;
 use crate::control::guard::{self, GuardInput, Setpoint};
@@ -27,8 +27,8 @@ impl<const N: usize> Guidance<N> {
 
         if let Some(ownship) = &state.ownship {
             let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
-            self.gust.begin(&mut state.gust, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
-            self.gust.step(&mut state.gust, &state.response, velocity_ned_mps, ownship.position_time);
+            self.wind.begin(&mut state.wind, ownship.roll_rad, ownship.pitch_rad, velocity_ned_mps);
+            self.wind.step(&mut state.wind, &state.vehicle_model, velocity_ned_mps, ownship.position_time);
         }
         let was_landing = is_landing(state);
         self.land(state, input, bearing.as_ref());
@@ -37,7 +37,7 @@ impl<const N: usize> Guidance<N> {
             state.active = None;
         }
         let situation = self.situation(state);
-        let facts = self.facts(state, input, &situation);
+        let facts = self.mission_input(state, input, &situation);
         let turning = self.turning.as_ref().filter(|turning| turning.is_used(&state.turning));
         let mission = turning.map_or(&self.mission, |turning| &turning.mission);
         let mut outcome = mission.admit(&mut state.mission, &facts);
@@ -100,7 +100,7 @@ impl<const N: usize> Guidance<N> {
             }
         }
         state.is_blocked = guard_action == guard::Action::Braked;
-        self.response.command(&mut state.response, setpoint.velocity_ned_mps.horizontal());
+        self.vehicle_model.command(&mut state.vehicle_model, setpoint.velocity_ned_mps.horizontal());
 
         if let Some(bearing) = &bearing {
             state.trace.float(bearing.azimuth_rad);
@@ -137,13 +137,13 @@ impl<const N: usize> Guidance<N> {
         let ownship = state.ownship.unwrap_or_default();
         let position_ned_m = ownship.position_ned_m.horizontal();
         let velocity_ned_mps = ownship.velocity_ned_mps.horizontal();
-        let rest_ned_m = self.response.rest_point(&state.response, position_ned_m, velocity_ned_mps);
+        let rest_ned_m = self.vehicle_model.rest_point(&state.vehicle_model, position_ned_m, velocity_ned_mps);
         GuardInput {
             position_ned_m,
             rest_ned_m,
             yaw_rad: ownship.yaw_rad,
-            delay_s: self.response.delay_s(),
-            gust_margin_m: self.gust.margin_m(&state.gust),
+            delay_s: self.vehicle_model.delay_s(),
+            gust_margin_m: self.wind.margin_m(&state.wind),
             is_evading: false,
             down_m: state.ownship.map(|ownship| ownship.position_ned_m.down),
             held_down_m: state.hold_down_m,
@@ -159,7 +159,7 @@ impl<const N: usize> Guidance<N> {
         let is_direct = state.reflected < self.reflected_min;
         let believed = state.belief.filter(|belief| belief.way == Way::Direct);
         let estimate = believed.map(|belief| belief.estimate);
-        let facts = landing::Facts {
+        let facts = landing::Input {
             now: input.now,
             ownship: input.ownship.as_ref().filter(|ownship| ownship.is_plausible()),
             height_m: input.height_m,
@@ -175,9 +175,9 @@ impl<const N: usize> Guidance<N> {
         state.height_m = input.height_m.or(by_pad);
     }
 
-    fn facts(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> Facts {
+    fn mission_input(&self, state: &State<N>, input: &Input<'_, N>, situation: &GuardInput) -> mission::Input {
         let heard = input.ownship.filter(Ownship::is_plausible);
-        Facts {
+        mission::Input {
             now: input.now,
             control: input.control,
             position: heard.map(|ownship| ownship.position_time),

@@ -233,7 +233,7 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
                 scans_in_map += 1;
                 let ownship = expected.ownship.unwrap();
                 let yaw_rad = ownship.yaw_at(scan.time);
-                let latest = state.sight().latest();
+                let latest = state.coverage().latest();
                 let mut ranges = Ranges::new();
                 ranges.take(scan);
                 let sectors = scan.in_sectors(SECTORS_MAX);

@@ -441,7 +441,7 @@ fn the_navigation_half_keeps_within_48_kilobytes() {
     // Everything but the antennas: the planner's memory, and what guidance carries without the phases, and without the
     // powers of an antenna that turns. What the landing remembers, and what it said last, have bounds
     // of their own (`landing::tests`). The cross-check of the autopilot's word is no part of navigation.
-    let landing = size_of::<landing::State>() + size_of::<Option<Advice>>();
+    let landing = size_of::<landing::State>() + size_of::<Option<landing::Output>>();
     let others = size_of::<phase::State<256>>() + size_of::<turning::State>() + size_of::<Agreement>() + landing;
     let carried = size_of::<State<256>>() - others;
     let bytes = size_of::<Workspace>() + size_of::<planner::Planner>() + carried;

@@ -1,4 +1,4 @@
-//! Seeking with an antenna that turns with the vehicle ([`rss`]), where no array tells a direction.
+//! Seeking with an antenna that turns with the vehicle ([`rotating`]), where no array tells a direction.
 //!
 //! Either there is one directional antenna only, or four of them, of which fewer than three live: those that are left have no
 //! phases to compare, but each still hears more from ahead of it than from behind. While the seeker is in use the vehicle
@@ -20,7 +20,7 @@ use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::control::track::Demand;
 use crate::doa::bearing::{Bearing, Flags};
-use crate::doa::rss::{self, Outcome, Rotation, direction};
+use crate::doa::rotating::{self, Outcome, Rotation, direction};
 use crate::guidance::mission::{self, Mission};
 use crate::localize::pursuit;
 use crate::localize::source::{Estimate, Sighting};
@@ -60,12 +60,12 @@ pub enum Role {
 pub struct Config {
     /// When the vehicle turns.
     pub role: Role,
-    /// Where each channel's antenna points, from the nose, clockwise positive. What `rss` says is added.
+    /// Where each channel's antenna points, from the nose, clockwise positive. What `rotating` says is added.
     pub boresights_rad: [f32; CHANNELS],
     /// How fast it turns; negative to the left.
     pub yaw_rate_radps: f32,
     /// Power into rotations.
-    pub rss: rss::Config,
+    pub rotating: rotating::Config,
     /// Rotations into a course.
     pub pursuit: pursuit::Config,
 }
@@ -76,7 +76,7 @@ impl Default for Config {
             role: Role::Fallback,
             boresights_rad: [0.0; CHANNELS],
             yaw_rate_radps: 1.2,
-            rss: rss::Config::default(),
+            rotating: rotating::Config::default(),
             pursuit: pursuit::Config {
                 direction: direction::Config { outlier_rate: OUTLIER_RATE, ..direction::Config::default() },
                 ..pursuit::Config::default()
@@ -104,8 +104,8 @@ impl Config {
             return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
         }
         let turn_s = core::f32::consts::TAU / speed_radps;
-        if turn_s > 0.8 * self.rss.rotation_max_s {
-            let why = Why::Inconsistent("a rotation at that rate takes longer than rss.rotation_max_s");
+        if turn_s > 0.8 * self.rotating.rotation_max_s {
+            let why = Why::Inconsistent("a rotation at that rate takes longer than rotating.rotation_max_s");
             return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
         }
         let patience_s = MISSION_TURNS * turn_s;
@@ -123,8 +123,8 @@ impl Config {
             boresights_rad: self.boresights_rad,
             yaw_rate_radps: self.yaw_rate_radps,
             contrast_max_db: CONTRAST_MAX
-                * (self.rss.pattern.gain_db(0.0) - self.rss.pattern.gain_db(core::f32::consts::PI)),
-            seeker: self.rss.build()?,
+                * (self.rotating.pattern.gain_db(0.0) - self.rotating.pattern.gain_db(core::f32::consts::PI)),
+            seeker: self.rotating.build()?,
             pursuer: self.pursuit.build()?,
             mission: mission.build()?,
         })
@@ -138,7 +138,7 @@ pub struct Turning {
     boresights_rad: [f32; CHANNELS],
     yaw_rate_radps: f32,
     contrast_max_db: f32,
-    seeker: rss::Seeker,
+    seeker: rotating::Seeker,
     pursuer: pursuit::Pursuer,
     /// The mission's limits while the vehicle turns.
     pub mission: Mission,
@@ -147,7 +147,7 @@ pub struct Turning {
 /// The rotation under way, and what was learned from those before.
 #[derive(Clone, Debug, Default)]
 pub struct State {
-    rss: rss::State,
+    rotating: rotating::State,
     pursuit: pursuit::State<2>,
     /// The channel that is listened to.
     channel: u8,
@@ -230,7 +230,7 @@ impl Turning {
         let power_db = phasors.map_or(bearing.quality.snr_db, |phasors| power_db(phasors, channel));
         let boresight_rad = self.boresights_rad.get(channel).copied().unwrap_or(0.0);
         let antenna_rad = ownship.yaw_at(time) + boresight_rad;
-        let outcome = self.seeker.step(&mut state.rss, time, antenna_rad, power_db)?;
+        let outcome = self.seeker.step(&mut state.rotating, time, antenna_rad, power_db)?;
         state.from_ned_m = Some(here);
         let nothing = |flags: Flags| Turned {
             bearing: Bearing { valid: false, azimuth_rad: 0.0, sigma_rad: core::f32::consts::PI, flags, ..*bearing },
@@ -242,7 +242,7 @@ impl Turning {
         }
         if rotation.contrast_db > self.contrast_max_db || rotation.independent_sigma_rad() > SIGMA_MAX_RAD {
             // Nor may the next one remember it.
-            state.rss = rss::State::new();
+            state.rotating = rotating::State::new();
             return Some(nothing(Flags::NO_SIGNAL));
         }
         self.pursue(state, &rotation, from.plus(here).times(0.5), ownship, depression_rad)
@@ -318,7 +318,7 @@ mod tests {
     /// A vehicle that turns on its way from the origin to the north, past a source.
     struct Flight {
         turning: Turning,
-        pattern: rss::pattern::Config,
+        pattern: rotating::pattern::Config,
         state: State,
         rng: Rng,
         tick: u64,
@@ -333,7 +333,7 @@ mod tests {
         fn new(config: &Config, source: Horizontal) -> Self {
             Self {
                 turning: config.build(&mission::Config::default(), 2.5).unwrap(),
-                pattern: config.rss.pattern,
+                pattern: config.rotating.pattern,
                 state: State::default(),
                 rng: Rng::new(7, 3),
                 tick: 0,
@@ -529,7 +529,7 @@ mod tests {
         let turning = alone().build(&mission::Config::default(), 2.5).unwrap();
         let outcome = |age_s: f32| {
             let now = Instant(100_000_000);
-            let facts = mission::Facts {
+            let input = mission::Input {
                 now,
                 control: mission::Control::Granted,
                 position: Some(now),
@@ -542,7 +542,7 @@ mod tests {
                 is_arriving: false,
                 place_ned_m: Horizontal::default(),
             };
-            turning.mission.admit(&mut mission::State::default(), &facts)
+            turning.mission.admit(&mut mission::State::default(), &input)
         };
         assert_eq!((outcome(10.5), outcome(12.0)), (mission::Outcome::Nominal, mission::Outcome::NoSignal));
     }
@@ -559,7 +559,7 @@ mod tests {
         for yaw_rate_radps in [0.0, f32::NAN, 2.6, -2.6, 0.35] {
             assert_eq!(refused(&|config| config.yaw_rate_radps = yaw_rate_radps), "turning.yaw_rate_radps");
         }
-        assert_eq!(refused(&|config| config.rss.memory = 1.0), "rss.memory");
+        assert_eq!(refused(&|config| config.rotating.memory = 1.0), "rotating.memory");
         let bytes = size_of::<State>();
         assert!(bytes <= 960, "{bytes}");
     }

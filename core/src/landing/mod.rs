@@ -227,7 +227,7 @@ impl Reason {
 
 /// Everything that a step may know.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts<'a> {
+pub struct Input<'a> {
     /// The time of the step.
     pub now: Instant,
     /// The vehicle as last heard, if it is plausible.
@@ -265,7 +265,7 @@ pub struct Target {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Advice {
+pub struct Output {
     /// Where in the last metres the vehicle is.
     pub stage: Stage,
     /// Velocity, horizontal in NED and down; `None` where the planner is to be followed.
@@ -380,19 +380,19 @@ struct Wish {
 
 impl Lander {
     /// One step.
-    pub fn step(&self, state: &mut State, facts: &Facts<'_>) -> Advice {
-        let tick_s = if facts.tick_s > 1e-3 && facts.tick_s < 0.2 { facts.tick_s } else { 0.02 };
-        let now = facts.now;
+    pub fn step(&self, state: &mut State, input: &Input<'_>) -> Output {
+        let tick_s = if input.tick_s > 1e-3 && input.tick_s < 0.2 { input.tick_s } else { 0.02 };
+        let now = input.now;
         let is_fresh =
             |at: Instant| now.seconds_since(at) < OWNSHIP_AGE_MAX_S && at.seconds_since(now) < OWNSHIP_AGE_MAX_S;
-        let heard = facts.ownship.filter(|ownship| {
+        let heard = input.ownship.filter(|ownship| {
             ownship.is_plausible() && is_fresh(ownship.position_time) && is_fresh(ownship.attitude_time)
         });
         let Some(ownship) = heard else { return self.hold_blindly(state, tick_s) };
         if let Some(jump) = state.poses.note(ownship) {
             state.shift(jump);
         }
-        let height_m = facts.height_m.filter(|height_m| *height_m > 0.0 && *height_m < FINDER_MAX_M);
+        let height_m = input.height_m.filter(|height_m| *height_m > 0.0 && *height_m < FINDER_MAX_M);
         let place = pose::carried(ownship, now);
         let here = Here {
             now,
@@ -409,29 +409,29 @@ impl Lander {
             pitch_rad: ownship.pitch_rad,
             yaw_rad: ownship.yaw_at(now),
         };
-        if let Some(bearing) = facts.bearing {
+        if let Some(bearing) = input.bearing {
             let pose = state.poses.at(bearing.time).unwrap_or(pose);
             self.arrival.hear(&mut state.arrival, bearing, &pose, height_m);
         }
-        if let Some(estimate) = facts.estimate {
+        if let Some(estimate) = input.estimate {
             self.arrival.suggest(&mut state.arrival, estimate, &pose, height_m);
         }
-        self.look(state, facts.look.as_ref(), &here);
-        let verdict = self.arrival.judge(&mut state.arrival, now, place, facts.estimate, tick_s);
+        self.look(state, input.look.as_ref(), &here);
+        let verdict = self.arrival.judge(&mut state.arrival, now, place, input.estimate, tick_s);
 
-        state.blocked_s = if facts.is_blocked { state.blocked_s + tick_s } else { 0.0 };
+        state.blocked_s = if input.is_blocked { state.blocked_s + tick_s } else { 0.0 };
         self.mind_time(state, now);
-        let wish = self.act(state, facts, &here, verdict);
+        let wish = self.act(state, input, &here, verdict);
         let demand = wish.map(|wish| self.limited(state, wish, tick_s));
         if demand.is_none() {
             // What the planner has the vehicle do is where a demand will begin.
             state.velocity_ned_mps = here.velocity_ned_mps.clamped(self.config.centring.speed_max_mps);
             state.down_mps = 0.0;
         }
-        self.advice(state, demand, &here)
+        self.output(state, demand, &here)
     }
 
-    fn advice(&self, state: &State, demand: Option<(Horizontal, f32)>, here: &Here) -> Advice {
+    fn output(&self, state: &State, demand: Option<(Horizontal, f32)>, here: &Here) -> Output {
         let target = if state.track.is_sure() {
             let (place_ned_m, sigma_m) = (state.track.place_ned_m(), state.track.sigma_m());
             Some(Target { place_ned_m, sigma_m, is_pad: true })
@@ -441,7 +441,7 @@ impl Lander {
         };
         let is_there =
             state.stage == Stage::Landed || (state.stage == Stage::HandedOver && state.reason == Some(Reason::Arrived));
-        Advice {
+        Output {
             stage: state.stage,
             demand,
             reason: state.reason,
@@ -451,14 +451,14 @@ impl Lander {
     }
 
     /// Without a word of the own vehicle.
-    fn hold_blindly(&self, state: &mut State, tick_s: f32) -> Advice {
+    fn hold_blindly(&self, state: &mut State, tick_s: f32) -> Output {
         if state.stage == Stage::Seeking {
-            return Advice { reason: Some(Reason::NoOwnship), ..Advice::default() };
+            return Output { reason: Some(Reason::NoOwnship), ..Output::default() };
         }
         let demand = self.limited(state, Wish::default(), tick_s);
         let is_over = matches!(state.stage, Stage::HandedOver | Stage::Landed);
         let reason = if is_over { state.reason } else { Some(Reason::NoOwnship) };
-        Advice { stage: state.stage, demand: Some(demand), reason, ..Advice::default() }
+        Output { stage: state.stage, demand: Some(demand), reason, ..Output::default() }
     }
 
     /// Frames -> pad.

@@ -2,7 +2,7 @@
 
 use super::arrival::Verdict;
 use super::search::{self, End, Search};
-use super::{Facts, Here, Lander, Reason, Stage, State, Wish};
+use super::{Here, Input, Lander, Reason, Stage, State, Wish};
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 use crate::base::units::between;
@@ -60,20 +60,20 @@ impl Lander {
     }
 
     /// The wish of this step; `None` where it is the planner's.
-    pub(super) fn act(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
+    pub(super) fn act(&self, state: &mut State, input: &Input<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
         match state.stage {
-            Stage::Seeking => self.seek(state, facts, here, verdict),
+            Stage::Seeking => self.seek(state, input, here, verdict),
             Stage::Approaching => Some(self.approach(state, here, verdict)),
-            Stage::SearchingBeacon => Some(self.search_beacon(state, facts, here, verdict)),
-            Stage::SearchingPad => Some(self.search_pad(state, facts, here)),
-            Stage::Centring | Stage::Descending => Some(self.center(state, facts, here)),
+            Stage::SearchingBeacon => Some(self.search_beacon(state, input, here, verdict)),
+            Stage::SearchingPad => Some(self.search_pad(state, input, here)),
+            Stage::Centring | Stage::Descending => Some(self.center(state, input, here)),
             Stage::Recovering => Some(self.recover(state, here)),
-            Stage::Committed => Some(self.commit(state, facts, here)),
+            Stage::Committed => Some(self.commit(state, input, here)),
             Stage::Landed | Stage::HandedOver => Some(Wish::default()),
         }
     }
 
-    fn seek(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
+    fn seek(&self, state: &mut State, input: &Input<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
         let now = here.now;
         let begin = |state: &mut State, stage: Stage| {
             state.enter(stage, None, now);
@@ -96,14 +96,14 @@ impl Lander {
             }
             Verdict::Far | Verdict::Near(_) => {}
         }
-        if self.is_found(state, now) && self.is_of_beacon(state, facts, verdict) {
+        if self.is_found(state, now) && self.is_of_beacon(state, input, verdict) {
             begin(state, Stage::Centring);
         }
         (state.stage != Stage::Seeking).then_some(Wish::default())
     }
 
     /// Whether the pad in sight is where the beacon is.
-    fn is_of_beacon(&self, state: &State, facts: &Facts<'_>, verdict: Verdict) -> bool {
+    fn is_of_beacon(&self, state: &State, input: &Input<'_>, verdict: Verdict) -> bool {
         let pad = state.track.place_ned_m().horizontal();
         let by_fix = match verdict {
             Verdict::Far => None,
@@ -112,7 +112,7 @@ impl Lander {
             }
         };
         let known = |estimate: &&Estimate| estimate.covariance_m2[0] + estimate.covariance_m2[2] < 4.0;
-        let beacon = by_fix.or(facts.estimate.filter(known).map(|estimate| estimate.place_ned_m));
+        let beacon = by_fix.or(input.estimate.filter(known).map(|estimate| estimate.place_ned_m));
         beacon.is_some_and(|beacon| beacon.minus(pad).norm_squared() < PAD_FROM_BEACON_M * PAD_FROM_BEACON_M)
     }
 
@@ -187,8 +187,8 @@ impl Lander {
         state.enter(Stage::SearchingPad, None, here.now);
     }
 
-    fn search_beacon(&self, state: &mut State, facts: &Facts<'_>, here: &Here, verdict: Verdict) -> Wish {
-        if self.is_found(state, here.now) && self.is_of_beacon(state, facts, verdict) {
+    fn search_beacon(&self, state: &mut State, input: &Input<'_>, here: &Here, verdict: Verdict) -> Wish {
+        if self.is_found(state, here.now) && self.is_of_beacon(state, input, verdict) {
             state.enter(Stage::Centring, None, here.now);
             return Wish::default();
         }
@@ -205,10 +205,10 @@ impl Lander {
             state.enter(Stage::Seeking, Some(Reason::Ambiguous), here.now);
             return Wish::default();
         }
-        self.search_on(state, facts, here, Reason::SearchLimit)
+        self.search_on(state, input, here, Reason::SearchLimit)
     }
 
-    fn search_pad(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+    fn search_pad(&self, state: &mut State, input: &Input<'_>, here: &Here) -> Wish {
         if self.is_found(state, here.now) {
             state.enter(Stage::Centring, None, here.now);
             return Wish::default();
@@ -222,12 +222,12 @@ impl Lander {
             (false, true) => Reason::NoHeight,
             (false, false) => Reason::NoPad,
         };
-        self.search_on(state, facts, here, reason)
+        self.search_on(state, input, here, reason)
     }
 
     /// On with the search; at its end that reason.
-    fn search_on(&self, state: &mut State, facts: &Facts<'_>, here: &Here, reason: Reason) -> Wish {
-        let progress = self.search.step(&mut state.search, here.place_ned_m, facts.is_blocked, here.now, here.tick_s);
+    fn search_on(&self, state: &mut State, input: &Input<'_>, here: &Here, reason: Reason) -> Wish {
+        let progress = self.search.step(&mut state.search, here.place_ned_m, input.is_blocked, here.now, here.tick_s);
         let reason = match progress {
             search::Progress::Towards(corner) => {
                 return self.hover(state, corner, here, HEIGHT_ASSUMED_M, self.search.speed_mps());
@@ -248,14 +248,14 @@ impl Lander {
         Wish { velocity_ned_mps, down_mps: 0.0 }
     }
 
-    fn center(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+    fn center(&self, state: &mut State, input: &Input<'_>, here: &Here) -> Wish {
         let (c, now) = (&self.config.centring, here.now);
         state.has_found = true;
         let height_m = state.track.height_m(here.down_m);
         let unseen_s = state.track.unseen_s(now);
         let pad = state.track.place_ned_m().horizontal();
         let error_m = pad.minus(here.place_ned_m).norm();
-        if facts.is_landed && height_m < c.commit_m + LOW_M {
+        if input.is_landed && height_m < c.commit_m + LOW_M {
             state.enter(Stage::Landed, Some(Reason::Landed), now);
             return Wish::default();
         }
@@ -337,15 +337,15 @@ impl Lander {
         Wish { down_mps, ..self.hover(state, pad, here, height_m, self.pilot.speed_mps(height_m)) }
     }
 
-    fn commit(&self, state: &mut State, facts: &Facts<'_>, here: &Here) -> Wish {
+    fn commit(&self, state: &mut State, input: &Input<'_>, here: &Here) -> Wish {
         let (c, now) = (&self.config.centring, here.now);
         let height_m = state.track.height_m(here.down_m);
         let pad = state.track.place_ned_m().horizontal();
         let error_m = pad.minus(here.place_ned_m).norm();
         let is_told = state.down_mps > 0.5 * c.commit_mps;
-        let stands = is_told && !facts.is_blocked && libm::fabsf(here.down_mps) < STANDS_MPS;
+        let stands = is_told && !input.is_blocked && libm::fabsf(here.down_mps) < STANDS_MPS;
         state.stands_s = if stands { state.stands_s + here.tick_s } else { 0.0 };
-        if facts.is_landed || (state.stands_s > STANDS_S && height_m < LOW_M) {
+        if input.is_landed || (state.stands_s > STANDS_S && height_m < LOW_M) {
             state.enter(Stage::Landed, Some(Reason::Landed), now);
             return Wish::default();
         }

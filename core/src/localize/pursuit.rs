@@ -13,7 +13,7 @@ use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
 use crate::localize::source::{Estimate, Heard, Sighting, polar};
 
-use crate::doa::rss::direction;
+use crate::doa::rotating::direction;
 
 /// The direction has to be known this well to begin with.
 const START_SIGMA_RAD: f32 = 0.4;

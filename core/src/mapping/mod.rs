@@ -1,8 +1,8 @@
-//! What is in the way: hits become circles and walls that are remembered, and where has been looked is kept. It may import
+//! Obstacles: hits become circles and walls that are remembered, and which places the sensor has seen is kept. It may import
 //! `base`.
 
-pub mod lor;
+pub mod coverage;
 pub mod map;
 pub mod scan;
-pub mod sight;
 pub mod tracks;
+pub mod walls;

@@ -23,6 +23,7 @@ mod flash;
 mod interrupt;
 mod registers;
 mod uart;
+mod vectors;
 mod watchdog;
 
 use core::fmt;

@@ -167,10 +167,10 @@ pub(super) fn guidance_config(draw: &mut Draw<'_>) -> guidance::Config {
     config.planner.vehicle_radius_m = config.guard.vehicle_radius_m;
     if draw.flag() {
         config.map.moving_memory_s = draw.field(config.map.moving_memory_s, 0.1, 60.0);
-        config.map.clear_looks = draw.below(6);
+        config.map.clear_scans = draw.below(6);
         config.goal.target_distance_m = draw.field(config.goal.target_distance_m, 0.5, 20.0);
-        config.response.dead_time_s = draw.field(config.response.dead_time_s, 0.0, 0.1);
-        config.response.lag_s = draw.field(config.response.lag_s, 0.0, 5.0);
+        config.vehicle_model.dead_time_s = draw.field(config.vehicle_model.dead_time_s, 0.0, 0.1);
+        config.vehicle_model.lag_s = draw.field(config.vehicle_model.lag_s, 0.0, 5.0);
         config.track.kp_per_s = draw.field(config.track.kp_per_s, 0.1, 20.0);
         config.track.ki_per_s2 = draw.field(config.track.ki_per_s2, 0.0, 10.0);
         config.track.kd = draw.field(config.track.kd, 0.0, 0.9);

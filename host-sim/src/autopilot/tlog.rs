@@ -99,7 +99,7 @@ pub fn read_raw(mut bytes: &[u8]) -> Summary {
 
 /// Counts the frames of a log with time stamps, which are not skipped bytes.
 ///
-/// A record is taken at its word while a frame with a right checksum stands behind its time stamp. Elsewhere bytes are
+/// A record is trusted while a frame with a right checksum stands behind its time stamp. Elsewhere bytes are
 /// skipped one by one until that holds again, as the framer does.
 #[must_use]
 pub fn read_stamped(bytes: &[u8]) -> Summary {

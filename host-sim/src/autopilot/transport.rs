@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `tcp:HOST:PORT` | listens there; called again when it hangs up |
 //! | `udp:HOST:PORT`, `udpout:` | listens there; the answers may come from another port of it |
-//! | `udpin:HOST:PORT` | sends to this port of ours; whoever speaks first is answered |
+//! | `udpin:HOST:PORT` | sends to this port of ours; the first sender is answered |
 //! | `serial:DEVICE:BAUD` | is wired to a serial port: 8 data bits, no parity, no flow control |
 
 use std::fmt;
@@ -139,7 +139,7 @@ enum Kind {
 }
 
 impl Line {
-    /// The companion's end. That nobody is there yet is no error.
+    /// The companion's end. A peer that is not there yet is no error.
     ///
     /// # Errors
     /// A host that cannot be found, a port that is taken, a device that is missing or no serial port.
@@ -176,7 +176,7 @@ impl Line {
         })
     }
 
-    /// Whether there is somebody to write to, as far as one can know. Opens again what broke.
+    /// Whether a peer is there to write to, as far as can be known. Opens again what broke.
     pub fn is_open(&mut self) -> bool {
         match &mut self.0 {
             Kind::Tcp(tcp) => tcp.is_open(),

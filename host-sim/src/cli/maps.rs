@@ -107,7 +107,7 @@ struct MapLine {
     variance: f64,
     pillars: usize,
     pairs: usize,
-    /// Share of the pairs drawn between which there was a way.
+    /// Share of the drawn pairs between which there was a path.
     #[serde(skip_serializing_if = "Option::is_none")]
     reachable_share: Option<f64>,
 }

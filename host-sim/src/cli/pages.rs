@@ -66,7 +66,7 @@ pub(super) fn manual(cli: &Cli, args: &ManCommand) -> Result<ExitCode, InputErro
         None => &all,
         Some(name) => all.find_subcommand(name).ok_or_else(|| {
             let names: Vec<&str> = all.get_subcommands().map(Command::get_name).collect();
-            InputError::new(format!("COMMAND `{name}`: there is none; known: {}", names.join(", ")))
+            InputError::new(format!("COMMAND `{name}`: unknown; valid: {}", names.join(", ")))
         })?,
     };
     say(&page(of)?);

@@ -85,7 +85,7 @@ impl Cli {
         styled(ProgressBar::with_draw_target(Some(length), self.target()), &template)
     }
 
-    /// That something is under way, of which nobody knows how long it takes.
+    /// That something is in progress, for an unknown time.
     pub(super) fn spinner(&self, doing: &str) -> ProgressBar {
         let template = format!("{{spinner:.green}} {doing}, {{elapsed}} so far");
         let spinner = styled(ProgressBar::with_draw_target(None, self.target()), &template);

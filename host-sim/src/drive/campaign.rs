@@ -6,11 +6,11 @@
 //! planner, spoiled flash). Then the pilot takes over and enters the mode afresh, and the vehicle must fly on, or stand
 //! still and say why. What is asked of every fault:
 //!
-//! - no setpoint outside the limits, and none that moves when the autopilot has told us that it does not obey;
+//! - no setpoint outside the limits, and no moving setpoint while the autopilot reports that it does not obey;
 //! - no pillar touched under our control. What the autopilot flies on by itself after the computer went away is counted
 //!   apart: with `GUID_TIMEOUT` as `docs/hardware/autopilot.md` has it that is a second;
-//! - the computer restarts where the fault ends the program, and nowhere else, and every restart is told to the pilot in the
-//!   words that belong to it;
+//! - the computer restarts where the fault ends the program, and nowhere else, and the pilot gets, for every restart, the
+//!   text that belongs to it;
 //! - a stolen processor makes late steps.
 //!
 //! A mission can be flown again by its seed: the faults are the same, at the same steps. A power cut counts the firmware's time
@@ -57,9 +57,9 @@ pub fn fly_with(elf: &Path, seed: u64, kinds: &[Kind]) -> Result<Report, QemuErr
     let twin = Twin::new(QemuComputer::start_quick(elf, &setup)?, setup);
     let mut trial = Trial::with(twin, &scenario, software, Start::Hovering, Clocks::default(), seed);
     for (name, value) in [("GUID_TIMEOUT", 1.0), ("COM_OF_LOSS_T", 0.5)] {
-        trial.autopilot.set_parameter(name, value);
+        trial.rig.autopilot.set_parameter(name, value);
     }
-    let ends = [trial.world.source, Horizontal::from_xy(scenario.start)];
+    let ends = [trial.rig.world.source, Horizontal::from_xy(scenario.start)];
     let mut flight = Flight::new(trial, software, Random::new(seed, 0xfa17), ends, setup.guidance.guard.v_max_mps);
     let mut report = Report { missions: 1, ..Report::default() };
     flight.run(2.0);
@@ -71,7 +71,7 @@ pub fn fly_with(elf: &Path, seed: u64, kinds: &[Kind]) -> Result<Report, QemuErr
             report.complaints.push(Complaint { fault: number, kind, what: error.to_string() });
             break;
         }
-        if flight.trial.collided {
+        if flight.trial.rig.collided {
             break;
         }
     }

@@ -10,7 +10,7 @@
 //! ([`Pace`]).
 //!
 //! The driver never commands the vehicle: it only ends the flight. Within [`ARRIVED_M`] of the beacon, at a collision, at
-//! a hold for good, at the time limit or when it is told to stop, it pauses the computer, waits until the stream of
+//! a hold for good, at the time limit or when it is stopped, it pauses the computer, waits until the stream of
 //! setpoints has been zero for [`QUIET_S`] and the vehicle is slow, and leaves. Where the computer does not obey, it sends
 //! the zeros itself. The last setpoint is zero, however the flight ends.
 
@@ -215,7 +215,7 @@ pub struct Flown {
     pub missed_steps: u32,
 }
 
-/// Waits for somebody at the other end of the line; false when told to stop or after `limit_s`.
+/// Waits for a peer at the other end of the line; false when stopped or after `limit_s`.
 pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -> bool {
     let begin = WallInstant::now();
     while !line.is_open() {
@@ -229,13 +229,13 @@ pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -
     true
 }
 
-/// The report of a flight that never began, because nobody was at the other end.
+/// The report of a flight that never began, because no peer was at the other end.
 #[must_use]
 pub fn nobody_there(config: &Config) -> Report {
     Tally::new(Horizontal::default(), config.drone_radius_m).report(config.seed, Ending::Timeout, Outcome::LinkLost)
 }
 
-/// Flies with a computer until the flight has an end; `stop` ends it at any time. `watch` is told how things stand, and, while
+/// Flies with a computer until the flight has an end; `stop` ends it at any time. `watch` is called with the state, and, while
 /// the autopilot says where it is, shown the step as if that were the truth.
 ///
 /// # Errors

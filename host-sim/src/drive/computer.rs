@@ -118,7 +118,7 @@ pub trait Computer {
         Vec::new()
     }
 
-    /// The bodies that it follows, where one can look into it.
+    /// The objects that it tracks, where its state can be read.
     fn followed(&self) -> Vec<Track> {
         Vec::new()
     }

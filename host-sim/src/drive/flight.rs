@@ -8,9 +8,8 @@
 //! Where the scenario has a landing the flight goes on until the vehicle has landed, or hovers and hands over: *reached* then
 //! is the ground within the pad, or the air within the goal tolerance of the beacon.
 
-use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
-use foxhound_core::control::response;
+use foxhound_core::control::vehicle_model;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::guidance::{self, turning};
@@ -19,32 +18,24 @@ use foxhound_core::planning::{explore, planner};
 
 use super::computer::Computer;
 use crate::autopilot::{Autopilot, Start, tlog};
-use crate::scenario::{Scenario, SensorModel, Software, VehicleModel, inside};
-use crate::world::air::{Air, Drift};
+use crate::scenario::{Scenario, Software, VehicleModel, inside};
 use crate::world::antennas::Antennas;
-use crate::world::random::Random;
-use crate::world::sensor::View;
-use crate::world::vehicle::Vehicle;
-use crate::world::{Horizontal, Hull, Pose, World, from_core, horizontal, wrap_pi};
+use crate::world::{Horizontal, Pose, World, from_core, horizontal, wrap_pi};
 
 #[cfg(test)]
 mod disturbed;
 mod ears;
-mod landing;
 mod record;
 
+pub use super::landing::{Landing, Picture};
+pub use super::rig::TICK_S;
+use super::rig::{Answer, Rig, When};
 use ears::Ears;
-use landing::Downward;
-pub use landing::{Landing, Picture};
 pub use record::{Ending, FlightError, Moment, Record, Replan, Report, Sample};
 
-/// Length of one step.
-pub const TICK_S: f64 = 0.02;
 const TICK_US: u64 = 20_000;
 /// Parts of a step after which the hull is checked.
-const CHECKS_PER_TICK: usize = 4;
-/// Steps from one word of the obstacle sensor to the next: 10 Hz.
-const SENSOR_TICKS: u64 = 5;
+const CHECKS_PER_TICK: u32 = 4;
 /// Steps from one try of the pilot to give control to the next.
 const PILOT_TICKS: u64 = 25;
 /// Steps that a computer hears of another mode, where the mode that gives it control has to be entered after its start.
@@ -92,7 +83,7 @@ impl Mission {
             let [east, north] = scenario.goal.map(|metres| metres as f32);
             config.goal.known_source_ned_m = Some(foxhound_core::base::ned::Horizontal { north, east });
         }
-        config.guard.sight.range_m = scenario.sensor.range_m as f32;
+        config.guard.coverage.range_m = scenario.sensor.range_m as f32;
         // The others are flown as they are.
         if scenario.explore_s > 0.0 && self.planner.kind == planner::Kind::Foxhound {
             config.planner.explore = Some(explore::Config {
@@ -109,8 +100,8 @@ impl Mission {
                 yaw_rate_radps: antenna.turn_deg_per_s.to_radians() as f32,
                 ..turning::Config::default()
             };
-            turning.rss.pattern.exponent = antenna.exponent as f32;
-            turning.rss.pattern.front_to_back_db = antenna.front_to_back_db as f32;
+            turning.rotating.pattern.exponent = antenna.exponent as f32;
+            turning.rotating.pattern.front_to_back_db = antenna.front_to_back_db as f32;
             turning
         });
         config.landing = scenario.landing.map(|landing| core_landing::Config {
@@ -120,20 +111,20 @@ impl Mission {
             request_land: landing.request_land,
             ..core_landing::Config::default()
         });
-        config.planner.sees_m = config.guard.sight.range_m;
+        config.planner.sees_m = config.guard.coverage.range_m;
         config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
-        config.response = match scenario.vehicle.model {
+        config.vehicle_model = match scenario.vehicle.model {
             VehicleModel::Point => {
-                response::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }
+                vehicle_model::Config { dead_time_s: POINT_DEAD_TIME_S, lag_s: scenario.vehicle.lag_s as f32 }
             }
-            VehicleModel::Arducopter => response::Config::default(),
+            VehicleModel::Arducopter => vehicle_model::Config::default(),
         };
         config
     }
 }
 
-/// Flies a mission with a computer; `watch` is told the time as it passes.
+/// Flies a mission with a computer; `watch` is called with the time as it passes.
 ///
 /// # Errors
 /// The computer fails, or the log cannot be written.
@@ -157,17 +148,14 @@ pub fn fly_watched(
     mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Record, FlightError> {
     let scenario = &mission.scenario;
-    let mut world = scenario.peopled(mission.seed);
+    let world = scenario.peopled(mission.seed);
     let start = Horizontal::from_xy(scenario.start);
-    let mut vehicle = Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose_at_start(scenario, &world, start));
-    let mut downward = Downward::new(scenario, &world, mission.seed);
-    let mut autopilot = autopilot_at_start(scenario.vehicle.autopilot, computer.needs_entry());
+    let pose = pose_at_start(scenario, &world, start);
+    let autopilot = autopilot_at_start(scenario.vehicle.autopilot, computer.needs_entry());
     let entry_tick = if computer.needs_entry() { ENTRY_TICKS } else { 0 };
     let mut control_is_due = autopilot.custom_mode != autopilot.companion_mode();
-    let mut air = scenario.wind.map(|wind| Air::new(wind, Random::new(mission.seed, 3)));
-    let mut drift = scenario.position.map(|position| Drift::new(position, Random::new(mission.seed, 4)));
+    let mut rig = Rig::new(scenario, world, autopilot, pose, CHECKS_PER_TICK).disturbed(mission.seed);
     let mut ears = Ears::new(mission);
-    let mut hull = Hull::new(&world, scenario.drone_radius, start);
     let mut path: Vec<Sample> = Vec::new();
     let mut replans = Vec::new();
     let mut bearing_errors = (0.0, 0_u32);
@@ -183,108 +171,71 @@ pub fn fly_watched(
 
         // The pilot gives control as soon as the autopilot lets him, once.
         if control_is_due && tick >= entry_tick && tick % PILOT_TICKS == 0 {
-            control_is_due = !autopilot.select_mode(now_us, autopilot.companion_mode());
+            control_is_due = !rig.autopilot.select_mode(now_us, rig.autopilot.companion_mode());
         }
 
-        // What the autopilot and the obstacle sensor say.
-        let motion = vehicle.motion;
-        let error = drift.as_mut().map_or(Horizontal::default(), |drift| drift.step(TICK_S));
-        let believed = motion.displaced(error);
-        autopilot.telemetry(now_us, &believed, inside(scenario.faults.stale_ownship, time_s));
-        let is_blind = inside(scenario.faults.stale_obstacles, time_s);
-        let looks = tick % SENSOR_TICKS == 0 && !is_blind;
-        let position = horizontal(&motion.pose);
-        let view = View { world: &world, time_s, position, yaw_rad: motion.pose.yaw_rad, sensor: scenario.sensor };
-        let circles =
-            (looks && scenario.sensor.model == SensorModel::Circles).then(|| on_the_map(view.circles(), error));
-        if !is_blind && scenario.sensor.model == SensorModel::Scan {
-            for message in view.scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion) {
-                autopilot.forward(&message);
-            }
-        }
-        if let Some(downward) = &mut downward {
-            if tick % landing::RANGE_TICKS == 0
-                && let Some(range) = downward.range(&motion.pose)
-            {
-                autopilot.find_range(&range);
-            }
-            if let Some(bytes) = downward.look(now_us, &motion) {
-                computer.see(&bytes)?;
-            }
-        }
-        let rx = autopilot.transmit();
-
-        // What the computer makes of it.
-        let now = Instant(match scenario.faults.clock_back_s {
-            Some(at_s) if time_s >= at_s => now_us.saturating_sub(CLOCK_JUMP_US),
-            _ => now_us,
-        });
-        let heard = ears.hear(&world, &motion.pose, now, time_s);
-        let report = computer.step(now, heard.front_end(), circles.as_deref(), &rx)?;
-        if let Some(log) = log.as_deref_mut() {
-            log.bytes(now_us, tlog::Direction::ToCompanion, &rx)?;
-            log.bytes(now_us, tlog::Direction::ToAutopilot, &report.tx)?;
-        }
-        trace_hash = report.output.trace_hash;
-        if let Some(bearing_ned_rad) = report.output.bearing_ned_rad {
-            let truth_rad = world.source_at(time_s).minus(position).bearing_rad();
-            let error_rad = wrap_pi(f64::from(bearing_ned_rad) - truth_rad);
-            bearing_errors = (bearing_errors.0 + error_rad * error_rad, bearing_errors.1 + 1);
-        }
-        if let Some(plan) = report.plan {
-            let target = report.output.target_ned_m.map(from_core);
-            replans.push(Replan { time_s, target, plan });
-        }
-        let outcome = report.output.outcome;
-        let [north_mps, east_mps, _] = motion.velocity_ned_mps;
-        let speed_mps = libm::hypot(north_mps, east_mps);
-        let [_, _, down_m] = motion.pose.position_ned_m;
-        let sample = Sample { time_s, position, yaw_rad: motion.pose.yaw_rad, down_m, speed_mps, outcome };
-        path.push(sample);
-        let (output, computer) = (&report.output, &*computer);
-        let picture = downward.as_ref().and_then(|downward| downward.fresh(time_s));
-        watch(&Moment { world: &world, motion: &motion, sample: &sample, output, computer, picture });
-
-        // What the vehicle does until the next step.
-        clock = Clock::at(computer, tick + 1);
-        let step_s = if computer.next_step_s().is_some() { clock.time_s - time_s } else { TICK_S };
-        autopilot.receive(now_us, &believed, &report.tx);
-        if let Some(air) = &mut air {
-            vehicle.push = air.step(step_s);
-        }
-        world.step_aside(
-            scenario.drone_radius,
-            position,
-            Horizontal { north: north_mps, east: east_mps },
+        let position = horizontal(&rig.vehicle.motion.pose);
+        let when = When {
+            tick,
+            now_us,
             time_s,
-            time_s + step_s,
-        );
-        for part in 1..=CHECKS_PER_TICK {
-            vehicle.step(autopilot.command(now_us), step_s / CHECKS_PER_TICK as f64);
-            if let Some(downward) = &mut downward {
-                downward.touch(vehicle.touch_ground());
+            ownship_is_silent: inside(scenario.faults.stale_ownship, time_s),
+            obstacles_are_silent: inside(scenario.faults.stale_obstacles, time_s),
+        };
+        let output = rig.step(&when, |rig, sensed| {
+            if let Some(bytes) = &sensed.camera {
+                computer.see(bytes)?;
             }
-            let at_s = time_s + step_s * part as f64 / CHECKS_PER_TICK as f64;
-            if hull.collides(&world, horizontal(&vehicle.motion.pose), at_s) {
-                ending = Some(Ending::Collision);
-                break;
+            let now = Instant(match scenario.faults.clock_back_s {
+                Some(at_s) if time_s >= at_s => now_us.saturating_sub(CLOCK_JUMP_US),
+                _ => now_us,
+            });
+            let motion = &sensed.motion;
+            let heard = ears.hear(&rig.world, &motion.pose, now, time_s);
+            let report = computer.step(now, heard.front_end(), sensed.circles.as_deref(), &sensed.rx)?;
+            if let Some(log) = log.as_deref_mut() {
+                log.bytes(now_us, tlog::Direction::ToCompanion, &sensed.rx)?;
+                log.bytes(now_us, tlog::Direction::ToAutopilot, &report.tx)?;
             }
-        }
-        let position_now = horizontal(&vehicle.motion.pose);
+            if let Some(bearing_ned_rad) = report.output.bearing_ned_rad {
+                let truth_rad = rig.world.source_at(time_s).minus(position).bearing_rad();
+                let error_rad = wrap_pi(f64::from(bearing_ned_rad) - truth_rad);
+                bearing_errors = (bearing_errors.0 + error_rad * error_rad, bearing_errors.1 + 1);
+            }
+            if let Some(plan) = report.plan {
+                let target = report.output.target_ned_m.map(from_core);
+                replans.push(Replan { time_s, target, plan });
+            }
+            let outcome = report.output.outcome;
+            let [north_mps, east_mps, _] = motion.velocity_ned_mps;
+            let speed_mps = libm::hypot(north_mps, east_mps);
+            let [_, _, down_m] = motion.pose.position_ned_m;
+            let sample = Sample { time_s, position, yaw_rad: motion.pose.yaw_rad, down_m, speed_mps, outcome };
+            path.push(sample);
+            let picture = rig.downward.as_ref().and_then(|downward| downward.fresh(time_s));
+            let (output, computer) = (&report.output, &*computer);
+            watch(&Moment { world: &rig.world, motion, sample: &sample, output, computer, picture });
+            clock = Clock::at(computer, tick + 1);
+            let step_s = if computer.next_step_s().is_some() { clock.time_s - time_s } else { TICK_S };
+            Ok::<_, FlightError>((Answer { tx: report.tx, step_s }, report.output))
+        })?;
+        trace_hash = output.trace_hash;
+        let position_now = horizontal(&rig.vehicle.motion.pose);
         path_length_m += position_now.minus(position).norm();
         tick += 1;
         let end_s = if computer.next_step_s().is_some() { clock.time_s } else { tick as f64 * TICK_S };
-        let to_goal_m = world.source_at(end_s).minus(position_now).norm();
-        let is_over = match &mut downward {
-            Some(downward) => downward.follow(time_s, &report.output),
+        let to_goal_m = rig.world.source_at(end_s).minus(position_now).norm();
+        let is_over = match &mut rig.downward {
+            Some(downward) => downward.follow(time_s, &output),
             None => to_goal_m <= scenario.goal_tolerance,
         };
-        if ending.is_none() && is_over {
-            let landed = downward.as_ref().map(|downward| downward.ended(&world, time_s, &vehicle.motion.pose));
+        if rig.collided {
+            ending = Some(Ending::Collision);
+        } else if is_over {
+            let landed = rig.landing(time_s);
             let is_reached = landed.is_none_or(|landed| landed.is_there(scenario, to_goal_m));
             ending = Some(if is_reached { Ending::Reached } else { Ending::Hold });
-        }
-        if ending.is_none() && outcome == Outcome::GoalUnreachable && is_still(&path) {
+        } else if output.outcome == Outcome::GoalUnreachable && is_still(&path) {
             ending = Some(Ending::Hold);
         }
     }
@@ -307,19 +258,19 @@ pub fn fly_watched(
         reason: reason.name(),
         time_s,
         path_length_m,
-        straight_line_m: world.source_at(time_s).minus(start).norm(),
-        min_clearance_m: Some(hull.min_clearance_m).filter(|clearance| clearance.is_finite()),
+        straight_line_m: rig.world.source_at(time_s).minus(start).norm(),
+        min_clearance_m: Some(rig.hull.min_clearance_m).filter(|clearance| clearance.is_finite()),
         collisions: u32::from(result == Ending::Collision),
         replans: replans.len() as u32,
         bearing_rms_deg: (bearing_errors.1 > 0)
             .then(|| libm::sqrt(bearing_errors.0 / f64::from(bearing_errors.1)).to_degrees()),
         trace_hash: format!("{trace_hash:016x}"),
-        landing: downward.as_ref().map(|downward| downward.ended(&world, time_s, &vehicle.motion.pose)),
+        landing: rig.landing(time_s),
         expect: scenario.expect.clone(),
         reference_length_m: scenario.reference_length_m.clone(),
     };
     let remembered = computer.remembered();
-    Ok(Record { scenario: scenario.clone(), report, path, replans, remembered, world })
+    Ok(Record { scenario: scenario.clone(), report, path, replans, remembered, world: rig.world })
 }
 
 /// When a step is.
@@ -353,16 +304,6 @@ fn pose_at_start(scenario: &Scenario, world: &World, start: Horizontal) -> Pose 
         yaw_rad: world.source.minus(start).bearing_rad(),
         ..Pose::default()
     }
-}
-
-/// Circles where they are for who believes to be elsewhere.
-fn on_the_map(mut circles: Vec<Circle>, error: Horizontal) -> Vec<Circle> {
-    let error = error.to_core();
-    for circle in &mut circles {
-        circle.center_ned_m.north += error.north;
-        circle.center_ned_m.east += error.east;
-    }
-    circles
 }
 
 /// Whether the vehicle has stood still for the last while.

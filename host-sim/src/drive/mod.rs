@@ -6,7 +6,8 @@
 //! | [`qemu`], [`g474`] | the same as a firmware image: in QEMU, or in an instruction emulator |
 //! | [`flight`] | one closed-loop flight |
 //! | [`suite`], [`maps`] | many flights in parallel, and the maps that they are flown on |
-//! | [`trial`] | the loop step by step, for whoever makes things go wrong |
+//! | [`rig`] | one step of vehicle, autopilot and world: what [`flight`] and [`trial`] drive |
+//! | [`trial`] | the loop step by step, for callers that inject faults |
 //! | [`soak`], [`campaign`] | days of the link, and hundreds of missions, with faults |
 //! | [`companion`] | the loop in real time, beside an autopilot at the end of a line |
 //! | [`replay`] | a flight log once more |
@@ -16,9 +17,11 @@ pub mod companion;
 pub mod computer;
 pub mod flight;
 pub mod g474;
+mod landing;
 pub mod maps;
 pub mod qemu;
 pub mod replay;
+pub mod rig;
 pub mod soak;
 pub mod suite;
 pub mod trial;

@@ -32,7 +32,7 @@ use serde::Serialize;
 use super::computer::BLOCK;
 use crate::scenario::input::InputError;
 
-/// Plans that may wait: one that nobody wants any more, and the next.
+/// Plans that may wait: one that is not wanted any more, and the next.
 const PLANS: usize = 2;
 const SIGMAS: f32 = 3.0;
 /// A frame is known by the time of its middle; from one to the next are 20 ms.

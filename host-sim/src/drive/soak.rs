@@ -76,7 +76,7 @@ pub struct Report {
     pub setpoints_off_grid: u64,
     /// Those that say neither what guidance does nor nothing.
     pub setpoints_wrong: u64,
-    /// The longest time from guidance's word to the setpoint that repeats it, microseconds.
+    /// The longest time from guidance's output to the setpoint that repeats it, microseconds.
     pub setpoint_oldest_us: u64,
     /// Clock requests to us, and answers to them.
     pub clock_requests: u64,
@@ -100,13 +100,13 @@ pub struct Report {
     pub frames: u32,
     /// Frames that it found damaged.
     pub damaged: u32,
-    /// Answers and telemetry for which there was no room.
+    /// Answers and telemetry that did not fit.
     pub dropped: u32,
     /// Bytes of the link's state, all of it.
     pub state_bytes: usize,
 }
 
-/// Keeps the link up for as long as `config` says; `watch` is told the hours as they pass.
+/// Keeps the link up for as long as `config` says; `watch` is called with the hours as they pass.
 ///
 /// # Errors
 /// The field of the link's configuration that is refused.
@@ -438,7 +438,7 @@ pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)
     let mut trial = Trial::new(scenario, config.software, Start::Hovering, config.clocks, config.seed)?;
     let mut random = Random::new(config.seed, 0x1a95);
     let mut laps = Laps::default();
-    let ends = [trial.world.source, crate::world::Horizontal::from_xy(scenario.start)];
+    let ends = [trial.rig.world.source, crate::world::Horizontal::from_xy(scenario.start)];
     let end_us = (config.hours * 3600.0) as u64 * SECOND_US;
     let mut stood_still = false;
     let mut run = |trial: &mut Trial, laps: &mut Laps, seconds: f64| {
@@ -453,9 +453,9 @@ pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)
         }
     };
     run(&mut trial, &mut laps, 2.0);
-    while trial.time_us() < end_us && !trial.collided {
+    while trial.time_us() < end_us && !trial.rig.collided {
         watch(trial.time_us() as f64 / 3.6e9);
-        trial.world.source = ends[(laps.laps % 2) as usize];
+        trial.rig.world.source = ends[(laps.laps % 2) as usize];
         trial.give_control();
         run(&mut trial, &mut laps, 4.0 + 6.0 * random.uniform());
         let now_us = trial.autopilot_us();
@@ -463,40 +463,40 @@ pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)
         (laps.faults[kind], laps.last_fault) = (laps.faults[kind] + 1, kind);
         match kind {
             0 => trial.wire = Some(Wire::new(now_us, 0.02 * random.uniform(), 0.01 * random.uniform())),
-            1 => trial.autopilot.faults.heartbeat_is_silent = true,
-            2 => trial.autopilot.faults.is_silent = true,
+            1 => trial.rig.autopilot.faults.heartbeat_is_silent = true,
+            2 => trial.rig.autopilot.faults.is_silent = true,
             3 => trial.ownship_is_silent = true,
             4 => trial.obstacles_are_silent = true,
-            5 => trial.autopilot.jump(now_us, [3.0 * random.gaussian(), 3.0 * random.gaussian(), 0.0], false),
-            6 => trial.autopilot.reboot(now_us, 1_500_000),
+            5 => trial.rig.autopilot.jump(now_us, [3.0 * random.gaussian(), 3.0 * random.gaussian(), 0.0], false),
+            6 => trial.rig.autopilot.reboot(now_us, 1_500_000),
             _ => trial.computer_stands_still = true,
         }
         let long_s = 0.2 + 6.0 * random.uniform();
         run(&mut trial, &mut laps, long_s);
-        let faults = &mut trial.autopilot.faults;
+        let faults = &mut trial.rig.autopilot.faults;
         (faults.heartbeat_is_silent, faults.is_silent) = (false, false);
         (trial.wire, trial.ownship_is_silent, trial.obstacles_are_silent) = (None, false, false);
         trial.computer_stands_still = false;
         run(&mut trial, &mut laps, 2.0);
         let (now_us, mode) = (trial.autopilot_us(), manual_mode(config.software));
-        trial.autopilot.select_mode(now_us, mode);
+        trial.rig.autopilot.select_mode(now_us, mode);
         run(&mut trial, &mut laps, 1.5);
-        trial.autopilot.arm(now_us);
+        trial.rig.autopilot.arm(now_us);
         trial.give_control();
         let limit_us = trial.time_us() + 180 * SECOND_US;
-        while trial.to_source_m() > 1.0 && trial.time_us() < limit_us && !trial.collided {
+        while trial.to_source_m() > 1.0 && trial.time_us() < limit_us && !trial.rig.collided {
             run(&mut trial, &mut laps, 0.2);
         }
         laps.missed += u64::from(trial.to_source_m() > 1.0);
         laps.laps += u64::from(trial.to_source_m() <= 1.0);
         // The search for the next place of the beacon begins anew.
         let now_us = trial.autopilot_us();
-        trial.autopilot.select_mode(now_us, mode);
+        trial.rig.autopilot.select_mode(now_us, mode);
         run(&mut trial, &mut laps, 3.0);
     }
     Ok(Laps {
         seconds: trial.time_us() / SECOND_US,
-        collided: trial.collided,
+        collided: trial.rig.collided,
         min_clearance_m: trial.min_clearance_m(),
         ..laps
     })

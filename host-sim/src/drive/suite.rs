@@ -351,15 +351,15 @@ pub struct Flown {
     pub path_length_m: f64,
     /// Length of the reference way.
     pub reference_length_m: f64,
-    /// The one over the other; none without a reference.
+    /// The one over the other; `None` without a reference.
     pub length_ratio: Option<f64>,
     /// The same with what was left to the beacon, the goal tolerance.
     pub whole_length_ratio: Option<f64>,
-    /// Smallest distance between hull and pillars; none in a world without pillars.
+    /// Smallest distance between hull and pillars; `None` in a world without pillars.
     pub min_clearance_m: Option<f64>,
     /// Plans made.
     pub replans: u32,
-    /// Error of the valid bearings, rms; none without any.
+    /// Error of the valid bearings, rms; `None` without any.
     pub bearing_rms_deg: Option<f64>,
     /// Hash over every bearing, plan and setpoint.
     pub trace_hash: String,
@@ -398,7 +398,7 @@ impl Flown {
     }
 }
 
-/// Flies many flights, `jobs` at a time; `watch` is told of each when it is done, in no order.
+/// Flies many flights, `jobs` at a time; `watch` is called for each when it is done, in no order.
 ///
 /// # Errors
 /// The configuration is refused, or a computer fails.

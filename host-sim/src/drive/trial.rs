@@ -5,6 +5,8 @@
 //! between the steps. The waves come from where the beacon is and the obstacles are seen from where the vehicle is, whatever the
 //! autopilot believes.
 
+use std::convert::Infallible;
+
 use foxhound_core::ConfigError;
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::time::Instant;
@@ -18,19 +20,17 @@ use foxhound_link::dialect::{
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 
 use super::computer::{BLOCK, Computer, HostComputer};
-use super::flight::{Mission, TICK_S};
+use super::flight::Mission;
+use super::rig::{Answer, Rig, TICK_S, When};
 use crate::autopilot::{Autopilot, Start, Wire};
-use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, Software, VehicleModel};
+use crate::scenario::{self, FLIGHT_DOWN_M, Scenario, SensorModel, Software, VehicleModel};
 use crate::world::antennas::Antennas;
 use crate::world::random::Random;
-use crate::world::sensor::View;
-use crate::world::vehicle::{Motion, Vehicle};
-use crate::world::{Horizontal, Hull, Pose, World};
+use crate::world::vehicle::Motion;
+use crate::world::{Horizontal, Pose};
 
 /// Length of one step.
 pub const STEP_US: u64 = 20_000;
-/// Steps from one word of the obstacle sensor to the next: 10 Hz.
-const SENSOR_STEPS: u64 = 5;
 const SNR_DB: f64 = 20.0;
 const GROUND_STATION: (u8, u8) = (255, 190);
 /// Our system and component.
@@ -55,7 +55,7 @@ pub struct Step {
     pub motion: Motion,
     /// Whether the autopilot obeyed us then: in the mode and armed.
     pub obeyed: bool,
-    /// What guidance published; none while the computer stood still.
+    /// What guidance published; `None` while the computer stood still.
     pub output: Option<Output>,
     /// What we sent.
     pub sent: Vec<(Header, MavMessage)>,
@@ -105,10 +105,8 @@ pub enum Converters {
 /// A flight under way.
 #[derive(Debug)]
 pub struct Trial<C = HostComputer> {
-    /// The autopilot, for its faults and its pilot.
-    pub autopilot: Autopilot,
-    /// The beacon and the pillars.
-    pub world: World,
+    /// The vehicle, its autopilot and the world.
+    pub rig: Rig,
     /// What the bytes of both ways go through.
     pub wire: Option<Wire>,
     /// Position and attitude are not said.
@@ -121,16 +119,11 @@ pub struct Trial<C = HostComputer> {
     pub converters: Converters,
     /// Our clock is so far off, microseconds.
     pub clock_off_us: i64,
-    /// The vehicle has met a pillar.
-    pub collided: bool,
     /// The computer that flies.
     pub computer: C,
-    vehicle: Vehicle,
-    hull: Hull,
     antennas: Antennas,
     frame: AdcFrame<BLOCK>,
     random: Random,
-    sensor: scenario::Sensor,
     clocks: Clocks,
     time_us: u64,
     waiting: Vec<u8>,
@@ -167,6 +160,11 @@ impl<C: Computer> Trial<C> {
     /// The same with a computer that is there already.
     #[must_use]
     pub fn with(computer: C, scenario: &Scenario, software: Software, start: Start, clocks: Clocks, seed: u64) -> Self {
+        let scenario = Scenario {
+            vehicle: vehicle(scenario),
+            sensor: scenario::Sensor { model: SensorModel::Scan, ..scenario.sensor },
+            ..scenario.clone()
+        };
         let world = scenario.world();
         let from = Horizontal::from_xy(scenario.start);
         let down_m = if start == Start::Parked { 0.0 } else { FLIGHT_DOWN_M };
@@ -176,22 +174,17 @@ impl<C: Computer> Trial<C> {
             ..Pose::default()
         };
         Self {
-            autopilot: Autopilot::new(software, start),
-            hull: Hull::new(&world, scenario.drone_radius, from),
-            world,
+            rig: Rig::new(&scenario, world, Autopilot::new(software, start), pose, 1),
             wire: None,
             ownship_is_silent: false,
             obstacles_are_silent: false,
             computer_stands_still: false,
             converters: Converters::Work,
             clock_off_us: 0,
-            collided: false,
-            vehicle: Vehicle::new(vehicle(scenario), scenario.limits.a_max, pose),
             computer,
             frame: AdcFrame::zeroed(),
             antennas: Antennas { snr_db: Some(SNR_DB), ..Antennas::default() },
             random: Random::new(seed, 1),
-            sensor: scenario.sensor,
             clocks,
             time_us: 0,
             waiting: Vec::new(),
@@ -215,25 +208,25 @@ impl<C: Computer> Trial<C> {
     /// How the vehicle really moves.
     #[must_use]
     pub const fn motion(&self) -> Motion {
-        self.vehicle.motion
+        self.rig.vehicle.motion
     }
 
     /// Horizontal distance to the beacon.
     #[must_use]
     pub fn to_source_m(&self) -> f64 {
-        self.world.source.minus(place(&self.vehicle.motion)).norm()
+        self.rig.world.source.minus(place(&self.rig.vehicle.motion)).norm()
     }
 
     /// The least distance of the hull to a pillar so far.
     #[must_use]
     pub const fn min_clearance_m(&self) -> f64 {
-        self.hull.min_clearance_m
+        self.rig.hull.min_clearance_m
     }
 
     /// The pilot chooses the mode in which a companion is obeyed; false where the autopilot refuses.
     pub fn give_control(&mut self) -> bool {
-        let (now_us, mode) = (self.autopilot_us(), self.autopilot.companion_mode());
-        self.autopilot.select_mode(now_us, mode)
+        let (now_us, mode) = (self.autopilot_us(), self.rig.autopilot.companion_mode());
+        self.rig.autopilot.select_mode(now_us, mode)
     }
 
     /// A ground station says something, to us.
@@ -274,67 +267,75 @@ impl<C: Computer> Trial<C> {
 
     /// Flies on for one step.
     pub fn step(&mut self) -> Step {
-        let (time_us, theirs_us) = (self.time_us, self.autopilot_us());
+        let time_us = self.time_us;
+        let when = When {
+            tick: time_us / STEP_US,
+            now_us: self.autopilot_us(),
+            time_s: time_us as f64 * 1e-6,
+            ownship_is_silent: self.ownship_is_silent,
+            obstacles_are_silent: self.obstacles_are_silent,
+        };
         let now = Instant((self.clocks.ours_us + time_us).saturating_add_signed(self.clock_off_us));
-        let motion = self.vehicle.motion;
-        self.autopilot.telemetry(theirs_us, &motion, self.ownship_is_silent);
-        if (time_us / STEP_US).is_multiple_of(SENSOR_STEPS) && !self.obstacles_are_silent {
-            let (position, yaw_rad) = (place(&motion), motion.pose.yaw_rad);
-            let view = View { world: &self.world, time_s: 0.0, position, yaw_rad, sensor: self.sensor };
-            view.scan(theirs_us).for_each(|message| self.autopilot.forward(&message));
-        }
-        let obeyed = self.autopilot.armed && self.autopilot.custom_mode == self.autopilot.companion_mode();
-        let heard = self.autopilot.transmit();
-        self.waiting.extend(match &mut self.wire {
-            Some(wire) => wire.to_companion(&heard),
-            None => heard,
-        });
-        let (output, tx) = self.compute(now, &motion);
-        let sent = self.read(&tx);
-        let arriving = match &mut self.wire {
-            Some(wire) => wire.to_autopilot(&tx),
-            None => tx,
-        };
-        self.autopilot.receive(theirs_us, &motion, &arriving);
-        self.vehicle.step(self.autopilot.command(theirs_us), TICK_S);
-        self.collided |= self.hull.collides(&self.world, place(&self.vehicle.motion), 0.0);
-        self.time_us += STEP_US;
-        Step { time_us, motion, obeyed, output, sent }
-    }
-
-    fn compute(&mut self, now: Instant, motion: &Motion) -> (Option<Output>, Vec<u8>) {
-        if self.computer_stands_still {
-            return (None, Vec::new());
-        }
-        let source = [self.world.source.north, self.world.source.east, self.world.source_down_m];
-        if self.converters == Converters::Work {
-            self.frame = self.antennas.frame(now, &motion.pose, source, &mut self.random);
-        }
-        // Whoever brings the codes stamps them.
-        self.frame.time = now;
-        let front_end = match self.converters {
-            Converters::Stop => FrontEnd::Nothing,
-            _ => FrontEnd::Frame(&self.frame),
-        };
-        let rx = std::mem::take(&mut self.waiting);
-        match self.computer.step(now, front_end, None, &rx) {
-            Ok(report) => (Some(report.output), report.tx),
-            Err(_) => (None, Vec::new()),
-        }
-    }
-
-    fn read(&mut self, mut bytes: &[u8]) -> Vec<(Header, MavMessage)> {
-        let mut sent = Vec::new();
-        while !bytes.is_empty() {
-            bytes = &bytes[self.framer.push(bytes)..];
-            while let Some(frame) = self.framer.next_frame() {
-                if let (header, Some(message)) = (frame.header, frame.message()) {
-                    sent.push((header, message));
+        let motion = self.motion();
+        let Self {
+            rig,
+            wire,
+            computer_stands_still,
+            converters,
+            computer,
+            antennas,
+            frame,
+            random,
+            waiting,
+            framer,
+            ..
+        } = self;
+        let Ok(step) = rig.step(&when, |rig, sensed| {
+            let obeyed = rig.autopilot.armed && rig.autopilot.custom_mode == rig.autopilot.companion_mode();
+            match wire {
+                Some(wire) => waiting.extend(wire.to_companion(&sensed.rx)),
+                None => waiting.extend_from_slice(&sensed.rx),
+            }
+            let (mut output, mut tx) = (None, Vec::new());
+            if !*computer_stands_still {
+                let source = [rig.world.source.north, rig.world.source.east, rig.world.source_down_m];
+                if *converters == Converters::Work {
+                    *frame = antennas.frame(now, &motion.pose, source, random);
+                }
+                // The codes are stamped when they are brought, however old they are.
+                frame.time = now;
+                let front_end = match converters {
+                    Converters::Stop => FrontEnd::Nothing,
+                    _ => FrontEnd::Frame(frame),
+                };
+                if let Ok(report) = computer.step(now, front_end, None, &std::mem::take(waiting)) {
+                    (output, tx) = (Some(report.output), report.tx);
                 }
             }
-        }
-        sent
+            let sent = read(framer, &tx);
+            if let Some(wire) = wire {
+                tx = wire.to_autopilot(&tx);
+            }
+            let step = Step { time_us, motion, obeyed, output, sent };
+            Ok::<_, Infallible>((Answer { tx, step_s: TICK_S }, step))
+        });
+        self.time_us += STEP_US;
+        step
     }
+}
+
+/// The messages in what we sent.
+fn read(framer: &mut Framer, mut bytes: &[u8]) -> Vec<(Header, MavMessage)> {
+    let mut sent = Vec::new();
+    while !bytes.is_empty() {
+        bytes = &bytes[framer.push(bytes)..];
+        while let Some(frame) = framer.next_frame() {
+            if let (header, Some(message)) = (frame.header, frame.message()) {
+                sent.push((header, message));
+            }
+        }
+    }
+    sent
 }
 
 /// The value of a parameter in what was sent, if it was.
@@ -348,7 +349,7 @@ pub fn parameter(step: &Step, name: &str) -> Option<f32> {
     })
 }
 
-/// It answers as an autopilot does, and guidance is told so.
+/// It responds as an autopilot does, and guidance is configured for that.
 const fn vehicle(scenario: &Scenario) -> scenario::Vehicle {
     scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario.vehicle }
 }

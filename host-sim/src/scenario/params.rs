@@ -13,7 +13,7 @@ use super::input::{InputError, read_text};
 /// Samples in a frame, which decide how fine a tone's band can be.
 const SAMPLES: usize = 256;
 
-/// The parameters that somebody gave, and all values that come of it.
+/// The parameters that were given, and all values that follow.
 #[derive(Clone, Debug, Default)]
 pub struct Given {
     values: Values,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::input::{InputError, check};
 
-/// Nearer than this nobody is when the vehicle starts.
+/// People are farther away than this when the vehicle starts.
 const START_FREE_M: f64 = 1.5;
 
 /// Somebody, or some side by side, who walk. They go where `route` and `heading_deg` say, or where `track` says that they were.
@@ -78,7 +78,7 @@ impl Default for Person {
 }
 
 impl Person {
-    /// Checks everybody's numbers, and that nobody starts where the vehicle does.
+    /// Checks the numbers of all people, and that no person starts where the vehicle does.
     pub(super) fn check(&self, name: &str, start: [f64; 2]) -> Result<(), InputError> {
         let path = |key: &str| format!("{name}.{key}");
         for (index, place) in self.route.iter().enumerate() {
@@ -116,7 +116,7 @@ impl Person {
         Ok(())
     }
 
-    /// Whether there is one way, and not two or none.
+    /// Whether exactly one kind of path is given.
     fn check_way(&self, name: &str) -> Result<(), InputError> {
         let wrong = match (self.route.len(), self.track.len()) {
             (0, 0) => "needs a route or a track",

@@ -73,7 +73,7 @@ pub const SCENES: [Scene; 8] = [
     scene("corridor", include_str!("../../../tests/scenarios/corridor.json")),
 ];
 
-/// Those that have room for the margin: walls, gaps and random pillars, by scan.
+/// Those with space for the margin: walls, gaps and random pillars, by scan.
 pub fn roomy() -> impl Iterator<Item = &'static Scene> {
     SCENES.iter().filter(|scene| ["walls, scan", "gaps, scan", "forest, scan"].contains(&scene.name))
 }
@@ -82,7 +82,7 @@ impl Scene {
     /// The world of a seed in that weather.
     ///
     /// # Errors
-    /// The scenario is refused, or there is no room for its pillars.
+    /// The scenario is refused, or its pillars do not fit.
     pub fn scenario(&self, weather: &Weather, seed: u64) -> Result<Scenario, InputError> {
         let mut scenario = Scenario::parse(self.text)?;
         scenario.wind = weather.wind;
@@ -108,7 +108,7 @@ const fn gusts(name: &'static str, gust_mps: f64) -> Weather {
     Weather { name, wind: Some(Wind { vx: 3.0, vy: 0.0, gust_mps, gust_s: 2.0 }) }
 }
 
-/// The gusts that what has room for the margin should stand.
+/// The gusts that worlds with space for the margin should stand.
 pub const STRONG: Weather = gusts("gusts, sigma 2.5 m/s", 2.5);
 
 /// The weathers.

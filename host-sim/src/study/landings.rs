@@ -95,7 +95,7 @@ pub struct Row {
     pub handed_over: BTreeMap<&'static str, [u32; 2]>,
     /// Those that were still under way at the end of the time, or had given up, by their seeds.
     pub unfinished: Vec<u64>,
-    /// From the pad's middle to the touchdown: the median, 99 of 100, the farthest; none where nothing came down.
+    /// From the pad's middle to the touchdown: the median, 99 of 100, the farthest; `None` where nothing came down.
     pub pad_m: Option<[f64; 3]>,
     /// Mean duration of the flights that came down or handed over.
     pub time_s: f64,

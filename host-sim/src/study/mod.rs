@@ -61,7 +61,7 @@ pub trait Study: Serialize + Sized {
         serde_json::Value::Null
     }
 
-    /// Until where its progress counts; none where it does not say how far it is.
+    /// Until where its progress counts; `None` where it does not say how far it is.
     fn length(_: &Self::Settings) -> Option<u64> {
         None
     }
@@ -70,7 +70,7 @@ pub trait Study: Serialize + Sized {
     /// [`Self::length`].
     ///
     /// # Errors
-    /// None that the built-in configurations could cause.
+    /// The built-in configurations cause no error.
     fn run(settings: &Self::Settings, watch: Watch<'_>) -> Result<Self, InputError>;
 
     /// The rows for people.

@@ -55,7 +55,7 @@ const HIDDEN: f32 = 0.3;
 pub struct Tally {
     /// Pictures that count.
     pub due: u32,
-    /// In so many a pad was seen where it is, or where there is none.
+    /// In so many a pad was seen where it is, or where there is no pad.
     pub found: u32,
     /// Sum of the squares of the centres' errors over the picture's width.
     pub square: f64,

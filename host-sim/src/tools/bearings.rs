@@ -7,7 +7,7 @@
 //!   fit of both. It takes the array and the source to be level and the channels to be calibrated to one degree, and it
 //!   knows no positions; the looks are meant to be a quarter of a wavelength and more apart. It holds
 //!   [`multipath::LOOKS`] looks: more are resolved in equal parts, the parts averaged as below.
-//! - **Fewer**, of which frames without a tone are none, and the paper's estimator: the looks' bearings are carried into
+//! - **Fewer**, where frames without a tone do not count, and the paper's estimator: the looks' bearings are carried into
 //!   the world frame by the yaw of each look and averaged as unit vectors, each weighted by `1 / sigma^2`. Sigma is that of
 //!   the weighted mean, widened by the square root of the reduced chi-square when the looks scatter more than their own
 //!   sigmas say, as they do in reflections.
@@ -64,10 +64,10 @@ pub struct Line {
     /// Frequency of the tone.
     #[serde(serialize_with = "finite")]
     pub freq_hz: Option<f64>,
-    /// Chi-square of the wavefront fit; none with a dead channel.
+    /// Chi-square of the wavefront fit; `None` with a dead channel.
     #[serde(serialize_with = "finite")]
     pub closure_chi2: Option<f64>,
-    /// Forward-backward coherence; none with a dead channel.
+    /// Forward-backward coherence; `None` with a dead channel.
     #[serde(serialize_with = "finite")]
     pub coherence: Option<f64>,
     /// A hint of the range, where the wavefront is curved.
@@ -199,7 +199,7 @@ fn answer(resolver: Option<&multipath::Looks>, group: &[Look]) -> Bearing {
     }
 }
 
-/// The stronger path of some looks in the body frame of the last one, and its yaw; none when fewer than four hold a tone.
+/// The stronger path of some looks in the body frame of the last one, and its yaw; `None` when fewer than four hold a tone.
 fn resolve(resolver: &multipath::Looks, looks: &[Look]) -> Option<(Bearing, f64)> {
     let mut state = multipath::State::default();
     for Look { phasors, bearing, yaw_rad } in looks {

@@ -27,11 +27,11 @@ const SAME_FREQUENCY: f32 = 0.02;
 /// What is known about the frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Where the source is, at yaw zero, from the nose and clockwise; none is a splitter.
+    /// Where the source is, at yaw zero, from the nose and clockwise; `None` is a splitter.
     pub azimuth_deg: Option<f64>,
     /// Its elevation.
     pub elevation_deg: f64,
-    /// Its distance; none is a plane wave.
+    /// Its distance; `None` is a plane wave.
     pub range_m: Option<f64>,
     /// Yaw of each frame, rad; empty when the array did not turn.
     pub yaw_rad: Vec<f64>,

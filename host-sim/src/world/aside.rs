@@ -1,4 +1,4 @@
-//! How somebody steps aside for the vehicle: a social force after Helbing and Molnar (1995), of where the two will be nearest,
+//! How a person steps aside for the vehicle: a social force after Helbing and Molnar (1995), of where the two will be nearest,
 //! and a pull back to his own way.
 
 use super::course::Course;
@@ -6,13 +6,13 @@ use super::geometry::Horizontal;
 
 /// How far ahead he looks.
 const AHEAD_S: f64 = 3.0;
-/// He wants so much room between himself and the vehicle's hull.
+/// The distance that a person wants to the vehicle's hull.
 const ROOM_M: f64 = 0.5;
-/// What pushes where there is no room at all.
+/// The force at no distance at all.
 const PUSH_MPS2: f64 = 4.0;
 /// He is back on his way after about so long.
 const BACK_S: f64 = 1.0;
-/// Faster than this nobody steps aside.
+/// Largest speed of stepping aside.
 const ASIDE_MPS: f64 = 1.2;
 
 /// How far off his own way he is, up to now.
@@ -61,7 +61,7 @@ impl Aside {
     }
 }
 
-/// Away from where the vehicle will be when it is nearest; stronger the less room there will be, and the sooner.
+/// Away from where the vehicle will be when it is nearest; stronger the smaller the distance will be, and the sooner.
 fn push_mps2(Meeting { apart_m, closing_mps, reach_m }: Meeting) -> Horizontal {
     let square = closing_mps.dot(closing_mps);
     let nearest_s = if square > 1e-9 { (-apart_m.dot(closing_mps) / square).clamp(0.0, AHEAD_S) } else { 0.0 };

@@ -19,7 +19,7 @@ impl Course {
         self.points.last().map(|(_, place)| *place)
     }
 
-    /// Place and velocity at a time; none before the first and after the last place.
+    /// Place and velocity at a time; `None` before the first and after the last place.
     pub(super) fn at(&self, time_s: f64) -> Option<(Horizontal, Horizontal)> {
         let later = self.points.partition_point(|(at_s, _)| *at_s <= time_s);
         let is_last = self.points.last().is_some_and(|(at_s, _)| *at_s == time_s);

@@ -27,7 +27,7 @@ impl Scenario {
     /// The same with its random pillars and the people of its file among the others.
     ///
     /// # Errors
-    /// There is not room for so many, or the file cannot be read.
+    /// So many do not fit, or the file cannot be read.
     pub fn drawn(mut self, seed: u64) -> Result<Self, InputError> {
         self = self.with_tracks()?;
         let Some(wanted) = self.random.take() else { return Ok(self) };

@@ -4,9 +4,9 @@
 //! | module | what it simulates |
 //! |---|---|
 //! | `geometry` | places, directions and attitudes |
-//! | `truth` | the beacon, the pillars, and which clearance is a collision |
+//! | `pillar`, `truth` | a pillar; the beacon, the pillars, and which clearance is a collision |
 //! | `draw` | pillars thrown at random, by the seed |
-//! | `people` | who walks about: `walk` is his way, `aside` how he gives way, `course` either in time |
+//! | `person`, `people` | who walks about: `walk` is the path, `aside` how a person gives way, `course` either in time |
 //! | [`rays`] | radio paths among walls |
 //! | [`antennas`] | the samples of the four channels |
 //! | [`air`], [`deviation`] | the wind, and how far it moves the vehicle off its course |
@@ -25,6 +25,8 @@ pub mod deviation;
 mod draw;
 mod geometry;
 mod people;
+mod person;
+mod pillar;
 pub mod random;
 pub mod rays;
 pub mod sensor;
@@ -33,5 +35,6 @@ pub mod vehicle;
 mod walk;
 
 pub use geometry::{Horizontal, Pose, from_core, horizontal, wrap_pi};
-pub use people::Person;
-pub use truth::{Hull, Pillar, World};
+pub use person::Person;
+pub use pillar::Pillar;
+pub use truth::{Hull, World};

@@ -1,37 +1,15 @@
-//! The people of a world: who is where, each on his way, and aside of it who gives way.
+//! The people of a world: how they come to walk there, and what those who give way see of the vehicle.
 
 use super::aside::{Aside, Meeting};
 use super::course::Course;
 use super::geometry::Horizontal;
-use super::truth::{Pillar, World};
+use super::person::Person;
+use super::truth::World;
 use super::walk;
 use crate::scenario::Scenario;
 
 /// Ways go on for so long after the end of the flight.
 const BEYOND_S: f64 = 1.0;
-
-/// Somebody.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Person {
-    course: Course,
-    radius_m: f64,
-    aside: Option<Aside>,
-}
-
-impl Person {
-    /// Him as a pillar at a time; none while he is not there.
-    #[must_use]
-    pub fn at(&self, time_s: f64) -> Option<Pillar> {
-        let (place, velocity) = self.course.at(time_s)?;
-        let (offset, aside_mps) = self.aside.as_ref().map_or_else(Default::default, |aside| aside.at(time_s));
-        Some(Pillar {
-            center: place.along(offset, 1.0),
-            radius_m: self.radius_m,
-            velocity_mps: velocity.along(aside_mps, 1.0),
-            turns_s: 0.0,
-        })
-    }
-}
 
 impl World {
     /// Lets those who step aside see the vehicle, and go on from a time to another.

@@ -15,7 +15,8 @@ use foxhound_core::mapping::map::DELIVERY_MAX;
 use foxhound_link::dialect::{MavDistanceSensor, MavFrame, OBSTACLE_DISTANCE_DATA};
 
 use super::geometry::Horizontal;
-use super::truth::{Pillar, World};
+use super::pillar::Pillar;
+use super::truth::World;
 use super::vehicle::Motion;
 use crate::scenario;
 
@@ -87,7 +88,7 @@ impl View<'_> {
             .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// The visible pillars as the core takes them: the nearest ones, as many as it has room for.
+    /// The visible pillars as the core takes them: the nearest ones, as many as fit.
     #[must_use]
     pub fn circles(&self) -> Vec<Circle> {
         let pillars = self.in_range();

@@ -3,39 +3,10 @@
 //! Everything here is in the NED frame, metres and seconds, in `f64`: it is the truth that the core never sees.
 
 use super::geometry::Horizontal;
-use super::people::Person;
+use super::person::Person;
+use super::pillar::Pillar;
 use super::rays::{self, Wall};
 use crate::scenario::{self, Scenario};
-
-/// A vertical pillar at one instant.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pillar {
-    /// Its axis.
-    pub center: Horizontal,
-    /// Its radius.
-    pub radius_m: f64,
-    /// Its velocity.
-    pub velocity_mps: Horizontal,
-    /// It turns back after so many seconds, and again; zero: never.
-    pub turns_s: f64,
-}
-
-impl Pillar {
-    /// The same pillar later.
-    fn after(self, time_s: f64) -> Self {
-        if self.turns_s <= 0.0 {
-            return Self { center: self.center.along(self.velocity_mps, time_s), ..self };
-        }
-        let legs = libm::floor(time_s / self.turns_s);
-        let since_s = time_s - legs * self.turns_s;
-        if legs % 2.0 == 0.0 {
-            Self { center: self.center.along(self.velocity_mps, since_s), ..self }
-        } else {
-            let center = self.center.along(self.velocity_mps, self.turns_s - since_s);
-            Self { center, velocity_mps: Horizontal::default().minus(self.velocity_mps), ..self }
-        }
-    }
-}
 
 /// The beacon and the pillars at time zero, and people on their ways. The beacon moves straight on; pillars do, or go to and fro.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,12 +26,12 @@ pub struct World {
 }
 
 impl World {
-    /// The pillars at a time, and whoever is there then.
+    /// The pillars at a time, and the people who are there then.
     pub fn pillars_at(&self, time_s: f64) -> impl Iterator<Item = Pillar> + '_ {
         self.all_at(time_s).flatten()
     }
 
-    /// The same, always as many in the same order: none is who is not there.
+    /// The same, always as many in the same order: `None` for a person who is not there.
     pub fn all_at(&self, time_s: f64) -> impl Iterator<Item = Option<Pillar>> + '_ {
         let pillars = self.pillars.iter().map(move |pillar| Some(pillar.after(time_s)));
         pillars.chain(self.people.iter().map(move |person| person.at(time_s)))

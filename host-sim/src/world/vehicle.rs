@@ -16,7 +16,7 @@ use super::deviation::Deviation;
 use super::geometry::{Horizontal, Pose, wrap_pi};
 use crate::scenario;
 
-/// What the vehicle is told.
+/// A command to the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
     /// Velocity, NED.

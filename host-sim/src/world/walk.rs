@@ -1,4 +1,4 @@
-//! How somebody walks: along his route or his heading, swaying, stopping and turning at random, by the flight's seed.
+//! How a person walks: along the route or the heading, swaying, stopping and turning at random, by the flight's seed.
 
 use super::course::Course;
 use super::geometry::Horizontal;

@@ -5,7 +5,7 @@ use foxhound_core::guidance::mission::Control;
 
 use super::Companion;
 use crate::clock::is_over;
-use crate::failsafe::{Cause, Facts};
+use crate::failsafe::{Cause, Input};
 use crate::health::Charge;
 
 /// Without a usable ownship for this long, setpoints end.
@@ -34,7 +34,7 @@ impl Companion {
     pub fn cause(&self, now: Instant) -> Cause {
         let charge = self.health.charge(self.config.battery_min_percent);
         let silent = |limit_s| self.autopilot.is_none_or(|autopilot| is_over(now, autopilot.heard, limit_s));
-        Facts {
+        Input {
             unfit: self.is_unfit(now),
             has_autopilot: self.autopilot.is_some(),
             is_lost: silent(self.config.silence_after_s),

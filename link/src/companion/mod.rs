@@ -356,19 +356,20 @@ impl Companion {
         (!is_over(ground, attitude.time, GROUND_AGE_MAX_S)).then_some(slant_m * level)
     }
 
-    /// The newest obstacle scan that nobody took.
+    /// The newest obstacle scan, until [`Self::drop_obstacles`].
     #[must_use]
     pub fn scan(&self) -> Option<&Scan> {
         self.turns.scan()
     }
 
-    /// The single points that nobody took.
+    /// The single points, from beams and points alike, until [`Self::drop_obstacles`]; empty where sensors measured and found
+    /// nothing.
     #[must_use]
     pub const fn points(&self) -> Option<&Points> {
         self.points.as_ref()
     }
 
-    /// Scan and points have been used where they lie: a copy of them takes 1.2 KB.
+    /// Forgets scan and points, which have been used by reference: a copy of them takes 1.2 KB.
     #[inline(never)]
     pub fn drop_obstacles(&mut self) {
         self.last_scan_of = self.turns.component_id();
@@ -376,25 +377,9 @@ impl Companion {
         self.points = None;
     }
 
-    /// The newest obstacle scan since the last call.
-    #[inline(never)]
-    pub fn take_scan(&mut self) -> Option<Scan> {
-        self.last_scan_of = self.turns.component_id();
-        let scan = self.turns.scan().cloned();
-        self.turns.take();
-        scan
-    }
-
     /// Who reports obstacles, and how long ago each did.
     pub fn obstacle_sources(&self, now: Instant) -> impl Iterator<Item = (Source, f32)> {
         self.sources.ages(now)
-    }
-
-    /// The single points, from beams and points alike, since the last call; without a point where sensors looked and saw
-    /// nothing.
-    #[inline(never)]
-    pub fn take_points(&mut self) -> Option<Points> {
-        self.points.take()
     }
 
     /// Signs what is sent from now on, and looks at the signatures of what is heard; or neither.

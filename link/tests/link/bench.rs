@@ -6,6 +6,7 @@ use foxhound_core::control::guard::{Action, Setpoint};
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::guidance::Output;
 use foxhound_core::guidance::mission::Outcome;
+use foxhound_core::mapping::scan::{Points, Scan};
 use foxhound_link::companion::{Companion, Config};
 use foxhound_link::dialect::*;
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode};
@@ -132,6 +133,21 @@ impl Bench {
             }
         }
         assert_eq!(self.framer.counters().skipped_bytes, 0, "every byte belongs to a frame");
+    }
+
+    /// Scan and points, as a step of the flight takes them.
+    pub(crate) fn take_obstacles(&mut self) -> (Option<Scan>, Option<Points>) {
+        let taken = (self.companion.scan().cloned(), self.companion.points().cloned());
+        self.companion.drop_obstacles();
+        taken
+    }
+
+    pub(crate) fn take_scan(&mut self) -> Option<Scan> {
+        self.take_obstacles().0
+    }
+
+    pub(crate) fn take_points(&mut self) -> Option<Points> {
+        self.take_obstacles().1
     }
 
     /// What was sent since the last look.

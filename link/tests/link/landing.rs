@@ -3,7 +3,7 @@
 use foxhound_core::base::ned::Ned;
 use foxhound_core::guidance::Output;
 use foxhound_core::guidance::mission::Outcome;
-use foxhound_core::landing::{Advice, Reason, Stage, Target};
+use foxhound_core::landing::{self, Reason, Stage, Target};
 use foxhound_link::companion::Config;
 use foxhound_link::dialect::*;
 
@@ -79,9 +79,9 @@ fn only_a_reading_that_looks_down_is_a_height_and_it_is_no_obstacle() {
         bench.say(&range_finder(orientation, distance));
         assert_eq!(bench.companion.height_m(bench.now()), None, "orientation {orientation}, {distance} cm");
     }
-    bench.companion.take_points();
+    bench.take_points();
     bench.say(&range_finder(25, 300));
-    assert_eq!(bench.companion.take_points(), None);
+    assert_eq!(bench.take_points(), None);
     assert_eq!(bench.companion.height_m(bench.now()), Some(3.0));
     bench.say_as((2, 1), &range_finder(25, 700));
     assert_eq!(bench.companion.height_m(bench.now()), Some(3.0), "another system's height is not ours");
@@ -89,7 +89,7 @@ fn only_a_reading_that_looks_down_is_a_height_and_it_is_no_obstacle() {
 
 fn above_the_beacon(wants_land: bool) -> Output {
     let target = Target { place_ned_m: Ned { north: 1.0, east: 2.0, down: 0.0 }, sigma_m: 0.1, is_pad: false };
-    let advice = Advice {
+    let advice = landing::Output {
         stage: Stage::HandedOver,
         demand: None,
         reason: Some(Reason::Arrived),
@@ -158,7 +158,8 @@ fn the_pad_is_told_as_seen_where_targets_are_wanted() {
     bench.heartbeat = Some(heartbeat(PX4, OFFBOARD, ARMED));
     let mut output = above_the_beacon(false);
     let target = Target { place_ned_m: Ned { north: 2.0, east: 2.0, down: 0.0 }, sigma_m: 0.05, is_pad: true };
-    output.landing = output.landing.map(|advice| Advice { stage: Stage::Centring, target: Some(target), ..advice });
+    output.landing =
+        output.landing.map(|advice| landing::Output { stage: Stage::Centring, target: Some(target), ..advice });
     bench.output = Some(output);
     let mut told = Vec::new();
     for _ in 0..50 {

@@ -198,10 +198,11 @@ fn whatever_arrives_or_is_published_only_sane_setpoints_and_requests_leave() {
             if let Some(ownship) = bench.companion.ownship() {
                 assert!(ownship.is_finite());
             }
-            if let Some(scan) = bench.companion.take_scan() {
+            let (scan, points) = bench.take_obstacles();
+            if let Some(scan) = scan {
                 assert!(scan.step_rad.is_finite() && scan.step_rad != 0.0 && scan.first_azimuth_rad.is_finite());
             }
-            if let Some(points) = bench.companion.take_points() {
+            if let Some(points) = points {
                 assert!(points.points_m.iter().all(|point| point.is_finite()));
             }
             for sent in bench.take_sent() {

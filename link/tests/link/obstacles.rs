@@ -27,7 +27,7 @@ fn first_azimuth(autopilot: u8, frame: u8, config: Config) -> Option<f32> {
     bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, 0, DISARMED)));
     bench.say(&attitude(1, 0.5));
     bench.say_as((1, 158), &obstacles(frame));
-    bench.companion.take_scan().map(|scan| scan.first_azimuth_rad)
+    bench.take_scan().map(|scan| scan.first_azimuth_rad)
 }
 
 #[test]
@@ -50,11 +50,11 @@ fn north_aligned_obstacles_without_a_fresh_yaw_are_rejected() {
     let mut bench = Bench::new(Config::default());
     bench.say(&MavMessage::HEARTBEAT(heartbeat(PX4, 0, DISARMED)));
     bench.say(&obstacles(0));
-    assert_eq!(bench.companion.take_scan(), None);
+    assert_eq!(bench.take_scan(), None);
     bench.say(&attitude(1, 0.5));
     bench.step(600_000);
     bench.say(&obstacles(0));
-    assert_eq!(bench.companion.take_scan(), None);
+    assert_eq!(bench.take_scan(), None);
     assert_eq!(bench.companion.counters().rejected, 2);
 }
 
@@ -64,13 +64,13 @@ fn zero_is_no_reading_on_ardupilot_and_touching_elsewhere() {
         let mut bench = Bench::new(Config::default());
         bench.say(&MavMessage::HEARTBEAT(heartbeat(autopilot, 0, DISARMED)));
         bench.say(&obstacles(12));
-        let scan = bench.companion.take_scan().unwrap();
+        let scan = bench.take_scan().unwrap();
         assert_eq!(
             scan.rays.iter().take(4).collect::<Vec<_>>(),
             [Sector::Hit(2.5), expected, Sector::Unknown, Sector::Clear]
         );
         assert_eq!((scan.time, scan.range_max_m), (bench.now(), 10.0));
-        assert_eq!(bench.companion.take_scan(), None, "taken once");
+        assert_eq!(bench.take_scan(), None, "taken once");
     }
 }
 
@@ -79,9 +79,9 @@ fn obstacles_come_from_any_component_of_our_system_but_no_other_system() {
     let mut bench = Bench::flying();
     bench.step(10_000);
     bench.say_as((2, 1), &obstacles(12));
-    assert_eq!(bench.companion.take_scan(), None);
+    assert_eq!(bench.take_scan(), None);
     bench.say_as((1, 196), &obstacles(12));
-    assert!(bench.companion.take_scan().is_some());
+    assert!(bench.take_scan().is_some());
 }
 
 #[test]
@@ -90,7 +90,7 @@ fn a_scan_that_nobody_takes_is_dropped_when_it_is_old() {
     bench.step(10_000);
     bench.say(&obstacles(12));
     bench.run(0.6);
-    assert_eq!(bench.companion.take_scan(), None);
+    assert_eq!(bench.take_scan(), None);
 }
 
 fn beam(orientation: u8, current_distance: u16) -> MavMessage {
@@ -124,14 +124,14 @@ fn beams_and_points_of_our_system_are_gathered_until_they_are_taken() {
     bench.say_as((1, 196), &beam(2, 150));
     bench.say_as((1, 196), &point(1.0, -0.5));
     bench.say_as((2, 1), &beam(0, 100));
-    let points = bench.companion.take_points().unwrap();
+    let points = bench.take_points().unwrap();
     let found: Vec<(f32, f32)> = points.points_m.iter().map(|point| (point.north, point.east)).collect();
     assert_eq!(found.len(), 3, "{found:?}");
     for (found, expected) in found.iter().zip([(3.0, 0.0), (0.0, 1.5), (1.0, -0.5)]) {
         assert!((found.0 - expected.0).abs() < 1e-5 && (found.1 - expected.1).abs() < 1e-5, "{found:?}");
     }
     assert_eq!((points.frame, points.time), (Frame::Body, heard_at), "as old as the oldest of them");
-    assert_eq!(bench.companion.take_points(), None, "taken once");
+    assert_eq!(bench.take_points(), None, "taken once");
 }
 
 #[test]
@@ -140,12 +140,12 @@ fn a_beam_that_sees_nothing_is_a_word_and_one_that_does_not_look_ahead_or_does_n
     bench.step(10_000);
     for silent in [beam(25, 300), beam(24, 300), beam(0, 5), beam(0, 0)] {
         bench.say(&silent);
-        assert_eq!(bench.companion.take_points(), None, "{silent:?}");
+        assert_eq!(bench.take_points(), None, "{silent:?}");
     }
     bench.say(&beam(0, 801));
-    assert_eq!(bench.companion.take_points().map(|points| points.points_m.len()), Some(0));
+    assert_eq!(bench.take_points().map(|points| points.points_m.len()), Some(0));
     bench.say(&point(f32::NAN, 0.0));
-    assert_eq!((bench.companion.take_points(), bench.companion.counters().rejected), (None, 1));
+    assert_eq!((bench.take_points(), bench.companion.counters().rejected), (None, 1));
 }
 
 #[test]
@@ -156,10 +156,10 @@ fn points_are_bounded_counted_and_dropped_when_they_are_old() {
         bench.say(&point(1.0 + 0.01 * k as f32, 0.0));
     }
     assert_eq!(bench.companion.counters().points_dropped, 28);
-    assert_eq!(bench.companion.take_points().unwrap().points_m.len(), 72);
+    assert_eq!(bench.take_points().unwrap().points_m.len(), 72);
     bench.say(&beam(0, 300));
     bench.run(0.6);
-    assert_eq!(bench.companion.take_points(), None);
+    assert_eq!(bench.take_points(), None);
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn two_sensors_take_turns_and_each_has_an_age_of_its_own() {
                 data.increment = increment;
                 bench.say_as((1, component), &MavMessage::OBSTACLE_DISTANCE(data));
             }
-            bench.companion.take_scan().unwrap().step_rad.to_degrees().round()
+            bench.take_scan().unwrap().step_rad.to_degrees().round()
         })
         .collect();
     assert_eq!(taken, [10.0, 5.0, 10.0, 5.0, 10.0, 5.0]);
@@ -196,8 +196,8 @@ fn who_tells_the_autopilot_of_obstacles_does_not_hear_them_back() {
         bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
         bench.step(10_000);
         bench.say(&beam(0, 200));
-        assert_eq!(bench.companion.take_points().is_some(), !surroundings, "the autopilot's");
+        assert_eq!(bench.take_points().is_some(), !surroundings, "the autopilot's");
         bench.say_as((1, 158), &beam(0, 200));
-        assert!(bench.companion.take_points().is_some(), "another's");
+        assert!(bench.take_points().is_some(), "another's");
     }
 }

@@ -18,8 +18,8 @@ use heapless::Vec;
 
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::mapping::lor::POINTS_MAX;
-use foxhound_core::mapping::lor::fit::Moments;
+use foxhound_core::mapping::walls::POINTS_MAX;
+use foxhound_core::mapping::walls::fit::Moments;
 
 /// Where the sticks are truncated.
 pub(super) const COMPONENTS: usize = 12;

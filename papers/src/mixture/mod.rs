@@ -1,6 +1,6 @@
 //! Walls among points in any order: the mmWave paper's mixture of Gaussians.
 //!
-//! The mixture makes the clusters, and what follows is what follows the split and merge of a scan ([`lor`], which flies):
+//! The mixture makes the clusters, and what follows is what follows the split and merge of a scan ([`walls`], which flies):
 //! lines through the clusters, pieces, walls.
 //!
 //! Memory: a [`Workspace`] of 3.2 KB, fixed. The work is bounded by [`Config::work_max`].
@@ -9,7 +9,7 @@ use heapless::Vec;
 
 use foxhound_core::base::error::{ConfigError, Why, check};
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::mapping::lor::{self, LINES_MAX, Line, POINTS_MAX};
+use foxhound_core::mapping::walls::{self, POINTS_MAX, WALLS_MAX, Wall};
 
 mod bayes;
 #[cfg(test)]
@@ -22,7 +22,7 @@ use bayes::{Mixture, Prior};
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// What a wall is.
-    pub lor: lor::Config,
+    pub walls: walls::Config,
     /// Concentration of the mixture's Dirichlet process: more of it, more components.
     pub concentration: f32,
     /// Expected standard deviation of a wall's points across, before any is seen.
@@ -39,43 +39,44 @@ impl Default for Config {
 
 impl Config {
     /// The default, as a constant.
-    pub const DEFAULT: Self = Self { lor: lor::Config::DEFAULT, concentration: 0.1, sigma_m: 0.1, work_max: 5_500 };
+    pub const DEFAULT: Self = Self { walls: walls::Config::DEFAULT, concentration: 0.1, sigma_m: 0.1, work_max: 5_500 };
 
     /// Checks the configuration.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self) -> Result<Lines, ConfigError> {
-        let lines = self.lor.build()?;
+    pub fn build(&self) -> Result<Extractor, ConfigError> {
+        let lines = self.walls.build()?;
         check("mixture.concentration", self.concentration, 1e-3, 10.0)?;
         check("mixture.sigma_m", self.sigma_m, 0.005, 1.0)?;
         check("mixture.work_max", self.work_max as f32, 2_048.0, 1e5)?;
-        if self.sigma_m > self.lor.deviation_m {
-            let why = Why::Inconsistent("points would be expected farther from their wall than lor.deviation_m allows");
+        if self.sigma_m > self.walls.deviation_m {
+            let why =
+                Why::Inconsistent("points would be expected farther from their wall than walls.deviation_m allows");
             return Err(ConfigError { field: "mixture.sigma_m", value: self.sigma_m, why });
         }
         let prior = Prior {
             concentration: self.concentration,
             sigma_m: self.sigma_m,
             joined_m: lines.joined_m(),
-            gap_m: self.lor.gap_m,
+            gap_m: self.walls.gap_m,
             work_max: self.work_max,
         };
-        Ok(Lines { lines, prior })
+        Ok(Extractor { lines, prior })
     }
 }
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lines {
-    lines: lor::Lines,
+pub struct Extractor {
+    lines: walls::Extractor,
     prior: Prior,
 }
 
 /// Memory for one call; nothing in it lasts.
 #[derive(Clone, Debug)]
 pub struct Workspace {
-    lor: lor::Workspace,
+    walls: walls::Workspace,
     mixture: Mixture,
     /// Which seed a point is nearest to.
     owners: [u8; POINTS_MAX],
@@ -91,15 +92,15 @@ impl Workspace {
     /// Empty. All bits are zero, so that it takes no room in flash.
     #[must_use]
     pub const fn new() -> Self {
-        Self { lor: lor::Workspace::new(), mixture: Mixture::new(), owners: [0; POINTS_MAX] }
+        Self { walls: walls::Workspace::new(), mixture: Mixture::new(), owners: [0; POINTS_MAX] }
     }
 }
 
-impl Lines {
+impl Extractor {
     /// The walls among points in any order, the longest first. Points that are no numbers, or absurd, are not looked at.
-    pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
-        let Workspace { lor, mixture, owners } = workspace;
-        self.lines.find_among(lor, points_ned_m, |points, proposals| {
+    pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Wall, WALLS_MAX> {
+        let Workspace { walls, mixture, owners } = workspace;
+        self.lines.find_among(walls, points_ned_m, |points, proposals| {
             mixture.cluster(&self.prior, points, owners);
             for component in &mixture.components {
                 proposals.add(&component.moments);

@@ -1,10 +1,10 @@
-//! Both ways of clustering: the mixture, and the split and merge of [`lor`], on the same scenes.
+//! Both ways of clustering: the mixture, and the split and merge of [`walls`], on the same scenes.
 
 use super::*;
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::obstacle::Disc;
 use foxhound_core::base::rng::Rng;
-use foxhound_core::mapping::lor::POINTS_MAX;
+use foxhound_core::mapping::walls::POINTS_MAX;
 use std::vec::Vec;
 
 const NOISE_M: f32 = 0.05;
@@ -23,15 +23,15 @@ enum Method {
 /// Either way of clustering, with its memory.
 struct Stage {
     method: Method,
-    mixture: Lines,
+    mixture: Extractor,
     workspace: Workspace,
 }
 
 impl Stage {
-    fn find(&mut self, points: &[Horizontal]) -> Vec<Line> {
+    fn find(&mut self, points: &[Horizontal]) -> Vec<Wall> {
         let lines = match self.method {
             Method::Mixture => self.mixture.find(&mut self.workspace, points),
-            Method::SplitMerge => self.mixture.lines.find(&mut self.workspace.lor, points),
+            Method::SplitMerge => self.mixture.lines.find(&mut self.workspace.walls, points),
         };
         lines.iter().copied().collect()
     }
@@ -45,11 +45,11 @@ fn stage(method: Method) -> Stage {
     Stage { method, mixture: Config::default().build().unwrap(), workspace: Workspace::new() }
 }
 
-fn found(points: &[Horizontal]) -> Vec<Line> {
+fn found(points: &[Horizontal]) -> Vec<Wall> {
     stage(Method::Mixture).find(points)
 }
 
-fn length_m(line: &Line) -> f32 {
+fn length_m(line: &Wall) -> f32 {
     line.to_m - line.from_m
 }
 
@@ -58,14 +58,14 @@ fn turn(from: Horizontal) -> f32 {
 }
 
 fn wall(rng: &mut Rng, from: Horizontal, to: Horizontal, step_m: f32, sigma_m: f32) -> Vec<Horizontal> {
-    let line = Line::between(from, to).unwrap();
+    let line = Wall::between(from, to).unwrap();
     let count = (length_m(&line) / step_m) as usize + 1;
     let place = |k: usize| from.plus(to.minus(from).times((k as f32 + 0.5) / count as f32));
     (0..count).map(|k| place(k).plus(line.normal_ned.times(sigma_m * rng.gaussian()))).collect()
 }
 
 /// Whether a line is a wall: both ends within `near_m` of it, and as long but for `short_m`.
-fn is_wall(line: &Line, truth: &Line, near_m: f32, short_m: f32) -> bool {
+fn is_wall(line: &Wall, truth: &Wall, near_m: f32, short_m: f32) -> bool {
     let ends = line.ends_ned_m().map(|end| libm::fabsf(truth.distance_m(end)));
     let along = line.ends_ned_m().map(|end| truth.along_ned().dot(end));
     let (from_m, to_m) = if along[0] < along[1] { (along[0], along[1]) } else { (along[1], along[0]) };
@@ -74,11 +74,11 @@ fn is_wall(line: &Line, truth: &Line, near_m: f32, short_m: f32) -> bool {
         && libm::fabsf(to_m - truth.to_m) < short_m
 }
 
-fn walls(table: &[[f32; 4]]) -> Vec<Line> {
-    table.iter().map(|[a, b, c, d]| Line::between(at(*a, *b), at(*c, *d)).unwrap()).collect()
+fn walls(table: &[[f32; 4]]) -> Vec<Wall> {
+    table.iter().map(|[a, b, c, d]| Wall::between(at(*a, *b), at(*c, *d)).unwrap()).collect()
 }
 
-fn assert_same_walls(lines: &[Line], truths: &[Line], near_m: f32, short_m: f32) {
+fn assert_same_walls(lines: &[Wall], truths: &[Wall], near_m: f32, short_m: f32) {
     assert_eq!(lines.len(), truths.len(), "{lines:?}");
     for truth in truths {
         assert!(lines.iter().any(|line| is_wall(line, truth, near_m, short_m)), "{truth:?} is not in {lines:?}");
@@ -107,7 +107,7 @@ fn angle_and_offset_of_every_wall_are_within_five_sigma_of_the_truth_whichever_w
             let lines = found(&points);
             assert_eq!(lines.len(), 3, "{degrees}: {lines:?}");
             for [a, b, c, d] in truths {
-                let truth = Line::between(turned(at(a, b)), turned(at(c, d))).unwrap();
+                let truth = Wall::between(turned(at(a, b)), turned(at(c, d))).unwrap();
                 let line = lines.iter().find(|line| is_wall(line, &truth, 0.15, 0.4));
                 let line = line.unwrap_or_else(|| panic!("{degrees}: {truth:?} is not in {lines:?}"));
                 let length_m = length_m(&truth);
@@ -234,8 +234,8 @@ fn random_rooms(method: Method) -> Count {
         count.worst_work = count.worst_work.max(stage.work());
         let mut right = 0;
         for side in corners.windows(2).take(sides) {
-            let truth = Line::between(side[0], side[1]).unwrap();
-            let same = |line: &&Line| {
+            let truth = Wall::between(side[0], side[1]).unwrap();
+            let same = |line: &&Wall| {
                 line.normal_ned.dot(truth.along_ned()).abs() < 0.06
                     && line.ends_ned_m().iter().all(|end| truth.distance_m(*end).abs() < 0.15)
                     && length_m(line) > 0.6 * length_m(&truth)
@@ -317,7 +317,7 @@ fn the_face_of_a_wall_is_found_behind_a_chain_of_circles() {
     // A chain of small circles behind the face of a wall, as the map has it.
     let chain: Vec<_> = (0..20).map(|k| circle(5.1, -5.0 + 0.5 * k as f32)).collect();
     for method in [Method::Mixture, Method::SplitMerge] {
-        let lines = stage(method).find(&lor::points_of(&chain, at(1.0, 0.0)));
+        let lines = stage(method).find(&walls::points_of(&chain, at(1.0, 0.0)));
         assert_same_walls(&lines, &walls(&[[5.02, -5.0, 5.02, 4.5]]), 0.05, 0.1);
     }
 }

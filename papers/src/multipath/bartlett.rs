@@ -1,7 +1,7 @@
 //! Bartlett's spectrum: the power in the direction of each steering vector of a grid.
 
 use super::matrix::{Vector, halves, reversed};
-use super::solver::{HEADINGS, Solver};
+use super::model::{HEADINGS, Solver};
 
 /// Directions around the circle at which the scans look; opposite ones share their sines.
 pub(super) const GRID: usize = 16;

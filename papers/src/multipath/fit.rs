@@ -1,8 +1,7 @@
 //! The fit of one or two paths: Gauss-Newton on what is left over, the amplitudes projected out.
 
 use super::matrix::{at_least, dot, plus};
-use super::model::{Linear, Paths};
-use super::solver::Solver;
+use super::model::{Linear, Paths, Solver};
 
 /// Gauss-Newton steps of the two-path fit.
 const STEPS: u8 = 4;

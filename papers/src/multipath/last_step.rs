@@ -2,8 +2,7 @@
 
 use super::Kept;
 use super::matrix::{Symmetric, dot, plus};
-use super::model::{Linear, Paths};
-use super::solver::Solver;
+use super::model::{Linear, Paths, Solver};
 use foxhound_core::base::adc::CHANNELS;
 use foxhound_core::base::ned::Ned;
 use foxhound_core::base::units::wrap_pi;

@@ -63,8 +63,7 @@ mod solver;
 mod tests;
 
 use arrival::Found;
-use model::{Headings, WAVENUMBER_MIN, gather};
-use solver::{HEADINGS, Solver};
+use model::{HEADINGS, Headings, Solver, WAVENUMBER_MIN, gather};
 
 pub use arrival::{Arrival, Reflection};
 

@@ -3,7 +3,6 @@
 use heapless::{Deque, Vec};
 
 use super::matrix::{Symmetric, Vector, at_least, dot, plus, scaled};
-use super::solver::Solver;
 use super::{Kept, LOOKS};
 use foxhound_core::base::units::sin_cos_inlined as sin_cos;
 
@@ -11,6 +10,8 @@ use foxhound_core::base::units::sin_cos_inlined as sin_cos;
 const SAME_YAW_RAD: f32 = 1.0 / 57.295_78;
 /// Smallest wavenumber of one path: 84 degrees of elevation.
 pub(super) const WAVENUMBER_MIN: f32 = 0.1;
+/// Up to this many headings all take part in the start and the fit; of more, three do. The last step takes all.
+pub(super) const HEADINGS: usize = 4;
 /// Power of the second path that the first cannot take, at least: 1.4 degrees between them.
 const REST_MIN: f32 = 1e-3;
 
@@ -26,6 +27,20 @@ pub(super) struct Heading {
 }
 
 pub(super) type Headings = Vec<Heading, LOOKS>;
+
+/// One answer in the making.
+pub(super) struct Solver<'a> {
+    /// `k p` of one antenna of each pair.
+    pub(super) half: [[f32; 2]; 2],
+    pub(super) wavenumber: f32,
+    pub(super) channel_variance: f32,
+    pub(super) looks: &'a Deque<Kept, LOOKS>,
+    pub(super) headings: &'a Headings,
+    /// Which heading each look is of.
+    pub(super) heading_of: &'a [u8; LOOKS],
+    /// Every how manieth heading takes part in the start and the fit.
+    pub(super) stride: usize,
+}
 
 /// A hypothesis: what the looks hold.
 #[derive(Clone, Copy, Debug)]

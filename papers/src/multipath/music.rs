@@ -2,7 +2,7 @@
 
 use super::bartlett::{GRID, GRID_STEP_RAD, Scan};
 use super::matrix::{Symmetric, Vector, dot, plus, scaled};
-use super::solver::Solver;
+use super::model::Solver;
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::sort::sort_by_key;
 use foxhound_core::base::units::sin_cos_inlined as sin_cos;

@@ -2,7 +2,7 @@
 
 use super::bartlett::{GRID_STEP_RAD, HALF, Scan};
 use super::matrix::halves;
-use super::solver::Solver;
+use super::model::Solver;
 
 /// Added to what is left of one steering vector beside another, so that two that are the same explain no more than one.
 const REST_BIAS: f32 = 1e-3;
@@ -53,7 +53,7 @@ mod tests {
     fn no_pair_of_the_grid_with_an_even_member_explains_more() {
         for turn_deg in [0.0, 3.0, 4.0] {
             with_solver(turn_deg, 1.0, |solver| {
-                assert!(solver.headings.len() <= super::super::solver::HEADINGS);
+                assert!(solver.headings.len() <= super::super::model::HEADINGS);
                 let explained = |pair: [f32; 2]| solver.normal(Paths::Two(pair, 1.0), 1).explained;
                 let mut scan = Scan::EMPTY;
                 solver.scan(&mut scan);

@@ -3,8 +3,7 @@
 use std::f64::consts::TAU;
 use std::vec::Vec as List;
 
-use super::model::{Headings, gather};
-use super::solver::Solver;
+use super::model::{Headings, Solver, gather};
 use super::{Config, Frame, Looks, Method, State, Taken};
 use foxhound_core::base::ned::Ned;
 use foxhound_core::base::rng::Rng;

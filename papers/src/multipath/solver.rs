@@ -1,16 +1,12 @@
 //! From the looks to one answer: which hypothesis is tried when, and which is kept.
 
-use heapless::Deque;
-
 use super::arrival::{Arrival, Found, Reflection};
 use super::bartlett::Scan;
-use super::model::{Heading, Headings, Paths, WAVENUMBER_MIN};
-use super::{Kept, LOOKS, Method};
+use super::model::{Heading, Paths, Solver, WAVENUMBER_MIN};
+use super::{Kept, Method};
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::units::wrap_pi;
 
-/// Up to this many headings all take part in the start and the fit; of more, three do. The last step takes all.
-pub(super) const HEADINGS: usize = 4;
 /// One path of which even a step leaves this many times more than it may is not worth a last step.
 const HOPELESS: f32 = 5.0;
 /// Phase errors of the channels give one path a residual, per look and in units of their variance, that is a chi-square
@@ -18,20 +14,6 @@ const HOPELESS: f32 = 5.0;
 const CALIBRATION_GATE: f32 = 12.0;
 /// Standard deviations of the mean residual by noise.
 const NOISE_GATE: f32 = 4.5;
-
-/// One answer in the making.
-pub(super) struct Solver<'a> {
-    /// `k p` of one antenna of each pair.
-    pub(super) half: [[f32; 2]; 2],
-    pub(super) wavenumber: f32,
-    pub(super) channel_variance: f32,
-    pub(super) looks: &'a Deque<Kept, LOOKS>,
-    pub(super) headings: &'a Headings,
-    /// Which heading each look is of.
-    pub(super) heading_of: &'a [u8; LOOKS],
-    /// Every how manieth heading takes part in the start and the fit.
-    pub(super) stride: usize,
-}
 
 impl Solver<'_> {
     /// One path if it is enough, else two.

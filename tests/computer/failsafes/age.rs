@@ -65,27 +65,27 @@ fn fly_with_random_faults(software: Software, seed: u64) -> Stand {
             0 => trial.computer_stands_still = true,
             1 => trial.ownship_is_silent = true,
             2 => trial.obstacles_are_silent = true,
-            3 => trial.autopilot.faults.heartbeat_is_silent = true,
-            4 => trial.autopilot.faults.is_silent = true,
+            3 => trial.rig.autopilot.faults.heartbeat_is_silent = true,
+            4 => trial.rig.autopilot.faults.is_silent = true,
             5 => trial.wire = Some(Wire::new(seed, 0.01 * random.uniform(), 0.01 * random.uniform())),
-            6 => assert!(trial.autopilot.select_mode(now_us, manual(software))),
-            7 => trial.autopilot.jump(now_us, [5.0 * random.uniform(), -3.0, 0.0], random.uniform() < 0.5),
-            _ => trial.autopilot.reboot(now_us, 500_000),
+            6 => assert!(trial.rig.autopilot.select_mode(now_us, manual(software))),
+            7 => trial.rig.autopilot.jump(now_us, [5.0 * random.uniform(), -3.0, 0.0], random.uniform() < 0.5),
+            _ => trial.rig.autopilot.reboot(now_us, 500_000),
         }
         stand.run(0.1 + 3.0 * random.uniform());
         let trial = &mut stand.trial;
         (trial.computer_stands_still, trial.ownship_is_silent, trial.obstacles_are_silent) = (false, false, false);
-        (trial.autopilot.faults.heartbeat_is_silent, trial.autopilot.faults.is_silent) = (false, false);
+        (trial.rig.autopilot.faults.heartbeat_is_silent, trial.rig.autopilot.faults.is_silent) = (false, false);
         trial.wire = None;
         let now_us = trial.autopilot_us();
-        if !trial.autopilot.armed {
+        if !trial.rig.autopilot.armed {
             stand.run(1.0);
-            stand.trial.autopilot.arm(now_us);
+            stand.trial.rig.autopilot.arm(now_us);
         }
         // A pilot who looks after his vehicle.
         if random.uniform() < 0.5 {
             let now_us = stand.trial.autopilot_us();
-            stand.trial.autopilot.select_mode(now_us, manual(software));
+            stand.trial.rig.autopilot.select_mode(now_us, manual(software));
             stand.run(1.5);
         }
     }
@@ -131,7 +131,7 @@ fn from_the_next_heartbeat_after_the_mode_was_left_no_setpoint_moves_and_the_veh
             stand.run(0.3 + 0.12 * f64::from(phase));
             let (from, now_us) = (stand.steps.len(), stand.trial.autopilot_us());
             let left_us = stand.trial.time_us();
-            assert!(stand.trial.autopilot.select_mode(now_us, manual(software)));
+            assert!(stand.trial.rig.autopilot.select_mode(now_us, manual(software)));
             stand.run(2.6);
             for step in &stand.steps[from..] {
                 if step.setpoints().any(|setpoint| !is_zero(setpoint)) {

@@ -46,7 +46,7 @@ fn fly(software: Software, seed: u64, field: Field, jumps: &[Jump], why: &str) -
     scenario.obstacles.retain(|pillar| (field.pillars_from_m..field.pillars_to_m).contains(&pillar.y));
     let trial = Trial::new(&scenario, software, Start::Hovering, Clocks::default(), seed).unwrap();
     let mut stand = Stand::of(trial);
-    stand.trial.autopilot.jump_yaw(field.turned_rad);
+    stand.trial.rig.autopilot.jump_yaw(field.turned_rad);
     stand.run(2.0);
     stand.get_under_way();
     let down_m = stand.trial.motion().pose.position_ned_m[2];
@@ -54,10 +54,10 @@ fn fly(software: Software, seed: u64, field: Field, jumps: &[Jump], why: &str) -
         stand.fly_past(jump.at_north_m);
         let now_us = stand.trial.autopilot_us();
         if jump.step_ned_m != [0.0; 3] {
-            stand.trial.autopilot.jump(now_us, jump.step_ned_m, jump.tells_origin);
+            stand.trial.rig.autopilot.jump(now_us, jump.step_ned_m, jump.tells_origin);
         }
         if jump.turn_rad != 0.0 {
-            stand.trial.autopilot.jump_yaw(jump.turn_rad);
+            stand.trial.rig.autopilot.jump_yaw(jump.turn_rad);
         }
         let from = stand.steps.len();
         stand.run(0.6);
@@ -148,7 +148,7 @@ fn a_jump_makes_it_stop_for_half_a_second_and_the_setpoints_stay_in_the_mode() {
     for software in BOTH {
         let mut stand = Stand::under_way(software);
         let now_us = stand.trial.autopilot_us();
-        stand.trial.autopilot.jump(now_us, [3.0, -4.0, 0.0], false);
+        stand.trial.rig.autopilot.jump(now_us, [3.0, -4.0, 0.0], false);
         let from = stand.steps.len();
         stand.run(0.5);
         let setpoints = stand.steps[from..].iter().flat_map(Step::setpoints);

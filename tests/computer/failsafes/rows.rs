@@ -60,10 +60,10 @@ fn none_it_flies_to_the_beacon_and_says_that_it_is_active() {
 fn no_autopilot_nothing_is_commanded_before_one_is_heard() {
     for software in BOTH {
         let mut stand = Stand::new(software, Start::Hovering);
-        stand.trial.autopilot.faults.is_silent = true;
+        stand.trial.rig.autopilot.faults.is_silent = true;
         stand.expect(5.0, Stream::Silent, "nobody");
         assert_eq!(stand.status(), Some(STANDBY));
-        stand.trial.autopilot.faults.is_silent = false;
+        stand.trial.rig.autopilot.faults.is_silent = false;
         stand.run(2.0);
         stand.get_under_way();
     }
@@ -74,11 +74,11 @@ fn no_autopilot_nothing_is_commanded_before_one_is_heard() {
 fn link_quiet_without_heartbeats_for_two_and_a_half_seconds_it_stops_and_goes_on_when_they_are_back() {
     for software in BOTH {
         let mut stand = Stand::under_way(software);
-        stand.trial.autopilot.faults.heartbeat_is_silent = true;
+        stand.trial.rig.autopilot.faults.heartbeat_is_silent = true;
         // The last one was up to a second ago.
         stand.expect_stand(2.5 + BRAKES_S, 2.5 + BRAKES_M, 4.0, "2.5 s without heartbeats");
         assert_eq!((stand.stream_now(), stand.status()), (Stream::Zero, Some(STANDBY)));
-        stand.trial.autopilot.faults.heartbeat_is_silent = false;
+        stand.trial.rig.autopilot.faults.heartbeat_is_silent = false;
         stand.expect_beacon("heartbeats are back");
     }
 }
@@ -89,14 +89,14 @@ fn link_lost_after_five_seconds_it_is_silent_and_waits_for_a_fresh_entry() {
     for software in BOTH {
         for all in [false, true] {
             let mut stand = Stand::under_way(software);
-            let faults = &mut stand.trial.autopilot.faults;
+            let faults = &mut stand.trial.rig.autopilot.faults;
             (faults.heartbeat_is_silent, faults.is_silent) = (true, all);
             // Without any telemetry it stops after 0.3 s, by itself.
             let quiet_s = if all { 0.4 } else { 2.5 };
             stand.expect_stand(quiet_s + BRAKES_S, quiet_s + BRAKES_M, 5.1, "5 s without heartbeats");
             stand.expect(4.0, Stream::Silent, "5 s without heartbeats");
             assert_eq!(stand.status(), Some(STANDBY));
-            let faults = &mut stand.trial.autopilot.faults;
+            let faults = &mut stand.trial.rig.autopilot.faults;
             (faults.heartbeat_is_silent, faults.is_silent) = (false, false);
             stand.run(1.1);
             // ArduCopter is in GUIDED still; PX4 has left OFFBOARD by itself.
@@ -145,11 +145,11 @@ fn telemetry_that_is_late_by_a_second_and_a_half_stops_it_for_as_long() {
 fn estimator_flags_that_say_nothing_is_known_stop_it_though_the_numbers_go_on() {
     for software in BOTH {
         let mut stand = Stand::under_way(software);
-        stand.trial.autopilot.faults.filter_is_bad = true;
+        stand.trial.rig.autopilot.faults.filter_is_bad = true;
         // Said twice a second by ArduPilot, once by PX4.
         stand.expect_stand(1.1 + BRAKES_S, 1.1 + BRAKES_M, 2.9, "bad estimator");
         expect_silence_and_its_end(&mut stand, "bad estimator");
-        stand.trial.autopilot.faults.filter_is_bad = false;
+        stand.trial.rig.autopilot.faults.filter_is_bad = false;
         stand.run(1.2);
         if software == Software::Px4 {
             stand.enter_afresh();
@@ -164,7 +164,7 @@ fn not_in_mode_the_pilot_takes_the_vehicle_and_gives_it_back() {
     for software in BOTH {
         let mut stand = Stand::under_way(software);
         let now_us = stand.trial.autopilot_us();
-        assert!(stand.trial.autopilot.select_mode(now_us, manual(software)));
+        assert!(stand.trial.rig.autopilot.select_mode(now_us, manual(software)));
         stand.expect_stand(BRAKES_S, BRAKES_M, 2.0, "mode taken away");
         stand.expect(3.0, waiting(software), "mode taken away");
         assert_eq!(stand.status(), Some(STANDBY));
@@ -178,11 +178,11 @@ fn not_in_mode_the_pilot_takes_the_vehicle_and_gives_it_back() {
 fn not_in_mode_the_pilot_disarms_and_arms_again() {
     for software in BOTH {
         let mut stand = Stand::under_way(software);
-        stand.trial.autopilot.armed = false;
+        stand.trial.rig.autopilot.armed = false;
         stand.expect_stand(BRAKES_S, BRAKES_M, 2.0, "disarmed");
         stand.expect(3.0, waiting(software), "disarmed");
         let now_us = stand.trial.autopilot_us();
-        assert!(stand.trial.autopilot.arm(now_us));
+        assert!(stand.trial.rig.autopilot.arm(now_us));
         stand.expect_beacon("armed again");
     }
 }
@@ -197,11 +197,11 @@ fn on_ground_it_waits_for_the_take_off_that_its_pilot_asks_for_and_then_flies_an
         if software == Software::ArduCopter {
             assert!(stand.trial.give_control());
         }
-        assert!(stand.trial.autopilot.arm(now_us));
+        assert!(stand.trial.rig.autopilot.arm(now_us));
         stand.run(1.0);
         stand.expect(2.0, waiting(software), "on the ground");
         let now_us = stand.trial.autopilot_us();
-        assert!(stand.trial.autopilot.take_off(now_us, 2.5));
+        assert!(stand.trial.rig.autopilot.take_off(now_us, 2.5));
         let height_m = |stand: &Stand| -stand.trial.motion().pose.position_ned_m[2];
         while height_m(&stand) < 2.3 {
             stand.expect(0.1, waiting(software), "taking off");
@@ -214,7 +214,7 @@ fn on_ground_it_waits_for_the_take_off_that_its_pilot_asks_for_and_then_flies_an
         assert!(height_m(&stand) > 2.2, "{}", height_m(&stand));
 
         let mut landing = Stand::under_way(software);
-        landing.trial.autopilot.set_landed(true);
+        landing.trial.rig.autopilot.set_landed(true);
         // It says so twice a second. ArduCopter's last setpoint holds for GUID_TIMEOUT, 3 s.
         landing.run(1.0);
         landing.expect(2.0, waiting(software), "landed");
@@ -228,23 +228,23 @@ fn on_ground_it_waits_for_the_take_off_that_its_pilot_asks_for_and_then_flies_an
 fn battery_critical_it_holds_while_low_only_keeps_it_from_beginning() {
     for software in BOTH {
         let mut stand = Stand::under_way(software);
-        stand.trial.autopilot.faults.battery = Battery { remaining_percent: 20, charge_state: LOW };
+        stand.trial.rig.autopilot.faults.battery = Battery { remaining_percent: 20, charge_state: LOW };
         stand.run(3.0);
         assert_eq!(stand.stream_now(), Stream::Moving, "what is under way goes on");
-        stand.trial.autopilot.faults.battery = Battery { remaining_percent: 5, charge_state: CHARGE_CRITICAL };
+        stand.trial.rig.autopilot.faults.battery = Battery { remaining_percent: 5, charge_state: CHARGE_CRITICAL };
         // Said once a second, by PX4 when it is asked to.
         stand.expect_stand(1.1 + BRAKES_S, 1.1 + BRAKES_M, 4.0, "battery critical");
         stand.expect(10.0, Stream::Zero, "battery critical");
         assert_eq!(stand.status(), Some(CRITICAL));
 
         let mut stand = Stand::new(software, Start::Hovering);
-        stand.trial.autopilot.faults.battery = Battery { remaining_percent: 20, charge_state: LOW };
+        stand.trial.rig.autopilot.faults.battery = Battery { remaining_percent: 20, charge_state: LOW };
         stand.run(3.0);
         assert!(stand.trial.give_control());
         stand.run(1.1);
         stand.expect(5.0, Stream::Zero, "battery low before the start");
         assert_eq!(stand.status(), Some(CRITICAL));
-        stand.trial.autopilot.faults.battery = Battery::default();
+        stand.trial.rig.autopilot.faults.battery = Battery::default();
         stand.expect_beacon("another battery");
     }
 }
@@ -253,10 +253,10 @@ fn battery_critical_it_holds_while_low_only_keeps_it_from_beginning() {
 #[test]
 fn fence_breached_it_stops_on_ardupilot_which_says_so() {
     let mut stand = Stand::under_way(Software::ArduCopter);
-    stand.trial.autopilot.faults.fence_is_breached = true;
+    stand.trial.rig.autopilot.faults.fence_is_breached = true;
     stand.expect_stand(1.1 + BRAKES_S, 1.1 + BRAKES_M, 4.0, "fence breached");
     assert_eq!((stand.stream_now(), stand.status()), (Stream::Zero, Some(CRITICAL)));
-    stand.trial.autopilot.faults.fence_is_breached = false;
+    stand.trial.rig.autopilot.faults.fence_is_breached = false;
     stand.expect_beacon("inside the fence again");
 }
 
@@ -276,17 +276,17 @@ fn switched_off_a_channel_that_a_ground_station_names_by_parameter_stops_and_sta
         stand.run(1.1);
         stand.expect(2.0, Stream::Zero, "switch in the middle");
         stand.expect_stand(0.0, 0.05, 1.0, "switch in the middle");
-        stand.trial.autopilot.faults.rc_us[6] = 1900;
+        stand.trial.rig.autopilot.faults.rc_us[6] = 1900;
         stand.fly_past(7.5);
-        stand.trial.autopilot.faults.rc_us[6] = 1100;
+        stand.trial.rig.autopilot.faults.rc_us[6] = 1100;
         stand.expect_stand(0.2 + BRAKES_S, 0.2 + BRAKES_M, 4.0, "switched off");
         assert_eq!((stand.stream_now(), stand.status()), (Stream::Zero, Some(STANDBY)));
-        stand.trial.autopilot.faults.rc_us[6] = 1900;
+        stand.trial.rig.autopilot.faults.rc_us[6] = 1900;
         stand.fly_past(12.5);
-        stand.trial.autopilot.faults.rc_is_lost = true;
+        stand.trial.rig.autopilot.faults.rc_is_lost = true;
         stand.expect_stand(2.0 + BRAKES_S, 2.0 + BRAKES_M, 5.0, "no switch heard");
         assert_eq!(stand.stream_now(), Stream::Zero);
-        stand.trial.autopilot.faults.rc_is_lost = false;
+        stand.trial.rig.autopilot.faults.rc_is_lost = false;
         stand.expect_beacon("switched on");
     }
 }
@@ -332,15 +332,15 @@ fn entry_needed_an_autopilot_that_restarts_in_flight_is_not_commanded_until_its_
             let mut stand = Stand::under_way(software);
             if moves_frame {
                 let now_us = stand.trial.autopilot_us();
-                stand.trial.autopilot.jump(now_us, [3.0, -4.0, 0.5], false);
+                stand.trial.rig.autopilot.jump(now_us, [3.0, -4.0, 0.5], false);
                 stand.run(3.0);
             }
             let now_us = stand.trial.autopilot_us();
-            stand.trial.autopilot.reboot(now_us, 1_500_000);
+            stand.trial.rig.autopilot.reboot(now_us, 1_500_000);
             stand.expect_stand(0.4 + BRAKES_S, 0.4 + BRAKES_M, 5.0, "restart");
             assert_eq!(stand.stream_now(), waiting(software));
             let now_us = stand.trial.autopilot_us();
-            assert!(stand.trial.give_control() && stand.trial.autopilot.arm(now_us));
+            assert!(stand.trial.give_control() && stand.trial.rig.autopilot.arm(now_us));
             stand.expect_beacon("restarted, and entered again");
         }
     }
@@ -351,9 +351,9 @@ fn entry_needed_an_autopilot_that_restarts_in_flight_is_not_commanded_until_its_
 fn entry_needed_an_autopilot_that_wakes_up_in_the_mode_is_sent_zeros() {
     let mut stand = Stand::under_way(Software::ArduCopter);
     let now_us = stand.trial.autopilot_us();
-    stand.trial.autopilot.reboot(now_us, 1_000_000);
-    let mode = stand.trial.autopilot.companion_mode();
-    (stand.trial.autopilot.custom_mode, stand.trial.autopilot.armed) = (mode, true);
+    stand.trial.rig.autopilot.reboot(now_us, 1_000_000);
+    let mode = stand.trial.rig.autopilot.companion_mode();
+    (stand.trial.rig.autopilot.custom_mode, stand.trial.rig.autopilot.armed) = (mode, true);
     stand.expect_stand(0.4 + BRAKES_S, 0.4 + BRAKES_M, 5.0, "restart in the mode");
     stand.expect(10.0, Stream::Zero, "restart in the mode");
     stand.enter_afresh();
@@ -367,7 +367,7 @@ fn a_second_autopilot_on_the_link_changes_nothing() {
         let mut alone = Stand::under_way(software);
         alone.expect_beacon("alone");
         let mut stand = Stand::under_way(software);
-        stand.trial.autopilot.faults.other_system = Some(2);
+        stand.trial.rig.autopilot.faults.other_system = Some(2);
         stand.expect_beacon("a second autopilot");
         assert_eq!(stand.trial.motion(), alone.trial.motion(), "to the bit");
     }
@@ -405,16 +405,16 @@ fn stale_ownship_a_position_that_stands_still_and_a_velocity_that_contradicts_it
             let from = stand.steps.len();
             if is_frozen {
                 let position_ned_m = stand.trial.motion().pose.position_ned_m.map(|metres| metres as f32);
-                stand.trial.autopilot.faults.position_ned_m = Some(position_ned_m);
+                stand.trial.rig.autopilot.faults.position_ned_m = Some(position_ned_m);
             } else {
-                stand.trial.autopilot.faults.velocity_is_backwards = true;
+                stand.trial.rig.autopilot.faults.velocity_is_backwards = true;
             }
             stand.expect_stand(0.5 + BRAKES_S, 0.5 + BRAKES_M, 20.0, "contradiction");
             assert_eq!((stand.stream_now(), stand.status()), (Stream::Zero, Some(CRITICAL)));
             let why = if is_frozen { "position stands still" } else { "velocity contradicts position" };
             assert_eq!(told(&stand, from), [format!("Foxhound: {why}, holds")]);
             // What was found holds until the mode is entered afresh, in which time it may have been mended.
-            let faults = &mut stand.trial.autopilot.faults;
+            let faults = &mut stand.trial.rig.autopilot.faults;
             (faults.position_ned_m, faults.velocity_is_backwards) = (None, false);
             stand.run(2.0);
             assert_eq!(stand.stream_now(), Stream::Zero);

@@ -62,7 +62,7 @@ impl Stand {
     }
 
     pub(crate) fn of(trial: Trial) -> Self {
-        let software = trial.autopilot.software();
+        let software = trial.rig.autopilot.software();
         Self { trial, steps: Vec::new(), software }
     }
 
@@ -93,7 +93,7 @@ impl Stand {
 
     pub(crate) fn step(&mut self) -> &Step {
         let step = self.trial.step();
-        assert!(!self.trial.collided, "{:?} at {} s", self.software, step.time_s());
+        assert!(!self.trial.rig.collided, "{:?} at {} s", self.software, step.time_s());
         for (header, message) in &step.sent {
             assert_eq!((header.system_id, header.component_id), (1, 191));
             let is_allowed = match message {
@@ -179,7 +179,7 @@ impl Stand {
     /// The pilot leaves the mode for a second and a half and enters it again.
     pub(crate) fn enter_afresh(&mut self) {
         let now_us = self.trial.autopilot_us();
-        assert!(self.trial.autopilot.select_mode(now_us, manual(self.software)));
+        assert!(self.trial.rig.autopilot.select_mode(now_us, manual(self.software)));
         self.run(1.5);
         assert!(self.trial.give_control(), "{:?} lets its pilot give control again", self.software);
     }

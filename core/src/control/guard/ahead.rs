@@ -1,16 +1,16 @@
-//! Where a command leads: whether that is clear of every circle and inside the fence, and whether it has been looked at.
+//! Where a command leads: whether that is clear of every circle and inside the fence, and whether the sensor has seen it.
 
 use super::{Guard, GuardInput};
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::units::sin_cos;
-use crate::mapping::sight::{Cover, Sight};
+use crate::mapping::coverage::{Cover, Coverage};
 
 /// How far ahead the straight line from the vehicle to where the command leads must be clear.
 const CORNER_S: f32 = 0.2;
-/// Slower than this nothing need be looked at.
+/// Slower than this nothing need have been seen.
 const CREEP_MPS: f32 = 0.001;
-/// Half a way shorter than this is not looked at by itself: what is asked of a place holds for 7 cm around it.
+/// Half a path shorter than this is not checked by itself: the cover of a place holds for 7 cm around it.
 const SHORT_M: f32 = 0.06;
 
 /// Cosine and sine of the directions, off that of travel, in which the hull's front comes nearer to something: up to 75
@@ -27,12 +27,12 @@ const FRONT: [(f32, f32); 9] = [
     (0.258_819, -0.965_926),
 ];
 
-/// What lies where a command leads.
+/// The cover of the path that a command leads along.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Way {
+pub(super) enum PathCover {
     Seen,
     Hidden,
-    /// Towards the place to look at first.
+    /// Towards the place to see first.
     Unseen(Horizontal),
 }
 
@@ -44,11 +44,11 @@ impl Guard {
         (rest.plus(velocity.times(ahead_s)), ahead_s)
     }
 
-    /// Whether a command keeps the vehicle out of every circle: on the way to its rest point, from there until the command
+    /// Whether a command keeps the vehicle out of every circle: on the path to its rest point, from there until the command
     /// is braked away, and on the straight line to where it leads next. What touches a circle already may move if it does
     /// not go deeper.
-    pub(super) fn is_clear(&self, velocity: Horizontal, situation: &GuardInput, near: &[Neighbour]) -> bool {
-        let (position, rest) = (situation.position_ned_m, situation.rest_ned_m);
+    pub(super) fn is_clear(&self, velocity: Horizontal, input: &GuardInput, near: &[Neighbour]) -> bool {
+        let (position, rest) = (input.position_ned_m, input.rest_ned_m);
         let (ahead, ahead_s) = self.ahead(velocity, rest);
         let (underway_m, ahead_m) = (position.minus(rest).norm(), ahead.minus(rest).norm());
         let spread_m = self.config.margin_m + if underway_m > ahead_m { underway_m } else { ahead_m };
@@ -67,9 +67,9 @@ impl Guard {
             if on_way >= 0.5 * self.config.margin_m && is_still {
                 return true;
             }
-            // What is on its way cannot be called back: it is no reason to refuse a command that leads out of it.
+            // The path to the rest point cannot be changed any more: it is no reason to refuse a command that leads away.
             let at_rest = Horizontal::distance_to_segment(center, position, rest) - obstacle.reach_m;
-            let later = center.plus(obstacle.velocity_ned_mps.times(situation.delay_s + ahead_s));
+            let later = center.plus(obstacle.velocity_ned_mps.times(input.delay_s + ahead_s));
             let later_ahead = ahead.minus(later).norm() - obstacle.reach_m;
             let later_at_rest = rest.minus(later).norm() - obstacle.reach_m;
             on_way >= least(0.5 * self.config.margin_m, at_rest - 1e-3)
@@ -78,38 +78,44 @@ impl Guard {
     }
 
     /// Whether a command leads to a place inside the fence, or at least not farther out.
-    pub(super) fn stays_inside(&self, velocity: Horizontal, situation: &GuardInput) -> bool {
-        let (ahead, _) = self.ahead(velocity, situation.rest_ned_m);
-        let now = self.config.fence.sides(situation.rest_ned_m);
+    pub(super) fn stays_inside(&self, velocity: Horizontal, input: &GuardInput) -> bool {
+        let (ahead, _) = self.ahead(velocity, input.rest_ned_m);
+        let now = self.config.fence.sides(input.rest_ned_m);
         self.config.fence.sides(ahead).zip(now).all(|((_, then_m), (_, now_m))| then_m >= 0.0 || then_m >= now_m - 1e-4)
     }
 
-    /// What has been seen of the places where an obstacle would touch the hull on its way.
-    pub(super) fn way(&self, sight: &Sight, velocity: Horizontal, situation: &GuardInput, near: &[Neighbour]) -> Way {
+    /// What has been seen of the places where an obstacle would touch the hull on its path.
+    pub(super) fn path_coverage(
+        &self,
+        coverage: &Coverage,
+        velocity: Horizontal,
+        input: &GuardInput,
+        near: &[Neighbour],
+    ) -> PathCover {
         let speed = velocity.norm();
         if speed < CREEP_MPS {
-            return Way::Seen;
+            return PathCover::Seen;
         }
-        let (radius_m, smallest_m) = (self.config.vehicle_radius_m, self.looker.smallest_obstacle_m());
+        let (radius_m, smallest_m) = (self.config.vehicle_radius_m, self.surveyor.smallest_obstacle_m());
         let reach_m = radius_m + smallest_m;
         let along = velocity.times(1.0 / speed);
         let right = Horizontal { north: -along.east, east: along.north };
-        let (ahead, _) = self.ahead(velocity, situation.rest_ned_m);
-        let middle = ahead.plus(situation.rest_ned_m).times(0.5);
-        // A short way has no middle that its end does not cover.
+        let (ahead, _) = self.ahead(velocity, input.rest_ned_m);
+        let middle = ahead.plus(input.rest_ned_m).times(0.5);
+        // The end of a short path covers its middle.
         let is_short = ahead.minus(middle).norm_squared() < SHORT_M * SHORT_M;
-        let (nose_east, nose_north) = sin_cos(situation.yaw_rad);
+        let (nose_east, nose_north) = sin_cos(input.yaw_rad);
         let nose = Horizontal { north: nose_north, east: nose_east };
 
-        let mut way = Way::Seen;
+        let mut covered = PathCover::Seen;
         let mut nearest_the_nose = f32::NEG_INFINITY;
         for station in [middle, ahead].into_iter().skip(usize::from(is_short)) {
             for (cosine, sine) in FRONT {
                 let place = station.plus(along.times(reach_m * cosine)).plus(right.times(reach_m * sine));
-                if self.looker.is_at_home(sight, place, radius_m) {
+                if self.surveyor.is_at_home(coverage, place, radius_m) {
                     continue;
                 }
-                let cover = self.looker.cover(sight, place);
+                let cover = self.surveyor.cover(coverage, place);
                 // What could stand there unseen is inside of what is known, but for the margin that is kept from it.
                 let is_known = |obstacle: &Neighbour| {
                     let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;
@@ -118,26 +124,25 @@ impl Guard {
                 if cover == Cover::Seen || near.iter().any(is_known) {
                     continue;
                 }
-                // What was hidden from elsewhere can be looked at by now, unless something known stands before it.
+                // What was hidden from elsewhere can be seen by now, unless something known stands before it.
                 let is_before = |obstacle: &Neighbour| {
-                    let place_m =
-                        Horizontal::distance_to_segment(obstacle.center_ned_m, situation.position_ned_m, place);
+                    let place_m = Horizontal::distance_to_segment(obstacle.center_ned_m, input.position_ned_m, place);
                     place_m < obstacle.reach_m - radius_m
                 };
                 if cover == Cover::Hidden || cover == Cover::WasHidden && near.iter().any(is_before) {
-                    if way == Way::Seen {
-                        way = Way::Hidden;
+                    if covered == PathCover::Seen {
+                        covered = PathCover::Hidden;
                     }
                     continue;
                 }
-                let direction = place.minus(situation.position_ned_m);
+                let direction = place.minus(input.position_ned_m);
                 let off_nose = nose.dot(direction) / direction.norm();
                 if off_nose > nearest_the_nose {
                     nearest_the_nose = off_nose;
-                    way = Way::Unseen(direction);
+                    covered = PathCover::Unseen(direction);
                 }
             }
         }
-        way
+        covered
     }
 }

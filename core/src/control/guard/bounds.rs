@@ -1,4 +1,4 @@
-//! Which obstacles can matter in a step, and what they and the fence say of the velocity.
+//! Which obstacles can matter in a step, and which velocities they and the fence allow.
 
 use heapless::Vec;
 
@@ -9,7 +9,7 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::units::between;
 
-/// So many obstacles are looked at closely in one step. Among more the vehicle is slower, so that fewer can matter.
+/// So many obstacles are considered in one step. Among more the vehicle is slower, so that fewer can matter.
 pub const CLOSE_MAX: usize = 18;
 /// How often its speed is halved for that; where there are still more it brakes.
 const HALVED_MAX: u8 = 3;
@@ -31,13 +31,13 @@ impl Guard {
     pub(super) fn gather_near(
         &self,
         command_ned_mps: Horizontal,
-        situation: &GuardInput,
+        input: &GuardInput,
         obstacles: &[Neighbour],
         near: &mut Near,
     ) -> Option<f32> {
         let c = &self.config;
-        let (rest, delay_s) = (situation.rest_ned_m, situation.delay_s);
-        let underway_m = rest.minus(situation.position_ned_m).norm();
+        let (rest, delay_s) = (input.rest_ned_m, input.delay_s);
+        let underway_m = rest.minus(input.position_ned_m).norm();
         let mut v_max_mps = c.v_max_mps;
         for _ in 0..=HALVED_MAX {
             // It is no slower than this before the next step.
@@ -60,7 +60,7 @@ impl Guard {
         None
     }
 
-    /// The distance from which a speed of approach is allowed: the inverse of the bound of the guard's text.
+    /// The distance from which a speed of approach is allowed: the inverse of the bound in the guard's documentation.
     fn range_m(&self, speed_mps: f32) -> f32 {
         let c = &self.config;
         let (by_rate, by_brake) = (speed_mps / c.approach_rate_per_s, speed_mps * speed_mps / (1.4 * c.a_max_mps2));
@@ -79,29 +79,29 @@ impl Guard {
         if by_rate < by_brake { by_rate } else { by_brake }
     }
 
-    /// What circles and fence say of the velocity, and whether something comes at the vehicle so that it cannot just stay.
+    /// Which velocities circles and fence allow, and whether something comes at the vehicle so that it cannot just stay.
     pub(super) fn bound(
         &self,
-        situation: &GuardInput,
+        input: &GuardInput,
         near: &[Neighbour],
         v_max_mps: f32,
         half_spaces: &mut HalfSpaces,
     ) -> bool {
         let c = &self.config;
-        let (rest, delay_s) = (situation.rest_ned_m, situation.delay_s);
+        let (rest, delay_s) = (input.rest_ned_m, input.delay_s);
         let mut is_threatened = false;
         let beyond = -SLACK * v_max_mps;
         for obstacle in near {
             let mut drift = obstacle.velocity_ned_mps;
-            // What pushes the vehicle about misleads its eyes, too: in gusts, what seems to go away is held to stand.
-            if situation.gust_margin_m > 0.0 && rest.minus(obstacle.center_ned_m).dot(drift) < 0.0 {
+            // Gusts falsify the measured velocity of obstacles, too: one that seems to go away is assumed to stand.
+            if input.gust_margin_m > 0.0 && rest.minus(obstacle.center_ned_m).dot(drift) < 0.0 {
                 drift = Horizontal::default();
             }
             let away = rest.minus(obstacle.center_ned_m.plus(drift.times(delay_s)));
             let norm = away.norm();
             let outwards = if norm > 1e-6 { away.times(1.0 / norm) } else { Horizontal { north: 1.0, east: 0.0 } };
-            // From what moves it goes out of the way as in calm air: into the arms of the next one else.
-            let gust_m = if drift == Horizontal::default() { situation.gust_margin_m } else { 0.0 };
+            // Moving obstacles are evaded as in calm air, so that the vehicle does not run into the next one.
+            let gust_m = if drift == Horizontal::default() { input.gust_margin_m } else { 0.0 };
             let h = norm - obstacle.reach_m - c.margin_m - gust_m - 0.2 * drift.norm();
             let oncoming = outwards.dot(drift);
             let least_mps = oncoming - self.approach_mps(h, gust_m);
@@ -111,10 +111,10 @@ impl Guard {
             }
         }
         for (inwards, depth_m) in c.fence.sides(rest) {
-            let gust_m = situation.gust_margin_m;
+            let gust_m = input.gust_margin_m;
             let least_mps = -self.approach_mps(depth_m - c.fence_margin_m - gust_m, gust_m);
             if least_mps > beyond {
-                // Cannot fail: there is room for all of them.
+                // Cannot fail: the capacity is the most that are gathered.
                 let _ = half_spaces.push(HalfSpace { outwards: inwards, least_mps, oncoming_mps: 0.0 });
             }
         }

@@ -1,10 +1,10 @@
-//! What the guard needs to know, and what of that is refused.
+//! Configuration of the guard, and which values are refused.
 
 use super::{Fence, Guard};
 use crate::base::error::{ConfigError, Why, check};
-use crate::mapping::sight;
+use crate::mapping::coverage;
 
-/// What the guard needs to know.
+/// Configuration of the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -24,12 +24,12 @@ pub struct Config {
     pub margin_m: f32,
     /// Share of the remaining clearance that may be used up a second.
     pub approach_rate_per_s: f32,
-    /// Full angle of the obstacle sensor's view, centred on the nose; 2 pi when it looks all round.
+    /// Full angle of the obstacle sensor's view, centred on the nose; 2 pi when it covers the full circle.
     pub fov_rad: f32,
-    /// Share of the speed that is granted out of the view, into what has been seen.
+    /// Share of the speed that is granted outside the field of view, into what has been seen.
     pub out_of_view_share: f32,
-    /// Where has been looked.
-    pub sight: sight::Config,
+    /// Which places the sensor has seen.
+    pub coverage: coverage::Config,
     /// Largest deviation from the altitude that is held, either way.
     pub altitude_band_m: f32,
     /// Highest place, local NED.
@@ -55,7 +55,7 @@ impl Default for Config {
             approach_rate_per_s: 2.0,
             fov_rad: core::f32::consts::FRAC_PI_2,
             out_of_view_share: 0.5,
-            sight: sight::Config::default(),
+            coverage: coverage::Config::default(),
             altitude_band_m: 2.0,
             down_min_m: -1e4,
             down_max_m: 1e4,
@@ -89,6 +89,6 @@ impl Config {
         }
         check("guard.fence_margin_m", self.fence_margin_m, 0.0, 100.0)?;
         self.fence.build()?;
-        Ok(Guard { config: *self, looker: self.sight.build(self.fov_rad)? })
+        Ok(Guard { config: *self, surveyor: self.coverage.build(self.fov_rad)? })
     }
 }

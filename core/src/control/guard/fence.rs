@@ -23,7 +23,7 @@ pub enum Fence {
     },
     /// In a convex polygon.
     Polygon {
-        /// Its corners, one after the other, either way round; those past `count` do not matter.
+        /// Its corners, one after the other, in either direction; those past `count` do not matter.
         corners_ned_m: [Horizontal; CORNERS_MAX],
         /// How many there are, at least three.
         count: u8,
@@ -112,7 +112,7 @@ fn edges(corners: &[Horizontal]) -> impl Iterator<Item = (Horizontal, Horizontal
     corners.iter().copied().zip(corners.iter().copied().cycle().skip(1))
 }
 
-/// Positive when `p` lies clockwise (to the right) of the way from `a` to `b`.
+/// Positive when `p` lies clockwise (to the right) of the line from `a` to `b`.
 fn turn(a: Horizontal, b: Horizontal, p: Horizontal) -> f32 {
     let (along, to) = (b.minus(a), p.minus(a));
     along.north * to.east - along.east * to.north

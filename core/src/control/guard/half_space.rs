@@ -12,7 +12,7 @@ const DECISIVE_MAX: usize = 12;
 /// So many obstacles bound the velocity in gusts, where those as far away as the gust margin do, whatever the speed. Of more than that
 /// the least demanding are left out.
 const GUSTY_MAX: usize = 64;
-/// Halvings of the shortfall where gusts want more room than there is.
+/// Halvings of the shortfall where gusts need more space than there is.
 const EVENED_MAX: u8 = 4;
 
 /// A half-plane of velocities: `outwards . v >= least`.
@@ -40,9 +40,9 @@ pub(super) fn add(half_spaces: &mut HalfSpaces, half_space: HalfSpace) {
     }
 }
 
-/// Where gusts want more room than there is: the same shortfall from all that stands, so that the vehicle keeps to the middle.
+/// Where gusts need more space than there is: the same shortfall from all that stands, so that the vehicle keeps to the middle.
 pub(super) fn evened_out(wanted: Horizontal, half_spaces: &mut HalfSpaces) -> Option<Horizontal> {
-    // By the largest of them, nothing is asked for any more.
+    // By the largest of them, no distance is required any more.
     let most_mps = half_spaces
         .iter()
         .fold(0.0, |most, half_space| if half_space.least_mps > most { half_space.least_mps } else { most });
@@ -68,12 +68,12 @@ pub(super) fn evened_out(wanted: Horizontal, half_spaces: &mut HalfSpaces) -> Op
     best
 }
 
-/// The velocity nearest to the wanted one that all half-spaces allow; `None` if there is none.
+/// The velocity nearest to the wanted one that all half-spaces allow; `None` if no velocity is.
 ///
 /// The half-space that the answer so far breaks most is added: the new answer lies on its edge, within what those added
 /// before leave of that line (the incremental linear programme of de Berg et al., Computational Geometry, section 4.3, with a
-/// distance for its objective). Exact; two or three of them mostly decide, and where more than [`DECISIVE_MAX`] have to, there
-/// is none in time.
+/// distance for its objective). Exact; two or three of them mostly decide, and where more than [`DECISIVE_MAX`] have to, the
+/// answer is `None`.
 pub(super) fn nearest_allowed(wanted: Horizontal, half_spaces: &[HalfSpace]) -> Option<Horizontal> {
     let mut velocity = wanted;
     let mut decisive: Vec<HalfSpace, DECISIVE_MAX> = Vec::new();

@@ -1,4 +1,4 @@
-//! The guard: every command passes it, whoever made it, and it trusts nobody.
+//! The guard: the last safety filter. Every command passes it, from whichever stage, and it trusts none.
 //!
 //! In this order:
 //!
@@ -6,22 +6,22 @@
 //! 2. Motion towards each known circle and each side of the geofence is limited to what can still be stopped: half-spaces of
 //!    a control barrier function `h = distance - reach - margin - 0.2 |v_obstacle|`, with the bound
 //!    `-dh/dt <= min(rate h, sqrt(1.4 a h))` on the speed relative to the circle. The command becomes the nearest one that
-//!    all of them allow. What is too close is moved away from, also from a standstill. If they do not agree, what stands
-//!    still need only not come nearer; if they still do not, it brakes.
-//!    Where gusts push the vehicle about ([`crate::control::gust`]) the margin to what stands still grows by as much; where
-//!    there is no room for that, all give way by the same, which leads to the middle.
+//!    all of them allow. What is too close is moved away from, also from a standstill. If they contradict one
+//!    another, standing obstacles need only not come nearer; if they still do, it brakes.
+//!    Where gusts push the vehicle about ([`crate::control::wind`]) the margin to standing obstacles grows by as much; where
+//!    there is no space for that, all margins shrink by the same, which leads to the middle.
 //! 3. The change from the last command is limited: by the acceleration limit always, by the jerk limit when the speed
-//!    grows. Slowing down is never limited by jerk, nor is getting out of the way: a brake must not be late. The jerk limit bounds how
+//!    grows. Slowing down is never limited by jerk, nor is evading: a brake must not be late. The jerk limit bounds how
 //!    fast an acceleration builds up or turns round; it may end at once.
 //! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must not
 //!    touch a circle or leave the fence, or the command is cut down, in the end to a brake.
-//! 5. The vehicle's hull at the place where the command leads must not touch a place that has not been looked at
-//!    ([`crate::mapping::sight`]). Otherwise it is cut down or held, and the ruling says where to look first. Behind
-//!    something that the latest look has seen, where looking does not help, it goes slowly. Two threats are worse than what
-//!    might be there: an obstacle that comes at the vehicle, and gusts that push it towards one. From that it keeps away
-//!    while the nose turns, and does no more. Nor does what the evader asks for wait until the nose has turned.
+//! 5. The vehicle's hull at the place where the command leads must not touch a place that the sensor has not seen
+//!    ([`crate::mapping::coverage`]). Otherwise it is cut down or held, and the output says where to turn the sensor first. Behind
+//!    something that the latest scan has seen, where turning does not help, it goes slowly. Two threats are worse than what
+//!    might be there: an obstacle that comes at the vehicle, and gusts that push it towards one. It keeps away from them
+//!    while the nose turns, and does no more. Demands of the evader do not wait until the nose has turned either.
 //!
-//! Within limits a brake is always granted. Everything is counted, and the count of steps tells that the guard is alive.
+//! Within limits a brake is always granted. Everything is counted, and the count of steps shows that the guard is alive.
 //! Cost: at most 11 000 instructions among 64 obstacles (bench row `guard_64`).
 
 use crate::base::ned::{Horizontal, Ned};
@@ -29,8 +29,8 @@ use crate::base::obstacle::{Circle, Neighbour};
 use crate::base::pose::Pose;
 use crate::base::units::between;
 use crate::control::track::Demand;
+use crate::mapping::coverage::{Coverage, Surveyor};
 use crate::mapping::scan::Scan;
-use crate::mapping::sight::{Sight, Surveyor};
 
 mod ahead;
 mod bounds;
@@ -38,7 +38,7 @@ mod config;
 mod fence;
 mod half_space;
 
-use ahead::Way;
+use ahead::PathCover;
 pub use bounds::CLOSE_MAX;
 use bounds::Near;
 pub use config::Config;
@@ -72,7 +72,7 @@ pub enum Action {
     Passed,
     /// Slowed, or bent away from an obstacle or the fence.
     Limited,
-    /// Held until the nose has turned to what has not been looked at.
+    /// Held until the nose has turned to what the sensor has not seen.
     Looking,
     /// Replaced by a brake.
     Braked,
@@ -84,9 +84,9 @@ pub enum Action {
 pub struct GuardOutput {
     /// The command.
     pub setpoint: Setpoint,
-    /// What it did.
+    /// What it did with the demand.
     pub action: Action,
-    /// Where to look before going on, from north, clockwise.
+    /// Where to turn the sensor before going on, from north, clockwise.
     pub look_ned_rad: Option<f32>,
 }
 
@@ -101,9 +101,9 @@ pub struct GuardInput {
     pub yaw_rad: f32,
     /// How long the vehicle takes to come to its rest point: what moves has moved on by then.
     pub delay_s: f32,
-    /// How far gusts push the vehicle about: so much more is kept from what stands still.
+    /// How far gusts push the vehicle: so much more is kept from standing obstacles.
     pub gust_margin_m: f32,
-    /// The demand is the evader's: getting out of somebody's way does not wait until the nose has turned.
+    /// The demand is the evader's: evading does not wait until the nose has turned.
     pub is_evading: bool,
     /// Vertical position, local NED, if known.
     pub down_m: Option<f32>,
@@ -126,7 +126,7 @@ pub struct Counts {
     pub looking: u32,
     /// Commands that became a brake.
     pub braked: u32,
-    /// Those of them that did so because the half-spaces did not agree.
+    /// Those of them that did so because the half-spaces contradict one another.
     pub not_converged: u32,
 }
 
@@ -134,7 +134,7 @@ pub struct Counts {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guard {
     config: Config,
-    looker: Surveyor,
+    surveyor: Surveyor,
 }
 
 /// The last command, from which the next may differ by the limits, what has been seen, and the counts.
@@ -144,7 +144,7 @@ pub struct State {
     down_mps: f32,
     /// Change of the command in the last step.
     change_ned_mps: Horizontal,
-    sight: Sight,
+    coverage: Coverage,
     counts: Counts,
 }
 
@@ -155,10 +155,10 @@ impl State {
         self.command_ned_mps
     }
 
-    /// Where has been looked.
+    /// Which places the sensor has seen.
     #[must_use]
-    pub fn sight(&self) -> &Sight {
-        &self.sight
+    pub fn coverage(&self) -> &Coverage {
+        &self.coverage
     }
 
     /// What the guard has done so far.
@@ -172,7 +172,7 @@ impl State {
         self.command_ned_mps = Horizontal::default();
         self.change_ned_mps = Horizontal::default();
         self.down_mps = 0.0;
-        self.sight.leave();
+        self.coverage.leave();
         self.counts.beats = self.counts.beats.wrapping_add(1);
     }
 }
@@ -184,14 +184,14 @@ impl Guard {
         Neighbour::of(circle, self.config.vehicle_radius_m)
     }
 
-    /// Takes in what a scan has looked at.
-    pub fn look_scan(&self, state: &mut State, scan: &Scan, pose: &Pose) {
-        self.looker.note_scan(&mut state.sight, scan, pose);
+    /// Takes in what a scan has seen.
+    pub fn note_scan(&self, state: &mut State, scan: &Scan, pose: &Pose) {
+        self.surveyor.note_scan(&mut state.coverage, scan, pose);
     }
 
     /// Takes in that a sensor has delivered circles; `obstacles` are all that are known near the vehicle.
-    pub fn look_circles(&self, state: &mut State, obstacles: &[Neighbour], pose: &Pose) {
-        self.looker.note_circles(&mut state.sight, obstacles, self.config.vehicle_radius_m, pose);
+    pub fn note_circles(&self, state: &mut State, obstacles: &[Neighbour], pose: &Pose) {
+        self.surveyor.note_circles(&mut state.coverage, obstacles, self.config.vehicle_radius_m, pose);
     }
 
     /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits whatever comes in.
@@ -199,23 +199,23 @@ impl Guard {
         &self,
         state: &mut State,
         demand: &Demand,
-        situation: &GuardInput,
+        input: &GuardInput,
         obstacles: &[Neighbour],
         dt_s: f32,
     ) -> GuardOutput {
         let c = &self.config;
         let sane = demand.velocity_ned_mps.is_finite()
-            && situation.position_ned_m.is_finite()
-            && situation.rest_ned_m.is_finite()
-            && situation.yaw_rad.is_finite()
-            && situation.delay_s.is_finite();
+            && input.position_ned_m.is_finite()
+            && input.rest_ned_m.is_finite()
+            && input.yaw_rad.is_finite()
+            && input.delay_s.is_finite();
         let yaw_rate_radps = between(finite(demand.yaw_rate_radps), -c.yaw_rate_max_radps, c.yaw_rate_max_radps);
-        let down = self.vertical(state.down_mps, finite(demand.down_mps), situation, dt_s);
+        let down = self.vertical(state.down_mps, finite(demand.down_mps), input, dt_s);
 
         let last = state.command_ned_mps;
         let braked = (limited(last, Horizontal::default(), c.a_max_mps2 * dt_s), Action::Braked, None);
         let (velocity, action, look_ned_rad) =
-            if sane { self.horizontal(state, demand, situation, obstacles, dt_s).unwrap_or(braked) } else { braked };
+            if sane { self.horizontal(state, demand, input, obstacles, dt_s).unwrap_or(braked) } else { braked };
 
         let counts = &mut state.counts;
         counts.beats = counts.beats.wrapping_add(1);
@@ -237,23 +237,23 @@ impl Guard {
         &self,
         state: &mut State,
         demand: &Demand,
-        situation: &GuardInput,
+        input: &GuardInput,
         obstacles: &[Neighbour],
         dt_s: f32,
     ) -> Option<(Horizontal, Action, Option<f32>)> {
         let c = &self.config;
-        self.looker.stand(&mut state.sight, situation.position_ned_m, c.vehicle_radius_m);
-        // Filled where they lie: to return them would copy them.
+        self.surveyor.stand(&mut state.coverage, input.position_ned_m, c.vehicle_radius_m);
+        // Filled in place: to return them would copy them.
         let (mut near, mut half_spaces) = (Near::new(), HalfSpaces::new());
-        let v_max_mps = self.gather_near(state.command_ned_mps, situation, obstacles, &mut near)?;
+        let v_max_mps = self.gather_near(state.command_ned_mps, input, obstacles, &mut near)?;
         let near = &near;
-        let bounding = if situation.gust_margin_m > 0.0 { obstacles } else { near };
-        let is_threatened = self.bound(situation, bounding, v_max_mps, &mut half_spaces) || situation.is_evading;
+        let bounding = if input.gust_margin_m > 0.0 { obstacles } else { near };
+        let is_threatened = self.bound(input, bounding, v_max_mps, &mut half_spaces) || input.is_evading;
 
         let wanted = demand.velocity_ned_mps.clamped(v_max_mps);
-        let granted = if is_threatened { wanted } else { wanted.times(self.view_share(wanted, situation.yaw_rad)) };
+        let granted = if is_threatened { wanted } else { wanted.times(self.view_share(wanted, input.yaw_rad)) };
         let mut agreed = nearest_allowed(granted, &half_spaces);
-        if agreed.is_none() && situation.gust_margin_m > 0.0 {
+        if agreed.is_none() && input.gust_margin_m > 0.0 {
             agreed = evened_out(granted, &mut half_spaces);
         }
         let agreed = agreed.or_else(|| {
@@ -270,28 +270,29 @@ impl Guard {
         };
         let safe = safe.clamped(v_max_mps);
 
-        // Where nothing has ever looked there is no such sensor: whether there must be one is for the mission to say.
-        let looks = state.sight.has_looked() && !is_threatened;
+        // Without any scan so far there is no such sensor: whether one is required is the mission's decision.
+        let has_sensor = state.coverage.has_scanned() && !is_threatened;
         let mut unseen = None;
         for (trial, share) in [1.0, 0.5, 0.25].into_iter().enumerate() {
             let tried = self.approach(state, safe.times(share), is_threatened, dt_s);
-            let is_clear = self.is_clear(tried, situation, near) && self.stays_inside(tried, situation);
+            let is_clear = self.is_clear(tried, input, near) && self.stays_inside(tried, input);
             if !is_clear {
                 continue;
             }
-            let way = if looks { self.way(&state.sight, tried, situation, near) } else { Way::Seen };
-            match way {
-                Way::Unseen(direction) => {
+            let covered =
+                if has_sensor { self.path_coverage(&state.coverage, tried, input, near) } else { PathCover::Seen };
+            match covered {
+                PathCover::Unseen(direction) => {
                     unseen = unseen.or(Some(direction.bearing_rad()));
                     continue;
                 }
-                Way::Hidden if tried.norm_squared() > HIDDEN_MPS * HIDDEN_MPS => continue,
-                Way::Hidden | Way::Seen => {}
+                PathCover::Hidden if tried.norm_squared() > HIDDEN_MPS * HIDDEN_MPS => continue,
+                PathCover::Hidden | PathCover::Seen => {}
             }
-            if looks
+            if has_sensor
                 && unseen.is_none()
                 && tried != safe
-                && let Way::Unseen(direction) = self.way(&state.sight, safe, situation, near)
+                && let PathCover::Unseen(direction) = self.path_coverage(&state.coverage, safe, input, near)
             {
                 // The nose turns to where the full command leads before the vehicle is fast enough to need it.
                 unseen = Some(direction.bearing_rad());
@@ -301,11 +302,11 @@ impl Guard {
         }
         let action = if unseen.is_some() { Action::Looking } else { Action::Limited };
         // Gusts do not wait until the nose has turned.
-        if situation.gust_margin_m > 0.0 {
+        if input.gust_margin_m > 0.0 {
             let still = Horizontal::default();
             let retreat = nearest_allowed(still, &half_spaces).or_else(|| evened_out(still, &mut half_spaces));
             let tried = self.approach(state, retreat.unwrap_or_default().clamped(v_max_mps), is_threatened, dt_s);
-            if self.is_clear(tried, situation, near) && self.stays_inside(tried, situation) {
+            if self.is_clear(tried, input, near) && self.stays_inside(tried, input) {
                 return Some((tried, action, unseen));
             }
         }
@@ -313,7 +314,7 @@ impl Guard {
         unseen.map(|bearing_rad| (brake, action, Some(bearing_rad)))
     }
 
-    /// The next command on the way from the last to `to`, inside the limits of acceleration and jerk.
+    /// The next command from the last towards `to`, inside the limits of acceleration and jerk.
     fn approach(&self, state: &State, to: Horizontal, is_urgent: bool, dt_s: f32) -> Horizontal {
         let c = &self.config;
         let (from, a_max) = (state.command_ned_mps, c.a_max_mps2 * dt_s);
@@ -340,13 +341,13 @@ impl Guard {
     }
 
     /// The vertical command: towards the demand, inside the band and the limits of altitude.
-    fn vertical(&self, last_mps: f32, wanted_mps: f32, situation: &GuardInput, dt_s: f32) -> f32 {
+    fn vertical(&self, last_mps: f32, wanted_mps: f32, input: &GuardInput, dt_s: f32) -> f32 {
         let c = &self.config;
         let mut wanted_mps = between(wanted_mps, -c.v_down_max_mps, c.v_down_max_mps);
-        if let Some(down_m) = situation.down_m.filter(|down_m| down_m.is_finite()) {
+        if let Some(down_m) = input.down_m.filter(|down_m| down_m.is_finite()) {
             let (mut top_m, mut bottom_m) = (c.down_min_m, c.down_max_m);
-            if let Some(held_m) = situation.held_down_m.filter(|held_m| held_m.is_finite()) {
-                // The configured limits have the last word if the altitude held is not inside them.
+            if let Some(held_m) = input.held_down_m.filter(|held_m| held_m.is_finite()) {
+                // The configured limits win if the altitude held is not inside them.
                 top_m = between(held_m - c.altitude_band_m, c.down_min_m, c.down_max_m - 0.1);
                 bottom_m = between(held_m + c.altitude_band_m, top_m + 0.1, c.down_max_m);
             }

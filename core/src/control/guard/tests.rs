@@ -23,8 +23,8 @@ fn fly(demand: Demand, obstacles: &[Neighbour], yaw_rad: f32) -> (f32, Horizonta
     let mut at = Horizontal::default();
     let mut closest = f32::INFINITY;
     for _ in 0..1000 {
-        let situation = GuardInput { position_ned_m: at, rest_ned_m: at, yaw_rad, ..GuardInput::default() };
-        let setpoint = guard.step(&mut state, &demand, &situation, obstacles, DT).setpoint;
+        let input = GuardInput { position_ned_m: at, rest_ned_m: at, yaw_rad, ..GuardInput::default() };
+        let setpoint = guard.step(&mut state, &demand, &input, obstacles, DT).setpoint;
         at = at.plus(setpoint.velocity_ned_mps.horizontal().times(DT));
         closest = obstacles.iter().map(|o| o.clearance_m(at)).fold(closest, f32::min);
     }
@@ -73,7 +73,7 @@ fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
         };
         let mut vector = || Horizontal { north: number(), east: number() };
         let demand = Demand { velocity_ned_mps: vector(), down_mps: vector().north, yaw_rate_radps: vector().east };
-        let situation = GuardInput {
+        let input = GuardInput {
             position_ned_m: vector(),
             rest_ned_m: vector(),
             yaw_rad: vector().north,
@@ -81,7 +81,7 @@ fn whatever_comes_in_a_finite_setpoint_inside_the_limits_comes_out() {
         };
         let obstacles: Vec<_> =
             (0..4).map(|_| Neighbour { center_ned_m: vector(), reach_m: 0.3, velocity_ned_mps: vector() }).collect();
-        let setpoint = guard.step(&mut state, &demand, &situation, &obstacles, DT).setpoint;
+        let setpoint = guard.step(&mut state, &demand, &input, &obstacles, DT).setpoint;
         let velocity = setpoint.velocity_ned_mps;
         assert!(velocity.is_finite() && setpoint.yaw_rate_radps.is_finite());
         assert!(velocity.horizontal().norm() <= config.v_max_mps * 1.0001);
@@ -97,8 +97,8 @@ fn ends(from: Horizontal, demand: Demand, gust_margin_m: f32, obstacles: &[Neigh
     let (guard, mut state) = (Config::default().build().unwrap(), State::default());
     let mut at = from;
     for _ in 0..1000 {
-        let situation = GuardInput { position_ned_m: at, rest_ned_m: at, gust_margin_m, ..GuardInput::default() };
-        let setpoint = guard.step(&mut state, &demand, &situation, obstacles, DT).setpoint;
+        let input = GuardInput { position_ned_m: at, rest_ned_m: at, gust_margin_m, ..GuardInput::default() };
+        let setpoint = guard.step(&mut state, &demand, &input, obstacles, DT).setpoint;
         at = at.plus(setpoint.velocity_ned_mps.horizontal().times(DT));
     }
     at
@@ -137,10 +137,10 @@ fn blown(wind_mps: f32, gust_margin_m: f32, obstacles: &[Neighbour]) -> (f32, f3
     let (guard, mut state) = (Config::default().build().unwrap(), State::default());
     let (mut position, mut closest_m, mut clearance_m) = (Horizontal::default(), f32::INFINITY, 0.0);
     for _ in 0..500 {
-        guard.look_circles(&mut state, obstacles, &Pose { position_ned_m: position, yaw_rad: 0.0 });
-        let situation =
+        guard.note_circles(&mut state, obstacles, &Pose { position_ned_m: position, yaw_rad: 0.0 });
+        let input =
             GuardInput { position_ned_m: position, rest_ned_m: position, gust_margin_m, ..GuardInput::default() };
-        let setpoint = guard.step(&mut state, &demand(0.0, 0.0), &situation, obstacles, DT).setpoint;
+        let setpoint = guard.step(&mut state, &demand(0.0, 0.0), &input, obstacles, DT).setpoint;
         position = position.plus(setpoint.velocity_ned_mps.horizontal().plus(at(wind_mps, 0.0)).times(DT));
         clearance_m = obstacles.iter().map(|obstacle| obstacle.clearance_m(position)).fold(f32::INFINITY, f32::min);
         closest_m = clearance_m.min(closest_m);
@@ -185,7 +185,7 @@ fn pillar(north: f32, east: f32, radius_m: f32) -> Neighbour {
 }
 
 /// What the guard is told of a vehicle.
-fn situation(vehicle: &Vehicle) -> GuardInput {
+fn input(vehicle: &Vehicle) -> GuardInput {
     let commands = vehicle.pending.iter().map(|setpoint| setpoint.velocity_ned_mps.horizontal());
     let pending = commands.fold(Horizontal::default(), Horizontal::plus);
     GuardInput {
@@ -229,11 +229,11 @@ fn an_independent_monitor_finds_every_braking_path_clear() {
             if step % 30 == 0 {
                 wish = demand(1.5 * rng.gaussian(), 1.5 * rng.gaussian());
             }
-            let situation = situation(&vehicle);
-            let ruling = guard.step(&mut state, &wish, &situation, &field, DT);
+            let input = input(&vehicle);
+            let ruling = guard.step(&mut state, &wish, &input, &field, DT);
             let command = ruling.setpoint.velocity_ned_mps.horizontal();
             for obstacle in &field {
-                let clearance_m = monitored_clearance_m(situation.rest_ned_m, command, config.a_max_mps2, obstacle);
+                let clearance_m = monitored_clearance_m(input.rest_ned_m, command, config.a_max_mps2, obstacle);
                 assert!(clearance_m > 0.0, "seed {seed} step {step}: {clearance_m} {ruling:?}");
             }
             vehicle.follow(&ruling.setpoint);
@@ -296,11 +296,11 @@ fn set_off(seed: u64, looks: bool) -> (f32, f32) {
         let near: Vec<_> = pillars.iter().zip(known).filter(|(_, known)| *known).map(|(o, _)| *o).collect();
         if looks && step % 5 == 0 {
             let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
-            guard.look_circles(&mut state, &near, &pose);
+            guard.note_circles(&mut state, &near, &pose);
         }
         let towards = look.unwrap_or(heading_rad);
         let yaw_rate_radps = 2.5 * crate::base::units::wrap_pi(towards - vehicle.yaw_rad);
-        let ruling = guard.step(&mut state, &Demand { yaw_rate_radps, ..wish }, &situation(&vehicle), &near, DT);
+        let ruling = guard.step(&mut state, &Demand { yaw_rate_radps, ..wish }, &input(&vehicle), &near, DT);
         look = ruling.look_ned_rad;
         vehicle.follow(&ruling.setpoint);
         closest_m = pillars.iter().map(|o| o.clearance_m(vehicle.position)).fold(closest_m, f32::min);
@@ -330,11 +330,11 @@ fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
     let mut state = State::default();
     let screen = pillar(1.0, 0.0, 0.1);
     let look = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
-        guard.look_circles(state, &[screen], &Pose { position_ned_m, yaw_rad });
+        guard.note_circles(state, &[screen], &Pose { position_ned_m, yaw_rad });
     };
     let rule = |state: &mut State, position_ned_m: Horizontal, yaw_rad: f32| {
-        let situation = GuardInput { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..GuardInput::default() };
-        guard.step(state, &demand(0.0, 0.3), &situation, &[screen], DT)
+        let input = GuardInput { position_ned_m, rest_ned_m: position_ned_m, yaw_rad, ..GuardInput::default() };
+        guard.step(state, &demand(0.0, 0.3), &input, &[screen], DT)
     };
     look(&mut state, Horizontal::default(), 0.0);
     rule(&mut state, Horizontal::default(), 0.0);
@@ -365,11 +365,11 @@ fn it_passes_a_gap_that_is_little_wider_than_itself() {
     for step in 0..500 {
         if step % 5 == 0 {
             let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: vehicle.yaw_rad };
-            guard.look_circles(&mut state, &wall, &pose);
+            guard.note_circles(&mut state, &wall, &pose);
         }
         let yaw_rate_radps = 2.5 * (look_rad - vehicle.yaw_rad);
         let wish = Demand { yaw_rate_radps, ..demand(1.0, 0.0) };
-        let ruling = guard.step(&mut state, &wish, &situation(&vehicle), &wall, DT);
+        let ruling = guard.step(&mut state, &wish, &input(&vehicle), &wall, DT);
         look_rad = ruling.look_ned_rad.unwrap_or(0.0);
         vehicle.follow(&ruling.setpoint);
         assert!(wall.iter().all(|o| o.clearance_m(vehicle.position) > 0.0));
@@ -392,9 +392,9 @@ fn what_comes_at_it_is_evaded_from_a_standstill_even_into_the_unseen() {
                 };
                 if step % 5 == 0 {
                     let pose = crate::base::pose::Pose { position_ned_m: vehicle.position, yaw_rad: 0.0 };
-                    guard.look_circles(&mut state, &[mover], &pose);
+                    guard.note_circles(&mut state, &[mover], &pose);
                 }
-                let ruling = guard.step(&mut state, &Demand::default(), &situation(&vehicle), &[mover], DT);
+                let ruling = guard.step(&mut state, &Demand::default(), &input(&vehicle), &[mover], DT);
                 vehicle.follow(&ruling.setpoint);
                 closest_m = closest_m.min(mover.clearance_m(vehicle.position));
             }
@@ -416,14 +416,14 @@ fn the_fence_is_never_left_and_from_outside_it_comes_back() {
             if step % 60 == 0 {
                 wish = demand(3.0 * rng.gaussian(), 3.0 * rng.gaussian());
             }
-            let ruling = guard.step(&mut state, &wish, &situation(&vehicle), &[], DT);
+            let ruling = guard.step(&mut state, &wish, &input(&vehicle), &[], DT);
             vehicle.follow(&ruling.setpoint);
             assert!(fence.depth_m(vehicle.position) > 0.2, "seed {seed}: {:?}", vehicle.position);
         }
         let mut outside = Vehicle::new(at(9.0, 0.0), 16, 0.5);
         let mut state = State::default();
         for _ in 0..1500 {
-            let ruling = guard.step(&mut state, &demand(1.0, 0.0), &situation(&outside), &[], DT);
+            let ruling = guard.step(&mut state, &demand(1.0, 0.0), &input(&outside), &[], DT);
             outside.follow(&ruling.setpoint);
             assert!(outside.position.north < 9.01);
         }
@@ -439,8 +439,8 @@ fn the_altitude_stays_in_its_band_and_inside_the_limits() {
             let (mut state, mut down_m, mut speed_mps) = (State::default(), held_m, 0.0_f32);
             for _ in 0..3000 {
                 let demand = Demand { down_mps: wish, ..Demand::default() };
-                let situation = GuardInput { down_m: Some(down_m), held_down_m: Some(held_m), ..GuardInput::default() };
-                let commanded = guard.step(&mut state, &demand, &situation, &[], DT).setpoint.velocity_ned_mps.down;
+                let input = GuardInput { down_m: Some(down_m), held_down_m: Some(held_m), ..GuardInput::default() };
+                let commanded = guard.step(&mut state, &demand, &input, &[], DT).setpoint.velocity_ned_mps.down;
                 assert!((commanded - speed_mps).abs() <= 2.0 * DT * 1.001 && commanded.abs() <= 0.5);
                 speed_mps = commanded;
                 down_m += speed_mps * DT;
@@ -458,9 +458,9 @@ fn limits_of_altitude_that_meet_by_a_rounding_are_no_panic() {
     for _ in 0..20_000 {
         let down_max_m = 4.0 * rng.uniform() - 2.0;
         let guard = Config { down_max_m, ..Config::default() }.build().unwrap();
-        let situation = GuardInput { down_m: Some(down_max_m), held_down_m: Some(5.0), ..GuardInput::default() };
+        let input = GuardInput { down_m: Some(down_max_m), held_down_m: Some(5.0), ..GuardInput::default() };
         let demand = Demand { down_mps: 1.0, ..Demand::default() };
-        let down_mps = guard.step(&mut State::default(), &demand, &situation, &[], DT).setpoint.velocity_ned_mps.down;
+        let down_mps = guard.step(&mut State::default(), &demand, &input, &[], DT).setpoint.velocity_ned_mps.down;
         assert!(down_mps.abs() < 1e-6, "{down_mps}");
     }
 }
@@ -470,7 +470,7 @@ fn an_acceleration_builds_up_no_faster_than_the_jerk_limit_but_a_brake_is_at_onc
     let config = Config::default();
     let guard = config.build().unwrap();
     let mut rng = Rng::new(3, 6);
-    let (mut state, situation) = (State::default(), GuardInput::default());
+    let (mut state, input) = (State::default(), GuardInput::default());
     let (mut last, mut change) = (Horizontal::default(), Horizontal::default());
     let mut grew = 0;
     let mut wish = demand(0.0, 0.0);
@@ -478,7 +478,7 @@ fn an_acceleration_builds_up_no_faster_than_the_jerk_limit_but_a_brake_is_at_onc
         if step % 40 == 0 {
             wish = demand(rng.gaussian(), rng.gaussian());
         }
-        let velocity = guard.step(&mut state, &wish, &situation, &[], DT).setpoint.velocity_ned_mps.horizontal();
+        let velocity = guard.step(&mut state, &wish, &input, &[], DT).setpoint.velocity_ned_mps.horizontal();
         let now = velocity.minus(last);
         if velocity.norm() > last.norm() + 1e-6 && wish.velocity_ned_mps.norm() > last.norm() {
             let built_up = now.norm() - change.norm();
@@ -491,9 +491,9 @@ fn an_acceleration_builds_up_no_faster_than_the_jerk_limit_but_a_brake_is_at_onc
 
     let mut state = State::default();
     for _ in 0..100 {
-        guard.step(&mut state, &demand(1.0, 0.0), &situation, &[], DT);
+        guard.step(&mut state, &demand(1.0, 0.0), &input, &[], DT);
     }
-    guard.step(&mut state, &demand(0.0, 0.0), &situation, &[], DT);
+    guard.step(&mut state, &demand(0.0, 0.0), &input, &[], DT);
     assert!((state.command_ned_mps().north - (1.0 - 2.0 * DT)).abs() < 1e-5, "{:?}", state.command_ned_mps());
 }
 

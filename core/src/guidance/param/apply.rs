@@ -41,8 +41,8 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
         param::FH_ACC_MAX => guard.a_max_mps2,
         param::FH_JERK_MAX => guard.jerk_max_mps3,
         param::FH_YAWR_MAX => guard.yaw_rate_max_radps,
-        param::FH_DEAD_TIME => config.response.dead_time_s,
-        param::FH_LAG => config.response.lag_s,
+        param::FH_DEAD_TIME => config.vehicle_model.dead_time_s,
+        param::FH_LAG => config.vehicle_model.lag_s,
         param::FH_RADIUS => guard.vehicle_radius_m,
         param::FH_MARGIN => planner.margin_m,
         param::FH_MARGIN_TGT => planner.tight_margin_m,
@@ -55,10 +55,10 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
         },
         param::FH_FENCE_MRG => guard.fence_margin_m,
         param::FH_OBS_FOV => guard.fov_rad * (180.0 / PI),
-        param::FH_OBS_RANGE => guard.sight.range_m,
-        param::FH_OBS_MIN => guard.sight.smallest_obstacle_m,
+        param::FH_OBS_RANGE => guard.coverage.range_m,
+        param::FH_OBS_MIN => guard.coverage.smallest_obstacle_m,
         param::FH_OBS_SIDE => guard.out_of_view_share,
-        param::FH_START_CLR => guard.sight.start_clearance_m,
+        param::FH_START_CLR => guard.coverage.start_clearance_m,
         param::FH_TGT_DIST => config.goal.target_distance_m,
         param::FH_RPL_TIME => config.replan_after_s,
         param::FH_RPL_WPT => f32::from(config.replan_at_waypoint),
@@ -123,8 +123,8 @@ impl Values {
             param::FH_ACC_MAX => guard.a_max_mps2 = value,
             param::FH_JERK_MAX => guard.jerk_max_mps3 = value,
             param::FH_YAWR_MAX => guard.yaw_rate_max_radps = value,
-            param::FH_DEAD_TIME => config.response.dead_time_s = value,
-            param::FH_LAG => config.response.lag_s = value,
+            param::FH_DEAD_TIME => config.vehicle_model.dead_time_s = value,
+            param::FH_LAG => config.vehicle_model.lag_s = value,
             param::FH_RADIUS => config.set_vehicle_radius_m(value),
             param::FH_MARGIN => {
                 planner.margin_m = value;
@@ -146,12 +146,12 @@ impl Values {
                 planner.sees_rad = guard.fov_rad;
             }
             param::FH_OBS_RANGE => {
-                guard.sight.range_m = value;
+                guard.coverage.range_m = value;
                 planner.sees_m = value;
             }
-            param::FH_OBS_MIN => guard.sight.smallest_obstacle_m = value,
+            param::FH_OBS_MIN => guard.coverage.smallest_obstacle_m = value,
             param::FH_OBS_SIDE => guard.out_of_view_share = value,
-            param::FH_START_CLR => guard.sight.start_clearance_m = value,
+            param::FH_START_CLR => guard.coverage.start_clearance_m = value,
             param::FH_TGT_DIST => config.goal.target_distance_m = value,
             param::FH_RPL_TIME => config.replan_after_s = value,
             param::FH_RPL_WPT => config.replan_at_waypoint = self.whole(id) as u8,

@@ -75,17 +75,17 @@ fn the_fix_errs_no_more_than_it_says() {
         let (mut flight, mut state) = (Flight::new(world), State::default());
         let mut last = Stage::Seeking;
         while flight.time_s() < 60.0 && last != Stage::HandedOver {
-            let advice = flight.step(&lander, &mut state, towards_beacon);
-            if advice.stage != last {
+            let output = flight.step(&lander, &mut state, towards_beacon);
+            if output.stage != last {
                 // At the arrival, and at the end.
-                let target = advice.target.unwrap();
+                let target = output.target.unwrap();
                 let off_m = target.place_ned_m.horizontal().minus(flight.beacon()).norm();
                 let ratio = off_m / target.sigma_m;
                 squares += ratio * ratio;
                 count += 1.0;
                 worst = worst.max(ratio);
             }
-            last = advice.stage;
+            last = output.stage;
         }
     }
     // Sigma is that of the worse of two axes.

@@ -34,9 +34,9 @@ fn land(flights: u64, world: impl Fn(u64) -> World) -> (u32, u32, f32) {
     for seed in 0..flights {
         let world = world(seed);
         let mut flight = Flight::new(world);
-        let (advice, stages) = flight.run(&lander, 250.0, towards_beacon);
-        assert!(advice.stage == Stage::Landed || advice.stage == Stage::HandedOver, "seed {seed}: {stages:?}");
-        assert!(advice.reason.is_some() && !advice.wants_land, "seed {seed}: {advice:?}");
+        let (output, stages) = flight.run(&lander, 250.0, towards_beacon);
+        assert!(output.stage == Stage::Landed || output.stage == Stage::HandedOver, "seed {seed}: {stages:?}");
+        assert!(output.reason.is_some() && !output.wants_land, "seed {seed}: {output:?}");
         if let Some(place) = flight.lands_at {
             let off_m = place.minus(world.pad_ned_m.unwrap()).norm();
             down += 1;
@@ -99,11 +99,11 @@ fn seek(name: &str, flights: u64, row: World) -> u32 {
         let beacon_ned_m = Ned { north: bearing.north, east: bearing.east, down: 0.0 };
         let mut flight = Flight::new(World { seed, beacon_ned_m, ..row });
         let planner = if seed % 2 == 0 { towards_beacon as fn(&Flight) -> Horizontal } else { restless };
-        let (advice, stages) = flight.run(&lander, 200.0, planner);
+        let (output, stages) = flight.run(&lander, 200.0, planner);
         let off_m = flight.beacon().minus(flight.here()).norm();
-        let is_typed = advice.stage == Stage::HandedOver && advice.reason.is_some();
-        let is_arrived = advice.reason == Some(Reason::Arrived);
-        assert!(is_typed && (!is_arrived || off_m < ABOVE_BEACON_M), "{name} {seed}: {off_m} {advice:?} {stages:?}");
+        let is_typed = output.stage == Stage::HandedOver && output.reason.is_some();
+        let is_arrived = output.reason == Some(Reason::Arrived);
+        assert!(is_typed && (!is_arrived || off_m < ABOVE_BEACON_M), "{name} {seed}: {off_m} {output:?} {stages:?}");
         arrived += u32::from(is_arrived);
     }
     arrived
@@ -143,12 +143,12 @@ fn a_jump_of_the_autopilots_position_leads_nowhere_else() {
         let mut state = State::default();
         let mut jumped = false;
         while flight.time_s() < 100.0 {
-            let advice = flight.step(&lander, &mut state, towards_beacon);
-            if advice.stage == Stage::Descending && !jumped && flight.place_ned_m[2] > -2.0 {
+            let output = flight.step(&lander, &mut state, towards_beacon);
+            if output.stage == Stage::Descending && !jumped && flight.place_ned_m[2] > -2.0 {
                 jumped = true;
                 flight.reported_off_m = Horizontal { north: 5.0, east: -3.0 };
             }
-            if advice.stage == Stage::Landed {
+            if output.stage == Stage::Landed {
                 break;
             }
         }

@@ -1,4 +1,4 @@
-//! Whatever the facts are: demands are finite, inside the limits, and change no faster than they may.
+//! Whatever the input are: demands are finite, inside the limits, and change no faster than they may.
 
 use super::super::observation::{Bad, Nothing, Pad, PadObservation, Seen};
 use super::super::*;
@@ -110,7 +110,7 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
                 range_sigma_ratio: some(&mut rng, 0.3, wildness),
                 ..Estimate::default()
             };
-            let facts = Facts {
+            let input = Input {
                 ownship: (rng.uniform() > 0.02).then_some(&ownship),
                 height_m: (seed % 2 == 0).then_some(some(&mut rng, 2.0, wildness)),
                 bearing: (rng.uniform() > 0.1).then_some(&bearing),
@@ -124,30 +124,30 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
                 tick_s: if rng.uniform() < wildness { some(&mut rng, 1.0, 0.5) } else { 0.02 },
                 ..nothing(now)
             };
-            let advice = lander.step(&mut state, &facts);
-            stages[advice.stage as usize] += 1;
-            let Some((velocity, down_mps)) = advice.demand else {
+            let output = lander.step(&mut state, &input);
+            stages[output.stage as usize] += 1;
+            let Some((velocity, down_mps)) = output.demand else {
                 last = None;
                 continue;
             };
-            assert!(velocity.norm() <= c.speed_max_mps * 1.001, "seed {seed}: {advice:?}");
-            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "seed {seed}: {advice:?}");
-            let tick_s = if facts.tick_s > 1e-3 && facts.tick_s < 0.2 { facts.tick_s } else { 0.02 };
+            assert!(velocity.norm() <= c.speed_max_mps * 1.001, "seed {seed}: {output:?}");
+            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "seed {seed}: {output:?}");
+            let tick_s = if input.tick_s > 1e-3 && input.tick_s < 0.2 { input.tick_s } else { 0.02 };
             if let Some((velocity_before, down_before_mps)) = last {
                 assert!(
                     velocity.minus(velocity_before).norm() <= c.accel_max_mps2 * tick_s * 1.01,
-                    "seed {seed}: {advice:?}"
+                    "seed {seed}: {output:?}"
                 );
                 assert!(
                     (down_mps - down_before_mps).abs() <= c.down_accel_max_mps2 * tick_s * 1.01,
-                    "seed {seed}: {advice:?}"
+                    "seed {seed}: {output:?}"
                 );
             }
-            last = advice.demand;
-            if let Some(target) = advice.target {
+            last = output.demand;
+            if let Some(target) = output.target {
                 assert!(target.place_ned_m.is_finite() && target.sigma_m.is_finite(), "seed {seed}: {target:?}");
             }
-            if matches!(advice.stage, Stage::Landed | Stage::HandedOver) {
+            if matches!(output.stage, Stage::Landed | Stage::HandedOver) {
                 (state, last) = (State::default(), None);
             }
         }

@@ -24,8 +24,8 @@ fn hovering(micros: u64, place: Ned, yaw_rad: f32) -> Ownship {
     }
 }
 
-pub(super) fn nothing(micros: u64) -> Facts<'static> {
-    Facts {
+pub(super) fn nothing(micros: u64) -> Input<'static> {
+    Input {
         now: Instant(micros),
         ownship: None,
         height_m: None,
@@ -45,28 +45,28 @@ fn pad(forward: f32, right: f32, radius: f32) -> Pad {
 #[test]
 fn the_state_is_small() {
     assert!(size_of::<State>() <= 700, "{}", size_of::<State>());
-    assert!(size_of::<Option<Advice>>() <= 64, "{}", size_of::<Option<Advice>>());
+    assert!(size_of::<Option<Output>>() <= 64, "{}", size_of::<Option<Output>>());
 }
 
-/// Flies a lander with a hovering vehicle to which the pad is shown from the first step on, for so long; the last advice.
-fn shown(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32) -> Advice {
+/// Flies a lander with a hovering vehicle to which the pad is shown from the first step on, for so long; the last output.
+fn shown(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32) -> Output {
     shown_late(place, yaw_rad, seen, seconds, 0)
 }
 
 /// The same with looks that are so old.
-fn shown_late(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32, late_us: u64) -> Advice {
+fn shown_late(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32, late_us: u64) -> Output {
     let lander = Config { has_camera: true, ..Config::default() }.build().unwrap();
     let estimate = Estimate { covariance_m2: [0.1, 0.0, 0.1], ..Estimate::default() };
     let mut state = State::default();
-    let mut advice = Advice::default();
+    let mut output = Output::default();
     for tick in 0..(seconds * 50.0) as u64 {
         let micros = 10_000_000 + tick * TICK_US;
         let ownship = hovering(micros, place, yaw_rad);
         let look = seen(tick).map(|seen| PadObservation { time: Instant(micros - late_us), seen });
-        let facts = Facts { ownship: Some(&ownship), estimate: Some(&estimate), look, ..nothing(micros) };
-        advice = lander.step(&mut state, &facts);
+        let input = Input { ownship: Some(&ownship), estimate: Some(&estimate), look, ..nothing(micros) };
+        output = lander.step(&mut state, &input);
     }
-    advice
+    output
 }
 
 #[test]
@@ -80,13 +80,13 @@ fn a_pad_ahead_of_a_nose_to_the_east_is_to_the_east() {
         (east, 0.0, 0.4, (-1.0, 0.0)),
         (-east, 0.4, 0.0, (0.0, -1.0)),
     ] {
-        let advice = shown(at, yaw_rad, |_| Some(Seen::Pad(pad(forward, right, 0.125))), 2.0);
-        let (velocity, down_mps) = advice.demand.unwrap();
-        assert_eq!(advice.stage, Stage::Centring);
+        let output = shown(at, yaw_rad, |_| Some(Seen::Pad(pad(forward, right, 0.125))), 2.0);
+        let (velocity, down_mps) = output.demand.unwrap();
+        assert_eq!(output.stage, Stage::Centring);
         let along = velocity.north * expected.0 + velocity.east * expected.1;
         let across = velocity.north * expected.1 - velocity.east * expected.0;
-        assert!(along > 0.3 && across.abs() < 0.02 && down_mps == 0.0, "{yaw_rad} {forward} {right}: {advice:?}");
-        let target = advice.target.unwrap();
+        assert!(along > 0.3 && across.abs() < 0.02 && down_mps == 0.0, "{yaw_rad} {forward} {right}: {output:?}");
+        let target = output.target.unwrap();
         assert!(target.is_pad && (target.place_ned_m.down - 0.0).abs() < 0.1, "{target:?}");
         let place = target.place_ned_m.horizontal();
         assert!(
@@ -99,10 +99,10 @@ fn a_pad_ahead_of_a_nose_to_the_east_is_to_the_east() {
 #[test]
 fn right_above_the_pad_it_goes_down() {
     let at = Ned { down: -2.0, ..Ned::default() };
-    let advice = shown(at, 1.0, |_| Some(Seen::Pad(pad(0.0, 0.0, 0.125))), 3.0);
-    assert_eq!(advice.stage, Stage::Descending);
-    let (velocity, down_mps) = advice.demand.unwrap();
-    assert!(velocity.norm() < 0.02 && down_mps > 0.3, "{advice:?}");
+    let output = shown(at, 1.0, |_| Some(Seen::Pad(pad(0.0, 0.0, 0.125))), 3.0);
+    assert_eq!(output.stage, Stage::Descending);
+    let (velocity, down_mps) = output.demand.unwrap();
+    assert!(velocity.norm() < 0.02 && down_mps > 0.3, "{output:?}");
 }
 
 #[test]
@@ -121,8 +121,8 @@ fn looks_that_are_too_old_or_no_numbers_are_as_good_as_none() {
         Pad { confidence: f32::NAN, ..ahead },
         Pad { confidence: 0.0, ..ahead },
     ] {
-        let advice = shown(at, 0.0, |_| Some(Seen::Pad(wild)), 2.0);
-        assert!(advice.stage == Stage::Seeking && advice.demand.is_none(), "{wild:?}: {advice:?}");
+        let output = shown(at, 0.0, |_| Some(Seen::Pad(wild)), 2.0);
+        assert!(output.stage == Stage::Seeking && output.demand.is_none(), "{wild:?}: {output:?}");
     }
 }
 
@@ -130,9 +130,9 @@ fn looks_that_are_too_old_or_no_numbers_are_as_good_as_none() {
 fn bad_frames_in_the_descent_hold_the_height() {
     let at = Ned { down: -2.0, ..Ned::default() };
     for bad in [Bad::Size, Bad::Line, Bad::Order, Bad::Cut, Bad::Flat] {
-        let advice =
+        let output =
             shown(at, 0.0, |tick| Some(if tick < 100 { Seen::Pad(pad(0.0, 0.0, 0.125)) } else { Seen::Bad(bad) }), 3.0);
-        let (velocity, down_mps) = advice.demand.unwrap();
-        assert!(advice.stage == Stage::Centring && velocity.norm() < 0.02 && down_mps == 0.0, "{bad:?}: {advice:?}");
+        let (velocity, down_mps) = output.demand.unwrap();
+        assert!(output.stage == Stage::Centring && velocity.norm() < 0.02 && down_mps == 0.0, "{bad:?}: {output:?}");
     }
 }

@@ -347,8 +347,8 @@ impl Flight {
         }
     }
 
-    /// One step: facts to the lander, its demand, or the planner's, to the vehicle.
-    pub(super) fn step(&mut self, lander: &Lander, state: &mut State, planner: impl Fn(&Self) -> Horizontal) -> Advice {
+    /// One step: input to the lander, its demand, or the planner's, to the vehicle.
+    pub(super) fn step(&mut self, lander: &Lander, state: &mut State, planner: impl Fn(&Self) -> Horizontal) -> Output {
         self.told.push_back(self.ownship());
         if self.told.len() > HEARD_LATE_TICKS {
             self.told.pop_front();
@@ -373,7 +373,7 @@ impl Flight {
         let estimate = self.world.believed_ned_m.map(believed);
         let is_down = self.lands_at.is_some() && self.place_ned_m[2] >= self.world.ground_down_m - 1e-3;
         let finder = self.world.has_finder.then(|| 0.1 - self.place_ned_m[2] + 0.02 * self.rng.gaussian());
-        let facts = Facts {
+        let input = Input {
             ownship: told.as_ref(),
             height_m: finder,
             bearing: bearing.as_ref(),
@@ -384,20 +384,20 @@ impl Flight {
             ..nothing(self.now().0)
         };
         let before = advice_before(state);
-        let advice = lander.step(state, &facts);
+        let output = lander.step(state, &input);
         let c = &lander.config.centring;
-        if let Some((velocity, down_mps)) = advice.demand {
-            assert!(velocity.norm() <= c.speed_max_mps * 1.001 && velocity.is_finite(), "{advice:?}");
-            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "{advice:?}");
+        if let Some((velocity, down_mps)) = output.demand {
+            assert!(velocity.norm() <= c.speed_max_mps * 1.001 && velocity.is_finite(), "{output:?}");
+            assert!(down_mps >= -c.climb_mps && down_mps <= c.descent_max_mps, "{output:?}");
             let (change, down_change) = (velocity.minus(before.0).norm(), libm::fabsf(down_mps - before.1));
-            assert!(change <= c.accel_max_mps2 * TICK_S * 1.01, "{advice:?}");
-            assert!(down_change <= c.down_accel_max_mps2 * TICK_S * 1.01, "{advice:?}");
+            assert!(change <= c.accel_max_mps2 * TICK_S * 1.01, "{output:?}");
+            assert!(down_change <= c.down_accel_max_mps2 * TICK_S * 1.01, "{output:?}");
         }
-        let (velocity, down) = advice.demand.unwrap_or_else(|| (planner(self), 0.0));
+        let (velocity, down) = output.demand.unwrap_or_else(|| (planner(self), 0.0));
         let down = if inside(world.blocked_s, time_s) { 0.0 } else { down };
         let velocity = if inside(world.blocked_s, time_s) { Horizontal::default() } else { velocity };
         self.fly([velocity.north, velocity.east, down]);
-        advice
+        output
     }
 
     fn fly(&mut self, command: [f32; 3]) {
@@ -454,20 +454,20 @@ impl Flight {
         lander: &Lander,
         limit_s: f32,
         planner: impl Fn(&Self) -> Horizontal,
-    ) -> (Advice, Vec<Stage>) {
+    ) -> (Output, Vec<Stage>) {
         let mut state = State::default();
         let mut stages = Vec::new();
-        let mut advice = Advice::default();
+        let mut output = Output::default();
         while self.time_s() < limit_s {
-            advice = self.step(lander, &mut state, &planner);
-            if stages.last() != Some(&advice.stage) {
-                stages.push(advice.stage);
+            output = self.step(lander, &mut state, &planner);
+            if stages.last() != Some(&output.stage) {
+                stages.push(output.stage);
             }
-            if matches!(advice.stage, Stage::Landed | Stage::HandedOver) {
+            if matches!(output.stage, Stage::Landed | Stage::HandedOver) {
                 break;
             }
         }
-        (advice, stages)
+        (output, stages)
     }
 }
 

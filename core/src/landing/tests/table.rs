@@ -23,20 +23,20 @@ fn camera() -> Config {
 }
 
 /// Flies; what it came to, and every stage with its reason on the way.
-fn fly(config: Config, world: World) -> (Advice, Vec<(Stage, Option<Reason>)>) {
+fn fly(config: Config, world: World) -> (Output, Vec<(Stage, Option<Reason>)>) {
     let lander = config.build().unwrap();
     let (mut flight, mut state) = (Flight::new(world), State::default());
-    let (mut advice, mut trail) = (Advice::default(), Vec::new());
+    let (mut output, mut trail) = (Output::default(), Vec::new());
     while flight.time_s() < 200.0 {
-        advice = flight.step(&lander, &mut state, towards_beacon);
-        if trail.last() != Some(&(advice.stage, advice.reason)) {
-            trail.push((advice.stage, advice.reason));
+        output = flight.step(&lander, &mut state, towards_beacon);
+        if trail.last() != Some(&(output.stage, output.reason)) {
+            trail.push((output.stage, output.reason));
         }
-        if matches!(advice.stage, Stage::Landed | Stage::HandedOver) {
+        if matches!(output.stage, Stage::Landed | Stage::HandedOver) {
             break;
         }
     }
-    (advice, trail)
+    (output, trail)
 }
 
 fn has(trail: &[(Stage, Option<Reason>)], stages: &[Stage]) -> bool {
@@ -45,8 +45,8 @@ fn has(trail: &[(Stage, Option<Reason>)], stages: &[Stage]) -> bool {
 }
 
 fn ends(config: Config, world: World, reason: Reason, after: Stage) {
-    let (advice, trail) = fly(config, world);
-    assert_eq!((advice.stage, advice.reason), (Stage::HandedOver, Some(reason)), "{trail:?}");
+    let (output, trail) = fly(config, world);
+    assert_eq!((output.stage, output.reason), (Stage::HandedOver, Some(reason)), "{trail:?}");
     assert!(has(&trail, &[after, Stage::HandedOver]), "{trail:?}");
 }
 
@@ -81,8 +81,8 @@ fn far_away_the_planner_is_followed_whatever_is_heard() {
                 let lander = camera().build().unwrap();
                 let (mut flight, mut state) = (Flight::new(World { seed, ..world }), State::default());
                 while flight.time_s() < 40.0 {
-                    let advice = flight.step(&lander, &mut state, planner);
-                    assert!(advice.stage == Stage::Seeking && advice.demand.is_none(), "{seed}: {advice:?} {world:?}");
+                    let output = flight.step(&lander, &mut state, planner);
+                    assert!(output.stage == Stage::Seeking && output.demand.is_none(), "{seed}: {output:?} {world:?}");
                 }
             }
         }
@@ -100,8 +100,8 @@ fn a_bearing_that_swings_from_a_reflection_to_the_source_is_no_arrival() {
             if flight.time_s() > 6.0 {
                 flight.world.beacon_ned_m = Ned { north: -12.0, ..Ned::default() };
             }
-            let advice = flight.step(&lander, &mut state, restless);
-            assert_eq!(advice.stage, Stage::Seeking, "{} s", flight.time_s());
+            let output = flight.step(&lander, &mut state, restless);
+            assert_eq!(output.stage, Stage::Seeking, "{} s", flight.time_s());
         }
     }
 }
@@ -109,11 +109,11 @@ fn a_bearing_that_swings_from_a_reflection_to_the_source_is_no_arrival() {
 #[test]
 fn arrived_it_goes_above_the_beacon_and_hands_over_and_lands_only_if_the_user_wants_it() {
     for request_land in [false, true] {
-        let (advice, trail) = fly(Config { request_land, ..Config::default() }, quiet());
+        let (output, trail) = fly(Config { request_land, ..Config::default() }, quiet());
         let stages = [Stage::Seeking, Stage::Approaching, Stage::HandedOver];
         assert!(trail.len() == 3 && has(&trail, &stages), "{trail:?}");
-        assert_eq!((advice.reason, advice.wants_land), (Some(Reason::Arrived), request_land));
-        assert_eq!(advice.target.map(|target| target.is_pad), Some(false));
+        assert_eq!((output.reason, output.wants_land), (Some(Reason::Arrived), request_land));
+        assert_eq!(output.target.map(|target| target.is_pad), Some(false));
     }
 }
 
@@ -127,8 +127,8 @@ fn near_for_long_and_not_known_it_searches_until_it_knows() {
         ..quiet()
     };
     let lander = Config::default().build().unwrap();
-    let (advice, stages) = Flight::new(world).run(&lander, 100.0, stay);
-    assert_eq!(advice.reason, Some(Reason::Arrived), "{stages:?}");
+    let (output, stages) = Flight::new(world).run(&lander, 100.0, stay);
+    assert_eq!(output.reason, Some(Reason::Arrived), "{stages:?}");
     assert!(stages.windows(2).any(|pair| pair == [Stage::SearchingBeacon, Stage::Approaching]), "{stages:?}");
 }
 
@@ -153,10 +153,10 @@ fn a_beacon_that_is_not_found_is_searched_for_within_limits() {
         for seed in 0..10 {
             let (mut flight, mut state) = (Flight::new(World { seed, ..world }), State::default());
             while flight.time_s() < 150.0 {
-                let advice = flight.step(&lander, &mut state, stay);
+                let output = flight.step(&lander, &mut state, stay);
                 farthest_m = farthest_m.max(flight.here().minus(Horizontal { north: 4.5, east: 0.5 }).norm());
-                if advice.stage == Stage::HandedOver {
-                    ended += u32::from(advice.reason == Some(reason));
+                if output.stage == Stage::HandedOver {
+                    ended += u32::from(output.reason == Some(reason));
                     break;
                 }
             }
@@ -167,8 +167,8 @@ fn a_beacon_that_is_not_found_is_searched_for_within_limits() {
 
 #[test]
 fn a_pad_in_sight_of_an_ambiguous_beacon_is_gone_for_at_once() {
-    let (advice, trail) = fly(camera(), World { start_ned_m: Ned { down: -4.0, ..Ned::default() }, ..quiet() });
-    assert_eq!((advice.stage, advice.reason), (Stage::Landed, Some(Reason::Landed)));
+    let (output, trail) = fly(camera(), World { start_ned_m: Ned { down: -4.0, ..Ned::default() }, ..quiet() });
+    assert_eq!((output.stage, output.reason), (Stage::Landed, Some(Reason::Landed)));
     assert!(has(&trail, &[Stage::Centring, Stage::Descending, Stage::Committed, Stage::Landed]), "{trail:?}");
 }
 
@@ -176,8 +176,8 @@ fn a_pad_in_sight_of_an_ambiguous_beacon_is_gone_for_at_once() {
 fn without_a_pad_it_searches_and_says_so() {
     ends(camera(), World { pad_ned_m: None, ..quiet() }, Reason::NoPad, Stage::SearchingPad);
     let pad_ned_m = Some(Horizontal { north: 5.0, east: 2.2 });
-    let (advice, trail) = fly(camera(), World { pad_ned_m, ..quiet() });
-    assert!(advice.stage == Stage::Landed && has(&trail, &[Stage::SearchingPad, Stage::Centring]), "{trail:?}");
+    let (output, trail) = fly(camera(), World { pad_ned_m, ..quiet() });
+    assert!(output.stage == Stage::Landed && has(&trail, &[Stage::SearchingPad, Stage::Centring]), "{trail:?}");
 }
 
 #[test]
@@ -204,8 +204,8 @@ fn blocked_on_the_last_metres_it_says_so() {
     let from_s = begins(config, quiet(), Stage::Approaching) - 0.5;
     ends(config, World { blocked_s: (from_s, FOR_EVER), ..quiet() }, Reason::Blocked, Stage::Approaching);
     let from_s = begins(camera(), quiet(), Stage::Centring) + 0.1;
-    let (advice, _) = fly(camera(), World { blocked_s: (from_s, FOR_EVER), ..quiet() });
-    assert_eq!((advice.stage, advice.reason), (Stage::HandedOver, Some(Reason::Blocked)));
+    let (output, _) = fly(camera(), World { blocked_s: (from_s, FOR_EVER), ..quiet() });
+    assert_eq!((output.stage, output.reason), (Stage::HandedOver, Some(Reason::Blocked)));
 }
 
 #[test]
@@ -217,31 +217,31 @@ fn the_search_for_the_pad_has_limits() {
     ends(camera(), World { blocked_s: (from_s, FOR_EVER), ..none }, Reason::Blocked, Stage::SearchingPad);
     ends(camera(), World { lacks_radius: true, ..quiet() }, Reason::NoHeight, Stage::SearchingPad);
     // With a range finder the radius is not needed.
-    let (advice, trail) = fly(camera(), World { lacks_radius: true, has_finder: true, ..quiet() });
-    assert_eq!(advice.stage, Stage::Landed, "{trail:?}");
+    let (output, trail) = fly(camera(), World { lacks_radius: true, has_finder: true, ..quiet() });
+    assert_eq!(output.stage, Stage::Landed, "{trail:?}");
 }
 
 #[test]
 fn a_moment_without_sight_holds_the_height_and_no_more() {
     let from_s = begins(camera(), quiet(), Stage::Descending) + 0.5;
-    let (advice, trail) = fly(camera(), World { covered_s: (from_s, from_s + 1.0), ..quiet() });
+    let (output, trail) = fly(camera(), World { covered_s: (from_s, from_s + 1.0), ..quiet() });
     assert!(has(&trail, &[Stage::Descending, Stage::Centring, Stage::Descending]), "{trail:?}");
-    assert!(advice.stage == Stage::Landed && !has(&trail, &[Stage::Recovering]), "{trail:?}");
+    assert!(output.stage == Stage::Landed && !has(&trail, &[Stage::Recovering]), "{trail:?}");
 }
 
 #[test]
 fn a_pad_that_is_lost_is_waited_for_climbed_for_and_searched_for() {
     let from_s = begins(camera(), quiet(), Stage::Descending) + 0.5;
-    let (advice, trail) = fly(camera(), World { covered_s: (from_s, from_s + 3.0), ..quiet() });
+    let (output, trail) = fly(camera(), World { covered_s: (from_s, from_s + 3.0), ..quiet() });
     assert!(has(&trail, &[Stage::Centring, Stage::Recovering, Stage::Centring]), "{trail:?}");
-    assert_eq!(advice.stage, Stage::Landed, "{trail:?}");
-    let (advice, trail) = fly(camera(), World { covered_s: (from_s, from_s + 9.0), ..quiet() });
+    assert_eq!(output.stage, Stage::Landed, "{trail:?}");
+    let (output, trail) = fly(camera(), World { covered_s: (from_s, from_s + 9.0), ..quiet() });
     assert!(has(&trail, &[Stage::Recovering, Stage::SearchingPad, Stage::Centring]), "{trail:?}");
-    assert_eq!(advice.stage, Stage::Landed, "{trail:?}");
+    assert_eq!(output.stage, Stage::Landed, "{trail:?}");
     let for_ever = World { covered_s: (from_s, FOR_EVER), ..quiet() };
     ends(camera(), for_ever, Reason::PadLost, Stage::SearchingPad);
-    let (advice, trail) = fly(Config { retries_max: 0, ..camera() }, for_ever);
-    assert_eq!((advice.stage, advice.reason), (Stage::HandedOver, Some(Reason::PadLost)), "{trail:?}");
+    let (output, trail) = fly(Config { retries_max: 0, ..camera() }, for_ever);
+    assert_eq!((output.stage, output.reason), (Stage::HandedOver, Some(Reason::PadLost)), "{trail:?}");
     assert!(has(&trail, &[Stage::Recovering]) && !has(&trail, &[Stage::SearchingPad]), "{trail:?}");
 }
 
@@ -262,8 +262,8 @@ fn it_climbs_for_a_lost_pad_so_far_and_no_farther() {
 #[test]
 fn not_coming_into_the_cone_in_time_is_a_reason() {
     let config = Config { attempt_s: 1.0, retries_max: 0, ..camera() };
-    let (advice, trail) = fly(config, quiet());
-    assert_eq!((advice.stage, advice.reason), (Stage::HandedOver, Some(Reason::TimeLimit)), "{trail:?}");
+    let (output, trail) = fly(config, quiet());
+    assert_eq!((output.stage, output.reason), (Stage::HandedOver, Some(Reason::TimeLimit)), "{trail:?}");
 }
 
 #[test]
@@ -272,12 +272,12 @@ fn on_the_ground_it_stands_still_and_disarms_only_if_the_user_wants_it() {
         for says_landed in [false, true] {
             let lander = Config { request_land, ..camera() }.build().unwrap();
             let (mut flight, mut state) = (Flight::new(World { says_landed, ..quiet() }), State::default());
-            let mut advice = Advice::default();
+            let mut output = Output::default();
             while flight.time_s() < 60.0 {
-                advice = flight.step(&lander, &mut state, towards_beacon);
+                output = flight.step(&lander, &mut state, towards_beacon);
             }
-            assert_eq!((advice.stage, advice.reason), (Stage::Landed, Some(Reason::Landed)), "{says_landed}");
-            assert_eq!((advice.demand, advice.wants_land), (Some((Horizontal::default(), 0.0)), request_land));
+            assert_eq!((output.stage, output.reason), (Stage::Landed, Some(Reason::Landed)), "{says_landed}");
+            assert_eq!((output.demand, output.wants_land), (Some((Horizontal::default(), 0.0)), request_land));
         }
     }
 }
@@ -290,14 +290,14 @@ fn the_last_part_is_broken_off_when_it_is_pushed_out_or_takes_too_long() {
     });
     assert!(pushed);
     let from_s = begins(camera(), quiet(), Stage::Committed) + 0.1;
-    let (advice, trail) = fly(camera(), World { blocked_s: (from_s, from_s + 12.0), ..quiet() });
+    let (output, trail) = fly(camera(), World { blocked_s: (from_s, from_s + 12.0), ..quiet() });
     assert!(has(&trail, &[Stage::Committed, Stage::Centring, Stage::Committed]), "{trail:?}");
-    assert_eq!(advice.stage, Stage::Landed, "{trail:?}");
+    assert_eq!(output.stage, Stage::Landed, "{trail:?}");
     // Dropped, and not down: it goes up again.
     let from_s = begins(camera(), quiet(), Stage::Landed) - 0.5;
-    let (advice, trail) = fly(camera(), World { blocked_s: (from_s, from_s + 12.0), ..quiet() });
+    let (output, trail) = fly(camera(), World { blocked_s: (from_s, from_s + 12.0), ..quiet() });
     assert!(has(&trail, &[Stage::Committed, Stage::Recovering]), "{trail:?}");
-    assert_eq!(advice.stage, Stage::Landed, "{trail:?}");
+    assert_eq!(output.stage, Stage::Landed, "{trail:?}");
 }
 
 #[test]
@@ -308,10 +308,10 @@ fn without_a_word_of_the_own_vehicle_it_stops_says_so_and_goes_on_afterwards() {
         let lander = camera().build().unwrap();
         let (mut flight, mut state) = (Flight::new(world), State::default());
         while flight.time_s() < 60.0 {
-            let advice = flight.step(&lander, &mut state, towards_beacon);
+            let output = flight.step(&lander, &mut state, towards_beacon);
             if flight.time_s() > from_s + 0.6 && flight.time_s() < span.1 {
                 assert_eq!(
-                    (advice.demand, advice.reason),
+                    (output.demand, output.reason),
                     (Some((Horizontal::default(), 0.0)), Some(Reason::NoOwnship))
                 );
             }
@@ -320,8 +320,8 @@ fn without_a_word_of_the_own_vehicle_it_stops_says_so_and_goes_on_afterwards() {
     }
     // Before it has taken over, nothing is its business.
     let (mut flight, mut state) = (Flight::new(World { silent_s: (0.0, FOR_EVER), ..quiet() }), State::default());
-    let advice = flight.step(&camera().build().unwrap(), &mut state, stay);
-    assert_eq!((advice.demand, advice.reason), (None, Some(Reason::NoOwnship)));
+    let output = flight.step(&camera().build().unwrap(), &mut state, stay);
+    assert_eq!((output.demand, output.reason), (None, Some(Reason::NoOwnship)));
 }
 
 #[test]
@@ -331,13 +331,13 @@ fn all_of_it_has_an_end_and_the_end_is_one() {
     let (mut flight, mut state) = (Flight::new(World { covered_s: NEVER, ..quiet() }), State::default());
     let mut over_s = None;
     while flight.time_s() < 60.0 {
-        let advice = flight.step(&lander, &mut state, towards_beacon);
-        if advice.stage == Stage::HandedOver {
+        let output = flight.step(&lander, &mut state, towards_beacon);
+        if output.stage == Stage::HandedOver {
             over_s.get_or_insert(flight.time_s());
-            assert_eq!(advice.reason, Some(Reason::TimeLimit));
-            assert!(flight.time_s() < over_s.unwrap() + 1.0 || advice.demand == Some((Horizontal::default(), 0.0)));
+            assert_eq!(output.reason, Some(Reason::TimeLimit));
+            assert!(flight.time_s() < over_s.unwrap() + 1.0 || output.demand == Some((Horizontal::default(), 0.0)));
         } else {
-            assert!(over_s.is_none(), "{advice:?}");
+            assert!(over_s.is_none(), "{output:?}");
         }
     }
     assert!(over_s.is_some());

@@ -18,7 +18,7 @@
 
 use crate::base::ned::Horizontal;
 use crate::doa::bearing::Bearing;
-use crate::mapping::lor::Line;
+use crate::mapping::walls;
 
 mod features;
 mod network;
@@ -71,7 +71,7 @@ pub enum Sightline {
 impl Sightline {
     /// What some walls, each widened by `slack_m` at both ends, are to a bearing from a place.
     #[must_use]
-    pub fn among(walls: &[Line], place_ned_m: Horizontal, bearing_ned_rad: f32, slack_m: f32) -> Self {
+    pub fn among(walls: &[walls::Wall], place_ned_m: Horizontal, bearing_ned_rad: f32, slack_m: f32) -> Self {
         let direction = Horizontal::from_bearing(bearing_ned_rad);
         let mut nearest = Self::Clear;
         for wall in walls {

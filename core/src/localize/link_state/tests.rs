@@ -231,7 +231,8 @@ fn the_network_is_two_layers_with_rectifiers_and_a_softmax() {
 
 #[test]
 fn the_nearest_of_some_walls_is_what_lies_ahead() {
-    let wall = |north: f32| Line::between(Horizontal { north, east: -1.0 }, Horizontal { north, east: 1.0 }).unwrap();
+    let wall =
+        |north: f32| walls::Wall::between(Horizontal { north, east: -1.0 }, Horizontal { north, east: 1.0 }).unwrap();
     let walls = [wall(7.0), wall(3.0), wall(-2.0), wall(5.0)];
     let here = Horizontal::default();
     assert_eq!(Sightline::among(&walls, here, 0.0, 0.0), Sightline::Wall { range_m: 3.0 });

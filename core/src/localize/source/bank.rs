@@ -1,7 +1,7 @@
 //! A bank of filters, each with its own belief of where the source is, after section IV of the mmWave paper.
 //!
 //! A sighting can mean two things: the source lies on its ray, or the ray was reflected by the nearest line that it meets.
-//! What a reflection says of the source is what the vehicle's mirror image would see directly ([`Line::mirror`]), so each
+//! What a reflection says of the source is what the vehicle's mirror image would see directly ([`Wall::mirror`]), so each
 //! filter tries a sighting both ways and keeps the one that it finds likelier, given how likely the link is to be reflected
 //! at all. The paper has one filter for each line and switches between them; a filter of ours stays what it is when the
 //! vehicle turns the corner and the same source is suddenly seen directly: it is then the one that had expected that, and
@@ -17,7 +17,7 @@
 use super::polar::{self, Resting};
 use super::{Estimate, Heard, Sighting};
 use crate::base::error::{ConfigError, check};
-use crate::mapping::lor::Line;
+use crate::mapping::walls::Wall;
 
 /// Filters at most.
 pub const FILTERS: usize = 4;
@@ -103,7 +103,7 @@ pub enum Way {
     #[default]
     Direct,
     /// By one reflection.
-    Reflected(Line),
+    Reflected(Wall),
 }
 
 impl Way {
@@ -226,7 +226,7 @@ impl State {
 impl Bank {
     /// Takes in a sighting. `reflected` is the probability that the link is, `lines` are the walls that are known.
     /// `None` when the sighting is refused, or nothing is left to believe.
-    pub fn step(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Line]) -> Option<Answer> {
+    pub fn step(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Wall]) -> Option<Answer> {
         if !sighting.is_plausible() {
             return None;
         }
@@ -247,7 +247,7 @@ impl Bank {
         sighting: &Sighting,
         explained: bool,
         reflected: f32,
-        wall: Option<(Line, f32)>,
+        wall: Option<(Wall, f32)>,
     ) -> Option<Answer> {
         state.unexplained = if explained { 0 } else { state.unexplained.saturating_add(1) };
         if state.count() == 0 || state.unexplained >= UNEXPLAINED_MAX {
@@ -272,8 +272,8 @@ impl Bank {
     }
 
     /// The nearest line that a sighting's ray meets, and how far off.
-    fn nearest(&self, sighting: &Sighting, lines: &[Line]) -> Option<(Line, f32)> {
-        let mut nearest: Option<(Line, f32)> = None;
+    fn nearest(&self, sighting: &Sighting, lines: &[Wall]) -> Option<(Wall, f32)> {
+        let mut nearest: Option<(Wall, f32)> = None;
         for line in lines.iter().filter(|line| line.is_valid()) {
             let range_m = line.range_along_m(sighting.place_ned_m, sighting.direction_ned, self.config.slack_m);
             if let Some(range_m) = range_m.filter(|range_m| nearest.is_none_or(|(_, other)| *range_m < other)) {
@@ -285,7 +285,7 @@ impl Bank {
 
     /// Tries a sighting both ways on a belief and keeps the likelier; whether that explains it.
     #[inline(never)]
-    fn weigh(&self, belief: &mut Belief, sighting: &Sighting, reflected: f32, wall: Option<(Line, f32)>) -> bool {
+    fn weigh(&self, belief: &mut Belief, sighting: &Sighting, reflected: f32, wall: Option<(Wall, f32)>) -> bool {
         let direct = self.read(belief, sighting, Way::Direct).map(|reading| {
             let behind = wall.is_some_and(|(_, range_m)| reading.filter.inverse_range_per_m() * range_m < 0.9);
             reading.times((1.0 - reflected) * if behind { self.config.through } else { 1.0 })
@@ -338,7 +338,7 @@ impl Bank {
     }
 
     /// A belief that the leading one has been looking at a mirror image in this line, unless there is one.
-    fn reflect(state: &mut State, line: Line) {
+    fn reflect(state: &mut State, line: Wall) {
         let used = state.alive().any(|belief| belief.way.is_same(&Way::Reflected(line)));
         let Some(leading) = state.leading().copied() else { return };
         if used || leading.way != Way::Direct {
@@ -374,7 +374,7 @@ fn knows_range(filter: &Resting, ratio_max: f32) -> bool {
 }
 
 /// Whether two lines are the same wall, as well as that can be told from two fits.
-fn is_same(a: &Line, b: &Line) -> bool {
+fn is_same(a: &Wall, b: &Wall) -> bool {
     let [from, to] = b.ends_ned_m();
     libm::fabsf(a.normal_ned.dot(b.normal_ned)) > 0.9
         && libm::fabsf(a.distance_m(from)) < 0.7
@@ -439,7 +439,7 @@ mod tests {
     /// Around a corner: the source is hidden, its mirror image in the wall is not; later it is seen directly.
     fn corner(seed: u64, reflected: f32) -> (Answer, Answer, Horizontal) {
         let bank = Config::DEFAULT.build().unwrap();
-        let wall = Line::between(at(8.0, -3.0), at(8.0, 14.0)).unwrap();
+        let wall = Wall::between(at(8.0, -3.0), at(8.0, 14.0)).unwrap();
         let source = at(2.0, 9.0);
         let image = wall.mirror(source);
         let (mut state, mut rng) = (State::new(), Rng::new(seed, 1));
@@ -484,7 +484,7 @@ mod tests {
         let bank = Config { polar: polar::Config { outlier_rate: 0.4, ..Config::DEFAULT.polar }, ..Config::DEFAULT };
         let bank = bank.build().unwrap();
         let lines =
-            [Line::between(at(9.0, -5.0), at(9.0, 5.0)).unwrap(), Line::between(at(-5.0, 6.0), at(9.0, 6.0)).unwrap()];
+            [Wall::between(at(9.0, -5.0), at(9.0, 5.0)).unwrap(), Wall::between(at(-5.0, 6.0), at(9.0, 6.0)).unwrap()];
         let source = at(6.0, 3.0);
         let (mut state, mut rng) = (State::new(), Rng::new(3, 1));
         let mut answer = None;
@@ -524,8 +524,8 @@ mod tests {
             for _ in 0..100 {
                 let scale = libm::expf(14.0 * rng.uniform() - 7.0);
                 let wild = |rng: &mut Rng| at(scale * rng.gaussian(), scale * rng.gaussian());
-                let lines: std::vec::Vec<Line> =
-                    (0..3).filter_map(|_| Line::between(wild(&mut rng), wild(&mut rng))).collect();
+                let lines: std::vec::Vec<Wall> =
+                    (0..3).filter_map(|_| Wall::between(wild(&mut rng), wild(&mut rng))).collect();
                 let heard = Sighting { since_s: rng.uniform(), ..sighting(wild(&mut rng), wild(&mut rng), &mut rng) };
                 if let Some(answer) = bank.step(&mut state, &heard, 2.0 * rng.uniform() - 0.5, &lines) {
                     let estimate = answer.estimate;

@@ -30,7 +30,7 @@ use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::units::between;
-use crate::mapping::lor::Line;
+use crate::mapping::walls::Wall;
 
 /// Below this fraction of the range that is left after a step, the vehicle is at the source.
 const OVERHEAD: f32 = 1e-3;
@@ -181,7 +181,7 @@ impl<const S: usize> State<S> {
 
     /// What the mirror image of the vehicle knows: of what the vehicle takes for the source, its mirror image.
     #[must_use]
-    pub fn mirrored(&self, line: &Line) -> Self {
+    pub fn mirrored(&self, line: &Wall) -> Self {
         let mut image = *self;
         image.place_ned_m = line.mirror(self.place_ned_m);
         image.direction_ned = line.mirror_direction(self.direction_ned);

@@ -14,13 +14,13 @@ use crate::base::time::Instant;
 use crate::base::units::{between, whole_below, wrap_pi};
 use crate::mapping::scan::{Detection, Kind, POINTS_MAX, RAYS_MAX, Scan, Sector, Segmentation};
 
-/// So many pillars at most are looked at again when the one that was seen has been averaged.
+/// So many pillars at most are checked again when the one that was seen has been averaged.
 const MET_MAX: usize = 4;
 /// No hit sticks out of the circle of its detection by more than this.
 const OUT_M: f32 = 0.03;
 /// A patch may be explained by what is known so far beside its hits, however wide the sectors are.
 const BESIDE_MAX_M: f32 = 0.10;
-/// What is nearer has to be covered where it is told: the vehicle may be about to pass it.
+/// What is nearer has to be covered where it was measured: the vehicle may be about to pass it.
 pub(super) const BESIDE_FROM_M: f32 = 1.0;
 
 /// A bit for each hit.
@@ -114,7 +114,7 @@ impl Covered<'_> {
     }
 }
 
-/// A scan as one asks it what lies in a direction.
+/// A scan, of which the sector in a direction is asked.
 struct View<'a> {
     scan: &'a Scan,
     origin_ned_m: Horizontal,
@@ -168,19 +168,26 @@ impl View<'_> {
 }
 
 impl Mapper {
-    /// Takes a detection of a look into the store.
-    pub(super) fn absorb(&self, map: &mut Map, index: &mut Index, now: Instant, look: &Segmentation, seen: &Detection) {
-        let origin = look.origin_ned_m;
+    /// Takes a detection of a scan into the store.
+    pub(super) fn absorb(
+        &self,
+        map: &mut Map,
+        index: &mut Index,
+        now: Instant,
+        segmentation: &Segmentation,
+        seen: &Detection,
+    ) {
+        let origin = segmentation.origin_ned_m;
         let center = seen.center_ned_m.minus(origin);
         let face_m = seen.face_ned_m.minus(origin);
-        let (toward, beside_m) = beside(look, seen, face_m);
+        let (toward, beside_m) = beside(segmentation, seen, face_m);
         let mut covered = Covered {
-            points_m: look.points_of(seen),
+            points_m: segmentation.points_of(seen),
             face_m,
             margin_m: self.config.cover_m,
             toward,
             beside_m,
-            sides: look.sides.get(usize::from(seen.from)..usize::from(seen.to)).unwrap_or_default(),
+            sides: segmentation.sides.get(usize::from(seen.from)..usize::from(seen.to)).unwrap_or_default(),
             all: Bits::default(),
             by_round: Bits::default(),
             is_face: false,
@@ -202,11 +209,11 @@ impl Mapper {
                 if !known.is_round() {
                     let inside_m = seen.radius_m + STICK_OUT_M - known.radius_m;
                     if inside_m > 0.0 && squared < inside_m * inside_m {
-                        known.clear_looks = DOOMED;
+                        known.clear_scans = DOOMED;
                         index.doom(at);
                         continue;
                     }
-                } else if known.clear_looks != AVERAGED && is_gated(known, seen, squared) && met.push(at as u8).is_ok()
+                } else if known.clear_scans != AVERAGED && is_gated(known, seen, squared) && met.push(at as u8).is_ok()
                 {
                     // It covers nothing before it is known whether it is the one.
                     if nearest.is_none_or(|(_, least)| squared < least) {
@@ -238,12 +245,12 @@ impl Mapper {
             Kind::Patch => covered.all.has_first(count) && (covered.is_face || seen.to <= seen.from + 1),
         };
         if !is_covered && let Some(known) = self.known_of(map, now, seen) {
-            let clear_looks = if seen.kind == Kind::Pillar { AVERAGED } else { 0 };
-            map.add(index, Known { clear_looks, ..known });
+            let clear_scans = if seen.kind == Kind::Pillar { AVERAGED } else { 0 };
+            map.add(index, Known { clear_scans, ..known });
         }
     }
 
-    /// Counts, of every circle in reach of a scan, the looks that see through it, and gives up those with too many.
+    /// Counts, of every circle in reach of a scan, the scans that see through it, and forgets those with too many.
     pub(super) fn judge(&self, map: &mut Map, scan: &Scan, pose: &Pose) {
         let view = View {
             scan,
@@ -260,9 +267,9 @@ impl Mapper {
                 continue;
             }
             let passes = view.passes(known, away, squared * inverse_root(squared));
-            known.clear_looks = if passes { known.clear_looks.saturating_add(1) } else { 0 };
-            if known.clear_looks >= self.config.clear_looks {
-                known.clear_looks = DOOMED;
+            known.clear_scans = if passes { known.clear_scans.saturating_add(1) } else { 0 };
+            if known.clear_scans >= self.config.clear_scans {
+                known.clear_scans = DOOMED;
             }
         }
     }
@@ -270,13 +277,13 @@ impl Mapper {
 
 /// In which direction the hits of a patch lie, and how far from the middles of their sectors they may be: each is the nearest of
 /// several rays, and it is not said which. A pillar is fitted to where its hits are taken to be.
-fn beside(look: &Segmentation, seen: &Detection, face_m: Horizontal) -> (Horizontal, f32) {
+fn beside(segmentation: &Segmentation, seen: &Detection, face_m: Horizontal) -> (Horizontal, f32) {
     let is_far = |point: &Horizontal| point.norm_squared() > BESIDE_FROM_M * BESIDE_FROM_M;
-    if look.beside_rad == 0.0 || seen.kind == Kind::Pillar || !look.points_of(seen).iter().all(is_far) {
+    if segmentation.beside_rad == 0.0 || seen.kind == Kind::Pillar || !segmentation.points_of(seen).iter().all(is_far) {
         return (Horizontal::default(), 0.0);
     }
     let (squared, inverse) = (face_m.norm_squared(), inverse_root(face_m.norm_squared()));
-    (face_m.times(inverse), look.beside_rad * squared * inverse)
+    (face_m.times(inverse), segmentation.beside_rad * squared * inverse)
 }
 
 /// Whether a known pillar may be the one that is seen.

@@ -2,7 +2,7 @@
 //! bin of which holds a bit for every circle that reaches into it. A circle near a place is in the bins of both.
 //!
 //! It is made anew for each delivery, from the store as it is, and follows what the delivery changes. The scales wrap round
-//! every [`BINS`] bins and keep where a circle was before it moved: what is named has to be looked at, and nothing that is
+//! every [`BINS`] bins and keep where a circle was before it moved: what is named has to be checked, and nothing that is
 //! near is left out.
 
 use super::{CIRCLES_MAX, Known};
@@ -56,7 +56,7 @@ pub(super) struct Index {
     squared_bits: [u32; CIRCLES_MAX],
     /// The place of the farthest circle of each block.
     farthest: [u8; BLOCKS],
-    /// Circles that are to be forgotten. They are near nothing, and give way first.
+    /// Circles that are to be forgotten. They are near nothing, and are replaced first.
     doomed: Places,
 }
 
@@ -201,7 +201,7 @@ mod tests {
             motion: Motion::default(),
             seen_ms: 0,
             origin: Origin::Given,
-            clear_looks: 0,
+            clear_scans: 0,
         }
     }
 

@@ -1,22 +1,22 @@
 //! The obstacle map: a bounded store of circles, remembered once seen.
 //!
-//! A sensor that delivers circles has the last word on what it sees. A look at hits ([`Segmentation`]) is taken in like this:
+//! What a sensor that delivers circles reports replaces what was known. A scan of hits ([`Segmentation`]) is taken in like this:
 //!
-//! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_looks`] looks is forgotten.
+//! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_scans`] scans is forgotten.
 //! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
 //!    a poor glimpse of a better known one. If the average leaves out what was just seen, that is added beside what was known.
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
-//!    What a wide sector tells from more than a metre away may stand a little beside its hit, too (`absorb`).
+//!    What a wide sector reports from more than a metre away may stand a little beside its hit, too (`absorb`).
 //!
-//! So after each look every hit is covered, or else what may be behind it, however wrong the store was, unless the store is full: then the circle farthest
-//! from the vehicle gives way and [`Map::overflow_count`] says so. Before it is full, what others cover is forgotten
+//! So after each scan every hit is covered, or else what may be behind it, however wrong the store was, unless the store is full: then the circle farthest
+//! from the vehicle is dropped and [`Map::overflow_count`] counts it. Before it is full, what others cover is forgotten
 //! (`thin_out`). What is out of sight stays, but for circles that move: those are carried along and forgotten when unseen
-//! for a while. A circle moves when its filter says so with four sigma for several looks in a row, so that the change of the
+//! for a while. A circle moves when its filter says so with four sigma for several scans in a row, so that the change of the
 //! view of a standing pillar does not set it in motion.
 //!
-//! The cost of a look is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` say what it is.
+//! The cost of a scan is bounded: circles meet only what lies near them (`index`). Bench rows `look_*` give it.
 //!
-//! The radius that is told is the measured one plus its sigma, nothing for exact circles.
+//! The reported radius is the measured one plus its sigma, which is zero for exact circles.
 
 use heapless::Vec;
 
@@ -39,13 +39,13 @@ use motion::{Motion, Sighting};
 /// Most circles that are remembered.
 pub const CIRCLES_MAX: usize = 192;
 const _: () =
-    assert!(CIRCLES_MAX.is_multiple_of(32) && CIRCLES_MAX < 256, "sets of places are words, places are bytes");
-/// Most circles that one delivery may hold; the rest of a longer one is not looked at.
+    assert!(CIRCLES_MAX.is_multiple_of(32) && CIRCLES_MAX < 256, "sets of places are arrays of u32, places are bytes");
+/// Most circles that one delivery may hold; the rest of a longer one is ignored.
 pub const DELIVERY_MAX: usize = 64;
 
 /// Sigma below which averaging does not bring it, so that the map follows if the vehicle's own position drifts.
 const SIGMA_MIN_M: f32 = 0.005;
-/// Sigmas that a circle's radius is told larger by.
+/// Sigmas by which a circle's reported radius is larger.
 const INFLATION_SIGMAS: f32 = 1.0;
 /// A ray that passes a circle's rim on the inside by more than this, unhindered, speaks against the circle.
 const RIM_M: f32 = 0.03;
@@ -54,9 +54,9 @@ const STICK_OUT_M: f32 = 0.04;
 /// Two pillars are one whose centres are closer than a share of the larger radius and twice their doubt, at most this.
 const GATE_M: f32 = 0.10;
 const GATE: f32 = 0.5;
-/// In place of a number of looks: to be forgotten.
+/// In place of a number of scans: to be forgotten.
 const DOOMED: u8 = u8::MAX;
-/// The same: seen in the look that is being taken in, and no other pillar of that look can be it.
+/// The same: seen in the scan that is being taken in, and no other pillar of that scan can be it.
 const AVERAGED: u8 = u8::MAX - 1;
 /// A hit farther behind a circle's front than this speaks against the circle.
 const FRONT_M: f32 = 0.08;
@@ -68,7 +68,7 @@ pub struct Config {
     /// A circle that moves is forgotten when unseen for this long.
     pub moving_memory_s: f32,
     /// Looks through a circle before it is forgotten.
-    pub clear_looks: u8,
+    pub clear_scans: u8,
     /// A hit this close to a known circle is part of it.
     pub cover_m: f32,
     /// Slower than this nothing moves.
@@ -77,7 +77,7 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { moving_memory_s: 3.0, clear_looks: 3, cover_m: 0.018, moving_min_mps: 0.10 }
+        Self { moving_memory_s: 3.0, clear_scans: 3, cover_m: 0.018, moving_min_mps: 0.10 }
     }
 }
 
@@ -88,7 +88,7 @@ impl Config {
     /// The field that is out of range.
     pub fn build(&self) -> Result<Mapper, ConfigError> {
         check("map.moving_memory_s", self.moving_memory_s, 0.1, 60.0)?;
-        check("map.clear_looks", f32::from(self.clear_looks), 1.0, 100.0)?;
+        check("map.clear_scans", f32::from(self.clear_scans), 1.0, 100.0)?;
         check("map.cover_m", self.cover_m, 0.001, 0.5)?;
         check("map.moving_min_mps", self.moving_min_mps, 0.01, 5.0)?;
         Ok(Mapper { config: *self })
@@ -123,7 +123,7 @@ struct Known {
     seen_ms: u32,
     motion: Motion,
     origin: Origin,
-    clear_looks: u8,
+    clear_scans: u8,
 }
 
 impl Known {
@@ -135,7 +135,7 @@ impl Known {
         if self.motion.moves() { self.slope_or_front } else { Horizontal::default() }
     }
 
-    /// As it is told: larger by its doubt unless it was delivered, and with a velocity only if it moves.
+    /// As it is reported: larger by its sigma unless it was delivered, and with a velocity only if it moves.
     fn circle(&self) -> Circle {
         let doubt_m = if self.origin == Origin::Given { 0.0 } else { INFLATION_SIGMAS * self.sigma_m };
         Circle {
@@ -153,7 +153,7 @@ pub struct Map {
     taken: Option<Instant>,
     /// Until when the moving circles have been carried along.
     carried: Instant,
-    /// The circle that was asked last whether others cover it.
+    /// The circle that was checked last for being covered by others.
     asked: usize,
     overflow_count: u32,
     refused_count: u32,
@@ -178,13 +178,13 @@ impl Map {
         self.circles().map(Disc::from)
     }
 
-    /// When the newest look was measured that has been taken in, even if it saw nothing.
+    /// When the newest scan was measured that has been taken in, even if it hit nothing.
     #[must_use]
     pub fn taken(&self) -> Option<Instant> {
         self.taken
     }
 
-    /// Circles that gave way because the store was full or their delivery too long.
+    /// Circles that were dropped because the store was full or their delivery too long.
     #[must_use]
     pub fn overflow_count(&self) -> u32 {
         self.overflow_count
@@ -200,7 +200,7 @@ impl Map {
         self.refused_count = self.refused_count.saturating_add(count);
     }
 
-    /// A look has been taken in. What is newer than now was stamped by a clock that has been set back since.
+    /// A scan has been taken in. What is newer than now was stamped by a clock that has been set back since.
     fn note_taken(&mut self, time: Instant, now: Instant) {
         if self.taken.is_none_or(|taken| taken <= time || taken > now) {
             self.taken = Some(time);
@@ -212,13 +212,13 @@ impl Map {
         let mut at = self.known.len();
         while at > 0 {
             at -= 1;
-            if self.known.get(at).is_some_and(|known| known.clear_looks == DOOMED) {
+            if self.known.get(at).is_some_and(|known| known.clear_scans == DOOMED) {
                 self.known.swap_remove(at);
             }
         }
     }
 
-    /// Adds a circle. When the store is full one that is to be forgotten gives way, or else the farthest from the vehicle.
+    /// Adds a circle. When the store is full it replaces one that is to be forgotten, or else the farthest from the vehicle.
     fn add(&mut self, index: &mut Index, known: Known) {
         let at = self.known.len();
         let Err(known) = self.known.push(known) else { return index.place(at, &known) };
@@ -237,43 +237,43 @@ impl Map {
 
 impl Mapper {
     /// Takes in what was fitted to a scan: what it sees through is forgotten in time.
-    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, look: &Segmentation) {
+    pub fn observe_scan(&self, map: &mut Map, now: Instant, scan: &Scan, pose: &Pose, segmentation: &Segmentation) {
         self.begin_look(map, now);
         self.judge(map, scan, pose);
         map.sweep();
-        self.take_in(map, now, look);
+        self.take_in(map, now, segmentation);
     }
 
-    /// Takes in what was fitted to points. Nothing is forgotten for it: points do not say where there is nothing.
-    pub fn observe_points(&self, map: &mut Map, now: Instant, look: &Segmentation) {
+    /// Takes in what was fitted to points. Nothing is forgotten because of it: points do not show where there is nothing.
+    pub fn observe_points(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
         self.begin_look(map, now);
-        self.take_in(map, now, look);
+        self.take_in(map, now, segmentation);
     }
 
     fn begin_look(&self, map: &mut Map, now: Instant) {
         self.advance(map, now);
-        for known in map.known.iter_mut().filter(|known| known.clear_looks == AVERAGED) {
-            known.clear_looks = 0;
+        for known in map.known.iter_mut().filter(|known| known.clear_scans == AVERAGED) {
+            known.clear_scans = 0;
         }
     }
 
     #[inline(never)]
-    fn take_in(&self, map: &mut Map, now: Instant, look: &Segmentation) {
-        map.refuse(u32::from(look.refused));
-        map.note_taken(look.time, now);
-        let mut index = Index::new(look.origin_ned_m);
+    fn take_in(&self, map: &mut Map, now: Instant, segmentation: &Segmentation) {
+        map.refuse(u32::from(segmentation.refused));
+        map.note_taken(segmentation.time, now);
+        let mut index = Index::new(segmentation.origin_ned_m);
         index.place_all(&map.known);
         self.thin_out(map, &mut index);
-        for seen in &look.detections {
-            self.absorb(map, &mut index, now, look, seen);
+        for seen in &segmentation.detections {
+            self.absorb(map, &mut index, now, segmentation, seen);
         }
         map.sweep();
     }
 
-    /// Takes in circles from a sensor that delivers circles, as of now: what it says replaces what was known.
+    /// Takes in circles from a sensor that delivers circles, as of now: they replace what was known.
     ///
     /// # Errors
-    /// There are some, and none is plausible.
+    /// None of the circles is plausible.
     pub fn observe_circles(
         &self,
         map: &mut Map,
@@ -304,7 +304,7 @@ impl Mapper {
                 motion: Motion::of(circle.velocity_ned_mps),
                 seen_ms: now_ms,
                 origin: Origin::Given,
-                clear_looks: 0,
+                clear_scans: 0,
             };
             let near_m = 0.05 + 0.25 * circle.radius_m;
             let reach_m = circle.radius_m + STICK_OUT_M;
@@ -312,7 +312,7 @@ impl Mapper {
             // What was pieced together from hits is superseded where the sensor names the whole.
             for at in near {
                 if let Some(pieced) = map.known.get_mut(at).filter(|k| k.origin != Origin::Given && holds(circle, k)) {
-                    pieced.clear_looks = DOOMED;
+                    pieced.clear_scans = DOOMED;
                     index.doom(at);
                 }
             }
@@ -332,7 +332,7 @@ impl Mapper {
         Ok(())
     }
 
-    /// Forgets what was pieced together from hits where bodies that move are now.
+    /// Forgets what was pieced together from hits where moving objects are now.
     #[inline(never)]
     pub fn vacate(&self, map: &mut Map, centers_ned_m: &[Horizontal], radius_m: f32) {
         let squared_m2 = radius_m * radius_m;
@@ -371,7 +371,7 @@ impl Mapper {
         origin_ned_m: Horizontal,
     ) {
         let now_ms = millis(now);
-        known.clear_looks = AVERAGED;
+        known.clear_scans = AVERAGED;
         let margin_m = self.config.cover_m;
         let covers = |known: &Known| {
             let center = known.center_ned_m.minus(origin_ned_m);
@@ -409,7 +409,7 @@ impl Mapper {
             seen_ms: millis(now),
             motion: Motion::default(),
             origin: Origin::Seen(seen.kind),
-            clear_looks: 0,
+            clear_scans: 0,
         };
         if !known.circle().is_plausible() || !(seen.sigma_m > 0.0) {
             map.refuse(1);
@@ -420,7 +420,7 @@ impl Mapper {
 }
 
 /// The place of a circle that was delivered before as it is now. A sensor that names what stands still does so in the same
-/// order each time: it is looked for behind the last one that was found first.
+/// order each time: the search begins behind the last one that was found.
 fn seen_before(known: &[Known], mut near: Places, circle: &Circle, next: usize) -> Option<usize> {
     let is_it = |at: &usize| known.get(*at).is_some_and(|k| k.circle() == *circle && k.origin == Origin::Given);
     Some(next).filter(is_it).or_else(|| near.find(is_it))
@@ -429,7 +429,7 @@ fn seen_before(known: &[Known], mut near: Places, circle: &Circle, next: usize) 
 /// The place of what a circle is another measurement of.
 fn seen_nearby(known: &[Known], mut near: Places, circle: &Circle, near_m: f32, now_ms: u32) -> Option<usize> {
     near.find(|at| {
-        let Some(k) = known.get(*at).filter(|k| k.clear_looks != DOOMED) else { return false };
+        let Some(k) = known.get(*at).filter(|k| k.clear_scans != DOOMED) else { return false };
         // Two circles of one delivery are two obstacles, however near, unless they are one and the same.
         if k.seen_ms == now_ms && k.origin == Origin::Given {
             return false;
@@ -439,7 +439,7 @@ fn seen_nearby(known: &[Known], mut near: Places, circle: &Circle, near_m: f32, 
     })
 }
 
-/// The unit vector from a patch towards where it is seen from. What is round has none, and stands at first.
+/// The unit vector from a patch towards where it is seen from. Round ones have no such vector, and are assumed to stand at first.
 fn front_of(seen: &Detection) -> Horizontal {
     if seen.kind != Kind::Patch {
         return Horizontal::default();

@@ -1,17 +1,17 @@
-//! Whether a pillar moves, and how fast: an alpha-beta filter with a memory that grows from look to look.
+//! Whether a pillar moves, and how fast: an alpha-beta filter with a memory that grows from scan to scan.
 //!
-//! With `k` evenly spaced looks so far the gains `alpha = 2 (2 k - 1) / (k (k + 1))`, `beta = 6 / (k (k + 1))` make the
+//! With `k` evenly spaced scans so far the gains `alpha = 2 (2 k - 1) / (k (k + 1))`, `beta = 6 / (k (k + 1))` make the
 //! filter the least-squares straight line through all of them, whose slope has `sigma_v = sqrt(12) sigma / (dt k^1.5)`.
-//! From the tenth look on `k` stays, and the filter forgets.
+//! From the tenth scan on `k` stays, and the filter forgets.
 
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 
 /// Memory of the filter.
-const LOOKS_MAX: u8 = 10;
+const SCANS_MAX: u8 = 10;
 /// A pause longer than this starts the line anew.
 const PAUSE_S: f32 = 0.5;
-/// Centres that are less well known than this say nothing about motion.
+/// Centres that are less well known than this are not used for motion.
 const SIGMA_MAX_M: f32 = 0.06;
 /// The change of the view shifts a centre by this much, slowly, whatever its sigma.
 const SIGMA_FLOOR_M: f32 = 0.015;
@@ -22,29 +22,29 @@ const STEADY: u8 = 3;
 /// Nothing that is averaged into one circle is faster.
 const SPEED_MAX_MPS: f32 = 20.0;
 
-/// State of the filter, but for the slope of its line, which is kept beside it to save room.
+/// State of the filter, but for the slope of its line, which is kept beside it to save memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Motion {
-    looks: u8,
+    scans: u8,
     /// Looks that counted, up to twice [`STEADY`].
     steady: u8,
 }
 
-/// One more look at a pillar.
+/// One more measurement of a pillar.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sighting {
     pub(super) center: Horizontal,
     pub(super) sigma_m: f32,
     /// Weight that its precision gives it.
     pub(super) share: f32,
-    /// Time since the look before.
+    /// Time since the measurement before.
     pub(super) dt_s: f32,
 }
 
 impl Motion {
     /// What a sensor said it is.
     pub(super) fn of(velocity_ned_mps: Horizontal) -> Self {
-        Self { looks: LOOKS_MAX, steady: if velocity_ned_mps.norm_squared() > 0.0 { 2 * STEADY } else { 0 } }
+        Self { scans: SCANS_MAX, steady: if velocity_ned_mps.norm_squared() > 0.0 { 2 * STEADY } else { 0 } }
     }
 
     /// Whether it moves: whether the slope of the line is its velocity.
@@ -52,7 +52,7 @@ impl Motion {
         self.steady >= STEADY
     }
 
-    /// Where the centre is after one more look.
+    /// Where the centre is after one more measurement.
     pub(super) fn step(
         &mut self,
         slope_mps: &mut Horizontal,
@@ -62,15 +62,15 @@ impl Motion {
     ) -> Horizontal {
         if seen.sigma_m > SIGMA_MAX_M || seen.dt_s > PAUSE_S || !(seen.dt_s > 0.0) {
             if !self.moves() {
-                *self = Self { looks: 1, steady: 0 };
+                *self = Self { scans: 1, steady: 0 };
                 *slope_mps = Horizontal::default();
             }
             return center.plus(seen.center.minus(center).times(seen.share));
         }
         // What moves has been carried along already.
         let ahead = if self.moves() { center } else { center.plus(slope_mps.times(seen.dt_s)) };
-        self.looks = (self.looks + 1).min(LOOKS_MAX);
-        let k = f32::from(self.looks);
+        self.scans = (self.scans + 1).min(SCANS_MAX);
+        let k = f32::from(self.scans);
         let (alpha, beta) = (2.0 * (2.0 * k - 1.0) / (k * (k + 1.0)), 6.0 / (k * (k + 1.0)));
         let innovation = seen.center.minus(ahead);
         *slope_mps = slope_mps.plus(innovation.times(beta / seen.dt_s)).clamped(SPEED_MAX_MPS);

@@ -1,8 +1,8 @@
 //! When the store fills up, circles that others cover are forgotten: what is known to be occupied stays the same, and there
-//! is room for more of it.
+//! is space for more of it.
 //!
 //! A surface that is seen from several sides leaves more circles than it needs: patches from before its pillar was
-//! recognised, and between pillars. A few circles are asked before each look is taken in, in turn: what of the look is then not
+//! recognised, and between pillars. A few circles are checked before each scan is taken in, in turn: what of the scan is then not
 //! covered any more is added again.
 
 use core::f32::consts::FRAC_1_SQRT_2;
@@ -13,19 +13,19 @@ use crate::base::ned::Horizontal;
 
 /// From so many circles on.
 const FULL: usize = CIRCLES_MAX * 3 / 4;
-/// Circles that are asked in a look.
+/// Circles that are checked in a scan.
 const ASKED: usize = 12;
-/// The rim of a covered circle sticks out of the others by this much at most, where it is looked at.
+/// The rim of a covered circle sticks out of the others by this much at most, where it is checked.
 const STICK_OUT_M: f32 = 0.02;
 /// The middle of a patch's chord sticks out of the others by this much at most: nothing fits in there.
 const BETWEEN_M: f32 = 0.08;
-/// Larger pillars are not asked: their rim is looked at too far apart.
+/// Larger pillars are not checked: the places on their rim are too far apart.
 const RADIUS_MAX_M: f32 = 0.3;
-/// Nor are patches of a longer chord: it is looked at in the middle alone.
+/// Nor are patches of a longer chord: it is checked in the middle alone.
 const CHORD_MAX_M: f32 = 0.45;
 const COS_30: f32 = 0.8660254;
 const TAN_30: f32 = 0.57735026;
-/// Where its rim is looked at: every 15 degrees.
+/// Where its rim is checked: every 15 degrees.
 const RIM: [(f32, f32); 24] = [
     (1.0, 0.0),
     (0.9659258, 0.258819),
@@ -64,7 +64,7 @@ impl Mapper {
             if is_covered(&map.known, index, map.asked)
                 && let Some(known) = map.known.get_mut(map.asked)
             {
-                known.clear_looks = DOOMED;
+                known.clear_scans = DOOMED;
                 index.doom(map.asked);
             }
         }
@@ -111,17 +111,17 @@ fn is_in_others(all: &[Known], mut near: Places, at: usize, known: &Known, place
     })
 }
 
-/// Whether a circle may stand for another: a patch says nothing of a pillar, nor of what was seen from its other side.
+/// Whether a circle may stand for another: a patch does not cover a pillar, nor what was seen from its other side.
 fn may_stand_for(one: &Known, other: &Known) -> bool {
     one.is_round() || !other.is_round() && one.slope_or_front.dot(other.slope_or_front) > 0.0
 }
 
 fn covers(known: &Known) -> bool {
-    stands(known) && matches!(known.clear_looks, 0 | AVERAGED)
+    stands(known) && matches!(known.clear_scans, 0 | AVERAGED)
 }
 
 fn stands(known: &Known) -> bool {
-    known.velocity_ned_mps() == Horizontal::default() && known.clear_looks != DOOMED
+    known.velocity_ned_mps() == Horizontal::default() && known.clear_scans != DOOMED
 }
 
 #[cfg(test)]
@@ -143,7 +143,7 @@ mod tests {
             motion: Motion::default(),
             seen_ms: 0,
             origin,
-            clear_looks: 0,
+            clear_scans: 0,
         }
     }
 
@@ -249,13 +249,13 @@ mod tests {
 
     #[test]
     fn neither_a_circles_doubt_nor_one_that_is_seen_through_covers_another() {
-        for (sigma_m, clear_looks) in [(0.3, 0), (0.005, 1)] {
+        for (sigma_m, clear_scans) in [(0.3, 0), (0.005, 1)] {
             let mut map = Map::default();
             for at in 0..FULL / 2 {
                 let center = Horizontal { north: 2.0 * at as f32, east: 2.0 };
                 let pillar = known(center, 0.1 + sigma_m, Origin::Seen(Kind::Pillar));
-                map.known.push(Known { radius_m: 0.1, sigma_m, clear_looks, ..pillar }).unwrap();
-                let east = if clear_looks == 0 { 2.2 } else { 2.0 };
+                map.known.push(Known { radius_m: 0.1, sigma_m, clear_scans, ..pillar }).unwrap();
+                let east = if clear_scans == 0 { 2.2 } else { 2.0 };
                 let patch = known(Horizontal { east, ..center }, 0.06, Origin::Seen(Kind::Patch));
                 map.known.push(patch).unwrap();
             }

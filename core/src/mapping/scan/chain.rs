@@ -105,7 +105,7 @@ mod tests {
 
     const BOTH: Edges = Edges { first: true, last: true };
 
-    /// A wall across the nose at `north`, from -`half` to `half`, a point every `step`, with noise along the sight.
+    /// A wall across the nose at `north`, from -`half` to `half`, a point every `step`, with noise along the ray.
     fn wall(north: f32, half: f32, step: f32, noise: f32, rng: &mut Rng) -> Vec<Horizontal> {
         let n = (2.0 * half / step) as usize;
         (0..=n)

@@ -1,8 +1,8 @@
 //! Obstacle scans and points, and the circles behind them.
 //!
 //! A scan is sectors of distance around the nose, as `OBSTACLE_DISTANCE` brings them; [`Points`] are single hits in any
-//! order. A narrow sector is one ray. A wide one tells the nearest of several rays, so that its hit lies on the side on which
-//! the surface comes nearer, not in the middle: taken for the middle, it makes pillars wider by half a sector at either side.
+//! order. A narrow sector is one ray. A wide one gives the nearest of several rays, so that its hit lies on the side on which
+//! the surface comes nearer, not in the middle: assumed in the middle, it makes pillars wider by half a sector at either side.
 //! Neighbouring hits whose distance does not jump belong together. Each such run becomes
 //!
 //! - a pillar, where one circle passes within [`Config::residual_max_m`] of all its hits, is curved towards the sensor, has
@@ -12,9 +12,9 @@
 //! - a chain of small circles, where it is flat, hollow or short: walls, corners, what is half hidden.
 //!
 //! Whatever it becomes, every hit lies in a circle or within 2 cm of it. A direction without a hit yields nothing. The main
-//! paper fits circles to the points of a cloud in the same place (section IV) and does not say how.
+//! paper fits circles to the points of a cloud in the same place (section IV) and does not describe how.
 //!
-//! The cost is bounded: circles are fitted to 160 points of a look at most, the rest becomes chains.
+//! The cost is bounded: circles are fitted to 160 points of a scan at most, the rest becomes chains.
 
 use heapless::Vec;
 
@@ -45,20 +45,20 @@ pub const DETECTIONS_MAX: usize = POINTS_MAX;
 
 /// Fewest hits that a circle is fitted to.
 const FIT_MIN: usize = 5;
-/// Circles are fitted to so many points of one look in all, those of a cut piece counted again; the rest becomes chains.
+/// Circles are fitted to so many points of one scan in all, those of a cut piece counted again; the rest becomes chains.
 const FITS_MAX: usize = 160;
 /// Two neighbours whose distances differ by more are two obstacles, however wide the sectors are.
 const JUMP_MAX_M: f32 = 0.30;
 /// How far a pillar may reach into a direction that is seen to be free.
 const REACH_M: f32 = 0.03;
-/// Rays are so far apart at most, 1.25 degrees and a little: a wider sector tells the nearest of several.
+/// Rays are so far apart at most, 1.25 degrees and a little: a wider sector gives the nearest of several.
 const RAY_STEP_MAX_RAD: f32 = 0.0219;
 /// Nothing is measured from farther away.
 const RANGE_MAX_M: f32 = 1e3;
 /// Nothing that a ray measures is farther away: it has two bytes for its millimetres.
 pub const RAY_MAX_M: f32 = 65.5;
 
-/// What one sector of a scan says.
+/// What one sector of a scan measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -81,9 +81,9 @@ pub struct Scan {
     pub first_azimuth_rad: f32,
     /// Azimuth step from a ray to the next; may be negative, never 0.
     pub step_rad: f32,
-    /// Farthest distance that the sensor sees.
+    /// Range of the sensor.
     pub range_max_m: f32,
-    /// What it sees.
+    /// Its measurements.
     pub rays: Rays,
 }
 
@@ -164,9 +164,9 @@ pub struct Config {
     pub gap_m: f32,
     /// A circle that misses a point by more than this is no fit.
     pub residual_max_m: f32,
-    /// Smallest radius that is believed.
+    /// Smallest radius that is accepted.
     pub radius_min_m: f32,
-    /// Largest radius that is believed; a wall becomes several circles.
+    /// Largest radius that is accepted; a wall becomes several circles.
     pub radius_max_m: f32,
     /// Largest share of its radius that a pillar's radius may be uncertain by, one sigma.
     pub radius_doubt_max: f32,
@@ -197,7 +197,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Kind {
-    /// Something round: centre and radius mean what they say.
+    /// Something round, with a centre and a radius.
     Pillar,
     /// A piece of some surface: only its front means anything.
     #[default]
@@ -218,23 +218,23 @@ pub struct Detection {
     pub sigma_m: f32,
     /// Middle of the surface that it stands for, local NED.
     pub face_ned_m: Horizontal,
-    /// First of its points in the look.
+    /// First of its points in the scan.
     pub from: u8,
-    /// One past the last of its points in the look.
+    /// One past the last of its points in the scan.
     pub to: u8,
 }
 
-/// Why nothing of what an obstacle sensor delivered can be believed.
+/// Why what an obstacle sensor delivered is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// Where the vehicle was is not known.
     NoOwnship,
-    /// The vehicle's position or attitude is of another time: where the sensor looked from is not known.
+    /// The vehicle's position or attitude is of another time: where the sensor was is not known.
     TimesApart,
     /// Its angles and its range are no sensor's.
     Geometry,
-    /// There is something in it, and none of it is finite and sane.
+    /// It is not empty, and none of it is finite and plausible.
     Absurd,
 }
 
@@ -264,12 +264,12 @@ impl Segmentation {
         self.points_m.get(usize::from(detection.from)..usize::from(detection.to)).unwrap_or_default()
     }
 
-    /// Whether anything in it may be believed. A look that saw nothing may.
+    /// Whether anything in it is plausible. A scan without a hit is.
     fn check(&self) -> Result<(), Refusal> {
         if self.refused > 0 && self.points_m.is_empty() { Err(Refusal::Absurd) } else { Ok(()) }
     }
 
-    /// Adds a circle that is given from where the look was taken.
+    /// Adds a circle, relative to the place of the scan.
     fn push(&mut self, seen: Detection) {
         // Cannot fail: no more circles than hits.
         let _ = self.detections.push(Detection {
@@ -289,7 +289,7 @@ pub struct Segmenter {
 /// A run of hits, relative to the sensor, and what is known on its two sides.
 struct Run<'a> {
     points: &'a [Horizontal],
-    /// Index of its first point in the look.
+    /// Index of its first point in the scan.
     first: usize,
     /// Azimuth step between its points; 0 where there is none.
     step_rad: f32,

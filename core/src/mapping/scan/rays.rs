@@ -1,4 +1,4 @@
-//! The rays of a scan, two bytes each, and the same in sectors where somebody has no use for so many.
+//! The rays of a scan, two bytes each, and the same in sectors for stages that use fewer.
 
 use super::{RAY_MAX_M, RAY_STEP_MAX_RAD, RAYS_MAX, SECTORS_MAX, Scan, Sector};
 use crate::base::units::between;
@@ -8,7 +8,7 @@ const CLEAR: u16 = u16::MAX - 1;
 /// What no sensor measures; it is refused where it is read.
 const ABSURD: u16 = 0;
 
-/// How far each ray of a scan sees, to the millimetre.
+/// Range of each ray of a scan, to the millimetre.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Rays {
     ranges_mm: [u16; RAYS_MAX],
@@ -16,7 +16,7 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// There are none.
+    /// Empty.
     #[must_use]
     pub const fn new() -> Self {
         Self { ranges_mm: [UNKNOWN; RAYS_MAX], count: 0 }
@@ -37,13 +37,13 @@ impl Rays {
         self.count as usize
     }
 
-    /// Whether there are none.
+    /// Whether it is empty.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// One more; without effect where there is no room.
+    /// Adds one; without effect when it is full.
     pub fn push(&mut self, sector: Sector) {
         if self.len() < RAYS_MAX {
             self.count += 1;
@@ -51,7 +51,7 @@ impl Rays {
         }
     }
 
-    /// What a ray says; without effect where there is none.
+    /// Sets a ray; without effect where it does not exist.
     pub fn set(&mut self, index: usize, sector: Sector) {
         if let Some(slot) = self.ranges_mm.get_mut(index).filter(|_| index < usize::from(self.count)) {
             *slot = match sector {
@@ -65,7 +65,7 @@ impl Rays {
         }
     }
 
-    /// What a ray says; unknown where there is none. A hit at 0 m is one that could not be measured.
+    /// A ray's measurement; unknown where it does not exist. A hit at 0 m is one that could not be measured.
     #[must_use]
     pub fn get(&self, index: usize) -> Sector {
         match self.ranges_mm.get(index).copied().unwrap_or(UNKNOWN) {
@@ -76,7 +76,7 @@ impl Rays {
         }
     }
 
-    /// What they say, in order.
+    /// Their measurements, in order.
     pub fn iter(&self) -> impl Iterator<Item = Sector> + '_ {
         (0..self.len()).map(|index| self.get(index))
     }
@@ -96,7 +96,7 @@ impl FromIterator<Sector> for Rays {
     }
 }
 
-/// A scan in sectors of so many neighbouring rays each that there are no more sectors than somebody has use for. A sector's hit
+/// A scan in sectors of as many neighbouring rays each as keeps their number below a maximum. A sector's hit
 /// is the nearest of its rays'; without a hit it is clear where more than half of its rays are. Where the rays are few enough,
 /// each is a sector.
 #[derive(Clone, Copy, Debug)]
@@ -147,13 +147,13 @@ impl<'a> Sectors<'a> {
         0.5 - 0.5 / rays
     }
 
-    /// What a sector says.
+    /// A sector's measurement.
     #[must_use]
     pub fn get(&self, index: usize) -> Sector {
         self.nearest(index).0
     }
 
-    /// What a sector says, and how far from its middle that is, in rays.
+    /// A sector's measurement, and how far from its middle that is, in rays.
     #[must_use]
     #[inline(never)]
     pub fn nearest(&self, index: usize) -> (Sector, f32) {
@@ -188,7 +188,7 @@ fn pieces(count: usize, each: usize) -> usize {
     (count + each.saturating_sub(1)).checked_div(each).unwrap_or(count)
 }
 
-/// How far each sector of a scan sees, to the millimetre below and 65 m at most, in half the room.
+/// Range of each sector of a scan, rounded down to the millimetre and 65 m at most, in half the memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ranges<const SECTORS: usize = SECTORS_MAX>([u16; SECTORS]);
 
@@ -217,7 +217,7 @@ impl<const SECTORS: usize> Ranges<SECTORS> {
         self.put(index, (1000.0 * between(range_m, 0.0, RAY_MAX_M)) as u16);
     }
 
-    /// How far a sector sees; `clear_m` where there is nothing, -1 where nothing is known.
+    /// Range of a sector; `clear_m` where there is nothing, -1 where nothing is known.
     #[must_use]
     pub fn sees_m(&self, index: usize, clear_m: f32) -> f32 {
         match self.0.get(index).copied().unwrap_or(UNKNOWN) {

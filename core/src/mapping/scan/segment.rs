@@ -1,4 +1,4 @@
-//! From the hits of a look to circles: runs of neighbours are cut into pillars and pieces that are none, and those become
+//! From the hits of a scan to circles: runs of neighbours are cut into pillars and other pieces, and those become
 //! chains.
 
 use heapless::Vec;
@@ -24,7 +24,7 @@ const CUT: u8 = 8;
 /// Stands for the range of a sector that sees past whatever is at its sides.
 const PAST: f32 = -1.0;
 
-/// What is known of each hit of a look.
+/// What is known of each hit of a scan.
 #[derive(Default)]
 struct Marks(Vec<u8, POINTS_MAX>);
 
@@ -55,66 +55,78 @@ impl Segmenter {
     /// The circles behind the hits of a scan taken at `pose`.
     ///
     /// # Errors
-    /// Why nothing of it can be believed.
+    /// Why it is refused.
     pub fn fit(&self, scan: &Scan, pose: &Pose) -> Result<Segmentation, Refusal> {
-        let mut look = Segmentation::default();
-        self.fit_into(&mut look, scan, pose)?;
-        Ok(look)
+        let mut segmentation = Segmentation::default();
+        self.fit_into(&mut segmentation, scan, pose)?;
+        Ok(segmentation)
     }
 
     /// The circles behind single hits seen from `pose`.
     ///
     /// # Errors
-    /// Why nothing of them can be believed.
+    /// Why they are refused.
     pub fn fit_points(&self, points: &Points, pose: &Pose) -> Result<Segmentation, Refusal> {
-        let mut look = Segmentation::default();
-        self.fit_points_into(&mut look, points, pose)?;
-        Ok(look)
+        let mut segmentation = Segmentation::default();
+        self.fit_points_into(&mut segmentation, points, pose)?;
+        Ok(segmentation)
     }
 
-    /// As [`Self::fit`], into an empty look where it lies: it is 3 KB, and a copy of it another 3.
+    /// As [`Self::fit`], into an empty segmentation in place: it is 3 KB, and a copy of it another 3.
     ///
     /// # Errors
-    /// Why nothing of it can be believed.
+    /// Why it is refused.
     #[inline(never)]
-    pub fn fit_into(&self, look: &mut Segmentation, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
+    pub fn fit_into(&self, segmentation: &mut Segmentation, scan: &Scan, pose: &Pose) -> Result<(), Refusal> {
         if !scan.is_plausible() {
             return Err(Refusal::Geometry);
         }
         if !pose.is_plausible() {
             return Err(Refusal::NoOwnship);
         }
-        (look.time, look.origin_ned_m) = (scan.time, pose.position_ned_m);
+        (segmentation.time, segmentation.origin_ned_m) = (scan.time, pose.position_ned_m);
         let sectors = scan.in_sectors(SECTORS_MAX);
-        look.beside_rad = if sectors.is_exact() { 0.0 } else { sectors.outermost_ray() * sectors.step_rad };
+        segmentation.beside_rad = if sectors.is_exact() { 0.0 } else { sectors.outermost_ray() * sectors.step_rad };
         let mut marks = Marks::default();
-        self.trace(scan, &sectors, pose, look, &mut marks);
-        look.check()?;
-        self.segment(look, &mut marks, sectors.step_rad, sectors.outermost_ray());
+        self.trace(scan, &sectors, pose, segmentation, &mut marks);
+        segmentation.check()?;
+        self.segment(segmentation, &mut marks, sectors.step_rad, sectors.outermost_ray());
         Ok(())
     }
 
-    /// As [`Self::fit_points`], into an empty look where it lies.
+    /// As [`Self::fit_points`], into an empty segmentation in place.
     ///
     /// # Errors
-    /// Why nothing of them can be believed.
+    /// Why they are refused.
     #[inline(never)]
-    pub fn fit_points_into(&self, look: &mut Segmentation, points: &Points, pose: &Pose) -> Result<(), Refusal> {
+    pub fn fit_points_into(
+        &self,
+        segmentation: &mut Segmentation,
+        points: &Points,
+        pose: &Pose,
+    ) -> Result<(), Refusal> {
         if !pose.is_plausible() {
             return Err(Refusal::NoOwnship);
         }
-        (look.time, look.origin_ned_m) = (points.time, pose.position_ned_m);
-        gather(points, pose, look);
-        look.check()?;
+        (segmentation.time, segmentation.origin_ned_m) = (points.time, pose.position_ned_m);
+        gather(points, pose, segmentation);
+        segmentation.check()?;
         let mut marks = Marks::default();
-        self.put_in_order(look, &mut marks);
-        self.segment(look, &mut marks, 0.0, 0.0);
+        self.put_in_order(segmentation, &mut marks);
+        self.segment(segmentation, &mut marks, 0.0, 0.0);
         Ok(())
     }
 
     /// Hits of a scan, with what lies beside them.
     #[inline(never)]
-    fn trace(&self, scan: &Scan, sectors: &Sectors<'_>, pose: &Pose, look: &mut Segmentation, marks: &mut Marks) {
+    fn trace(
+        &self,
+        scan: &Scan,
+        sectors: &Sectors<'_>,
+        pose: &Pose,
+        segmentation: &mut Segmentation,
+        marks: &mut Marks,
+    ) {
         let step_rad = libm::fabsf(sectors.step_rad);
         let continues = |before: f32, range_m: f32| {
             let nearer = if range_m < before { range_m } else { before };
@@ -129,7 +141,7 @@ impl Segmenter {
             (*range_m, *offset_rad) = match sector {
                 Sector::Hit(hit_m) if hit_m > 0.0 && hit_m <= scan.range_max_m => (hit_m, offset * scan.step_rad),
                 Sector::Hit(hit_m) => {
-                    look.refused += 1;
+                    segmentation.refused += 1;
                     (if hit_m > scan.range_max_m { PAST } else { 0.0 }, 0.0)
                 }
                 Sector::Clear => (PAST, 0.0),
@@ -150,7 +162,7 @@ impl Segmenter {
             Horizontal::from_bearing(pose.yaw_rad + sectors.first_azimuth_rad + sectors.step_rad * begin as f32);
         // A silhouette ends there unless something nearer hides it or nothing is known.
         let is_free = |index: usize, edge_m: f32| range_at(index) > edge_m || range_at(index) == PAST;
-        let outermost_rad = between(look.beside_rad, -0.1, 0.1);
+        let outermost_rad = between(segmentation.beside_rad, -0.1, 0.1);
         let mut index = begin;
         for left in (0..count).rev() {
             let range_m = range_at(index);
@@ -173,9 +185,9 @@ impl Segmenter {
                 let side = nearer_side(beside(before(index), false), range_m, beside(next, true));
                 let offset_rad = offsets_rad.get(index).copied().unwrap_or_default();
                 let aside_rad = if sectors.is_exact() { between(offset_rad, -0.1, 0.1) } else { side * outermost_rad };
-                let _ = look.points_m.push(turned_a_little(direction, aside_rad).times(range_m));
+                let _ = segmentation.points_m.push(turned_a_little(direction, aside_rad).times(range_m));
                 if outermost_rad != 0.0 {
-                    let _ = look.sides.push((100.0 * side) as i8);
+                    let _ = segmentation.sides.push((100.0 * side) as i8);
                 }
                 marks.push(its);
             }
@@ -186,8 +198,8 @@ impl Segmenter {
 
     /// Puts single hits in the order of azimuth, beginning where two neighbours are far apart.
     #[inline(never)]
-    fn put_in_order(&self, look: &mut Segmentation, marks: &mut Marks) {
-        let points_m = &mut look.points_m;
+    fn put_in_order(&self, segmentation: &mut Segmentation, marks: &mut Marks) {
+        let points_m = &mut segmentation.points_m;
         let mut keyed: Vec<(f32, Horizontal), POINTS_MAX> = Vec::new();
         for point in points_m.iter() {
             // Cannot fail: as many places.
@@ -218,20 +230,20 @@ impl Segmenter {
         }
     }
 
-    /// Runs of hits to circles, local NED: pillars first, then the chains of what is none.
+    /// Runs of hits to circles, local NED: pillars first, then the chains of the rest.
     #[inline(never)]
-    fn segment(&self, look: &mut Segmentation, marks: &mut Marks, step_rad: f32, outermost_ray: f32) {
+    fn segment(&self, segmentation: &mut Segmentation, marks: &mut Marks, step_rad: f32, outermost_ray: f32) {
         let mut chains: Vec<(u8, u8), POINTS_MAX> = Vec::new();
         let mut fits_left = FITS_MAX;
         let mut first = 0;
-        while first < look.points_m.len() {
+        while first < segmentation.points_m.len() {
             let end = marks.end_of(first, |marks| marks & GOES_ON == 0);
             let mut from = first;
             while from < end {
                 // Each cut shortens the pieces, so this ends.
                 let to = marks.end_of(from, |marks| marks & CUT != 0).min(end);
                 match self.judge(
-                    &look.points_m,
+                    &segmentation.points_m,
                     marks,
                     (first, end),
                     (from, to),
@@ -242,7 +254,7 @@ impl Segmenter {
                         marks.cut_behind(from + at - 1);
                         continue;
                     }
-                    Verdict::Pillar(pillar) => look.push(pillar),
+                    Verdict::Pillar(pillar) => segmentation.push(pillar),
                     // Cannot fail: no more chains than hits.
                     Verdict::Chain => _ = chains.push((from as u8, to as u8)),
                 }
@@ -252,7 +264,7 @@ impl Segmenter {
         }
         let doubt_rad = libm::fabsf(step_rad) * (0.5 - outermost_ray);
         for (from, to) in chains {
-            self.chain(look, marks, (from.into(), to.into()), doubt_rad);
+            self.chain(segmentation, marks, (from.into(), to.into()), doubt_rad);
         }
     }
 
@@ -287,14 +299,14 @@ impl Segmenter {
     }
 
     /// The links of a chain, as far as the next piece, so that nothing is left open between them.
-    fn chain(&self, look: &mut Segmentation, marks: &Marks, (from, to): (usize, usize), doubt_rad: f32) {
+    fn chain(&self, segmentation: &mut Segmentation, marks: &Marks, (from, to): (usize, usize), doubt_rad: f32) {
         let is_cut = marks.has(to - 1, GOES_ON);
         let is_begun = from > 0 && marks.has(from - 1, GOES_ON);
         let edges =
             Edges { first: !is_begun && marks.has(from, FREE_BEFORE), last: !is_cut && marks.has(to - 1, FREE_BEHIND) };
         let mut at = 0;
         loop {
-            let points = look.points_m.get(from..to + usize::from(is_cut)).unwrap_or_default();
+            let points = segmentation.points_m.get(from..to + usize::from(is_cut)).unwrap_or_default();
             // A hit lies up to that far beside where it is taken to be.
             let doubt_m = points.first().map_or(0.0, |point| doubt_rad * root(point.norm_squared()));
             let radius_min_m = between(doubt_m, self.config.radius_min_m, self.config.radius_max_m);
@@ -302,7 +314,7 @@ impl Segmenter {
             let last = link.to - 1;
             // A chain of a single hit ends with it; one that reaches the next piece's first hit is at its end there.
             let is_over = last + 1 >= points.len();
-            look.push(Detection {
+            segmentation.push(Detection {
                 kind: Kind::Patch,
                 center_ned_m: link.center,
                 radius_m: link.radius_m,
@@ -389,7 +401,7 @@ fn turned_a_little(direction: Horizontal, angle_rad: f32) -> Horizontal {
 }
 
 /// Single hits from where they were seen; those that are not finite or absurd are counted.
-fn gather(points: &Points, pose: &Pose, look: &mut Segmentation) {
+fn gather(points: &Points, pose: &Pose, segmentation: &mut Segmentation) {
     let (sine, cosine) = sin_cos(pose.yaw_rad);
     for point in &points.points_m {
         let point = match points.frame {
@@ -403,9 +415,9 @@ fn gather(points: &Points, pose: &Pose, look: &mut Segmentation) {
         let squared = point.norm_squared();
         if squared > 1e-6 && squared <= RANGE_MAX_M * RANGE_MAX_M {
             // Cannot fail: as many places.
-            let _ = look.points_m.push(point);
+            let _ = segmentation.points_m.push(point);
         } else {
-            look.refused += 1;
+            segmentation.refused += 1;
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Hits that lie together, and the centre of the body of a known radius behind them.
+//! Hits that lie together, and the centre of the object of a known radius behind them.
 
 use core::ops::Range;
 
@@ -11,14 +11,14 @@ use crate::base::pose::Pose;
 use crate::base::units::{nearest, wrap_pi};
 use crate::mapping::scan::{Scan, Sector};
 
-/// What is longer than this is no body.
+/// A longer cluster is no object.
 const LONG_M: f32 = 1.1;
-/// What is longer than this and as straight as that is none either.
+/// Nor is one that is longer than this and as straight as that.
 const WALL_M: f32 = 0.45;
 const STRAIGHT_M: f32 = 0.05;
 /// Parts of what is long.
 const PART_M: f32 = 0.7;
-/// A hollow deeper than this is between two bodies.
+/// A gap in range deeper than this separates two objects.
 const CUSP_M: f32 = 0.08;
 /// Sectors wider than this tell the range and not the place.
 const WIDE_RAD: f32 = 0.05;
@@ -41,7 +41,7 @@ pub(super) struct Cluster {
     pub(super) track: Option<u8>,
 }
 
-/// The clusters of a scan that may be bodies.
+/// The clusters of a scan that may be objects.
 pub(super) fn find(
     clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
     scan: &Scan,
@@ -70,7 +70,7 @@ pub(super) fn find(
     }
 }
 
-/// A piece, in parts as long as a body where it is longer.
+/// A piece, in parts as long as an object where it is longer.
 #[inline(never)]
 fn cut_up(
     clusters: &mut Vec<Cluster, CLUSTERS_MAX>,
@@ -92,12 +92,12 @@ fn cut_up(
         let (center, range_m) = center(its, radius_m);
         let sigma_m = sigma_m(scan, pose, its, range_m);
         let center_ned_m = center.plus(pose.position_ned_m);
-        // Where there is no room, it is not followed.
+        // When the list is full, it is not followed.
         let _ = clusters.push(Cluster { from, to, center_ned_m, sigma_m, is_long, was_free: false, track: None });
     }
 }
 
-/// Finds where the range has a hollow between two things that are nearer: there two bodies stand side by side.
+/// Finds where the range has a hollow between two things that are nearer: there two objects stand side by side.
 #[derive(Clone, Copy, Debug)]
 struct Cusp {
     least_m: f32,

@@ -1,4 +1,4 @@
-//! Tracks of what moves: bodies of one size, followed from scan to scan, each by a Kalman filter of constant velocity.
+//! Tracks of moving objects: objects of one size, followed from scan to scan, each by a Kalman filter of constant velocity.
 //!
 //! The hits of a scan are cut into clusters where neighbours are apart. What is long, or straight and not short, is a wall and
 //! has no part in this. Of the others the centre is found (`cluster`), the nearest pair of cluster and track first, and a
@@ -8,8 +8,8 @@
 //! some tenths of a second ago had seen through: along a wall the view slides, and its pieces seem to, but nothing of
 //! it comes to lie where nothing was.
 //!
-//! The hits of what moves go into the map as all others do: should a pillar be taken for somebody, it is kept off all the same.
-//! What a body that moves leaves behind is taken out of the map ([`Tracker::left_by`]).
+//! The hits of moving objects go into the map as all others do: a pillar that is mistaken for a person is still avoided.
+//! What a moving object leaves behind is taken out of the map ([`Tracker::left_by`]).
 //!
 //! A track is forgotten when the sensor sees through where it should be, or when it was not seen for a while.
 
@@ -27,9 +27,9 @@ use crate::mapping::scan::{RAYS_MAX, Ranges, Scan};
 mod cluster;
 use cluster::Cluster;
 
-/// Most bodies that are followed.
+/// Most objects that are followed.
 pub const TRACKS_MAX: usize = 32;
-const _: () = assert!(TRACKS_MAX <= 32, "a bit of a word for each");
+const _: () = assert!(TRACKS_MAX <= 32, "a bit of a u32 for each");
 /// Most clusters of one scan.
 const CLUSTERS_MAX: usize = 32;
 /// Most pairs of cluster and track that are within the gate.
@@ -51,22 +51,22 @@ const THROUGH_SHARE: f32 = 0.3;
 const THROUGH_S: f32 = 1.5;
 /// Seen through for so long, a track is forgotten.
 const CLEAR_S: f32 = 0.25;
-/// Nothing moves that was looked at less often.
-const LOOKS_MIN: u8 = 3;
-/// A body was farther away by no more than this one scan ago.
+/// A track with fewer scans does not count as moving.
+const SCANS_MIN: u8 = 3;
+/// An object was farther away by no more than this one scan ago.
 const LEFT_M: f32 = 0.25;
 /// Widest gate.
 const GATE_MAX_M: f32 = 0.75;
 const GATE_M: f32 = 0.25;
 const GATE_SIGMAS: f32 = 2.5;
 
-/// What the tracker needs to know.
+/// Configuration of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Radius that a body is taken to have.
+    /// Radius that an object is assumed to have.
     pub radius_m: f32,
-    /// Acceleration of a body, standard deviation.
+    /// Acceleration of an object, standard deviation.
     pub sigma_mps2: f32,
     /// Speed that a new track may have, standard deviation.
     pub sigma_mps: f32,
@@ -106,7 +106,7 @@ pub struct Tracker {
     config: Config,
 }
 
-/// A body that is followed.
+/// An object that is followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
     /// Centre, as of the time of the tracks.
@@ -121,7 +121,7 @@ pub struct Track {
     clear_s: f32,
     /// How long ago hits of it lay where it had been free.
     through_s: f32,
-    looks: u8,
+    scans: u8,
     moves: bool,
 }
 
@@ -155,11 +155,11 @@ impl Track {
         self.velocity_ned_mps = self.velocity_ned_mps.plus(innovation.times(gain_v)).clamped(20.0);
         self.covariance = [pp * (1.0 - gain_p), pv * (1.0 - gain_p), vv - gain_v * pv];
         (self.unseen_s, self.clear_s) = (0.0, 0.0);
-        self.looks = self.looks.saturating_add(1);
+        self.scans = self.scans.saturating_add(1);
     }
 }
 
-/// A scan of before, as one asks it how far was seen.
+/// An earlier scan, of which the range in a direction is asked.
 #[derive(Clone, Debug, Default)]
 struct Kept {
     time: Instant,
@@ -218,7 +218,7 @@ pub struct Tracks {
     tracks: Vec<Track, TRACKS_MAX>,
     time: Option<Instant>,
     /// When the last scan that was taken in was taken.
-    looked: Option<Instant>,
+    scanned: Option<Instant>,
     kept: [Kept; KEPT],
     newest: usize,
     is_kept: bool,
@@ -227,9 +227,9 @@ pub struct Tracks {
 impl Tracks {
     /// Back to nothing, in place.
     pub fn clear(&mut self) {
-        let Self { tracks, time, looked, kept: _, newest, is_kept } = self;
+        let Self { tracks, time, scanned, kept: _, newest, is_kept } = self;
         tracks.clear();
-        (*time, *looked, *newest, *is_kept) = (None, None, 0, false);
+        (*time, *scanned, *newest, *is_kept) = (None, None, 0, false);
     }
 
     /// All that is followed.
@@ -240,8 +240,8 @@ impl Tracks {
 
     /// Whether scans are taken in.
     #[must_use]
-    pub const fn has_looked(&self) -> bool {
-        self.looked.is_some()
+    pub const fn has_scanned(&self) -> bool {
+        self.scanned.is_some()
     }
 
     /// The latest kept scan that is old enough.
@@ -256,9 +256,9 @@ impl Tracks {
         })
     }
 
-    /// What was followed and is not seen where the sensor looks.
+    /// Tracks whose object is not seen although the sensor covers its place.
     fn miss(&mut self, now: &Kept, taken: u32) {
-        let since_s = self.looked.map_or(0.0, |looked| between(now.time.seconds_since(looked), 0.0, 0.2));
+        let since_s = self.scanned.map_or(0.0, |scanned| between(now.time.seconds_since(scanned), 0.0, 0.2));
         for (t, track) in self.tracks.iter_mut().enumerate() {
             if taken >> (t % 32) & 1 == 0 && now.beyond_m(track.center_ned_m) > 0.0 {
                 track.clear_s += since_s;
@@ -286,7 +286,7 @@ impl Tracks {
 }
 
 impl Tracker {
-    /// The radius that a body is taken to have.
+    /// The radius that an object is assumed to have.
     #[must_use]
     pub fn radius_m(&self) -> f32 {
         self.config.radius_m
@@ -310,13 +310,13 @@ impl Tracker {
         tracks.tracks.retain(|track| track.unseen_s <= if track.moves { memory_s } else { 1.0 });
     }
 
-    /// Where bodies that move and have just been seen are, and how far around them, but for what was seen there now, nothing
-    /// stands.
+    /// Positions of the moving objects that have just been seen, and the radius around each within which nothing else stands,
+    /// except what was hit there now.
     #[must_use]
     pub fn left_by(&self, tracks: &Tracks) -> (Vec<Horizontal, TRACKS_MAX>, f32) {
         let mut centers_ned_m = Vec::new();
         for track in tracks.tracks.iter().filter(|track| track.moves && track.unseen_s == 0.0) {
-            // Cannot fail: there is room for all of them.
+            // Cannot fail: the capacity is that of the tracks.
             let _ = centers_ned_m.push(track.center_ned_m);
         }
         (centers_ned_m, self.config.radius_m + LEFT_M)
@@ -348,7 +348,7 @@ impl Tracker {
         let mut now = Kept::default();
         now.take(scan, pose);
         tracks.miss(&now, taken);
-        tracks.looked = Some(scan.time);
+        tracks.scanned = Some(scan.time);
         for seen in &clusters {
             if let Some(track) = seen.track.and_then(|track| tracks.tracks.get_mut(usize::from(track))) {
                 self.follow(track, seen);
@@ -361,7 +361,7 @@ impl Tracker {
         tracks.keep(&now);
     }
 
-    /// One more look at a body.
+    /// Updates a track by a scan of its object.
     fn follow(&self, track: &mut Track, seen: &Cluster) {
         track.update(seen);
         if seen.was_free {
@@ -369,12 +369,12 @@ impl Tracker {
         }
         let doubt_mps = self.config.moving_sigmas * sqrt(track.covariance[2]);
         let least_mps = if doubt_mps > self.config.moving_min_mps { doubt_mps } else { self.config.moving_min_mps };
-        track.moves = track.looks >= LOOKS_MIN
+        track.moves = track.scans >= SCANS_MIN
             && track.through_s < THROUGH_S
             && track.velocity_ned_mps.norm_squared() > least_mps * least_mps;
     }
 
-    /// The first look at a body. Where there is no room the farthest that stands gives way to a nearer one.
+    /// Begins a track. When the list is full, the farthest object that stands is replaced by a nearer one.
     fn begin(&self, tracks: &mut Tracks, seen: &Cluster, from_ned_m: Horizontal) {
         let sigma_mps = self.config.sigma_mps;
         let born = Track {
@@ -384,7 +384,7 @@ impl Tracker {
             unseen_s: 0.0,
             clear_s: 0.0,
             through_s: if seen.was_free { 0.0 } else { THROUGH_S },
-            looks: 1,
+            scans: 1,
             moves: false,
         };
         let Err(born) = tracks.tracks.push(born) else { return };

@@ -1,4 +1,4 @@
-//! Belief-space planning: a path that reaches its goal, keeps off obstacles, and on which bearings tell more. After `lor`,
+//! Belief-space planning: a path that reaches its goal, keeps off obstacles, and on which bearings tell more. After `walls`,
 //! beside `field`.
 //!
 //! K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources" (the paper here), eq. 10-14: over the
@@ -23,7 +23,7 @@ use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Obstacle;
-use crate::mapping::lor::Line;
+use crate::mapping::walls::Wall;
 
 mod begin;
 mod clearance;
@@ -154,7 +154,7 @@ pub struct Problem<'a, const M: usize> {
     /// What to keep off, with the vehicle's radius in their reach.
     pub obstacles: &'a [Obstacle],
     /// The line by way of which the source is heard, if not directly.
-    pub seen_through: Option<Line>,
+    pub seen_through: Option<Wall>,
     /// Where the iteration begins.
     pub guess: Guess<'a>,
 }

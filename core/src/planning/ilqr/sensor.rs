@@ -22,7 +22,7 @@
 //! and the second derivatives of `tr(G P+)`, which the paper leaves out and the solver can use, follow in the same way.
 
 use crate::base::ned::Horizontal;
-use crate::mapping::lor::Line;
+use crate::mapping::walls::Wall;
 
 /// A symmetric matrix of `L x L` as its upper triangle, column by column: element `(a, b)`, `a <= b`, at `b (b + 1) / 2 + a`.
 pub(super) const fn at(a: usize, b: usize) -> usize {
@@ -47,7 +47,7 @@ impl<const L: usize> Sensor<L> {
     /// the source (eq. 2) or the source's alone, four are the vehicle's and the source's (eq. 8).
     pub(super) fn new(
         source_ned_m: Horizontal,
-        seen_through: Option<&Line>,
+        seen_through: Option<&Wall>,
         variance_rad2: f32,
         near_m: f32,
         noise_m2: [f32; 2],

@@ -22,9 +22,9 @@ fn covariance<const L: usize, const M: usize>(rng: &mut Rng) -> [f32; M] {
     out
 }
 
-fn sensor<const L: usize>(rng: &mut Rng, mirrored: bool) -> (Sensor<L>, Horizontal, Option<Line>) {
+fn sensor<const L: usize>(rng: &mut Rng, mirrored: bool) -> (Sensor<L>, Horizontal, Option<Wall>) {
     let source = place(rng, 12.0);
-    let line = mirrored.then(|| Line::between(place(rng, 12.0), place(rng, 12.0))).flatten();
+    let line = mirrored.then(|| Wall::between(place(rng, 12.0), place(rng, 12.0))).flatten();
     let noise = [0.02, 0.01];
     (Sensor::new(source, line.as_ref(), 0.2 * 0.2, 0.3, noise), source, line)
 }
@@ -34,7 +34,7 @@ fn literal<const L: usize, const M: usize>(
     p: &[f32; M],
     at_place: Horizontal,
     source: Horizontal,
-    line: Option<&Line>,
+    line: Option<&Wall>,
     variance: f64,
     noise: [f64; 2],
 ) -> [[f64; L]; L] {
@@ -95,7 +95,7 @@ fn matches_the_paper<const L: usize, const M: usize>(seed: u64) {
     let mut rng = Rng::new(seed, 21);
     for case in 0..300 {
         let source = place(&mut rng, 12.0);
-        let line = (case % 2 == 1).then(|| Line::between(place(&mut rng, 12.0), place(&mut rng, 12.0))).flatten();
+        let line = (case % 2 == 1).then(|| Wall::between(place(&mut rng, 12.0), place(&mut rng, 12.0))).flatten();
         let sensor = Sensor::<L>::new(source, line.as_ref(), 0.04, 0.0, [0.02, 0.01]);
         let p = covariance::<L, M>(&mut rng);
         let from = place(&mut rng, 12.0);
@@ -497,7 +497,7 @@ fn the_belief_of_four_states_learns_behind_a_wall_and_stays_positive() {
         goal_ned_m: spot(0.0, 12.0),
         steps: 40,
         obstacles: &obstacles,
-        seen_through: Line::between(spot(6.0, -5.0), spot(6.0, 20.0)),
+        seen_through: Wall::between(spot(6.0, -5.0), spot(6.0, 20.0)),
         guess: Guess::Bow(-0.5),
     };
     let solution = planner.solve_reflected(&mut workspace, &problem);

@@ -25,8 +25,8 @@ use crate::base::time::Instant;
 use crate::localize::goal::SIGHTINGS_MAX;
 use crate::localize::goal::posterior::Estimate;
 use crate::localize::source::Sighting;
-use crate::mapping::lor::{self, LINES_MAX, Line};
 use crate::mapping::map::CIRCLES_MAX;
+use crate::mapping::walls::{self, WALLS_MAX, Wall};
 use crate::planning::explore::{self, Explored};
 use crate::planning::field::Gains;
 use crate::planning::rollout::{Scene, Trajectory, WAYPOINTS};
@@ -75,7 +75,7 @@ pub struct Config {
     /// How their trajectories follow it.
     pub reading: Reading,
     /// What a wall is.
-    pub lor: lor::Config,
+    pub walls: walls::Config,
     /// Whether the way is bent to learn the range, where nothing is near and nothing else bends it. Only
     /// [`Kind::Foxhound`] does.
     pub bends: bool,
@@ -129,7 +129,7 @@ impl Config {
             lambda: 1.0,
             law: Law::of(baseline::Kind::Logarithmic),
             reading: Reading::Waypoint,
-            lor: lor::Config::DEFAULT,
+            walls: walls::Config::DEFAULT,
             bends: true,
             explore: None,
             sees_m: 3.0,
@@ -180,7 +180,7 @@ impl Config {
         Ok(Planner {
             config: *self,
             wavefront: self.wavefront.build()?,
-            lines: self.lor.build()?,
+            lines: self.walls.build()?,
             explorer: self.explore.map(|explore| explore.build()).transpose()?,
         })
     }
@@ -286,7 +286,7 @@ pub struct Plan {
     /// What came of the search, if one was wanted.
     pub search: Option<Searched>,
     /// The lines of reflection among the known obstacles, if they were wanted.
-    pub lines: Vec<Line, LINES_MAX>,
+    pub lines: Vec<Wall, WALLS_MAX>,
 }
 
 impl Plan {
@@ -375,7 +375,7 @@ impl Workspace {
 pub struct Planner {
     config: Config,
     wavefront: Wavefront,
-    lines: lor::Lines,
+    lines: walls::Extractor,
     explorer: Option<explore::Explorer>,
 }
 
@@ -422,9 +422,9 @@ impl Planner {
     /// The walls among the known obstacles. Its memory is on the stack: it is not used together with the rest.
     #[must_use]
     #[inline(never)]
-    pub fn lines(&self, seen_from_ned_m: Horizontal, known: &[Disc]) -> Vec<Line, LINES_MAX> {
-        let mut workspace = lor::Workspace::new();
-        let points = lor::points_of(known, seen_from_ned_m);
+    pub fn lines(&self, seen_from_ned_m: Horizontal, known: &[Disc]) -> Vec<Wall, WALLS_MAX> {
+        let mut workspace = walls::Workspace::new();
+        let points = walls::points_of(known, seen_from_ned_m);
         self.lines.find(&mut workspace, &points)
     }
 }

@@ -1,7 +1,7 @@
 //! The tone, looked for in the whole spectrum.
 
 use super::fit::{Fit, Level, fit, left_over, tune};
-use super::floor::{MEDIAN_OF_MEAN, hann_gain, median, power_of_two, under_the_tone};
+use super::floor::{MEDIAN_OF_MEAN, hann_gain, median, under_the_tone};
 use super::follow::{Frequency, REFINEMENTS, bins_between};
 use super::lines::{INTERPOLATION_VARIANCE, Peak, leakage, other_line};
 use super::{Extractor, QUANTISATION, REFRESH, SEARCH_THRESHOLD, State};
@@ -91,7 +91,7 @@ impl<const N: usize> Extractor<N> {
 
     fn take_over_floors(&self, state: &mut State<N>, peak: &Peak) {
         for ((variance, floor), channel) in state.variance.iter_mut().zip(state.floors).zip(0..) {
-            let power = state.spectrum.power(channel, peak.bin) as f32 * power_of_two(state.spectrum.exponent(channel));
+            let power = state.spectrum.power(channel, peak.bin) as f32 * state.spectrum.scale(channel);
             let floor = floor * under_the_tone::<N>(power / floor, peak.bins - peak.bin as f32);
             *variance = (floor / hann_gain::<N>()).max(QUANTISATION);
         }

@@ -20,7 +20,7 @@ pub(super) fn median<const N: usize>(spectrum: &Spectrum<N>, channel: usize, wor
         *value = power as f32;
     }
     let median = workspace.get_mut(..count).and_then(|powers| nth(powers, count / 2)).unwrap_or_default();
-    median * power_of_two(spectrum.exponent(channel))
+    median * spectrum.scale(channel)
 }
 
 /// By how much the median overrates the floor because of the bins under the tone, which all lie above it: the factor
@@ -39,9 +39,4 @@ pub(super) fn under_the_tone<const N: usize>(ratio: f32, fraction: f32) -> f32 {
     let count = (N / 2 - 3) as f32;
     let occupied = (2.0 * reach).min(0.4 * count);
     MEDIAN_OF_MEAN / libm::logf((count - occupied) / (0.5 * count - occupied))
-}
-
-/// Two to a power, within the range of f32.
-pub(super) fn power_of_two(exponent: i32) -> f32 {
-    f32::from_bits(((127 + exponent).clamp(1, 254) as u32) << 23)
 }

@@ -119,6 +119,12 @@ impl<const N: usize> Spectrum<N> {
     pub fn exponent(&self, channel: usize) -> i32 {
         self.exponents[channel % CHANNELS]
     }
+
+    /// Two to [`Self::exponent`], within the range of f32.
+    #[must_use]
+    pub fn scale(&self, channel: usize) -> f32 {
+        f32::from_bits(((127 + self.exponent(channel)).clamp(1, 254) as u32) << 23)
+    }
 }
 
 #[cfg(test)]

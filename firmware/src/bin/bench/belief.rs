@@ -6,7 +6,7 @@ use core::hint::black_box;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Obstacle;
 use foxhound_core::base::rng::Rng;
-use foxhound_core::mapping::lor::Line;
+use foxhound_core::mapping::walls::Wall;
 use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Workspace};
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
@@ -102,7 +102,7 @@ fn problem<'a, const M: usize>(
     seed: u64,
     rng: &mut Rng,
 ) -> Problem<'a, M> {
-    let wall = Line::between(Horizontal { north: 6.0, east: -9.0 }, Horizontal { north: 6.0, east: 9.0 });
+    let wall = Wall::between(Horizontal { north: 6.0, east: -9.0 }, Horizontal { north: 6.0, east: 9.0 });
     Problem {
         start_ned_m: Horizontal { north: -4.5, east: -4.5 },
         source_ned_m: Horizontal { north: 5.0, east: 9.0 * rng.uniform() - 4.5 },

@@ -9,7 +9,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::sin_cos;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::landing::observation::{Pad, PadObservation, Seen};
-use foxhound_core::landing::{Config, Facts, Stage, State};
+use foxhound_core::landing::{Config, Input, Stage, State};
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 
@@ -59,7 +59,7 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         let is_in_sight = down > 0.1 && pad.forward.abs() < 0.4 && pad.right.abs() < 0.55;
         let look =
             (step % LOOK_TICKS == 0 && is_in_sight).then_some(PadObservation { time: now, seen: Seen::Pad(pad) });
-        let facts = Facts {
+        let input = Input {
             now,
             ownship: Some(&ownship),
             height_m: Some(-place.down),
@@ -71,7 +71,7 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             tick_s: TICK_S,
         };
         let mut advice = None;
-        worst = worst.max(measure(&mut || advice = Some(lander.step(&mut state, black_box(&facts)))));
+        worst = worst.max(measure(&mut || advice = Some(lander.step(&mut state, black_box(&input)))));
         let Some(advice) = advice else { break };
         if advice.stage == Stage::Landed {
             row("landing_step", worst, 5_000);

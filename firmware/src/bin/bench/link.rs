@@ -42,7 +42,8 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 
 /// What guidance takes in its step.
 fn leave(companion: &mut Companion) {
-    black_box((companion.take_scan(), companion.take_points()));
+    black_box((companion.scan(), companion.points()));
+    companion.drop_obstacles();
 }
 
 /// Frames one behind the other, cut where a step ends.

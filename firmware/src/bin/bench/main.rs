@@ -29,7 +29,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_core::control::guard::{self, GuardInput};
 use foxhound_core::control::track::Demand;
-use foxhound_core::control::{evade, response};
+use foxhound_core::control::{evade, vehicle_model};
 use foxhound_core::guidance;
 use foxhound_core::planning::planner::Workspace;
 use foxhound_core::signal::phase::Complex;
@@ -134,7 +134,7 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
             let yaw_rad = wrap_pi(yaw_rad + 0.1 * step as f32);
             if step % 5 == 0 {
                 let pose = Pose { position_ned_m: Horizontal::default(), yaw_rad };
-                let look = measure(&mut || guard.look_circles(&mut state, black_box(&obstacles), black_box(&pose)));
+                let look = measure(&mut || guard.note_circles(&mut state, black_box(&obstacles), black_box(&pose)));
                 worst_look = worst_look.max(look);
             }
             let situation = GuardInput { rest_ned_m, yaw_rad, ..GuardInput::default() };
@@ -158,11 +158,11 @@ fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 /// What gets out of the way of 4 and of 16 people among 64 obstacles: the worst of some crowds.
 #[inline(never)]
 fn evader_in_a_crowd(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let built = response::Config::default()
+    let built = vehicle_model::Config::default()
         .build(0.02)
         .and_then(|response| evade::Config::default().build(&response, 1.0, 2.0));
     let Ok(evader) = built else { Twin::halt(format_args!("the built-in evader does not build")) };
-    let underway = response::State::default();
+    let underway = vehicle_model::State::default();
     for (name, people) in [("evade_4", 4), ("evade_16", 16)] {
         let mut worst = 0;
         for seed in 0..FORESTS {

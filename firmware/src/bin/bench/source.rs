@@ -11,11 +11,11 @@ use foxhound_core::base::rng::Rng;
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::{sin_cos, wrap_pi};
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
-use foxhound_core::doa::rss;
+use foxhound_core::doa::rotating;
 use foxhound_core::localize::link_state::{self, Classifier, Features, Sightline};
 use foxhound_core::localize::source::{Sighting, bank, polar};
-use foxhound_core::mapping::lor::{self, Line};
 use foxhound_core::mapping::map::CIRCLES_MAX;
+use foxhound_core::mapping::walls::{self, Wall};
 use foxhound_core::planning::{explore, planner};
 use foxhound_firmware::board::Board as _;
 use foxhound_firmware::boards::mps2_an386::Machine as Twin;
@@ -70,7 +70,7 @@ fn worst(measure: &impl Fn(&mut dyn FnMut()) -> u32, to: Horizontal, mut step: i
 
 #[inline(never)]
 fn filters(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let wall = Line::of_slope_intercept([0.4, 10.0]);
+    let wall = Wall::of_slope_intercept([0.4, 10.0]);
     let image = wall.mirror(SOURCE_NED_M);
     let (Ok(filter), Ok(guessed)) = (polar::Config::DEFAULT.build(), unknown::Config::DEFAULT.build()) else {
         Twin::halt(format_args!("the built-in filters do not build"))
@@ -103,7 +103,7 @@ fn several(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(bank) = bank::Config::DEFAULT.build() else { Twin::halt(format_args!("the built-in bank does not build")) };
     let wall = |from: [f32; 2], to: [f32; 2]| {
         let at = |[north, east]: [f32; 2]| Horizontal { north, east };
-        Line::between(at(from), at(to)).unwrap_or_default()
+        Wall::between(at(from), at(to)).unwrap_or_default()
     };
     let walls = [wall([13.0, -9.0], [13.0, 14.0]), wall([-4.0, 14.0], [13.0, 14.0]), wall([-4.0, -9.0], [-4.0, 14.0])];
     let image = walls[0].mirror(SOURCE_NED_M);
@@ -173,10 +173,10 @@ fn room(rng: &mut Rng, strays: f32) -> [Horizontal; CIRCLES_MAX] {
 /// Four walls as a scan has them; and with strays among them, from one point in seven to all.
 #[inline(never)]
 fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
-    let Ok(lines) = lor::Config::DEFAULT.build() else {
+    let Ok(lines) = walls::Config::DEFAULT.build() else {
         Twin::halt(format_args!("the split and merge does not build"))
     };
-    let mut workspace = lor::Workspace::new();
+    let mut workspace = walls::Workspace::new();
     let mut rng = Rng::new(4, 40);
     let mut find = |strays: f32| {
         let (points, mut found) = (room(&mut rng, strays), 0);
@@ -199,9 +199,9 @@ fn walls(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
 #[inline(never)]
 fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     const READINGS: usize = 120;
-    let config = rss::Config::default();
+    let config = rotating::Config::default();
     let Ok(seeker) = config.build() else { Twin::halt(format_args!("the seeking does not build")) };
-    let (mut state, mut rng) = (rss::State::new(), Rng::new(5, 40));
+    let (mut state, mut rng) = (rotating::State::new(), Rng::new(5, 40));
     let (mut reading, mut rotation, mut rotations) = (0, 0, 0);
     for k in 0..(STEPS + 1) * READINGS {
         let yaw_rad = wrap_pi(TAU * k as f32 / READINGS as f32);

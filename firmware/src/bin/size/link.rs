@@ -33,7 +33,8 @@ fn main() -> ! {
 
 fn run(companion: &mut Companion, now: Instant) {
     companion.receive(now, black_box(&[0; 64]));
-    black_box((&companion.take_scan(), &companion.take_points(), companion.control(now)));
+    black_box((companion.scan(), companion.points(), companion.control(now)));
+    companion.drop_obstacles();
     black_box((&companion.ownship(), companion.landed(), &companion.autopilot(), &companion.counters()));
     if let Some(output) = black_box(None::<&Output>) {
         companion.publish(now, output);

@@ -1,4 +1,4 @@
-//! The interrupts of the mps2-an386 (Arm AN386, table 3-7) and their vectors.
+//! The interrupts of the mps2-an386 (Arm AN386, table 3-7): numbers, priorities, masks.
 
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
@@ -64,28 +64,4 @@ pub fn unmask(interrupt: Interrupt) {
     // SAFETY: every handler takes what it shares from statics that are safe to share; no mask-based critical section
     // is in use.
     unsafe { NVIC::unmask(interrupt) };
-}
-
-/// The vectors, by interrupt number.
-// SAFETY: the section and the name are those under which cortex-m-rt's linker script wants the table, and every entry
-// is a function that may be called at any time.
-#[unsafe(link_section = ".vector_table.interrupts")]
-#[unsafe(no_mangle)]
-static __INTERRUPTS: [extern "C" fn(); 32] = {
-    let mut table: [extern "C" fn(); 32] = [unexpected; 32];
-    table[Interrupt::Uart0Rx as usize] = super::uart::on_byte;
-    table[Interrupt::Uart0Tx as usize] = super::uart::on_room;
-    table[Interrupt::Uart1Rx as usize] = super::uart::on_bell;
-    table[Interrupt::Uart2Rx as usize] = super::uart::on_port_byte;
-    table[Interrupt::Uart2Tx as usize] = super::uart::on_port_room;
-    table[Interrupt::Timer0 as usize] = super::clock::on_wrap;
-    table[Interrupt::Timer1 as usize] = super::clock::on_alarm;
-    table[Interrupt::DualTimer as usize] = super::faults::on_due;
-    table[Interrupt::GuidanceExecutor as usize] = super::on_guidance;
-    table[Interrupt::LinkExecutor as usize] = super::on_link;
-    table
-};
-
-extern "C" fn unexpected() {
-    super::ending::halt(format_args!("an interrupt that nobody handles"));
 }

@@ -54,7 +54,7 @@ impl Autopilot {
         }
     }
 
-    /// A setpoint: obeyed in GUIDED, armed and in the air; elsewhere dropped without a word \[src; run\]. What is no good
+    /// A setpoint: obeyed in GUIDED, armed and in the air; elsewhere dropped silently \[src; run\]. What is no good
     /// makes it stop in place and stay in GUIDED \[src: `mode_guided.init(true)`\]. One that comes during a take-off ends
     /// the take-off \[src: `set_vel_accel` leaves the take-off's submode\].
     pub(super) fn arducopter_target(&mut self, now_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
@@ -107,7 +107,7 @@ pub(super) const fn behaviour(mode: u32) -> Behaviour {
     }
 }
 
-/// What a setpoint asks for; none where it makes the vehicle stop \[src: `handle_message_set_position_target_local_ned`
+/// What a setpoint asks for; `None` where it makes the vehicle stop \[src: `handle_message_set_position_target_local_ned`
 /// of `GCS_MAVLink_Copter.cpp`\]:
 ///
 /// - one ignored axis ignores its whole vector;

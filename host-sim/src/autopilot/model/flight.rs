@@ -1,4 +1,4 @@
-//! What the vehicle is told: goals of a companion, and what the autopilot flies by itself.
+//! Commands to the vehicle: goals of a companion, and what the autopilot flies by itself.
 
 use super::Autopilot;
 use crate::scenario::Software;
@@ -27,7 +27,7 @@ const TRAVEL_MPS: f64 = 0.2;
 /// What a mode does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Behaviour {
-    /// Stands where it is: position modes with centred sticks, missions that are none.
+    /// Stands where it is: position modes with centred sticks, empty missions.
     Hold,
     /// Follows the companion.
     Companion,
@@ -102,7 +102,7 @@ pub(super) struct Flight {
     pub(super) landed: bool,
     landed_us: Option<u64>,
     has_flown: bool,
-    /// What the companion asked for last and is obeyed; none makes it stop.
+    /// What the companion asked for last and is obeyed; `None` makes it stop.
     pub(super) goal: Option<Goal>,
     /// When the last acceptable setpoint came, obeyed or not (PX4).
     pub(super) stream_us: Option<u64>,

@@ -87,7 +87,7 @@ impl Parameters {
 }
 
 impl Autopilot {
-    /// Sets a parameter; false where there is none of that name.
+    /// Sets a parameter; false where no parameter has that name.
     pub fn set_parameter(&mut self, name: &str, value: f64) -> bool {
         let index = self.parameters.index(name);
         if let Some(index) = index {

@@ -33,7 +33,7 @@ const EXTRA3: u8 = 12;
 /// In no group of ArduCopter's: by interval only \[src\].
 const NO_GROUP: u8 = 255;
 
-/// A message and its interval now; none: off.
+/// A message and its interval now; `None`: off.
 #[derive(Clone, Copy, Debug)]
 struct Stream {
     message_id: u32,

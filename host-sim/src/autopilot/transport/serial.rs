@@ -82,7 +82,7 @@ impl Serial {
         }
     }
 
-    /// A port that failed is closed; at a terminal somebody is there, or not.
+    /// A port that failed is closed; at a terminal the other end is open, or not.
     fn follow(&mut self, works: bool) {
         match &mut self.kind {
             Kind::Terminal { is_open } => *is_open = works,

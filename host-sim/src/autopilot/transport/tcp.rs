@@ -98,7 +98,7 @@ fn prepare(stream: &TcpStream) -> io::Result<()> {
     Ok(())
 }
 
-/// Calls until somebody answers, or the caller is gone.
+/// Connects again and again until a peer answers, or the caller is gone.
 fn call(addresses: Vec<SocketAddr>) -> Receiver<TcpStream> {
     let (sender, receiver): (SyncSender<TcpStream>, _) = sync_channel(0);
     spawn(move || {

@@ -15,7 +15,7 @@ const READ_MAX: usize = 1024;
 #[derive(Debug)]
 pub(super) struct Udp {
     socket: UdpSocket,
-    /// Where to call while nobody has answered.
+    /// Where to send while no peer has answered.
     home: Option<SocketAddr>,
     /// Who spoke last, and when.
     peer: Option<(SocketAddr, Instant)>,

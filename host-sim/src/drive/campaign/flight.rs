@@ -30,7 +30,7 @@ const AWAY_STEPS: u32 = 25;
 const COAST_US: u64 = 2_000_000;
 /// So long the vehicle may take to fly on after the pilot's fresh entry.
 const RECOVERY_US: u64 = 25 * SECOND_US;
-/// So long it may take until the pilot is told of a restart.
+/// Longest time until the pilot gets the text about a restart.
 const TOLD_US: u64 = 5 * SECOND_US;
 /// Bytes that the line carries in a step at 921 600 baud.
 const LINE_BYTES: usize = 1843;
@@ -92,16 +92,16 @@ impl Flight {
         self.heal();
         self.run(0.5);
         let (now_us, manual) = (self.trial.autopilot_us(), manual_mode(self.software));
-        self.trial.autopilot.select_mode(now_us, manual);
+        self.trial.rig.autopilot.select_mode(now_us, manual);
         // Long enough for a heartbeat to say so.
         self.run(1.1);
         let now_us = self.trial.autopilot_us();
-        self.trial.autopilot.arm(now_us);
+        self.trial.rig.autopilot.arm(now_us);
         self.trial.give_control();
         let until_us = self.trial.time_us() + RECOVERY_US;
         let from = self.trial.motion().pose.position_ned_m;
         let mut flies = false;
-        while !flies && self.trial.time_us() < until_us && !self.trial.collided && !self.is_broken() {
+        while !flies && self.trial.time_us() < until_us && !self.trial.rig.collided && !self.is_broken() {
             self.run(0.2);
             let [north, east, _] = self.trial.motion().pose.position_ned_m;
             let way_m = libm::hypot(north - from[0], east - from[1]);
@@ -109,7 +109,7 @@ impl Flight {
         }
         let [north_mps, east_mps, _] = self.trial.motion().velocity_ned_mps;
         match self.last {
-            _ if self.trial.collided => {}
+            _ if self.trial.rig.collided => {}
             _ if flies => self.row.recovered = 1,
             Some(outcome) if outcome.behaviour() != Behaviour::Follow && libm::hypot(north_mps, east_mps) < 0.1 => {
                 self.row.safe.insert(outcome.name().to_owned(), 1);
@@ -120,7 +120,7 @@ impl Flight {
         let until_us = self.trial.time_us() + TOLD_US;
         while self.row.restarts_told < self.trial.computer.restarts - restarts
             && self.trial.time_us() < until_us
-            && !self.trial.collided
+            && !self.trial.rig.collided
             && !self.is_broken()
         {
             self.step();
@@ -143,17 +143,17 @@ impl Flight {
                 self.trial.wire = Some(Wire::new(now_us, loss, corruption));
             }
             Kind::LineCut => {
-                self.trial.autopilot.faults.is_silent = true;
-                self.trial.autopilot.faults.is_deaf = true;
+                self.trial.rig.autopilot.faults.is_silent = true;
+                self.trial.rig.autopilot.faults.is_deaf = true;
             }
-            Kind::NoHeartbeat => self.trial.autopilot.faults.heartbeat_is_silent = true,
+            Kind::NoHeartbeat => self.trial.rig.autopilot.faults.heartbeat_is_silent = true,
             Kind::NoPosition => self.trial.ownship_is_silent = true,
             Kind::NoObstacles => self.trial.obstacles_are_silent = true,
             Kind::PositionJump => {
                 let step_ned_m = [3.0 * self.random.gaussian(), 3.0 * self.random.gaussian(), 0.0];
-                self.trial.autopilot.jump(now_us, step_ned_m, false);
+                self.trial.rig.autopilot.jump(now_us, step_ned_m, false);
             }
-            Kind::AutopilotRestart => self.trial.autopilot.reboot(now_us, 1_500_000),
+            Kind::AutopilotRestart => self.trial.rig.autopilot.reboot(now_us, 1_500_000),
             Kind::FrozenConverters => self.trial.converters = Converters::Freeze,
             Kind::NoFrames => self.trial.converters = Converters::Stop,
             Kind::ClockJump => {
@@ -194,9 +194,9 @@ impl Flight {
                     let mode = if self.random.uniform() < 0.5 {
                         manual_mode(self.software)
                     } else {
-                        self.trial.autopilot.companion_mode()
+                        self.trial.rig.autopilot.companion_mode()
                     };
-                    self.trial.autopilot.select_mode(now_us, mode);
+                    self.trial.rig.autopilot.select_mode(now_us, mode);
                 }
                 Kind::StolenProcessor => {
                     let for_us = (600_000.0 * self.random.uniform()) as u32;
@@ -210,7 +210,7 @@ impl Flight {
     }
 
     fn heal(&mut self) {
-        let faults = &mut self.trial.autopilot.faults;
+        let faults = &mut self.trial.rig.autopilot.faults;
         (faults.heartbeat_is_silent, faults.is_silent, faults.is_deaf) = (false, false, false);
         (self.trial.wire, self.trial.ownship_is_silent, self.trial.obstacles_are_silent) = (None, false, false);
         self.trial.converters = Converters::Work;
@@ -247,13 +247,13 @@ impl Flight {
     }
 
     fn step(&mut self) {
-        if self.trial.collided || self.is_broken() {
+        if self.trial.rig.collided || self.is_broken() {
             return;
         }
         if self.trial.to_source_m() < ARRIVED_M {
             // To the other end.
             let [first, second] = self.ends;
-            self.trial.world.source = if self.trial.world.source == first { second } else { first };
+            self.trial.rig.world.source = if self.trial.rig.world.source == first { second } else { first };
         }
         let step = self.trial.step();
         if self.trial.computer.away > 0 {
@@ -262,7 +262,7 @@ impl Flight {
         if let Some(output) = &step.output {
             self.last = Some(output.outcome);
         }
-        if step.obeyed || self.trial.autopilot.faults.is_silent {
+        if step.obeyed || self.trial.rig.autopilot.faults.is_silent {
             self.obeyed_us = step.time_us;
         }
         let known_us = if self.kind == Some(Kind::LineNoise) { QUIET_US } else { HEARTBEAT_US };
@@ -283,7 +283,7 @@ impl Flight {
                 self.row.restarts_told += u32::from(words.is_none_or(|words| why.starts_with(words)));
             }
         }
-        if self.trial.collided {
+        if self.trial.rig.collided {
             let is_away = step.time_us < self.away_until_us;
             self.row.collisions_away += u32::from(is_away);
             self.row.collisions += u32::from(!is_away);

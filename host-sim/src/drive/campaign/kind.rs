@@ -82,7 +82,7 @@ impl Kind {
         serde_json::to_value(self).map(|name| name.as_str().unwrap_or_default().replace('_', " ")).unwrap_or_default()
     }
 
-    /// Whether the computer is asked to restart; none where it may: late steps one after the other until the watchdog bites.
+    /// Whether the computer is asked to restart; `None` where it may: late steps one after the other until the watchdog bites.
     #[must_use]
     pub const fn restarts(self) -> Option<bool> {
         match self {
@@ -91,7 +91,7 @@ impl Kind {
         }
     }
 
-    /// Where it may end the program: how the word to the pilot begins.
+    /// Where it may end the program: how the text to the pilot begins.
     #[must_use]
     pub const fn restart_words(self) -> Option<&'static str> {
         match self {

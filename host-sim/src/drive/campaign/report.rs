@@ -25,7 +25,7 @@ pub struct Row {
     pub collisions_away: u32,
     /// Restarts of the computer.
     pub restarts: u32,
-    /// Those that the pilot was told of, in the words that belong to the fault.
+    /// Those that the pilot got the text about that belongs to the fault.
     pub restarts_told: u32,
     /// Steps that were late.
     pub late_steps: u32,

@@ -13,7 +13,7 @@ pub(super) const DRIVER: u8 = 1;
 /// Reads a key file: 32 bytes, two hexadecimal digits each, not all of them zero.
 ///
 /// # Errors
-/// What is wrong with it, without a word of what stands there.
+/// What is wrong with it, without any of its contents.
 pub fn parse_key(text: &str) -> Result<Key, InputError> {
     let digits: Vec<u32> = text.trim().chars().map_while(|digit| digit.to_digit(16)).collect();
     let bytes: Vec<u8> = digits.as_chunks().0.iter().map(|[high, low]| (high * 16 + low) as u8).collect();

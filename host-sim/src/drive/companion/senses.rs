@@ -46,7 +46,7 @@ impl Fix {
         Horizontal { north: self.pose.position_ned_m[0], east: self.pose.position_ned_m[1] }
     }
 
-    /// The same for whoever watches the flight.
+    /// The same for those who watch the flight.
     pub(super) fn moves(&self, time_s: f64, outcome: Outcome) -> (Motion, Sample) {
         let Self { pose, velocity_ned_mps, speed_mps, .. } = *self;
         let [_, _, down_m] = pose.position_ned_m;

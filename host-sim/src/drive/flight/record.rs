@@ -10,8 +10,8 @@ use foxhound_core::guidance::mission::Outcome;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::landing::{Landing, Picture};
 use crate::drive::computer::{Computer, ComputerError};
+use crate::drive::landing::{Landing, Picture};
 use crate::scenario::Scenario;
 use crate::world::vehicle::Motion;
 use crate::world::{Horizontal, World};
@@ -47,13 +47,13 @@ pub struct Report {
     pub path_length_m: f64,
     /// Distance from the start to the goal's place at the end.
     pub straight_line_m: f64,
-    /// Smallest distance between hull and pillars; none in a world without pillars.
+    /// Smallest distance between hull and pillars; `None` in a world without pillars.
     pub min_clearance_m: Option<f64>,
     /// Collisions, 0 or 1: the first one ends the flight.
     pub collisions: u32,
     /// Plans made.
     pub replans: u32,
-    /// Error of the valid bearings, rms; none without any.
+    /// Error of the valid bearings, rms; `None` without any.
     pub bearing_rms_deg: Option<f64>,
     /// Hash over every bearing, plan and setpoint.
     pub trace_hash: String,

@@ -46,7 +46,7 @@ pub struct G474Computer {
     /// Bytes of a camera for the next step.
     camera: Vec<u8>,
     flight_log: Option<Vec<u8>>,
-    /// What was heard, where somebody wants to know.
+    /// What was received, if it is wanted.
     heard: Option<Vec<Heard>>,
     output: Option<Output>,
 }

@@ -71,7 +71,7 @@ fn first_difference(wanted: &guidance::Config, reached: &guidance::Config) -> Op
         ("landing", wanted.landing != reached.landing),
         ("explore_s", wanted.planner.explore != reached.planner.explore),
         ("limits", wanted.guard != reached.guard),
-        ("vehicle", wanted.response != reached.response),
+        ("vehicle", wanted.vehicle_model != reached.vehicle_model),
         ("scenario", wanted != reached),
     ];
     keys.into_iter().find(|(_, differs)| *differs).map(|(key, _)| key)

@@ -86,7 +86,7 @@ impl Forest {
             })
     }
 
-    /// Length of the shortest way; `None` when there is none.
+    /// Length of the shortest path; `None` when there is no path.
     #[must_use]
     pub fn shortest_m(&self, start: [f64; 2], goal: [f64; 2]) -> Option<f64> {
         if !self.is_clear(start) || !self.is_clear(goal) {

@@ -14,7 +14,7 @@ use super::{Folder, LOOK_ROUND, PATIENCE, QemuComputer};
 pub(super) struct Port {
     from: File,
     to: File,
-    /// What it has sent, while somebody wants it or may say so yet.
+    /// What it has sent, while it is wanted or may still be.
     kept: Option<Vec<u8>>,
     is_wanted: bool,
 }
@@ -49,7 +49,7 @@ impl Port {
         }
     }
 
-    /// Writes all of it, while QEMU makes room: a pipe holds 64 KB.
+    /// Writes all of it, while QEMU drains it: a pipe holds 64 KB.
     pub(super) fn write_patiently(&mut self, mut bytes: &[u8]) -> io::Result<()> {
         let begin = Instant::now();
         while !bytes.is_empty() {
@@ -65,7 +65,7 @@ impl Port {
         Ok(())
     }
 
-    /// A step begins: whoever wants what the port sends has said so.
+    /// A step begins: from now on it is known whether what the port sends is wanted.
     pub(super) fn settle(&mut self) {
         if !self.is_wanted {
             self.kept = None;

@@ -89,7 +89,7 @@ pub struct Header {
 /// Hash over all that decides what is flown: release, suite, selection, seed, planner, estimator.
 ///
 /// # Errors
-/// The suite holds a number that JSON has no word for.
+/// The suite holds a number that JSON cannot express.
 pub fn fingerprint(
     suite: &Suite,
     selection: &Selection,

@@ -4,14 +4,14 @@
 //! | asked for | answered |
 //! |---|---|
 //! | `/` | the page, without records; its script `page/live.js` fetches them |
-//! | `/records?from=N` | the records from the `N`th on, a line of JSON each; none where there are no more yet |
+//! | `/records?from=N` | the records from the `N`th on, a line of JSON each; `None` where there are no more yet |
 //!
 //! A page asks ten times a second until it has the last record. So a browser that comes late has the whole flight so far, and
 //! one that falls behind misses nothing. Whoever asks by another name than that of this machine is refused: a foreign page
 //! could have its own name lead here.
 //!
 //! Whoever asks must not matter to the flight, whatever he sends and however slowly he reads. The pages are served by a thread
-//! of a lower priority, which waits for nobody and for which nobody waits: the flight hands its records over by a channel
+//! of a lower priority, which waits for no other, nor does any wait for it: the flight hands its records over by a channel
 //! without a bound. Only GET is answered, once on a connection, and no body is read. So much there is for a connection:
 //!
 //! | what | at most |
@@ -58,7 +58,7 @@ const LIFE: Duration = Duration::from_secs(10);
 const CHUNK_BYTES: usize = 16 * 1024;
 /// How often the server looks whether it is still wanted.
 const ROUND: Duration = Duration::from_millis(100);
-/// How long the last records are offered after everybody has been told to stop: some rounds of a page's questions.
+/// How long the last records are offered after all have been stopped: some rounds of a page's questions.
 const GRACE: Duration = Duration::from_millis(500);
 const PAGE: &str = "text/html; charset=utf-8";
 const LINES: &str = "application/x-ndjson";
@@ -115,7 +115,7 @@ impl Live {
         self.shown = self.shown.max(lines.len());
     }
 
-    /// Goes on serving until told to stop; for a moment longer where that was before.
+    /// Goes on serving until it is stopped; for a moment longer where that was before.
     pub fn linger(&self, stop: &AtomicBool) {
         let since = Instant::now();
         while !stop.load(Ordering::Relaxed) || since.elapsed() < GRACE {
@@ -133,7 +133,7 @@ struct Served {
 }
 
 impl Served {
-    /// Takes over what is new; false when there will be no more, and nobody is to be served.
+    /// Takes over what is new; false when there will be no more, and serving ends.
     fn follow(&mut self) -> bool {
         loop {
             match self.new.try_recv() {

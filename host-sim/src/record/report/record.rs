@@ -31,7 +31,7 @@ pub enum Record {
     Remembered(Remembered),
     /// Who walks about, as they are.
     People(People),
-    /// The bodies that are followed.
+    /// The objects that are tracked.
     Tracks(Tracks),
     /// A replan.
     Plan(Box<Plan>),
@@ -101,11 +101,11 @@ pub struct Step {
     pub yaw_deg: f64,
     /// How it really moves.
     pub velocity_mps: Xy,
-    /// How it is told to.
+    /// Commanded.
     pub setpoint_mps: Xy,
-    /// How it is told to turn, clockwise.
+    /// Commanded yaw rate, clockwise.
     pub yaw_rate_degps: f64,
-    /// With which velocity it would give way to what moves; none where it need not.
+    /// With which velocity it would give way to what moves; `None` where it need not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub evasion_mps: Option<Xy>,
     /// What the step came to.
@@ -141,7 +141,7 @@ pub struct Step {
 pub struct Heard {
     /// Whether it may be used.
     pub valid: bool,
-    /// Where it points; none without a sane attitude.
+    /// Where it points; `None` without a sane attitude.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bearing_deg: Option<f64>,
     /// Its standard deviation.
@@ -171,7 +171,7 @@ pub struct People {
     pub circles_m: Vec<[f64; 3]>,
 }
 
-/// The bodies that are followed and move. Those that stand are remembered as what stands is.
+/// The tracked objects that move. Those that stand are in the map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tracks {
     /// When.
@@ -180,7 +180,7 @@ pub struct Tracks {
     pub tracks: Vec<Track>,
 }
 
-/// A body that is followed.
+/// An object that is tracked.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Track {
     /// Where it is thought to be.
@@ -236,7 +236,7 @@ pub struct Plan {
     /// Which of them is followed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chosen: Option<usize>,
-    /// The obstacles that the planner was told: x, y, radius.
+    /// The obstacles in the planner's request: x, y, radius.
     pub circles_m: Vec<[f64; 3]>,
     /// Where the source may be, the likelier ones: x, y, weight.
     pub particles: Vec<[f64; 3]>,
@@ -284,7 +284,7 @@ pub struct Belief {
     pub covariance_m2: [f64; 3],
 }
 
-/// The potential on a raster, row by row from the south, each from the west; without the swirl, which has none.
+/// The potential on a raster, row by row from the south, each from the west; without the swirl, which has no potential.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Field {
     /// The first value's place.
@@ -341,7 +341,7 @@ pub(super) fn degrees(angle_rad: f64) -> f64 {
     rounded(angle_rad.to_degrees(), 2)
 }
 
-/// A number as it is, but without the noise of its single precision; none if it is none.
+/// A number as it is, but without the noise of its single precision; `None` if it is none.
 pub(super) fn finite(value: f32) -> Option<f64> {
     value.is_finite().then(|| rounded(f64::from(value), 4))
 }

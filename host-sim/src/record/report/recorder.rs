@@ -42,7 +42,7 @@ pub struct Recorder {
     /// What looks at the camera's pictures, and the focal length over a picture's width.
     detector: Option<Detector>,
     focal_widths: f64,
-    /// When the first step was: whoever flies an autopilot waits for it.
+    /// When the first step was: a flight with an autopilot waits for it.
     begun_s: Option<f64>,
     steps: u64,
     drawn: Drawn,
@@ -137,7 +137,7 @@ impl Recorder {
         self.take().iter().flat_map(serde_json::to_string).collect()
     }
 
-    /// The same as they are, for whoever writes them in another way.
+    /// The same as they are, for other formats.
     pub fn take(&mut self) -> Vec<Record> {
         std::mem::take(&mut self.records)
     }
@@ -317,7 +317,7 @@ fn particle(place: ned::Horizontal, weight: f32) -> [f64; 3] {
     [rounded(f64::from(place.east), 2), rounded(f64::from(place.north), 2), rounded(f64::from(weight), 2)]
 }
 
-/// The moments of the particles; none without particles.
+/// The moments of the particles; `None` without particles.
 fn belief(particles: &[(ned::Horizontal, f32)]) -> Option<Belief> {
     let sum = |of: &dyn Fn(f64, f64) -> f64| {
         let one = |(place, weight): &(ned::Horizontal, f32)| {

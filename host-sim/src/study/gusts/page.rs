@@ -1,4 +1,4 @@
-//! Flights in gusts, on held-out seeds, and the constants of `core/src/control/gust.rs`, each around its value, on
+//! Flights in gusts, on held-out seeds, and the constants of `core/src/control/wind.rs`, each around its value, on
 //! development seeds: the page `docs/results/gusts.md`. On development seeds the flights are flown when it is asked for.
 
 use std::fmt::Write as _;
@@ -14,21 +14,21 @@ use crate::study::{Campaign, Study, Watch, seeds};
 /// Flights of each scene in each weather of the table, and of each scene and weather for each value of a constant.
 const IN_THE_TABLE: u64 = 100;
 const FOR_A_VALUE: u64 = 60;
-/// Where constants are compared besides where there is room for the margin.
+/// Where constants are compared besides where there is space for the margin.
 const MORE: [&str; 2] = ["corridor", "pillars, scan, PX4"];
 
 /// A constant, its values, and how it is set.
 type Constant = (&'static str, [f32; 4], fn(&mut guidance::Config, f32));
 
 const CONSTANTS: [Constant; 8] = [
-    ("margin_s", [0.9, 1.1, 1.6, 2.0], |config, value| config.gust.margin_s = value),
-    ("margin_max_m", [0.6, 0.8, 1.2, 1.5], |config, value| config.gust.margin_max_m = value),
-    ("memory_s", [15.0, 25.0, 60.0, 100.0], |config, value| config.gust.memory_s = value),
-    ("unsure", [0.0, 1.0, 3.0, 4.0], |config, value| config.gust.unsure = value),
-    ("unsure_s", [2.0, 3.0, 6.0, 10.0], |config, value| config.gust.unsure_s = value),
-    ("floor_mps", [0.03, 0.04, 0.08, 0.12], |config, value| config.gust.floor_mps = value),
-    ("slack_s", [0.03, 0.045, 0.08, 0.12], |config, value| config.gust.slack_s = value),
-    ("lean_mps_per_rad", [0.0, 0.7, 2.1, 2.8], |config, value| config.gust.lean_mps_per_rad = value),
+    ("margin_s", [0.9, 1.1, 1.6, 2.0], |config, value| config.wind.margin_s = value),
+    ("margin_max_m", [0.6, 0.8, 1.2, 1.5], |config, value| config.wind.margin_max_m = value),
+    ("memory_s", [15.0, 25.0, 60.0, 100.0], |config, value| config.wind.memory_s = value),
+    ("unsure", [0.0, 1.0, 3.0, 4.0], |config, value| config.wind.unsure = value),
+    ("unsure_s", [2.0, 3.0, 6.0, 10.0], |config, value| config.wind.unsure_s = value),
+    ("floor_mps", [0.03, 0.04, 0.08, 0.12], |config, value| config.wind.floor_mps = value),
+    ("slack_s", [0.03, 0.045, 0.08, 0.12], |config, value| config.wind.slack_s = value),
+    ("lean_mps_per_rad", [0.0, 0.7, 2.1, 2.8], |config, value| config.wind.lean_mps_per_rad = value),
 ];
 
 /// The page that is written.
@@ -97,7 +97,7 @@ fn written(settings: &Campaign) -> Result<String, InputError> {
     let _ = write!(
         text,
         "\n## The constants\n\n\
-         Each constant of `core/src/control/gust.rs` at other values, the others as they are: {} flights for each value on development seeds, past\n\
+         Each constant of `core/src/control/wind.rs` at other values, the others as they are: {} flights for each value on development seeds, past\n\
          walls, gaps and random pillars, through the corridor, and beside PX4 past pillars, in gusts of 2.5 and of 3 m/s.\n\n\
          | constant | value | collisions | reached | mean time, s |\n|---|---|---|---|---|\n",
         10 * flown,

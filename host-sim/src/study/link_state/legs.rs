@@ -7,7 +7,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Finder};
 use foxhound_core::localize::link_state::{Classifier, FEATURES, Features, Sightline, State};
-use foxhound_core::mapping::lor::Line;
+use foxhound_core::mapping::walls::Wall;
 use foxhound_core::signal::phase::{self, Extractor};
 use foxhound_papers::multipath::{self, Looks};
 
@@ -19,7 +19,7 @@ use crate::world::{Horizontal, Pose, wrap_pi};
 
 /// Samples of a frame.
 const N: usize = 256;
-/// A strongest path with less signal-to-noise ratio per sample than this is none.
+/// A strongest path with less signal-to-noise ratio per sample than this does not count.
 pub const NONE_BELOW_DB: f64 = -13.0;
 /// Paths that lose more are not traced.
 const LOSS_MAX_DB: f64 = 45.0;
@@ -185,7 +185,7 @@ fn antennas(scene: &Scene, random: &mut Random) -> Antennas {
 }
 
 /// Most walls, not quite where they are.
-fn known_walls(scene: &Scene, random: &mut Random) -> Vec<Line> {
+fn known_walls(scene: &Scene, random: &mut Random) -> Vec<Wall> {
     let share = within(random, 0.6, 1.0);
     let walls = scene.walls.iter().filter_map(|wall| {
         let known = random.uniform() < share;
@@ -193,7 +193,7 @@ fn known_walls(scene: &Scene, random: &mut Random) -> Vec<Line> {
             north: end.north + 0.1 * random.gaussian(),
             east: end.east + 0.1 * random.gaussian(),
         });
-        Line::between(a.to_core(), b.to_core()).filter(|_| known)
+        Wall::between(a.to_core(), b.to_core()).filter(|_| known)
     });
     walls.collect()
 }

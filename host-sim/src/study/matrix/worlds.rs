@@ -120,7 +120,7 @@ pub fn traps(folder: &Path, seeds: &Range<u64>) -> Result<Vec<World>, InputError
 /// Hulls for which the shortest ways through BARN's worlds are known.
 const BARN_HULLS_M: [f64; 4] = [0.15, 0.20, 0.215, 0.25];
 
-/// Every `nth` of BARN's worlds from a folder; none where there is no such folder.
+/// Every `nth` of BARN's worlds from a folder; `None` where there is no such folder.
 ///
 /// # Errors
 /// What is in the folder is not what is expected.

@@ -106,7 +106,7 @@ fn exact(antennas: &Antennas, source: [f64; 3], silence: Phasors) -> Phasors {
 }
 
 impl Errors {
-    /// Of absolute errors, NaN where there is none.
+    /// Of absolute errors, NaN where there is no error.
     fn of(errors_deg: &[f64]) -> Self {
         let answered: Vec<f64> = errors_deg.iter().copied().filter(|error| !error.is_nan()).collect();
         Self {

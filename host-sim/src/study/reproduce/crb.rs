@@ -78,7 +78,7 @@ pub struct Row {
 /// Errors of an estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Rms {
-    /// Root of the mean square; none without a valid bearing.
+    /// Root of the mean square; `None` without a valid bearing.
     pub rms_deg: Option<f64>,
     /// That over the bound.
     pub over_bound: Option<f64>,

@@ -35,7 +35,7 @@ pub struct Experiment {
     pub note: &'static str,
     /// Of the settings those by which it changes.
     pub chosen: fn(&Settings) -> Value,
-    /// Until where its progress counts; none where it does not say how far it is.
+    /// Until where its progress counts; `None` where it does not say how far it is.
     pub length: fn(&Settings) -> Option<u64>,
     run: fn(&Settings, Option<&Path>, Watch<'_>) -> Result<Outcome, InputError>,
 }
@@ -75,7 +75,7 @@ impl Experiment {
     /// is done, or several.
     ///
     /// # Errors
-    /// A picture cannot be written; none that the built-in configurations could cause.
+    /// A picture cannot be written. The built-in configurations cause no error.
     pub fn run(
         &self,
         settings: &Settings,

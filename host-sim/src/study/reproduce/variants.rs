@@ -59,7 +59,7 @@ struct Algorithm {
     name: &'static str,
     label: &'static str,
     kind: Kind,
-    /// The times of its Table I; none where it does not reach the goal.
+    /// The times of its Table I; `None` where it does not reach the goal.
     printed_s: [Option<f64>; SCENES.len()],
 }
 
@@ -153,7 +153,7 @@ pub struct Cell {
     pub path_length_m: f64,
     /// Least distance from an obstacle.
     pub min_distance_m: f64,
-    /// The printed time; none where the paper does not reach the goal.
+    /// The printed time; `None` where the paper does not reach the goal.
     pub printed_time_s: Option<f64>,
     /// Whether both reach the goal, or both do not.
     pub agrees: bool,

@@ -36,7 +36,7 @@ pub fn alone(detector: &Detector, frame: &Frame, height_m: Option<f32>, times: u
     alone_by(detector, frame, height_m, times, |_, candidate| WEIGHTS.score(&candidate.measures))
 }
 
-/// The same by another score, which is told in which of the looks it is asked, the first of them 0.
+/// The same by another score, which gets the index of the observation, from 0.
 #[must_use]
 pub fn alone_by(
     detector: &Detector,

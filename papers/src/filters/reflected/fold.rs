@@ -6,7 +6,7 @@
 
 use super::{Degenerate, Sighting};
 use foxhound_core::base::ned::Horizontal;
-use foxhound_core::mapping::lor::Line;
+use foxhound_core::mapping::walls::Wall;
 
 /// Least sine of the angle between ray and line.
 const GRAZING: f32 = 1e-3;
@@ -20,7 +20,7 @@ const ON_LINE_M: f32 = 1e-3;
 /// # Errors
 /// Where the ray meets no line.
 #[inline]
-pub fn fold(lines: &[Line], sighting: &Sighting) -> Result<Sighting, Degenerate> {
+pub fn fold(lines: &[Wall], sighting: &Sighting) -> Result<Sighting, Degenerate> {
     let mut folded = *sighting;
     for line in lines.iter().rev() {
         if !line.is_valid() {
@@ -47,7 +47,7 @@ pub fn fold(lines: &[Line], sighting: &Sighting) -> Result<Sighting, Degenerate>
 /// # Errors
 /// When no ray takes this way.
 pub fn points<const N: usize>(
-    lines: &[Line; N],
+    lines: &[Wall; N],
     source_ned_m: Horizontal,
     vehicle_ned_m: Horizontal,
 ) -> Result<[Horizontal; N], Degenerate> {
@@ -88,7 +88,7 @@ mod tests {
     }
 
     /// Both sides of eq. 9 at one point.
-    fn sides(line: &Line, before: Horizontal, at: Horizontal, after: Horizontal) -> [f32; 2] {
+    fn sides(line: &Wall, before: Horizontal, at: Horizontal, after: Horizontal) -> [f32; 2] {
         let u = line.along_ned();
         let (back, on) = (at.minus(before), at.minus(after));
         [back.dot(u) / back.norm(), -on.dot(u) / on.norm()]
@@ -98,14 +98,14 @@ mod tests {
         let mut rng = Rng::new(seed, 23);
         let mut found = 0;
         for case in 0..4000 {
-            let lines: [Line; N] = core::array::from_fn(|k| {
+            let lines: [Wall; N] = core::array::from_fn(|k| {
                 let (a, mut b) = (place(&mut rng), place(&mut rng));
                 // Every wall is vertical in the paper's frame now and then.
                 if case % 3 == k % 3 {
                     b.east = a.east;
                 }
-                let line = Line::between(a, b).unwrap();
-                Line { from_m: line.from_m - 60.0, to_m: line.to_m + 60.0, ..line }
+                let line = Wall::between(a, b).unwrap();
+                Wall { from_m: line.from_m - 60.0, to_m: line.to_m + 60.0, ..line }
             });
             let (source, vehicle) = (place(&mut rng), place(&mut rng));
             let Ok(points) = points(&lines, source, vehicle) else { continue };
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn rays_that_lead_to_no_line_are_told() {
-        let wall = Line::between(Horizontal { north: 5.0, east: -9.0 }, Horizontal { north: 5.0, east: 9.0 }).unwrap();
+        let wall = Wall::between(Horizontal { north: 5.0, east: -9.0 }, Horizontal { north: 5.0, east: 9.0 }).unwrap();
         let from = |north: f32, bearing_rad: f32| Sighting {
             place_ned_m: Horizontal { north, east: 0.0 },
             direction_ned: Horizontal::from_bearing(bearing_rad),
@@ -162,9 +162,9 @@ mod tests {
         for along in [core::f32::consts::FRAC_PI_2, -core::f32::consts::FRAC_PI_2, 3.0] {
             assert_eq!(fold(&[wall], &from(0.0, along)), Err(Degenerate::NoReflection), "{along}");
         }
-        let none = Line::default();
+        let none = Wall::default();
         assert_eq!(fold(&[none], &from(0.0, 0.3)), Err(Degenerate::NoLine));
-        let nan = Line { offset_m: f32::NAN, ..wall };
+        let nan = Wall { offset_m: f32::NAN, ..wall };
         assert_eq!(fold(&[nan], &from(0.0, 0.3)), Err(Degenerate::NoLine));
         // A source on the far side, or beyond the end of the wall, is not reflected.
         let source = |north: f32, east: f32| points(&[wall], Horizontal { north, east }, Horizontal::default());

@@ -7,7 +7,7 @@ use super::fold::fold;
 use super::{Degenerate, Estimate, Heard, Sighting, kalman};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::localize::source::polar;
-use foxhound_core::mapping::lor::Line;
+use foxhound_core::mapping::walls::Wall;
 
 /// A filter behind `N` lines, in the order from the source.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +15,7 @@ pub struct Known<const N: usize> {
     /// Of the source itself.
     pub filter: polar::Filter,
     /// The lines.
-    pub lines: [Line; N],
+    pub lines: [Wall; N],
 }
 
 impl<const N: usize> Known<N> {

@@ -83,7 +83,7 @@ mod tests {
     use super::*;
     use foxhound_core::base::ned::Horizontal;
     use foxhound_core::base::rng::Rng;
-    use foxhound_core::mapping::lor::Line;
+    use foxhound_core::mapping::walls::Wall;
 
     fn case(rng: &mut Rng) -> ([f32; 2], [f32; 2], [f32; 2]) {
         let mut point = || [20.0 * rng.uniform() - 10.0, 20.0 * rng.uniform() - 10.0];
@@ -120,7 +120,7 @@ mod tests {
         let mut cases = 0;
         for _ in 0..2000 {
             let (p, t, [m, c]) = case(&mut rng);
-            let line = Line::of_slope_intercept([m, c]);
+            let line = Wall::of_slope_intercept([m, c]);
             let ned = |q: [f32; 2]| Horizontal { north: q[1], east: q[0] };
             if line.distance_m(ned(p)) * line.distance_m(ned(t)) < 0.01 {
                 continue;

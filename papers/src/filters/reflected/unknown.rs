@@ -22,7 +22,7 @@ use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::units::{between, sin_cos, wrap_pi};
 use foxhound_core::localize::source::covariance::keep_positive;
-use foxhound_core::mapping::lor::Line;
+use foxhound_core::mapping::walls::Wall;
 
 /// Below this fraction of the range that is left after a step, the vehicle is at the image.
 const OVERHEAD: f32 = 1e-3;
@@ -95,7 +95,7 @@ pub struct Guess {
     /// Its standard deviation along each axis.
     pub source_sigma_m: f32,
     /// Where the line may be; its ends do not matter.
-    pub line: Line,
+    pub line: Wall,
     /// Standard deviation of its angle.
     pub angle_sigma_rad: f32,
     /// Standard deviation of its distance from the vehicle.
@@ -156,11 +156,11 @@ impl State {
 
     /// The line, unbounded, with the standard deviations of its angle and of its distance from where the filter began.
     #[must_use]
-    pub fn line(&self) -> Option<(Line, [f32; 2])> {
+    pub fn line(&self) -> Option<(Wall, [f32; 2])> {
         let normal_ned = Horizontal::from_bearing(self.x[2]);
         let offset_m = self.x[3] + normal_ned.dot(self.anchor_ned_m);
         let sigma = [sqrt(self.p[2][2]), sqrt(self.p[3][3])];
-        self.started.then_some((Line { normal_ned, offset_m, from_m: -1e5, to_m: 1e5 }, sigma))
+        self.started.then_some((Wall { normal_ned, offset_m, from_m: -1e5, to_m: 1e5 }, sigma))
     }
 
     /// Its mean: bearing and inverse range of the image, bearing of the normal, offset from the anchor.

@@ -225,8 +225,10 @@ fn bearings_that_wrap_are_one_bearing() {
 #[test]
 fn the_mirror_image_of_a_filter_is_that_of_what_it_would_have_heard_there() {
     let filter = filter();
-    let line =
-        crate::mapping::lor::Line::between(Horizontal { north: 9.0, east: -4.0 }, Horizontal { north: 7.0, east: 5.0 });
+    let line = crate::mapping::walls::Wall::between(
+        Horizontal { north: 9.0, east: -4.0 },
+        Horizontal { north: 7.0, east: 5.0 },
+    );
     let line = line.unwrap();
     let (mut here, mut there, mut rng) = (Moving::new(), Moving::new(), Rng::new(8, 9));
     for k in 0..80 {

@@ -104,7 +104,7 @@ impl Gallery {
         true
     }
 
-    /// Runs an experiment and writes its files; `watch` is told how far it is.
+    /// Runs an experiment and writes its files; `watch` is called with how far it is.
     ///
     /// # Errors
     /// A file cannot be written.

@@ -69,7 +69,7 @@ pub struct Row {
     pub name: &'static str,
     /// The same for people.
     pub label: &'static str,
-    /// What the paper's filter, as printed, makes of it; none where it has none.
+    /// What the paper's filter, as printed, makes of it; `None` where it has none.
     pub paper: Option<Outcome>,
     /// What ours does.
     pub ours: Outcome,

@@ -3,7 +3,7 @@
 //!
 //! Bearings of 1.86 deg at 10 Hz and 1 m/s, so one every 0.1 m; the filter is the product's (`source::polar`) but for its
 //! prior, which is drawn: the inverse range that the first bearing is taken to mean has a mean of 1/12 m and a deviation of
-//! [`PRIOR_SIGMA_PER_M`], which the filter is told, and it believes no range beyond 50 m. (A filter that begins at 12 m would be
+//! [`PRIOR_SIGMA_PER_M`], which the filter is given, and it accepts no range beyond 50 m. (A filter that begins at 12 m would be
 //! right by luck.) The vehicle keeps to its way exactly.
 //!
 //! The planner is asked anew after every metre, with what the filter believes by then, and begins with the last way. Length is

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use foxhound_core::base::ned::Horizontal as Core;
 use foxhound_core::base::obstacle::Obstacle;
-use foxhound_core::mapping::lor::Line;
+use foxhound_core::mapping::walls::Wall;
 use foxhound_core::planning::ilqr::{Bound, Config, Guess, Outcome, Problem, Solution, Spread, Workspace};
 use plotters::prelude::{Circle, PathElement, RGBColor, Rectangle};
 use plotters::style::Color as _;
@@ -31,7 +31,7 @@ use crate::world::{Horizontal, from_core};
 
 /// Variance that a step adds to the place.
 pub const PROCESS_NOISE_M2: f32 = 0.01;
-/// Longest step along an axis with which there is room for a detour.
+/// Longest step along an axis that leaves space for a detour.
 pub const FREE_STEP_M: f32 = 2.5;
 /// The paper's.
 pub const PRINTED_STEP_M: f32 = 1.0;
@@ -112,7 +112,7 @@ fn config(weight: f32, u_max_m: f32) -> Config {
 fn problem<const M: usize>(
     covariance_m2: [f32; M],
     obstacles: &[Obstacle],
-    seen_through: Option<Line>,
+    seen_through: Option<Wall>,
     swing_m: f32,
 ) -> Problem<'_, M> {
     Problem {
@@ -178,7 +178,7 @@ fn rows(weight: f32, step_max_m: f32) -> Option<[Row; 2]> {
         let solution = planner.solve(&mut workspace, &problem([0.1, 0.0, 0.1], &obstacles, None, swing_m));
         (solution.cost, Row::of(weight, step_max_m, &solution))
     })?;
-    let wall = Line::of_slope_intercept([0.0, 100.0]);
+    let wall = Wall::of_slope_intercept([0.0, 100.0]);
     let reflected = cheapest::<10>(|swing_m| {
         let mut workspace = Box::new(Workspace::<10, STEPS>::new());
         let covariance = [0.1, 0.0, 0.1, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.1];

@@ -4,7 +4,7 @@ use foxhound_core::ConfigError;
 use foxhound_core::localize::source::Sighting;
 use foxhound_core::localize::source::bank::{self, Answer, Bank, Way};
 use foxhound_core::localize::source::polar;
-use foxhound_core::mapping::lor::{self, Line, Lines};
+use foxhound_core::mapping::walls::{self, Extractor, Wall};
 use serde::Serialize;
 
 use super::bend::Bend;
@@ -160,8 +160,8 @@ struct Seeker {
     bank: Bank,
     /// What is heard directly, by one reflection, and by more.
     ears: [Ear; 3],
-    finder: Lines,
-    workspace: Box<lor::Workspace>,
+    finder: Extractor,
+    workspace: Box<walls::Workspace>,
     walls: Walls,
     sigma_rad: f64,
     /// Where to, and the order of the link when that was said.
@@ -195,7 +195,7 @@ impl Seeker {
         let polar =
             polar::Config { inverse_range_per_m: 0.05, inverse_range_sigma_per_m: 0.08, ..bank::Config::DEFAULT.polar };
         let bank = bank::Config { polar, slack_m: 0.2, ..bank::Config::DEFAULT }.build()?;
-        let finder = lor::Config { length_min_m: 0.8, gap_m: 0.6, ..lor::Config::default() };
+        let finder = walls::Config { length_min_m: 0.8, gap_m: 0.6, ..walls::Config::default() };
         Ok(Self {
             climbs,
             bank,
@@ -290,7 +290,7 @@ impl Ear {
         Self { state: bank::State::new(), unexplained: 0, answer: None }
     }
 
-    fn hear(&mut self, bank: &Bank, view: &View<'_>, sigma_rad: f64, reflected: f32, lines: &[Line]) -> Option<Answer> {
+    fn hear(&mut self, bank: &Bank, view: &View<'_>, sigma_rad: f64, reflected: f32, lines: &[Wall]) -> Option<Answer> {
         let sighting = Sighting {
             place_ned_m: view.place.to_core(),
             direction_ned: Horizontal::from_bearing(view.bearing_rad).to_core(),
@@ -331,7 +331,7 @@ fn in_sight(view: &View<'_>, answer: &Answer) -> Horizontal {
 }
 
 /// From the point of reflection the source is in sight, and all along the way from there to the source.
-fn around_the_corner(view: &View<'_>, answer: &Answer, lines: &[Line]) -> Horizontal {
+fn around_the_corner(view: &View<'_>, answer: &Answer, lines: &[Wall]) -> Horizontal {
     let direction = Horizontal::from_bearing(image_of(answer).minus(view.place).bearing_rad());
     let ahead = |range_m: f64, from: Horizontal, direction: Horizontal| {
         let wall_m = view.known.range_to_wall_m(from, direction, range_m);

@@ -2,7 +2,7 @@
 //!
 //! The paper's weights (section V: `Q = 50`, `R = 0.01`, `T = 50`, `T = 1` once the range is known), a new trajectory every
 //! ten control cycles. The source is where the filters see it, an image behind a wall included: to the vehicle the two are
-//! the same. A path counts only when the map leaves room for all of it.
+//! the same. A path counts only when all of it fits into the map.
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::obstacle::Obstacle;
@@ -17,11 +17,11 @@ use crate::world::{Horizontal, from_core};
 const STEPS_MAX: usize = 24;
 /// A path may be longer than the straight one by this factor.
 const LONGER: f64 = 1.06;
-/// Obstacles that are told.
+/// Most obstacles of a request.
 const OBSTACLES_MAX: usize = 64;
-/// Farther away none matters.
+/// Obstacles farther away are left out.
 const OBSTACLES_WITHIN_M: f64 = 6.0;
-/// The largest variance that is told. The paper's trajectories begin with 0.1 m^2; with the tens of m^2 that the filters
+/// The largest variance of a request. The paper's trajectories begin with 0.1 m^2; with the tens of m^2 that the filters
 /// begin with, its weights would have the robot gather bearings and never go anywhere.
 const VARIANCE_MAX_M2: f32 = 0.1;
 /// The robot heads for a point of its trajectory so far ahead: closer ones drown in the cells of the map.

@@ -9,7 +9,7 @@ pub(super) const PERIOD: u32 = 10;
 /// Longest step of a control cycle.
 pub(super) const STEP_M: f64 = 0.5;
 
-/// What an agent is told at a control cycle.
+/// Input of an agent at a control cycle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View<'a> {
     /// Which cycle it is.

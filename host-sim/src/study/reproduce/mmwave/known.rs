@@ -184,7 +184,7 @@ impl Known {
         nearest.map(|(_, index)| index)
     }
 
-    /// The shortest way (A*), cell by cell; unknown ground is free. `None` when there is none.
+    /// The shortest path (A*), cell by cell; unknown ground is free. `None` when there is no path.
     pub(super) fn way(&self, from: Horizontal, to: Horizontal) -> Option<Vec<Horizontal>> {
         let (start, goal) = (self.index(from), self.nearest_free(to)?);
         let estimate = |[column, row]: Index| {
@@ -218,7 +218,7 @@ impl Known {
         None
     }
 
-    /// Whether a step leads to where there is room, not past a corner, or away from a wall that is too close already.
+    /// Whether a step leads to a free place, not past a corner, or away from a wall that is too close already.
     fn admits(&self, from: Index, to: Index) -> bool {
         let room_m = |index: Index| self.rooms_m[self.flat(index)];
         let least_m = room_m(from).min(CLEARANCE_M);

@@ -16,7 +16,7 @@
 //! - the same with covariance minimisation (`bend`).
 //!
 //! White noise from cycle to cycle also averages while the robot stays where it is. Ours listens for a few cycles when the
-//! link changes and the bearing is vague: that costs no way, but cycles, so both are told.
+//! link changes and the bearing is vague: that costs no path length, but cycles, so both are reported.
 
 mod agent;
 mod bend;
@@ -41,7 +41,7 @@ use report::Searched;
 use std::sync::atomic::{AtomicU64, Ordering};
 use trial::{Noise, Trial};
 
-/// Noise of the angle of arrival: none, the paper's, and the paper's with a link that is told wrongly now and then.
+/// Noise of the angle of arrival: none, the paper's, and the paper's with a state of the link that is sometimes wrong.
 const NOISES: [Noise; 3] = [
     Noise { sigma_rad: 0.0, link_error_rate: 0.0 },
     Noise { sigma_rad: 0.35, link_error_rate: 0.0 },
@@ -54,7 +54,7 @@ pub fn searches(scenarios: u32) -> u64 {
     (NOISES.len() * Kind::ALL.len()) as u64 * u64::from(scenarios)
 }
 
-/// Runs the experiment on all cores; the result does not depend on how many there are. `watch` is told how many searches
+/// Runs the experiment on all cores; the result does not depend on how many there are. `watch` is called with how many searches
 /// are done, of [`searches`].
 ///
 /// # Errors

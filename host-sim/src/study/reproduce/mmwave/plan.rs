@@ -2,7 +2,7 @@
 //!
 //! A rectangle is cut in two by a wall with a door, each part again until rooms are small enough; every other plan begins
 //! with a corridor. A door is never where a later wall ends. Boxes at any angle stand free in the rooms. Walls have no
-//! thickness; whether everything can be reached is asked of [`super::known`] by whoever draws the scenarios.
+//! thickness; whether everything can be reached is checked by [`super::known`] when scenarios are drawn.
 
 use crate::world::Horizontal;
 use crate::world::random::Random;
@@ -78,7 +78,7 @@ impl Plan {
         points.min_by(|a, b| a.minus(place).norm().total_cmp(&b.minus(place).norm())).unwrap_or(place)
     }
 
-    /// A place for something with this much room around it.
+    /// A place for something with this much space around it.
     pub(super) fn place(&self, random: &mut Random, room_m: f64) -> Horizontal {
         loop {
             let place = Horizontal::from_xy(self.size_m.map(|side_m| side_m * random.uniform()));
@@ -136,7 +136,7 @@ impl Drawn {
         pieces
     }
 
-    /// Puts a door somewhere within a stretch, if there is room.
+    /// Puts a door somewhere within a stretch, if it fits.
     fn open(&mut self, random: &mut Random, [from, to]: [f64; 2]) {
         let width_m = within(random, DOOR_M);
         let room = [from + DOOR_GAP_M, to - DOOR_GAP_M - width_m];

@@ -36,7 +36,7 @@ pub(super) struct Start {
 pub struct Noise {
     /// Standard deviation of the angle of arrival, white from cycle to cycle.
     pub sigma_rad: f64,
-    /// Rate at which the state of the link is told wrongly.
+    /// Rate at which the state of the link is given wrongly.
     pub link_error_rate: f64,
 }
 

@@ -48,7 +48,7 @@ pub struct Row {
     pub threshold: Option<f64>,
     /// The same with what the worst outlier can really do.
     pub sharp_threshold: Option<f64>,
-    /// Radius of the disc: the lemma's, or beyond its threshold that of the sharp bound; none beyond both.
+    /// Radius of the disc: the lemma's, or beyond its threshold that of the sharp bound; `None` beyond both.
     pub radius_m: Option<f64>,
     /// Whether the lemma as printed promises that.
     pub promised: bool,

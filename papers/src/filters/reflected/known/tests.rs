@@ -11,12 +11,12 @@ fn at(north: f32, east: f32) -> Horizontal {
     Horizontal { north, east }
 }
 
-fn wall(a: Horizontal, b: Horizontal) -> Line {
-    Line::between(a, b).unwrap()
+fn wall(a: Horizontal, b: Horizontal) -> Wall {
+    Wall::between(a, b).unwrap()
 }
 
 /// Median error of the source's place after 20 s on a circle of 3 m, off these walls.
-fn median_error<const N: usize>(lines: [Line; N], source: Horizontal, seed: u64) -> f32 {
+fn median_error<const N: usize>(lines: [Wall; N], source: Horizontal, seed: u64) -> f32 {
     let filter = polar::Config { outlier_rate: 0.0, ..polar::Config::DEFAULT }.build().unwrap();
     let (known, mut rng) = (Known { filter, lines }, Rng::new(seed, 26));
     let mut errors: Vec<f32> = (0..100)
@@ -99,7 +99,7 @@ fn any_stream_behind_any_walls_leaves_it_finite() {
     let mut rng = Rng::new(3, 26);
     for _ in 0..300 {
         let mut wild = || libm::expf(16.0 * rng.uniform() - 8.0) * rng.gaussian();
-        let mut line = || Line::between(at(wild(), wild()), at(wild(), wild())).unwrap_or_default();
+        let mut line = || Wall::between(at(wild(), wild()), at(wild(), wild())).unwrap_or_default();
         let known = Known { filter, lines: [line(), line()] };
         let mut state = polar::Moving::new();
         for _ in 0..100 {

@@ -29,19 +29,19 @@ fn guess() -> Guess {
         vehicle_ned_m: at(1.0, 2.0),
         source_ned_m: at(9.0, 3.0),
         source_sigma_m: 2.0,
-        line: Line::between(at(-30.0, 10.0), at(30.0, 10.0)).unwrap(),
+        line: Wall::between(at(-30.0, 10.0), at(30.0, 10.0)).unwrap(),
         angle_sigma_rad: 0.05,
         offset_sigma_m: 1.0,
     }
 }
 
 /// Source, angle and offset that the guess may stand for.
-fn drawn(guess: &Guess, rng: &mut Rng) -> (Horizontal, Line) {
+fn drawn(guess: &Guess, rng: &mut Rng) -> (Horizontal, Wall) {
     let source = guess.source_ned_m.plus(at(rng.gaussian(), rng.gaussian()).times(guess.source_sigma_m));
     let phi = guess.line.normal_ned.bearing_rad() + guess.angle_sigma_rad * rng.gaussian();
     let normal_ned = Horizontal::from_bearing(phi);
     let offset = -guess.line.distance_m(guess.vehicle_ned_m) + guess.offset_sigma_m * rng.gaussian();
-    (source, Line { normal_ned, offset_m: offset + normal_ned.dot(guess.vehicle_ned_m), ..guess.line })
+    (source, Wall { normal_ned, offset_m: offset + normal_ned.dot(guess.vehicle_ned_m), ..guess.line })
 }
 
 #[test]
@@ -141,7 +141,7 @@ fn derivatives_are_those_of_finite_differences() {
 }
 
 /// Flies a square of 8 m around where the guess was made, and tells errors of source and image, and NEES of the source.
-fn fly(filter: &Unknown, guess: &Guess, source: Horizontal, line: &Line, rng: &mut Rng) -> (State, [f32; 3]) {
+fn fly(filter: &Unknown, guess: &Guess, source: Horizontal, line: &Wall, rng: &mut Rng) -> (State, [f32; 3]) {
     let mut state = State::new();
     filter.begin(&mut state, guess).unwrap();
     let image = line.mirror(source);
@@ -203,7 +203,7 @@ fn what_has_no_geometry_is_told() {
     let mut state = State::new();
     assert_eq!(filter.step(&mut state, &sighting(at(0.0, 0.0), 0.1)), Err(Degenerate::NotBegun));
     let bad = |guess: Guess| filter.begin(&mut State::new(), &guess).unwrap_err();
-    assert_eq!(bad(Guess { line: Line::default(), ..guess() }), Degenerate::NoLine);
+    assert_eq!(bad(Guess { line: Wall::default(), ..guess() }), Degenerate::NoLine);
     assert_eq!(bad(Guess { source_sigma_m: f32::NAN, ..guess() }), Degenerate::NoLine);
     assert_eq!(bad(Guess { vehicle_ned_m: at(0.0, 10.0), ..guess() }), Degenerate::OnLine);
     assert_eq!(bad(Guess { source_ned_m: at(0.0, 12.0), ..guess() }), Degenerate::NoReflection);

@@ -269,7 +269,7 @@ impl Stage {
                 let heard = paper.step(&mut state, sighting);
                 (heard, state.estimate())
             });
-            let line = foxhound_core::mapping::lor::Line::of_slope_intercept(state.slope_intercept());
+            let line = foxhound_core::mapping::walls::Wall::of_slope_intercept(state.slope_intercept());
             let image = places.last().copied().flatten().map(|estimate| line.mirror(estimate.place_ned_m));
             self.paper.judge(&course, image.map(from_core), initial_m);
         }

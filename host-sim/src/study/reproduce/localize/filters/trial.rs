@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use foxhound_core::localize::source::polar::State;
 use foxhound_core::localize::source::{Heard, Sighting};
-use foxhound_core::mapping::lor::Line;
+use foxhound_core::mapping::walls;
 use foxhound_papers::filters::consistency::Consistency;
 
 use crate::world::random::Random;
@@ -46,8 +46,8 @@ impl Wall {
         point.along(self.normal, 2.0 * self.clearance_m(point))
     }
 
-    pub(super) fn to_core(self) -> Line {
-        Line { normal_ned: self.normal.to_core(), offset_m: self.offset_m as f32, from_m: -1e5, to_m: 1e5 }
+    pub(super) fn to_core(self) -> walls::Wall {
+        walls::Wall { normal_ned: self.normal.to_core(), offset_m: self.offset_m as f32, from_m: -1e5, to_m: 1e5 }
     }
 }
 

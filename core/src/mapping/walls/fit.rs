@@ -5,7 +5,7 @@
 //! of one coordinate on the other it knows no direction that a wall must not have. Mean and scatter are gathered in one
 //! pass (Welford 1962) and those of two sets are joined without their points (Chan et al. 1979).
 
-use super::Line;
+use super::Wall;
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 
@@ -35,7 +35,7 @@ pub struct Spread {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
     /// The line, from the first of its points to the last.
-    pub line: Line,
+    pub line: Wall,
     /// Moments of its points.
     pub moments: Moments,
     /// Root mean square distance of the points from the line.
@@ -108,19 +108,19 @@ impl Moments {
 impl Spread {
     /// The line through a place, reaching as far to both sides as points do that are spread evenly with this variance.
     #[must_use]
-    pub fn line_through(&self, mean_ned_m: Horizontal) -> Line {
+    pub fn line_through(&self, mean_ned_m: Horizontal) -> Wall {
         let middle_m = self.along_ned.dot(mean_ned_m);
         let half_m = sqrt(3.0 * self.along_m2);
         self.line_from_to(mean_ned_m, middle_m - half_m, middle_m + half_m)
     }
 
-    fn line_from_to(&self, place_ned_m: Horizontal, from_m: f32, to_m: f32) -> Line {
+    fn line_from_to(&self, place_ned_m: Horizontal, from_m: f32, to_m: f32) -> Wall {
         let normal_ned = Horizontal { north: -self.along_ned.east, east: self.along_ned.north };
-        Line { normal_ned, offset_m: normal_ned.dot(place_ned_m), from_m, to_m }
+        Wall { normal_ned, offset_m: normal_ned.dot(place_ned_m), from_m, to_m }
     }
 }
 
-/// The line of the least squares; `None` for fewer than two different points. Points that are no numbers are not looked at.
+/// The line of the least squares; `None` for fewer than two different points. Points that are not finite are ignored.
 #[must_use]
 pub fn fit(points_ned_m: impl Iterator<Item = Horizontal> + Clone) -> Option<Fit> {
     fit_finite(points_ned_m.filter(|point| point.is_finite()))
@@ -155,7 +155,7 @@ mod tests {
     use crate::base::rng::Rng;
     use std::vec::Vec;
 
-    fn on(line: &Line, along_m: f32, off_m: f32) -> Horizontal {
+    fn on(line: &Wall, along_m: f32, off_m: f32) -> Horizontal {
         line.normal_ned.times(line.offset_m + off_m).plus(line.along_ned().times(along_m))
     }
 
@@ -168,10 +168,10 @@ mod tests {
         let offset_sigma = sigma_m / (count as f32).sqrt();
         let (mut angles, mut offsets, mut runs) = (0.0, 0.0, 0.0);
         for case in 0..720 {
-            let truth = Line {
+            let truth = Wall {
                 normal_ned: Horizontal::from_bearing(case as f32 * 0.5_f32.to_radians()),
                 offset_m: 20.0 * rng.uniform() - 10.0,
-                ..Line::default()
+                ..Wall::default()
             };
             let middle_m = 20.0 * rng.uniform() - 10.0;
             let points: Vec<_> = (0..count)

@@ -1,7 +1,7 @@
-//! How the vehicle answers to a velocity setpoint, and from it the rest point: where it would stop if told to stop now.
+//! How the vehicle follows a velocity setpoint, and from it the rest point: where it would stop if commanded to stop now.
 //!
-//! An autopilot follows a velocity setpoint after a dead time `T` and with a first-order lag `tau`. What is on its way
-//! already moves the vehicle by `v tau` and by the commands of the last `T` seconds, whatever is said now; so
+//! An autopilot follows a velocity setpoint after a dead time `T` and with a first-order lag `tau`. Whatever
+//! is commanded now, the vehicle still moves by `v tau` and by the commands of the last `T` seconds; so
 //!
 //! ```text
 //!     rest = p + v tau + integral of the commands over the last T seconds,     d rest / dt = command
@@ -15,10 +15,10 @@ use heapless::Deque;
 use crate::base::error::{ConfigError, check};
 use crate::base::ned::Horizontal;
 
-/// Most commands that can be on their way.
+/// Most commands that can be pending.
 const PENDING_MAX: usize = 56;
 
-/// What is known of the vehicle's answer.
+/// Configuration of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -40,23 +40,23 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range; a dead time of more steps than can be remembered.
-    pub fn build(&self, tick_s: f32) -> Result<Response, ConfigError> {
-        check("response.dead_time_s", self.dead_time_s, 0.0, tick_s * PENDING_MAX as f32)?;
-        check("response.lag_s", self.lag_s, 0.0, 5.0)?;
+    pub fn build(&self, tick_s: f32) -> Result<VehicleModel, ConfigError> {
+        check("vehicle_model.dead_time_s", self.dead_time_s, 0.0, tick_s * PENDING_MAX as f32)?;
+        check("vehicle_model.lag_s", self.lag_s, 0.0, 5.0)?;
         let steps = libm::roundf(self.dead_time_s / tick_s) as usize;
-        Ok(Response { lag_s: self.lag_s, pending: steps.min(PENDING_MAX), tick_s })
+        Ok(VehicleModel { lag_s: self.lag_s, pending: steps.min(PENDING_MAX), tick_s })
     }
 }
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Response {
+pub struct VehicleModel {
     lag_s: f32,
     pending: usize,
     tick_s: f32,
 }
 
-/// The commands that are on their way.
+/// The commands that have not taken effect yet.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     commands: Deque<Horizontal, PENDING_MAX>,
@@ -71,7 +71,7 @@ impl State {
     }
 }
 
-impl Response {
+impl VehicleModel {
     /// Mean delay of the vehicle behind its rest point.
     #[must_use]
     pub fn delay_s(&self) -> f32 {
@@ -86,7 +86,7 @@ impl Response {
         (dead_steps, if tau_s > self.tick_s { tau_s } else { self.tick_s })
     }
 
-    /// Notes the command of this step.
+    /// Records the command of this step.
     pub fn command(&self, state: &mut State, velocity_ned_mps: Horizontal) {
         if self.pending == 0 {
             return;
@@ -94,7 +94,7 @@ impl Response {
         while state.commands.len() >= self.pending {
             state.commands.pop_front();
         }
-        // Cannot fail: there is room now.
+        // Cannot fail: one was removed.
         let _ = state.commands.push_back(velocity_ned_mps);
     }
 
@@ -119,12 +119,12 @@ mod tests {
     #[test]
     fn a_vehicle_with_dead_time_and_lag_stops_where_the_rest_point_said() {
         let (tick, dead, lag) = (0.02, 0.32, 0.5);
-        let response = Config { dead_time_s: dead, lag_s: lag }.build(tick as f32).unwrap();
+        let vehicle_model = Config { dead_time_s: dead, lag_s: lag }.build(tick as f32).unwrap();
         let mut state = State::default();
         let (mut position, mut velocity) = (0.0_f64, 0.0_f64);
         let mut line = std::collections::VecDeque::from(std::vec![0.0_f64; 16]);
         let mut run = |command: f64, state: &mut State| {
-            response.command(state, Horizontal { north: command as f32, east: 0.0 });
+            vehicle_model.command(state, Horizontal { north: command as f32, east: 0.0 });
             line.push_back(command);
             let acting = line.pop_front().unwrap();
             for _ in 0..20 {
@@ -138,7 +138,7 @@ mod tests {
             at = run(if step < 30 { 1.0 } else { 0.4 }, &mut state);
         }
         let north = |value: f64| Horizontal { north: value as f32, east: 0.0 };
-        let rest = response.rest_point(&state, north(at.0), north(at.1));
+        let rest = vehicle_model.rest_point(&state, north(at.0), north(at.1));
         for _ in 0..300 {
             at = run(0.0, &mut state);
         }

@@ -1,8 +1,8 @@
-//! Where has been looked: the guard lets the vehicle go only there.
+//! Which places the obstacle sensor has seen: the guard lets the vehicle go only there.
 //!
 //! A nose with a narrow view does not see what stands beside it, and a disc that moves comes nearer to everything up to 90
-//! degrees off its way. So the places that the obstacle sensor has seen are remembered, in a grid of bits around the
-//! vehicle that scrolls along with it (64 x 64 cells of 5 cm; what scrolls in has not been seen), and the latest look is
+//! degrees off its path. So the places that the obstacle sensor has seen are remembered, in a grid of bits around the
+//! vehicle that scrolls along with it (64 x 64 cells of 5 cm; what scrolls in has not been seen), and the latest scan is
 //! kept as it is for what lies farther.
 //!
 //! The question asked is not "is this cell empty" but "could an obstacle stand here unseen": one of at least
@@ -10,11 +10,11 @@
 //! of the four cells nearest to it has been, and rays need not be denser than cells.
 //!
 //! - [`Cover::Seen`]: a ray has passed.
-//! - [`Cover::Hidden`]: it is in the view of the latest look, behind something. Looking again does not help, only going there slowly.
-//! - [`Cover::WasHidden`]: it was so in an earlier look, from elsewhere. Whether looking helps depends on what is before it now.
-//! - [`Cover::Unseen`]: never looked at.
+//! - [`Cover::Hidden`]: in the field of view of the latest scan, behind something. Another scan from here does not help, only going there slowly.
+//! - [`Cover::WasHidden`]: it was so in an earlier scan, from elsewhere. Whether another scan helps depends on what stands before it now.
+//! - [`Cover::Unseen`]: never in the field of view.
 //!
-//! Cost: bench rows `look_64` for a look, `guard_64` for a step with all its questions.
+//! Cost: bench rows `look_64` for a scan, `guard_64` for a step with all its queries.
 
 use micromath::F32;
 
@@ -31,16 +31,16 @@ const SIDE: i32 = 64;
 /// Side of a cell.
 const CELL_M: f32 = 0.05;
 const CELLS_PER_M: f32 = 1.0 / CELL_M;
-/// A look is drawn this far at most; it stays inside the grid.
+/// A scan is drawn this far at most; it stays inside the grid.
 const DRAWN_M: f32 = 1.52;
-/// Distance between the marks along a ray, and between rays: with the four cells of a question no gap is left.
+/// Distance between the marks along a ray, and between rays: with the four cells of a query no gap is left.
 const STEP_M: f32 = 0.07;
 /// Rays over the field of view of a sensor that delivers circles are at most this far apart.
 const RAY_STEP_RAD: f32 = 0.045;
 /// Positions beyond this are no place for a grid.
 const PLACE_MAX_M: f32 = 1e5;
 
-/// What this room needs to know.
+/// Configuration of the coverage grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -48,7 +48,7 @@ pub struct Config {
     pub smallest_obstacle_m: f32,
     /// Nothing unseen is closer to the vehicle than this where it is first asked to move.
     pub start_clearance_m: f32,
-    /// How far a sensor that delivers circles sees.
+    /// Range of a sensor that delivers circles.
     pub range_m: f32,
 }
 
@@ -64,9 +64,9 @@ impl Config {
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self, fov_rad: f32) -> Result<Surveyor, ConfigError> {
-        check("sight.smallest_obstacle_m", self.smallest_obstacle_m, 0.05, 1.0)?;
-        check("sight.start_clearance_m", self.start_clearance_m, 0.0, 1.0)?;
-        check("sight.range_m", self.range_m, 0.1, 100.0)?;
+        check("coverage.smallest_obstacle_m", self.smallest_obstacle_m, 0.05, 1.0)?;
+        check("coverage.start_clearance_m", self.start_clearance_m, 0.0, 1.0)?;
+        check("coverage.range_m", self.range_m, 0.1, 100.0)?;
         check("guard.fov_rad", fov_rad, 0.1, core::f32::consts::TAU)?;
         let rays = libm::ceilf(fov_rad / RAY_STEP_RAD) as usize;
         Ok(Surveyor { config: *self, fov_rad, rays: rays.clamp(8, SECTORS_MAX) })
@@ -87,15 +87,15 @@ pub struct Surveyor {
 pub enum Cover {
     /// A ray of the sensor has passed.
     Seen,
-    /// In the view of the latest look, but behind something.
+    /// In the field of view of the latest scan, but behind something.
     Hidden,
-    /// In the view of an earlier look, behind something from there.
+    /// In the field of view of an earlier scan, behind something from there.
     WasHidden,
-    /// Never looked at.
+    /// Never in the field of view.
     Unseen,
 }
 
-/// The latest look: how far each ray saw.
+/// The latest scan: the range of each ray.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
     /// Where it was taken from.
@@ -108,14 +108,14 @@ pub struct Profile {
     pub rays: u8,
     /// See `rays`.
     pub closes: bool,
-    /// How far a ray sees that meets nothing.
+    /// Range of a ray that hits nothing.
     pub range_m: f32,
-    /// How far each ray sees.
+    /// Range of each ray.
     pub ranges: Ranges,
 }
 
 impl Profile {
-    /// How far a ray sees; -1 where nothing is known.
+    /// Range of a ray; -1 where nothing is known.
     fn seen_m(&self, index: usize) -> f32 {
         self.ranges.sees_m(index, self.range_m)
     }
@@ -124,9 +124,9 @@ impl Profile {
 /// Bits of the grid, two words for each row.
 type Bits = [[u32; 2]; SIDE as usize];
 
-/// What has been looked at so far.
+/// Which places have been seen so far.
 #[derive(Clone, Debug)]
-pub struct Sight {
+pub struct Coverage {
     seen: Bits,
     hidden: Bits,
     /// The cell at the south-west corner of the grid, counted from the origin.
@@ -138,7 +138,7 @@ pub struct Sight {
     latest: Profile,
 }
 
-impl Default for Sight {
+impl Default for Coverage {
     fn default() -> Self {
         Self {
             seen: [[0; 2]; SIDE as usize],
@@ -173,20 +173,20 @@ fn is_one_marked(bits: &Bits, north: i32, east: i32) -> bool {
     (low | high << 32).rotate_right(east as u32 % SIDE as u32) & 0b11 != 0
 }
 
-impl Sight {
-    /// Whether any look has been heard of.
+impl Coverage {
+    /// Whether there has been any scan.
     #[must_use]
-    pub fn has_looked(&self) -> bool {
+    pub fn has_scanned(&self) -> bool {
         self.latest.rays > 0
     }
 
-    /// The latest look.
+    /// The latest scan.
     #[must_use]
     pub fn latest(&self) -> &Profile {
         &self.latest
     }
 
-    /// The vehicle is moved by somebody else: where it is next asked to move is a new start.
+    /// Someone else moves the vehicle: the place where it is next asked to move is a new start.
     pub fn leave(&mut self) {
         self.home_ned_m = None;
     }
@@ -251,25 +251,25 @@ impl Surveyor {
     }
 
     /// Takes in a scan.
-    pub fn note_scan(&self, sight: &mut Sight, scan: &Scan, pose: &Pose) {
+    pub fn note_scan(&self, coverage: &mut Coverage, scan: &Scan, pose: &Pose) {
         if !scan.is_plausible() {
             return;
         }
-        let (latest, sectors) = (&mut sight.latest, scan.in_sectors(SECTORS_MAX));
+        let (latest, sectors) = (&mut coverage.latest, scan.in_sectors(SECTORS_MAX));
         latest.step_rad = sectors.step_rad;
         latest.first_ned_rad = wrap_pi(pose.yaw_rad + sectors.first_azimuth_rad);
         latest.rays = sectors.turn().unwrap_or(sectors.count()) as u8;
         latest.closes = sectors.turn().is_some();
         latest.range_m = scan.range_max_m;
         latest.ranges.take(scan);
-        sight.latest.origin_ned_m = pose.position_ned_m;
-        self.draw(sight);
+        coverage.latest.origin_ned_m = pose.position_ned_m;
+        self.draw(coverage);
     }
 
     /// Takes in that a sensor has delivered circles: it saw its whole field of view, up to the obstacles that are known.
     /// `vehicle_radius_m` is what their reach is larger by.
-    pub fn note_circles(&self, sight: &mut Sight, obstacles: &[Neighbour], vehicle_radius_m: f32, pose: &Pose) {
-        let latest = &mut sight.latest;
+    pub fn note_circles(&self, coverage: &mut Coverage, obstacles: &[Neighbour], vehicle_radius_m: f32, pose: &Pose) {
+        let latest = &mut coverage.latest;
         latest.rays = self.rays as u8;
         latest.closes = self.fov_rad > 6.2;
         latest.step_rad = self.fov_rad / self.rays as f32;
@@ -309,17 +309,17 @@ impl Surveyor {
         for (index, seen_m) in seen_m.into_iter().enumerate() {
             latest.ranges.set_m(index, seen_m);
         }
-        sight.latest.origin_ned_m = pose.position_ned_m;
-        self.draw(sight);
+        coverage.latest.origin_ned_m = pose.position_ned_m;
+        self.draw(coverage);
     }
 
-    /// Draws the latest look into the grid.
-    fn draw(&self, sight: &mut Sight) {
-        let Some((north, east)) = cell(sight.latest.origin_ned_m) else { return };
-        sight.center(north, east);
-        let Sight { seen, hidden, corner, latest, .. } = sight;
+    /// Draws the latest scan into the grid.
+    fn draw(&self, coverage: &mut Coverage) {
+        let Some((north, east)) = cell(coverage.latest.origin_ned_m) else { return };
+        coverage.center(north, east);
+        let Coverage { seen, hidden, corner, latest, .. } = coverage;
 
-        // A wide view is drawn less far, so that every look costs the same, and no farther than its rays are dense.
+        // A wide view is drawn less far, so that every scan costs the same, and no farther than its rays are dense.
         let step_rad = libm::fabsf(latest.step_rad);
         let angle_rad = step_rad * f32::from(latest.rays);
         let by_cost = if angle_rad > 1.65 { DRAWN_M * sqrt(1.65 / angle_rad) } else { DRAWN_M };
@@ -352,24 +352,24 @@ impl Surveyor {
         }
     }
 
-    /// Where the vehicle is there is room for it.
-    pub fn stand(&self, sight: &mut Sight, position_ned_m: Horizontal, vehicle_radius_m: f32) {
+    /// Marks the vehicle's own place as free: it fits there.
+    pub fn stand(&self, coverage: &mut Coverage, position_ned_m: Horizontal, vehicle_radius_m: f32) {
         let Some((north, east)) = cell(position_ned_m) else { return };
-        if sight.has_looked() {
-            sight.home_ned_m.get_or_insert(position_ned_m);
+        if coverage.has_scanned() {
+            coverage.home_ned_m.get_or_insert(position_ned_m);
         }
-        if sight.stood.replace((north, east)) == Some((north, east)) {
+        if coverage.stood.replace((north, east)) == Some((north, east)) {
             return;
         }
-        if !sight.contains(north, east) {
-            sight.center(north, east);
+        if !coverage.contains(north, east) {
+            coverage.center(north, east);
         }
         let span = (libm::floorf(vehicle_radius_m * CELLS_PER_M) as i32).clamp(0, 6);
         for row in -span..=span {
             for column in -span..=span {
-                if row * row + column * column <= span * span && sight.contains(north + row, east + column) {
+                if row * row + column * column <= span * span && coverage.contains(north + row, east + column) {
                     let (row, word, mask) = bit(north + row, east + column);
-                    sight.seen[row][word] |= mask;
+                    coverage.seen[row][word] |= mask;
                 }
             }
         }
@@ -377,19 +377,19 @@ impl Surveyor {
 
     /// What is known of a place.
     #[must_use]
-    pub fn cover(&self, sight: &Sight, place: Horizontal) -> Cover {
+    pub fn cover(&self, coverage: &Coverage, place: Horizontal) -> Cover {
         let mut was_hidden = false;
         // Of the four cells whose common corner is nearest.
         let first = place.minus(Horizontal { north: 0.5 * CELL_M, east: 0.5 * CELL_M });
         if let Some((north, east)) = cell(first)
-            && sight.contains(north, east)
+            && coverage.contains(north, east)
         {
-            if is_one_marked(&sight.seen, north, east) {
+            if is_one_marked(&coverage.seen, north, east) {
                 return Cover::Seen;
             }
-            was_hidden = is_one_marked(&sight.hidden, north, east);
+            was_hidden = is_one_marked(&coverage.hidden, north, east);
         }
-        match self.in_latest(&sight.latest, place) {
+        match self.in_latest(&coverage.latest, place) {
             Cover::Unseen if was_hidden => Cover::WasHidden,
             cover => cover,
         }
@@ -397,12 +397,12 @@ impl Surveyor {
 
     /// Whether an obstacle at a place cannot be one that is not known of, because the vehicle has not moved towards it yet.
     #[must_use]
-    pub fn is_at_home(&self, sight: &Sight, place: Horizontal, vehicle_radius_m: f32) -> bool {
+    pub fn is_at_home(&self, coverage: &Coverage, place: Horizontal, vehicle_radius_m: f32) -> bool {
         let reach_m = vehicle_radius_m + self.config.smallest_obstacle_m + self.config.start_clearance_m;
-        sight.home_ned_m.is_none_or(|home| place.minus(home).norm_squared() < reach_m * reach_m)
+        coverage.home_ned_m.is_none_or(|home| place.minus(home).norm_squared() < reach_m * reach_m)
     }
 
-    /// What the latest look says of a place.
+    /// What the latest scan shows of a place.
     fn in_latest(&self, latest: &Profile, place: Horizontal) -> Cover {
         let away = place.minus(latest.origin_ned_m);
         let squared = away.norm_squared();
@@ -439,7 +439,7 @@ mod tests {
         Horizontal { north, east }
     }
 
-    fn looker() -> Surveyor {
+    fn surveyor() -> Surveyor {
         Config::default().build(core::f32::consts::FRAC_PI_2).unwrap()
     }
 
@@ -460,15 +460,15 @@ mod tests {
 
     #[test]
     fn the_view_is_seen_its_shadows_are_hidden_and_the_rest_is_unseen() {
-        let (looker, mut sight) = (looker(), Sight::default());
-        assert!(!sight.has_looked());
+        let (surveyor, mut coverage) = (surveyor(), Coverage::default());
+        assert!(!coverage.has_scanned());
         // A wall on the right half, one metre off.
         let sectors = core::array::from_fn(|k| if k < 36 { Sector::Clear } else { Sector::Hit(1.0) });
-        looker.note_scan(&mut sight, &scan(sectors), &pose(20.0, -7.0, 0.3));
-        assert!(sight.has_looked());
+        surveyor.note_scan(&mut coverage, &scan(sectors), &pose(20.0, -7.0, 0.3));
+        assert!(coverage.has_scanned());
         let cover = |azimuth_deg: f32, distance_m: f32| {
             let place = Horizontal::from_bearing(0.3 + azimuth_deg.to_radians()).times(distance_m);
-            looker.cover(&sight, at(20.0, -7.0).plus(place))
+            surveyor.cover(&coverage, at(20.0, -7.0).plus(place))
         };
         for distance_m in [0.2, 0.5, 0.9, 1.4, 2.0, 2.9] {
             assert_eq!(cover(-20.0, distance_m), Cover::Seen, "{distance_m}");
@@ -484,13 +484,13 @@ mod tests {
     #[test]
     fn a_smallest_obstacle_that_counts_as_seen_is_met_by_a_ray() {
         // The promise behind it all, over places, yaws and positions relative to the cells.
-        let looker = looker();
+        let surveyor = surveyor();
         let mut rng = crate::base::rng::Rng::new(5, 8);
         let (mut seen, mut unseen) = (0, 0);
         for _ in 0..300 {
-            let mut sight = Sight::default();
+            let mut coverage = Coverage::default();
             let here = pose(10.0 * rng.uniform(), 10.0 * rng.uniform(), 6.0 * rng.uniform());
-            looker.note_scan(&mut sight, &scan([Sector::Clear; SECTORS_MAX]), &here);
+            surveyor.note_scan(&mut coverage, &scan([Sector::Clear; SECTORS_MAX]), &here);
             for _ in 0..100 {
                 let azimuth = core::f32::consts::TAU * rng.uniform() - core::f32::consts::PI;
                 let distance = 0.25 + 1.2 * rng.uniform();
@@ -498,7 +498,7 @@ mod tests {
                 // How far the nearer edge of the view passes from its centre, in f64.
                 let off = (f64::from(azimuth).abs() - core::f64::consts::FRAC_PI_4).max(0.0);
                 let misses_m = f64::from(distance) * if off < 1.57 { off.sin() } else { 1.0 };
-                match looker.cover(&sight, place) {
+                match surveyor.cover(&coverage, place) {
                     Cover::Seen => {
                         assert!(misses_m < 0.12, "{azimuth} {distance}: {misses_m}");
                         seen += 1;
@@ -524,62 +524,62 @@ mod tests {
 
     #[test]
     fn what_was_seen_is_remembered_while_it_is_near_and_forgotten_far_away() {
-        let (looker, mut sight) = (looker(), Sight::default());
+        let (surveyor, mut coverage) = (surveyor(), Coverage::default());
         let clear = scan([Sector::Clear; SECTORS_MAX]);
-        looker.note_scan(&mut sight, &clear, &pose(0.0, 0.0, 0.0));
-        looker.note_scan(&mut sight, &clear, &pose(0.0, 0.0, 3.0));
-        assert_eq!(looker.cover(&sight, at(0.8, 0.1)), Cover::Seen);
+        surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 0.0));
+        surveyor.note_scan(&mut coverage, &clear, &pose(0.0, 0.0, 3.0));
+        assert_eq!(surveyor.cover(&coverage, at(0.8, 0.1)), Cover::Seen);
         // Away to the south and west and back: what has scrolled out is unseen again, and nothing wraps round.
         for step in 0..=60 {
-            looker.stand(&mut sight, at(-0.1 * step as f32, -0.07 * step as f32), 0.15);
+            surveyor.stand(&mut coverage, at(-0.1 * step as f32, -0.07 * step as f32), 0.15);
         }
-        assert_eq!(looker.cover(&sight, at(-6.0, -4.2)), Cover::Seen, "where it is there is room");
-        assert_eq!(looker.cover(&sight, at(-6.0 + 0.8, -4.2)), Cover::Unseen);
+        assert_eq!(surveyor.cover(&coverage, at(-6.0, -4.2)), Cover::Seen, "where it is there is room");
+        assert_eq!(surveyor.cover(&coverage, at(-6.0 + 0.8, -4.2)), Cover::Unseen);
         for step in (0..=60).rev() {
-            looker.stand(&mut sight, at(-0.1 * step as f32, -0.07 * step as f32), 0.15);
+            surveyor.stand(&mut coverage, at(-0.1 * step as f32, -0.07 * step as f32), 0.15);
         }
-        assert_eq!(looker.cover(&sight, at(1.2, 0.0)), Cover::Unseen);
+        assert_eq!(surveyor.cover(&coverage, at(1.2, 0.0)), Cover::Unseen);
     }
 
     #[test]
     fn circles_throw_shadows() {
-        let (looker, mut sight) = (looker(), Sight::default());
+        let (surveyor, mut coverage) = (surveyor(), Coverage::default());
         let post = Neighbour { center_ned_m: at(1.0, 0.0), reach_m: 0.35, ..Neighbour::default() };
-        looker.note_circles(&mut sight, &[post], 0.15, &pose(0.0, 0.0, 0.0));
-        assert_eq!(looker.cover(&sight, at(0.6, 0.0)), Cover::Seen);
-        assert_eq!(looker.cover(&sight, at(1.4, 0.0)), Cover::Hidden);
-        assert_eq!(looker.cover(&sight, at(2.5, 0.0)), Cover::Hidden);
-        assert_eq!(looker.cover(&sight, at(1.4, 0.6)), Cover::Seen);
+        surveyor.note_circles(&mut coverage, &[post], 0.15, &pose(0.0, 0.0, 0.0));
+        assert_eq!(surveyor.cover(&coverage, at(0.6, 0.0)), Cover::Seen);
+        assert_eq!(surveyor.cover(&coverage, at(1.4, 0.0)), Cover::Hidden);
+        assert_eq!(surveyor.cover(&coverage, at(2.5, 0.0)), Cover::Hidden);
+        assert_eq!(surveyor.cover(&coverage, at(1.4, 0.6)), Cover::Seen);
     }
 
     #[test]
     fn a_sensor_that_sees_all_round_leaves_nothing_unseen() {
-        let looker = Config::default().build(core::f32::consts::TAU).unwrap();
-        let mut sight = Sight::default();
-        looker.note_circles(&mut sight, &[], 0.15, &pose(3.0, 3.0, 1.0));
+        let surveyor = Config::default().build(core::f32::consts::TAU).unwrap();
+        let mut coverage = Coverage::default();
+        surveyor.note_circles(&mut coverage, &[], 0.15, &pose(3.0, 3.0, 1.0));
         for degree in 0..360 {
             for distance_m in [0.3, 1.0, 2.0, 2.9] {
                 let place = at(3.0, 3.0).plus(Horizontal::from_bearing((degree as f32).to_radians()).times(distance_m));
-                assert_eq!(looker.cover(&sight, place), Cover::Seen, "{degree} {distance_m}");
+                assert_eq!(surveyor.cover(&coverage, place), Cover::Seen, "{degree} {distance_m}");
             }
         }
     }
 
     #[test]
     fn absurd_places_scans_and_circles_do_no_harm() {
-        let (looker, mut sight) = (looker(), Sight::default());
+        let (surveyor, mut coverage) = (surveyor(), Coverage::default());
         let wild = [f32::NAN, f32::INFINITY, -1e30, 1e9, -0.0];
         for north in wild {
             for east in wild {
                 let mut absurd = scan([Sector::Hit(north); SECTORS_MAX]);
                 absurd.first_azimuth_rad = east;
-                looker.note_scan(&mut sight, &absurd, &pose(north, east, north));
+                surveyor.note_scan(&mut coverage, &absurd, &pose(north, east, north));
                 let circle = Neighbour { center_ned_m: at(north, east), reach_m: east, ..Neighbour::default() };
-                looker.note_circles(&mut sight, &[circle], 0.15, &pose(east, 0.0, 0.0));
-                looker.stand(&mut sight, at(north, east), 0.15);
-                let _ = looker.cover(&sight, at(north, east));
+                surveyor.note_circles(&mut coverage, &[circle], 0.15, &pose(east, 0.0, 0.0));
+                surveyor.stand(&mut coverage, at(north, east), 0.15);
+                let _ = surveyor.cover(&coverage, at(north, east));
             }
         }
-        assert_eq!(Config { range_m: f32::NAN, ..Config::default() }.build(1.0).unwrap_err().field, "sight.range_m");
+        assert_eq!(Config { range_m: f32::NAN, ..Config::default() }.build(1.0).unwrap_err().field, "coverage.range_m");
     }
 }

@@ -1,6 +1,6 @@
 //! Pieces of ordered points: split where a point is too far from the chord, merge neighbours that are one line.
 //!
-//! The oldest way (Ramer 1972, Duda and Hart 1973; "iterative end point fit"), and a quick one: `n log n` distances. It needs
+//! The oldest method (Ramer 1972, Duda and Hart 1973; "iterative end point fit"), and a quick one: `n log n` distances. It needs
 //! the order in which a scan sees the points, and one stray point in the middle of a wall cuts the wall in two.
 
 use crate::base::sort::sort_by_key;
@@ -15,7 +15,7 @@ use crate::base::units::between;
 const PIECE_MIN: usize = 3;
 /// Most pieces.
 const PIECES_MAX: usize = POINTS_MAX / PIECE_MIN;
-/// Pieces that wait to be looked at. The longer half waits, so they halve at least each time.
+/// Pieces that wait to be split. The longer half waits, so they halve at least each time.
 const WAITING_MAX: usize = 8;
 
 /// What a piece must be.

@@ -254,9 +254,9 @@ fn what_is_out_of_range_is_refused_by_name() {
         change(&mut config);
         config.build().unwrap_err().field
     };
-    assert_eq!(refused(&|config| config.memory = 1.0), "rss.memory");
-    assert_eq!(refused(&|config| config.pattern.exponent = 0.0), "rss.pattern.exponent");
-    assert_eq!(refused(&|config| config.rotation_max_s = f32::NAN), "rss.rotation_max_s");
+    assert_eq!(refused(&|config| config.memory = 1.0), "rotating.memory");
+    assert_eq!(refused(&|config| config.pattern.exponent = 0.0), "rotating.pattern.exponent");
+    assert_eq!(refused(&|config| config.rotation_max_s = f32::NAN), "rotating.rotation_max_s");
 }
 
 #[test]

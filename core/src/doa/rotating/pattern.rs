@@ -94,8 +94,8 @@ impl Config {
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self) -> Result<Pattern, ConfigError> {
-        check("rss.pattern.exponent", self.exponent, 0.5, 8.0)?;
-        check("rss.pattern.front_to_back_db", self.front_to_back_db, 3.0, 40.0)?;
+        check("rotating.pattern.exponent", self.exponent, 0.5, 8.0)?;
+        check("rotating.pattern.front_to_back_db", self.front_to_back_db, 3.0, 40.0)?;
         let gain_db: [f32; BINS] = core::array::from_fn(|bin| self.gain_db(bin as f32 * BIN_RAD));
         let harmonics = Harmonics::of(&gain_db);
         let span_db = self.gain_db(0.0) - self.gain_db(PI);

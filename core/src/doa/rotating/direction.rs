@@ -62,11 +62,11 @@ impl Config {
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self) -> Result<Filter, ConfigError> {
-        check("rss.direction.outlier_rate", self.outlier_rate, 0.001, 0.95)?;
-        check("rss.direction.slow_rad", self.slow_rad, 0.0, 10.0)?;
-        check("rss.direction.fast_rad", self.fast_rad, self.slow_rad, 10.0)?;
-        check("rss.direction.renewal_per_s", self.renewal_per_s, 0.0, 100.0)?;
-        check("rss.direction.change_per_s", self.change_per_s, 0.0, 100.0)?;
+        check("rotating.direction.outlier_rate", self.outlier_rate, 0.001, 0.95)?;
+        check("rotating.direction.slow_rad", self.slow_rad, 0.0, 10.0)?;
+        check("rotating.direction.fast_rad", self.fast_rad, self.slow_rad, 10.0)?;
+        check("rotating.direction.renewal_per_s", self.renewal_per_s, 0.0, 100.0)?;
+        check("rotating.direction.change_per_s", self.change_per_s, 0.0, 100.0)?;
         Ok(Filter { config: *self })
     }
 }

@@ -5,7 +5,7 @@ use std::f32::consts::TAU;
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::Output;
-use foxhound_core::landing::{Advice, Stage};
+use foxhound_core::landing::{self, Stage};
 use foxhound_link::dialect::DISTANCE_SENSOR_DATA;
 use foxhound_pad::Format;
 use serde::Serialize;
@@ -16,7 +16,7 @@ use crate::world::random::Random;
 use crate::world::vehicle::Motion;
 use crate::world::{Horizontal, Pose, World, camera_line, horizontal};
 
-/// From one word of the range finder to the next: 17 Hz.
+/// From one reading of the range finder to the next: 17 Hz.
 pub(super) const RANGE_TICKS: u64 = 3;
 /// `MAV_SENSOR_ROTATION_PITCH_270`: it looks down.
 const DOWN: u8 = 25;
@@ -42,7 +42,7 @@ pub struct Landing {
     /// Why.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<&'static str>,
-    /// From the middle of the pad to the vehicle, horizontally; none where there is no pad.
+    /// From the middle of the pad to the vehicle, horizontally; `None` where there is no pad.
     pub pad_distance_m: Option<f64>,
     /// From the beacon to the vehicle, horizontally.
     pub beacon_distance_m: f64,
@@ -78,6 +78,7 @@ pub struct Picture {
 }
 
 /// What looks down.
+#[derive(Debug)]
 pub(super) struct Downward {
     landing: scenario::Landing,
     random: Random,
@@ -91,10 +92,11 @@ pub(super) struct Downward {
     /// Since when the flight is over, and how fast it came down.
     over_s: Option<f64>,
     touchdown_mps: Option<f64>,
-    last: Option<Advice>,
+    last: Option<landing::Output>,
 }
 
 /// What the camera sees, and how.
+#[derive(Debug)]
 struct View {
     camera: scenario::Camera,
     scene: Scene,
@@ -126,7 +128,7 @@ impl Downward {
         })
     }
 
-    /// The range finder's word; none where it sees no ground.
+    /// The range finder's reading; `None` where it sees no ground.
     pub(super) fn range(&mut self, pose: &Pose) -> Option<DISTANCE_SENSOR_DATA> {
         let level = libm::cos(pose.roll_rad) * libm::cos(pose.pitch_rad);
         let slant_m = -pose.position_ned_m[2] / level + RANGE_SIGMA_M * self.random.gaussian();

@@ -1,47 +1,47 @@
 //! How hard gusts push: how much faster the vehicle has lately been than its commands alone would have made it.
 //!
-//! What they would have made it says the delay of [`crate::control::response`], as a dead time and two equal lags one after
-//! the other: the shape of a real autopilot's answer, which is nearly a critically damped second order.
+//! That follows from the delay of [`crate::control::vehicle_model`], as a dead time and two equal lags one after the other: the
+//! shape of a real autopilot's response, which is nearly a critically damped second order.
 //!
 //! ```text
 //!     s1' = (command a dead time ago - s1) / tau,    s2' = (s1 - s2) / tau,    excess = |measured - s2| - floor - slack |s2'|
 //! ```
 //!
-//! What is left over is the wind's. Its largest value of late, fading with [`Config::memory_s`], times [`Config::margin_s`] is
+//! The excess is due to the wind. Its largest recent value, fading with [`Config::memory_s`], times [`Config::margin_s`] is
 //! the **gust margin**: how far, about, such gusts carry the vehicle away from where it would be before its autopilot has
 //! brought it back. (A controller that holds a position at a bandwidth of 1 rad/s, as ArduCopter's does, is off by about as
-//! many metres as it is metres a second too fast.) Who has seen few gusts has not seen the largest: at first the margin is
-//! taken [`Config::unsure`] times larger on top of it. The guard and the planner keep it beyond their own margins, from what stands still. In calm air
+//! many metres as it is metres a second too fast.) The largest of few gusts is not the largest
+//! to come: at first the margin is larger by [`Config::unsure`] times. The guard and the planner keep it beyond their own margins, from what stands still. In calm air
 //! there is no excess, and the margin is exactly zero.
 //!
-//! A vehicle that stands in the air when control begins and leans, leans against the wind, and a wind has gusts: a part of
-//! that counts as a gust that was seen. Less than two degrees are the vehicle's own.
+//! A vehicle that hovers and leans when control begins leans against the wind, and wind has gusts: a part of the lean counts as
+//! a gust. Less than two degrees are not due to wind.
 //!
-//! It is learned under our own commands only: out of control it stays, and for a second afterwards.
+//! It is estimated under our own commands only: out of control, and for a second afterwards, it keeps its value.
 
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
-use crate::control::response::{self, Response};
+use crate::control::vehicle_model::{self, VehicleModel};
 
 /// Not compared for so long after control was taken.
 const SETTLING_S: f32 = 1.0;
 
-/// Steps after which the vehicle may lean because of what it was told.
+/// Steps after which the vehicle may lean because of a command.
 const BEGINNING: u8 = 5;
-/// Standing in the air: no faster than this.
+/// Hovering: no faster than this.
 const STANDING_MPS: f32 = 0.3;
 /// A lean that the vehicle may have by itself.
 const LEAN_MIN_RAD: f32 = 0.035;
 
-/// What is made of the wind.
+/// Configuration of the gust margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Margin for each metre a second that the wind has made the vehicle faster; zero: gusts are not heeded.
+    /// Margin for each metre a second that the wind has made the vehicle faster; zero: gusts are ignored.
     pub margin_s: f32,
-    /// No more margin than this.
+    /// Largest margin.
     pub margin_max_m: f32,
     /// How long a gust is remembered.
     pub memory_s: f32,
@@ -51,7 +51,7 @@ pub struct Config {
     pub unsure_s: f32,
     /// Less than this is noise.
     pub floor_mps: f32,
-    /// Error of the response's model, in time.
+    /// Error of the vehicle's model, in time.
     pub slack_s: f32,
     /// What a lean at the beginning counts for; zero: nothing.
     pub lean_mps_per_rad: f32,
@@ -75,21 +75,21 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Checks the configuration, for a vehicle that answers like that.
+    /// Checks the configuration, for a model of the vehicle.
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self, response: &Response, tick_s: f32) -> Result<Gauge, ConfigError> {
-        check("gust.margin_s", self.margin_s, 0.0, 10.0)?;
-        check("gust.margin_max_m", self.margin_max_m, 0.0, 5.0)?;
-        check("gust.memory_s", self.memory_s, 0.1, 1000.0)?;
-        check("gust.unsure", self.unsure, 0.0, 10.0)?;
-        check("gust.unsure_s", self.unsure_s, 0.1, 1000.0)?;
-        check("gust.floor_mps", self.floor_mps, 0.0, 10.0)?;
-        check("gust.slack_s", self.slack_s, 0.0, 10.0)?;
-        check("gust.lean_mps_per_rad", self.lean_mps_per_rad, 0.0, 100.0)?;
-        let (dead_steps, tau_s) = response.twice_lagged();
-        Ok(Gauge {
+    pub fn build(&self, vehicle_model: &VehicleModel, tick_s: f32) -> Result<Estimator, ConfigError> {
+        check("wind.margin_s", self.margin_s, 0.0, 10.0)?;
+        check("wind.margin_max_m", self.margin_max_m, 0.0, 5.0)?;
+        check("wind.memory_s", self.memory_s, 0.1, 1000.0)?;
+        check("wind.unsure", self.unsure, 0.0, 10.0)?;
+        check("wind.unsure_s", self.unsure_s, 0.1, 1000.0)?;
+        check("wind.floor_mps", self.floor_mps, 0.0, 10.0)?;
+        check("wind.slack_s", self.slack_s, 0.0, 10.0)?;
+        check("wind.lean_mps_per_rad", self.lean_mps_per_rad, 0.0, 100.0)?;
+        let (dead_steps, tau_s) = vehicle_model.twice_lagged();
+        Ok(Estimator {
             config: *self,
             dead_steps,
             per_tau: 1.0 / tau_s,
@@ -103,18 +103,18 @@ impl Config {
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gauge {
+pub struct Estimator {
     config: Config,
     dead_steps: usize,
     per_tau: f32,
-    /// Of the way that a lag goes in a step.
+    /// Share of its distance that a lag covers in a step.
     share: f32,
     stays: f32,
     learned: f32,
     settling: u8,
 }
 
-/// How fast the vehicle should be, and the largest excess of late.
+/// How fast the vehicle should be, and the largest recent excess.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     first_mps: Horizontal,
@@ -124,12 +124,12 @@ pub struct State {
     sure: f32,
     /// Steps in control, up to the end of the settling.
     since: u8,
-    /// When the velocity was heard: the lower bits, which tell it from the one before.
-    heard_us: u32,
+    /// When the velocity was received: the lower bits, which tell it from the one before.
+    received_us: u32,
 }
 
 impl State {
-    /// Whether there is a margin at all.
+    /// Whether the margin is above zero.
     #[must_use]
     pub fn is_gusty(&self) -> bool {
         self.excess_mps > 0.0
@@ -141,14 +141,14 @@ impl State {
         self.first_mps
     }
 
-    /// Out of control; what was learned of the wind stays.
+    /// Out of control; the estimate stays.
     pub fn release(&mut self) {
         self.since = 0;
     }
 }
 
-impl Gauge {
-    /// What the vehicle's lean says where control has just begun.
+impl Estimator {
+    /// Takes in the vehicle's lean when control has just begun.
     pub fn begin(&self, state: &mut State, roll_rad: f32, pitch_rad: f32, velocity_ned_mps: Horizontal) {
         if state.since > BEGINNING || velocity_ned_mps.norm_squared() > STANDING_MPS * STANDING_MPS {
             return;
@@ -161,8 +161,14 @@ impl Gauge {
         }
     }
 
-    /// One step in control: `commands` are those before this step's; the velocity is what was heard last, and when.
-    pub fn step(&self, state: &mut State, commands: &response::State, velocity_ned_mps: Horizontal, heard: Instant) {
+    /// One step in control: `commands` are those before this step's; the velocity is the latest that was received, and when.
+    pub fn step(
+        &self,
+        state: &mut State,
+        commands: &vehicle_model::State,
+        velocity_ned_mps: Horizontal,
+        received: Instant,
+    ) {
         let c = &self.config;
         if state.since == 0 {
             (state.first_mps, state.second_mps) = (velocity_ned_mps, velocity_ned_mps);
@@ -173,9 +179,9 @@ impl Gauge {
         let change = state.first_mps.minus(state.second_mps);
         state.second_mps = state.second_mps.plus(change.times(self.share));
         state.excess_mps *= self.stays;
-        // What was not heard anew has nothing to say.
-        let heard_us = heard.0 as u32;
-        if state.since >= self.settling && heard_us != state.heard_us {
+        // Only a new velocity is compared.
+        let received_us = received.0 as u32;
+        if state.since >= self.settling && received_us != state.received_us {
             state.sure += self.learned * (1.0 - state.sure);
             let off_mps = sqrt(velocity_ned_mps.minus(state.second_mps).norm_squared());
             let excess_mps = off_mps - c.floor_mps - c.slack_s * self.per_tau * sqrt(change.norm_squared());
@@ -184,7 +190,7 @@ impl Gauge {
                 state.excess_mps = excess_mps;
             }
         }
-        state.heard_us = heard_us;
+        state.received_us = received_us;
     }
 
     /// The gust margin.
@@ -206,9 +212,9 @@ mod tests {
     /// ArduCopter's measured answer: 0.22 s, then critically damped at 3.1 rad/s; what `wind` says is added to it. Commands turn and
     /// change at the guard's limit of 2 m/s^2. The margin after each step.
     fn margins(duration_s: f32, wind: impl Fn(f32) -> Horizontal) -> std::vec::Vec<f32> {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let gauge = Config::default().build(&response, TICK_S).unwrap();
-        let (mut commands, mut state) = (response::State::default(), State::default());
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let estimator = Config::default().build(&vehicle_model, TICK_S).unwrap();
+        let (mut commands, mut state) = (vehicle_model::State::default(), State::default());
         let mut line = std::collections::VecDeque::from(std::vec![Horizontal::default(); 11]);
         let (mut velocity, mut acceleration) = (Horizontal::default(), Horizontal::default());
         let (mut command, mut wanted) = (Horizontal::default(), Horizontal::default());
@@ -220,9 +226,9 @@ mod tests {
                     wanted = Horizontal::from_bearing(6.3 * rng.uniform()).times(rng.uniform());
                 }
                 let heard = velocity.plus(wind(step as f32 * TICK_S));
-                gauge.step(&mut state, &commands, heard, Instant(1 + step * 20_000));
+                estimator.step(&mut state, &commands, heard, Instant(1 + step * 20_000));
                 command = command.plus(wanted.minus(command).clamped(2.0 * TICK_S));
-                response.command(&mut commands, command);
+                vehicle_model.command(&mut commands, command);
                 line.push_back(command);
                 let acting = line.pop_front().unwrap();
                 for _ in 0..10 {
@@ -230,7 +236,7 @@ mod tests {
                     acceleration = acceleration.plus(jerk.times(0.002));
                     velocity = velocity.plus(acceleration.times(0.002));
                 }
-                gauge.margin_m(&state)
+                estimator.margin_m(&state)
             })
             .collect()
     }
@@ -242,12 +248,12 @@ mod tests {
 
     #[test]
     fn who_stands_in_the_air_and_leans_expects_gusts_and_who_flies_does_not() {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let gauge = Config::default().build(&response, TICK_S).unwrap();
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let estimator = Config::default().build(&vehicle_model, TICK_S).unwrap();
         let margin_m = |pitch_rad: f32, north: f32| {
             let mut state = State::default();
-            gauge.begin(&mut state, 0.0, pitch_rad, Horizontal { north, east: 0.0 });
-            gauge.margin_m(&state)
+            estimator.begin(&mut state, 0.0, pitch_rad, Horizontal { north, east: 0.0 });
+            estimator.margin_m(&state)
         };
         // Against 3 m/s: 0.3 1/s of it over gravity.
         assert!((0.2..0.4).contains(&margin_m(-0.092, 0.0)), "{}", margin_m(-0.092, 0.0));
@@ -280,16 +286,16 @@ mod tests {
 
     #[test]
     fn it_is_bounded_and_learns_nothing_from_silence_or_out_of_control() {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let gauge = Config::default().build(&response, TICK_S).unwrap();
-        let commands = response::State::default();
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let estimator = Config::default().build(&vehicle_model, TICK_S).unwrap();
+        let commands = vehicle_model::State::default();
         let mut state = State::default();
-        let mut flown = |north: f32, heard_us: u64, released: bool| {
+        let mut flown = |north: f32, received_us: u64, released: bool| {
             if released {
                 state.release();
             }
-            gauge.step(&mut state, &commands, Horizontal { north, east: 0.0 }, Instant(heard_us));
-            gauge.margin_m(&state)
+            estimator.step(&mut state, &commands, Horizontal { north, east: 0.0 }, Instant(received_us));
+            estimator.margin_m(&state)
         };
         // A pilot flies it about, and then a velocity that stands still in the wire, and one that is none.
         assert!((0..500).all(|k| flown((0.1 * k as f32).sin(), 1 + k, true) == 0.0));
@@ -302,9 +308,9 @@ mod tests {
 
     #[test]
     fn what_is_out_of_range_is_refused_by_name() {
-        let response = response::Config::default().build(TICK_S).unwrap();
-        let refused = |config: Config| config.build(&response, TICK_S).unwrap_err().field;
-        assert_eq!(refused(Config { margin_s: -1.0, ..Config::default() }), "gust.margin_s");
-        assert_eq!(refused(Config { memory_s: f32::NAN, ..Config::default() }), "gust.memory_s");
+        let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
+        let refused = |config: Config| config.build(&vehicle_model, TICK_S).unwrap_err().field;
+        assert_eq!(refused(Config { margin_s: -1.0, ..Config::default() }), "wind.margin_s");
+        assert_eq!(refused(Config { memory_s: f32::NAN, ..Config::default() }), "wind.memory_s");
     }
 }

@@ -4,7 +4,7 @@
 //! origin (Hesse), `n . p = offset`, which every wall has and which varies smoothly as a wall turns.
 //!
 //! The law of reflection (eq. 4) says that a ray which is reflected once goes straight from the mirror image of where it
-//! began. So a vehicle that hears a reflection sees what its own mirror image sees directly: place and direction mirrored,
+//! began. So a vehicle that receives a reflection sees what its own mirror image sees directly: place and direction mirrored,
 //! every line-of-sight formula holds. Eq. 6 and 7 come to the same (`foxhound-papers` has them literally; a test compares).
 
 use crate::base::math::sqrt;
@@ -14,18 +14,18 @@ use crate::base::ned::Horizontal;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Line {
+pub struct Wall {
     /// Unit normal; which of the two does not matter.
     pub normal_ned: Horizontal,
     /// `normal . p` of its points.
     pub offset_m: f32,
-    /// Where it begins and ends along [`Line::along_ned`], measured from the foot of the origin's perpendicular.
+    /// Where it begins and ends along [`Wall::along_ned`], measured from the foot of the origin's perpendicular.
     pub from_m: f32,
     /// See `from_m`; not less.
     pub to_m: f32,
 }
 
-impl Line {
+impl Wall {
     /// The line between two points; `None` when they are the same or no points.
     #[must_use]
     pub fn between(a_ned_m: Horizontal, b_ned_m: Horizontal) -> Option<Self> {
@@ -87,7 +87,7 @@ impl Line {
     pub fn range_along_m(&self, from_ned_m: Horizontal, direction_ned: Horizontal, slack_m: f32) -> Option<f32> {
         let approach = self.normal_ned.dot(direction_ned);
         let range_m = -self.distance_m(from_ned_m) / approach;
-        // A ray along the line divides by zero: its range is no number, or none that is near.
+        // A ray along the line divides by zero: its range is not finite, or not near.
         if !(range_m > 0.0 && range_m < 1e5) {
             return None;
         }
@@ -132,11 +132,11 @@ mod tests {
                 1 => b.north = a.north,
                 _ => (),
             }
-            let line = Line::between(a, b).unwrap();
+            let line = Wall::between(a, b).unwrap();
             let [from, to] = line.ends_ned_m();
             assert!(from.minus(a).norm() < 1e-4 && to.minus(b).norm() < 1e-4, "{a:?} {b:?}: {line:?}");
         }
-        assert_eq!(Line::between(Horizontal::default(), Horizontal::default()), None);
+        assert_eq!(Wall::between(Horizontal::default(), Horizontal::default()), None);
     }
 
     #[test]
@@ -144,7 +144,7 @@ mod tests {
         let mut rng = Rng::new(2, 1);
         for _ in 0..1000 {
             let (a, b) = (point(&mut rng), point(&mut rng));
-            let Some(line) = Line::between(a, b) else { continue };
+            let Some(line) = Wall::between(a, b) else { continue };
             // A point of the line, two directions with the same angle to it (eq. 4), a source and an ear.
             let at = a.plus(b.minus(a).times(rng.uniform()));
             let out = Horizontal::from_bearing(6.0 * rng.uniform());
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn a_ray_misses_a_line_that_is_behind_parallel_or_too_short() {
-        let wall = Line::between(Horizontal { north: 2.0, east: -1.0 }, Horizontal { north: 2.0, east: 1.0 }).unwrap();
+        let wall = Wall::between(Horizontal { north: 2.0, east: -1.0 }, Horizontal { north: 2.0, east: 1.0 }).unwrap();
         let here = Horizontal::default();
         assert_eq!(wall.range_along_m(here, Horizontal::from_bearing(0.0), 0.0), Some(2.0));
         assert_eq!(wall.range_along_m(here, Horizontal { north: -1.0, east: 0.0 }, 0.0), None);
@@ -181,10 +181,10 @@ mod tests {
     fn the_papers_slope_and_intercept_are_those_of_its_frame() {
         // y = 0.5 x + 3, x east and y north.
         let at = |x: f32| Horizontal { north: 0.5 * x + 3.0, east: x };
-        let line = Line::between(at(-4.0), at(7.0)).unwrap();
+        let line = Wall::between(at(-4.0), at(7.0)).unwrap();
         let [m, c] = line.slope_intercept();
         assert!((m - 0.5).abs() < 1e-5 && (c - 3.0).abs() < 1e-5, "{m} {c}");
-        let again = Line::of_slope_intercept([m, c]);
+        let again = Wall::of_slope_intercept([m, c]);
         assert!(again.distance_m(at(5.0)).abs() < 1e-4);
     }
 }

@@ -81,11 +81,11 @@ impl Config {
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self) -> Result<Seeker, ConfigError> {
-        check("rss.boresight_rad", self.boresight_rad, -6.3, 6.3)?;
-        check("rss.memory", self.memory, 0.0, 0.99)?;
-        check("rss.silence_db", self.silence_db, -POWER_MAX_DB, POWER_MAX_DB)?;
-        check("rss.sigma_min_rad", self.sigma_min_rad, 1e-3, 1.0)?;
-        check("rss.rotation_max_s", self.rotation_max_s, 0.05, 120.0)?;
+        check("rotating.boresight_rad", self.boresight_rad, -6.3, 6.3)?;
+        check("rotating.memory", self.memory, 0.0, 0.99)?;
+        check("rotating.silence_db", self.silence_db, -POWER_MAX_DB, POWER_MAX_DB)?;
+        check("rotating.sigma_min_rad", self.sigma_min_rad, 1e-3, 1.0)?;
+        check("rotating.rotation_max_s", self.rotation_max_s, 0.05, 120.0)?;
         let pattern = self.pattern.build()?;
         let log_memory = if self.memory > 0.0 { libm::logf(self.memory) } else { -100.0 };
         Ok(Seeker { config: *self, pattern, log_memory })

@@ -3,8 +3,8 @@
 //! After the belief-space paper (section III): first clusters, so that walls that meet are separate, then a line through
 //! each. Whatever makes the clusters, the same steps follow:
 //!
-//! 1. split and merge, for points in the order of a scan, proposes lines; another way of clustering may do so instead
-//!    ([`Lines::find_among`]: the paper's mixture is in the crate `foxhound-papers`);
+//! 1. split and merge, for points in the order of a scan, proposes lines; another method of clustering may do so instead
+//!    ([`Extractor::find_among`]: the paper's mixture is in the crate `foxhound-papers`);
 //! 2. every point goes to the nearest proposed line that it is within [`Config::deviation_m`] of;
 //! 3. the points of a line are cut where a gap is wider than [`Config::gap_m`], and each piece is fitted anew ([`fit`]);
 //! 4. a piece that is too short, too thick for its length or of too few points is no wall: a pillar is one point, or a round
@@ -24,23 +24,23 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::Disc;
 
 pub mod fit;
-pub mod line;
 mod split_merge;
+pub mod wall;
 
 use fit::{Fit, Moments};
-pub use line::Line;
 use split_merge::Limits;
+pub use wall::Wall;
 
-/// Most points that are looked at; the rest of a longer list is not.
+/// Most points that are used; the rest of a longer list is not.
 pub const POINTS_MAX: usize = crate::mapping::map::CIRCLES_MAX;
-/// Most lines that are told, the longest.
-pub const LINES_MAX: usize = 8;
+/// Most walls that are reported, the longest.
+pub const WALLS_MAX: usize = 8;
 /// Nothing is mapped farther from the origin.
 const PLACE_MAX_M: f32 = 1e5;
 /// Lines that may be proposed and found before they are merged.
 const PROPOSED_MAX: usize = 16;
 
-/// What a wall is.
+/// What counts as a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -82,21 +82,21 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self) -> Result<Lines, ConfigError> {
-        check("lor.deviation_m", self.deviation_m, 0.01, 2.0)?;
-        check("lor.gap_m", self.gap_m, 0.05, 10.0)?;
-        check("lor.length_min_m", self.length_min_m, 0.1, 50.0)?;
-        check("lor.points_min", f32::from(self.points_min), 3.0, POINTS_MAX as f32)?;
-        check("lor.thickness_max", self.thickness_max, 0.01, 0.5)?;
-        check("lor.same_angle_rad", self.same_angle_rad, 0.0, 0.5)?;
-        check("lor.same_offset_m", self.same_offset_m, 0.0, 2.0)?;
-        Ok(Lines { config: *self })
+    pub fn build(&self) -> Result<Extractor, ConfigError> {
+        check("walls.deviation_m", self.deviation_m, 0.01, 2.0)?;
+        check("walls.gap_m", self.gap_m, 0.05, 10.0)?;
+        check("walls.length_min_m", self.length_min_m, 0.1, 50.0)?;
+        check("walls.points_min", f32::from(self.points_min), 3.0, POINTS_MAX as f32)?;
+        check("walls.thickness_max", self.thickness_max, 0.01, 0.5)?;
+        check("walls.same_angle_rad", self.same_angle_rad, 0.0, 0.5)?;
+        check("walls.same_offset_m", self.same_offset_m, 0.0, 2.0)?;
+        Ok(Extractor { config: *self })
     }
 }
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lines {
+pub struct Extractor {
     config: Config,
 }
 
@@ -108,7 +108,7 @@ pub struct Workspace {
     /// Which proposed line a point belongs to.
     owners: [u8; POINTS_MAX],
     order: Vec<u8, POINTS_MAX>,
-    proposed: Vec<Line, PROPOSED_MAX>,
+    proposed: Vec<Wall, PROPOSED_MAX>,
 }
 
 impl Default for Workspace {
@@ -118,7 +118,7 @@ impl Default for Workspace {
 }
 
 impl Workspace {
-    /// Empty. All bits are zero, so that it takes no room in flash.
+    /// Empty. All bits are zero, so that it takes no flash.
     #[must_use]
     pub const fn new() -> Self {
         Self { points: Vec::new(), owners: [0; POINTS_MAX], order: Vec::new(), proposed: Vec::new() }
@@ -129,7 +129,7 @@ impl Workspace {
 #[derive(Debug)]
 pub struct Proposals<'a> {
     thickness_max: f32,
-    lines: &'a mut Vec<Line, PROPOSED_MAX>,
+    lines: &'a mut Vec<Wall, PROPOSED_MAX>,
 }
 
 impl Proposals<'_> {
@@ -146,15 +146,15 @@ impl Proposals<'_> {
 
 /// Rounds of points going to lines and lines being fitted to them: strays leave, and what a stray kept away comes.
 const ROUNDS: u8 = 4;
-/// In place of a proposed line: none.
+/// The point belongs to no proposed line.
 const NONE: u8 = u8::MAX;
-/// Not yet asked.
+/// Not yet assigned.
 const UNASKED: u8 = NONE - 1;
 
-impl Lines {
-    /// The walls among points in the order of a scan, the longest first. Points that are no numbers, or absurd, are not looked
-    /// at.
-    pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Line, LINES_MAX> {
+impl Extractor {
+    /// The walls among points in the order of a scan, the longest first. Points that are not finite, or absurdly far, are
+    /// ignored.
+    pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Wall, WALLS_MAX> {
         let config = &self.config;
         let limits = Limits { deviation_m: config.deviation_m, gap_m: config.gap_m, joined_m: self.joined_m() };
         self.find_among(workspace, points_ned_m, |points, proposals| {
@@ -170,14 +170,14 @@ impl Lines {
         0.5 * self.config.deviation_m
     }
 
-    /// The walls among points, the longest first, from clusters of another way of clustering. It is called once with the points
-    /// that are looked at, relative to one of them, and proposes the moments of each cluster.
+    /// The walls among points, the longest first, from clusters found by `cluster`. It is called once with the points
+    /// that are used, relative to one of them, and proposes the moments of each cluster.
     pub fn find_among(
         &self,
         workspace: &mut Workspace,
         points_ned_m: &[Horizontal],
         cluster: impl FnOnce(&[Horizontal], &mut Proposals<'_>),
-    ) -> Vec<Line, LINES_MAX> {
+    ) -> Vec<Wall, WALLS_MAX> {
         let usable =
             |point: &&Horizontal| libm::fabsf(point.north) <= PLACE_MAX_M && libm::fabsf(point.east) <= PLACE_MAX_M;
         // From one of their own: far from the origin the differences are exact, and what is computed is not.
@@ -196,7 +196,7 @@ impl Lines {
 
     /// The walls among the points that are relative to an origin, from the proposed lines.
     #[inline(never)]
-    fn walls(&self, workspace: &mut Workspace, origin: Horizontal) -> Vec<Line, LINES_MAX> {
+    fn walls(&self, workspace: &mut Workspace, origin: Horizontal) -> Vec<Wall, WALLS_MAX> {
         workspace.owners = [UNASKED; POINTS_MAX];
         let mut found: Vec<Fit, PROPOSED_MAX> = Vec::new();
         for round in 1..=ROUNDS {
@@ -216,10 +216,10 @@ impl Lines {
         }
         sort_by_key(&mut found, |fit| -length_m(&fit.line));
         let mut lines = Vec::new();
-        for fit in found.iter().take(LINES_MAX) {
+        for fit in found.iter().take(WALLS_MAX) {
             let line = fit.line;
             let (off_m, along_m) = (line.normal_ned.dot(origin), line.along_ned().dot(origin));
-            let _ = lines.push(Line {
+            let _ = lines.push(Wall {
                 normal_ned: line.normal_ned,
                 offset_m: line.offset_m + off_m,
                 from_m: line.from_m + along_m,
@@ -254,7 +254,7 @@ impl Lines {
     /// Fits the points of a proposed line, piece by piece, and keeps what is a wall.
     fn cut(&self, workspace: &mut Workspace, owner: usize, is_last: bool, found: &mut Vec<Fit, PROPOSED_MAX>) {
         let Workspace { points, owners, order, proposed, .. } = workspace;
-        let Some(along) = proposed.get(owner).map(Line::along_ned) else { return };
+        let Some(along) = proposed.get(owner).map(Wall::along_ned) else { return };
         // Sorted by what is computed once.
         let mut places_m = [0.0_f32; POINTS_MAX];
         order.clear();
@@ -342,7 +342,7 @@ fn joined(a: &Fit, b: &Fit) -> Fit {
     })
 }
 
-fn length_m(line: &Line) -> f32 {
+fn length_m(line: &Wall) -> f32 {
     line.to_m - line.from_m
 }
 

@@ -1,0 +1,200 @@
+//! The vehicle under its autopilot, in its world: what every simulated flight steps.
+//!
+//! In a step the sensors measure, the autopilot sends, the computer answers, the autopilot receives that, and the vehicle flies
+//! until the next step. What is done with a step, and when the flight ends, is for the caller: [`super::flight`] judges a
+//! mission, [`super::trial`] injects faults.
+
+use foxhound_core::base::obstacle::Circle;
+
+use super::landing::{Downward, Landing, RANGE_TICKS};
+use crate::autopilot::Autopilot;
+use crate::scenario::{Scenario, SensorModel};
+use crate::world::air::{Air, Drift};
+use crate::world::random::Random;
+use crate::world::sensor::View;
+use crate::world::vehicle::{Motion, Vehicle};
+use crate::world::{Horizontal, Hull, Pose, World, horizontal};
+
+/// Length of one step.
+pub const TICK_S: f64 = 0.02;
+/// Steps from one scan of the obstacle sensor to the next: 10 Hz.
+const SENSOR_TICKS: u64 = 5;
+
+/// When a step is, and what is silent in it.
+#[derive(Clone, Copy, Debug)]
+pub struct When {
+    /// The number of the step.
+    pub tick: u64,
+    /// Time on the autopilot's clock.
+    pub now_us: u64,
+    /// Time in the world.
+    pub time_s: f64,
+    /// The autopilot sends no position and no attitude.
+    pub ownship_is_silent: bool,
+    /// The obstacle sensor sends nothing.
+    pub obstacles_are_silent: bool,
+}
+
+/// What a step brings to the computer.
+#[derive(Clone, Debug)]
+pub struct Sensed {
+    /// How the vehicle really moves at the beginning of the step.
+    pub motion: Motion,
+    /// The bytes of the autopilot.
+    pub rx: Vec<u8>,
+    /// The circles of a sensor that delivers circles.
+    pub circles: Option<Vec<Circle>>,
+    /// The bytes of the camera.
+    pub camera: Option<Vec<u8>>,
+}
+
+/// What the computer makes of a step.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// The bytes to the autopilot.
+    pub tx: Vec<u8>,
+    /// The time to the next step.
+    pub step_s: f64,
+}
+
+/// A flight under way.
+#[derive(Debug)]
+pub struct Rig {
+    /// The autopilot, for its faults and its pilot.
+    pub autopilot: Autopilot,
+    /// The beacon and the pillars.
+    pub world: World,
+    /// The hull has met a pillar or a person.
+    pub collided: bool,
+    pub(super) vehicle: Vehicle,
+    pub(super) hull: Hull,
+    pub(super) downward: Option<Downward>,
+    scenario: Scenario,
+    air: Option<Air>,
+    drift: Option<Drift>,
+    /// Parts of a step after each of which the hull is checked.
+    checks: u32,
+}
+
+impl Rig {
+    /// A vehicle at rest at a pose, in calm air and with an exact position. The hull is checked after each of so many parts of a
+    /// step.
+    #[must_use]
+    pub fn new(scenario: &Scenario, world: World, autopilot: Autopilot, pose: Pose, checks: u32) -> Self {
+        Self {
+            autopilot,
+            collided: false,
+            vehicle: Vehicle::new(scenario.vehicle, scenario.limits.a_max, pose),
+            hull: Hull::new(&world, scenario.drone_radius, horizontal(&pose)),
+            world,
+            downward: None,
+            air: None,
+            drift: None,
+            scenario: scenario.clone(),
+            checks,
+        }
+    }
+
+    /// The same with the scenario's wind, error of position, range finder and camera, by a seed.
+    #[must_use]
+    pub fn disturbed(self, seed: u64) -> Self {
+        let scenario = &self.scenario;
+        Self {
+            downward: Downward::new(scenario, &self.world, seed),
+            air: scenario.wind.map(|wind| Air::new(wind, Random::new(seed, 3))),
+            drift: scenario.position.map(|position| Drift::new(position, Random::new(seed, 4))),
+            ..self
+        }
+    }
+
+    /// Flies on for one step; `exchange` takes to the computer what was sensed, and brings back what it answers,
+    /// and what the caller wants to keep.
+    ///
+    /// # Errors
+    /// That of `exchange`; the vehicle stays where it is.
+    pub fn step<T, E>(
+        &mut self,
+        when: &When,
+        exchange: impl FnOnce(&Self, &Sensed) -> Result<(Answer, T), E>,
+    ) -> Result<T, E> {
+        let error = self.drift.as_mut().map_or(Horizontal::default(), |drift| drift.step(TICK_S));
+        let sensed = self.sense(when, error);
+        let (answer, result) = exchange(self, &sensed)?;
+        self.autopilot.receive(when.now_us, &sensed.motion.displaced(error), &answer.tx);
+        self.fly(when, &sensed.motion, answer.step_s);
+        Ok(result)
+    }
+
+    /// What the end of the flight came to, where the scenario has a landing.
+    pub(super) fn landing(&self, time_s: f64) -> Option<Landing> {
+        let downward = self.downward.as_ref()?;
+        Some(downward.ended(&self.world, time_s, &self.vehicle.motion.pose))
+    }
+
+    /// What the autopilot, which is wrong about its position by `error`, and the sensors send.
+    fn sense(&mut self, when: &When, error: Horizontal) -> Sensed {
+        let When { tick, now_us, time_s, .. } = *when;
+        let (motion, sensor) = (self.vehicle.motion, self.scenario.sensor);
+        self.autopilot.telemetry(now_us, &motion.displaced(error), when.ownship_is_silent);
+        let (position, yaw_rad) = (horizontal(&motion.pose), motion.pose.yaw_rad);
+        let view = View { world: &self.world, time_s, position, yaw_rad, sensor };
+        let mut circles = None;
+        if !when.obstacles_are_silent {
+            match sensor.model {
+                SensorModel::Circles => {
+                    circles = tick.is_multiple_of(SENSOR_TICKS).then(|| on_the_map(view.circles(), error));
+                }
+                SensorModel::Scan => view
+                    .scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion)
+                    .for_each(|message| self.autopilot.forward(&message)),
+            }
+        }
+        let mut camera = None;
+        if let Some(downward) = &mut self.downward {
+            if tick.is_multiple_of(RANGE_TICKS)
+                && let Some(range) = downward.range(&motion.pose)
+            {
+                self.autopilot.find_range(&range);
+            }
+            camera = downward.look(now_us, &motion);
+        }
+        Sensed { motion, rx: self.autopilot.transmit(), circles, camera }
+    }
+
+    /// What the vehicle does until the next step. It ends where the hull meets something.
+    fn fly(&mut self, when: &When, motion: &Motion, step_s: f64) {
+        let When { now_us, time_s, .. } = *when;
+        if let Some(air) = &mut self.air {
+            self.vehicle.push = air.step(step_s);
+        }
+        let [north, east, _] = motion.velocity_ned_mps;
+        self.world.step_aside(
+            self.scenario.drone_radius,
+            horizontal(&motion.pose),
+            Horizontal { north, east },
+            time_s,
+            time_s + step_s,
+        );
+        for part in 1..=self.checks {
+            self.vehicle.step(self.autopilot.command(now_us), step_s / f64::from(self.checks));
+            if let Some(downward) = &mut self.downward {
+                downward.touch(self.vehicle.touch_ground());
+            }
+            let at_s = time_s + step_s * f64::from(part) / f64::from(self.checks);
+            if self.hull.collides(&self.world, horizontal(&self.vehicle.motion.pose), at_s) {
+                self.collided = true;
+                break;
+            }
+        }
+    }
+}
+
+/// Circles where they are for an autopilot that is wrong about its position.
+fn on_the_map(mut circles: Vec<Circle>, error: Horizontal) -> Vec<Circle> {
+    let error = error.to_core();
+    for circle in &mut circles {
+        circle.center_ned_m.north += error.north;
+        circle.center_ned_m.east += error.east;
+    }
+    circles
+}
