@@ -22,6 +22,7 @@ use foxhound_link::companion;
 use heapless::{String, Vec};
 
 use crate::deadline::Counts;
+use crate::lidar;
 use crate::restart::Restart;
 use crate::selftest::{self, Report};
 use crate::timing::{self, BINS, Feeds, Task};
@@ -261,6 +262,8 @@ pub struct Status<'a> {
     pub received: Waiting,
     /// Bytes to the autopilot that waited to be sent.
     pub sent: Waiting,
+    /// The lidar, where obstacles are taken from it.
+    pub lidar: Option<LidarStatus>,
     /// Bytes of the log that waited to be sent; frames that there was no room for.
     pub log: Waiting,
     /// How often the computer was started, 0 where the flash cannot tell.
@@ -269,6 +272,17 @@ pub struct Status<'a> {
     pub feeds: Feeds,
     /// Of the watchdog.
     pub watchdog_us: u32,
+}
+
+/// How a lidar is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LidarStatus {
+    /// Its frames.
+    pub counters: lidar::Counters,
+    /// Bytes that waited to be read.
+    pub received: Waiting,
+    /// Damaged bytes: noise, framing errors, overruns.
+    pub line_errors: u32,
 }
 
 /// Bytes that wait somewhere.
@@ -283,7 +297,7 @@ pub struct Waiting {
 }
 
 /// Lines of `status` before those of the tasks.
-const HEAD_LINES: usize = 11;
+const HEAD_LINES: usize = 13;
 /// Lines of a task: its range, and of the histogram.
 const TASK_LINES: usize = 1 + BINS.div_ceil(BINS_PER_LINE);
 const BINS_PER_LINE: usize = 6;
@@ -330,8 +344,22 @@ impl Status<'_> {
                 words.text(", lost ").number(self.received.lost).text(", damaged ").number(self.line_errors)
             }
             7 => words.waiting("sent: ", self.sent),
-            8 => words.text("log: frames left out ").number(self.log.lost).waiting(", ", self.log),
-            9 => {
+            8 => match &self.lidar {
+                Some(LidarStatus { counters: lidar::Counters { frames, bad, turns }, .. }) => {
+                    words.text("lidar: turns ").number(*turns).text(", frames ").number(*frames);
+                    words.text(", damaged ").number(*bad)
+                }
+                None => words,
+            },
+            9 => match &self.lidar {
+                Some(LidarStatus { received, line_errors, .. }) => {
+                    let words = words.waiting("lidar: ", *received);
+                    words.text(", lost ").number(received.lost).text(", damaged ").number(*line_errors)
+                }
+                None => words,
+            },
+            10 => words.text("log: frames left out ").number(self.log.lost).waiting(", ", self.log),
+            11 => {
                 words.text("watchdog: fed after ").number(self.feeds.longest_us()).text(" us at the longest, of ");
                 words.number(self.watchdog_us).text(" us; start ").number(self.starts)
             }

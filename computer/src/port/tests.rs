@@ -86,6 +86,11 @@ fn the_status_says_all_of_it_and_the_longest_numbers_fit() {
         link,
         line_errors: most,
         received: Waiting { most, room: most, lost: most },
+        lidar: Some(LidarStatus {
+            counters: lidar::Counters { frames: most, bad: most, turns: 12 },
+            received: Waiting { most: 353, room: 1024, lost: 0 },
+            line_errors: 3,
+        }),
         sent: Waiting { most: 512, room: 512, lost: 0 },
         log: Waiting { most: 2000, room: 2047, lost: 7 },
         starts: most,
@@ -103,6 +108,8 @@ fn the_status_says_all_of_it_and_the_longest_numbers_fit() {
         "link: frames 4294967295, damaged 4294967295, missing 10, rejected 4294967295, setpoints late 4294967295, reboots 4294967295",
         "received: at most 4294967295 of 4294967295 bytes waited, lost 4294967295, damaged 4294967295",
         "sent: at most 512 of 512 bytes waited",
+        "lidar: turns 12, frames 4294967295, damaged 4294967295",
+        "lidar: at most 353 of 1024 bytes waited, lost 0, damaged 3",
         "log: frames left out 7, at most 2000 of 2047 bytes waited",
         "watchdog: fed after 4294967295 us at the longest, of 500000 us; start 4294967295",
         "cycles of 170 MHz",
@@ -120,5 +127,9 @@ fn the_status_says_all_of_it_and_the_longest_numbers_fit() {
     assert_eq!(told, cut);
     let twin = Status { clock: Clock::Simulated, ..status };
     twin.tell(HEAD_LINES - 1, &times, |line| assert!(line.contains("1.5 an instruction assumed"), "{line}"));
+    let mut told = List::new();
+    let without = Status { lidar: None, ..twin };
+    (0..HEAD_LINES).for_each(|part| without.tell(part, &times, |line| told.push(line.to_string())));
+    assert!(told.len() == HEAD_LINES - 2 && told.iter().all(|line| !line.contains("lidar")));
     assert!(HELP.iter().all(|line| line.len() <= ANSWER_MAX));
 }

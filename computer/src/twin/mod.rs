@@ -10,6 +10,7 @@
 //! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, codes from byte 2048 (`i16`, channel by channel) |
 //! | report | `0x2000` | 4096 | twin | head, then [`Ready`], [`Report`] or the text of a refusal |
 //! | line | `0x3000` | 4, then 16 384 from `0x4000` | simulator | bytes of the autopilot that need no serial line: their number since the setup of a new start (`u32`), and a ring of them |
+//! | lidar | `0x3008` | 4, then 4096 from `0x8000` | simulator | bytes of the lidar: the same |
 //! | port | `0x3004` | 4, then 262 144 from `0x4_0000` | simulator | bytes for the maintenance port that need no serial line: the same |
 //! | store | `0x10_0000` | 16 384 | twin | what it keeps over a reset, every bit turned round: a new file is a blank flash |
 //!
@@ -26,8 +27,9 @@
 //! | [`BOOTED`] `B` | to the simulator | the twin has started, for the first time or again: it wants a setup |
 //!
 //! The two serial lines and the memory are not ordered with each other. So a step says how many bytes of UART0 the twin
-//! must have taken in before it ([`Step::rx_expected`]), by UART0 or by the ring, and how many of the camera's
-//! ([`Step::camera_expected`]), by UART2 or by its ring; and a report says how many it has sent ([`Report::tx_total`]):
+//! must have taken in before it ([`Step::rx_expected`]), by UART0 or by the ring, how many of the camera's
+//! ([`Step::camera_expected`]), by UART2 or by its ring, and how many of the lidar's ([`Step::lidar_expected`]), which have no serial
+//! line; and a report says how many it has sent ([`Report::tx_total`]):
 //! that makes every step, and with it the whole flight, repeatable.
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
@@ -43,7 +45,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// First word of every block; the last letter is the version of the layout.
-pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM3");
+pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM4");
 
 /// Bytes of one block.
 pub const BLOCK_BYTES: usize = 4096;
@@ -60,6 +62,13 @@ pub const LINE_TOTAL_AT: usize = 3 * BLOCK_BYTES;
 pub const LINE_AT: usize = 4 * BLOCK_BYTES;
 /// Bytes of the ring.
 pub const LINE_BYTES: usize = 16 << 10;
+
+/// Where it is written how many bytes the lidar's ring has had.
+pub const LIDAR_TOTAL_AT: usize = LINE_TOTAL_AT + 8;
+/// Where the lidar's ring begins.
+pub const LIDAR_AT: usize = 8 * BLOCK_BYTES;
+/// Bytes of the lidar's ring.
+pub const LIDAR_BYTES: usize = 4 << 10;
 
 /// Where it is written how many bytes the port's ring has had.
 pub const PORT_TOTAL_AT: usize = LINE_TOTAL_AT + 4;
@@ -132,6 +141,8 @@ pub struct Step<'a, const N: usize> {
     pub rx_expected: u32,
     /// Bytes of camera frames since the twin's start that it must have looked at before this step.
     pub camera_expected: u32,
+    /// Bytes of the lidar since the twin's start that it must have taken in before this step.
+    pub lidar_expected: u32,
     /// What the antennas brought.
     pub front_end: FrontEnd<'a, N>,
     /// Obstacles that a sensor delivers as circles already.
@@ -161,6 +172,7 @@ impl<const N: usize> Arrivals<N> {
             now: Instant(0),
             rx_expected: 0,
             camera_expected: 0,
+            lidar_expected: 0,
             front_end: FrontEndKind::Nothing,
             circles: None,
             fault: None,
@@ -199,6 +211,7 @@ impl<const N: usize> Arrivals<N> {
             now: head.now,
             rx_expected: head.rx_expected,
             camera_expected: head.camera_expected,
+            lidar_expected: head.lidar_expected,
             front_end: match head.front_end {
                 FrontEndKind::AdcFrame { .. } => FrontEnd::Frame(&self.snapshot),
                 FrontEndKind::Bearing(bearing) => FrontEnd::Bearing(bearing),
@@ -365,6 +378,7 @@ struct StepHead {
     now: Instant,
     rx_expected: u32,
     camera_expected: u32,
+    lidar_expected: u32,
     front_end: FrontEndKind,
     circles: Option<u8>,
     fault: Option<Fault>,
@@ -402,6 +416,7 @@ impl<const N: usize> Step<'_, N> {
             now: self.now,
             rx_expected: self.rx_expected,
             camera_expected: self.camera_expected,
+            lidar_expected: self.lidar_expected,
             front_end,
             circles,
             fault: self.fault,
