@@ -76,7 +76,7 @@ impl Computing {
         let detector = begun.detector().unwrap();
         let (planning, desk) = app::planning(&PLANNER).unwrap();
         let (end, log, camera) = console::ends(detector);
-        let line = Line::new(board.receiver, &OUTGOING);
+        let line = Line::new(board.receiver, board.lidar, &OUTGOING);
         thread::spawn(|| app::plan::<Machine>(desk));
         let tasks: Vec<Pin<Box<dyn Future<Output = ()>>>> = vec![
             Box::pin(app::guide(board.pacer, board.watchdog, board.restart, begun, line, end, planning)),
@@ -209,6 +209,11 @@ impl Computer for Computing {
 
     fn see(&mut self, _bytes: &[u8]) -> Result<(), ComputerError> {
         Err(ComputerError("there is no camera".to_owned()))
+    }
+
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        WORLD.lidar.say(bytes);
+        Ok(())
     }
 }
 

@@ -59,6 +59,10 @@ impl Computer for Station {
         self.inner.see(bytes)
     }
 
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        self.inner.turn(bytes)
+    }
+
     fn log_flight(&mut self) {
         self.inner.log_flight();
     }
@@ -152,6 +156,10 @@ impl Computer for Starved {
 
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
         Computer::see(&mut self.0, bytes)
+    }
+
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        Computer::turn(&mut self.0, bytes)
     }
 
     fn log_flight(&mut self) {

@@ -72,7 +72,7 @@ impl Bench {
         let mut rx = self.autopilot.transmit();
         rx.extend_from_slice(more);
         let snapshot = self.noise();
-        let report = self.board.step(&rx, &[], Some(&snapshot)).unwrap();
+        let report = self.board.step(&rx, &[], &[], Some(&snapshot)).unwrap();
         self.listen(report);
     }
 
@@ -225,7 +225,7 @@ impl Computer for Flooded {
             line.extend_from_slice(&self.attitude);
         }
         self.step += 1;
-        let report = self.board.step(&line, &[], Some(snapshot)).unwrap();
+        let report = self.board.step(&line, &[], &[], Some(snapshot)).unwrap();
         let mut bytes = &report.tx[..];
         while !bytes.is_empty() {
             let taken = self.framer.push(bytes);
@@ -245,6 +245,10 @@ impl Computer for Flooded {
     }
 
     fn see(&mut self, _bytes: &[u8]) -> Result<(), ComputerError> {
+        Ok(())
+    }
+
+    fn turn(&mut self, _bytes: &[u8]) -> Result<(), ComputerError> {
         Ok(())
     }
 

@@ -15,6 +15,7 @@ use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::guidance::{self, turning};
 use foxhound_core::landing as core_landing;
+use foxhound_core::mapping::lidar::Mount;
 use foxhound_core::planning::{explore, planner};
 
 use super::computer::Computer;
@@ -22,6 +23,7 @@ use crate::autopilot::{Autopilot, Start, tlog};
 use crate::scenario::{Scenario, SensorModel, Software, VehicleModel, inside};
 use crate::world::air::{Air, Drift};
 use crate::world::antennas::Antennas;
+use crate::world::lidar::Lidar;
 use crate::world::random::Random;
 use crate::world::sensor::View;
 use crate::world::vehicle::Vehicle;
@@ -120,6 +122,7 @@ impl Mission {
             request_land: landing.request_land,
             ..core_landing::Config::default()
         });
+        config.lidar = (scenario.sensor.model == SensorModel::Lidar).then(Mount::default);
         config.planner.sees_m = config.guard.sight.range_m;
         config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
@@ -167,6 +170,7 @@ pub fn fly_watched(
     let mut air = scenario.wind.map(|wind| Air::new(wind, Random::new(mission.seed, 3)));
     let mut drift = scenario.position.map(|position| Drift::new(position, Random::new(mission.seed, 4)));
     let mut ears = Ears::new(mission);
+    let mut lidar = (scenario.sensor.model == SensorModel::Lidar).then(Lidar::default);
     let mut hull = Hull::new(&world, scenario.drone_radius, start);
     let mut path: Vec<Sample> = Vec::new();
     let mut replans = Vec::new();
@@ -201,6 +205,9 @@ pub fn fly_watched(
             for message in view.scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion) {
                 autopilot.forward(&message);
             }
+        }
+        if let Some(lidar) = &mut lidar {
+            computer.turn(&lidar.turn(&view, &motion, is_blind))?;
         }
         if let Some(downward) = &mut downward {
             if tick % landing::RANGE_TICKS == 0

@@ -28,9 +28,9 @@ use crate::surroundings;
 const NOISE_WARN_PERCENT: u32 = 5;
 /// Warnings that may wait.
 const WARNINGS: usize = 4;
-/// One value of the list in turn: each of the fifteen every 0.6 s.
+/// One value of the list in turn: each of the sixteen every 0.64 s.
 const TELEMETRY_PERIOD_US: u32 = 40_000;
-static VALUES: [[u8; 10]; 15] = [
+static VALUES: [[u8; 10]; 16] = [
     *b"FH_BRG\0\0\0\0",
     *b"FH_SNR\0\0\0\0",
     *b"FH_SIG\0\0\0\0",
@@ -44,6 +44,7 @@ static VALUES: [[u8; 10]; 15] = [
     *b"FH_STP\0\0\0\0",
     *b"FH_LATE\0\0\0",
     *b"FH_LOST\0\0\0",
+    *b"FH_LDR\0\0\0\0",
     *b"FH_OB0\0\0\0\0",
     *b"FH_OB1\0\0\0\0",
 ];
@@ -314,7 +315,8 @@ impl Companion {
             10 => self.pace.map(|pace| pace.longest_us as f32 * 1e-3),
             11 => self.pace.map(|pace| pace.late as f32),
             12 => self.pace.map(|pace| pace.lost as f32),
-            _ => self.sources.ages(now).nth(usize::from(turn - 13)).map(|(_, age_s)| age_s),
+            13 => self.pace.and_then(|pace| pace.lidar_bad).map(|bad| bad as f32),
+            _ => self.sources.ages(now).nth(usize::from(turn - 14)).map(|(_, age_s)| age_s),
         };
         if turn == 0
             && let Some(towards_rad) = towards_rad
