@@ -528,9 +528,13 @@ fn third_source() -> std::path::PathBuf {
     Path::new(package["manifest_path"].as_str().unwrap()).parent().unwrap().join("src/stm32g474")
 }
 
-/// `C0CR` to `C15CR` of the multiplexer are of one kind.
+/// `C0CR` to `C15CR` of the multiplexer are of one kind, and so are USART1 and USART3 (RM0440, table of the implementation).
 fn kind_of(block: &str, register: &str) -> String {
-    if block == "DMAMUX1" { format!("{block}.CCR") } else { format!("{block}.{register}") }
+    match block {
+        "DMAMUX1" => format!("{block}.CCR"),
+        "USART3" => format!("USART1.{register}"),
+        _ => format!("{block}.{register}"),
+    }
 }
 
 /// The emulator's registers agree with stm32-metapac and with ST's SVD file, except for listed differences.
