@@ -1,7 +1,8 @@
 //! One step of the flight computer. The firmware and the simulator both call these lines, so that their traces are equal
 //! bit for bit:
 //!
-//! 1. the link takes in the bytes of the autopilot ([`Flight::hear`]);
+//! 1. the link takes in the bytes of the autopilot ([`Flight::hear`]), and the [lidar](crate::lidar) its own, where there is one
+//!    ([`Flight::hear_lidar`]);
 //! 2. what stations want of the parameters and of the receiver is done ([`Flight::serve`]);
 //! 3. guidance steps, with what the link heard, the frame, and the plan that was finished in the step before; the link
 //!    publishes the outcome and does what is due ([`Flight::step`]).
@@ -29,6 +30,7 @@ use foxhound_link::params::Storage;
 
 use crate::SAMPLES_PER_CHANNEL as N;
 use crate::frozen::Watch;
+use crate::lidar::{self, Lidar};
 use crate::sampling::Timer;
 use crate::selftest::{self, Channels, Check, Refused, SelfTest, Verdict};
 
@@ -148,6 +150,8 @@ pub struct Flight<'a, S = Planner> {
     pub companion: &'a mut Companion,
     /// The receiver.
     pub receiver: &'a mut Receiver,
+    /// The lidar on a line of our own, where obstacles are taken from it.
+    pub lidar: &'a mut Option<Lidar>,
 }
 
 // The stack holds one of the large parts at a time, while it is built: hence a function for each.
@@ -182,6 +186,12 @@ impl<S: Systems> Flight<'_, S> {
         *self.systems = systems;
         self.guidance.restart(self.state);
         *self.config = *config;
+        self.look_anew()
+    }
+
+    #[inline(never)]
+    fn look_anew(&mut self) -> Result<(), ConfigError> {
+        *self.lidar = lidar::build(self.config)?;
         Ok(())
     }
 
@@ -206,6 +216,13 @@ impl<S: Systems> Flight<'_, S> {
     /// Takes in bytes of the autopilot.
     pub fn hear(&mut self, now: Instant, bytes: &[u8]) {
         self.companion.receive(now, bytes);
+    }
+
+    /// Takes in bytes of the lidar's line; true where they are of use to somebody.
+    pub fn hear_lidar(&mut self, now: Instant, bytes: &[u8]) -> bool {
+        let Some(lidar) = self.lidar else { return false };
+        lidar.push(now, bytes);
+        true
     }
 
     /// Does what stations want of the parameters, and what a restart of the autopilot asks for; true where guidance has
@@ -342,8 +359,11 @@ impl<S: Systems> Flight<'_, S> {
             now: step.now,
             front_end: heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard),
             ownship: self.companion.ownship(),
-            scan: self.companion.scan(),
-            points: self.companion.points(),
+            scan: match &*self.lidar {
+                Some(lidar) => lidar.scan(),
+                None => self.companion.scan(),
+            },
+            points: self.companion.points().filter(|_| self.lidar.is_none()),
             circles: step.circles,
             look: step.look,
             height_m: self.companion.height_m(step.now),
@@ -354,6 +374,9 @@ impl<S: Systems> Flight<'_, S> {
         let output = self.guidance.step(self.state, &input);
         let taken = ticks().wrapping_sub(begin);
         self.companion.drop_obstacles();
+        if let Some(lidar) = self.lidar {
+            lidar.take();
+        }
         self.companion.publish(step.now, &output);
         if self.companion.wants_surroundings(step.now) {
             self.companion.publish_surroundings(step.now, self.state.map().circles());

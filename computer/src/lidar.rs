@@ -20,6 +20,8 @@ use core::f32::consts::PI;
 use foxhound_core::base::error::{ConfigError, check};
 use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
+use foxhound_core::guidance;
+use foxhound_core::mapping::lidar::Mount;
 use foxhound_core::mapping::scan::{RAYS_MAX, Rays, Scan, Sector};
 
 /// Bytes of a frame.
@@ -31,14 +33,14 @@ const TURN_CDEG: u32 = 36_000;
 /// Between the first and the last point of a frame: 12.5 deg at 13 Hz.
 const SPAN_MAX_CDEG: u32 = 2_000;
 const RAYS: u16 = RAYS_MAX as u16;
+/// How far it sees what is light.
+const REACH_M: f32 = 12.0;
 
 /// How it is mounted, and what is believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Where its arrow points, from the nose, clockwise.
-    pub yaw_rad: f32,
-    /// It hangs upside down: its angle grows counter-clockwise.
-    pub is_upside_down: bool,
+    /// How it is mounted; upside down its angle grows counter-clockwise.
+    pub mount: Mount,
     /// What is nearer is the vehicle.
     pub range_min_m: f32,
     /// What is farther is not looked at.
@@ -51,32 +53,33 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self {
-            yaw_rad: 0.0,
-            is_upside_down: false,
-            range_min_m: 0.1,
-            range_max_m: 8.0,
-            confidence_min: 15,
-            trusts_silence: true,
-        }
+        Self { mount: Mount::default(), range_min_m: 0.1, range_max_m: 8.0, confidence_min: 15, trusts_silence: true }
     }
 }
 
 impl Config {
+    /// That of guidance's configuration, where it takes obstacles from a lidar: it looks no farther than guidance says that it
+    /// sees.
+    #[must_use]
+    pub fn of(config: &guidance::Config) -> Option<Self> {
+        let range_max_m = config.guard.coverage.range_m.min(REACH_M);
+        config.lidar.map(|mount| Self { mount, range_max_m, ..Self::default() })
+    }
+
     /// Checks the configuration.
     ///
     /// # Errors
     /// The field that is out of range.
     pub fn build(&self) -> Result<Lidar, ConfigError> {
-        check("lidar.yaw_rad", self.yaw_rad, -PI, PI)?;
+        self.mount.check()?;
         check("lidar.range_min_m", self.range_min_m, 0.0, 1.0)?;
-        check("lidar.range_max_m", self.range_max_m, 1.0, 12.0)?;
-        let sense = if self.is_upside_down { -1.0 } else { 1.0 };
+        check("lidar.range_max_m", self.range_max_m, 0.1, REACH_M)?;
+        let sense = if self.mount.is_upside_down { -1.0 } else { 1.0 };
         let mut rays = Rays::new();
         rays.resize(RAYS_MAX);
         let scan = Scan {
             time: Instant(0),
-            first_azimuth_rad: wrap_pi(self.yaw_rad + sense * (PI / 360.0)),
+            first_azimuth_rad: wrap_pi(self.mount.yaw_rad + sense * (PI / 360.0)),
             step_rad: sense * (PI / 180.0),
             range_max_m: self.range_max_m,
             rays,
@@ -95,7 +98,15 @@ impl Config {
     }
 }
 
-/// What came in since the start.
+/// The lidar that guidance takes obstacles from, if it does.
+///
+/// # Errors
+/// The field that is out of range.
+pub fn build(config: &guidance::Config) -> Result<Option<Lidar>, ConfigError> {
+    Config::of(config).map(|config| config.build()).transpose()
+}
+
+/// What came in since it was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Frames that were right.
@@ -158,7 +169,7 @@ impl Lidar {
         self.is_new = false;
     }
 
-    /// What came in since the start.
+    /// What came in since it was built.
     #[must_use]
     pub const fn counters(&self) -> Counters {
         self.counters

@@ -3,7 +3,7 @@
 //! What most boards do alike has a default here. How a new one is made is told in `docs/contributing.md`.
 
 use core::fmt;
-use core::future::Future;
+use core::future::{Future, pending};
 
 use embedded_storage::nor_flash::NorFlash;
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
@@ -33,6 +33,8 @@ pub trait Board: Sized + 'static {
     type Receiver: Receiver;
     /// To the autopilot.
     type Transmitter: Write;
+    /// From a lidar; [`NoLine`] where there is no line for one.
+    type LidarReceiver: Receiver;
     /// From the maintenance port.
     type ConsoleReceiver: Read;
     /// To the maintenance port.
@@ -72,6 +74,8 @@ pub struct Parts<B: Board> {
     pub receiver: B::Receiver,
     /// To the autopilot.
     pub transmitter: B::Transmitter,
+    /// From a lidar.
+    pub lidar: B::LidarReceiver,
     /// From the maintenance port.
     pub console_receiver: B::ConsoleReceiver,
     /// To the maintenance port.
@@ -98,7 +102,7 @@ pub trait Write {
     fn write(&mut self, bytes: &[u8]) -> impl Future<Output = ()>;
 }
 
-/// The autopilot's bytes. It holds those of a step at the line's full rate.
+/// The bytes of the autopilot, or of a lidar. It holds those of a step at the line's full rate.
 pub trait Receiver: Read {
     /// Takes the bytes that are there.
     fn try_read(&mut self, bytes: &mut [u8]) -> usize;
@@ -106,6 +110,30 @@ pub trait Receiver: Read {
     fn waiting(&self) -> Waiting;
     /// How often noise, framing or overruns have damaged some.
     fn errors(&self) -> u32;
+}
+
+/// A line that a board does not have.
+#[derive(Debug)]
+pub struct NoLine;
+
+impl Read for NoLine {
+    async fn read(&mut self, _bytes: &mut [u8]) -> usize {
+        pending().await
+    }
+}
+
+impl Receiver for NoLine {
+    fn try_read(&mut self, _bytes: &mut [u8]) -> usize {
+        0
+    }
+
+    fn waiting(&self) -> Waiting {
+        Waiting::default()
+    }
+
+    fn errors(&self) -> u32 {
+        0
+    }
 }
 
 /// Restarts the board when it is not fed.
@@ -181,6 +209,8 @@ pub struct Step<'a> {
 pub struct LockStep {
     /// So many bytes of the autopilot, counted from the start, come before it.
     pub rx_expected: u32,
+    /// So many bytes of the lidar come before it.
+    pub lidar_expected: u32,
     /// So many bytes of camera frames have been looked at before it.
     pub camera_expected: u32,
     /// The planner is starved: what it has found waits for a later step.

@@ -76,7 +76,7 @@ impl Computing {
         let detector = begun.detector().unwrap();
         let (planning, desk) = app::planning(&PLANNER).unwrap();
         let (end, log, camera) = console::ends(detector);
-        let line = Line::new(board.receiver, &OUTGOING);
+        let line = Line::new(board.receiver, board.lidar, &OUTGOING);
         thread::spawn(|| app::plan::<Machine>(desk));
         let tasks: Vec<Pin<Box<dyn Future<Output = ()>>>> = vec![
             Box::pin(app::guide(board.pacer, board.watchdog, board.restart, begun, line, end, planning)),
@@ -210,6 +210,11 @@ impl Computer for Computing {
     fn see(&mut self, _bytes: &[u8]) -> Result<(), ComputerError> {
         Err(ComputerError("there is no camera".to_owned()))
     }
+
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        WORLD.lidar.say(bytes);
+        Ok(())
+    }
 }
 
 #[test]
@@ -258,6 +263,34 @@ fn it_flies_the_built_in_mission_as_the_simulators_own_computer_does() {
         // What it wrote down comes to the same flight once more.
         let again = replay(&computing.console).unwrap();
         assert!(again.is_identical() && again.trace_hash == report.trace_hash, "{again:?}");
+    });
+}
+
+#[test]
+fn it_flies_by_the_bytes_of_a_lidar_and_tells_of_damaged_frames() {
+    passes("it_flies_by_the_bytes_of_a_lidar_and_tells_of_damaged_frames", || {
+        let text = include_str!("../../tests/scenarios/lidar.json");
+        let mission = Mission { scenario: Scenario::parse(text).unwrap(), ..mission() };
+        let fly = |computer: &mut dyn Computer| flight::fly(&mission, computer, None, |_| ()).unwrap().report;
+        let expected = fly(&mut HostComputer::new(&mission.guidance()).unwrap());
+        let mut computing = Computing::start();
+        computing.set_up(&mission.guidance());
+        let report = fly(&mut computing);
+        assert_eq!((report.result, report.collisions), (Ending::Reached, 0));
+        assert_eq!(report, expected);
+        let again = replay(&computing.console).unwrap();
+        assert!(again.is_identical() && again.trace_hash == report.trace_hash, "{again:?}");
+
+        // A frame of which a bit is wrong.
+        let mut broken = [0x54; 47];
+        broken[1] = 0x2C;
+        WORLD.lidar.say(&broken);
+        WORLD.lidar.say(&[0; 47]);
+        computing.steps(250);
+        computing.type_line("status");
+        let answers = answers(&computing.console);
+        let line = answers.lines().find(|line| line.starts_with("lidar: turns ")).unwrap();
+        assert!(line.ends_with(", damaged 1") && !line.contains("turns 0"), "{line}");
     });
 }
 

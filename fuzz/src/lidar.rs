@@ -2,6 +2,7 @@
 
 use foxhound_computer::lidar::{Config, FRAME_BYTES, crc8};
 use foxhound_core::base::time::Instant;
+use foxhound_core::mapping::lidar::Mount;
 use foxhound_core::mapping::scan::{RAYS_MAX, Sector};
 
 use super::{Draw, Reached};
@@ -10,8 +11,7 @@ use super::{Draw, Reached};
 pub fn lidar(case: &[u8]) -> Reached {
     let draw = &mut Draw { rest: case };
     let config = Config {
-        yaw_rad: draw.field(0.0, -4.0, 4.0),
-        is_upside_down: draw.flag(),
+        mount: Mount { yaw_rad: draw.field(0.0, -4.0, 4.0), is_upside_down: draw.flag() },
         range_min_m: draw.field(0.1, 0.0, 1.2),
         range_max_m: draw.field(8.0, 0.5, 13.0),
         confidence_min: draw.byte(),

@@ -69,13 +69,13 @@ class Machine:
         self.dmamux = Dmamux(self, "DMAMUX1")
         self.dma = [Dma(self, "DMA1"), Dma(self, "DMA2")]
         self.sampler = Sampler(self)
-        self.usart, self.lpuart = Uart(self, "USART1"), Uart(self, "LPUART1")
+        self.usart, self.lpuart, self.lidar = (Uart(self, name) for name in ("USART1", "LPUART1", "USART3"))
         self.flash_block = Flash(self)
-        made = [self.rcc, self.iwdg, self.dmamux, *self.dma, self.sampler, self.usart, self.lpuart, self.flash_block,
+        made = [self.rcc, self.iwdg, self.dmamux, *self.dma, self.sampler, self.usart, self.lpuart, self.lidar, self.flash_block,
                 Pwr(self, "PWR"), Dac(self, "DAC1"), AdcCommon(self, "ADC12_COMMON"), AdcCommon(self, "ADC345_COMMON")]
         made += [Adc(self, f"ADC{n}") for n in (1, 2, 3, 4)]
         made += [Timer(self, "TIM15")]
-        made += [Block(self, name) for name in ("GPIOA", "GPIOB", "DBGMCU")]
+        made += [Block(self, name) for name in ("GPIOA", "GPIOB", "GPIOC", "DBGMCU")]
         self.blocks = {block.name: block for block in made}
         self.system = System(self)
         self.sampling_at = None
@@ -98,6 +98,7 @@ class Machine:
         self.sampler.sync()
         self.usart.sync()
         self.lpuart.sync()
+        self.lidar.sync()
 
     def in_flight(self, channel):
         return self.usart.in_flight(channel) + self.lpuart.in_flight(channel)

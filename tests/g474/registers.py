@@ -223,6 +223,7 @@ BLOCKS = [
     ("TIM6", 0x40001000, TIM_BASIC, "APB1ENR1.TIM6EN", 54),
     ("IWDG", 0x40003000, IWDG, None, None),
     ("PWR", 0x40007000, PWR, "APB1ENR1.PWREN", None),
+    ("USART3", 0x40004800, USART, "APB1ENR1.USART3EN", 39),
     ("LPUART1", 0x40008000, LPUART, "APB1ENR2.LPUART1EN", 91),
     ("USART1", 0x40013800, USART, "APB2ENR.USART1EN", 37),
     ("TIM15", 0x40014000, TIM15, "APB2ENR.TIM15EN", 24),
@@ -233,6 +234,7 @@ BLOCKS = [
     ("FLASH", 0x40022000, FLASH, "AHB1ENR.FLASHEN", 4),
     ("GPIOA", 0x48000000, GPIO, "AHB2ENR.GPIOAEN", None),
     ("GPIOB", 0x48000400, GPIO, "AHB2ENR.GPIOBEN", None),
+    ("GPIOC", 0x48000800, GPIO, "AHB2ENR.GPIOCEN", None),
     ("ADC1", 0x50000000, ADC, "AHB2ENR.ADC12EN", 18),
     ("ADC2", 0x50000100, ADC, "AHB2ENR.ADC12EN", 18),
     ("ADC12_COMMON", 0x50000300, ADC_COMMON, "AHB2ENR.ADC12EN", None),
@@ -248,6 +250,7 @@ REQUESTS = {
     5: ("ADC1", "DR", False), 36: ("ADC2", "DR", False), 37: ("ADC3", "DR", False), 38: ("ADC4", "DR", False),
     6: ("DAC1", "DHR12R1", True),
     24: ("USART1", "RDR", False), 25: ("USART1", "TDR", True),
+    28: ("USART3", "RDR", False), 29: ("USART3", "TDR", True),
     34: ("LPUART1", "RDR", False), 35: ("LPUART1", "TDR", True),
 }
 # Values after reset that differ from port to port.

@@ -1,4 +1,4 @@
-"""USART1 and LPUART1: bytes with their times on both lines."""
+"""USART1, LPUART1 and USART3: bytes with their times on the lines."""
 
 from collections import deque
 
@@ -6,25 +6,25 @@ from blocks import Block
 from core import UNITS_PER_S
 from rules import require
 
-LINE_BAUD = 921_600
+LINE_BAUD = {"USART1": 921_600, "LPUART1": 921_600, "USART3": 230_400}
 BITS = 10
-BYTE = UNITS_PER_S * BITS // LINE_BAUD
 HSI_HZ = 16_000_000
 PE, FE, NE, ORE, IDLE, RXNE, TC, TXE = (1 << bit for bit in range(8))
 ENABLES = {"IDLE": 4, "RXNE": 5, "TC": 6, "TXE": 7}
 NOISE, BREAK = "noise", "break"
-# Pins of port A and their alternate function (DS12288, pin definitions): those of the NUCLEO's connectors.
-PINS = {"USART1": (9, 10, 7), "LPUART1": (2, 3, 12)}
+# Port, pins and their alternate function (DS12288, pin definitions): those of the NUCLEO's connectors, the receiver's last.
+PINS = {"USART1": ("A", (9, 10), 7), "LPUART1": ("A", (2, 3), 12), "USART3": ("C", (11,), 7)}
 PULL_UP = 1
 
 
 class Uart(Block):
-    RX = {"USART1": 24, "LPUART1": 34}
-    TX = {"USART1": 25, "LPUART1": 35}
+    RX = {"USART1": 24, "LPUART1": 34, "USART3": 28}
+    TX = {"USART1": 25, "LPUART1": 35, "USART3": 29}
 
     def __init__(self, machine, name):
         super().__init__(machine, name)
         self.rx_request, self.tx_request = self.RX[name], self.TX[name]
+        self.byte = UNITS_PER_S * BITS // LINE_BAUD[name]
         # What comes in: runs of bytes without a pause, each with the time of its first bit.
         self.runs = deque()
         self.rx_free = 0
@@ -43,7 +43,7 @@ class Uart(Block):
     def feed(self, data, error=None, after=0):
         """Bytes that arrive from now on, or after the ones before; with an error each of them has it."""
         start = max(self.core.time + after, self.rx_free)
-        self.rx_free = start + len(data) * BYTE
+        self.rx_free = start + len(data) * self.byte
         self.runs.append([start, bytes(data), 0, error])
         self.schedule()
 
@@ -51,10 +51,10 @@ class Uart(Block):
         """What has left since the last call, byte by byte as it was complete."""
         out, rest = bytearray(), []
         for start, data in self.sent:
-            done = max(0, min(len(data), (self.core.time - start) // BYTE))
+            done = max(0, min(len(data), (self.core.time - start) // self.byte))
             out += data[:done]
             if done < len(data):
-                rest.append([start + done * BYTE, data[done:]])
+                rest.append([start + done * self.byte, data[done:]])
         self.sent = rest
         return bytes(out)
 
@@ -62,7 +62,7 @@ class Uart(Block):
 
     def kernel_hz(self):
         rcc = self.machine.rcc
-        select = rcc.field("CCIPR", "USART1SEL" if self.name == "USART1" else "LPUART1SEL")
+        select = rcc.field("CCIPR", f"{self.name}SEL")
         bus = "PPRE2" if self.name == "USART1" else "PPRE1"
         return {0: rcc.pclk_hz(bus), 1: rcc.sysclk_hz(rcc.field("CFGR", "SWS")), 2: HSI_HZ}.get(select)
 
@@ -79,13 +79,14 @@ class Uart(Block):
             baud = 2 * kernel_hz / max(brr & 0xFFF0 | (brr & 7) << 1, 1)
         else:
             baud = kernel_hz / max(brr, 1)
-        require(abs(baud / LINE_BAUD - 1) < 0.02, "uart-baud", f"{self.name}: {baud:.0f} baud")
-        port = self.machine.blocks["GPIOA"]
-        *pins, function = PINS[self.name]
+        require(abs(baud / LINE_BAUD[self.name] - 1) < 0.02, "uart-baud", f"{self.name}: {baud:.0f} baud")
+        letter, pins, function = PINS[self.name]
+        port = self.machine.blocks[f"GPIO{letter}"]
         for pin in pins:
             mode, of = port.field("MODER", f"MODER{pin}"), port.field("AFRL" if pin < 8 else "AFRH", f"AFR{pin}")
-            require(mode == 2 and of == function, "uart-pins", f"{self.name}, PA{pin}: mode {mode}, function {of}")
-        require(port.field("PUPDR", f"PUPDR{pins[1]}") == PULL_UP, "uart-pins", f"{self.name}, PA{pins[1]} has no pull-up")
+            require(mode == 2 and of == function, "uart-pins", f"{self.name}, P{letter}{pin}: mode {mode}, function {of}")
+        require(port.field("PUPDR", f"PUPDR{pins[-1]}") == PULL_UP, "uart-pins",
+                f"{self.name}, P{letter}{pins[-1]} has no pull-up")
 
     def is_on(self, bit):
         return self.value["CR1"] & 1 and self.value["CR1"] >> bit & 1
@@ -179,8 +180,8 @@ class Uart(Block):
             channel = self.channel(self.rx_request, 6)
             left = len(data) - done
             count = 1 if error or channel is None else min(left, channel.until_flag())
-            due = start + (done + count) * BYTE
-            if self.idle_at is not None and self.idle_at < start + done * BYTE + BYTE // BITS:
+            due = start + (done + count) * self.byte
+            if self.idle_at is not None and self.idle_at < start + done * self.byte + self.byte // BITS:
                 due = min(due, self.idle_at)
         elif self.idle_at is not None:
             due = self.idle_at
@@ -196,21 +197,21 @@ class Uart(Block):
         """Takes in what has arrived until now."""
         now = self.core.now()
         while True:
-            begins = self.runs[0][0] + self.runs[0][2] * BYTE if self.runs else None
+            begins = self.runs[0][0] + self.runs[0][2] * self.byte if self.runs else None
             if self.idle_at is not None and self.idle_at <= now and (begins is None or begins >= self.idle_at):
                 self.idle_at = None
                 if self.is_on(2):
                     self.value["ISR"] |= IDLE
                     self.update()
                 continue
-            if begins is None or begins + BYTE > now:
+            if begins is None or begins + self.byte > now:
                 return
             self.arrive(now)
 
     def arrive(self, now):
         run = self.runs[0]
         start, data, done, error = run
-        count = min(len(data) - done, (now - start) // BYTE - done)
+        count = min(len(data) - done, (now - start) // self.byte - done)
         channel = self.channel(self.rx_request, 6)
         if error or channel is None:
             count = 1
@@ -220,7 +221,7 @@ class Uart(Block):
         run[2] += count
         if run[2] == len(data):
             self.runs.popleft()
-        self.idle_at = start + (done + count + 1) * BYTE
+        self.idle_at = start + (done + count + 1) * self.byte
         if not self.is_on(2):
             return
         self.check_baud()
@@ -253,11 +254,11 @@ class Uart(Block):
         self.check_baud()
         data = channel.pending_data()
         start = max(self.core.now(), self.tx_free)
-        self.tx_free = start + len(data) * BYTE
+        self.tx_free = start + len(data) * self.byte
         self.sent.append([start, data])
         self.sending = [channel, start, len(data)]
         # The last byte waits in TDR while the one before leaves.
-        self.tx_event = self.core.at(max(self.core.now(), self.tx_free - 2 * BYTE) + 1, self.handed_over)
+        self.tx_event = self.core.at(max(self.core.now(), self.tx_free - 2 * self.byte) + 1, self.handed_over)
         self.core.cancel(self.tc_event)
         self.tc_event = self.core.at(self.tx_free, self.update)
 
@@ -270,7 +271,7 @@ class Uart(Block):
     def send(self, data):
         self.check_baud()
         start = max(self.core.now(), self.tx_free)
-        self.tx_free = start + len(data) * BYTE
+        self.tx_free = start + len(data) * self.byte
         self.sent.append([start, data])
 
     def in_flight(self, channel):
@@ -278,7 +279,7 @@ class Uart(Block):
         if self.sending is None or self.sending[0] is not channel:
             return 0
         _, start, count = self.sending
-        return max(0, min(count - 1, (self.core.now() - start) // BYTE + 1))
+        return max(0, min(count - 1, (self.core.now() - start) // self.byte + 1))
 
     def dma_stops(self, channel):
         self.schedule()
@@ -290,4 +291,4 @@ class Uart(Block):
         self.core.cancel(self.tc_event)
         self.sending = None
         self.sent[-1][1] = self.sent[-1][1][:done]
-        self.tx_free = start + done * BYTE
+        self.tx_free = start + done * self.byte

@@ -4,12 +4,12 @@
 
 | line | does |
 |---|---|
-| `{"do": "step", "rx": .., "codes": .., "port": ..}` | runs to shortly before the next frame is handed over |
+| `{"do": "step", "rx": .., "codes": .., "port": .., "lidar": ..}` | runs to shortly before the next frame is handed over |
 | `{"do": "run", "us": ..}` | runs for so long |
 | `{"do": "fault", "kind": ..}` | lets something go wrong: `FAULTS` |
 | `{"do": "timing"}` | says what time was spent on |
 
-`rx` are bytes for USART1, `port` for LPUART1, from now on at the line's rate; `codes` are 4 x 256 samples of 16 bits that the
+`rx` are bytes for USART1, `port` for LPUART1, `lidar` for USART3, from now on at the line's rate; `codes` are 4 x 256 samples of 16 bits that the
 converters bring until the next step, in each of their blocks. A rule that is broken ends the run: `{"broken": ..}`.
 """
 
@@ -117,7 +117,7 @@ class Session:
         self.count()
 
     def speak(self, line):
-        for name, uart in (("rx", self.machine.usart), ("port", self.machine.lpuart)):
+        for name, uart in (("rx", self.machine.usart), ("port", self.machine.lpuart), ("lidar", self.machine.lidar)):
             data = bytes.fromhex(line.get(name, ""))
             if data:
                 uart.feed(data)

@@ -8,7 +8,9 @@ use std::path::Path;
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
+use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::{FrontEnd, param};
+use foxhound_core::planning::planner;
 use foxhound_link::CharArray;
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{ATTITUDE_DATA, COMMAND_LONG_DATA, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA};
@@ -16,7 +18,8 @@ use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use foxhound_sim::autopilot::{Autopilot, Start};
 use foxhound_sim::drive::computer::{BLOCK, Computer, ComputerError, HostComputer, StepReport};
 use foxhound_sim::drive::flight::{self, Ending, Mission};
-use foxhound_sim::drive::g474::{Board, G474Error, Options, Report, Restarted, trial};
+use foxhound_sim::drive::g474::{Board, G474Computer, G474Error, Needs, Options, Report, Restarted, trial};
+use foxhound_sim::drive::replay::replay;
 use foxhound_sim::scenario::{Scenario, Software};
 use foxhound_sim::world::Pose;
 use foxhound_sim::world::antennas::Antennas;
@@ -72,7 +75,7 @@ impl Bench {
         let mut rx = self.autopilot.transmit();
         rx.extend_from_slice(more);
         let snapshot = self.noise();
-        let report = self.board.step(&rx, &[], Some(&snapshot)).unwrap();
+        let report = self.board.step(&rx, &[], &[], Some(&snapshot)).unwrap();
         self.listen(report);
     }
 
@@ -191,6 +194,23 @@ fn it_flies_to_the_beacon_with_the_hash_of_the_desktop_and_of_qemu() {
     assert!(most("guidance") < 20.0, "the longest step takes {} ms", most("guidance"));
 }
 
+/// It flies by a lidar on its own line, at the line's rate, with the trace hash of the desktop at every step.
+#[test]
+fn it_flies_by_a_lidar_on_its_own_line() {
+    let text = std::fs::read_to_string(root().join("tests/scenarios/lidar.json")).unwrap();
+    let (planner, estimator) = (planner::Config::default(), Estimator::default());
+    let mut mission = Mission { scenario: Scenario::parse(&text).unwrap(), seed: 3, planner, estimator };
+    let config = mission.guidance();
+    let needs = Needs::of(&mut mission, &config).unwrap();
+    let mut computer = G474Computer::start(Path::new(&g474_image()), Options::default(), &needs).unwrap();
+    let report = flight::fly(&mission, &mut computer, None, |_| ()).unwrap().report;
+    assert_eq!((report.result, report.collisions), (Ending::Reached, 0), "{report:?}");
+    assert_eq!(computer.config().map(|config| config.lidar), Some(None), "as it was built");
+    let replayed = replay(&computer.take_flight_log()).unwrap();
+    assert!(replayed.is_identical() && replayed.late_steps == 0, "{replayed:?}");
+    assert_eq!(replayed.trace_hash, report.trace_hash);
+}
+
 /// The image flies, its line full of telemetry, noise and breaks; what flies beside it only says what guidance would have said.
 struct Flooded {
     board: Board,
@@ -225,7 +245,7 @@ impl Computer for Flooded {
             line.extend_from_slice(&self.attitude);
         }
         self.step += 1;
-        let report = self.board.step(&line, &[], Some(snapshot)).unwrap();
+        let report = self.board.step(&line, &[], &[], Some(snapshot)).unwrap();
         let mut bytes = &report.tx[..];
         while !bytes.is_empty() {
             let taken = self.framer.push(bytes);
@@ -245,6 +265,10 @@ impl Computer for Flooded {
     }
 
     fn see(&mut self, _bytes: &[u8]) -> Result<(), ComputerError> {
+        Ok(())
+    }
+
+    fn turn(&mut self, _bytes: &[u8]) -> Result<(), ComputerError> {
         Ok(())
     }
 
@@ -504,9 +528,13 @@ fn third_source() -> std::path::PathBuf {
     Path::new(package["manifest_path"].as_str().unwrap()).parent().unwrap().join("src/stm32g474")
 }
 
-/// `C0CR` to `C15CR` of the multiplexer are of one kind.
+/// `C0CR` to `C15CR` of the multiplexer are of one kind, and so are USART1 and USART3 (RM0440, table of the implementation).
 fn kind_of(block: &str, register: &str) -> String {
-    if block == "DMAMUX1" { format!("{block}.CCR") } else { format!("{block}.{register}") }
+    match block {
+        "DMAMUX1" => format!("{block}.CCR"),
+        "USART3" => format!("USART1.{register}"),
+        _ => format!("{block}.{register}"),
+    }
 }
 
 /// The emulator's registers agree with stm32-metapac and with ST's SVD file, except for listed differences.

@@ -125,9 +125,12 @@ fn azimuth_runs_clockwise_from_the_nose_however_it_is_mounted() {
         wrap_pi(scan.first_azimuth_rad + scan.step_rad * middle).to_degrees()
     };
     assert!((seen_deg(Config::default()) - 90.0).abs() < 0.6);
-    let turned = Config { yaw_rad: 1.0, ..Config::default() };
+    let yaw_rad = 1.0;
+    let turned = Config { mount: Mount { yaw_rad, is_upside_down: false }, ..Config::default() };
     assert!((seen_deg(turned) - 147.3).abs() < 0.6);
-    assert!((seen_deg(Config { is_upside_down: true, ..turned }) + 32.7).abs() < 0.6);
+    assert!(
+        (seen_deg(Config { mount: Mount { yaw_rad, is_upside_down: true }, ..Config::default() }) + 32.7).abs() < 0.6
+    );
 }
 
 #[test]
@@ -140,7 +143,8 @@ fn what_is_no_reading_is_unknown_and_what_is_silent_free_if_that_is_wanted() {
     assert_eq!(see(usual, 2000, 14), Sector::Unknown);
     assert_eq!(see(usual, 2000, 15), Sector::Hit(2.0));
     assert_eq!(see(usual, 8001, 200), Sector::Clear, "farther than we look");
-    for bad in [Config { yaw_rad: f32::NAN, ..usual }, Config { range_max_m: 0.5, ..usual }] {
+    let nowhere = Mount { yaw_rad: f32::NAN, ..Mount::default() };
+    for bad in [Config { mount: nowhere, ..usual }, Config { range_max_m: 0.05, ..usual }] {
         assert!(bad.build().is_err());
     }
 }

@@ -12,6 +12,7 @@
 //! | 8 | [`Late`]: steps that missed their deadline | when there is a new one |
 //! | 9 | text for people | when somebody asked on the maintenance port |
 //! | 10 | what the camera has seen | before the step, when a frame has ended |
+//! | 11 | bytes of the lidar on a line of its own | before the step that they belong to |
 //!
 //! The codes of all frames are more than the line carries: 4 x 256 x 12 bit, 50 times a second, are 77 KB/s of its 92. So a
 //! step holds what guidance takes from a frame ([`Heard`]): the bearing, and the phasors where the vehicle may seek by
@@ -45,7 +46,7 @@ use ring::{Full, Producer};
 use secret::Mask;
 
 /// Version of the records.
-pub const LAYOUT: u8 = 5;
+pub const LAYOUT: u8 = 6;
 /// From the codes of one frame to those of the next.
 const CODES_EVERY: u8 = 50;
 /// Bytes of the codes of one frame: 12 bits each.
@@ -69,6 +70,7 @@ enum Kind {
     Late = 8,
     Text = 9,
     Look = 10,
+    Lidar = 11,
 }
 
 /// A flight begins.
@@ -187,6 +189,8 @@ pub enum Record<'a> {
     Text(&'a str),
     /// What the camera has seen.
     Look(PadObservation),
+    /// Bytes of the lidar.
+    Lidar(&'a [u8]),
 }
 
 impl<'a> Record<'a> {
@@ -196,7 +200,7 @@ impl<'a> Record<'a> {
         fn read<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Option<T> {
             postcard::take_from_bytes(bytes).ok().filter(|(_, rest)| rest.is_empty()).map(|(record, _)| record)
         }
-        const KINDS: [Kind; 10] = [
+        const KINDS: [Kind; 11] = [
             Kind::Begin,
             Kind::Bytes,
             Kind::Circles,
@@ -207,6 +211,7 @@ impl<'a> Record<'a> {
             Kind::Late,
             Kind::Text,
             Kind::Look,
+            Kind::Lidar,
         ];
         let kind = KINDS.into_iter().find(|kind| *kind as u8 == frame.kind)?;
         Some(match kind {
@@ -220,6 +225,7 @@ impl<'a> Record<'a> {
             Kind::Late => Self::Late(read(frame.record)?),
             Kind::Text => Self::Text(read(frame.record)?),
             Kind::Look => Self::Look(read(frame.record)?),
+            Kind::Lidar => Self::Lidar(frame.record),
         })
     }
 }
@@ -241,8 +247,8 @@ pub struct State {
 pub struct Log<'a> {
     producer: Producer<'a>,
     state: State,
-    /// Heard bytes that are being written, and how many there are.
-    heard: Option<(Open, u16)>,
+    /// Heard bytes that are being written, whose they are, and how many there are.
+    heard: Option<(Kind, Open, u16)>,
 }
 
 impl<'a> Log<'a> {
@@ -287,20 +293,35 @@ impl<'a> Log<'a> {
     pub fn hear(&mut self, bytes: &[u8]) {
         for byte in bytes {
             let shown = self.state.mask.pass(*byte);
-            if self.heard.as_ref().is_some_and(|(_, count)| *count >= PIECE_BYTES) {
-                self.end_heard();
-            }
-            let begun = self.heard.take().map_or_else(|| self.open(Kind::Bytes).map(|open| (open, 0)), Ok);
-            let written = begun.and_then(|(mut open, count)| {
-                open.extend(&mut self.producer, &[shown]).map(|()| self.heard = Some((open, count + 1)))
-            });
-            self.count(written);
+            self.note(Kind::Bytes, shown);
         }
+    }
+
+    /// Bytes of the lidar, likewise.
+    #[inline(never)]
+    pub fn hear_lidar(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.note(Kind::Lidar, *byte));
+    }
+
+    /// A heard byte, behind those before it where they are of the same line.
+    #[inline(never)]
+    fn note(&mut self, kind: Kind, byte: u8) {
+        if self.heard.as_ref().is_some_and(|(before, _, count)| *before != kind || *count >= PIECE_BYTES) {
+            self.end_heard();
+        }
+        let begun = match self.heard.take() {
+            Some((_, open, count)) => Ok((open, count)),
+            None => self.open(kind).map(|open| (open, 0)),
+        };
+        let written = begun.and_then(|(mut open, count)| {
+            open.extend(&mut self.producer, &[byte]).map(|()| self.heard = Some((kind, open, count + 1)))
+        });
+        self.count(written);
     }
 
     /// Ends the frame of heard bytes that is being written.
     fn end_heard(&mut self) {
-        if let Some((open, _)) = self.heard.take() {
+        if let Some((_, open, _)) = self.heard.take() {
             let written = open.end(&mut self.producer);
             self.count(written);
         }

@@ -2,6 +2,7 @@ use super::frame::Deframer;
 use super::ring::Ring;
 use super::*;
 use crate::flight::{self, Receiver};
+use crate::lidar::Lidar;
 use crate::selftest;
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
@@ -20,6 +21,7 @@ struct Parts {
     systems: Planner,
     companion: Companion,
     receiver: Receiver,
+    lidar: Option<Lidar>,
 }
 
 impl Parts {
@@ -33,12 +35,13 @@ impl Parts {
             systems: config.planner.build().unwrap(),
             companion: companion::Config::default().build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
+            lidar: None,
         })
     }
 
     fn flight(&mut self) -> Flight<'_> {
-        let Self { config, guidance, state, systems, companion, receiver } = self;
-        Flight { config, guidance, state, systems, companion, receiver }
+        let Self { config, guidance, state, systems, companion, receiver, lidar } = self;
+        Flight { config, guidance, state, systems, companion, receiver, lidar }
     }
 }
 
@@ -109,6 +112,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     let mut log = Log::resume(ring.ends().0, state);
     let said: List<u8> = (0..300).map(|_| random.next_u32() as u8 | 1).collect();
     log.hear(&said);
+    log.hear_lidar(&said[..100]);
     let circles: List<Circle> = (0..64).map(circle).collect();
     let now = Instant(123_456_789_012);
     let step =
@@ -121,12 +125,13 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     log.deadlines(Counts { steps: 10, late: 2, longest_us: 20_000 });
     log.text("hello");
     let mut kinds = 0;
-    let mut bytes = List::new();
+    let (mut bytes, mut lidar) = (List::new(), List::new());
     read(&mut ring, |number, record| {
         assert_eq!(number as usize, 1 + kinds);
         kinds += 1;
         match record {
             Record::Bytes(piece) => bytes.extend_from_slice(piece),
+            Record::Lidar(piece) => lidar.extend_from_slice(piece),
             Record::Circles(read) => assert_eq!(read[..], circles[..]),
             Record::Codes(codes) => assert_eq!(codes.snapshot().unwrap(), snapshot),
             Record::Late(late) => assert_eq!(late, Late { late: 2, longest_us: 20_000 }),
@@ -138,8 +143,8 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
             ref other => panic!("{other:?}"),
         }
     });
-    assert_eq!(bytes, said);
-    assert_eq!(kinds, 6, "bytes, circles, codes, step, one late, text");
+    assert_eq!((&bytes[..], &lidar[..]), (&said[..], &said[..100]));
+    assert_eq!(kinds, 7, "bytes, those of a lidar, circles, codes, step, one late, text");
 }
 
 #[test]
@@ -211,7 +216,7 @@ fn no_key_gets_into_the_log_in_whatever_pieces_it_comes() {
 #[test]
 fn any_record_is_read_or_is_none() {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(8);
-    let mut read = [0; 10];
+    let mut read = [0; 12];
     for _ in 0..200_000 {
         let length = random.next_u32() as usize % 60;
         let record: List<u8> = (0..length).map(|_| (random.next_u32() >> (random.next_u32() % 8)) as u8).collect();

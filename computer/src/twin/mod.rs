@@ -10,6 +10,7 @@
 //! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, codes from byte 2048 (`i16`, channel by channel) |
 //! | report | `0x2000` | 4096 | twin | head, then [`Ready`], [`Report`] or the text of a refusal |
 //! | line | `0x3000` | 4, then 16 384 from `0x4000` | simulator | bytes of the autopilot that need no serial line: their number since the setup of a new start (`u32`), and a ring of them |
+//! | lidar | `0x3008` | 4, then 4096 from `0x8000` | simulator | bytes of the lidar: the same |
 //! | port | `0x3004` | 4, then 262 144 from `0x4_0000` | simulator | bytes for the maintenance port that need no serial line: the same |
 //! | store | `0x10_0000` | 16 384 | twin | what it keeps over a reset, every bit turned round: a new file is a blank flash |
 //!
@@ -26,8 +27,9 @@
 //! | [`BOOTED`] `B` | to the simulator | the twin has started, for the first time or again: it wants a setup |
 //!
 //! The two serial lines and the memory are not ordered with each other. So a step says how many bytes of UART0 the twin
-//! must have taken in before it ([`Step::rx_expected`]), by UART0 or by the ring, and how many of the camera's
-//! ([`Step::camera_expected`]), by UART2 or by its ring; and a report says how many it has sent ([`Report::tx_total`]):
+//! must have taken in before it ([`Step::rx_expected`]), by UART0 or by the ring, how many of the camera's
+//! ([`Step::camera_expected`]), by UART2 or by its ring, and how many of the lidar's ([`Step::lidar_expected`]), which have no serial
+//! line; and a report says how many it has sent ([`Report::tx_total`]):
 //! that makes every step, and with it the whole flight, repeatable.
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
@@ -43,7 +45,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// First word of every block; the last letter is the version of the layout.
-pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM3");
+pub const MAGIC: u32 = u32::from_le_bytes(*b"FXM4");
 
 /// Bytes of one block.
 pub const BLOCK_BYTES: usize = 4096;
@@ -60,6 +62,13 @@ pub const LINE_TOTAL_AT: usize = 3 * BLOCK_BYTES;
 pub const LINE_AT: usize = 4 * BLOCK_BYTES;
 /// Bytes of the ring.
 pub const LINE_BYTES: usize = 16 << 10;
+
+/// Where it is written how many bytes the lidar's ring has had.
+pub const LIDAR_TOTAL_AT: usize = LINE_TOTAL_AT + 8;
+/// Where the lidar's ring begins.
+pub const LIDAR_AT: usize = 8 * BLOCK_BYTES;
+/// Bytes of the lidar's ring.
+pub const LIDAR_BYTES: usize = 4 << 10;
 
 /// Where it is written how many bytes the port's ring has had.
 pub const PORT_TOTAL_AT: usize = LINE_TOTAL_AT + 4;
@@ -132,6 +141,8 @@ pub struct Step<'a, const N: usize> {
     pub rx_expected: u32,
     /// Bytes of camera frames since the twin's start that it must have looked at before this step.
     pub camera_expected: u32,
+    /// Bytes of the lidar since the twin's start that it must have taken in before this step.
+    pub lidar_expected: u32,
     /// What the antennas brought.
     pub front_end: FrontEnd<'a, N>,
     /// Obstacles that a sensor delivers as circles already.
@@ -161,6 +172,7 @@ impl<const N: usize> Arrivals<N> {
             now: Instant(0),
             rx_expected: 0,
             camera_expected: 0,
+            lidar_expected: 0,
             front_end: FrontEndKind::Nothing,
             circles: None,
             fault: None,
@@ -199,6 +211,7 @@ impl<const N: usize> Arrivals<N> {
             now: head.now,
             rx_expected: head.rx_expected,
             camera_expected: head.camera_expected,
+            lidar_expected: head.lidar_expected,
             front_end: match head.front_end {
                 FrontEndKind::AdcFrame { .. } => FrontEnd::Frame(&self.snapshot),
                 FrontEndKind::Bearing(bearing) => FrontEnd::Bearing(bearing),
@@ -365,6 +378,7 @@ struct StepHead {
     now: Instant,
     rx_expected: u32,
     camera_expected: u32,
+    lidar_expected: u32,
     front_end: FrontEndKind,
     circles: Option<u8>,
     fault: Option<Fault>,
@@ -402,6 +416,7 @@ impl<const N: usize> Step<'_, N> {
             now: self.now,
             rx_expected: self.rx_expected,
             camera_expected: self.camera_expected,
+            lidar_expected: self.lidar_expected,
             front_end,
             circles,
             fault: self.fault,
@@ -472,129 +487,4 @@ impl core::fmt::Write for Text<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use foxhound_core::doa::bearing::{Flags, Quality};
-
-    const N: usize = 256;
-
-    fn circle(k: usize) -> Circle {
-        let k = k as f32;
-        Circle {
-            center_ned_m: Horizontal { north: k * 0.1, east: -k },
-            radius_m: 0.3 + k,
-            velocity_ned_mps: Horizontal { north: -0.0, east: f32::MIN_POSITIVE },
-        }
-    }
-
-    fn step<'a>(front_end: FrontEnd<'a, N>, circles: Option<&'a [Circle]>) -> Step<'a, N> {
-        Step {
-            sequence: 7,
-            now: Instant(u64::MAX - 3),
-            rx_expected: 90_000,
-            camera_expected: 38_400,
-            front_end,
-            circles,
-            fault: Some(Fault::PowerCut { after_us: 123_456 }),
-        }
-    }
-
-    #[test]
-    fn a_full_step_comes_back_with_every_bit() {
-        let mut snapshot = AdcFrame::<N>::zeroed();
-        snapshot.time = Instant(123_456_789_012);
-        for (k, code) in snapshot.codes.as_flattened_mut().iter_mut().enumerate() {
-            *code = (k as i16).wrapping_mul(31) - 2048;
-        }
-        let circles: [Circle; DELIVERY_MAX] = core::array::from_fn(circle);
-        let sent = step(FrontEnd::Frame(&snapshot), Some(&circles));
-        let mut block = [0xa5; BLOCK_BYTES];
-        sent.encode(&mut block).unwrap();
-
-        let mut arrivals = Arrivals::<N>::new();
-        arrivals.decode(&block).unwrap();
-        let got = arrivals.step();
-        assert_eq!((got.sequence, got.now), (sent.sequence, sent.now));
-        assert_eq!((got.rx_expected, got.camera_expected), (sent.rx_expected, sent.camera_expected));
-        let FrontEnd::Frame(came) = got.front_end else { panic!("no snapshot") };
-        assert_eq!(came, &snapshot);
-        let bits = |circle: &Circle| {
-            [circle.center_ned_m.north, circle.radius_m, circle.velocity_ned_mps.north, circle.velocity_ned_mps.east]
-                .map(f32::to_bits)
-        };
-        assert!(got.circles.unwrap().iter().map(bits).eq(circles.iter().map(bits)));
-    }
-
-    #[test]
-    fn no_circles_and_an_empty_list_of_circles_stay_apart() {
-        let mut block = [0; BLOCK_BYTES];
-        let mut arrivals = Arrivals::<N>::new();
-        step(FrontEnd::Nothing, None).encode(&mut block).unwrap();
-        arrivals.decode(&block).unwrap();
-        assert_eq!(arrivals.step().circles, None);
-        step(FrontEnd::Nothing, Some(&[])).encode(&mut block).unwrap();
-        arrivals.decode(&block).unwrap();
-        assert_eq!(arrivals.step().circles, Some([].as_slice()));
-    }
-
-    #[test]
-    fn a_bearing_comes_back() {
-        let bearing = Bearing {
-            time: Instant(5),
-            valid: true,
-            azimuth_rad: -3.1,
-            sigma_rad: 0.01,
-            elevation_rad: 0.2,
-            elevation_sigma_rad: 0.1,
-            quality: Quality::default(),
-            flags: Flags::CLIP,
-        };
-        let mut block = [0; BLOCK_BYTES];
-        step(FrontEnd::Bearing(bearing), None).encode(&mut block).unwrap();
-        let mut arrivals = Arrivals::<N>::new();
-        arrivals.decode(&block).unwrap();
-        let FrontEnd::Bearing(came) = arrivals.step().front_end else { panic!("no bearing") };
-        assert_eq!(came, bearing);
-    }
-
-    #[test]
-    fn too_many_circles_an_empty_block_and_an_impossible_length_are_refused() {
-        let circles = [circle(1); DELIVERY_MAX + 1];
-        let mut block = [0; BLOCK_BYTES];
-        assert_eq!(step(FrontEnd::Nothing, Some(&circles)).encode(&mut block), Err(Error::Length));
-        assert_eq!(Report::decode(&block), Err(Error::Magic));
-        block[..4].copy_from_slice(&MAGIC.to_le_bytes());
-        block[4..8].fill(0xff);
-        assert_eq!(Report::decode(&block), Err(Error::Length));
-        block[4..8].copy_from_slice(&1_u32.to_le_bytes());
-        assert_eq!(Report::decode(&block), Err(Error::Content));
-    }
-
-    #[test]
-    fn a_setup_fits_its_block_and_comes_back() {
-        let setup = Setup { guidance: guidance::Config { seed: 0xfeed_beef_dead_0001, ..guidance::Config::default() } };
-        let mut block = [0; BLOCK_BYTES];
-        setup.encode(&mut block).unwrap();
-        assert_eq!(Setup::decode(&block).unwrap().guidance.seed, setup.guidance.seed);
-    }
-
-    #[test]
-    fn a_refusal_is_text_and_a_long_one_is_cut_at_a_character() {
-        let mut block = [0; BLOCK_BYTES];
-        encode_refusal(&mut block, format_args!("{} = {}", "planner.lambda", -1));
-        assert_eq!(decode_refusal(&block), Ok("planner.lambda = -1"));
-        let long = ["\u{20ac}"; 2000].concat();
-        encode_refusal(&mut block, format_args!("{long}"));
-        let cut = decode_refusal(&block).unwrap();
-        assert_eq!(cut.len(), (BLOCK_BYTES - HEAD_BYTES) / 3 * 3);
-        assert!(cut.chars().all(|letter| letter == '\u{20ac}'));
-    }
-
-    #[test]
-    fn at_shift_eight_six_and_four_tenths_ticks_are_one_instruction() {
-        for count in [0_u32, 1, 2, 3, 7, 1_000, 45_311, 1_700_000] {
-            assert_eq!(instructions((u64::from(count) * 64 / 10) as u32), count);
-            assert_eq!(instructions((u64::from(count) * 64).div_ceil(10) as u32), count);
-        }
-    }
-}
+mod tests;

@@ -2,6 +2,7 @@
 
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
 use foxhound_computer::flight::{Flight, Mapper as _, Receiver, Step};
+use foxhound_computer::lidar::Lidar;
 use foxhound_computer::selftest;
 use foxhound_computer::store::{Kept, Store};
 use foxhound_core::base::time::Instant;
@@ -35,6 +36,7 @@ struct Computer<'a> {
     systems: Planner,
     companion: Companion,
     receiver: Receiver,
+    lidar: Option<Lidar>,
     now: Instant,
     framer: Framer,
     words: Vec<String>,
@@ -62,6 +64,7 @@ impl<'a> Computer<'a> {
             systems: config.planner.build().unwrap(),
             companion: link.build_with(Values::of(&config)).unwrap(),
             receiver: Receiver::new(None, &selftest::Config::default()).unwrap(),
+            lidar: None,
             store,
             now: Instant(1_000_000),
             framer: Framer::new(),
@@ -77,8 +80,8 @@ impl<'a> Computer<'a> {
     }
 
     fn parts(&mut self) -> (Flight<'_>, &mut Store<&'a mut Flash>) {
-        let Self { config, guidance, state, systems, companion, receiver, store, .. } = self;
-        (Flight { config, guidance, state, systems, companion, receiver }, store)
+        let Self { config, guidance, state, systems, companion, receiver, lidar, store, .. } = self;
+        (Flight { config, guidance, state, systems, companion, receiver, lidar }, store)
     }
 
     /// A step of the firmware.

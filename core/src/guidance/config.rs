@@ -7,7 +7,7 @@ use crate::doa::{array, bearing};
 use crate::landing;
 use crate::localize::goal;
 use crate::localize::source::bank;
-use crate::mapping::{map, scan, tracks};
+use crate::mapping::{lidar, map, scan, tracks};
 use crate::planning::planner;
 use crate::planning::rollout::WAYPOINTS;
 use crate::signal::phase;
@@ -34,6 +34,8 @@ pub struct Config {
     pub array: array::Config,
     /// Angle of arrival.
     pub bearing: bearing::Config,
+    /// The lidar on a line of our own, where obstacles are taken from it; else the autopilot tells of them.
+    pub lidar: Option<lidar::Mount>,
     /// Circles from scans.
     pub scan: scan::Config,
     /// Obstacle memory.
@@ -79,6 +81,7 @@ impl Default for Config {
             phase: phase::Config::default(),
             array: array::Config::default(),
             bearing: bearing::Config::default(),
+            lidar: None,
             scan: scan::Config::default(),
             map: map::Config::default(),
             tracks: tracks::Config::default(),
@@ -121,6 +124,9 @@ impl Config {
         if self.planner.vehicle_radius_m < self.guard.vehicle_radius_m {
             let why = Why::Inconsistent("the planner may not think the vehicle smaller than the guard does");
             return Err(ConfigError { field: "planner.vehicle_radius_m", value: self.planner.vehicle_radius_m, why });
+        }
+        if let Some(lidar) = &self.lidar {
+            lidar.check()?;
         }
         self.planner.build()?;
         let vehicle_model = self.vehicle_model.build(self.tick_s)?;

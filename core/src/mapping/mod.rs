@@ -2,6 +2,7 @@
 //! `base`.
 
 pub mod coverage;
+pub mod lidar;
 pub mod map;
 pub mod scan;
 pub mod tracks;

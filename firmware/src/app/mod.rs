@@ -27,8 +27,9 @@ use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::camera;
 use foxhound_computer::deadline::{self, Monitor};
 use foxhound_computer::flight::{self, Stepped};
+use foxhound_computer::lidar::{self, Lidar};
 use foxhound_computer::log::Log;
-use foxhound_computer::port::{self, Command, HELP, Status, Waiting};
+use foxhound_computer::port::{self, Command, HELP, LidarStatus, Status, Waiting};
 use foxhound_computer::restart::{Cause, Restart};
 use foxhound_computer::selftest::{self, Refused};
 use foxhound_computer::store::Store;
@@ -43,7 +44,7 @@ use foxhound_link::companion::{self, Companion, Exam, Pace, Tone};
 use foxhound_pad::Detector;
 use static_cell::StaticCell;
 
-use crate::board::{Board, Call, Done, LockStep, Pacer, Planned, Read as _, Receiver as _, Step, Watchdog, Write as _};
+use crate::board::{Board, Call, Done, Pacer, Planned, Receiver, Step, Watchdog, Write as _};
 use crate::console::Console;
 use crate::timing::{self, measured};
 
@@ -159,7 +160,7 @@ pub async fn guide<B: Board>(
             Call::Step(step) => {
                 let lock_step = step.lock_step.is_some();
                 let mut begin = B::ticks();
-                line.read(flight.companion, &mut console.log, &step).await;
+                line.read(&mut flight, &mut console.log, &step).await;
                 timing::note::<B>(Task::Receive, B::ticks().wrapping_sub(begin));
                 let look = console.look(&step, || feeder.feed()).await;
                 if let Some(lock_step) = &step.lock_step {
@@ -192,7 +193,8 @@ pub async fn guide<B: Board>(
                 console.log.deadlines(monitor.counts());
                 console.set_height(flight.state.height_m());
                 let lost = pacer.lost().saturating_add(flight.receiver.frozen());
-                flight.companion.note_pace(Pace { longest_us, late, lost });
+                let lidar_bad = flight.lidar.as_ref().map(|lidar| lidar.counters().bad);
+                flight.companion.note_pace(Pace { longest_us, late, lost, lidar_bad });
                 let Stepped { output, ticks: fast_ticks, .. } = stepped;
                 if lock_step {
                     planning.settle().await;
@@ -219,6 +221,7 @@ pub async fn guide<B: Board>(
                         link: flight.companion.counters(),
                         line_errors: line.receiver.errors(),
                         received: line.receiver.waiting(),
+                        lidar: flight.lidar.as_ref().map(|lidar| line.lidar_status(lidar)),
                         sent: Waiting { most: line.most_waiting, room: OUTGOING_BYTES as u32, lost: 0 },
                         log: console.waiting(),
                         starts: start,
@@ -373,7 +376,8 @@ fn begin<B: Board>(config: &guidance::Config, state: &'static mut State) -> Resu
     let guidance = first_guidance(config)?;
     let systems = SYSTEMS.init(Systems::build(config)?);
     let companion = first_companion(config)?;
-    Ok(Flight { config, guidance, state, systems, companion, receiver })
+    let lidar = first_lidar(config)?;
+    Ok(Flight { config, guidance, state, systems, companion, receiver, lidar })
 }
 
 #[inline(never)]
@@ -388,11 +392,19 @@ fn first_companion(config: &guidance::Config) -> Result<&'static mut Companion, 
     Ok(COMPANION.init(companion::Config::default().build_with(Values::of(config))?))
 }
 
-/// The serial line as guidance sees it.
+#[inline(never)]
+fn first_lidar(config: &guidance::Config) -> Result<&'static mut Option<Lidar>, ConfigError> {
+    static LIDAR: StaticCell<Option<Lidar>> = StaticCell::new();
+    Ok(LIDAR.init(lidar::build(config)?))
+}
+
+/// The serial lines as guidance sees them.
 pub struct Line<B: Board> {
     receiver: B::Receiver,
+    lidar: B::LidarReceiver,
     outgoing: &'static Outgoing,
     rx_total: u32,
+    lidar_total: u32,
     tx_total: u32,
     /// Bytes to the serial line that have waited at once, at most.
     most_waiting: u32,
@@ -401,32 +413,36 @@ pub struct Line<B: Board> {
 impl<B: Board> Line<B> {
     /// Nothing has been heard or said.
     #[must_use]
-    pub const fn new(receiver: B::Receiver, outgoing: &'static Outgoing) -> Self {
-        Self { receiver, outgoing, rx_total: 0, tx_total: 0, most_waiting: 0 }
+    pub const fn new(receiver: B::Receiver, lidar: B::LidarReceiver, outgoing: &'static Outgoing) -> Self {
+        Self { receiver, lidar, outgoing, rx_total: 0, lidar_total: 0, tx_total: 0, most_waiting: 0 }
     }
 
     /// Hands over what has come: in lock-step exactly what belongs before this step, else what there is.
-    async fn read(&mut self, companion: &mut Companion, log: &mut Log<'_>, step: &Step<'_>) {
+    async fn read(&mut self, flight: &mut Flight<'_>, log: &mut Log<'_>, step: &Step<'_>) {
         let mut bytes = [0; PIECE_BYTES];
         loop {
-            let count = match step.lock_step {
-                Some(LockStep { rx_expected, .. }) => {
-                    let missing = (rx_expected.wrapping_sub(self.rx_total) as usize).min(bytes.len());
-                    match bytes.get_mut(..missing) {
-                        Some(missing) if !missing.is_empty() => self.receiver.read(missing).await,
-                        _ => return,
-                    }
-                }
-                None => match self.receiver.try_read(&mut bytes) {
-                    0 => return,
-                    count => count,
-                },
-            };
-            self.rx_total = self.rx_total.wrapping_add(count as u32);
-            let bytes = bytes.get(..count).unwrap_or_default();
-            log.hear(bytes);
-            companion.receive(step.now, bytes);
+            let expected = step.lock_step.map(|lock_step| lock_step.rx_expected);
+            let heard = take(&mut self.receiver, &mut self.rx_total, expected, &mut bytes).await;
+            if heard.is_empty() {
+                break;
+            }
+            log.hear(heard);
+            flight.hear(step.now, heard);
         }
+        loop {
+            let expected = step.lock_step.map(|lock_step| lock_step.lidar_expected);
+            let heard = take(&mut self.lidar, &mut self.lidar_total, expected, &mut bytes).await;
+            if heard.is_empty() {
+                return;
+            }
+            if flight.hear_lidar(step.now, heard) {
+                log.hear_lidar(heard);
+            }
+        }
+    }
+
+    fn lidar_status(&self, lidar: &Lidar) -> LidarStatus {
+        LidarStatus { counters: lidar.counters(), received: self.lidar.waiting(), line_errors: self.lidar.errors() }
     }
 
     /// Sends what the companion has to say: in lock-step all of it, else little at a time: what waits there a newer setpoint
@@ -443,4 +459,25 @@ impl<B: Board> Line<B> {
             self.most_waiting = self.most_waiting.max(self.outgoing.len() as u32);
         }
     }
+}
+
+/// Takes bytes of a line of which so many have been taken: as far as is expected, or what there is; none where that is all.
+async fn take<'a>(
+    line: &mut impl Receiver,
+    total: &mut u32,
+    expected: Option<u32>,
+    bytes: &'a mut [u8; PIECE_BYTES],
+) -> &'a [u8] {
+    let count = match expected {
+        Some(expected) => {
+            let missing = (expected.wrapping_sub(*total) as usize).min(bytes.len());
+            match bytes.get_mut(..missing) {
+                Some(missing) if !missing.is_empty() => line.read(missing).await,
+                _ => 0,
+            }
+        }
+        None => line.try_read(bytes),
+    };
+    *total = total.wrapping_add(count as u32);
+    bytes.get(..count).unwrap_or_default()
 }

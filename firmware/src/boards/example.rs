@@ -31,7 +31,7 @@ use foxhound_core::planning::rollout::Trajectory;
 use crate::arm;
 use crate::arm::crash_record::{self, LastWords};
 use crate::arm::stack::{self, Watermark};
-use crate::board::{self, Board, Call, Done, Parts, Read, Step, Write};
+use crate::board::{self, Board, Call, Done, NoLine, Parts, Read, Step, Write};
 
 const CLOCK_MHZ: u32 = 100;
 /// From one interrupt of the system timer to the next.
@@ -63,6 +63,8 @@ impl Board for Machine {
     type Spawner = SendSpawner;
     type Receiver = Receiver;
     type Transmitter = Transmitter;
+    /// HERE: a serial line of 230 400 baud, where there is a lidar.
+    type LidarReceiver = NoLine;
     type ConsoleReceiver = Receiver;
     type ConsoleTransmitter = Transmitter;
     type Pacer = Pacer;
@@ -93,6 +95,7 @@ impl Board for Machine {
             link: LINK.start(Interrupt::Link),
             receiver: Receiver,
             transmitter: Transmitter,
+            lidar: NoLine,
             console_receiver: Receiver,
             console_transmitter: Transmitter,
             pacer: Pacer { stack: Watermark::new() },

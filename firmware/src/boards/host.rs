@@ -2,7 +2,7 @@
 //!
 //! | what | here |
 //! |---|---|
-//! | autopilot, maintenance port | pipes: [`Wire`] |
+//! | autopilot, lidar, maintenance port | pipes: [`Wire`] |
 //! | frames | orders, a step each, in lock-step: [`World::order`] |
 //! | what is kept | memory: [`Flash`] |
 //! | time | the world's own; it stands still during a step |
@@ -52,6 +52,7 @@ const NAP: Duration = Duration::from_micros(50);
 /// What surrounds the board.
 pub static WORLD: World = World {
     autopilot: Wire::new(),
+    lidar: Wire::new(),
     console: Wire::new(),
     orders: Mutex::new(VecDeque::new()),
     answers: Mutex::new(VecDeque::new()),
@@ -65,6 +66,8 @@ pub static WORLD: World = World {
 pub struct World {
     /// The autopilot's line.
     pub autopilot: Wire,
+    /// The lidar's line.
+    pub lidar: Wire,
     /// The maintenance port.
     pub console: Wire,
     orders: Mutex<VecDeque<Order>>,
@@ -181,6 +184,7 @@ impl Board for Machine {
     type Spawner = ();
     type Receiver = Receiver;
     type Transmitter = Transmitter;
+    type LidarReceiver = Receiver;
     type ConsoleReceiver = Receiver;
     type ConsoleTransmitter = Transmitter;
     type Pacer = Pacer;
@@ -193,6 +197,7 @@ impl Board for Machine {
             link: (),
             receiver: Receiver { wire: &WORLD.autopilot, most: 0 },
             transmitter: Transmitter(&WORLD.autopilot),
+            lidar: Receiver { wire: &WORLD.lidar, most: 0 },
             console_receiver: Receiver { wire: &WORLD.console, most: 0 },
             console_transmitter: Transmitter(&WORLD.console),
             pacer: Pacer { order: Order::Step { now: Instant(0), frame: None, circles: None } },
@@ -288,6 +293,7 @@ impl board::Pacer for Pacer {
                 now: *now,
                 lock_step: Some(LockStep {
                     rx_expected: WORLD.autopilot.said.load(Ordering::Relaxed),
+                    lidar_expected: WORLD.lidar.said.load(Ordering::Relaxed),
                     camera_expected: 0,
                     holds_plan: false,
                     begin: Machine::ticks,

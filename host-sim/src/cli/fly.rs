@@ -224,7 +224,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
             if looks_inside { Box::new(Beside::new(qemu, host)) } else { Box::new(qemu) }
         }
         Via::G474(elf) => {
-            if mission.scenario.sensor.model != SensorModel::Scan {
+            if mission.scenario.sensor.model == SensorModel::Circles {
                 cli.note("the sensor's circles travel to the board as scans");
             }
             let needs = Needs::of(&mut mission, &config)?;

@@ -6,6 +6,7 @@ use std::fmt;
 
 use foxhound_computer::camera::{self, Came, Camera, Sighted};
 use foxhound_computer::flight::{Flight, Receiver, Step, Stepped};
+use foxhound_computer::lidar::{self, Lidar};
 use foxhound_computer::selftest::{self, Report};
 use foxhound_computer::twin::Planned;
 use foxhound_core::ConfigError;
@@ -90,6 +91,12 @@ pub trait Computer {
     /// The computer does not take them.
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError>;
 
+    /// Lets its lidar turn: bytes of frames, as they come in on its line ahead of the next step.
+    ///
+    /// # Errors
+    /// The computer has no such line, or does not take them.
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError>;
+
     /// When its next step will be, in seconds since its start, where it keeps its own time: the simulation follows.
     fn next_step_s(&self) -> Option<f64> {
         None
@@ -151,6 +158,9 @@ pub struct HostComputer {
     receiver: Receiver,
     camera: Camera,
     sighted: Option<Sighted>,
+    lidar: Option<Lidar>,
+    /// Bytes of the lidar for the next step.
+    turned: Vec<u8>,
 }
 
 impl HostComputer {
@@ -173,6 +183,8 @@ impl HostComputer {
             receiver: Receiver::new(None, &selftest::Config::default())?,
             camera: Camera::new(camera::detector(config)?),
             sighted: None,
+            lidar: lidar::build(config)?,
+            turned: Vec::new(),
             guidance,
         })
     }
@@ -201,8 +213,8 @@ impl HostComputer {
 
     /// What is flown, and where its parameters are kept.
     fn parts(&mut self) -> (Flight<'_, AllSystems>, &mut Option<Store>) {
-        let Self { config, guidance, state, systems, companion, store, receiver, .. } = self;
-        (Flight { config, guidance, state, systems, companion, receiver }, store)
+        let Self { config, guidance, state, systems, companion, store, receiver, lidar, .. } = self;
+        (Flight { config, guidance, state, systems, companion, receiver, lidar }, store)
     }
 }
 
@@ -217,11 +229,16 @@ impl Computer for HostComputer {
         let plan = self.finished.take();
         let look = self.sighted.take().map(|sighted| sighted.look(now));
         let mut recording = self.recording.take();
+        let turned = std::mem::take(&mut self.turned);
         let (mut flight, store) = self.parts();
         flight.hear(now, rx);
+        let is_turned = flight.hear_lidar(now, &turned);
         let begins_anew = match &mut recording {
             Some(recording) => recording.write(|log| {
                 log.hear(rx);
+                if is_turned {
+                    log.hear_lidar(&turned);
+                }
                 flight.serve(&mut log.mapper(store))
             }),
             None => flight.serve(store),
@@ -262,6 +279,11 @@ impl Computer for HostComputer {
                 self.sighted = Some(sighted);
             }
         }
+        Ok(())
+    }
+
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        self.turned.extend_from_slice(bytes);
         Ok(())
     }
 
@@ -307,6 +329,10 @@ impl Computer for QemuComputer {
 
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
         Self::see(self, bytes).map_err(|error| ComputerError(error.to_string()))
+    }
+
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        Self::turn(self, bytes).map_err(|error| ComputerError(error.to_string()))
     }
 
     fn log_flight(&mut self) {

@@ -14,11 +14,12 @@ use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::guidance::mission::Outcome;
 use foxhound_core::guidance::{self, turning};
 use foxhound_core::landing as core_landing;
+use foxhound_core::mapping::lidar::Mount;
 use foxhound_core::planning::{explore, planner};
 
 use super::computer::Computer;
 use crate::autopilot::{Autopilot, Start, tlog};
-use crate::scenario::{Scenario, Software, VehicleModel, inside};
+use crate::scenario::{Scenario, SensorModel, Software, VehicleModel, inside};
 use crate::world::antennas::Antennas;
 use crate::world::{Horizontal, Pose, World, from_core, horizontal, wrap_pi};
 
@@ -111,6 +112,7 @@ impl Mission {
             request_land: landing.request_land,
             ..core_landing::Config::default()
         });
+        config.lidar = (scenario.sensor.model == SensorModel::Lidar).then(Mount::default);
         config.planner.sees_m = config.guard.coverage.range_m;
         config.planner.sees_rad = scenario.sensor.fov_deg.to_radians() as f32;
         config.guard.fov_rad = scenario.sensor.fov_deg.to_radians() as f32;
@@ -183,6 +185,9 @@ pub fn fly_watched(
             obstacles_are_silent: inside(scenario.faults.stale_obstacles, time_s),
         };
         let output = rig.step(&when, |rig, sensed| {
+            if let Some(bytes) = &sensed.lidar {
+                computer.turn(bytes)?;
+            }
             if let Some(bytes) = &sensed.camera {
                 computer.see(bytes)?;
             }

@@ -171,20 +171,26 @@ impl Board {
         }
     }
 
-    /// Runs to shortly before the next frame: with bytes for both serial lines from now on, and codes for the converters.
+    /// Runs to shortly before the next frame: with bytes for the serial lines from now on, and codes for the converters.
     ///
     /// # Errors
     /// The image breaks a rule, or the model has ended.
-    pub fn step(&mut self, rx: &[u8], port: &[u8], codes: Option<&AdcFrame<BLOCK>>) -> Result<Report, G474Error> {
+    pub fn step(
+        &mut self,
+        rx: &[u8],
+        port: &[u8],
+        lidar: &[u8],
+        codes: Option<&AdcFrame<BLOCK>>,
+    ) -> Result<Report, G474Error> {
         let codes = codes.map_or_else(Vec::new, |snapshot| {
             let codes = snapshot.codes.as_flattened().iter();
             codes.flat_map(|code| code.saturating_add(HALF_SCALE).to_le_bytes()).collect()
         });
-        let [rx, port, codes] = [rx, port, &codes].map(in_hexadecimal);
-        self.ask(&json!({ "do": "step", "rx": rx, "port": port, "codes": codes }))
+        let [rx, port, lidar, codes] = [rx, port, lidar, &codes].map(in_hexadecimal);
+        self.ask(&json!({ "do": "step", "rx": rx, "port": port, "lidar": lidar, "codes": codes }))
     }
 
-    /// Runs for so long, with bytes for both serial lines from now on.
+    /// Runs for so long, with bytes for the lines of autopilot and port from now on.
     ///
     /// # Errors
     /// As of [`step`](Self::step).

@@ -61,6 +61,8 @@ pub struct QemuComputer {
     /// Bytes of camera frames since its last start, and of those that went by the memory.
     camera_total: u32,
     camera_laid: u32,
+    /// Bytes of the lidar since its last start.
+    lidar_total: u32,
     /// Frames travel on the serial line, byte by byte, as they do on a board.
     camera_by_line: bool,
     /// MAVLink bytes that were taken out of the socket ahead of their step's end.
@@ -187,6 +189,7 @@ impl QemuComputer {
             tx_total: 0,
             camera_total: 0,
             camera_laid: 0,
+            lidar_total: 0,
             camera_by_line: false,
             drained: Vec::new(),
             late_steps: 0,
@@ -228,7 +231,7 @@ impl QemuComputer {
     /// As of [`set_up`](Self::set_up).
     pub fn recover(&mut self, setup: &Setup) -> Result<(), QemuError> {
         (self.rx_total, self.tx_total, self.late_steps) = (0, 0, 0);
-        (self.camera_total, self.camera_laid) = (0, 0);
+        (self.camera_total, self.camera_laid, self.lidar_total) = (0, 0, 0);
         self.write_setup(setup)?;
         let block = self.ring(twin::SETUP)?;
         let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
@@ -264,6 +267,7 @@ impl QemuComputer {
         setup.encode(&mut block).map_err(|error| self.lost(format!("the setup: {error}")))?;
         self.write_rx_total()?;
         self.write_camera_total()?;
+        self.write_lidar_total()?;
         Ok(self.memory.write_all_at(&block, twin::SETUP_AT as u64)?)
     }
 
@@ -286,6 +290,7 @@ impl QemuComputer {
             now,
             rx_expected: self.rx_total,
             camera_expected: self.camera_total,
+            lidar_expected: self.lidar_total,
             front_end,
             circles,
             fault: self.fault.take(),
@@ -327,31 +332,47 @@ impl QemuComputer {
         if self.camera_by_line {
             return Ok(self.port.write_patiently(bytes)?);
         }
-        let at = self.camera_laid as usize % twin::PORT_BYTES;
+        let at = self.camera_laid;
         self.camera_laid = self.camera_laid.wrapping_add(bytes.len() as u32);
-        if bytes.len() > twin::PORT_BYTES {
-            return Err(self.lost(format!("{} bytes of a camera are more than a step can take", bytes.len())));
-        }
-        let (before, after) = bytes.split_at(bytes.len().min(twin::PORT_BYTES - at));
-        self.memory.write_all_at(before, (twin::PORT_AT + at) as u64)?;
-        self.memory.write_all_at(after, twin::PORT_AT as u64)?;
+        self.lay(bytes, at, twin::PORT_AT, twin::PORT_BYTES)?;
         Ok(self.write_camera_total()?)
+    }
+
+    /// Lets its lidar turn: bytes of frames, which it will have taken in before the next step.
+    ///
+    /// # Errors
+    /// They are more than fit, or QEMU is gone.
+    pub fn turn(&mut self, bytes: &[u8]) -> Result<(), QemuError> {
+        let at = self.lidar_total;
+        self.lidar_total = self.lidar_total.wrapping_add(bytes.len() as u32);
+        self.lay(bytes, at, twin::LIDAR_AT, twin::LIDAR_BYTES)?;
+        Ok(self.write_lidar_total()?)
     }
 
     /// Lets it hear what the autopilot says.
     fn say(&mut self, rx: &[u8]) -> Result<(), QemuError> {
-        let at = self.rx_total as usize % twin::LINE_BYTES;
+        let at = self.rx_total;
         self.rx_total = self.rx_total.wrapping_add(rx.len() as u32);
         if !self.is_quick {
             return Ok(self.mavlink.write_all(rx)?);
         }
-        if rx.len() > twin::LINE_BYTES {
-            return Err(self.lost(format!("{} bytes are more than a step can take", rx.len())));
-        }
-        let (before, after) = rx.split_at(rx.len().min(twin::LINE_BYTES - at));
-        self.memory.write_all_at(before, (twin::LINE_AT + at) as u64)?;
-        self.memory.write_all_at(after, twin::LINE_AT as u64)?;
+        self.lay(rx, at, twin::LINE_AT, twin::LINE_BYTES)?;
         Ok(self.write_rx_total()?)
+    }
+
+    /// Lays bytes into a ring of the shared memory, behind so many before them.
+    fn lay(&mut self, bytes: &[u8], laid: u32, ring_at: usize, ring_bytes: usize) -> Result<(), QemuError> {
+        if bytes.len() > ring_bytes {
+            return Err(self.lost(format!("{} bytes are more than a step can take", bytes.len())));
+        }
+        let at = laid as usize % ring_bytes;
+        let (before, after) = bytes.split_at(bytes.len().min(ring_bytes - at));
+        self.memory.write_all_at(before, (ring_at + at) as u64)?;
+        Ok(self.memory.write_all_at(after, ring_at as u64)?)
+    }
+
+    fn write_lidar_total(&self) -> io::Result<()> {
+        self.memory.write_all_at(&self.lidar_total.to_le_bytes(), twin::LIDAR_TOTAL_AT as u64)
     }
 
     fn write_rx_total(&self) -> io::Result<()> {

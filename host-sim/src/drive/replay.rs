@@ -12,6 +12,7 @@
 use std::collections::VecDeque;
 
 use foxhound_computer::flight::{Flight, Mapper, Receiver, Step};
+use foxhound_computer::lidar::{self, Lidar};
 use foxhound_computer::log::frame::{Deframer, Frame};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
@@ -246,6 +247,7 @@ struct Flown {
     systems: AllSystems,
     companion: Companion,
     receiver: Receiver,
+    lidar: Option<Lidar>,
     plans: VecDeque<Plan>,
     steps: u64,
     has_differed: bool,
@@ -253,6 +255,7 @@ struct Flown {
     heard: Option<Heard>,
     /// What belongs to the next step.
     bytes: Vec<Vec<u8>>,
+    turned: Vec<Vec<u8>>,
     circles: Option<Vec<Circle>>,
     look: Option<PadObservation>,
     answers: Answers,
@@ -281,11 +284,13 @@ impl Flown {
             systems: AllSystems::build(&begin.config)?,
             companion,
             receiver: Receiver::new(None, &selftest::Config::default())?,
+            lidar: lidar::build(&begin.config)?,
             plans: VecDeque::new(),
             steps: 0,
             has_differed: false,
             heard: None,
             bytes: Vec::new(),
+            turned: Vec::new(),
             circles: None,
             look: None,
             answers: Answers::default(),
@@ -295,6 +300,7 @@ impl Flown {
     fn take(&mut self, record: Record<'_>, summary: &mut Summary) {
         match record {
             Record::Bytes(bytes) => self.bytes.push(bytes.to_vec()),
+            Record::Lidar(bytes) => self.turned.push(bytes.to_vec()),
             Record::Circles(circles) => self.circles = Some(circles.to_vec()),
             Record::Look(look) => self.look = Some(look),
             Record::Codes(codes) => {
@@ -323,9 +329,13 @@ impl Flown {
         let plan = step.plan.and_then(|id| self.plans.iter().rev().find(|plan| plan.id == id).cloned());
         let (circles, look) = (self.circles.take(), self.look.take());
         let (bytes, mut answers) = (std::mem::take(&mut self.bytes), std::mem::take(&mut self.answers));
+        let turned = std::mem::take(&mut self.turned);
         let mut flight = self.flight();
         for piece in &bytes {
             flight.hear(step.now, piece);
+        }
+        for piece in &turned {
+            flight.hear_lidar(step.now, piece);
         }
         flight.serve(&mut answers);
         let heard = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard);
@@ -364,8 +374,8 @@ impl Flown {
     }
 
     fn flight(&mut self) -> Flight<'_, AllSystems> {
-        let Self { config, guidance, state, systems, companion, receiver, .. } = self;
-        Flight { config, guidance, state, systems, companion, receiver }
+        let Self { config, guidance, state, systems, companion, receiver, lidar, .. } = self;
+        Flight { config, guidance, state, systems, companion, receiver, lidar }
     }
 
     /// Whether the codes come to what was heard, as far as that can be said.

@@ -10,6 +10,7 @@ use super::landing::{Downward, Landing, RANGE_TICKS};
 use crate::autopilot::Autopilot;
 use crate::scenario::{Scenario, SensorModel};
 use crate::world::air::{Air, Drift};
+use crate::world::lidar::Lidar;
 use crate::world::random::Random;
 use crate::world::sensor::View;
 use crate::world::vehicle::{Motion, Vehicle};
@@ -44,6 +45,8 @@ pub struct Sensed {
     pub rx: Vec<u8>,
     /// The circles of a sensor that delivers circles.
     pub circles: Option<Vec<Circle>>,
+    /// The bytes of a lidar on the computer's own line.
+    pub lidar: Option<Vec<u8>>,
     /// The bytes of the camera.
     pub camera: Option<Vec<u8>>,
 }
@@ -72,6 +75,7 @@ pub struct Rig {
     scenario: Scenario,
     air: Option<Air>,
     drift: Option<Drift>,
+    lidar: Option<Lidar>,
     /// Parts of a step after each of which the hull is checked.
     checks: u32,
 }
@@ -90,6 +94,7 @@ impl Rig {
             downward: None,
             air: None,
             drift: None,
+            lidar: (scenario.sensor.model == SensorModel::Lidar).then(Lidar::default),
             scenario: scenario.clone(),
             checks,
         }
@@ -147,8 +152,10 @@ impl Rig {
                 SensorModel::Scan => view
                     .scan_in_turn(tick, SENSOR_TICKS, TICK_S, now_us, &motion)
                     .for_each(|message| self.autopilot.forward(&message)),
+                SensorModel::Lidar => {}
             }
         }
+        let lidar = self.lidar.as_mut().map(|lidar| lidar.turn(&view, &motion, when.obstacles_are_silent));
         let mut camera = None;
         if let Some(downward) = &mut self.downward {
             if tick.is_multiple_of(RANGE_TICKS)
@@ -158,7 +165,7 @@ impl Rig {
             }
             camera = downward.look(now_us, &motion);
         }
-        Sensed { motion, rx: self.autopilot.transmit(), circles, camera }
+        Sensed { motion, rx: self.autopilot.transmit(), circles, lidar, camera }
     }
 
     /// What the vehicle does until the next step. It ends where the hull meets something.

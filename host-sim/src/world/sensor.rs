@@ -154,8 +154,13 @@ impl View<'_> {
         self.sectors().div_ceil(SECTORS)
     }
 
+    /// How far the nearest pillar is along an azimuth, where one is within range.
+    pub(super) fn nearest_m(&self, azimuth_deg: f64) -> Option<f64> {
+        self.hit(&self.in_range(), azimuth_deg).map(|(_, distance_m)| distance_m)
+    }
+
     /// The same view some time ago, by a motion.
-    fn before(&self, ago_s: f64, motion: &Motion) -> Self {
+    pub(super) fn before(&self, ago_s: f64, motion: &Motion) -> Self {
         let [north_mps, east_mps, _] = motion.velocity_ned_mps;
         Self {
             time_s: self.time_s - ago_s,

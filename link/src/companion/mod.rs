@@ -77,6 +77,8 @@ pub struct Pace {
     pub late: u32,
     /// Frames of the antennas that did not come when they should or were no use, since the start.
     pub lost: u32,
+    /// Frames of the lidar that were damaged, since its setup, where there is one.
+    pub lidar_bad: Option<u32>,
 }
 
 /// What went wrong, and what went through, since the start.

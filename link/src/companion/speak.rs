@@ -47,6 +47,8 @@ static VALUES: [[u8; 10]; 15] = [
     *b"FH_OB0\0\0\0\0",
     *b"FH_OB1\0\0\0\0",
 ];
+/// In the place of the last, where obstacles are taken from a lidar of our own.
+const LIDAR_VALUE: [u8; 10] = *b"FH_LDR\0\0\0\0";
 /// Bytes of a `STATUSTEXT`.
 pub const NOTICE_BYTES: usize = 50;
 const TEXT_PERIOD_US: u64 = 1_000_000;
@@ -300,6 +302,7 @@ impl Companion {
         let towards_rad = output.source_bearing_ned_rad.map(|bearing| self.continuity.heading_to_theirs(bearing));
         let belief = output.source_share_and_nis.filter(|_| fresh.is_some());
         let turn = self.telemetry.turn;
+        let lidar_bad = self.pace.and_then(|pace| pace.lidar_bad);
         let value = match turn {
             0 => towards_rad.map(compass_deg),
             1 => fresh.map(|(_, snr_db, ..)| snr_db),
@@ -314,6 +317,7 @@ impl Companion {
             10 => self.pace.map(|pace| pace.longest_us as f32 * 1e-3),
             11 => self.pace.map(|pace| pace.late as f32),
             12 => self.pace.map(|pace| pace.lost as f32),
+            14 if lidar_bad.is_some() => lidar_bad.map(|bad| bad as f32),
             _ => self.sources.ages(now).nth(usize::from(turn - 13)).map(|(_, age_s)| age_s),
         };
         if turn == 0
@@ -323,7 +327,8 @@ impl Companion {
             self.outbox.post_direction(&direction(now, towards_rad, depression_rad));
         }
         if let Some(value) = value.filter(|value| value.is_finite()) {
-            let name = CharArray::new(VALUES[usize::from(turn)]);
+            let is_lidar = turn == 14 && lidar_bad.is_some();
+            let name = CharArray::new(if is_lidar { LIDAR_VALUE } else { VALUES[usize::from(turn)] });
             self.outbox.post_note(&NAMED_VALUE_FLOAT_DATA { time_boot_ms: boot_ms(now), value, name });
         }
     }

@@ -16,7 +16,7 @@ use crate::bench::*;
 fn named_values_are_told_every_0_6_s_each_and_a_direction_with_them() {
     let mut bench = Bench::flying();
     bench.answers = true;
-    bench.companion.note_pace(Pace { longest_us: 1_500, late: 3, lost: 4 });
+    bench.companion.note_pace(Pace { longest_us: 1_500, late: 3, lost: 4, lidar_bad: Some(5) });
     bench.run(0.1);
     bench.take_sent();
     let told = bench.output.as_mut().unwrap();
@@ -65,6 +65,7 @@ fn named_values_are_told_every_0_6_s_each_and_a_direction_with_them() {
         ("FH_STP", 1.5),
         ("FH_LATE", 3.0),
         ("FH_LOST", 4.0),
+        ("FH_LDR", 5.0),
     ];
     for (name, expected) in expected {
         let of_it: Vec<f32> = values.iter().filter(|(other, _)| other == name).map(|(_, value)| *value).collect();

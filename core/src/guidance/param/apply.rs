@@ -8,6 +8,7 @@ use crate::control::guard::Fence;
 use crate::doa::array;
 use crate::guidance::{self, param, turning};
 use crate::landing;
+use crate::mapping::lidar;
 use crate::planning::explore;
 
 /// Beyond this the cells of a search grow with its radius.
@@ -59,6 +60,8 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
         param::FH_OBS_MIN => guard.coverage.smallest_obstacle_m,
         param::FH_OBS_SIDE => guard.out_of_view_share,
         param::FH_START_CLR => guard.coverage.start_clearance_m,
+        param::FH_OBS_SRC => config.lidar.map_or(0.0, |lidar| 1.0 + switch(lidar.is_upside_down)),
+        param::FH_LDR_YAW => config.lidar?.yaw_rad * (180.0 / PI),
         param::FH_TGT_DIST => config.goal.target_distance_m,
         param::FH_RPL_TIME => config.replan_after_s,
         param::FH_RPL_WPT => f32::from(config.replan_at_waypoint),
@@ -152,6 +155,7 @@ impl Values {
             param::FH_OBS_MIN => guard.coverage.smallest_obstacle_m = value,
             param::FH_OBS_SIDE => guard.out_of_view_share = value,
             param::FH_START_CLR => guard.coverage.start_clearance_m = value,
+            param::FH_OBS_SRC | param::FH_LDR_YAW => self.apply_lidar(config),
             param::FH_TGT_DIST => config.goal.target_distance_m = value,
             param::FH_RPL_TIME => config.replan_after_s = value,
             param::FH_RPL_WPT => config.replan_at_waypoint = self.whole(id) as u8,
@@ -189,6 +193,14 @@ impl Values {
         let searches = self.is_on(param::FH_SRCH_TIME);
         config.planner.explore = searches.then_some(explore::Config { limit_s, radius_m, cell_m, ..before });
         config.set_vehicle_radius_m(config.guard.vehicle_radius_m);
+    }
+
+    fn apply_lidar(&self, config: &mut guidance::Config) {
+        config.lidar = self.is_on(param::FH_OBS_SRC).then_some(lidar::Mount {
+            // In this order a quarter and a half turn are exact.
+            yaw_rad: self.get(param::FH_LDR_YAW) / 180.0 * PI,
+            is_upside_down: self.whole(param::FH_OBS_SRC) > 1,
+        });
     }
 
     fn apply_landing(&self, config: &mut guidance::Config) {

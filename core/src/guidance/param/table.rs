@@ -69,6 +69,13 @@ pub const TABLE: &[Param] = &[
         [0.0, 1.0],
         "Nothing unseen is closer to the vehicle than this where it is first asked to move.",
     ),
+    whole(
+        "FH_OBS_SRC",
+        0.0,
+        [0.0, 2.0],
+        "Where obstacles are taken from: 0 the autopilot's messages, 1 the lidar on the computer's own line and nothing else, 2 the same, where it hangs upside down.",
+    ),
+    real("FH_LDR_YAW", "deg", 0.0, [-180.0, 180.0], "Where the arrow of that lidar points, from the nose, clockwise."),
     // Where it goes.
     real("FH_TGT_DIST", "m", 2.0, [0.5, 20.0], "Distance of the temporary target along the bearing."),
     real("FH_RPL_TIME", "s", 0.7, [0.1, 60.0], "A new plan is asked for after this long at the latest."),

@@ -36,6 +36,8 @@ const PLACES: &[(Id, Place)] = &[
     (FH_OBS_MIN, |c| c.guard.coverage.smallest_obstacle_m),
     (FH_OBS_SIDE, |c| c.guard.out_of_view_share),
     (FH_START_CLR, |c| c.guard.coverage.start_clearance_m),
+    (FH_OBS_SRC, |c| c.lidar.map_or(0.0, |lidar| 1.0 + f32::from(u8::from(lidar.is_upside_down)))),
+    (FH_LDR_YAW, |c| c.lidar.unwrap_or_default().yaw_rad.to_degrees()),
     (FH_TGT_DIST, |c| c.goal.target_distance_m),
     (FH_RPL_TIME, |c| c.replan_after_s),
     (FH_RPL_WPT, |c| f32::from(c.replan_at_waypoint)),
@@ -96,6 +98,7 @@ fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
         FH_TONE_HI => vec![(FH_SMP_RATE, if value > 1e3 { 1e7 } else { 1e3 }), (FH_TONE_LO, 0.0)],
         FH_TURN_RATE => vec![(FH_TURN, 1.0), (FH_YAWR_MAX, 6.3)],
         FH_TURN_CH => vec![(FH_TURN, 2.0)],
+        FH_LDR_YAW => vec![(FH_OBS_SRC, 1.0)],
         FH_LND_REQ | FH_PAD_R | FH_CAM_FOCAL => vec![(FH_LND_MODE, 2.0)],
         _ => vec![],
     }
@@ -192,7 +195,7 @@ fn nothing_beyond_a_range_would_build() {
     for (id, _) in PLACES {
         let (min, max) = id.range();
         let kind = TABLE[id.index()].kind;
-        if kind == Kind::Whole && (max == 1.0 || [FH_TURN, FH_LND_MODE].contains(id)) {
+        if kind == Kind::Whole && (max == 1.0 || [FH_TURN, FH_LND_MODE, FH_OBS_SRC].contains(id)) {
             continue;
         }
         let step = |end: f32| if kind == Kind::Whole { 1.0 } else { (0.003 * end.abs()).max(1e-4) };

@@ -1,7 +1,8 @@
-//! The link's row: what it takes to hear a serial line that is full.
+//! The rows of the lines: what it takes to hear one that is full, of the autopilot and of a lidar.
 
 use core::hint::black_box;
 
+use foxhound_computer::lidar::{self, FRAME_BYTES, crc8};
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::Values;
 use foxhound_firmware::board::Board as _;
@@ -21,6 +22,10 @@ const STEPS_PER_S: u64 = 50;
 /// 5 % of the core: 170 MHz at 1.5 cycles an instruction.
 const CEILING: u32 = 5_667_000;
 
+/// Frames that 230 400 baud carry in a step: 9.8.
+const LIDAR_FRAMES: usize = 10;
+const LIDAR_CEILING: u32 = 60_000;
+
 /// A second of a line that carries nothing but telemetry which we read, as close as it comes.
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(mut companion) = Config::default().build_with(Values::DEFAULT) else {
@@ -38,6 +43,44 @@ pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
         Twin::halt(format_args!("the link has not heard what was said"));
     }
     row("link_full_line_second", sum, CEILING);
+    row("lidar_full_line_step", full_lidar(measure), LIDAR_CEILING);
+}
+
+/// The worst of the steps in which a lidar's line carries frame after frame, through several turns.
+#[inline(never)]
+fn full_lidar(measure: &impl Fn(&mut dyn FnMut()) -> u32) -> u32 {
+    let Ok(mut lidar) = lidar::Config::default().build() else {
+        Twin::halt(format_args!("the lidar does not build"));
+    };
+    let (mut worst, mut number) = (0, 0);
+    for step in 0..STEPS_PER_S {
+        let mut bytes = [[0; FRAME_BYTES]; LIDAR_FRAMES];
+        for frame in &mut bytes {
+            *frame = lidar_frame(number);
+            number += 1;
+        }
+        let now = Instant(step * 20_000);
+        worst = worst.max(measure(&mut || lidar.push(now, black_box(bytes.as_flattened()))));
+        lidar.take();
+    }
+    if lidar.counters().frames != number || lidar.counters().turns < 10 {
+        Twin::halt(format_args!("the lidar was not heard"));
+    }
+    worst
+}
+
+/// Twelve points, 0.8 degrees apart.
+fn lidar_frame(number: u32) -> [u8; FRAME_BYTES] {
+    let mut frame = [100; FRAME_BYTES];
+    let angle = |point: u32| ((number * 12 + point) * 80 % 36_000) as u16;
+    for (at, word) in [(0, 0x2C54), (4, angle(0)), (FRAME_BYTES - 5, angle(11))] {
+        for (to, from) in frame.iter_mut().skip(at).zip(word.to_le_bytes()) {
+            *to = from;
+        }
+    }
+    let (body, check) = frame.split_at_mut(FRAME_BYTES - 1);
+    check.fill(crc8(body));
+    frame
 }
 
 /// What guidance takes in its step.

@@ -6,7 +6,7 @@
 //! Bytes of the autopilot, and of a camera, also come by the memory that we share with the simulator, as by DMA: layout in
 //! `foxhound_computer::twin`. QEMU's serial line costs the simulator's machine a dozen changes of thread for every byte. A simulator
 //! that flies for hours fills the rings before it rings the bell; one that fills nothing has UART0 and UART2. What was written
-//! before the setup of this start was for the last one.
+//! before the setup of this start was for the last one. Those of a lidar come by the memory only.
 
 use core::future::{Future as _, poll_fn};
 use core::ops::Range;
@@ -21,7 +21,7 @@ use embassy_sync::waitqueue::AtomicWaker;
 
 use foxhound_computer::part::{self, Refused};
 use foxhound_computer::port::Waiting;
-use foxhound_computer::twin::{LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT};
+use foxhound_computer::twin::{LIDAR_AT, LIDAR_BYTES, LIDAR_TOTAL_AT, LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT};
 
 use super::PSRAM;
 use super::interrupt::{Interrupt, unmask};
@@ -136,6 +136,45 @@ impl Read for Receiver {
         .await;
         unmask(Interrupt::Uart0Rx);
         count
+    }
+}
+
+/// From the lidar.
+#[derive(Debug)]
+pub struct LidarReceiver {
+    /// Bytes that have waited at once, at most.
+    most: u32,
+}
+
+impl LidarReceiver {
+    pub(super) const fn new() -> Self {
+        Self { most: 0 }
+    }
+}
+
+impl board::Receiver for LidarReceiver {
+    fn try_read(&mut self, bytes: &mut [u8]) -> usize {
+        self.most = self.most.max(LIDAR.waiting());
+        LIDAR.take(bytes, Waker::noop())
+    }
+
+    fn waiting(&self) -> Waiting {
+        Waiting { most: self.most, room: LIDAR_BYTES as u32, lost: 0 }
+    }
+
+    fn errors(&self) -> u32 {
+        0
+    }
+}
+
+impl Read for LidarReceiver {
+    async fn read(&mut self, bytes: &mut [u8]) -> usize {
+        self.most = self.most.max(LIDAR.waiting());
+        poll_fn(|context| match LIDAR.take(bytes, context.waker()) {
+            0 => Poll::Pending,
+            count => Poll::Ready(count),
+        })
+        .await
     }
 }
 
@@ -275,12 +314,16 @@ pub(super) extern "C" fn on_bell() {
     receive(UART1, Interrupt::Uart1Rx, &BELL);
     AUTOPILOT.wake();
     PORT.wake();
+    LIDAR.wake();
 }
 
 /// Bytes of the autopilot.
 pub(super) static AUTOPILOT: Line = Line::new(LINE_TOTAL_AT, LINE_AT, LINE_BYTES);
 /// Bytes of the maintenance port, those of a camera among them.
 pub(super) static PORT: Line = Line::new(PORT_TOTAL_AT, PORT_AT, PORT_BYTES);
+
+/// Bytes of the lidar.
+pub(super) static LIDAR: Line = Line::new(LIDAR_TOTAL_AT, LIDAR_AT, LIDAR_BYTES);
 
 /// A ring in the shared memory.
 pub(super) struct Line {
@@ -308,6 +351,14 @@ impl Line {
     /// The bell has rung.
     pub(super) fn wake(&self) {
         self.waker.wake();
+    }
+
+    /// Bytes that are there.
+    fn waiting(&self) -> u32 {
+        if !self.is_open.load(Ordering::Relaxed) {
+            return 0;
+        }
+        self.total().wrapping_sub(self.taken.load(Ordering::Relaxed))
     }
 
     /// Takes what is there; the waker is woken by the bell.

@@ -1,9 +1,10 @@
-//! The two serial lines: 921 600 baud, 8N1, by DMA both ways.
+//! The serial lines, 8N1, by DMA: two of 921 600 baud both ways, and one of 230 400 that only listens.
 //!
 //! | line | pins | DMA1 | request |
 //! |---|---|---|---|
 //! | autopilot, USART1 | TX PA9, RX PA10 (alternate function 7) | channel 1 sends, 2 receives | 25, 24 |
 //! | maintenance port, LPUART1 | TX PA2, RX PA3 (alternate function 12) | channel 3 sends, 4 receives | 35, 34 |
+//! | lidar, USART3 | RX PC11 (alternate function 7) | channel 5 receives | 28 |
 //!
 //! After RM0440, chapters DMA, DMAMUX, USART and LPUART:
 //!
@@ -13,7 +14,7 @@
 //!   An overrun (ORE) keeps the byte in the data register, which DMA fetches; what came meanwhile is lost. A channel is never
 //!   disabled and enabled again without new values in its registers ("suspend and resume" is not supported).
 //! - **Sending.** Bytes are copied into a buffer of the line, which DMA reaches and which outlives the transfer.
-//! - **Pull-ups** on both inputs: an open input is an idle line.
+//! - **Pull-ups** on the inputs: an open input is an idle line.
 
 use core::future::poll_fn;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, fence};
@@ -23,7 +24,7 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr, Pupdr};
 use embassy_stm32::pac::usart::Usart;
-use embassy_stm32::pac::{DMA1, DMAMUX1, GPIOA, LPUART1, RCC, USART1};
+use embassy_stm32::pac::{DMA1, DMAMUX1, GPIOA, GPIOC, LPUART1, RCC, USART1, USART3};
 use embassy_sync::waitqueue::AtomicWaker;
 use foxhound_computer::circular::{self, Counts, Cursor};
 use foxhound_computer::part;
@@ -34,18 +35,22 @@ use crate::board::{self, Read, Write};
 use crate::register_values::baud_divider;
 
 const BAUD: u32 = 921_600;
+const LIDAR_BAUD: u32 = 230_400;
 /// Bytes that are sent in one transfer.
 const PIECE_BYTES: usize = 128;
 /// 44 ms at the full rate: two steps of guidance.
 const RING_BYTES: usize = 4096;
 /// A camera's bytes of 5.5 ms.
 const PORT_RING_BYTES: usize = 512;
+/// 44 ms at the full rate: two steps of guidance.
+const LIDAR_RING_BYTES: usize = 1024;
 
 type Bytes<const N: usize> = [AtomicU8; N];
 
 static RING: Bytes<RING_BYTES> = [const { AtomicU8::new(0) }; RING_BYTES];
 static PIECE: Bytes<PIECE_BYTES> = [const { AtomicU8::new(0) }; PIECE_BYTES];
 static PORT_RING: Bytes<PORT_RING_BYTES> = [const { AtomicU8::new(0) }; PORT_RING_BYTES];
+static LIDAR_RING: Bytes<LIDAR_RING_BYTES> = [const { AtomicU8::new(0) }; LIDAR_RING_BYTES];
 static PORT_PIECE: Bytes<PIECE_BYTES> = [const { AtomicU8::new(0) }; PIECE_BYTES];
 
 /// A channel of DMA1, by its index from 0, and what it serves.
@@ -57,7 +62,8 @@ struct Channel {
 /// A serial line.
 struct Line {
     uart: Usart,
-    sends: Channel,
+    /// None where it only listens.
+    sends: Option<Channel>,
     receives: Channel,
     /// DMA writes it.
     ring: &'static [AtomicU8],
@@ -75,15 +81,16 @@ struct Line {
 }
 
 static AUTOPILOT: Line =
-    Line::new(USART1, Channel { index: 0, request: 25 }, Channel { index: 1, request: 24 }, &RING, &PIECE);
+    Line::new(USART1, Some(Channel { index: 0, request: 25 }), Channel { index: 1, request: 24 }, &RING, &PIECE);
 static PORT: Line = Line::new(
     // SAFETY: the registers that are used lie at the same places in both.
     unsafe { Usart::from_ptr(LPUART1.as_ptr()) },
-    Channel { index: 2, request: 35 },
+    Some(Channel { index: 2, request: 35 }),
     Channel { index: 3, request: 34 },
     &PORT_RING,
     &PORT_PIECE,
 );
+static LIDAR: Line = Line::new(USART3, None, Channel { index: 4, request: 28 }, &LIDAR_RING, &[]);
 
 /// The receiving end of a line.
 pub struct Receiver {
@@ -94,14 +101,18 @@ pub struct Receiver {
 /// The sending end of a line.
 pub struct Transmitter(&'static Line);
 
-/// Both lines: the autopilot's, then the maintenance port's. To be called once, when the clocks run and DMA1 is clocked.
-pub(super) fn start() -> [(Receiver, Transmitter); 2] {
+/// The autopilot's line, then the maintenance port's, and the lidar's. To be called once, when the clocks run.
+pub(super) fn start() -> ([(Receiver, Transmitter); 2], Receiver) {
     RCC.ahb1enr().modify(|w| {
         w.set_dma1en(true);
         w.set_dmamux1en(true);
     });
-    RCC.ahb2enr().modify(|w| w.set_gpioaen(true));
+    RCC.ahb2enr().modify(|w| {
+        w.set_gpioaen(true);
+        w.set_gpiocen(true);
+    });
     RCC.apb2enr().modify(|w| w.set_usart1en(true));
+    RCC.apb1enr1().modify(|w| w.set_usart3en(true));
     RCC.apb1enr2().modify(|w| w.set_lpuart1en(true));
     // A clock takes two cycles to arrive: the read is the wait.
     let _ = RCC.apb1enr2().read();
@@ -111,6 +122,10 @@ pub(super) fn start() -> [(Receiver, Transmitter); 2] {
         // LPUART: 256 times finer.
         PORT.start(baud_divider(clock_hz, BAUD, 256)),
     ];
+    let (lidar, _) = LIDAR.start(baud_divider(clock_hz, LIDAR_BAUD, 1));
+    GPIOC.afr(1).modify(|w| w.set_afr(11 % 8, 7));
+    GPIOC.pupdr().modify(|w| w.set_pupdr(11, Pupdr::PULL_UP));
+    GPIOC.moder().modify(|w| w.set_moder(11, Moder::ALTERNATE));
     for (transmits, receives, function) in [(9, 10, 7), (2, 3, 12)] {
         for pin in [transmits, receives] {
             GPIOA.afr(pin / 8).modify(|w| w.set_afr(pin % 8, function));
@@ -125,17 +140,17 @@ pub(super) fn start() -> [(Receiver, Transmitter); 2] {
             w.set_moder(receives, Moder::ALTERNATE);
         });
     }
-    for vector in [interrupt::USART1, interrupt::LPUART1] {
+    for vector in [interrupt::USART1, interrupt::LPUART1, interrupt::USART3] {
         // SAFETY: the handlers below are ready, and no mask-based critical section is in use. Those of DMA1 embassy has enabled.
         unsafe { cortex_m::peripheral::NVIC::unmask(vector) };
     }
-    ends
+    (ends, lidar)
 }
 
 impl Line {
     const fn new(
         uart: Usart,
-        sends: Channel,
+        sends: Option<Channel>,
         receives: Channel,
         ring: &'static [AtomicU8],
         piece: &'static [AtomicU8],
@@ -163,17 +178,19 @@ impl Line {
         uart.cr2().write(|_| {});
         uart.cr3().write(|_| {});
         uart.brr().write(|w| w.0 = divider);
-        DMAMUX1.ccr(self.sends.index).write(|w| w.set_dmareq_id(self.sends.request));
+        if let Some(sends) = &self.sends {
+            DMAMUX1.ccr(sends.index).write(|w| w.set_dmareq_id(sends.request));
+        }
         DMAMUX1.ccr(self.receives.index).write(|w| w.set_dmareq_id(self.receives.request));
         self.receive();
         uart.cr3().write(|w| {
             w.set_eie(true);
             w.set_dmar(true);
-            w.set_dmat(true);
+            w.set_dmat(self.sends.is_some());
         });
         uart.cr1().write(|w| {
             w.set_idleie(true);
-            w.set_te(true);
+            w.set_te(self.sends.is_some());
             w.set_re(true);
             w.set_ue(true);
         });
@@ -262,7 +279,7 @@ impl Line {
     }
 
     fn on_sent(&self) {
-        let channel = self.sends.index;
+        let Some(Channel { index: channel, .. }) = self.sends else { return };
         let flags = DMA1.isr().read();
         let (half, full, error) = (flags.htif(channel), flags.tcif(channel), flags.teif(channel));
         DMA1.ifcr().write(|w| {
@@ -317,7 +334,7 @@ impl Write for Transmitter {
     /// Returns when DMA has handed over the last byte.
     async fn write(&mut self, bytes: &[u8]) {
         let line = self.0;
-        let channel = line.sends.index;
+        let Some(Channel { index: channel, .. }) = line.sends else { return };
         let dma = DMA1.ch(channel);
         for piece in part::pieces(bytes, line.piece.len()) {
             // One whose future was dropped is still under way.
@@ -359,6 +376,11 @@ fn LPUART1() {
 }
 
 #[interrupt]
+fn USART3() {
+    LIDAR.on_uart();
+}
+
+#[interrupt]
 fn DMA1_CHANNEL1() {
     AUTOPILOT.on_sent();
 }
@@ -376,4 +398,9 @@ fn DMA1_CHANNEL3() {
 #[interrupt]
 fn DMA1_CHANNEL4() {
     PORT.on_received();
+}
+
+#[interrupt]
+fn DMA1_CHANNEL5() {
+    LIDAR.on_received();
 }

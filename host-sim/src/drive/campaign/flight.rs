@@ -318,6 +318,13 @@ impl Computer for Twin {
         Computer::see(&mut self.qemu, bytes)
     }
 
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        if self.away > 0 {
+            return Ok(());
+        }
+        Computer::turn(&mut self.qemu, bytes)
+    }
+
     fn step(
         &mut self,
         now: Instant,

@@ -29,6 +29,27 @@ fn the_built_in_mission_reaches_the_beacon_by_its_waves_alone() {
     }
 }
 
+fn by_lidar() -> Scenario {
+    parsed(include_str!("../../../../tests/scenarios/lidar.json"))
+}
+
+#[test]
+fn by_a_lidar_it_flies_around_pillars_and_stands_while_that_is_silent() {
+    let undisturbed = flown(&mission(by_lidar(), 3));
+    assert_eq!((undisturbed.report.result, undisturbed.report.collisions), (Ending::Reached, 0));
+    let is_stale = |sample: &&Sample| sample.outcome == Outcome::StaleObstacles;
+    assert!(!undisturbed.path.iter().skip(50).any(|sample| is_stale(&sample)), "it turns");
+    let mut scenario = by_lidar();
+    scenario.faults.stale_obstacles = Some([4.0, 8.0]);
+    let silent = flown(&mission(scenario, 3));
+    assert_eq!((silent.report.result, silent.report.collisions), (Ending::Reached, 0));
+    // The last turn ends at 4 s and counts from its middle; 0.5 s later it is too old.
+    let first = silent.path.iter().skip(50).find(is_stale).unwrap();
+    assert!((4.3..4.56).contains(&first.time_s), "{}", first.time_s);
+    let stands = |sample: &Sample| sample.speed_mps < 0.05;
+    assert!(silent.path.iter().filter(|sample| (7.0..8.0).contains(&sample.time_s)).all(stands));
+}
+
 #[test]
 fn the_same_seed_gives_the_same_flight_and_another_seed_another() {
     let hash = |seed| flown(&mission(Scenario::built_in(), seed)).report;

@@ -45,6 +45,8 @@ pub struct G474Computer {
     follower: Follower,
     /// Bytes of a camera for the next step.
     camera: Vec<u8>,
+    /// Bytes of a lidar for the next step.
+    lidar: Vec<u8>,
     flight_log: Option<Vec<u8>>,
     /// What was received, if it is wanted.
     heard: Option<Vec<Heard>>,
@@ -63,6 +65,7 @@ impl G474Computer {
             report,
             follower: Follower::default(),
             camera: Vec::new(),
+            lidar: Vec::new(),
             flight_log: Some(Vec::new()),
             heard: None,
             output: None,
@@ -131,8 +134,8 @@ impl G474Computer {
             self.follower.offer(offered);
         }
         let zeroes = AdcFrame::zeroed();
-        let camera = std::mem::take(&mut self.camera);
-        self.report = self.board.step(rx, &camera, Some(snapshot.unwrap_or(&zeroes))).map_err(lost)?;
+        let (camera, lidar) = (std::mem::take(&mut self.camera), std::mem::take(&mut self.lidar));
+        self.report = self.board.step(rx, &camera, &lidar, Some(snapshot.unwrap_or(&zeroes))).map_err(lost)?;
         let Report { resets, log, tx, .. } = &mut self.report;
         if let Some(reset) = resets.first() {
             return Err(ComputerError(format!(
@@ -201,6 +204,11 @@ impl Computer for G474Computer {
 
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
         self.camera.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        self.lidar.extend_from_slice(bytes);
         Ok(())
     }
 

@@ -13,12 +13,14 @@ pub struct Needs(Vec<(Id, f32)>);
 
 impl Needs {
     /// What is to be set over MAVLink before take-off for this mission, whose configuration may have been overruled. A sensor
-    /// of circles becomes one of scans, which travel as `OBSTACLE_DISTANCE`.
+    /// of circles becomes one of scans, which travel as `OBSTACLE_DISTANCE`; a lidar stays one.
     ///
     /// # Errors
     /// The key that asks for what no parameter sets.
     pub fn of(mission: &mut Mission, config: &guidance::Config) -> Result<Self, InputError> {
-        mission.scenario.sensor.model = SensorModel::Scan;
+        if mission.scenario.sensor.model == SensorModel::Circles {
+            mission.scenario.sensor.model = SensorModel::Scan;
+        }
         let scenario = &mission.scenario;
         let refuse = |key: &str, why: &str| Err(InputError::new(format!("--via g474: {key}: {why}")));
         if scenario.bearing_model() != BearingModel::Rf {

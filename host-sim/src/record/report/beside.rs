@@ -45,6 +45,11 @@ impl<C: Computer> Computer for Beside<C> {
         self.looked_into.see(bytes)
     }
 
+    fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
+        self.flies.turn(bytes)?;
+        self.looked_into.turn(bytes)
+    }
+
     fn log_flight(&mut self) {
         self.flies.log_flight();
     }
