@@ -6,6 +6,7 @@ use super::follow::{Frequency, REFINEMENTS, bins_between};
 use super::lines::{INTERPOLATION_VARIANCE, Peak, leakage, other_line};
 use super::{Extractor, QUANTISATION, REFRESH, SEARCH_THRESHOLD, State};
 use crate::base::adc::CHANNELS;
+use crate::signal::spectrum::power_of_two;
 use crate::signal::spectrum::tone::Window;
 
 /// The line in the spectrum that is taken for the tone.
@@ -91,7 +92,7 @@ impl<const N: usize> Extractor<N> {
 
     fn take_over_floors(&self, state: &mut State<N>, peak: &Peak) {
         for ((variance, floor), channel) in state.variance.iter_mut().zip(state.floors).zip(0..) {
-            let power = state.spectrum.power(channel, peak.bin) as f32 * state.spectrum.scale(channel);
+            let power = state.spectrum.power(channel, peak.bin) as f32 * power_of_two(state.spectrum.exponent(channel));
             let floor = floor * under_the_tone::<N>(power / floor, peak.bins - peak.bin as f32);
             *variance = (floor / hann_gain::<N>()).max(QUANTISATION);
         }

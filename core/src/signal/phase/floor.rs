@@ -3,7 +3,7 @@
 use super::lines::LINE_THRESHOLD;
 use crate::base::sort::nth;
 use crate::base::units::sin_cos;
-use crate::signal::spectrum::Spectrum;
+use crate::signal::spectrum::{Spectrum, power_of_two};
 
 /// Median over mean of an exponential variable: `ln 2`.
 pub(super) const MEDIAN_OF_MEAN: f32 = core::f32::consts::LN_2;
@@ -20,7 +20,7 @@ pub(super) fn median<const N: usize>(spectrum: &Spectrum<N>, channel: usize, wor
         *value = power as f32;
     }
     let median = workspace.get_mut(..count).and_then(|powers| nth(powers, count / 2)).unwrap_or_default();
-    median * spectrum.scale(channel)
+    median * power_of_two(spectrum.exponent(channel))
 }
 
 /// By how much the median overrates the floor because of the bins under the tone, which all lie above it: the factor

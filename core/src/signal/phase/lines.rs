@@ -5,7 +5,7 @@ use super::follow::Frequency;
 use crate::base::adc::CHANNELS;
 use crate::base::math::sqrt;
 use crate::base::units::sin_cos;
-use crate::signal::spectrum::Spectrum;
+use crate::signal::spectrum::{Spectrum, power_of_two};
 
 /// Two lines within 10 dB, as a ratio of powers.
 const COMPARABLE: f32 = 0.1;
@@ -42,7 +42,7 @@ impl<const N: usize> Extractor<N> {
     pub(super) fn statistics(&self, spectrum: &Spectrum<N>, floors: &[f32; CHANNELS], workspace: &mut [f32; N]) {
         workspace.fill(0.0);
         for (channel, floor) in floors.iter().enumerate() {
-            let weight = spectrum.scale(channel) / (CHANNELS as f32 * floor);
+            let weight = power_of_two(spectrum.exponent(channel)) / (CHANNELS as f32 * floor);
             for (sum, power) in workspace.iter_mut().skip(1).zip(spectrum.powers(channel)) {
                 *sum += power as f32 * weight;
             }
@@ -93,7 +93,8 @@ pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> bool
 /// three bins of a line of amplitude `A` hold `3/32 (N A)^2` together.
 pub(super) fn leakage<const N: usize>(spectrum: &Spectrum<N>, values: &[f32; N], peak: &Peak) -> [f32; CHANNELS] {
     let squared_amplitude = 32.0 / (3.0 * N as f32 * N as f32);
-    let scales: [f32; CHANNELS] = core::array::from_fn(|channel| squared_amplitude * spectrum.scale(channel));
+    let scales: [f32; CHANNELS] =
+        core::array::from_fn(|channel| squared_amplitude * power_of_two(spectrum.exponent(channel)));
     let half_step_sine = |bins: f32| sin_cos(core::f32::consts::PI / N as f32 * bins).0;
     let mut leakage = [0.0; CHANNELS];
     let mut count = 0;

@@ -119,12 +119,11 @@ impl<const N: usize> Spectrum<N> {
     pub fn exponent(&self, channel: usize) -> i32 {
         self.exponents[channel % CHANNELS]
     }
+}
 
-    /// Two to [`Self::exponent`], within the range of f32.
-    #[must_use]
-    pub fn scale(&self, channel: usize) -> f32 {
-        f32::from_bits(((127 + self.exponent(channel)).clamp(1, 254) as u32) << 23)
-    }
+/// Two to a power, within the range of f32.
+pub(super) fn power_of_two(exponent: i32) -> f32 {
+    f32::from_bits(((127 + exponent).clamp(1, 254) as u32) << 23)
 }
 
 #[cfg(test)]
