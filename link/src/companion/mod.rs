@@ -35,6 +35,7 @@ use foxhound_core::mapping::scan::{Points, Scan};
 use crate::MessageData;
 use crate::advice::Advice;
 use crate::autopilot::{Attitude, Position};
+use crate::beams::Beams;
 use crate::clock::{PeerClock, is_over};
 use crate::continuity::Continuity;
 use crate::dialect::HEARTBEAT_DATA;
@@ -169,6 +170,7 @@ pub struct Companion {
     noise: Noise,
     advice: Advice,
     sources: Sources,
+    beams: Beams,
     /// The component whose scan was taken last.
     last_scan_of: u8,
 
@@ -237,6 +239,7 @@ impl Companion {
             noise: Noise { since: Instant(0), good: 0, bad: 0, percent: 0 },
             advice: Advice::new(),
             sources: Sources::new(),
+            beams: Beams::new(),
             turns: Turns::new(),
             last_scan_of: 0,
             points: None,
