@@ -8,11 +8,12 @@ use std::time::Instant;
 use clap::Args;
 use foxhound_computer::twin::Setup;
 use foxhound_core::base::time::Instant as Time;
+use foxhound_core::guidance;
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::autopilot::transport::{Address, Line};
-use foxhound_sim::drive::companion::{self, Config, News};
+use foxhound_sim::drive::companion::{self, Config, Eyes, News, Provider};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::flight::{Ending, Report};
 use foxhound_sim::drive::qemu::QemuComputer;
@@ -37,7 +38,13 @@ const COMPANION_HELP: &str = "Examples:
 It waits for GUIDED (ArduPilot) or OFFBOARD (PX4), armed; it never changes the mode, arms or takes off. Leave the mode to \
 take control away; enter it again to give it back. It ends within 1 m of the beacon, or with Ctrl-C, at zero velocity.
 
-Obstacles are JSON, vertical cylinders, x east, y north, metres: {\"obstacles\": [{\"x\": 3, \"y\": 4, \"r\": 0.3}]}
+Obstacles: what the autopilot and its system tell is always heard (DISTANCE_SENSOR, OBSTACLE_DISTANCE).
+  --obstacles FILE       a simulated sensor sees these, too; JSON, vertical cylinders, x east, y north, metres:
+                         {\"obstacles\": [{\"x\": 3, \"y\": 4, \"r\": 0.3}]}
+  --obstacles autopilot  nobody else: it holds while the autopilot tells nothing. For a vehicle that really flies.
+  --obstacles none       nobody: it moves only where a parameter file has FH_OBS_REQ 0, and then blind
+  (not given)            the autopilot, if it tells anything within 3 s or later; else a simulated sensor sees an empty world
+Who it is stands in \"obstacles\" of the report, and the pilot is told. \"collisions\" is null where nobody can know.
 
 Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
 
@@ -51,8 +58,8 @@ pub(super) struct CompanionCommand {
     /// Where the beacon is, in metres of the autopilot's local frame: north, east, down.
     #[arg(long, value_name = "N,E,D", value_parser = triple, allow_hyphen_values = true)]
     source: [f64; 3],
-    /// Obstacles, in the same frame.
-    #[arg(long, value_name = "FILE")]
+    /// Who provides obstacles: a file of them, in the same frame, `autopilot` or `none`; see below.
+    #[arg(long, value_name = "FILE|autopilot|none")]
     obstacles: Option<PathBuf>,
     /// Which computer flies: `host`, or `qemu:ELF` for a firmware image in QEMU.
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
@@ -127,12 +134,14 @@ pub(super) fn triple(text: &str) -> Result<[f64; 3], String> {
 
 pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, InputError> {
     let obstacles = match &args.obstacles {
+        Some(path) if path.as_os_str() == "autopilot" => Provider::Autopilot,
+        Some(path) if path.as_os_str() == "none" => Provider::Nobody,
         Some(path) => {
             let named = |error: InputError| InputError::new(format!("--obstacles {error}"));
             let text = read_text(path).map_err(named)?;
-            companion::parse_obstacles(&text).map_err(|error| named(error.in_file(path)))?
+            Provider::File(companion::parse_obstacles(&text).map_err(|error| named(error.in_file(path)))?)
         }
-        None => Vec::new(),
+        None => Provider::Unsaid,
     };
     let key = match &args.key {
         Some(_) if matches!(args.via, Via::Qemu(_)) => {
@@ -209,6 +218,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             }
         };
         let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news, moment| {
+            progress.tell_eyes(news.eyes, &guidance);
             progress.show(news);
             if let (Some(watched), Some(moment)) = (&mut watched, moment) {
                 watched.watch(moment);
@@ -261,6 +271,7 @@ struct Progress {
     address: Address,
     is_quiet: bool,
     bar: Option<ProgressBar>,
+    eyes: Option<Eyes>,
     state: String,
     shown_s: f64,
 }
@@ -278,7 +289,7 @@ impl Progress {
                 Err(_) => bar,
             }
         });
-        Self { address, is_quiet, bar, state: String::new(), shown_s: 0.0 }
+        Self { address, is_quiet, bar, eyes: None, state: String::new(), shown_s: 0.0 }
     }
 
     fn text(&self, text: &str) {
@@ -289,6 +300,35 @@ impl Progress {
             }
             None if self.is_quiet => {}
             None => warn(&format!("{}: {text}", self.address)),
+        }
+    }
+
+    /// Says who provides the obstacles, and that nobody does even where notes are not wanted.
+    fn tell_eyes(&mut self, eyes: Eyes, guidance: &guidance::Config) {
+        if self.eyes.replace(eyes) == Some(eyes) {
+            return;
+        }
+        let holds = if guidance.mission.obstacles_required {
+            "it holds (FH_OBS_REQ is 1)"
+        } else {
+            "it flies blind (FH_OBS_REQ is 0)"
+        };
+        let told = match eyes {
+            Eyes::Undecided => return,
+            Eyes::File => "obstacles: a simulated sensor sees those of the file".to_owned(),
+            Eyes::Autopilot => "obstacles: the autopilot's alone".to_owned(),
+            Eyes::SimulatedEmpty => {
+                "warning: nobody tells of obstacles: a simulated sensor sees an empty world; --obstacles \
+                                     autopilot holds instead"
+                    .to_owned()
+            }
+            Eyes::Nobody => format!("warning: --obstacles none: no obstacle sensor, {holds}"),
+        };
+        if !self.is_quiet || matches!(eyes, Eyes::SimulatedEmpty | Eyes::Nobody) {
+            match &self.bar {
+                Some(bar) => bar.suspend(|| warn(&told)),
+                None => warn(&told),
+            }
         }
     }
 
@@ -358,6 +398,9 @@ fn summary(report: &Report) -> String {
         &format!("  path             {:.2} m, straight line {:.2} m\n", report.path_length_m, report.straight_line_m);
     if let Some(clearance_m) = report.min_clearance_m {
         text += &format!("  least clearance  {clearance_m:.3} m\n");
+    }
+    if let Some(obstacles) = report.obstacles {
+        text += &format!("  obstacles        {obstacles}\n");
     }
     if let Some(rms_deg) = report.bearing_rms_deg {
         text += &format!("  bearing error    {rms_deg:.2} deg rms\n");

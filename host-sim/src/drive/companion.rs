@@ -40,12 +40,14 @@ use crate::world::Horizontal;
 
 mod key;
 mod pace;
+mod provider;
 mod senses;
 mod tally;
 mod wire;
 
 pub use key::{parse_key, signing};
 pub use pace::Pace;
+pub use provider::{Eyes, Provider};
 use senses::{Fix, Senses};
 use tally::Tally;
 use wire::Wire;
@@ -73,8 +75,8 @@ const ROUNDING: f32 = 1.0 - 1e-6;
 pub struct Config {
     /// The beacon, in the autopilot's local frame.
     pub source_ned_m: [f64; 3],
-    /// The pillars, in the same frame.
-    pub obstacles: Vec<Obstacle>,
+    /// Who provides the obstacles; those of a file are in the same frame.
+    pub obstacles: Provider,
     /// Horizontal speed of the fastest setpoint.
     pub v_max_mps: f64,
     /// Radius of the vehicle.
@@ -119,7 +121,7 @@ impl Config {
             name: "companion".to_owned(),
             drone_radius: self.drone_radius_m,
             goal: [east, north],
-            obstacles: self.obstacles.clone(),
+            obstacles: self.obstacles.simulated().to_vec(),
             bearing: scenario::Bearing { snr_db: Some(self.snr_db), ..scenario::Bearing::default() },
             limits: scenario::Limits { v_max: self.v_max_mps, ..scenario::Limits::default() },
             vehicle: scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() },
@@ -198,6 +200,8 @@ pub struct News {
     pub is_disbelieved: bool,
     /// What the step came to.
     pub outcome: Outcome,
+    /// Who provides the obstacles.
+    pub eyes: Eyes,
     /// Horizontal distance to the beacon, while the autopilot says where it is.
     pub distance_m: Option<f64>,
     /// The flight is being ended, and how.
@@ -232,7 +236,13 @@ pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -
 /// The report of a flight that never began, because nobody was at the other end.
 #[must_use]
 pub fn nobody_there(config: &Config) -> Report {
-    Tally::new(Horizontal::default(), config.drone_radius_m).report(config.seed, Ending::Timeout, Outcome::LinkLost)
+    let eyes = provider::Chooser::new(&config.obstacles).eyes();
+    Tally::new(Horizontal::default(), config.drone_radius_m).report(
+        config.seed,
+        Ending::Timeout,
+        Outcome::LinkLost,
+        eyes,
+    )
 }
 
 /// Flies with a computer until the flight has an end; `stop` ends it at any time. `watch` is told how things stand, and, while
@@ -257,15 +267,16 @@ pub fn fly(
         line,
         log,
         source,
-        senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed, sign())?,
+        senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed, sign(), &config.obstacles)?,
         tally: Tally::new(source, config.drone_radius_m),
         wire: Wire::new(sign()),
         started_us: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64),
         complaints: Vec::new(),
+        told: None,
     };
     let mut pace = Pace::new(Duration::from_micros((TICK_S * 1e6) as u64));
     let (ending, reason) = flight.fly(computer, &mut pace, stop, watch);
-    let report = flight.tally.report(config.seed, ending, reason);
+    let report = flight.tally.report(config.seed, ending, reason, flight.senses.eyes());
     Ok(Flown { report, complaints: flight.complaints, missed_steps: pace.missed })
 }
 
@@ -280,6 +291,8 @@ struct Flight<'a> {
     /// Wall time at the start.
     started_us: u64,
     complaints: Vec<String>,
+    /// What the pilot was last told about the obstacles, since the vehicle is ours.
+    told: Option<Eyes>,
 }
 
 /// The flight is being ended.
@@ -307,6 +320,7 @@ impl Flight<'_> {
             let fix = self.senses.fix(now);
             let in_control = self.senses.is_in_control(now);
             self.tally.step(now, self.senses.world(), fix.as_ref(), in_control);
+            self.tell_eyes(now, in_control);
             if brake.is_none() {
                 brake = self.end(now, fix.as_ref(), in_control, outcome, stop);
             }
@@ -339,6 +353,7 @@ impl Flight<'_> {
                 autopilot: self.senses.autopilot(),
                 is_disbelieved: self.senses.disbelieves(),
                 outcome,
+                eyes: self.senses.eyes(),
                 distance_m: fix.map(|fix| self.source.minus(fix.place()).norm()),
                 ending: brake.map(|brake| brake.ending),
             };
@@ -394,6 +409,18 @@ impl Flight<'_> {
             return None;
         };
         Some(Brake { ending, reason, since: now, pause_due: now })
+    }
+
+    /// Tells the pilot who provides the obstacles, at every entry into the mode and when that changes.
+    fn tell_eyes(&mut self, now: Instant, in_control: bool) {
+        let eyes = self.senses.eyes();
+        self.told = self.told.filter(|_| in_control);
+        if let (true, Some(text), Some(autopilot)) = (in_control, eyes.text(), self.senses.autopilot())
+            && self.told.replace(eyes) != Some(eyes)
+        {
+            let text = self.wire.text(now, &autopilot, text);
+            self.say(now, &text);
+        }
     }
 
     fn hear(&mut self, now: Instant) -> Vec<u8> {
@@ -455,5 +482,7 @@ impl Flight<'_> {
     }
 }
 
+#[cfg(test)]
+mod hidden;
 #[cfg(test)]
 mod tests;

@@ -12,6 +12,7 @@ use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion::{self, Autopilot, Companion};
 use foxhound_link::signing::Signing;
 
+use super::provider::{Chooser, Eyes, Provider};
 use crate::drive::computer::BLOCK;
 use crate::drive::flight::Sample;
 use crate::scenario;
@@ -65,6 +66,7 @@ pub(super) struct Senses {
     world: World,
     sensor: scenario::Sensor,
     look_due: Instant,
+    chooser: Chooser,
 }
 
 impl Senses {
@@ -74,6 +76,7 @@ impl Senses {
         world: World,
         seed: u64,
         signing: Option<Signing>,
+        provider: &Provider,
     ) -> Result<Self, ConfigError> {
         let mut ear = companion::Config::default().build()?;
         ear.sign_with(signing);
@@ -85,6 +88,7 @@ impl Senses {
             world,
             sensor: scenario::Sensor::default(),
             look_due: Instant::default(),
+            chooser: Chooser::new(provider),
         })
     }
 
@@ -141,9 +145,16 @@ impl Senses {
         Box::new(self.antennas.frame(now, &fix.pose, self.source_ned_m, &mut self.random))
     }
 
-    /// What the obstacle sensor sees, when it is time to look.
+    /// Who provides the obstacles.
+    pub(super) const fn eyes(&self) -> Eyes {
+        self.chooser.eyes()
+    }
+
+    /// What the simulated obstacle sensor sees, where there is one and it is time to look.
     pub(super) fn look(&mut self, now: Instant, fix: &Fix) -> Option<Vec<Circle>> {
-        if now < self.look_due {
+        let is_told = self.ear.obstacle_sources(now).next().is_some();
+        self.chooser.step(now, is_told);
+        if now < self.look_due || !self.eyes().is_simulated() {
             return None;
         }
         self.look_due = now.plus_micros(LOOK_PERIOD_US);
@@ -168,7 +179,8 @@ mod tests {
     fn senses() -> Senses {
         let obstacles = vec![scenario::Obstacle { x: 0.0, y: 3.0, r: 0.5, ..Default::default() }];
         let world = scenario::Scenario { obstacles, ..Default::default() }.world();
-        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, world, 1, None).unwrap();
+        let file = Provider::File(Vec::new());
+        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, world, 1, None, &file).unwrap();
         let now = Instant(1_000_000);
         let heartbeat =
             HEARTBEAT_DATA { custom_mode: 4, mavtype: 2, autopilot: 3, base_mode: 0x81, ..HEARTBEAT_DATA::DEFAULT };

@@ -21,10 +21,10 @@ fn an_obstacle_file_is_read_strictly() {
     }
 }
 
-fn config() -> Config {
+pub(super) fn config() -> Config {
     Config {
         source_ned_m: [8.0, 0.0, -5.0],
-        obstacles: Vec::new(),
+        obstacles: Provider::default(),
         v_max_mps: 2.0,
         drone_radius_m: 0.15,
         snr_db: 20.0,

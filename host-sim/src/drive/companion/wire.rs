@@ -5,15 +5,19 @@
 //! velocity in its place.
 
 use foxhound_core::base::time::Instant;
-use foxhound_link::MessageData;
 use foxhound_link::companion::{Autopilot, TYPE_MASK};
-use foxhound_link::dialect::{COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
+use foxhound_link::dialect::{
+    COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, MavSeverity, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
+};
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use foxhound_link::signing::Signing;
+use foxhound_link::{CharArray, MessageData};
 
 /// A ground station's place.
 const GROUND_STATION: (u8, u8) = (255, 190);
 const COMPANION: u8 = 191;
+/// What simulates the sensors, among the vehicle's components: another onboard computer.
+const SIMULATOR: u8 = 192;
 
 /// Follows the computer's frames on their way out.
 #[derive(Debug, Default)]
@@ -27,6 +31,8 @@ pub(super) struct Wire {
     moved: Instant,
     /// Number of the driver's next command.
     command: u8,
+    /// Number of the driver's next text.
+    text: u8,
     /// Where there is a key, the driver signs, too: by a link of its own, since the computer counts on its.
     signing: Option<Signing>,
 }
@@ -79,6 +85,15 @@ impl Wire {
             ..COMMAND_LONG_DATA::DEFAULT
         };
         self.frame(now, header, &pause)
+    }
+
+    /// A text for the pilot, from what simulates the sensors.
+    pub(super) fn text(&mut self, now: Instant, autopilot: &Autopilot, text: &'static str) -> Vec<u8> {
+        let header = Header { system_id: autopilot.system_id, component_id: SIMULATOR, sequence: self.text };
+        self.text = self.text.wrapping_add(1);
+        let severity = MavSeverity::MAV_SEVERITY_WARNING as u8;
+        let text = STATUSTEXT_DATA { severity, text: CharArray::from(text), ..STATUSTEXT_DATA::DEFAULT };
+        self.frame(now, header, &text)
     }
 
     /// A setpoint of zero velocity in the computer's place.
