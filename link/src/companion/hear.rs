@@ -495,6 +495,7 @@ impl Companion {
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && (param1 == 0.0 || param1 == 1.0) {
             self.paused = param1 == 0.0;
+            self.paused_aboard = header.system_id == self.system_id();
             MavResult::MAV_RESULT_ACCEPTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) {
             MavResult::MAV_RESULT_DENIED
@@ -521,7 +522,7 @@ impl Companion {
             && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16
             && ack.result != MavResult::MAV_RESULT_IN_PROGRESS as u8
         {
-            self.requests.acknowledged(now);
+            self.requests.acknowledged(now, ack.result != MavResult::MAV_RESULT_ACCEPTED as u8);
         }
     }
 

@@ -149,6 +149,8 @@ pub struct Companion {
     store_damaged: bool,
     entry_needed: bool,
     paused: bool,
+    /// Another component of the vehicle asked for it, which tells the pilot why.
+    paused_aboard: bool,
     failed: bool,
     boot_ms: Option<u32>,
     /// The autopilot has restarted, and the application does not know yet.
@@ -224,6 +226,7 @@ impl Companion {
             store_damaged: false,
             entry_needed: false,
             paused: false,
+            paused_aboard: false,
             failed: false,
             boot_ms: None,
             world_is_lost: false,
