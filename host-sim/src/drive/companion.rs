@@ -295,6 +295,16 @@ struct Flight<'a> {
     told: Option<Eyes>,
 }
 
+/// What the pilot is told when the flight is being ended.
+const fn parting(ending: Ending) -> &'static str {
+    match ending {
+        Ending::Reached => "Foxhound: reached the beacon, take over",
+        Ending::Hold => "Foxhound: gives up and holds, take over",
+        Ending::Collision => "Foxhound: simulated collision, take over",
+        Ending::Timeout => "Foxhound: ends on the way, take over",
+    }
+}
+
 /// The flight is being ended.
 #[derive(Clone, Copy)]
 struct Brake {
@@ -328,6 +338,10 @@ impl Flight<'_> {
                 && now >= brake.pause_due
             {
                 brake.pause_due = now.plus_micros(PAUSE_PERIOD_US);
+                if brake.since == now {
+                    let text = self.wire.text(now, &autopilot, parting(brake.ending));
+                    self.say(now, &text);
+                }
                 let pause = self.wire.pause(now, &autopilot);
                 self.note(now, tlog::Direction::ToCompanion, &pause);
                 rx.extend(pause);

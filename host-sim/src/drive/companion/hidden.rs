@@ -1,6 +1,9 @@
 //! Hidden courses: posts that only the autopilot's own proximity sensor sees, flown as `foxhound companion` flies, in simulated
 //! time. Collisions are counted from where the model's vehicle and the posts really are.
 
+use foxhound_link::dialect::MavMessage;
+use foxhound_link::framer::Framer;
+
 use super::*;
 use crate::autopilot::{Autopilot, Proximity, Start, Told};
 use crate::drive::computer::HostComputer;
@@ -61,6 +64,8 @@ struct Flown {
     senses: Senses,
     hull: Hull,
     time_s: f64,
+    /// What the pilot was told.
+    texts: Vec<String>,
 }
 
 impl Flown {
@@ -80,6 +85,7 @@ impl Flown {
             truth,
             config,
             time_s: 0.0,
+            texts: Vec::new(),
         }
     }
 
@@ -105,11 +111,25 @@ impl Flown {
         let front_end = frame.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame);
         let circles = fix.as_ref().and_then(|fix| self.senses.look(now, fix));
         let report = self.computer.step(now, front_end, circles.as_deref(), &rx).unwrap();
+        self.note_texts(&report.tx);
         self.autopilot.receive(now_us, &motion, &report.tx);
         self.vehicle.step(self.autopilot.command(now_us), TICK_S);
         self.time_s += TICK_S;
         let place = self.place();
         (report.output.outcome, self.hull.collides(&self.truth, place, 0.0))
+    }
+
+    fn note_texts(&mut self, tx: &[u8]) {
+        let mut framer = Framer::new();
+        let mut rest = tx;
+        while !rest.is_empty() {
+            rest = &rest[framer.push(rest)..];
+            while let Some(frame) = framer.next_frame() {
+                if let Some(MavMessage::STATUSTEXT(text)) = frame.message() {
+                    self.texts.extend(text.text.to_str().map(str::to_owned));
+                }
+            }
+        }
     }
 
     fn fly(mut self) -> Ended {
@@ -207,4 +227,16 @@ fn without_anybody_it_moves_only_where_its_parameters_let_it_fly_blind() {
     }
     let ended = Flown::new(Provider::Unsaid, Vec::new(), 1).fly();
     assert!(ended.reached && ended.eyes == Eyes::SimulatedEmpty, "{ended:?}");
+}
+
+#[test]
+fn the_pilot_of_a_flight_without_trouble_reads_that_it_seeks_and_nothing_else_of_it() {
+    let mut flown = Flown::new(Provider::Autopilot, course(0, 1), 1).with_sensor(Told::Sectors, 6.0, 10.0);
+    while flown.place().norm() < SOURCE_M - ARRIVED_M && flown.time_s < TIME_MAX_S {
+        flown.step();
+    }
+    // What the autopilot's parameters leave open, and what the guard does, is another matter.
+    let told: Vec<&String> =
+        flown.texts.iter().filter(|text| !text.contains("set 1") && !text.contains("guard")).collect();
+    assert_eq!(told, ["Foxhound: seeking"], "{:?}", flown.texts);
 }
