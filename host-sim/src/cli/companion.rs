@@ -51,8 +51,8 @@ Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
 #[derive(Args, Debug)]
 #[command(after_help = COMPANION_HELP)]
 pub(super) struct CompanionCommand {
-    /// Where the autopilot is: tcp:HOST:PORT, udp:HOST:PORT (it listens there), udpin:HOST:PORT (it sends there), or
-    /// serial:DEVICE:BAUD. It may start later, or restart.
+    /// Where the autopilot is: tcp:HOST:PORT, udp:HOST:PORT or udpin: (we listen there, it sends), udpout:HOST:PORT (it listens
+    /// there), or serial:DEVICE:BAUD. It may start later, or restart.
     #[arg(long, value_name = "ADDRESS")]
     autopilot: Address,
     /// Where the beacon is, in metres of the autopilot's local frame: north, east, down.
@@ -187,6 +187,9 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     };
     let failed = |error: io::Error| InputError::new(format!("--autopilot {}: {error}", args.autopilot));
     let mut line = Line::open(&args.autopilot).map_err(failed)?;
+    if let Some(turned) = line.turned() {
+        warn(&format!("{}: cannot listen there; calls it instead, as {turned}", args.autopilot));
+    }
     let mut log = match &args.tlog {
         Some(path) => Some(
             tlog::Writer::create(path)
@@ -362,6 +365,11 @@ fn state(news: &News) -> String {
         return "the line is down".to_owned();
     }
     let Some(autopilot) = news.autopilot else {
+        if news.hears_mavlink_1 {
+            return "MAVLink 1 is heard; set the autopilot's port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL 2; PX4: \
+                    MAV_PROTO_VER 2)"
+                .to_owned();
+        }
         let heard =
             if news.is_disbelieved { "nobody who signs with this key is heard" } else { "no autopilot is heard" };
         return heard.to_owned();

@@ -198,6 +198,8 @@ pub struct News {
     pub autopilot: Option<Autopilot>,
     /// Frames came that were not signed with the key.
     pub is_disbelieved: bool,
+    /// MAVLink 1 is heard, which is not understood unless `FH_V1` is 1.
+    pub hears_mavlink_1: bool,
     /// What the step came to.
     pub outcome: Outcome,
     /// Who provides the obstacles.
@@ -366,6 +368,7 @@ impl Flight<'_> {
                 is_open: self.line.is_open(),
                 autopilot: self.senses.autopilot(),
                 is_disbelieved: self.senses.disbelieves(),
+                hears_mavlink_1: self.senses.hears_mavlink_1(),
                 outcome,
                 eyes: self.senses.eyes(),
                 distance_m: fix.map(|fix| self.source.minus(fix.place()).norm()),
