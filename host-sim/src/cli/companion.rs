@@ -13,7 +13,7 @@ use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::autopilot::transport::{Address, Line};
-use foxhound_sim::drive::companion::{self, Config, Eyes, News, Provider};
+use foxhound_sim::drive::companion::{self, Config, Ends, Eyes, News, Provider};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::flight::{Ending, Report};
 use foxhound_sim::drive::qemu::QemuComputer;
@@ -36,7 +36,8 @@ const COMPANION_HELP: &str = "Examples:
     --via qemu:firmware.elf
 
 It waits for GUIDED (ArduPilot) or OFFBOARD (PX4), armed; it never changes the mode, arms or takes off. Leave the mode to \
-take control away; enter it again to give it back. It ends within 1 m of the beacon, or with Ctrl-C, at zero velocity.
+take control away; enter it again to give it back. It ends within 1 m of the beacon (with FH_LND_MODE in a parameter file: when \
+it has handed over or landed), or with Ctrl-C, at zero velocity.
 
 Obstacles: what the autopilot and its system tell is always heard (DISTANCE_SENSOR, OBSTACLE_DISTANCE).
   --obstacles FILE       a simulated sensor sees these, too; JSON, vertical cylinders, x east, y north, metres:
@@ -64,15 +65,9 @@ pub(super) struct CompanionCommand {
     /// Which computer flies: `host`, or `qemu:ELF` for a firmware image in QEMU.
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
-    /// Horizontal speed of the fastest setpoint, in m/s.
-    #[arg(
-        long,
-        value_name = "M/S",
-        default_value_t = 2.0,
-        value_parser = number(V_MAX_MPS),
-        allow_negative_numbers = true
-    )]
-    v_max: f64,
+    /// Horizontal speed of the fastest setpoint, in m/s; plans are flown at 1.3 at most [default: 2]
+    #[arg(long, value_name = "M/S", value_parser = number(V_MAX_MPS), allow_negative_numbers = true)]
+    v_max: Option<f64>,
     /// Radius of the vehicle, in metres.
     #[arg(
         long,
@@ -157,7 +152,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let config = Config {
         source_ned_m: args.source,
         obstacles,
-        v_max_mps: args.v_max,
+        v_max_mps: args.v_max.unwrap_or(2.0),
+        ends: Ends::Near,
         drone_radius_m: args.drone_radius,
         snr_db: args.snr_db,
         seed: cli.seed,
@@ -167,6 +163,11 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         key,
     };
     let config = config.checked()?;
+    if let (Some(v_max_mps), Some(fastest_mps)) = (args.v_max, config.slower_than_asked_mps()) {
+        warn(&format!(
+            "--v-max = {v_max_mps}: plans are flown at {fastest_mps:.2} m/s at most; only giving way is faster"
+        ));
+    }
     check_writable("--report", args.report.as_ref())?;
     // Checked here for every computer, so that a refused field is named the same way.
     let mut host = match &args.params {
@@ -174,6 +175,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => HostComputer::new(&config.guidance())?,
     };
     let guidance = *host.config();
+    let config = Config { ends: Ends::of(&guidance), ..config };
     let recorder = || Recorder::new(&config.mission(), &guidance, command_line());
     let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
     let mut qemu = match &args.via {

@@ -9,7 +9,8 @@
 //! see of them is synthesised from its telemetry. When the machine stalls, the steps that were missed are left out
 //! ([`Pace`]).
 //!
-//! The driver never commands the vehicle: it only ends the flight. Within [`ARRIVED_M`] of the beacon, at a collision, at
+//! The driver never commands the vehicle: it only ends the flight. Within [`ARRIVED_M`] of the beacon (where the computer has
+//! something to do when it arrives, once that is [done](Config::ends)), at a collision, at
 //! a hold for good, at the time limit or when it is told to stop, it pauses the computer, waits until the stream of
 //! setpoints has been zero for [`QUIET_S`] and the vehicle is slow, and leaves. Where the computer does not obey, it sends
 //! the zeros itself. The last setpoint is zero, however the flight ends.
@@ -57,6 +58,10 @@ pub const ARRIVED_M: f64 = 1.0;
 /// How long the stream of setpoints must have been zero at the end.
 pub const QUIET_S: f32 = 0.5;
 
+/// It hovers and hands over, or lies on the ground, for so long before that is the end; and the autopilot is asked to land once a
+/// second, five times at most.
+const HANDED_OVER_S: f32 = 1.0;
+const ASKED_S: f32 = 6.0;
 /// A vehicle slower than this is slow.
 const SLOW_MPS: f64 = 0.2;
 /// A vehicle that does not become slow is not waited for any longer.
@@ -67,8 +72,44 @@ const PAUSE_PERIOD_US: u64 = 200_000;
 const OBEYS_WITHIN_S: f32 = 0.5;
 /// From one zero of the driver to the next.
 const ZERO_PERIOD: Duration = Duration::from_millis(50);
+/// `ArduCopter` in software-in-the-loop turns no faster in GUIDED; what is asked for beyond is not flown, and the nose is not where
+/// the guard expects it.
+const YAW_RATE_MAX_RADPS: f32 = 1.25;
 /// What rounding may add to a speed is taken off the limit.
 const ROUNDING: f32 = 1.0 - 1e-6;
+
+/// When a flight has come to its end at the beacon.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ends {
+    /// Within [`ARRIVED_M`] of it.
+    #[default]
+    Near,
+    /// When the computer has handed over or landed (`FH_LND_MODE`).
+    HandedOver,
+    /// When it has asked the autopilot to land after that (`FH_LND_REQ`), and that has obeyed or been asked often enough.
+    Landing,
+}
+
+impl Ends {
+    /// What the computer is set to do where it arrives.
+    #[must_use]
+    pub fn of(guidance: &guidance::Config) -> Self {
+        match guidance.landing {
+            None => Self::Near,
+            Some(landing) if landing.request_land => Self::Landing,
+            Some(_) => Self::HandedOver,
+        }
+    }
+
+    /// How long the computer may go on after that.
+    const fn after_s(self) -> f32 {
+        match self {
+            Self::Near => 0.0,
+            Self::HandedOver => HANDED_OVER_S,
+            Self::Landing => ASKED_S,
+        }
+    }
+}
 
 /// What is flown.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,6 +120,8 @@ pub struct Config {
     pub obstacles: Provider,
     /// Horizontal speed of the fastest setpoint.
     pub v_max_mps: f64,
+    /// What ends the flight at the beacon.
+    pub ends: Ends,
     /// Radius of the vehicle.
     pub drone_radius_m: f64,
     /// Signal-to-noise ratio per sample of the antenna waveforms.
@@ -148,7 +191,15 @@ impl Config {
     pub fn guidance(&self) -> guidance::Config {
         let mut config = self.mission().guidance();
         config.guard.v_max_mps *= ROUNDING;
+        config.guard.yaw_rate_max_radps = config.guard.yaw_rate_max_radps.min(YAW_RATE_MAX_RADPS);
         config
+    }
+
+    /// What of the speed that was asked for is not flown: a plan is followed at that speed at most.
+    #[must_use]
+    pub fn slower_than_asked_mps(&self) -> Option<f64> {
+        let fastest_mps = f64::from(self.mission().guidance().track.fastest_mps());
+        (self.v_max_mps > fastest_mps).then_some(fastest_mps)
     }
 }
 
@@ -275,6 +326,7 @@ pub fn fly(
         started_us: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64),
         complaints: Vec::new(),
         told: None,
+        arrival: Arrival { ends: config.ends, since: None },
     };
     let mut pace = Pace::new(Duration::from_micros((TICK_S * 1e6) as u64));
     let (ending, reason) = flight.fly(computer, &mut pace, stop, watch);
@@ -295,6 +347,29 @@ struct Flight<'a> {
     complaints: Vec<String>,
     /// What the pilot was last told about the obstacles, since the vehicle is ours.
     told: Option<Eyes>,
+    arrival: Arrival,
+}
+
+/// Since when the computer has done what it does where it arrives.
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    ends: Ends,
+    since: Option<Instant>,
+}
+
+impl Arrival {
+    fn step(&mut self, now: Instant, outcome: Outcome) {
+        match outcome {
+            Outcome::HandedOver | Outcome::Landed => _ = self.since.get_or_insert(now),
+            // The autopilot was asked to land and does, or the pilot took over.
+            Outcome::NotInControl => {}
+            _ => self.since = None,
+        }
+    }
+
+    fn has_ended(&self, now: Instant, in_control: bool) -> bool {
+        self.since.is_some_and(|since| !in_control || now.seconds_since(since) >= self.ends.after_s())
+    }
 }
 
 /// What the pilot is told when the flight is being ended.
@@ -330,6 +405,7 @@ impl Flight<'_> {
             let now = pace.wait();
             let mut rx = self.hear(now);
             let fix = self.senses.fix(now);
+            self.arrival.step(now, outcome);
             let in_control = self.senses.is_in_control(now);
             self.tally.step(now, self.senses.world(), fix.as_ref(), in_control);
             self.tell_eyes(now, in_control);
@@ -411,12 +487,14 @@ impl Flight<'_> {
         outcome: Outcome,
         stop: &AtomicBool,
     ) -> Option<Brake> {
-        let arrived = |fix: &Fix| self.source.minus(fix.place()).norm() <= ARRIVED_M;
+        let is_near = |fix: &Fix| self.source.minus(fix.place()).norm() <= ARRIVED_M;
+        let has_ended = self.arrival.has_ended(now, in_control);
+        let arrived = |fix: &Fix| if self.config.ends == Ends::Near { in_control && is_near(fix) } else { has_ended };
         let is_late = |limit_s: f64| now.0 as f64 * 1e-6 >= limit_s;
         let holds = outcome.behaviour() == Behaviour::Hold;
         let (ending, reason) = if self.tally.collided() {
             (Ending::Collision, outcome)
-        } else if in_control && fix.is_some_and(arrived) {
+        } else if fix.is_some_and(arrived) {
             (Ending::Reached, Outcome::Nominal)
         } else if outcome == Outcome::GoalUnreachable && self.tally.is_still(now) {
             (Ending::Hold, outcome)

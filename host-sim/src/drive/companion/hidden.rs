@@ -240,3 +240,24 @@ fn the_pilot_of_a_flight_without_trouble_reads_that_it_seeks_and_nothing_else_of
         flown.texts.iter().filter(|text| !text.contains("set 1") && !text.contains("guard")).collect();
     assert_eq!(told, ["Foxhound: seeking"], "{:?}", flown.texts);
 }
+
+#[test]
+fn a_computer_that_is_to_hand_over_above_the_beacon_comes_to_it() {
+    let mut flown = Flown::new(Provider::Unsaid, Vec::new(), 1);
+    let mut guidance = flown.config.guidance();
+    guidance.landing = Some(foxhound_core::landing::Config::default());
+    assert_eq!(Ends::of(&guidance), Ends::HandedOver);
+    flown.computer = HostComputer::new(&guidance).unwrap();
+    let mut arrival = Arrival { ends: Ends::HandedOver, since: None };
+    while flown.time_s < TIME_MAX_S {
+        let (outcome, _) = flown.step();
+        let now = Instant((flown.time_s * 1e6) as u64);
+        arrival.step(now, outcome);
+        if arrival.has_ended(now, true) {
+            let off_m = flown.place().minus(Horizontal { north: SOURCE_M, east: 0.0 }).norm();
+            assert!(off_m < ARRIVED_M, "{off_m} m off the beacon");
+            return;
+        }
+    }
+    panic!("it has not handed over");
+}
