@@ -408,7 +408,7 @@ impl Flight<'_> {
             self.arrival.step(now, outcome);
             let in_control = self.senses.is_in_control(now);
             self.tally.step(now, self.senses.world(), fix.as_ref(), in_control);
-            self.tell_eyes(now, in_control);
+            self.tell_eyes(computer, now, in_control);
             if brake.is_none() {
                 brake = self.end(now, fix.as_ref(), in_control, outcome, stop);
             }
@@ -417,8 +417,7 @@ impl Flight<'_> {
             {
                 brake.pause_due = now.plus_micros(PAUSE_PERIOD_US);
                 if brake.since == now {
-                    let text = self.wire.text(now, &autopilot, parting(brake.ending));
-                    self.say(now, &text);
+                    self.tell(computer, now, &autopilot, parting(brake.ending));
                 }
                 let pause = self.wire.pause(now, &autopilot);
                 self.note(now, tlog::Direction::ToCompanion, &pause);
@@ -507,13 +506,20 @@ impl Flight<'_> {
     }
 
     /// Tells the pilot who provides the obstacles, at every entry into the mode and when that changes.
-    fn tell_eyes(&mut self, now: Instant, in_control: bool) {
+    fn tell_eyes(&mut self, computer: &mut dyn Computer, now: Instant, in_control: bool) {
         let eyes = self.senses.eyes();
         self.told = self.told.filter(|_| in_control);
         if let (true, Some(text), Some(autopilot)) = (in_control, eyes.text(), self.senses.autopilot())
             && self.told.replace(eyes) != Some(eyes)
         {
-            let text = self.wire.text(now, &autopilot, text);
+            self.tell(computer, now, &autopilot, text);
+        }
+    }
+
+    /// Tells the pilot something, by the computer, or in its place where it cannot be made to.
+    fn tell(&mut self, computer: &mut dyn Computer, now: Instant, autopilot: &Autopilot, text: &'static str) {
+        if !computer.tell(text) {
+            let text = self.wire.text(now, autopilot, text);
             self.say(now, &text);
         }
     }

@@ -459,6 +459,11 @@ impl Companion {
         self.telemetry.notice = Some(text);
     }
 
+    /// The same of a text, where it fits.
+    pub fn notify_text(&mut self, text: &str) -> bool {
+        String::try_from(text).map(|text| self.notify(text)).is_ok()
+    }
+
     /// Whether a notice waits.
     #[must_use]
     pub const fn has_notice(&self) -> bool {

@@ -14,7 +14,7 @@ use foxhound_link::signing::Signing;
 use foxhound_link::{CharArray, MessageData};
 
 const COMPANION: u8 = 191;
-/// What simulates the sensors, among the vehicle's components: another onboard computer.
+/// The driver, among the vehicle's components, where it speaks to the computer: another onboard computer.
 const SIMULATOR: u8 = 192;
 
 /// Follows the computer's frames on their way out.
@@ -83,10 +83,10 @@ impl Wire {
         self.frame(now, header, &pause)
     }
 
-    /// A text for the pilot, from what simulates the sensors.
+    /// A text for the pilot in the computer's place.
     pub(super) fn text(&mut self, now: Instant, autopilot: &Autopilot, text: &'static str) -> Vec<u8> {
-        let header = Header { system_id: autopilot.system_id, component_id: SIMULATOR, sequence: self.said };
-        self.said = self.said.wrapping_add(1);
+        self.sequence = self.sequence.wrapping_add(1);
+        let header = Header { system_id: autopilot.system_id, component_id: COMPANION, sequence: self.sequence };
         let severity = MavSeverity::MAV_SEVERITY_WARNING as u8;
         let text = STATUSTEXT_DATA { severity, text: CharArray::from(text), ..STATUSTEXT_DATA::DEFAULT };
         self.frame(now, header, &text)
