@@ -54,6 +54,7 @@ pub mod signing;
 
 mod advice;
 mod autopilot;
+mod beams;
 mod clock;
 mod continuity;
 mod health;

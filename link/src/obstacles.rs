@@ -1,4 +1,4 @@
-//! `OBSTACLE_DISTANCE` to a scan in the body frame, `OBSTACLE_DISTANCE_3D` and `DISTANCE_SENSOR` to single points in it.
+//! `OBSTACLE_DISTANCE` to a scan in the body frame, `OBSTACLE_DISTANCE_3D` and single `DISTANCE_SENSOR` beams to points in it.
 //!
 //! ## Scans
 //!
@@ -21,7 +21,9 @@
 //!
 //! A `DISTANCE_SENSOR` looks along its orientation: 0 to 7 are steps of 45 degrees, clockwise (the text of the message
 //! definition has left and right swapped, its rotations do not), 100 is what its quaternion says; one that looks up or down
-//! has nothing to say about obstacles, and 25, which looks down, says how far the ground is. A distance below the sensor's range, or of signal quality 1, is no reading; one above
+//! has nothing to say about obstacles, and 25, which looks down, says how far the ground is. Something stands anywhere in
+//! the width of the beam, 45 degrees where it is not told, and points fill it. Sensors that look all round are in
+//! [`crate::beams`]. A distance below the sensor's range, or of signal quality 1, is no reading; one above
 //! the range says that the sensor lives and sees nothing. An `OBSTACLE_DISTANCE_3D` is a point forward, right and down of the
 //! vehicle. Points more than a metre above or below the vehicle are the ground or no concern. Nothing that is remembered is
 //! forgotten for what points and beams do not see.
@@ -43,7 +45,7 @@ pub(crate) const FULL_TURN_DEG: f32 = 360.0;
 const LEVEL_M: f32 = 1.0;
 /// The orientation of a beam whose quaternion says where it points.
 const CUSTOM: u8 = 100;
-const BAD_SIGNAL: u8 = 1;
+pub(crate) const BAD_SIGNAL: u8 = 1;
 
 /// What the angles of a message count from, and what its zeros mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +54,8 @@ pub(crate) struct Reading {
     pub(crate) yaw_rad: f32,
     /// Whether distance 0 is an obstacle that touches us.
     pub(crate) zero_touches: bool,
+    /// Directions ([`crate::beams`]) that are clear where a turn does not tell of them, a bit each.
+    pub(crate) untold: u8,
 }
 
 /// What a message tells of a scan.
@@ -64,6 +68,8 @@ pub(crate) struct Part<'a> {
     pub(crate) step_deg: f32,
     /// To be taken off its angles.
     pub(crate) yaw_rad: f32,
+    /// See [`Reading`].
+    pub(crate) untold: u8,
     /// Sectors.
     pub(crate) count: usize,
     pub(crate) range_max_m: f32,
@@ -84,6 +90,7 @@ pub(crate) fn part(message: &OBSTACLE_DISTANCE_DATA, reading: Reading) -> Option
         first_deg: message.angle_offset,
         step_deg,
         yaw_rad: reading.yaw_rad,
+        untold: reading.untold,
         // A float to integer cast saturates.
         count: ((FULL_TURN_DEG / width_deg + 0.5) as usize).min(message.distances.len()),
         range_max_m: f32::from(message.max_distance.min(RAY_MAX_CM)) / 100.0,
@@ -139,6 +146,17 @@ pub(crate) fn point(message: &OBSTACLE_DISTANCE_3D_DATA) -> Heard {
     } else {
         Heard::At(point)
     }
+}
+
+/// Whether a beam looks around, not up or down.
+pub(crate) const fn is_level(message: &DISTANCE_SENSOR_DATA) -> bool {
+    message.orientation <= 7 || message.orientation == CUSTOM
+}
+
+/// Half of the width of a beam; that of a whole direction where it is not told.
+pub(crate) fn half_width_rad(message: &DISTANCE_SENSOR_DATA) -> f32 {
+    let told_rad = message.horizontal_fov;
+    if told_rad > 0.0 && told_rad < FRAC_PI_4 { 0.5 * told_rad } else { 0.5 * FRAC_PI_4 }
 }
 
 /// Where `DISTANCE_SENSOR` sees something.
@@ -197,7 +215,7 @@ mod tests {
     use foxhound_core::base::time::Instant;
     use foxhound_core::mapping::scan::Scan;
 
-    const NOSE: Reading = Reading { yaw_rad: 0.0, zero_touches: false };
+    const NOSE: Reading = Reading { yaw_rad: 0.0, zero_touches: false, untold: 0 };
 
     fn message() -> OBSTACLE_DISTANCE_DATA {
         OBSTACLE_DISTANCE_DATA {

@@ -7,7 +7,8 @@
 //! ground station, a router or a restart may also change it later.
 //!
 //! A message that comes at less than 60 % of the wish over 3 s is asked for again. What guidance cannot do without is asked
-//! for without end; for the rest, which an autopilot may not have, we wait twice as long after each time in vain, up to 48 s.
+//! for without end; for the rest, which an autopilot may not have, we wait twice as long after each time in vain, up to 48 s. What
+//! has not come once by then is given up, and what the autopilot refuses after one more try: the answers may have slipped.
 
 use foxhound_core::base::time::Instant;
 use heapless::{Deque, Vec};
@@ -45,15 +46,24 @@ struct Progress {
     granted: bool,
     /// Windows in vain, one after the other.
     patience: u8,
+    /// It came at least once.
+    was_heard: bool,
+    /// It is not asked for any more.
+    given_up: bool,
     heard: u16,
     /// Since when the messages are counted.
     since: Instant,
 }
 
 impl Progress {
+    const fn new(now: Instant, wish: Wish) -> Self {
+        let (granted, was_heard, given_up) = (false, false, false);
+        Self { wish, tries: 0, granted, patience: 0, was_heard, given_up, heard: 0, since: now }
+    }
+
     #[inline(never)]
     fn pending(&self) -> bool {
-        self.wish.rate_hz > 0.0 && !self.granted && self.tries < TRIES
+        self.wish.rate_hz > 0.0 && !self.granted && !self.given_up && self.tries < TRIES
     }
 
     fn window_us(&self) -> u64 {
@@ -81,9 +91,8 @@ impl Requests {
     pub(crate) fn wish_for(&mut self, now: Instant, wishes: impl Iterator<Item = Wish>) {
         self.progress.clear();
         for wish in wishes {
-            let progress = Progress { wish, tries: 0, granted: false, patience: 0, heard: 0, since: now };
             // There is room for as many as are ever wished for.
-            self.progress.push(progress).ok();
+            self.progress.push(Progress::new(now, wish)).ok();
         }
         self.restart(now);
     }
@@ -95,7 +104,7 @@ impl Requests {
         self.unanswered = 0;
         self.next_round = now;
         for progress in &mut self.progress {
-            *progress = Progress { tries: 0, granted: false, patience: 0, heard: 0, since: now, ..*progress };
+            *progress = Progress::new(now, progress.wish);
         }
     }
 
@@ -105,17 +114,21 @@ impl Requests {
         // Nothing is wished for twice.
         let mut all = self.progress.iter_mut();
         if let Some(progress) = all.find(|progress| u32::from(progress.wish.message_id) == message_id) {
+            progress.was_heard = true;
             progress.heard = progress.heard.saturating_add(1);
         }
     }
 
     /// An acknowledgement of a `MAV_CMD_SET_MESSAGE_INTERVAL` of ours came.
     #[inline(never)]
-    pub(crate) fn acknowledged(&mut self, now: Instant) {
+    pub(crate) fn acknowledged(&mut self, now: Instant, is_refused: bool) {
         self.unanswered = 0;
         let asked = self.asked.pop_front();
         if let Some(progress) = asked.and_then(|index| self.progress.get_mut(usize::from(index))) {
             progress.granted = true;
+            if is_refused && !progress.wish.is_vital {
+                progress.patience = progress.patience.max(PATIENCE_MAX - 1);
+            }
             progress.since = now;
             progress.heard = 0;
         }
@@ -166,13 +179,14 @@ impl Requests {
     #[inline(never)]
     fn check_rates(&mut self, now: Instant) {
         for progress in &mut self.progress {
-            if progress.pending() || now.micros_since(progress.since) < progress.window_us() {
+            if progress.pending() || progress.given_up || now.micros_since(progress.since) < progress.window_us() {
                 continue;
             }
             let wanted = ENOUGH * progress.wish.rate_hz * now.seconds_since(progress.since);
             if f32::from(progress.heard) < wanted {
                 progress.tries = 0;
                 progress.granted = false;
+                progress.given_up = progress.patience >= PATIENCE_MAX && !progress.was_heard;
                 let more = if progress.wish.is_vital { 0 } else { 1 };
                 progress.patience = (progress.patience + more).min(PATIENCE_MAX);
             } else {

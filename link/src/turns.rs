@@ -4,7 +4,8 @@
 //! A message whose sensor has never sent more than one kind of offset is a scan by itself, at once. Where another follows that
 //! continues it, the two are joined, and so on until one comes that was heard before: so many make a turn from then on, and the
 //! scan is there with the last of them. It is there sooner where it closes a full turn, and with what has come where a message
-//! was lost: when the next turn begins, or [`TURN_MAX_US`] after the first. What did not come is unknown.
+//! was lost: when the next turn begins, or [`TURN_MAX_US`] after the first. What did not come is unknown,
+//! but for directions in which a sensor that tells only of what it has seen has seen nothing ([`crate::beams`]).
 //!
 //! A ray is always the newest that was heard of it. The time of a scan is the middle between its first message and its last, so
 //! that no ray is older than half of [`TURN_MAX_US`] before it. A turn of more than 360 rays is joined as far as 360 go.
@@ -15,6 +16,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::mapping::scan::{RAYS_MAX, Rays, Scan, Sector};
 
+use crate::beams::{DIRECTIONS, EACH_DEG, FIRST_DEG, RAYS_EACH};
 use crate::clock::is_over;
 use crate::obstacles::{FULL_TURN_DEG, Part};
 
@@ -56,6 +58,8 @@ pub(crate) struct Turns {
     /// Azimuth of ray 0, as the messages count.
     first_deg: f32,
     step_deg: f32,
+    /// Directions that are clear where nothing is told of them.
+    untold: u8,
     /// When the first message of this turn came.
     began: Instant,
     /// Messages of this turn, of which there is no scan yet where they are fewer than the last turn had.
@@ -74,6 +78,7 @@ impl Turns {
             component_id: 0,
             first_deg: 0.0,
             step_deg: 0.0,
+            untold: 0,
             began: Instant(0),
             parts: 0,
             parts_before: 1,
@@ -137,6 +142,7 @@ impl Turns {
         if self.parts == 0 {
             self.began = now;
         }
+        self.untold = part.untold;
         let scan = &mut self.scan;
         scan.step_rad = part.step_deg * (PI / 180.0);
         scan.range_max_m = part.range_max_m;
@@ -177,11 +183,18 @@ impl Turns {
         turn.is_some_and(|turn| self.heard.count() >= turn)
     }
 
+    /// Whether a ray is in a direction in which nothing was ever seen.
+    fn is_untold(&self, ray: usize) -> bool {
+        let first = libm::roundf((self.first_deg - FIRST_DEG) / EACH_DEG) as usize;
+        self.untold >> ((first + ray / RAYS_EACH) % usize::from(DIRECTIONS)) & 1 != 0
+    }
+
     /// What has come is a scan.
     fn end(&mut self, now: Instant) {
         for ray in 0..self.scan.rays.len() {
             if !self.heard.has(ray) {
-                self.scan.rays.set(ray, Sector::Unknown);
+                let told = if self.is_untold(ray) { Sector::Clear } else { Sector::Unknown };
+                self.scan.rays.set(ray, told);
             }
         }
         self.scan.time = self.began.plus_micros(now.micros_since(self.began) / 2);
@@ -214,7 +227,7 @@ mod tests {
     use crate::dialect::OBSTACLE_DISTANCE_DATA;
     use crate::obstacles::{Reading, part};
 
-    const NOSE: Reading = Reading { yaw_rad: 0.0, zero_touches: false };
+    const NOSE: Reading = Reading { yaw_rad: 0.0, zero_touches: false, untold: 0 };
 
     fn message(first_deg: f32, step_deg: f32, distances_cm: &[u16]) -> OBSTACLE_DISTANCE_DATA {
         OBSTACLE_DISTANCE_DATA {
@@ -364,5 +377,58 @@ mod tests {
             }
         }
         assert!(scans > 5_000 && said_rays > 500_000, "{scans} {said_rays}");
+    }
+
+    #[test]
+    fn directions_make_a_turn_and_those_that_were_never_told_are_clear_in_it() {
+        use crate::beams::Beams;
+        use crate::dialect::DISTANCE_SENSOR_DATA;
+        let (mut turns, mut beams) = (Turns::new(), Beams::new());
+        let mut told = |turns: &mut Turns, at_ms: u64, orientation: u8, current_distance: u16| {
+            let beam = DISTANCE_SENSOR_DATA {
+                id: 10 + orientation,
+                orientation,
+                max_distance: 600,
+                current_distance,
+                ..DISTANCE_SENSOR_DATA::DEFAULT
+            };
+            let (message, untold) = beams.sector(1, true, &beam).unwrap();
+            turns.hear(Instant(1000 * at_ms), 1, &part(&message, Reading { untold, ..NOSE }).unwrap());
+        };
+        // What the middle of each direction says, and whether all nine rays say the same.
+        let middles = |scan: &Scan| {
+            let first = (scan.first_azimuth_rad.to_degrees() + 20.0) / 45.0;
+            let at = |direction: usize| (direction + 8 - first.round() as usize) % 8 * 9;
+            (0..8)
+                .map(|direction| {
+                    let rays: Vec<_> = (0..9).map(|ray| scan.rays.get(at(direction) + ray)).collect();
+                    assert!(rays.iter().all(|ray| *ray == rays[4]), "{rays:?}");
+                    rays[4]
+                })
+                .collect::<Vec<_>>()
+        };
+        told(&mut turns, 0, 0, 300);
+        told(&mut turns, 0, 2, 200);
+        let scan = turns.scan().unwrap();
+        let (clear, hit) = (Sector::Clear, Sector::Hit);
+        assert_eq!(middles(scan), [hit(3.0), clear, hit(2.0), clear, clear, clear, clear, clear]);
+        turns.take();
+        for (at_ms, nearer_cm) in [(100, 10), (200, 20), (700, 30)] {
+            told(&mut turns, at_ms, 0, 600);
+            told(&mut turns, at_ms, 1, 250 - nearer_cm);
+            told(&mut turns, at_ms, 2, 200 - nearer_cm);
+            let near = |cm: u16| hit(f32::from(cm - nearer_cm) / 100.0);
+            assert_eq!(
+                middles(turns.scan().unwrap()),
+                [clear, near(250), near(200), clear, clear, clear, clear, clear]
+            );
+            turns.take();
+        }
+        // One is lost: unknown, until the next turn.
+        told(&mut turns, 800, 0, 600);
+        told(&mut turns, 800, 1, 240);
+        assert!(turns.scan().is_none());
+        told(&mut turns, 900, 0, 600);
+        assert_eq!(middles(turns.scan().unwrap())[..4], [clear, hit(2.4), Sector::Unknown, clear]);
     }
 }

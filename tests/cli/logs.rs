@@ -175,3 +175,18 @@ fn pymavlink_reads_the_telemetry_log_of_a_flight() {
     assert_eq!(theirs["directions"], 2);
     assert!(number(&theirs["last_s"]) <= number(&printed["time_s"]));
 }
+
+/// A telemetry log that begins with MAVLink 1 is read frame for frame as pymavlink reads it.
+#[test]
+#[ignore = "needs pymavlink: cargo xtask test"]
+fn a_telemetry_log_that_begins_with_mavlink_1_is_read_as_pymavlink_reads_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("old.tlog");
+    let written: Value = serde_json::from_str(&peer("write_v1_tlog.py", &[&path])).unwrap();
+    let (code, ours) = run_json(&["tlog", path.to_str().unwrap(), "--json"]);
+    assert_eq!((code, &ours["bad_crc"], &ours["skipped_bytes"]), (0, &json!(0), &json!(0)), "{ours}");
+    assert_eq!((&ours["counts"], &ours["mavlink_1"]), (&written["counts"], &written["mavlink_1"]), "{ours}");
+    let theirs: Value = serde_json::from_str(&peer("read_tlog.py", &[&path])).unwrap();
+    let total: u64 = theirs["counts"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
+    assert_eq!((&ours["frames"], &theirs["bad"]), (&json!(total), &json!(0)), "{ours} {theirs}");
+}

@@ -54,7 +54,7 @@ fn fly(worlds: &[Value], setting: &str, vehicle: &str) -> Row {
     let mut row = Row { flights: worlds.len(), hit: 0, reached: 0, pace_spm: 0.0 };
     for (world, seed) in worlds.iter().zip(seeds::TEST) {
         let report = flight::report(scenario(world, setting, vehicle), seed, |_| ()).unwrap();
-        row.hit += usize::from(report.collisions > 0);
+        row.hit += usize::from(report.collisions > Some(0));
         if report.result == Ending::Reached {
             row.reached += 1;
             row.pace_spm += report.time_s / report.straight_line_m;

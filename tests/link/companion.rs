@@ -280,9 +280,9 @@ fn an_autopilot_that_sends_first_is_answered() {
     let _machine = share_machine();
     // A port that was free a moment ago.
     let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let address = format!("udpin:127.0.0.1:{port}");
+    let address = format!("udp:127.0.0.1:{port}");
     let companion = start(&address, &["--source=4,0,-5"]);
-    let line = Line::open(&format!("udp:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    let line = Line::open(&format!("udpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
     let bench = Bench::on(line, address, [0.0, 0.0, -5.0], GUIDED);
     let (code, report) = ended(companion);
     assert_eq!((code, &report["result"]), (0, &"reached".into()), "{report}");
@@ -418,9 +418,10 @@ fn bad_usage_is_refused_and_named() {
         (vec!["--autopilot", "tpc:127.0.0.1:9", "--source", "1,2,-3"], ["--autopilot", "did you mean `tcp`?"]),
         (vec!["--autopilot", "tcp:127.0.0.1:70000", "--source", "1,2,-3"], ["--autopilot", "70000 is outside"]),
         (vec!["--autopilot", "tcp:127.0.0.1", "--source", "1,2,-3"], ["--autopilot", "has no port"]),
+        (vec!["--autopilot", "/dev/ttyACM0", "--source", "1,2,-3"], ["--autopilot", "serial:/dev/ttyACM0:115200"]),
         (vec!["--autopilot", "serial:/dev/no-such-port:57600", "--source", "1,2,-3"], ["--autopilot", "No such file"]),
         (vec!["--autopilot", "serial:/dev/null:57600", "--source", "1,2,-3"], ["--autopilot", "/dev/null"]),
-        (vec!["--autopilot", "udp:no-such-host.invalid:9", "--source", "1,2,-3"], ["--autopilot", "no-such-host"]),
+        (vec!["--autopilot", "udpout:no-such-host.invalid:9", "--source", "1,2,-3"], ["--autopilot", "no-such-host"]),
         (vec!["--autopilot", "tcp:127.0.0.1:9"], ["--source", "required"]),
         (vec!["--source", "1,2,-3"], ["--autopilot", "required"]),
         (vec!["--autopilot", "tcp:127.0.0.1:9", "--source", "1,2"], ["--source", "three numbers"]),

@@ -78,7 +78,7 @@ fn flown_with_mavsdk(software: &str) -> Transcript {
     let mut mavsdk = Program::start(command.arg(script).arg(software));
     let mut lines = mavsdk.lines();
     let first: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
-    let mut companion = companion(&format!("udp:127.0.0.1:{}", first["port"]), &["--source=30,0,-5"]);
+    let mut companion = companion(&format!("udpout:127.0.0.1:{}", first["port"]), &["--source=30,0,-5"]);
     let mut transcript = Transcript::default();
     let mut is_stopped = false;
     for line in lines {

@@ -20,7 +20,7 @@ fn flown_with_pymavlink(arguments: &[&str]) -> (Value, Value) {
     let script = root().join("tests/peers/signed_autopilot.py");
     let mut autopilot = Program::start(python().arg(script).arg(KEY));
     let mut said = autopilot.lines().map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
-    let address = format!("udp:127.0.0.1:{}", said.next().unwrap()["port"]);
+    let address = format!("udpout:127.0.0.1:{}", said.next().unwrap()["port"]);
     let report = flown(&address, arguments);
     autopilot.end_input();
     (report, said.next().unwrap())

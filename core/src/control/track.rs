@@ -44,6 +44,12 @@ impl Default for Config {
 }
 
 impl Config {
+    /// How fast a straight plan is flown at most, whatever the guard would let through: the command at which all parts balance.
+    #[must_use]
+    pub fn fastest_mps(&self) -> f32 {
+        (self.kp_per_s * self.lookahead_m + self.integral_max_mps) / (1.0 + self.kd)
+    }
+
     /// Checks the configuration.
     ///
     /// # Errors
@@ -150,6 +156,19 @@ fn progress(passed: usize, trajectory: &Trajectory, rest: Horizontal) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_straight_plan_is_flown_no_faster_than_the_fastest() {
+        let config = Config::default();
+        let (tracker, mut state) = (config.build().unwrap(), State::default());
+        let mut fastest_mps: f32 = 0.0;
+        // A rest point that is pulled along for ever, a look-ahead behind.
+        let aim = core::array::from_fn(|_| Horizontal { north: config.lookahead_m, east: 0.0 });
+        for _ in 0..1000 {
+            fastest_mps = tracker.step(&mut state, &aim, Horizontal::default(), 0.0, 0.02).velocity_ned_mps.norm();
+        }
+        assert!((fastest_mps - config.fastest_mps()).abs() < 0.01, "{fastest_mps} {}", config.fastest_mps());
+    }
 
     fn straight() -> Trajectory {
         core::array::from_fn(|k| Horizontal { north: 0.0, east: SPACING_M * (k as f32 + 1.0) })

@@ -11,4 +11,4 @@ pub mod model;
 pub mod tlog;
 pub mod transport;
 
-pub use model::{Autopilot, Battery, Faults, GUIDED, Start, Wire};
+pub use model::{Autopilot, Battery, Faults, GUIDED, Proximity, Start, Told, Wire};

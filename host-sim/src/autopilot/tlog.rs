@@ -1,13 +1,14 @@
 //! Telemetry logs: MAVLink frames, each behind the time at which it passed, as ground stations write them.
 //!
-//! A record is 8 bytes of big-endian microseconds and one frame.
+//! A record is 8 bytes of big-endian microseconds and one frame. Frames of MAVLink 1 are read as well: an autopilot may begin with
+//! those, and a ground station writes what it hears.
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 
-use foxhound_link::framer::Framer;
+use foxhound_link::framer::{Framer, MavlinkVersion};
 use foxhound_link::signing::is_secret;
 use serde::Serialize;
 
@@ -73,22 +74,40 @@ pub struct Summary {
     pub bad_crc: u64,
     /// Bytes outside frames and time stamps.
     pub skipped_bytes: u64,
+    /// Those of `frames` that are of MAVLink 1.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub mavlink_1: u64,
     /// Frames per message id.
     pub counts: BTreeMap<u32, u64>,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
 const STAMP_BYTES: usize = 8;
 const MAGIC: u8 = 0xFD;
+const MAGIC_1: u8 = 0xFE;
+/// Fewer frames of MAVLink 1 in a stream may be bytes that happen to look so.
+const MAVLINK_1_MIN: u64 = 3;
 
-/// Counts the frames of a plain byte stream.
+/// Counts the frames of a plain byte stream; those of MAVLink 1 only where there are more than chance makes of noise.
 #[must_use]
-pub fn read_raw(mut bytes: &[u8]) -> Summary {
+pub fn read_raw(bytes: &[u8]) -> Summary {
+    let both = read_versions(bytes, true);
+    if both.mavlink_1 < MAVLINK_1_MIN { read_versions(bytes, false) } else { both }
+}
+
+fn read_versions(mut bytes: &[u8], accept_v1: bool) -> Summary {
     let mut framer = Framer::new();
+    framer.accept_v1(accept_v1);
     let mut summary = Summary::default();
     while !bytes.is_empty() {
         bytes = &bytes[framer.push(bytes)..];
         while let Some(frame) = framer.next_frame() {
             summary.frames += 1;
+            summary.mavlink_1 += u64::from(frame.version == MavlinkVersion::V1);
             *summary.counts.entry(frame.message_id).or_default() += 1;
         }
     }
@@ -109,6 +128,7 @@ pub fn read_stamped(bytes: &[u8]) -> Summary {
         match whole_frame(record) {
             Frame::Whole { length, message_id } => {
                 summary.frames += 1;
+                summary.mavlink_1 += u64::from(record[0] == MAGIC_1);
                 *summary.counts.entry(message_id).or_default() += 1;
                 at += STAMP_BYTES + length;
             }
@@ -143,21 +163,24 @@ enum Frame {
 }
 
 fn starts_record(bytes: &[u8]) -> bool {
-    bytes.len() <= STAMP_BYTES || bytes[STAMP_BYTES] == MAGIC
+    bytes.len() <= STAMP_BYTES || [MAGIC, MAGIC_1].contains(&bytes[STAMP_BYTES])
 }
 
 /// The frame that stands at the start of `bytes`.
 fn whole_frame(bytes: &[u8]) -> Frame {
-    if bytes[0] != MAGIC {
-        return Frame::None;
-    }
-    let (Some(payload), Some(flags)) = (bytes.get(1), bytes.get(2)) else { return Frame::Cut };
-    if flags & !1 != 0 {
-        return Frame::None;
-    }
-    let length = 12 + usize::from(*payload) + if flags & 1 == 1 { 13 } else { 0 };
+    let (Some(payload), Some(flags)) = (bytes.get(1), bytes.get(2)) else {
+        return if [MAGIC, MAGIC_1].contains(&bytes[0]) { Frame::Cut } else { Frame::None };
+    };
+    let length = usize::from(*payload)
+        + match bytes[0] {
+            MAGIC_1 => 8,
+            MAGIC if *flags == 0 => 12,
+            MAGIC if *flags == 1 => 25,
+            _ => return Frame::None,
+        };
     let Some(candidate) = bytes.get(..length) else { return Frame::Cut };
     let mut framer = Framer::new();
+    framer.accept_v1(bytes[0] == MAGIC_1);
     framer.push(candidate);
     match framer.next_frame() {
         Some(frame) if frame.bytes.len() == length => Frame::Whole { length, message_id: frame.message_id },
@@ -207,6 +230,29 @@ mod tests {
             assert_eq!((summary.frames, summary.bad_crc, summary.skipped_bytes), (2, 0, 0), "{cut} bytes missing");
         }
         assert_eq!(read_stamped(&[]), Summary::default());
+    }
+
+    /// A heartbeat of MAVLink 1, as pymavlink packs it.
+    const OLD: [u8; 17] = [254, 9, 5, 1, 1, 0, 0, 0, 0, 0, 2, 3, 81, 4, 3, 46, 80];
+
+    #[test]
+    fn frames_of_mavlink_1_are_read_among_those_of_mavlink_2() {
+        let [heartbeat, _] = frames();
+        let stamp = 0x0000_FEFE_0000_FD01_u64.to_be_bytes();
+        let log = [&stamp[..], &OLD, &stamp, &heartbeat, &stamp, &OLD, &stamp, &OLD].concat();
+        let summary = read_stamped(&log);
+        assert_eq!((summary.frames, summary.mavlink_1, summary.bad_crc, summary.skipped_bytes), (4, 3, 0, 0));
+        let mut damaged = log.clone();
+        damaged[STAMP_BYTES + 8] ^= 1;
+        let summary = read_stamped(&damaged);
+        assert_eq!((summary.frames, summary.mavlink_1, summary.bad_crc, summary.skipped_bytes), (3, 2, 1, 17));
+        let stream = [&OLD[..], &heartbeat, &OLD, &OLD].concat();
+        let summary = read_raw(&stream);
+        assert_eq!((summary.frames, summary.mavlink_1, summary.skipped_bytes), (4, 3, 0));
+        assert_eq!(read_raw(&[&OLD[..], &heartbeat].concat()).frames, 1, "one may be chance");
+        for cut in 1..OLD.len() + STAMP_BYTES {
+            assert_eq!(read_stamped(&log[..log.len() - cut]).frames, 3, "{cut} bytes missing");
+        }
     }
 
     #[test]

@@ -7,9 +7,12 @@
 //! | address | the other end |
 //! |---|---|
 //! | `tcp:HOST:PORT` | listens there; called again when it hangs up |
-//! | `udp:HOST:PORT`, `udpout:` | listens there; the answers may come from another port of it |
-//! | `udpin:HOST:PORT` | sends to this port of ours; the first sender is answered |
+//! | `udp:HOST:PORT`, `udpin:` | sends to this port of ours; whoever speaks first is answered, and nobody else is heard |
+//! | `udpout:HOST:PORT` | listens there; the answers may come from another port of it |
 //! | `serial:DEVICE:BAUD` | is wired to a serial port: 8 data bits, no parity, no flow control |
+//!
+//! The schemes mean what pymavlink, MAVSDK and `QGroundControl` mean by them. Where `udp:` names a host that is not this machine,
+//! or a port at which somebody listens already, it can only be meant as `udpout:`, and is taken for that ([`Line::turned`]).
 
 use std::fmt;
 use std::io;
@@ -32,10 +35,10 @@ use udp::Udp;
 pub enum Address {
     /// It listens for TCP.
     Tcp(Endpoint),
-    /// It listens for UDP.
-    Udp(Endpoint),
-    /// It sends by UDP to this port.
+    /// It sends by UDP to this port of ours.
     UdpIn(Endpoint),
+    /// It listens for UDP.
+    UdpOut(Endpoint),
     /// It is behind a serial port.
     Serial {
         /// The device file.
@@ -64,11 +67,14 @@ impl FromStr for Address {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        if let Some(meant) = meant(text) {
+            return Err(format!("did you mean `{meant}`?"));
+        }
         let (scheme, rest) = text.split_once(':').ok_or_else(|| forms().to_owned())?;
         match scheme {
             "tcp" => Ok(Self::Tcp(endpoint(rest, 1)?)),
-            "udp" | "udpout" => Ok(Self::Udp(endpoint(rest, 1)?)),
-            "udpin" => Ok(Self::UdpIn(endpoint(rest, 1)?)),
+            "udp" | "udpin" => Ok(Self::UdpIn(endpoint(rest, 1)?)),
+            "udpout" => Ok(Self::UdpOut(endpoint(rest, 1)?)),
             "serial" => {
                 // The names of devices may hold colons.
                 let (device, baud) = rest.rsplit_once(':').ok_or("expected serial:DEVICE:BAUD")?;
@@ -100,8 +106,24 @@ impl FromStr for Listen {
     }
 }
 
+/// What is meant by a form that others know, and we do not.
+fn meant(text: &str) -> Option<String> {
+    let (scheme, rest) = text.split_once(':').unwrap_or((text, ""));
+    if text.starts_with("/dev/") {
+        let (device, baud) = text.rsplit_once([':', ',']).unwrap_or((text, "115200"));
+        return Some(format!("serial:{device}:{baud}"));
+    }
+    if let Some(rest) = rest.strip_prefix("//") {
+        // Without a host MAVSDK means every address of this machine.
+        let any = if rest.starts_with(':') { "0.0.0.0" } else { "" };
+        return SCHEMES.contains(&scheme).then(|| format!("{scheme}:{any}{rest}"));
+    }
+    let is_host = scheme == "localhost" || scheme.contains('.');
+    (is_host && rest.parse::<u16>().is_ok()).then(|| format!("tcp:{text}"))
+}
+
 fn forms() -> &'static str {
-    "expected tcp:HOST:PORT, udp:HOST:PORT, udpin:HOST:PORT or serial:DEVICE:BAUD"
+    "expected tcp:HOST:PORT, udp:HOST:PORT, udpout:HOST:PORT or serial:DEVICE:BAUD"
 }
 
 fn unknown_scheme(scheme: &str, known: &[&str]) -> String {
@@ -120,8 +142,8 @@ impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Tcp(endpoint) => write!(f, "tcp:{endpoint}"),
-            Self::Udp(endpoint) => write!(f, "udp:{endpoint}"),
             Self::UdpIn(endpoint) => write!(f, "udpin:{endpoint}"),
+            Self::UdpOut(endpoint) => write!(f, "udpout:{endpoint}"),
             Self::Serial { device, baud } => write!(f, "serial:{}:{baud}", device.display()),
         }
     }
@@ -146,8 +168,8 @@ impl Line {
     pub fn open(address: &Address) -> io::Result<Self> {
         Ok(Self(match address {
             Address::Tcp(endpoint) => Kind::Tcp(Tcp::call(endpoint)?),
-            Address::Udp(endpoint) => Kind::Udp(Udp::call(endpoint)?),
-            Address::UdpIn(endpoint) => Kind::Udp(Udp::listen(endpoint)?),
+            Address::UdpIn(endpoint) => Kind::Udp(Udp::listen_or_call(endpoint)?),
+            Address::UdpOut(endpoint) => Kind::Udp(Udp::call(endpoint)?),
             Address::Serial { device, baud } => Kind::Serial(serial::Serial::open(device, *baud)?),
         }))
     }
@@ -166,7 +188,7 @@ impl Line {
             }
             Listen::Udp(endpoint) => {
                 let udp = Udp::listen(endpoint)?;
-                let address = Address::Udp(at(endpoint, udp.port()?));
+                let address = Address::UdpOut(at(endpoint, udp.port()?));
                 (Self(Kind::Udp(udp)), address)
             }
             Listen::Pty => {
@@ -174,6 +196,15 @@ impl Line {
                 (Self(Kind::Serial(serial)), Address::Serial { device, baud: 115_200 })
             }
         })
+    }
+
+    /// Where a line was to listen and could not, and so calls: what to call it by.
+    #[must_use]
+    pub fn turned(&self) -> Option<String> {
+        match &self.0 {
+            Kind::Udp(udp) => udp.turned(),
+            Kind::Tcp(_) | Kind::Serial(_) => None,
+        }
     }
 
     /// Whether a peer is there to write to, as far as can be known. Opens again what broke.

@@ -8,11 +8,12 @@ use std::time::Instant;
 use clap::Args;
 use foxhound_computer::twin::Setup;
 use foxhound_core::base::time::Instant as Time;
+use foxhound_core::guidance;
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Software;
 use foxhound_sim::autopilot::tlog;
 use foxhound_sim::autopilot::transport::{Address, Line};
-use foxhound_sim::drive::companion::{self, Config, News};
+use foxhound_sim::drive::companion::{self, Config, Ends, Eyes, News, Provider};
 use foxhound_sim::drive::computer::{Computer, HostComputer};
 use foxhound_sim::drive::flight::{Ending, Report};
 use foxhound_sim::drive::qemu::QemuComputer;
@@ -35,37 +36,38 @@ const COMPANION_HELP: &str = "Examples:
     --via qemu:firmware.elf
 
 It waits for GUIDED (ArduPilot) or OFFBOARD (PX4), armed; it never changes the mode, arms or takes off. Leave the mode to \
-take control away; enter it again to give it back. It ends within 1 m of the beacon, or with Ctrl-C, at zero velocity.
+take control away; enter it again to give it back. It ends within 1 m of the beacon (with FH_LND_MODE in a parameter file: when \
+it has handed over or landed), or with Ctrl-C, at zero velocity.
 
-Obstacles are JSON, vertical cylinders, x east, y north, metres: {\"obstacles\": [{\"x\": 3, \"y\": 4, \"r\": 0.3}]}
+Obstacles: what the autopilot and its system tell is always heard (DISTANCE_SENSOR, OBSTACLE_DISTANCE).
+  --obstacles FILE       a simulated sensor sees these, too; JSON, vertical cylinders, x east, y north, metres:
+                         {\"obstacles\": [{\"x\": 3, \"y\": 4, \"r\": 0.3}]}
+  --obstacles autopilot  nobody else: it holds while the autopilot tells nothing. For a vehicle that really flies.
+  --obstacles none       nobody: it moves only where a parameter file has FH_OBS_REQ 0, and then blind
+  (not given)            the autopilot, if it tells anything within 3 s or later; else a simulated sensor sees an empty world
+Who it is stands in \"obstacles\" of the report, and the pilot is told. \"collisions\" is null where nobody can know.
 
 Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
 
 #[derive(Args, Debug)]
 #[command(after_help = COMPANION_HELP)]
 pub(super) struct CompanionCommand {
-    /// Where the autopilot is: tcp:HOST:PORT, udp:HOST:PORT (it listens there), udpin:HOST:PORT (it sends there), or
-    /// serial:DEVICE:BAUD. It may start later, or restart.
+    /// Where the autopilot is: tcp:HOST:PORT, udp:HOST:PORT or udpin: (we listen there, it sends), udpout:HOST:PORT (it listens
+    /// there), or serial:DEVICE:BAUD. It may start later, or restart.
     #[arg(long, value_name = "ADDRESS")]
     autopilot: Address,
     /// Where the beacon is, in metres of the autopilot's local frame: north, east, down.
     #[arg(long, value_name = "N,E,D", value_parser = triple, allow_hyphen_values = true)]
     source: [f64; 3],
-    /// Obstacles, in the same frame.
-    #[arg(long, value_name = "FILE")]
+    /// Who provides obstacles: a file of them, in the same frame, `autopilot` or `none`; see below.
+    #[arg(long, value_name = "FILE|autopilot|none")]
     obstacles: Option<PathBuf>,
     /// Which computer flies: `host`, or `qemu:ELF` for a firmware image in QEMU.
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
-    /// Horizontal speed of the fastest setpoint, in m/s.
-    #[arg(
-        long,
-        value_name = "M/S",
-        default_value_t = 2.0,
-        value_parser = number(V_MAX_MPS),
-        allow_negative_numbers = true
-    )]
-    v_max: f64,
+    /// Horizontal speed of the fastest setpoint, in m/s; plans are flown at 1.3 at most [default: 2]
+    #[arg(long, value_name = "M/S", value_parser = number(V_MAX_MPS), allow_negative_numbers = true)]
+    v_max: Option<f64>,
     /// Radius of the vehicle, in metres.
     #[arg(
         long,
@@ -127,12 +129,14 @@ pub(super) fn triple(text: &str) -> Result<[f64; 3], String> {
 
 pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, InputError> {
     let obstacles = match &args.obstacles {
+        Some(path) if path.as_os_str() == "autopilot" => Provider::Autopilot,
+        Some(path) if path.as_os_str() == "none" => Provider::Nobody,
         Some(path) => {
             let named = |error: InputError| InputError::new(format!("--obstacles {error}"));
             let text = read_text(path).map_err(named)?;
-            companion::parse_obstacles(&text).map_err(|error| named(error.in_file(path)))?
+            Provider::File(companion::parse_obstacles(&text).map_err(|error| named(error.in_file(path)))?)
         }
-        None => Vec::new(),
+        None => Provider::Unsaid,
     };
     let key = match &args.key {
         Some(_) if matches!(args.via, Via::Qemu(_)) => {
@@ -148,7 +152,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let config = Config {
         source_ned_m: args.source,
         obstacles,
-        v_max_mps: args.v_max,
+        v_max_mps: args.v_max.unwrap_or(2.0),
+        ends: Ends::Near,
         drone_radius_m: args.drone_radius,
         snr_db: args.snr_db,
         seed: cli.seed,
@@ -158,6 +163,11 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         key,
     };
     let config = config.checked()?;
+    if let (Some(v_max_mps), Some(fastest_mps)) = (args.v_max, config.slower_than_asked_mps()) {
+        warn(&format!(
+            "--v-max = {v_max_mps}: plans are flown at {fastest_mps:.2} m/s at most; only giving way is faster"
+        ));
+    }
     check_writable("--report", args.report.as_ref())?;
     // Checked here for every computer, so that a refused field is named the same way.
     let mut host = match &args.params {
@@ -165,6 +175,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => HostComputer::new(&config.guidance())?,
     };
     let guidance = *host.config();
+    let config = Config { ends: Ends::of(&guidance), ..config };
     let recorder = || Recorder::new(&config.mission(), &guidance, command_line());
     let mut watched = Watched::new(&args.live, args.report.as_deref(), recorder)?;
     let mut qemu = match &args.via {
@@ -178,6 +189,9 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     };
     let failed = |error: io::Error| InputError::new(format!("--autopilot {}: {error}", args.autopilot));
     let mut line = Line::open(&args.autopilot).map_err(failed)?;
+    if let Some(turned) = line.turned() {
+        warn(&format!("{}: cannot listen there; calls it instead, as {turned}", args.autopilot));
+    }
     let mut log = match &args.tlog {
         Some(path) => Some(
             tlog::Writer::create(path)
@@ -209,6 +223,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             }
         };
         let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news, moment| {
+            progress.tell_eyes(news.eyes, &guidance);
             progress.show(news);
             if let (Some(watched), Some(moment)) = (&mut watched, moment) {
                 watched.watch(moment);
@@ -261,6 +276,7 @@ struct Progress {
     address: Address,
     is_quiet: bool,
     bar: Option<ProgressBar>,
+    eyes: Option<Eyes>,
     state: String,
     shown_s: f64,
 }
@@ -278,7 +294,7 @@ impl Progress {
                 Err(_) => bar,
             }
         });
-        Self { address, is_quiet, bar, state: String::new(), shown_s: 0.0 }
+        Self { address, is_quiet, bar, eyes: None, state: String::new(), shown_s: 0.0 }
     }
 
     fn text(&self, text: &str) {
@@ -289,6 +305,35 @@ impl Progress {
             }
             None if self.is_quiet => {}
             None => warn(&format!("{}: {text}", self.address)),
+        }
+    }
+
+    /// Says who provides the obstacles, and that nobody does even where notes are not wanted.
+    fn tell_eyes(&mut self, eyes: Eyes, guidance: &guidance::Config) {
+        if self.eyes.replace(eyes) == Some(eyes) {
+            return;
+        }
+        let holds = if guidance.mission.obstacles_required {
+            "it holds (FH_OBS_REQ is 1)"
+        } else {
+            "it flies blind (FH_OBS_REQ is 0)"
+        };
+        let told = match eyes {
+            Eyes::Undecided => return,
+            Eyes::File => "obstacles: a simulated sensor sees those of the file".to_owned(),
+            Eyes::Autopilot => "obstacles: the autopilot's alone".to_owned(),
+            Eyes::SimulatedEmpty => {
+                "warning: nobody tells of obstacles: a simulated sensor sees an empty world; --obstacles \
+                                     autopilot holds instead"
+                    .to_owned()
+            }
+            Eyes::Nobody => format!("warning: --obstacles none: no obstacle sensor, {holds}"),
+        };
+        if !self.is_quiet || matches!(eyes, Eyes::SimulatedEmpty | Eyes::Nobody) {
+            match &self.bar {
+                Some(bar) => bar.suspend(|| warn(&told)),
+                None => warn(&told),
+            }
         }
     }
 
@@ -322,6 +367,11 @@ fn state(news: &News) -> String {
         return "the line is down".to_owned();
     }
     let Some(autopilot) = news.autopilot else {
+        if news.hears_mavlink_1 {
+            return "MAVLink 1 is heard; set the autopilot's port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL 2; PX4: \
+                    MAV_PROTO_VER 2)"
+                .to_owned();
+        }
         let heard =
             if news.is_disbelieved { "nobody who signs with this key is heard" } else { "no autopilot is heard" };
         return heard.to_owned();
@@ -358,6 +408,9 @@ fn summary(report: &Report) -> String {
         &format!("  path             {:.2} m, straight line {:.2} m\n", report.path_length_m, report.straight_line_m);
     if let Some(clearance_m) = report.min_clearance_m {
         text += &format!("  least clearance  {clearance_m:.3} m\n");
+    }
+    if let Some(obstacles) = report.obstacles {
+        text += &format!("  obstacles        {obstacles}\n");
     }
     if let Some(rms_deg) = report.bearing_rms_deg {
         text += &format!("  bearing error    {rms_deg:.2} deg rms\n");

@@ -247,6 +247,9 @@ fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
             "{} frames, {} with a wrong checksum, {} bytes skipped\n",
             summary.frames, summary.bad_crc, summary.skipped_bytes
         );
+        if summary.mavlink_1 > 0 {
+            let _ = writeln!(text, "{:>8}  of them MAVLink 1", summary.mavlink_1);
+        }
         for (id, count) in &summary.counts {
             let _ = writeln!(text, "{count:>8}  message {id}");
         }

@@ -9,7 +9,8 @@
 //! see of them is synthesised from its telemetry. When the machine stalls, the steps that were missed are left out
 //! ([`Pace`]).
 //!
-//! The driver never commands the vehicle: it only ends the flight. Within [`ARRIVED_M`] of the beacon, at a collision, at
+//! The driver never commands the vehicle: it only ends the flight. Within [`ARRIVED_M`] of the beacon (where the computer has
+//! something to do when it arrives, once that is [done](Config::ends)), at a collision, at
 //! a hold for good, at the time limit or when it is stopped, it pauses the computer, waits until the stream of
 //! setpoints has been zero for [`QUIET_S`] and the vehicle is slow, and leaves. Where the computer does not obey, it sends
 //! the zeros itself. The last setpoint is zero, however the flight ends.
@@ -40,12 +41,14 @@ use crate::world::Horizontal;
 
 mod key;
 mod pace;
+mod provider;
 mod senses;
 mod tally;
 mod wire;
 
 pub use key::{parse_key, signing};
 pub use pace::Pace;
+pub use provider::{Eyes, Provider};
 use senses::{Fix, Senses};
 use tally::Tally;
 use wire::Wire;
@@ -55,6 +58,10 @@ pub const ARRIVED_M: f64 = 1.0;
 /// How long the stream of setpoints must have been zero at the end.
 pub const QUIET_S: f32 = 0.5;
 
+/// It hovers and hands over, or lies on the ground, for so long before that is the end; and the autopilot is asked to land once a
+/// second, five times at most.
+const HANDED_OVER_S: f32 = 1.0;
+const ASKED_S: f32 = 6.0;
 /// A vehicle slower than this is slow.
 const SLOW_MPS: f64 = 0.2;
 /// A vehicle that does not become slow is not waited for any longer.
@@ -65,18 +72,56 @@ const PAUSE_PERIOD_US: u64 = 200_000;
 const OBEYS_WITHIN_S: f32 = 0.5;
 /// From one zero of the driver to the next.
 const ZERO_PERIOD: Duration = Duration::from_millis(50);
+/// `ArduCopter` in software-in-the-loop turns no faster in GUIDED; what is asked for beyond is not flown, and the nose is not where
+/// the guard expects it.
+const YAW_RATE_MAX_RADPS: f32 = 1.25;
 /// What rounding may add to a speed is taken off the limit.
 const ROUNDING: f32 = 1.0 - 1e-6;
+
+/// When a flight has come to its end at the beacon.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ends {
+    /// Within [`ARRIVED_M`] of it.
+    #[default]
+    Near,
+    /// When the computer has handed over or landed (`FH_LND_MODE`).
+    HandedOver,
+    /// When it has asked the autopilot to land after that (`FH_LND_REQ`), and that has obeyed or been asked often enough.
+    Landing,
+}
+
+impl Ends {
+    /// What the computer is set to do where it arrives.
+    #[must_use]
+    pub fn of(guidance: &guidance::Config) -> Self {
+        match guidance.landing {
+            None => Self::Near,
+            Some(landing) if landing.request_land => Self::Landing,
+            Some(_) => Self::HandedOver,
+        }
+    }
+
+    /// How long the computer may go on after that.
+    const fn after_s(self) -> f32 {
+        match self {
+            Self::Near => 0.0,
+            Self::HandedOver => HANDED_OVER_S,
+            Self::Landing => ASKED_S,
+        }
+    }
+}
 
 /// What is flown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// The beacon, in the autopilot's local frame.
     pub source_ned_m: [f64; 3],
-    /// The pillars, in the same frame.
-    pub obstacles: Vec<Obstacle>,
+    /// Who provides the obstacles; those of a file are in the same frame.
+    pub obstacles: Provider,
     /// Horizontal speed of the fastest setpoint.
     pub v_max_mps: f64,
+    /// What ends the flight at the beacon.
+    pub ends: Ends,
     /// Radius of the vehicle.
     pub drone_radius_m: f64,
     /// Signal-to-noise ratio per sample of the antenna waveforms.
@@ -119,7 +164,7 @@ impl Config {
             name: "companion".to_owned(),
             drone_radius: self.drone_radius_m,
             goal: [east, north],
-            obstacles: self.obstacles.clone(),
+            obstacles: self.obstacles.simulated().to_vec(),
             bearing: scenario::Bearing { snr_db: Some(self.snr_db), ..scenario::Bearing::default() },
             limits: scenario::Limits { v_max: self.v_max_mps, ..scenario::Limits::default() },
             vehicle: scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario::Vehicle::default() },
@@ -146,7 +191,15 @@ impl Config {
     pub fn guidance(&self) -> guidance::Config {
         let mut config = self.mission().guidance();
         config.guard.v_max_mps *= ROUNDING;
+        config.guard.yaw_rate_max_radps = config.guard.yaw_rate_max_radps.min(YAW_RATE_MAX_RADPS);
         config
+    }
+
+    /// What of the speed that was asked for is not flown: a plan is followed at that speed at most.
+    #[must_use]
+    pub fn slower_than_asked_mps(&self) -> Option<f64> {
+        let fastest_mps = f64::from(self.mission().guidance().track.fastest_mps());
+        (self.v_max_mps > fastest_mps).then_some(fastest_mps)
     }
 }
 
@@ -196,8 +249,12 @@ pub struct News {
     pub autopilot: Option<Autopilot>,
     /// Frames came that were not signed with the key.
     pub is_disbelieved: bool,
+    /// MAVLink 1 is heard, which is not understood unless `FH_V1` is 1.
+    pub hears_mavlink_1: bool,
     /// What the step came to.
     pub outcome: Outcome,
+    /// Who provides the obstacles.
+    pub eyes: Eyes,
     /// Horizontal distance to the beacon, while the autopilot says where it is.
     pub distance_m: Option<f64>,
     /// The flight is being ended, and how.
@@ -232,7 +289,13 @@ pub fn wait_for_line(line: &mut Line, stop: &AtomicBool, limit_s: Option<f64>) -
 /// The report of a flight that never began, because no peer was at the other end.
 #[must_use]
 pub fn nobody_there(config: &Config) -> Report {
-    Tally::new(Horizontal::default(), config.drone_radius_m).report(config.seed, Ending::Timeout, Outcome::LinkLost)
+    let eyes = provider::Chooser::new(&config.obstacles).eyes();
+    Tally::new(Horizontal::default(), config.drone_radius_m).report(
+        config.seed,
+        Ending::Timeout,
+        Outcome::LinkLost,
+        eyes,
+    )
 }
 
 /// Flies with a computer until the flight has an end; `stop` ends it at any time. `watch` is called with the state, and, while
@@ -257,15 +320,17 @@ pub fn fly(
         line,
         log,
         source,
-        senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed, sign())?,
+        senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed, sign(), &config.obstacles)?,
         tally: Tally::new(source, config.drone_radius_m),
         wire: Wire::new(sign()),
         started_us: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_micros() as u64),
         complaints: Vec::new(),
+        told: None,
+        arrival: Arrival { ends: config.ends, since: None },
     };
     let mut pace = Pace::new(Duration::from_micros((TICK_S * 1e6) as u64));
     let (ending, reason) = flight.fly(computer, &mut pace, stop, watch);
-    let report = flight.tally.report(config.seed, ending, reason);
+    let report = flight.tally.report(config.seed, ending, reason, flight.senses.eyes());
     Ok(Flown { report, complaints: flight.complaints, missed_steps: pace.missed })
 }
 
@@ -280,6 +345,41 @@ struct Flight<'a> {
     /// Wall time at the start.
     started_us: u64,
     complaints: Vec<String>,
+    /// What the pilot was last told about the obstacles, since the vehicle is ours.
+    told: Option<Eyes>,
+    arrival: Arrival,
+}
+
+/// Since when the computer has done what it does where it arrives.
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    ends: Ends,
+    since: Option<Instant>,
+}
+
+impl Arrival {
+    fn step(&mut self, now: Instant, outcome: Outcome) {
+        match outcome {
+            Outcome::HandedOver | Outcome::Landed => _ = self.since.get_or_insert(now),
+            // The autopilot was asked to land and does, or the pilot took over.
+            Outcome::NotInControl => {}
+            _ => self.since = None,
+        }
+    }
+
+    fn has_ended(&self, now: Instant, in_control: bool) -> bool {
+        self.since.is_some_and(|since| !in_control || now.seconds_since(since) >= self.ends.after_s())
+    }
+}
+
+/// What the pilot is told when the flight is being ended.
+const fn parting(ending: Ending) -> &'static str {
+    match ending {
+        Ending::Reached => "Foxhound: reached the beacon, take over",
+        Ending::Hold => "Foxhound: gives up and holds, take over",
+        Ending::Collision => "Foxhound: simulated collision, take over",
+        Ending::Timeout => "Foxhound: ends on the way, take over",
+    }
 }
 
 /// The flight is being ended.
@@ -305,8 +405,10 @@ impl Flight<'_> {
             let now = pace.wait();
             let mut rx = self.hear(now);
             let fix = self.senses.fix(now);
+            self.arrival.step(now, outcome);
             let in_control = self.senses.is_in_control(now);
             self.tally.step(now, self.senses.world(), fix.as_ref(), in_control);
+            self.tell_eyes(computer, now, in_control);
             if brake.is_none() {
                 brake = self.end(now, fix.as_ref(), in_control, outcome, stop);
             }
@@ -314,6 +416,9 @@ impl Flight<'_> {
                 && now >= brake.pause_due
             {
                 brake.pause_due = now.plus_micros(PAUSE_PERIOD_US);
+                if brake.since == now {
+                    self.tell(computer, now, &autopilot, parting(brake.ending));
+                }
                 let pause = self.wire.pause(now, &autopilot);
                 self.note(now, tlog::Direction::ToCompanion, &pause);
                 rx.extend(pause);
@@ -338,7 +443,9 @@ impl Flight<'_> {
                 is_open: self.line.is_open(),
                 autopilot: self.senses.autopilot(),
                 is_disbelieved: self.senses.disbelieves(),
+                hears_mavlink_1: self.senses.hears_mavlink_1(),
                 outcome,
+                eyes: self.senses.eyes(),
                 distance_m: fix.map(|fix| self.source.minus(fix.place()).norm()),
                 ending: brake.map(|brake| brake.ending),
             };
@@ -379,12 +486,14 @@ impl Flight<'_> {
         outcome: Outcome,
         stop: &AtomicBool,
     ) -> Option<Brake> {
-        let arrived = |fix: &Fix| self.source.minus(fix.place()).norm() <= ARRIVED_M;
+        let is_near = |fix: &Fix| self.source.minus(fix.place()).norm() <= ARRIVED_M;
+        let has_ended = self.arrival.has_ended(now, in_control);
+        let arrived = |fix: &Fix| if self.config.ends == Ends::Near { in_control && is_near(fix) } else { has_ended };
         let is_late = |limit_s: f64| now.0 as f64 * 1e-6 >= limit_s;
         let holds = outcome.behaviour() == Behaviour::Hold;
         let (ending, reason) = if self.tally.collided() {
             (Ending::Collision, outcome)
-        } else if in_control && fix.is_some_and(arrived) {
+        } else if fix.is_some_and(arrived) {
             (Ending::Reached, Outcome::Nominal)
         } else if outcome == Outcome::GoalUnreachable && self.tally.is_still(now) {
             (Ending::Hold, outcome)
@@ -394,6 +503,25 @@ impl Flight<'_> {
             return None;
         };
         Some(Brake { ending, reason, since: now, pause_due: now })
+    }
+
+    /// Tells the pilot who provides the obstacles, at every entry into the mode and when that changes.
+    fn tell_eyes(&mut self, computer: &mut dyn Computer, now: Instant, in_control: bool) {
+        let eyes = self.senses.eyes();
+        self.told = self.told.filter(|_| in_control);
+        if let (true, Some(text), Some(autopilot)) = (in_control, eyes.text(), self.senses.autopilot())
+            && self.told.replace(eyes) != Some(eyes)
+        {
+            self.tell(computer, now, &autopilot, text);
+        }
+    }
+
+    /// Tells the pilot something, by the computer, or in its place where it cannot be made to.
+    fn tell(&mut self, computer: &mut dyn Computer, now: Instant, autopilot: &Autopilot, text: &'static str) {
+        if !computer.tell(text) {
+            let text = self.wire.text(now, autopilot, text);
+            self.say(now, &text);
+        }
     }
 
     fn hear(&mut self, now: Instant) -> Vec<u8> {
@@ -455,5 +583,7 @@ impl Flight<'_> {
     }
 }
 
+#[cfg(test)]
+mod hidden;
 #[cfg(test)]
 mod tests;

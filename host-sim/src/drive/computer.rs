@@ -115,6 +115,11 @@ pub trait Computer {
         Vec::new()
     }
 
+    /// Tells the pilot something, in 50 bytes; false where it has no way to be made to.
+    fn tell(&mut self, _text: &str) -> bool {
+        false
+    }
+
     /// What it spent its time on since its start, for people, where it counts that.
     fn time_spent(&mut self) -> Option<String> {
         None
@@ -295,6 +300,10 @@ impl Computer for HostComputer {
 
     fn take_flight_log(&mut self) -> Vec<u8> {
         self.recording.as_mut().map(Recording::take).unwrap_or_default()
+    }
+
+    fn tell(&mut self, text: &str) -> bool {
+        self.companion.notify_text(text)
     }
 
     fn remembered(&self) -> Vec<Circle> {

@@ -265,7 +265,8 @@ pub fn fly_watched(
         path_length_m,
         straight_line_m: rig.world.source_at(time_s).minus(start).norm(),
         min_clearance_m: Some(rig.hull.min_clearance_m).filter(|clearance| clearance.is_finite()),
-        collisions: u32::from(result == Ending::Collision),
+        collisions: Some(u32::from(result == Ending::Collision)),
+        obstacles: None,
         replans: replans.len() as u32,
         bearing_rms_deg: (bearing_errors.1 > 0)
             .then(|| libm::sqrt(bearing_errors.0 / f64::from(bearing_errors.1)).to_degrees()),

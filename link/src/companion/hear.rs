@@ -1,6 +1,8 @@
 //! The listening half: what each message changes.
 
+use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::time::Instant;
+use foxhound_core::base::units::sin_cos;
 use foxhound_core::guidance::mission::Control;
 use foxhound_core::mapping::scan::{Frame, Points};
 
@@ -8,6 +10,7 @@ use super::{Companion, ObstacleFrame, UNSETTLED_US, count};
 use crate::MessageData;
 use crate::advice::Advice;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
+use crate::beams::Beams;
 use crate::clock::{PeerClock, is_over, nanos};
 use crate::continuity::{Continuity, Turn, Way};
 use crate::dialect::{
@@ -24,6 +27,8 @@ use crate::sources::Source;
 /// Our link to the autopilot, among those that sign with one key.
 const LINK_ID: u8 = 0;
 
+/// From a point of a wide beam to the next.
+const ARC_STEP_RAD: f32 = 0.0873;
 /// North-aligned obstacles need a yaw at most this old.
 const YAW_AGE_MAX_S: f32 = 0.5;
 /// After a jump of this the vehicle holds, or after jumps that add up to it, forgotten with a time constant.
@@ -77,17 +82,9 @@ impl Companion {
             }
             d::OBSTACLE_DISTANCE_3D_DATA::ID if is_aboard => {
                 self.note_source(header, content, 0);
-                self.on_point(obstacles::point(&content.read()));
+                self.on_point(obstacles::point(&content.read()), 0.0);
             }
-            d::DISTANCE_SENSOR_DATA::ID if is_aboard => {
-                let beam: d::DISTANCE_SENSOR_DATA = content.read();
-                if beam.orientation == obstacles::DOWN {
-                    self.ground = obstacles::ground_m(&beam).map(|ground_m| (self.now, ground_m)).or(self.ground);
-                    return;
-                }
-                self.note_source(header, content, beam.id);
-                self.on_point(obstacles::beam(&beam));
-            }
+            d::DISTANCE_SENSOR_DATA::ID if is_aboard => self.on_beam(header, content),
             _ if is_autopilot => self.on_telemetry(content),
             _ => {}
         }
@@ -370,6 +367,7 @@ impl Companion {
             self.usable_at = None;
             self.ground = None;
             self.turns.clear();
+            self.beams = Beams::new();
             self.points = None;
             // Whatever was known of its mode: only a heartbeat out of the mode that is heard from now on lifts it.
             self.entry_needed = true;
@@ -392,13 +390,8 @@ impl Companion {
     fn on_obstacles(&mut self, header: Header, content: &Content) {
         let now = self.now;
         self.note_source(header, content, 0);
-        let waits = self.turns.scan().is_some() && self.turns.component_id() != header.component_id;
-        if waits && self.last_scan_of == header.component_id {
-            // Two sensors between two steps: it is the other one's turn.
-            return;
-        }
         let obstacles: OBSTACLE_DISTANCE_DATA = content.read();
-        let ardupilot = self.autopilot.is_some_and(|autopilot| autopilot.software == Software::ArduPilot);
+        let ardupilot = self.is_ardupilot();
         let from_nose = match self.config.obstacle_frame {
             ObstacleFrame::Auto if ardupilot => true,
             ObstacleFrame::Body => true,
@@ -413,14 +406,57 @@ impl Companion {
             _ => None,
         };
         let zero_touches = !ardupilot;
-        match yaw_rad.and_then(|yaw_rad| obstacles::part(&obstacles, Reading { yaw_rad, zero_touches })) {
-            Some(part) => self.turns.hear(now, header.component_id, &part),
+        self.on_sectors(
+            header.component_id,
+            &obstacles,
+            yaw_rad.map(|yaw_rad| Reading { yaw_rad, zero_touches, untold: 0 }),
+        );
+    }
+
+    fn is_ardupilot(&self) -> bool {
+        self.autopilot.is_some_and(|autopilot| autopilot.software == Software::ArduPilot)
+    }
+
+    /// Sectors around the vehicle.
+    #[inline(never)]
+    fn on_sectors(&mut self, component_id: u8, sectors: &OBSTACLE_DISTANCE_DATA, reading: Option<Reading>) {
+        let now = self.now;
+        let waits = self.turns.scan().is_some() && self.turns.component_id() != component_id;
+        if waits && self.last_scan_of == component_id {
+            // Two sensors between two steps: it is the other one's turn.
+            return;
+        }
+        match reading.and_then(|reading| obstacles::part(sectors, reading)) {
+            Some(part) => self.turns.hear(now, component_id, &part),
             None => count(&mut self.counters.rejected),
         }
     }
 
+    /// A beam: the ground below, a sector of a sensor that looks all round, or one of its own.
     #[inline(never)]
-    fn on_point(&mut self, heard: Heard) {
+    fn on_beam(&mut self, header: Header, content: &Content) {
+        let beam: d::DISTANCE_SENSOR_DATA = content.read();
+        if beam.orientation == obstacles::DOWN {
+            self.ground = obstacles::ground_m(&beam).map(|ground_m| (self.now, ground_m)).or(self.ground);
+            return;
+        }
+        if !obstacles::is_level(&beam) {
+            return;
+        }
+        self.note_source(header, content, beam.id);
+        let is_ardupilot = self.is_ardupilot() && self.is_autopilot(header);
+        match self.beams.sector(header.component_id, is_ardupilot, &beam) {
+            Some((sectors, untold)) => {
+                let reading = Reading { yaw_rad: 0.0, zero_touches: false, untold };
+                self.on_sectors(header.component_id, &sectors, Some(reading));
+            }
+            None => self.on_point(obstacles::beam(&beam), obstacles::half_width_rad(&beam)),
+        }
+    }
+
+    /// Something that stands at a point, or as far away up to so far on either side of it.
+    #[inline(never)]
+    fn on_point(&mut self, heard: Heard, half_width_rad: f32) {
         let now = self.now;
         let point = match heard {
             Heard::At(point) => Some(point),
@@ -431,8 +467,16 @@ impl Companion {
         // Their time is that of the first, so that none of them seems younger than it is.
         let empty = || Points { time: now, frame: Frame::Body, ..Points::default() };
         let points = &mut self.points.get_or_insert_with(empty).points_m;
-        if point.is_some_and(|point| points.push(point).is_err()) {
-            count(&mut self.counters.points_dropped);
+        let Some(point) = point else { return };
+        // Four on either side of 22.5 degrees. A float to integer cast saturates.
+        let aside = (half_width_rad / ARC_STEP_RAD) as i8;
+        for step in -aside..=aside {
+            let (sin, cos) = sin_cos(f32::from(step) * ARC_STEP_RAD);
+            let point =
+                Horizontal { north: cos * point.north - sin * point.east, east: sin * point.north + cos * point.east };
+            if points.push(point).is_err() {
+                count(&mut self.counters.points_dropped);
+            }
         }
     }
 
@@ -451,6 +495,7 @@ impl Companion {
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && (param1 == 0.0 || param1 == 1.0) {
             self.paused = param1 == 0.0;
+            self.paused_aboard = header.system_id == self.system_id();
             MavResult::MAV_RESULT_ACCEPTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) {
             MavResult::MAV_RESULT_DENIED
@@ -477,7 +522,7 @@ impl Companion {
             && ack.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16
             && ack.result != MavResult::MAV_RESULT_IN_PROGRESS as u8
         {
-            self.requests.acknowledged(now);
+            self.requests.acknowledged(now, ack.result != MavResult::MAV_RESULT_ACCEPTED as u8);
         }
     }
 

@@ -35,6 +35,7 @@ use foxhound_core::mapping::scan::{Points, Scan};
 use crate::MessageData;
 use crate::advice::Advice;
 use crate::autopilot::{Attitude, Position};
+use crate::beams::Beams;
 use crate::clock::{PeerClock, is_over};
 use crate::continuity::Continuity;
 use crate::dialect::HEARTBEAT_DATA;
@@ -150,6 +151,8 @@ pub struct Companion {
     store_damaged: bool,
     entry_needed: bool,
     paused: bool,
+    /// Another component of the vehicle asked for it, which tells the pilot why.
+    paused_aboard: bool,
     failed: bool,
     boot_ms: Option<u32>,
     /// The autopilot has restarted, and the application does not know yet.
@@ -171,6 +174,7 @@ pub struct Companion {
     noise: Noise,
     advice: Advice,
     sources: Sources,
+    beams: Beams,
     /// The component whose scan was taken last.
     last_scan_of: u8,
 
@@ -224,6 +228,7 @@ impl Companion {
             store_damaged: false,
             entry_needed: false,
             paused: false,
+            paused_aboard: false,
             failed: false,
             boot_ms: None,
             world_is_lost: false,
@@ -239,6 +244,7 @@ impl Companion {
             noise: Noise { since: Instant(0), good: 0, bad: 0, percent: 0 },
             advice: Advice::new(),
             sources: Sources::new(),
+            beams: Beams::new(),
             turns: Turns::new(),
             last_scan_of: 0,
             points: None,

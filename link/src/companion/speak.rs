@@ -51,6 +51,8 @@ static VALUES: [[u8; 10]; 15] = [
 const LIDAR_VALUE: [u8; 10] = *b"FH_LDR\0\0\0\0";
 /// Bytes of a `STATUSTEXT`.
 pub const NOTICE_BYTES: usize = 50;
+/// What holds for less is not told.
+const SETTLED_S: f32 = 0.5;
 const TEXT_PERIOD_US: u64 = 1_000_000;
 const LANDING_PERIOD_US: u32 = 100_000;
 const SURROUNDINGS_PERIOD_US: u64 = 200_000;
@@ -76,6 +78,8 @@ pub(super) struct Telemetry {
     lasting_told: bool,
     /// What somebody else wants told, once there is somebody to hear it.
     notice: Option<String<NOTICE_BYTES>>,
+    /// What holds now, and since when.
+    cause: (Cause, Instant),
     /// What was announced last.
     announced: Option<&'static str>,
     /// Warnings that wait, the oldest first.
@@ -99,6 +103,7 @@ impl Telemetry {
             stale: None,
             lasting_told: false,
             notice: None,
+            cause: (Cause::None, Instant(0)),
             announced: None,
             warnings: Deque::new(),
             warned_last: false,
@@ -115,6 +120,7 @@ impl Telemetry {
     pub(super) fn restart(&mut self, now: Instant) {
         self.bearing = None;
         self.outcome = None;
+        self.cause.1 = now;
         for due in [&mut self.due, &mut self.text_due, &mut self.landing_due, &mut self.surroundings_due] {
             *due = now;
         }
@@ -394,11 +400,14 @@ impl Companion {
         self.outbox.post_surroundings(&surroundings::message(now.0, ownship, circles));
     }
 
-    /// A text when what we do changes, or something happened; at most one a second, and a change that did not last is not
-    /// told.
+    /// A text when what we do changes, or something happened; at most one a second, and neither a change that did not last nor
+    /// what a change begins with, such as the wait for the first plan, is told.
     #[inline(never)]
     pub(super) fn announce(&mut self, cause: Cause) {
         let now = self.now;
+        if self.telemetry.cause.0 != cause {
+            self.telemetry.cause = (cause, now);
+        }
         let is_low = cause == Cause::None && self.health.charge(self.config.battery_min_percent) == Charge::Low;
         if is_low && !self.telemetry.low_told {
             self.telemetry.warn("Foxhound: battery low");
@@ -419,8 +428,10 @@ impl Companion {
         let outcome = self.telemetry.outcome;
         let stale = self.telemetry.stale;
         let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome, stale)));
+        let is_settled = is_over(now, self.telemetry.cause.1, SETTLED_S);
+        let is_quiet = self.autopilot.is_none() || cause == Cause::Paused && self.paused_aboard || !is_settled;
         // In turns, so that neither hides the other.
-        let text = text.filter(|text| self.telemetry.announced != Some(*text));
+        let text = text.filter(|text| !is_quiet && self.telemetry.announced != Some(*text));
         let warns_first = text.is_none() || !self.telemetry.warned_last;
         let warning = if warns_first { self.telemetry.warnings.pop_front() } else { None };
         self.telemetry.warned_last = warning.is_some();
@@ -451,6 +462,11 @@ impl Companion {
     /// What is to be told in words once an autopilot is there; a newer notice replaces one that waits.
     pub fn notify(&mut self, text: String<NOTICE_BYTES>) {
         self.telemetry.notice = Some(text);
+    }
+
+    /// The same of a text, where it fits.
+    pub fn notify_text(&mut self, text: &str) -> bool {
+        String::try_from(text).map(|text| self.notify(text)).is_ok()
     }
 
     /// Whether a notice waits.

@@ -38,7 +38,7 @@ pub(crate) struct Bench {
     pub(crate) output: Option<Output>,
     /// Whether the autopilot acknowledges what it is asked for.
     pub(crate) answers: bool,
-    next_heartbeat_us: u64,
+    pub(crate) next_heartbeat_us: u64,
     sequence: u8,
     expected_sequence: u8,
     framer: Framer,

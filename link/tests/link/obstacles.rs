@@ -99,6 +99,7 @@ fn beam(orientation: u8, current_distance: u16) -> MavMessage {
         current_distance,
         min_distance: 20,
         max_distance: 800,
+        horizontal_fov: 0.05,
         ..DISTANCE_SENSOR_DATA::DEFAULT
     })
 }
@@ -132,6 +133,33 @@ fn beams_and_points_of_our_system_are_gathered_until_they_are_taken() {
     }
     assert_eq!((points.frame, points.time), (Frame::Body, heard_at), "as old as the oldest of them");
     assert_eq!(bench.take_points(), None, "taken once");
+}
+
+#[test]
+fn a_beam_of_unknown_width_fills_45_degrees_and_eight_of_them_are_a_scan() {
+    let mut bench = Bench::flying();
+    bench.step(10_000);
+    let wide = |orientation| match beam(orientation, 400) {
+        MavMessage::DISTANCE_SENSOR(narrow) => DISTANCE_SENSOR_DATA { horizontal_fov: 0.0, ..narrow },
+        _ => unreachable!(),
+    };
+    bench.say_as((1, 196), &MavMessage::DISTANCE_SENSOR(wide(2)));
+    let points = bench.companion.take_points().unwrap().points_m;
+    let azimuths_deg: Vec<f32> = points.iter().map(|point| point.east.atan2(point.north).to_degrees()).collect();
+    assert!(azimuths_deg.iter().all(|azimuth_deg| (azimuth_deg - 90.0).abs() < 20.5), "{azimuths_deg:?}");
+    assert_eq!(azimuths_deg.len(), 9);
+    assert!(points.iter().all(|point| (point.norm() - 4.0).abs() < 1e-3));
+    (0..8).for_each(|orientation| bench.say_as((1, 196), &MavMessage::DISTANCE_SENSOR(wide(orientation))));
+    bench.companion.drop_obstacles();
+    (0..8).for_each(|orientation| bench.say_as((1, 196), &MavMessage::DISTANCE_SENSOR(wide(orientation))));
+    assert_eq!(bench.companion.take_points(), None);
+    let scan = bench.companion.take_scan().unwrap();
+    assert_eq!(scan.turn(), Some(72));
+    assert!(scan.rays.iter().all(|ray| ray == Sector::Hit(4.0)));
+    // Up is no obstacle, and who looks there has not seen any.
+    let sources = bench.companion.obstacle_sources(bench.now()).count();
+    bench.say_as((1, 9), &MavMessage::DISTANCE_SENSOR(DISTANCE_SENSOR_DATA { orientation: 24, ..wide(0) }));
+    assert_eq!(bench.companion.obstacle_sources(bench.now()).count(), sources);
 }
 
 #[test]

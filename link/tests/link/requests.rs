@@ -118,10 +118,34 @@ fn a_message_that_comes_too_slowly_is_asked_for_again_and_one_that_never_comes_e
     slow.sort_unstable();
     slow.dedup();
     assert!([30, 32, 245].iter().all(|id| slow.contains(id)), "{slow:?}");
-    // Nobody sends distances: asked for after 3, 9, 21, 45, 93 s.
+    // Nobody sends distances: asked for after 3, 9, 21, 45 s, and after 93 s given up.
     let before = fine.iter().chain(&slow).filter(|id| **id == 330).count();
     let later = asked(&mut bench, 120, 1.0).iter().filter(|id| **id == 330).count();
-    assert_eq!((before, later), (2, 3));
+    assert_eq!((before, later), (2, 2));
+    let forever = asked(&mut bench, 600, 1.0);
+    assert!(forever.is_empty(), "{forever:?}");
+}
+
+#[test]
+fn what_the_autopilot_refuses_is_asked_for_once_more_and_given_up() {
+    let mut bench = Bench::new(Config::default());
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, 0, DISARMED));
+    let mut asked = Vec::new();
+    for step in 0..60_000_u32 {
+        bench.step(10_000);
+        if step % 100 == 0 {
+            bench.say(&position(0));
+        }
+        for (_, command) in bench.commands() {
+            let message_id = command.param1 as u32;
+            asked.push(message_id);
+            // Denied, failed, unsupported.
+            let result = [2, 4, 3][asked.len() % 3];
+            bench.say(&ack(511, if message_id == 330 { result } else { 0 }));
+        }
+    }
+    assert_eq!(asked.iter().filter(|id| **id == 330).count(), 2, "{asked:?}");
+    assert!(asked.iter().filter(|id| **id == 32).count() > 100, "what is vital is asked for without end");
 }
 
 #[test]

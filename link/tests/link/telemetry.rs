@@ -185,6 +185,48 @@ fn a_change_of_the_outcome_is_told_once_and_at_most_one_a_second() {
 }
 
 #[test]
+fn an_entry_tells_neither_the_wait_for_the_first_plan_nor_a_silence_that_was_none() {
+    let mut bench = Bench::new(Config::default());
+    bench.answers = true;
+    let output = |outcome| Some(Output { outcome, ..output([0.0; 3], 0.0) });
+    bench.output = output(Outcome::LinkLost);
+    bench.run(2.0);
+    assert!(texts(&mut bench).is_empty(), "nobody is there yet, and nobody was");
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, 0, ARMED));
+    bench.run(3.0);
+    assert_eq!(texts(&mut bench).pop().unwrap().1, "Foxhound: waits for GUIDED or OFFBOARD, armed");
+    bench.heartbeat = Some(heartbeat(ARDUPILOT, GUIDED, ARMED));
+    bench.next_heartbeat_us = bench.now_us;
+    for outcome in [Outcome::NotInControl, Outcome::LinkLost, Outcome::PlanLate] {
+        bench.output = output(outcome);
+        bench.run(0.12);
+    }
+    bench.output = output(Outcome::Nominal);
+    bench.run(3.0);
+    let told: Vec<String> = texts(&mut bench).into_iter().map(|(_, text)| text).collect();
+    assert_eq!(told, ["Foxhound: seeking"]);
+    // What lasts is told.
+    bench.output = output(Outcome::PlanLate);
+    bench.run(2.0);
+    assert_eq!(texts(&mut bench).pop().unwrap().1, "Foxhound: plan is late");
+}
+
+#[test]
+fn a_pause_from_aboard_is_left_to_who_asks_for_it_and_one_from_the_ground_is_told() {
+    for (from, expected) in [((1, 192), None), ((255, 190), Some("Foxhound: paused"))] {
+        let mut bench = Bench::flying();
+        bench.answers = true;
+        bench.run(3.0);
+        bench.take_sent();
+        let pause =
+            COMMAND_LONG_DATA { target_system: 1, target_component: 191, command: 193, ..COMMAND_LONG_DATA::DEFAULT };
+        bench.say_as(from, &MavMessage::COMMAND_LONG(pause));
+        bench.run(3.0);
+        assert_eq!(texts(&mut bench).pop().map(|(_, text)| text).as_deref(), expected, "{from:?}");
+    }
+}
+
+#[test]
 fn the_setpoint_leaves_first_and_telemetry_is_dropped_first() {
     let mut bench = Bench::flying();
     bench.companion.note_pace(Pace::default());

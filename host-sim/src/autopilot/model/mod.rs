@@ -24,6 +24,7 @@ mod faults;
 mod flight;
 mod messages;
 mod parameters;
+mod proximity;
 pub mod px4;
 mod streams;
 #[cfg(test)]
@@ -42,6 +43,7 @@ use crate::world::vehicle::Motion;
 
 pub use arducopter::GUIDED;
 pub use faults::{Battery, Faults};
+pub use proximity::{Proximity, Told};
 pub use wire::Wire;
 
 use flight::Flight;
@@ -80,6 +82,8 @@ pub struct Autopilot {
     /// PX4 v1.12: velocities of `BODY_NED` are turned by the full attitude, so that a nose that pitches down to fly
     /// forward makes it descend \[src, fixed by PX4 PR#17958\].
     pub body_ned_by_full_attitude: bool,
+    /// Its own proximity sensor, if it has one.
+    pub proximity: Option<Proximity>,
     parameters: Parameters,
     streams: Streams,
     flight: Flight,
@@ -118,6 +122,7 @@ impl Autopilot {
             armed: start != Start::Parked,
             faults: Faults::default(),
             body_ned_by_full_attitude: false,
+            proximity: None,
             parameters: Parameters::of(software),
             streams: Streams::of(software),
             flight: Flight::new(start == Start::Parked),
@@ -167,6 +172,7 @@ impl Autopilot {
             self.other_heartbeat();
         }
         self.ask_for_time(now_us);
+        self.tell_proximity(now_us, motion);
         for index in 0..self.streams.len() {
             let Some(message_id) = self.streams.take_due(index, now_us) else { continue };
             if !(ownship_is_silent && messages::is_ownship(message_id)) {

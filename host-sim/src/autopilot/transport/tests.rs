@@ -83,8 +83,38 @@ fn a_datagram_of_a_stranger_is_not_heard() {
     stranger.write(&frame(66));
     here.write(&frame(7));
     assert_eq!(read(&mut there, 21), frame(7));
-    let Address::Udp(Endpoint { host, port }) = address else { unreachable!("it listens for UDP") };
+    let Address::UdpOut(Endpoint { host, port }) = address else { unreachable!("it listens for UDP") };
     assert_eq!((host.as_str(), port > 0), ("127.0.0.1", true));
+}
+
+#[test]
+fn where_udp_listens_the_first_that_speaks_is_heard_and_later_only_the_same_system() {
+    let port = free_port();
+    let mut here = Line::open(&format!("udp:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    assert!(here.turned().is_none() && !here.is_open());
+    let at = |text: &str| Line::open(&format!("{text}:127.0.0.1:{port}").parse().unwrap()).unwrap();
+    // To listen there, too, cannot be meant.
+    let mut autopilot = at("udp");
+    assert_eq!(autopilot.turned(), Some(format!("udpout:127.0.0.1:{port}")));
+    let mut stranger = at("udpout");
+    assert!(stranger.turned().is_none());
+    stranger.write(b"no MAVLink");
+    autopilot.write(&frame(1));
+    assert_eq!(read(&mut here, 21), frame(1));
+    stranger.write(&frame(66));
+    std::thread::sleep(Duration::from_millis(3_200));
+    assert!(here.read().is_empty(), "not while the first speaks");
+    stranger.write(&frame(66));
+    std::thread::sleep(Duration::from_millis(50));
+    assert!(here.read().is_empty(), "nor as another system");
+    let mut again = at("udpout");
+    again.write(&frame(1));
+    assert_eq!(read(&mut here, 21), frame(1), "it has started anew, with another port");
+}
+
+/// A port that was free a moment ago.
+fn free_port() -> u16 {
+    std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
 #[test]
@@ -92,8 +122,8 @@ fn addresses_are_read_as_people_write_them() {
     let read = |text: &str| text.parse::<Address>().unwrap();
     let at = |host: &str, port| Endpoint { host: host.to_owned(), port };
     assert_eq!(read("tcp:localhost:5760"), Address::Tcp(at("localhost", 5760)));
-    assert_eq!(read("udp:10.0.0.1:14550"), Address::Udp(at("10.0.0.1", 14550)));
-    assert_eq!(read("udpout:10.0.0.1:14550"), Address::Udp(at("10.0.0.1", 14550)));
+    assert_eq!(read("udp:0.0.0.0:14550"), Address::UdpIn(at("0.0.0.0", 14550)), "as pymavlink and MAVSDK have it");
+    assert_eq!(read("udpout:10.0.0.1:14550"), Address::UdpOut(at("10.0.0.1", 14550)));
     assert_eq!(read("udpin:0.0.0.0:14550"), Address::UdpIn(at("0.0.0.0", 14550)));
     assert_eq!(read("tcp:[::1]:5760"), Address::Tcp(at("::1", 5760)));
     let by_path = "serial:/dev/serial/by-path/pci-0000:00:14.0-usb:921600";
@@ -110,6 +140,14 @@ fn what_is_wrong_with_an_address_is_said() {
         ("localhost", "expected tcp:HOST:PORT"),
         ("tpc:localhost:5760", "did you mean `tcp`?"),
         ("http://localhost:80", "there is no scheme `http`"),
+        ("/dev/ttyACM0", "did you mean `serial:/dev/ttyACM0:115200`?"),
+        ("/dev/ttyACM0:57600", "did you mean `serial:/dev/ttyACM0:57600`?"),
+        ("/dev/ttyACM0,57600", "did you mean `serial:/dev/ttyACM0:57600`?"),
+        ("localhost:5760", "did you mean `tcp:localhost:5760`?"),
+        ("127.0.0.1:5760", "did you mean `tcp:127.0.0.1:5760`?"),
+        ("tcp://127.0.0.1:5760", "did you mean `tcp:127.0.0.1:5760`?"),
+        ("udp://:14540", "did you mean `udp:0.0.0.0:14540`?"),
+        ("serial:///dev/ttyACM0:57600", "did you mean `serial:/dev/ttyACM0:57600`?"),
         ("tcp:localhost", "has no port"),
         ("tcp::5760", "the host is missing"),
         ("tcp:localhost:0", "port 0 is outside 1..=65535"),

@@ -1,7 +1,9 @@
-//! UDP. One peer at a time: the first that speaks, until it has been silent for a while.
+//! UDP. One peer at a time: the first that speaks MAVLink, until it has been silent for a while. Then the companion's end takes
+//! another only where it speaks as the same system: an autopilot that has started anew, with another port. Who is called answers
+//! from its own address.
 
 use std::io;
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::time::{Duration, Instant};
 
 use super::endpoint::Endpoint;
@@ -19,6 +21,11 @@ pub(super) struct Udp {
     home: Option<SocketAddr>,
     /// Who spoke last, and when.
     peer: Option<(SocketAddr, Instant)>,
+    /// The system as which the first peer spoke, where no other is heard.
+    system: Option<u8>,
+    is_loyal: bool,
+    /// It was to listen.
+    is_turned: bool,
 }
 
 impl Udp {
@@ -30,13 +37,28 @@ impl Udp {
         socket.set_nonblocking(true)?;
         // An autopilot behind a broadcast address answers from its own.
         socket.set_broadcast(home.is_ipv4())?;
-        Ok(Self { socket, home: Some(home), peer: None })
+        Ok(Self { socket, home: Some(home), peer: None, system: None, is_loyal: true, is_turned: false })
     }
 
     pub(super) fn listen(endpoint: &Endpoint) -> io::Result<Self> {
         let socket = UdpSocket::bind((endpoint.host.as_str(), endpoint.port))?;
         socket.set_nonblocking(true)?;
-        Ok(Self { socket, home: None, peer: None })
+        Ok(Self { socket, home: None, peer: None, system: None, is_loyal: false, is_turned: false })
+    }
+
+    /// The companion's end: listens, or calls where it cannot because somebody listens there already or it is another machine.
+    pub(super) fn listen_or_call(endpoint: &Endpoint) -> io::Result<Self> {
+        match Self::listen(endpoint) {
+            Ok(udp) => Ok(Self { is_loyal: true, ..udp }),
+            Err(error) if matches!(error.kind(), io::ErrorKind::AddrInUse | io::ErrorKind::AddrNotAvailable) => {
+                Ok(Self { is_turned: true, ..Self::call(endpoint)? })
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    pub(super) fn turned(&self) -> Option<String> {
+        self.home.filter(|_| self.is_turned).map(|home| format!("udpout:{home}"))
     }
 
     pub(super) fn port(&self) -> io::Result<u16> {
@@ -53,7 +75,7 @@ impl Udp {
         for _ in 0..READ_MAX {
             match self.socket.recv_from(&mut datagram) {
                 Ok((count, from)) => {
-                    if self.live_peer().is_none_or(|peer| peer == from) {
+                    if self.may_speak(from, &datagram[..count]) {
                         self.peer = Some((from, Instant::now()));
                         bytes.extend_from_slice(&datagram[..count]);
                     }
@@ -77,6 +99,19 @@ impl Udp {
         }
     }
 
+    fn may_speak(&mut self, from: SocketAddr, datagram: &[u8]) -> bool {
+        if let Some(peer) = self.live_peer() {
+            return peer == from;
+        }
+        let is_called = self.home.is_none_or(|home| home.ip() == from.ip() || is_open(home.ip()));
+        let Some(system) = system(datagram).filter(|_| is_called) else { return false };
+        if self.is_loyal && self.system.is_some_and(|known| known != system) {
+            return false;
+        }
+        self.system = Some(system);
+        true
+    }
+
     fn live_peer(&self) -> Option<SocketAddr> {
         self.peer.filter(|(_, heard)| heard.elapsed() < SILENT_AFTER).map(|(peer, _)| peer)
     }
@@ -84,4 +119,19 @@ impl Udp {
     fn destination(&self) -> Option<SocketAddr> {
         self.live_peer().or(self.home).or(self.peer.map(|(peer, _)| peer))
     }
+}
+
+/// Any address of this machine, or those of a network: the last number of the broadcast addresses that are in use.
+fn is_open(address: IpAddr) -> bool {
+    address.is_unspecified() || matches!(address, IpAddr::V4(address) if address.octets()[3] == u8::MAX)
+}
+
+/// As which system a datagram of MAVLink, of either version, speaks.
+fn system(datagram: &[u8]) -> Option<u8> {
+    match datagram.first()? {
+        0xFD => datagram.get(5),
+        0xFE => datagram.get(3),
+        _ => None,
+    }
+    .copied()
 }

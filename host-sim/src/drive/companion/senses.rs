@@ -10,8 +10,10 @@ use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::mission::{Control, Outcome};
 use foxhound_link::companion::{self, Autopilot, Companion};
+use foxhound_link::framer::{Framer, MavlinkVersion};
 use foxhound_link::signing::Signing;
 
+use super::provider::{Chooser, Eyes, Provider};
 use crate::drive::computer::BLOCK;
 use crate::drive::flight::Sample;
 use crate::scenario;
@@ -23,6 +25,8 @@ use crate::world::{Horizontal, Pose, World};
 
 /// Telemetry older than this says nothing about now.
 const AGE_MAX_S: f32 = 0.5;
+/// Fewer frames of MAVLink 1 may be chance.
+const OLD_FRAMES_MIN: u32 = 3;
 /// From one look of the obstacle sensor to the next.
 const LOOK_PERIOD_US: u64 = 100_000;
 
@@ -65,6 +69,10 @@ pub(super) struct Senses {
     world: World,
     sensor: scenario::Sensor,
     look_due: Instant,
+    chooser: Chooser,
+    /// Reads MAVLink 1 as well, only to say so.
+    versions: Framer,
+    old_frames: u32,
 }
 
 impl Senses {
@@ -74,9 +82,12 @@ impl Senses {
         world: World,
         seed: u64,
         signing: Option<Signing>,
+        provider: &Provider,
     ) -> Result<Self, ConfigError> {
         let mut ear = companion::Config::default().build()?;
         ear.sign_with(signing);
+        let mut versions = Framer::new();
+        versions.accept_v1(true);
         Ok(Self {
             ear,
             antennas: Antennas { snr_db: Some(snr_db), ..Antennas::default() },
@@ -85,12 +96,22 @@ impl Senses {
             world,
             sensor: scenario::Sensor::default(),
             look_due: Instant::default(),
+            chooser: Chooser::new(provider),
+            versions,
+            old_frames: 0,
         })
     }
 
     /// Takes in what the autopilot sent.
     pub(super) fn receive(&mut self, now: Instant, bytes: &[u8]) {
         self.ear.receive(now, bytes);
+        let mut rest = bytes;
+        while !rest.is_empty() && self.old_frames < OLD_FRAMES_MIN {
+            rest = &rest[self.versions.push(rest)..];
+            while let Some(frame) = self.versions.next_frame() {
+                self.old_frames += u32::from(frame.version == MavlinkVersion::V1);
+            }
+        }
         // It keeps its books only while it believes that it speaks, too.
         self.ear.poll(now);
         while self.ear.transmit(&mut [0; 1024]) > 0 {}
@@ -104,6 +125,11 @@ impl Senses {
     pub(super) const fn disbelieves(&self) -> bool {
         let counters = self.ear.counters();
         counters.unsigned > 0 || counters.forged > 0
+    }
+
+    /// MAVLink 1 is heard.
+    pub(super) const fn hears_mavlink_1(&self) -> bool {
+        self.old_frames >= OLD_FRAMES_MIN
     }
 
     pub(super) fn is_in_control(&self, now: Instant) -> bool {
@@ -141,9 +167,16 @@ impl Senses {
         Box::new(self.antennas.frame(now, &fix.pose, self.source_ned_m, &mut self.random))
     }
 
-    /// What the obstacle sensor sees, when it is time to look.
+    /// Who provides the obstacles.
+    pub(super) const fn eyes(&self) -> Eyes {
+        self.chooser.eyes()
+    }
+
+    /// What the simulated obstacle sensor sees, where there is one and it is time to look.
     pub(super) fn look(&mut self, now: Instant, fix: &Fix) -> Option<Vec<Circle>> {
-        if now < self.look_due {
+        let is_told = self.ear.obstacle_sources(now).next().is_some();
+        self.chooser.step(now, is_told);
+        if now < self.look_due || !self.eyes().is_simulated() {
             return None;
         }
         self.look_due = now.plus_micros(LOOK_PERIOD_US);
@@ -168,7 +201,8 @@ mod tests {
     fn senses() -> Senses {
         let obstacles = vec![scenario::Obstacle { x: 0.0, y: 3.0, r: 0.5, ..Default::default() }];
         let world = scenario::Scenario { obstacles, ..Default::default() }.world();
-        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, world, 1, None).unwrap();
+        let file = Provider::File(Vec::new());
+        let mut senses = Senses::new([10.0, 0.0, -5.0], 20.0, world, 1, None, &file).unwrap();
         let now = Instant(1_000_000);
         let heartbeat =
             HEARTBEAT_DATA { custom_mode: 4, mavtype: 2, autopilot: 3, base_mode: 0x81, ..HEARTBEAT_DATA::DEFAULT };
@@ -186,6 +220,18 @@ mod tests {
         assert!((fix.pose.yaw_rad - 0.05).abs() < 1e-6);
         assert!(senses.fix(Instant(1_501_000)).is_none());
         assert!(senses.is_in_control(Instant(1_100_000)) && !senses.is_in_control(Instant(4_000_000)));
+    }
+
+    #[test]
+    fn mavlink_1_is_noticed_where_it_is_heard() {
+        // A heartbeat of MAVLink 1, as pymavlink packs it.
+        const OLD: [u8; 17] = [254, 9, 5, 1, 1, 0, 0, 0, 0, 0, 2, 3, 81, 4, 3, 46, 80];
+        let mut senses = senses();
+        for _ in 0..3 {
+            assert!(!senses.hears_mavlink_1());
+            senses.receive(Instant(1_000_000), &OLD);
+        }
+        assert!(senses.hears_mavlink_1());
     }
 
     #[test]

@@ -6,6 +6,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::Output;
 use foxhound_core::guidance::mission::Outcome;
 
+use super::provider::Eyes;
 use super::senses::Fix;
 
 /// Longest step that counts as time in control: more is a stall of the machine.
@@ -100,7 +101,7 @@ impl Tally {
     }
 
     /// The object that is printed.
-    pub(super) fn report(&self, seed: u64, result: Ending, reason: Outcome) -> Report {
+    pub(super) fn report(&self, seed: u64, result: Ending, reason: Outcome, eyes: Eyes) -> Report {
         let (squares, bearings) = self.bearing_errors;
         Report {
             name: "companion".to_owned(),
@@ -111,7 +112,8 @@ impl Tally {
             path_length_m: self.path_length_m,
             straight_line_m: self.start.map_or(0.0, |start| self.source.minus(start).norm()),
             min_clearance_m: Some(self.min_clearance_m).filter(|clearance| clearance.is_finite()),
-            collisions: u32::from(self.collided),
+            collisions: eyes.is_simulated().then_some(u32::from(self.collided)),
+            obstacles: Some(eyes.name()),
             replans: self.replans,
             bearing_rms_deg: (bearings > 0).then(|| libm::sqrt(squares / f64::from(bearings)).to_degrees()),
             trace_hash: format!("{:016x}", self.trace_hash),
@@ -151,10 +153,12 @@ mod tests {
             let in_control = !(30..60).contains(&step);
             tally.step(Instant(time_us), &world, Some(&fix(time_us, north)), in_control);
         }
-        let report = tally.report(1, Ending::Collision, Outcome::Nominal);
+        let report = tally.report(1, Ending::Collision, Outcome::Nominal, Eyes::File);
         assert!((report.time_s - 6.9).abs() < 1e-3 && (report.path_length_m - 3.45).abs() < 1e-9, "{report:?}");
-        assert_eq!((report.straight_line_m, report.collisions), (8.0, 1));
+        assert_eq!((report.straight_line_m, report.collisions, report.obstacles), (8.0, Some(1), Some("file")));
         assert!((report.min_clearance_m.unwrap() + 0.65).abs() < 1e-9);
+        let report = tally.report(1, Ending::Reached, Outcome::Nominal, Eyes::Autopilot);
+        assert_eq!((report.collisions, report.obstacles), (None, Some("autopilot")), "nobody can know");
     }
 
     #[test]

@@ -21,11 +21,12 @@ fn an_obstacle_file_is_read_strictly() {
     }
 }
 
-fn config() -> Config {
+pub(super) fn config() -> Config {
     Config {
         source_ned_m: [8.0, 0.0, -5.0],
-        obstacles: Vec::new(),
+        obstacles: Provider::default(),
         v_max_mps: 2.0,
+        ends: Ends::Near,
         drone_radius_m: 0.15,
         snr_db: 20.0,
         seed: 1,
@@ -52,6 +53,31 @@ fn the_guard_keeps_the_limit_with_room_for_rounding() {
     let guidance = config().guidance();
     assert!(guidance.guard.v_max_mps < 2.0 && guidance.guard.v_max_mps > 1.999);
     assert!(guidance.goal.known_source_ned_m.is_none(), "the beacon is heard, not told");
+    assert_eq!(guidance.guard.yaw_rate_max_radps, 1.25, "what the vehicle gives");
+}
+
+#[test]
+fn a_speed_that_is_not_flown_is_told() {
+    assert_eq!(Config { v_max_mps: 1.0, ..config() }.slower_than_asked_mps(), None);
+    let fastest_mps = Config { v_max_mps: 5.0, ..config() }.slower_than_asked_mps().unwrap();
+    assert!((1.2..1.35).contains(&fastest_mps), "{fastest_mps}");
+}
+
+#[test]
+fn a_flight_that_is_to_hand_over_ends_after_that_and_one_that_is_to_land_when_the_autopilot_has_been_asked() {
+    let at = |ms: u64| Instant(ms * 1000);
+    for (ends, last_ms) in [(Ends::HandedOver, 1_000), (Ends::Landing, 6_000)] {
+        let mut arrival = Arrival { ends, since: None };
+        arrival.step(at(0), Outcome::Nominal);
+        assert!(!arrival.has_ended(at(99_000), false), "the mode may be taken away on the way");
+        arrival.step(at(1_000), Outcome::HandedOver);
+        arrival.step(at(1_500), Outcome::HandedOver);
+        assert!(!arrival.has_ended(at(999 + last_ms), true) && arrival.has_ended(at(1_000 + last_ms), true));
+        arrival.step(at(1_600), Outcome::NotInControl);
+        assert!(arrival.has_ended(at(1_600), false), "the autopilot lands");
+        arrival.step(at(1_700), Outcome::Nominal);
+        assert!(!arrival.has_ended(at(9_000), true), "a fresh entry seeks anew");
+    }
 }
 
 #[test]

@@ -5,15 +5,17 @@
 //! velocity in its place.
 
 use foxhound_core::base::time::Instant;
-use foxhound_link::MessageData;
 use foxhound_link::companion::{Autopilot, TYPE_MASK};
-use foxhound_link::dialect::{COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
+use foxhound_link::dialect::{
+    COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, MavSeverity, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
+};
 use foxhound_link::framer::{FRAME_MAX, Framer, Header, encode_data};
 use foxhound_link::signing::Signing;
+use foxhound_link::{CharArray, MessageData};
 
-/// A ground station's place.
-const GROUND_STATION: (u8, u8) = (255, 190);
 const COMPANION: u8 = 191;
+/// The driver, among the vehicle's components, where it speaks to the computer: another onboard computer.
+const SIMULATOR: u8 = 192;
 
 /// Follows the computer's frames on their way out.
 #[derive(Debug, Default)]
@@ -25,8 +27,8 @@ pub(super) struct Wire {
     moves: bool,
     /// When a setpoint last asked for motion.
     moved: Instant,
-    /// Number of the driver's next command.
-    command: u8,
+    /// Number of what the driver says next.
+    said: u8,
     /// Where there is a key, the driver signs, too: by a link of its own, since the computer counts on its.
     signing: Option<Signing>,
 }
@@ -67,11 +69,11 @@ impl Wire {
         now.seconds_since(self.moved)
     }
 
-    /// The command to pause, for the computer beside an autopilot.
+    /// The command to pause, for the computer beside an autopilot, from aboard: so the computer leaves it to the driver to tell
+    /// the pilot why.
     pub(super) fn pause(&mut self, now: Instant, autopilot: &Autopilot) -> Vec<u8> {
-        let (system_id, component_id) = GROUND_STATION;
-        let header = Header { system_id, component_id, sequence: self.command };
-        self.command = self.command.wrapping_add(1);
+        let header = Header { system_id: autopilot.system_id, component_id: SIMULATOR, sequence: self.said };
+        self.said = self.said.wrapping_add(1);
         let pause = COMMAND_LONG_DATA {
             target_system: autopilot.system_id,
             target_component: COMPANION,
@@ -79,6 +81,15 @@ impl Wire {
             ..COMMAND_LONG_DATA::DEFAULT
         };
         self.frame(now, header, &pause)
+    }
+
+    /// A text for the pilot in the computer's place.
+    pub(super) fn text(&mut self, now: Instant, autopilot: &Autopilot, text: &'static str) -> Vec<u8> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let header = Header { system_id: autopilot.system_id, component_id: COMPANION, sequence: self.sequence };
+        let severity = MavSeverity::MAV_SEVERITY_WARNING as u8;
+        let text = STATUSTEXT_DATA { severity, text: CharArray::from(text), ..STATUSTEXT_DATA::DEFAULT };
+        self.frame(now, header, &text)
     }
 
     /// A setpoint of zero velocity in the computer's place.

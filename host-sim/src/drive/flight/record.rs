@@ -49,8 +49,11 @@ pub struct Report {
     pub straight_line_m: f64,
     /// Smallest distance between hull and pillars; `None` in a world without pillars.
     pub min_clearance_m: Option<f64>,
-    /// Collisions, 0 or 1: the first one ends the flight.
-    pub collisions: u32,
+    /// Collisions, 0 or 1: the first one ends the flight; `None` where nobody can know.
+    pub collisions: Option<u32>,
+    /// Who provided the obstacles, beside an autopilot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub obstacles: Option<&'static str>,
     /// Plans made.
     pub replans: u32,
     /// Error of the valid bearings, rms; `None` without any.

@@ -130,7 +130,7 @@ fn row(kind: Kind, chain: Chain, index: usize, pairs: &[&[Flown; 2]]) -> Row {
         chain,
         flights: pairs.len() as u32,
         reached: own().filter(|flown| reached(flown)).count() as u32,
-        collisions: own().map(|flown| flown.collisions).sum(),
+        collisions: own().filter_map(|flown| flown.collisions).sum(),
         mean_time_s: mean(&|flown| flown.time_s),
         mean_length_m: mean(&|flown| flown.path_length_m),
         min_clearance_m: own().filter_map(|flown| flown.min_clearance_m).fold(f64::INFINITY, f64::min),
