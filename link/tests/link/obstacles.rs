@@ -144,7 +144,7 @@ fn a_beam_of_unknown_width_fills_45_degrees_and_eight_of_them_are_a_scan() {
         _ => unreachable!(),
     };
     bench.say_as((1, 196), &MavMessage::DISTANCE_SENSOR(wide(2)));
-    let points = bench.companion.take_points().unwrap().points_m;
+    let points = bench.take_points().unwrap().points_m;
     let azimuths_deg: Vec<f32> = points.iter().map(|point| point.east.atan2(point.north).to_degrees()).collect();
     assert!(azimuths_deg.iter().all(|azimuth_deg| (azimuth_deg - 90.0).abs() < 20.5), "{azimuths_deg:?}");
     assert_eq!(azimuths_deg.len(), 9);
@@ -152,8 +152,8 @@ fn a_beam_of_unknown_width_fills_45_degrees_and_eight_of_them_are_a_scan() {
     (0..8).for_each(|orientation| bench.say_as((1, 196), &MavMessage::DISTANCE_SENSOR(wide(orientation))));
     bench.companion.drop_obstacles();
     (0..8).for_each(|orientation| bench.say_as((1, 196), &MavMessage::DISTANCE_SENSOR(wide(orientation))));
-    assert_eq!(bench.companion.take_points(), None);
-    let scan = bench.companion.take_scan().unwrap();
+    assert_eq!(bench.take_points(), None);
+    let scan = bench.take_scan().unwrap();
     assert_eq!(scan.turn(), Some(72));
     assert!(scan.rays.iter().all(|ray| ray == Sector::Hit(4.0)));
     // Up is no obstacle, and who looks there has not seen any.
