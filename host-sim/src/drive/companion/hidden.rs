@@ -14,7 +14,7 @@ use crate::world::{Hull, Pose, World};
 
 const SOURCE_M: f64 = 12.0;
 const COURSES: usize = 6;
-const TIME_MAX_S: f64 = 60.0;
+const TIME_MAX_S: f64 = 180.0;
 /// A vehicle that has been so long slower than [`SLOW_MPS`] stands.
 const STANDS_S: f64 = 20.0;
 

@@ -9,7 +9,7 @@ use foxhound_core::base::time::Instant;
 use crate::scenario::Obstacle;
 
 /// An autopilot that has told of no obstacle for so long since its position is known has nothing to tell.
-const DECIDED_AFTER_S: f32 = 3.0;
+const DECIDED_AFTER_S: f32 = 1.5;
 
 /// What the user says of it.
 #[derive(Clone, Debug, Default, PartialEq)]
