@@ -4,11 +4,14 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
-use foxhound_sim::tools::bearings::{self, Options};
+use foxhound_sim::tools::bearings::{self, Line, Options};
 use foxhound_sim::tools::calibrate::{self, calibrate};
 use foxhound_sim::tools::frames::{ArrayDescription, Recording, read_yaw};
+use foxhound_sim::tools::radio_array::RadioArray;
+use foxhound_sim::tools::switched::{self, Packets};
+use serde::Serialize;
 
 use super::fly::EstimatorName;
 use super::terminal::{say, show, warn};
@@ -32,10 +35,17 @@ Examples:
 
 #[derive(Args, Debug)]
 #[command(after_help = BEARING_HELP)]
+#[command(group(ArgGroup::new("recording").required(true).args(["adc", "switched"])))]
 pub(super) struct BearingCommand {
-    /// Recorded frames.
+    /// Recorded frames of four converters.
     #[arg(long, value_name = "FILE")]
-    adc: PathBuf,
+    adc: Option<PathBuf>,
+    /// Recorded packets of an array behind a switch.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
+    switched: Option<PathBuf>,
+    /// Which transmitter sent each packet: .npy, int32, one per packet.
+    #[arg(long, value_name = "FILE", requires = "switched")]
+    emitter: Option<PathBuf>,
     /// Description of the array.
     #[arg(long, value_name = "FILE")]
     array: PathBuf,
@@ -117,6 +127,15 @@ pub(super) struct CalibrateCommand {
 }
 
 pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, InputError> {
+    let looks = args.looks as usize;
+    if let Some(path) = &args.switched {
+        let array = RadioArray::read(&args.array)?;
+        let packets = Packets::read(path, args.emitter.as_deref())?;
+        let (lines, left) = switched::find(&packets, &array, looks)?;
+        note_left(cli, left, packets.count(), looks);
+        return print(cli, &lines, |line| &line.line);
+    }
+    let Some(adc) = &args.adc else { return Err(InputError::new("--adc: missing")) };
     let description = ArrayDescription::read(&args.array)?;
     if description.array.build()?.is_nearly_ambiguous() {
         warn("warning: side_m is close to half a wavelength: noise will turn some bearings round");
@@ -124,29 +143,34 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     if description.array.calibration.is_some_and(|table| table.entries().is_empty()) {
         warn("warning: [calibration] is damaged, its crc does not match: all bearings are uncalibrated");
     }
-    let recording = Recording::read(&args.adc)?;
+    let recording = Recording::read(adc)?;
     let frames = recording.frames().len();
     let yaw_rad = match &args.yaw {
         Some(path) => read_yaw(path, frames)?,
         None => Vec::new(),
     };
-    let looks = args.looks as usize;
     let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
     let lines = bearings::find(&recording, &description, &options)?;
-    if frames % looks != 0 {
-        cli.note(&format!(
-            "note: the last {} of {frames} frames make no group of {looks} and are not answered",
-            frames % looks
-        ));
+    note_left(cli, frames % looks, frames, looks);
+    print(cli, &lines, |line| line)
+}
+
+fn note_left(cli: &Cli, left: usize, frames: usize, looks: usize) {
+    if left != 0 {
+        cli.note(&format!("note: the last {left} of {frames} frames make no group of {looks} and are not answered"));
     }
+}
+
+/// Prints the lines of any recording.
+fn print<L: Serialize>(cli: &Cli, lines: &[L], line: impl Fn(&L) -> &Line) -> Result<ExitCode, InputError> {
     if cli.json {
         let mut text = String::new();
-        for line in &lines {
+        for line in lines {
             text.push_str(&json_line(line)?);
         }
         say(&text);
     } else {
-        show(&bearings::table(&lines));
+        show(&bearings::table(lines.iter().map(line)));
     }
     Ok(ExitCode::SUCCESS)
 }

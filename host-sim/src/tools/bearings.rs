@@ -16,6 +16,7 @@ use std::f64::consts::PI;
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::time::Instant;
+use foxhound_core::doa::beam::Arrival;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Phasors};
 use foxhound_papers::aoa::AnyFinder;
@@ -77,22 +78,56 @@ pub struct Line {
     pub flags: Vec<&'static str>,
 }
 
+/// The answer of an array that is heard by another receiver.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ArrayLine {
+    /// What every line has. Elevation, closure and range are not measured.
+    #[serde(flatten)]
+    pub line: Line,
+    /// Which transmitter; none where they are not told apart.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub emitter: Option<i32>,
+    /// The direction that antennas on a line cannot tell from this one.
+    #[serde(serialize_with = "finite")]
+    pub mirror_deg: Option<f64>,
+    /// How many directions fit nearly as well; the mirror is one.
+    pub ambiguities: u8,
+}
+
+impl ArrayLine {
+    pub(super) fn new(frame: usize, emitter: Option<i32>, arrival: &Arrival) -> Self {
+        let line = Line::new(frame, &arrival.bearing);
+        let mirror_deg = arrival.mirror_rad.map(|mirror_rad| f64::from(mirror_rad).to_degrees());
+        Self {
+            mirror_deg: mirror_deg.filter(|_| line.azimuth_deg.is_some()),
+            line: Line { elevation_deg: None, elevation_sigma_deg: None, closure_chi2: None, ..line },
+            emitter,
+            ambiguities: arrival.ambiguities,
+        }
+    }
+}
+
 /// JSON holds neither NaN nor infinity.
 fn finite<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
     value.filter(|number| number.is_finite()).serialize(serializer)
 }
 
-const FLAG_NAMES: [(Flags, &str); 10] = [
+const FLAG_NAMES: [(Flags, &str); 15] = [
     (Flags::CLIP, "clip"),
     (Flags(Flags::DEAD_1.0), "dead_1"),
     (Flags(Flags::DEAD_1.0 << 1), "dead_2"),
     (Flags(Flags::DEAD_1.0 << 2), "dead_3"),
     (Flags(Flags::DEAD_1.0 << 3), "dead_4"),
+    (Flags::DEAD_5, "dead_5"),
+    (Flags(Flags::DEAD_5.0 << 1), "dead_6"),
+    (Flags(Flags::DEAD_5.0 << 2), "dead_7"),
+    (Flags(Flags::DEAD_5.0 << 3), "dead_8"),
     (Flags::INTERFERER, "interferer"),
     (Flags::MULTIPATH, "multipath"),
     (Flags::AMBIGUOUS, "ambiguous"),
     (Flags::UNCALIBRATED, "uncalibrated"),
     (Flags::NO_SIGNAL, "no_signal"),
+    (Flags::NOT_FINITE, "not_finite"),
 ];
 
 impl Line {
@@ -267,7 +302,7 @@ fn combine(group: &[(Bearing, f64)]) -> Bearing {
 
 /// The answers as a table for people.
 #[must_use]
-pub fn table(lines: &[Line]) -> String {
+pub fn table<'a>(lines: impl IntoIterator<Item = &'a Line>) -> String {
     let number = |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
     let mut text = format!(
         "{:>6} {:>5} {:>12} {:>10} {:>14} {:>8} {:>10} {:>8}  {}\n",

@@ -1,0 +1,430 @@
+//! One receiver behind a switch: the slots of a packet become a phasor for each antenna. Before [`crate::doa::switched`].
+//!
+//! While a transmitter sends a tone (the constant tone extension of Bluetooth 5.1), a switch connects one antenna after the
+//! other to the only receiver. Slot `s` begins at `s slot_s` and hears the antenna that the pattern names.
+//!
+//! 1. **Slot**: its samples are turned back by the tone and averaged. Left out are samples at the edges of the slots at which
+//!    the tone does not go on as it does inside: the switch is moving there.
+//! 2. **Offset** of the tone's frequency, which turns the phase from slot to slot: the maximum over the offset of
+//!    `sum_a |sum_(s of a) u_s e^(-j offset s)|^2`, `u_s` the slots' directions. Visits of one antenna are a multiple of
+//!    `g` slots apart, so the offset is known but for multiples of `2 pi / g`: [`crate::doa::switched`] finds out which.
+//! 3. **Antenna**: the mean of its visits, turned back by the offset; visits far off count for little (Cauchy's weights).
+//!
+//! About 9 000 instructions for 37 slots of 3 samples (estimated, not counted).
+
+use core::f32::consts::{PI, TAU};
+
+use crate::base::adc::ANTENNAS_MAX;
+use crate::base::error::{ConfigError, Why, check};
+use crate::base::math::sqrt;
+use crate::base::units::{nearest, wrap_pi};
+use crate::signal::phase::Complex;
+
+/// Most slots of a packet: 160 us of a tone in slots of 1 us.
+pub const SLOTS_MAX: usize = 160;
+/// Most samples of a slot.
+pub const SAMPLES_MAX: usize = 64;
+/// Most slots between two visits of an antenna.
+pub const CELLS_MAX: usize = 32;
+
+/// A sample belongs to its slot when the step to it scatters at most this many times as much as the steadiest step.
+const STEADY_RATIO: f32 = 3.0;
+/// And this much more: two phases of 3 deg.
+const STEADY_MARGIN: f32 = 0.01;
+/// The first and the last slot of a packet were off the tone in 6 to 31 % of recorded packets: they count for this much.
+const EDGE_WEIGHT: f32 = 0.25;
+/// Squared chord at which a visit counts for half: 20 deg.
+const HALF_WEIGHT: f32 = 0.122;
+/// Squared chord within which a visit agrees with its antenna: 30 deg.
+const AGREES: f32 = 0.268;
+/// Steps of the robust mean.
+const ROUNDS: usize = 4;
+/// Steps from sample to sample that point anywhere add up to a resultant whose square times their number exceeds this
+/// once in 8 000 packets.
+const STEP_POWER: f32 = 9.0;
+/// And a tone has this much of a resultant.
+const STEP_RESULTANT: f32 = 0.35;
+/// A packet whose visits agree less than this has no clean tone.
+const AGREEMENT_MIN: f32 = 0.55;
+/// An antenna this much below the strongest, in power, is dead.
+const DEAD_POWER_RATIO: f32 = 0.01;
+/// The signal-to-noise ratio that stands for none to be seen.
+const SNR_CEILING_DB: f32 = 60.0;
+
+/// When which antenna is heard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Number of antennas, 2 to [`ANTENNAS_MAX`].
+    pub antennas: usize,
+    /// Rate of the samples inside a slot.
+    pub sample_rate_hz: f32,
+    /// Frequency of the tone in the samples, at no offset; its sign counts.
+    pub tone_hz: f32,
+    /// From the beginning of a slot to the beginning of the next.
+    pub slot_s: f32,
+    /// The antenna of each slot from 1 on, 0 where a slot is not to be used; repeated over the packet.
+    pub pattern: [u8; SLOTS_MAX],
+    /// How many of these are in use.
+    pub pattern_slots: usize,
+}
+
+impl Config {
+    /// Checks the schedule for packets of this many slots and samples of a slot.
+    ///
+    /// # Errors
+    /// `antennas_m`, `sample_rate_hz`, `tone_hz`, `switch.slot_s`, `switch.pattern`, `slots` or `samples` out of range; an
+    /// antenna that no slot of a packet hears; a packet too short to tell the offset; visits too far apart.
+    pub fn build(&self, slots: usize, samples: usize) -> Result<Reader, ConfigError> {
+        let refuse = |field, value: usize, text| {
+            Err(ConfigError { field, value: value as f32, why: Why::Inconsistent(text) })
+        };
+        check("antennas_m", self.antennas as f32, 2.0, ANTENNAS_MAX as f32)?;
+        let rate_hz = check("sample_rate_hz", self.sample_rate_hz, 1e3, 1e8)?;
+        check("tone_hz", self.tone_hz, -0.5 * rate_hz, 0.5 * rate_hz)?;
+        let slot_s = check("switch.slot_s", self.slot_s, 1e-7, 1.0)?;
+        check("switch.pattern", self.pattern_slots as f32, 1.0, SLOTS_MAX as f32)?;
+        check("slots", slots as f32, 2.0, SLOTS_MAX as f32)?;
+        check("samples", samples as f32, 1.0, SAMPLES_MAX as f32)?;
+        if (samples - 1) as f32 >= slot_s * rate_hz * 1.001 {
+            let why = Why::Inconsistent("the samples of a slot take longer than a slot");
+            return Err(ConfigError { field: "switch.slot_s", value: slot_s, why });
+        }
+        let pattern = self.pattern.get(..self.pattern_slots).unwrap_or_default();
+        for antenna in pattern {
+            check("switch.pattern", f32::from(*antenna), 0.0, self.antennas as f32)?;
+        }
+        let mut reader = Reader {
+            antenna_of: [None; SLOTS_MAX],
+            first_slot: [0; ANTENNAS_MAX],
+            antennas: self.antennas,
+            slots,
+            samples,
+            cells: 0,
+            sample_turn_rad: wrap_pi(TAU * fraction(self.tone_hz / rate_hz)),
+            slot_turn_rad: wrap_pi(TAU * fraction(self.tone_hz * slot_s)),
+            slot_samples: slot_s * rate_hz,
+            tone_hz: self.tone_hz,
+            slot_s,
+        };
+        let mut seen = [None; ANTENNAS_MAX];
+        let named = pattern.iter().cycle();
+        for ((s, slot), antenna) in reader.antenna_of.iter_mut().enumerate().take(slots).zip(named) {
+            let Some(a) = usize::from(*antenna).checked_sub(1) else { continue };
+            *slot = Some(a);
+            let (Some(first), Some(seen)) = (reader.first_slot.get_mut(a), seen.get_mut(a)) else { continue };
+            match *seen {
+                None => *first = s,
+                Some(before) => reader.cells = common_divisor(reader.cells, s - before),
+            }
+            *seen = Some(s);
+        }
+        if let Some(missing) = seen.iter().take(self.antennas).position(Option::is_none) {
+            let text = "no slot of a packet hears this antenna";
+            return refuse("switch.pattern", missing + 1, text);
+        }
+        if reader.cells == 0 && samples == 1 {
+            let text = "too few: no antenna is heard twice, and slots of one sample have no frequency of their own";
+            return refuse("slots", slots, text);
+        }
+        if reader.cells > CELLS_MAX {
+            return refuse("switch.pattern", reader.cells, "slots between two visits of an antenna: more than 32");
+        }
+        Ok(reader)
+    }
+}
+
+/// What is left of a number of turns.
+fn fraction(turns: f32) -> f32 {
+    if libm::fabsf(turns) < 4e6 { turns - nearest(turns) as f32 } else { 0.0 }
+}
+
+/// Euclid's greatest common divisor; that of zero and a number is the number.
+fn common_divisor(a: usize, b: usize) -> usize {
+    let (mut a, mut b) = (a, b);
+    while let Some(rest) = a.checked_rem(b) {
+        (a, b) = (b, rest);
+    }
+    a
+}
+
+/// What became of a packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// It holds the tone.
+    Tone,
+    /// It holds no clean tone: noise, another signal, or a tone with gaps.
+    NoTone,
+    /// A sample is not a finite number, or the packet is not as long as it should be.
+    Damaged,
+}
+
+/// What a packet holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Packet {
+    /// What became of it; the rest counts with a tone only.
+    pub outcome: Outcome,
+    /// A phasor of length one for each antenna, as they would be at the same instant were the offset what
+    /// [`Self::offset_rad`] says; zero for a dead antenna and for one that there is not.
+    pub z: [Complex; ANTENNAS_MAX],
+    /// By how much the offset turns the phase from slot to slot, within half a cell of zero.
+    pub offset_rad: f32,
+    /// By how much the phase turns from sample to sample of a slot beyond the tone; none with one sample.
+    pub step_rad: Option<f32>,
+    /// Variance of the phase of a `z`, as the visits scatter.
+    pub variance: f32,
+    /// Signal-to-noise ratio per sample, from the scatter of the slots; at most 60 dB.
+    pub snr_db: f32,
+}
+
+impl Packet {
+    const fn without(outcome: Outcome) -> Self {
+        const ZERO: Complex = Complex { re: 0.0, im: 0.0 };
+        Self { outcome, z: [ZERO; ANTENNAS_MAX], offset_rad: 0.0, step_rad: None, variance: 0.0, snr_db: 0.0 }
+    }
+}
+
+/// The checked schedule for packets of one size.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reader {
+    /// The antenna of each slot, from 0.
+    antenna_of: [Option<usize>; SLOTS_MAX],
+    first_slot: [usize; ANTENNAS_MAX],
+    antennas: usize,
+    slots: usize,
+    samples: usize,
+    /// Zero when no antenna is heard twice.
+    cells: usize,
+    sample_turn_rad: f32,
+    slot_turn_rad: f32,
+    slot_samples: f32,
+    tone_hz: f32,
+    slot_s: f32,
+}
+
+/// The samples of a slot that are used, and how the phase goes on from one to the next beyond the tone.
+struct Steps {
+    first: usize,
+    last: usize,
+    sum: Complex,
+    /// Length of the sum over what it would be were all steps alike; their number.
+    resultant: f32,
+    count: f32,
+}
+
+impl Reader {
+    /// Number of antennas.
+    #[must_use]
+    pub fn antennas(&self) -> usize {
+        self.antennas
+    }
+
+    /// How many offsets, `2 pi / cells` apart, the visits cannot tell from each other; at least one.
+    #[must_use]
+    pub fn cells(&self) -> usize {
+        self.cells.max(1)
+    }
+
+    /// The phasor of an antenna were the offset more by this, a multiple of the cell.
+    #[must_use]
+    pub fn moved(&self, z: &[Complex; ANTENNAS_MAX], offset_rad: f32) -> [Complex; ANTENNAS_MAX] {
+        let mut moved = *z;
+        for (z, first) in moved.iter_mut().zip(self.first_slot) {
+            *z = z.times(Complex::at(-wrap_pi(offset_rad * first as f32)));
+        }
+        moved
+    }
+
+    /// Slots in samples: how many times as far the offset turns the phase from slot to slot as from sample to sample.
+    #[must_use]
+    pub fn slot_samples(&self) -> f32 {
+        self.slot_samples
+    }
+
+    /// Frequency of the tone with an offset.
+    #[must_use]
+    pub fn frequency_hz(&self, offset_rad: f32) -> f32 {
+        self.tone_hz + offset_rad / (TAU * self.slot_s)
+    }
+
+    /// Reads the samples of a packet, slot after slot.
+    #[must_use]
+    pub fn read(&self, packet: &[Complex]) -> Packet {
+        let finite = packet.iter().all(|x| x.re.is_finite() && x.im.is_finite() && x.norm_squared() < 1e30);
+        if !finite || packet.len() != self.slots * self.samples {
+            return Packet::without(Outcome::Damaged);
+        }
+        let steps = self.steps(packet);
+        let step_rad = (self.samples > 1).then(|| steps.sum.arg());
+        if step_rad.is_some() {
+            let is_tone = steps.resultant > STEP_RESULTANT
+                && steps.resultant * steps.resultant * steps.count > STEP_POWER
+                && libm::fabsf(steps.sum.arg()) * self.slot_samples < PI;
+            if !is_tone {
+                return Packet::without(Outcome::NoTone);
+            }
+        }
+        let mut slots = self.slot_means(packet, &steps);
+        let offset_rad = if self.cells == 0 { steps.sum.arg() * self.slot_samples } else { self.offset(&slots) };
+        for (s, slot) in slots.iter_mut().enumerate().take(self.slots) {
+            *slot = slot.times(Complex::at(-wrap_pi(offset_rad * s as f32)));
+        }
+        self.antenna_means(&slots, &steps, offset_rad, step_rad)
+    }
+
+    /// Which samples belong to their slot, and the steps between them.
+    fn steps(&self, packet: &[Complex]) -> Steps {
+        let turn = Complex::at(-self.sample_turn_rad);
+        let mut sums = [(Complex::default(), 0.0_f32, 0.0_f32); SAMPLES_MAX];
+        for (slot, antenna) in packet.chunks_exact(self.samples.max(1)).zip(&self.antenna_of) {
+            if antenna.is_none() {
+                continue;
+            }
+            for ((before, sample), sum) in slot.iter().zip(slot.iter().skip(1)).zip(sums.iter_mut()) {
+                let step = sample.times_conj(*before);
+                *sum = (sum.0.plus(step), sum.1 + sqrt(step.norm_squared()), sum.2 + 1.0);
+            }
+        }
+        let sums = sums.get(..self.samples - 1).unwrap_or_default();
+        let scatter = |sum: &(Complex, f32, f32)| {
+            if sum.1 > 0.0 { 1.0 - sqrt(sum.0.norm_squared()) / sum.1 } else { 1.0 }
+        };
+        let steadiest = sums.iter().map(scatter).fold(1.0_f32, f32::min);
+        let is_steady = |sum: &(Complex, f32, f32)| scatter(sum) <= STEADY_RATIO * steadiest + STEADY_MARGIN;
+        let first = sums.iter().position(is_steady).unwrap_or(0);
+        let length = sums.iter().skip(first).take_while(|sum| is_steady(sum)).count();
+        let (mut sum, mut most, mut count) = (Complex::default(), 0.0, 0.0);
+        for step in sums.iter().skip(first).take(length) {
+            (sum, most, count) = (sum.plus(step.0.times(turn)), most + step.1, count + step.2);
+        }
+        let resultant = if most > 0.0 { sqrt(sum.norm_squared()) / most } else { 0.0 };
+        Steps { first, last: first + length, sum, resultant, count }
+    }
+
+    /// The mean of each slot, turned back by the tone; zero for one that is not used.
+    fn slot_means(&self, packet: &[Complex], steps: &Steps) -> [Complex; SLOTS_MAX] {
+        let mut slots = [Complex::default(); SLOTS_MAX];
+        let share = 1.0 / (steps.last - steps.first + 1) as f32;
+        let packet = packet.chunks_exact(self.samples.max(1));
+        for (s, ((mean, samples), antenna)) in slots.iter_mut().zip(packet).zip(&self.antenna_of).enumerate() {
+            if antenna.is_none() {
+                continue;
+            }
+            let begin_rad = self.slot_turn_rad * s as f32;
+            let used = samples.iter().enumerate().take(steps.last + 1).skip(steps.first);
+            for (k, sample) in used {
+                let turn_rad = wrap_pi(begin_rad + self.sample_turn_rad * k as f32);
+                *mean = mean.plus(sample.times(Complex::at(-turn_rad)).scaled(share));
+            }
+        }
+        slots
+    }
+
+    /// The offset at which the visits of each antenna agree best, within half a cell of zero.
+    fn offset(&self, slots: &[Complex; SLOTS_MAX]) -> f32 {
+        // Sums over pairs of visits by their distance in cells: the maximum of their spectrum is that of the sums of the
+        // visits' squared magnitudes.
+        let mut lags = [Complex::default(); SLOTS_MAX];
+        let mut longest = 0;
+        let units = slots.iter().map(|slot| slot.unit()).zip(&self.antenna_of).take(self.slots);
+        for (s, (slot, antenna)) in units.clone().enumerate() {
+            for (lag, sum) in (1..).zip(lags.iter_mut()) {
+                let Some((later, its)) = units.clone().nth(s + lag * self.cells) else { break };
+                if antenna.is_some() && its == antenna {
+                    *sum = sum.plus(later.times_conj(slot));
+                    longest = longest.max(lag);
+                }
+            }
+        }
+        let cell_rad = TAU / self.cells() as f32;
+        let score = |part: f32| {
+            let lags = lags.iter().take(longest).zip(1..);
+            lags.map(|(sum, lag)| sum.times(Complex::at(-wrap_pi(TAU * part * lag as f32))).re).sum::<f32>()
+        };
+        let parts = 4 * (longest + 1);
+        let mut best = (f32::MIN, 0.0_f32);
+        for k in 0..parts {
+            let part = k as f32 / parts as f32;
+            let value = score(part);
+            best = if value > best.0 { (value, part) } else { best };
+        }
+        let mut part = best.1;
+        // Twice a parabola through three points, the second time a tenth as far apart.
+        for reach in [0.5 / parts as f32, 0.05 / parts as f32] {
+            part += reach * vertex(score(part - reach), score(part), score(part + reach));
+        }
+        cell_rad * fraction(part)
+    }
+
+    /// The robust mean of each antenna's visits.
+    fn antenna_means(
+        &self,
+        slots: &[Complex; SLOTS_MAX],
+        steps: &Steps,
+        offset_rad: f32,
+        step_rad: Option<f32>,
+    ) -> Packet {
+        let mut z = [Complex::default(); ANTENNAS_MAX];
+        let mut powers = [0.0_f32; ANTENNAS_MAX];
+        let (mut visits, mut agreeing, mut scatter, mut freedom) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
+        for (a, (z, power)) in z.iter_mut().zip(powers.iter_mut()).enumerate().take(self.antennas) {
+            let its = || {
+                let slots = slots.iter().zip(&self.antenna_of).take(self.slots).enumerate();
+                slots.filter(move |(_, (_, antenna))| **antenna == Some(a)).map(|(s, (slot, _))| {
+                    let is_edge = s == 0 || s + 1 == self.slots;
+                    (slot.unit(), if is_edge { EDGE_WEIGHT } else { 1.0 }, slot.norm_squared())
+                })
+            };
+            // Begun at the visit that most others are near.
+            let mut mean = Complex::default();
+            let mut most = 0.0;
+            for (candidate, _, _) in its() {
+                let support = its().map(|(visit, weight, _)| weight * nearness(visit, candidate)).sum::<f32>();
+                if support > most {
+                    (most, mean) = (support, candidate);
+                }
+            }
+            for _ in 0..ROUNDS {
+                let weighted = |(visit, weight, _): (Complex, f32, f32)| visit.scaled(weight * nearness(visit, mean));
+                mean = its().map(weighted).fold(Complex::default(), Complex::plus).unit();
+            }
+            let count = its().count() as f32;
+            for (visit, _, own) in its() {
+                let away = chord_squared(visit, mean);
+                agreeing += if away < AGREES { 1.0 } else { 0.0 };
+                scatter += away.min(AGREES);
+                *power += own / count;
+            }
+            visits += count;
+            freedom += count - 1.0;
+            *z = mean;
+        }
+        let strongest = powers.iter().copied().fold(0.0_f32, f32::max);
+        for (z, power) in z.iter_mut().zip(powers) {
+            if !(power > DEAD_POWER_RATIO * strongest) {
+                *z = Complex::default();
+            }
+        }
+        let used = (steps.last - steps.first + 1) as f32;
+        // With one visit each, what the steps inside the slots scatter: by two samples' noise.
+        let variance = if freedom > 0.0 { scatter / freedom } else { (1.0 - steps.resultant) / used } + 1e-7;
+        let snr_db = (-10.0 * libm::log10f(2.0 * used * variance)).min(SNR_CEILING_DB);
+        let outcome = if agreeing > AGREEMENT_MIN * visits { Outcome::Tone } else { Outcome::NoTone };
+        Packet { outcome, z, offset_rad, step_rad, variance: variance * self.antennas as f32 / visits, snr_db }
+    }
+}
+
+/// Where the parabola through three points, one apart, has its vertex, from the middle one; at most one away.
+fn vertex(before: f32, here: f32, behind: f32) -> f32 {
+    let bend = before - 2.0 * here + behind;
+    if bend < 0.0 { (0.5 * (before - behind) / bend).max(-1.0).min(1.0) } else { 0.0 }
+}
+
+/// Squared distance of two numbers of length one: the square of a small angle between them.
+fn chord_squared(a: Complex, b: Complex) -> f32 {
+    (2.0 - 2.0 * a.times_conj(b).re).max(0.0)
+}
+
+/// Cauchy's weight.
+fn nearness(a: Complex, b: Complex) -> f32 {
+    HALF_WEIGHT / (HALF_WEIGHT + chord_squared(a, b))
+}
