@@ -3,8 +3,7 @@
 //! While a transmitter sends a tone (the constant tone extension of Bluetooth 5.1), a switch connects one antenna after the
 //! other to the only receiver. Slot `s` begins at `s slot_s` and hears the antenna that the pattern names.
 //!
-//! 1. **Slot**: its samples are turned back by the tone and averaged. Left out are samples at the edges of the slots at which
-//!    the tone does not go on as it does inside: the switch is moving there.
+//! 1. **Slot**: its samples, but for the last quarter, are turned back by the tone and averaged.
 //! 2. **Offset** of the tone's frequency, which turns the phase from slot to slot: the maximum over the offset of
 //!    `sum_a |sum_(s of a) u_s e^(-j offset s)|^2`, `u_s` the slots' directions. Visits of one antenna are a multiple of
 //!    `g` slots apart, so the offset is known but for multiples of `2 pi / g`: [`crate::doa::switched`] finds out which.
@@ -27,10 +26,9 @@ pub const SAMPLES_MAX: usize = 64;
 /// Most slots between two visits of an antenna.
 pub const CELLS_MAX: usize = 32;
 
-/// A sample belongs to its slot when the step to it scatters at most this many times as much as the steadiest step.
-const STEADY_RATIO: f32 = 3.0;
-/// And this much more: two phases of 3 deg.
-const STEADY_MARGIN: f32 = 0.01;
+/// Of three samples or more the last quarter is not used: the switch begins to move before a slot ends. In recordings the
+/// last of three samples is 10 deg off, and scatters ten times as much as the others.
+const LEFT_OUT: usize = 4;
 /// The first and the last slot of a packet were off the tone in 6 to 31 % of recorded packets: they count for this much.
 const EDGE_WEIGHT: f32 = 0.25;
 /// Squared chord at which a visit counts for half: 20 deg.
@@ -99,6 +97,7 @@ impl Config {
             antennas: self.antennas,
             slots,
             samples,
+            used: if samples > 2 { samples - samples.div_ceil(LEFT_OUT) } else { samples },
             cells: 0,
             sample_turn_rad: wrap_pi(TAU * fraction(self.tone_hz / rate_hz)),
             slot_turn_rad: wrap_pi(TAU * fraction(self.tone_hz * slot_s)),
@@ -192,6 +191,8 @@ pub struct Reader {
     antennas: usize,
     slots: usize,
     samples: usize,
+    /// Samples of a slot that are used.
+    used: usize,
     /// Zero when no antenna is heard twice.
     cells: usize,
     sample_turn_rad: f32,
@@ -201,10 +202,8 @@ pub struct Reader {
     slot_s: f32,
 }
 
-/// The samples of a slot that are used, and how the phase goes on from one to the next beyond the tone.
+/// How the phase goes on from sample to sample beyond the tone.
 struct Steps {
-    first: usize,
-    last: usize,
     sum: Complex,
     /// Length of the sum over what it would be were all steps alike; their number.
     resultant: f32,
@@ -263,7 +262,7 @@ impl Reader {
                 return Packet::without(Outcome::NoTone);
             }
         }
-        let mut slots = self.slot_means(packet, &steps);
+        let mut slots = self.slot_means(packet);
         let offset_rad = if self.cells == 0 { steps.sum.arg() * self.slot_samples } else { self.offset(&slots) };
         for (s, slot) in slots.iter_mut().enumerate().take(self.slots) {
             *slot = slot.times(Complex::at(-wrap_pi(offset_rad * s as f32)));
@@ -271,47 +270,31 @@ impl Reader {
         self.antenna_means(&slots, &steps, offset_rad, step_rad)
     }
 
-    /// Which samples belong to their slot, and the steps between them.
+    /// The steps between the samples that are used.
     fn steps(&self, packet: &[Complex]) -> Steps {
-        let turn = Complex::at(-self.sample_turn_rad);
-        let mut sums = [(Complex::default(), 0.0_f32, 0.0_f32); SAMPLES_MAX];
-        for (slot, antenna) in packet.chunks_exact(self.samples.max(1)).zip(&self.antenna_of) {
-            if antenna.is_none() {
-                continue;
-            }
-            for ((before, sample), sum) in slot.iter().zip(slot.iter().skip(1)).zip(sums.iter_mut()) {
-                let step = sample.times_conj(*before);
-                *sum = (sum.0.plus(step), sum.1 + sqrt(step.norm_squared()), sum.2 + 1.0);
-            }
-        }
-        let sums = sums.get(..self.samples - 1).unwrap_or_default();
-        let scatter = |sum: &(Complex, f32, f32)| {
-            if sum.1 > 0.0 { 1.0 - sqrt(sum.0.norm_squared()) / sum.1 } else { 1.0 }
-        };
-        let steadiest = sums.iter().map(scatter).fold(1.0_f32, f32::min);
-        let is_steady = |sum: &(Complex, f32, f32)| scatter(sum) <= STEADY_RATIO * steadiest + STEADY_MARGIN;
-        let first = sums.iter().position(is_steady).unwrap_or(0);
-        let length = sums.iter().skip(first).take_while(|sum| is_steady(sum)).count();
         let (mut sum, mut most, mut count) = (Complex::default(), 0.0, 0.0);
-        for step in sums.iter().skip(first).take(length) {
-            (sum, most, count) = (sum.plus(step.0.times(turn)), most + step.1, count + step.2);
+        for (slot, antenna) in packet.chunks_exact(self.samples.max(1)).zip(&self.antenna_of) {
+            let used = slot.get(..self.used).unwrap_or_default();
+            for (before, sample) in used.iter().zip(used.iter().skip(1)).filter(|_| antenna.is_some()) {
+                let step = sample.times_conj(*before);
+                (sum, most, count) = (sum.plus(step), most + sqrt(step.norm_squared()), count + 1.0);
+            }
         }
         let resultant = if most > 0.0 { sqrt(sum.norm_squared()) / most } else { 0.0 };
-        Steps { first, last: first + length, sum, resultant, count }
+        Steps { sum: sum.times(Complex::at(-self.sample_turn_rad)), resultant, count }
     }
 
     /// The mean of each slot, turned back by the tone; zero for one that is not used.
-    fn slot_means(&self, packet: &[Complex], steps: &Steps) -> [Complex; SLOTS_MAX] {
+    fn slot_means(&self, packet: &[Complex]) -> [Complex; SLOTS_MAX] {
         let mut slots = [Complex::default(); SLOTS_MAX];
-        let share = 1.0 / (steps.last - steps.first + 1) as f32;
+        let share = 1.0 / self.used as f32;
         let packet = packet.chunks_exact(self.samples.max(1));
         for (s, ((mean, samples), antenna)) in slots.iter_mut().zip(packet).zip(&self.antenna_of).enumerate() {
             if antenna.is_none() {
                 continue;
             }
             let begin_rad = self.slot_turn_rad * s as f32;
-            let used = samples.iter().enumerate().take(steps.last + 1).skip(steps.first);
-            for (k, sample) in used {
+            for (k, sample) in samples.iter().enumerate().take(self.used) {
                 let turn_rad = wrap_pi(begin_rad + self.sample_turn_rad * k as f32);
                 *mean = mean.plus(sample.times(Complex::at(-turn_rad)).scaled(share));
             }
@@ -404,7 +387,7 @@ impl Reader {
                 *z = Complex::default();
             }
         }
-        let used = (steps.last - steps.first + 1) as f32;
+        let used = self.used as f32;
         // With one visit each, what the steps inside the slots scatter: by two samples' noise.
         let variance = if freedom > 0.0 { scatter / freedom } else { (1.0 - steps.resultant) / used } + 1e-7;
         let snr_db = (-10.0 * libm::log10f(2.0 * used * variance)).min(SNR_CEILING_DB);
