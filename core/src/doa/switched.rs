@@ -36,7 +36,7 @@ const MODEL_VARIANCE: f32 = 0.19;
 const MODEL_ANTENNAS: f32 = 2.0;
 /// How far, in turns of a slot, the steps inside the slots may be off the offset: 1/60 is 3 deg for slots of eight samples. A recorded
 /// receiver was off by as much, in all packets.
-const STEP_SIGMA_TURNS: f32 = 1.0 / 15.0;
+const STEP_SIGMA_TURNS: f32 = 1.0 / 22.0;
 /// How far a packet's steps may be from the median of its transmitter, in turns of a slot: 0.2 is 9 deg for slots of eight
 /// samples.
 const STEP_GATE_TURNS: f32 = 0.2;
@@ -46,6 +46,11 @@ const OFFSET_GATE_CELLS: f32 = 0.18;
 const MEDIAN_MIN: usize = 3;
 /// Another direction is told apart when it leaves this many times the misfit.
 const APART: f32 = 2.0;
+/// And when it is less likely by this: the logarithm of how many times.
+const SURE: f32 = 2.0;
+/// The same of another cell: with four of the ring's antennas, which leave cell and direction open, 19 of 20 answers are
+/// then right.
+const CELL_SURE: f32 = 3.0;
 /// A misfit as large as in one of twenty recorded packets is called a reflection: 40 deg, over the degrees of freedom.
 const REFLECTED: f32 = 0.487;
 /// What it does to a bearing, rms.
@@ -121,6 +126,12 @@ pub struct Group {
     snr_db: f32,
 }
 
+/// The offset of a packet, and whether no other is nearly as likely.
+struct Followed {
+    offset_rad: f32,
+    is_sure: bool,
+}
+
 /// The configured stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimator {
@@ -138,13 +149,13 @@ impl Estimator {
             group.damaged += usize::from(packet.outcome == Outcome::Damaged);
             return;
         }
-        let Some(offset_rad) = self.follow(emitter, &packet) else { return };
+        let Some(Followed { offset_rad, is_sure }) = self.follow(emitter, &packet) else { return };
         let z = self.reader.moved(&packet.z, wrap_pi(offset_rad - packet.offset_rad));
         let mut own = Covariance::default();
         own.add(&z, 1.0);
         let Some(peak) = self.beam.find(&own) else { return };
         group.clean += 1;
-        group.good += usize::from(peak.ambiguities(APART) == 0);
+        group.good += usize::from(is_sure && self.rivals(&peak) == 0);
         group.covariance.merge(&own);
         let share = 1.0 / group.clean as f32;
         group.noise += share * (packet.variance - group.noise);
@@ -153,7 +164,7 @@ impl Estimator {
     }
 
     /// The packet's offset, the cell found; `None` when the packet does not sound like its transmitter.
-    fn follow(&self, emitter: &mut Emitter, packet: &Packet) -> Option<f32> {
+    fn follow(&self, emitter: &mut Emitter, packet: &Packet) -> Option<Followed> {
         let cell_rad = TAU / self.reader.cells() as f32;
         let within_cell = |rad: f32| rad - cell_rad * nearest(rad / cell_rad) as f32;
         let slot_samples = self.reader.slot_samples();
@@ -182,16 +193,17 @@ impl Estimator {
             *fit = self.beam.strongest(&covariance) / MODEL_VARIANCE;
         }
         emitter.scored = (emitter.scored + 1.0).min(SCORES);
-        let mut best = (f32::MIN, 0.0);
+        let (mut best, mut second) = ((f32::MIN, 0.0), f32::MIN);
         for (cell, (score, fit)) in emitter.scores.iter_mut().zip(fits).enumerate().take(self.reader.cells()) {
             *score += (fit - *score) / emitter.scored;
             let offset_rad = offset_of(cell);
             // Offsets a turn of a slot apart are the same.
             let off = step_rad.map_or(0.0, |step| wrap_pi(step * slot_samples - offset_rad) / (STEP_SIGMA_TURNS * TAU));
             let value = *score - 0.5 * off * off;
+            second = second.max(value.min(best.0));
             best = if value > best.0 { (value, offset_rad) } else { best };
         }
-        Some(wrap_pi(best.1 + away_rad))
+        Some(Followed { offset_rad: wrap_pi(best.1 + away_rad), is_sure: best.0 - second > CELL_SURE })
     }
 
     /// The bearing of a group: of all its packets so far.
@@ -222,7 +234,7 @@ impl Estimator {
             flags = flags.with(Flags::dead(antenna));
         }
         let mirror_rad = self.beam.mirror_rad(peak.azimuth_rad);
-        let rivals = peak.ambiguities(APART);
+        let rivals = self.rivals(&peak);
         bearing.azimuth_rad = peak.azimuth_rad;
         bearing.sigma_rad = self.sigma_rad(&peak, group);
         bearing.valid = rivals == 0 && is_enough(group.good) && bearing.sigma_rad < SIGMA_USELESS_RAD;
@@ -247,6 +259,12 @@ impl Estimator {
         let misfit = peak.misfit() + MODEL_ANTENNAS * MODEL_VARIANCE / antennas;
         let noise = group.noise / group.clean.max(1) as f32;
         length(self.floor_rad, sqrt((0.25 * misfit + noise) / peak.sensitivity)).min(PI)
+    }
+
+    /// How many other directions the antennas cannot tell from the peak.
+    fn rivals(&self, peak: &Peak) -> u8 {
+        let margin = 2.0 * SURE * MODEL_VARIANCE / peak.antennas as f32;
+        peak.ambiguities((APART * peak.misfit()).max(peak.misfit() + margin))
     }
 
     /// Whether the antennas miss a plane wave by more than nearly all recorded ones did; two always fit.

@@ -261,11 +261,10 @@ impl Peak {
         misfit(self.share)
     }
 
-    /// How many further directions explain the antennas nearly as well: with less than `ratio` times the misfit.
+    /// How many further directions leave a misfit below a limit.
     #[must_use]
-    pub fn ambiguities(&self, ratio: f32) -> u8 {
-        let fits = |share: &&f32| **share > 0.0 && misfit(**share) < ratio * self.misfit();
-        self.rivals.iter().filter(fits).count() as u8
+    pub fn ambiguities(&self, limit: f32) -> u8 {
+        self.rivals.iter().filter(|share| **share > 0.0 && misfit(**share) < limit).count() as u8
     }
 }
 
