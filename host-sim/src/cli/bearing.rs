@@ -9,6 +9,7 @@ use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANG
 use foxhound_sim::tools::bearings::{self, Line, Options};
 use foxhound_sim::tools::calibrate::{self, calibrate};
 use foxhound_sim::tools::frames::{ArrayDescription, Recording, read_yaw};
+use foxhound_sim::tools::iq::{self, Frames};
 use foxhound_sim::tools::radio_array::RadioArray;
 use foxhound_sim::tools::switched::{self, Packets};
 use serde::Serialize;
@@ -35,7 +36,7 @@ Examples:
 
 #[derive(Args, Debug)]
 #[command(after_help = BEARING_HELP)]
-#[command(group(ArgGroup::new("recording").required(true).args(["adc", "switched"])))]
+#[command(group(ArgGroup::new("recording").required(true).args(["adc", "switched", "iq"])))]
 pub(super) struct BearingCommand {
     /// Recorded frames of four converters.
     #[arg(long, value_name = "FILE")]
@@ -43,6 +44,9 @@ pub(super) struct BearingCommand {
     /// Recorded packets of an array behind a switch.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
     switched: Option<PathBuf>,
+    /// Recorded complex samples of all channels: .npy or .sigmf-meta.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
+    iq: Option<PathBuf>,
     /// Which transmitter sent each packet: .npy, int32, one per packet.
     #[arg(long, value_name = "FILE", requires = "switched")]
     emitter: Option<PathBuf>,
@@ -133,6 +137,13 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         let packets = Packets::read(path, args.emitter.as_deref())?;
         let (lines, left) = switched::find(&packets, &array, looks)?;
         note_left(cli, left, packets.count(), looks);
+        return print(cli, &lines, |line| &line.line);
+    }
+    if let Some(path) = &args.iq {
+        let array = RadioArray::read(&args.array)?;
+        let frames = Frames::read(path, &array)?;
+        let lines = iq::find(&frames, &array, looks)?;
+        note_left(cli, frames.count() % looks, frames.count(), looks);
         return print(cli, &lines, |line| &line.line);
     }
     let Some(adc) = &args.adc else { return Err(InputError::new("--adc: missing")) };

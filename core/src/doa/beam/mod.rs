@@ -21,8 +21,10 @@ use crate::doa::bearing::Bearing;
 use crate::signal::phase::Complex;
 
 mod covariance;
+mod source;
 
 pub use covariance::Covariance;
+pub use source::Source;
 
 /// One complex number for each antenna; zero where there is none.
 pub type Vector = [Complex; ANTENNAS_MAX];
