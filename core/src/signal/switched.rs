@@ -73,9 +73,8 @@ impl Config {
     /// `antennas_m`, `sample_rate_hz`, `tone_hz`, `switch.slot_s`, `switch.pattern`, `slots` or `samples` out of range; an
     /// antenna that no slot of a packet hears; a packet too short to tell the offset; visits too far apart.
     pub fn build(&self, slots: usize, samples: usize) -> Result<Reader, ConfigError> {
-        let refuse = |field, value: usize, text| {
-            Err(ConfigError { field, value: value as f32, why: Why::Inconsistent(text) })
-        };
+        let refuse =
+            |field, value: usize, text| Err(ConfigError { field, value: value as f32, why: Why::Inconsistent(text) });
         check("antennas_m", self.antennas as f32, 2.0, ANTENNAS_MAX as f32)?;
         let rate_hz = check("sample_rate_hz", self.sample_rate_hz, 1e3, 1e8)?;
         check("tone_hz", self.tone_hz, -0.5 * rate_hz, 0.5 * rate_hz)?;

@@ -135,7 +135,8 @@ impl Band {
         });
         if bins.as_ref().is_some_and(Vec::is_empty) {
             let [low_hz, high_hz] = band_hz.unwrap_or_default();
-            let text = format!("tone_band_hz = [{low_hz}, {high_hz}] holds no bin of {samples} samples at {rate_hz} Hz");
+            let text =
+                format!("tone_band_hz = [{low_hz}, {high_hz}] holds no bin of {samples} samples at {rate_hz} Hz");
             return Err(InputError::new(text));
         }
         let bins = bins.filter(|bins| bins.len() < samples);

@@ -206,9 +206,8 @@ impl Beam {
         for (k, ((power, before), behind)) in powers.iter().zip(before).zip(behind).enumerate() {
             let away_rad = k as f32 * (TAU / DIRECTIONS as f32) - azimuth_rad;
             let is_other = |rad: f32| libm::fabsf(wrap_pi(rad)) > MIRROR_RAD;
-            let is_no_mirror = self.mirror_rad(azimuth_rad).is_none_or(|mirror_rad| {
-                is_other(azimuth_rad + away_rad - mirror_rad)
-            });
+            let is_no_mirror =
+                self.mirror_rad(azimuth_rad).is_none_or(|mirror_rad| is_other(azimuth_rad + away_rad - mirror_rad));
             if power >= before && power > behind && is_other(away_rad) && is_no_mirror {
                 let near_rad = self.refined(covariance, azimuth_rad + away_rad);
                 peak.note(covariance.power(&self.toward(near_rad)) / total);
