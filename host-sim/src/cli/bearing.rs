@@ -20,19 +20,31 @@ use super::value::{number, whole};
 use super::{Cli, json_line};
 
 const BEARING_HELP: &str =
-    "Frames: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024.
-
+    "--adc: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024. \
 Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, right), sample_rate_hz, \
 optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration] \
 (written by `foxhound calibrate`).
 
-Looks: from 4 on, direct path and one reflection are told apart (MUSIC over the looks); fewer are averaged as unit \
-vectors, weighted by 1/sigma^2. --yaw gives the heading of the array; the azimuth is that in the body frame of the last \
-look. Frames left over at the end give no bearing.
+--switched: complex64, (packets, slots, samples of a slot). Array file: wavelength_m, antennas_m of 2 to 8 antennas, \
+sample_rate_hz, tone_hz (in the samples), [switch] with slot_s (from slot to slot) and pattern (the antenna of each slot \
+from 1 on, repeated; 0: not used), optional sigma_floor_deg.
+
+--iq: complex64, (frames, channels, N), or SigMF (ci16_le, ci8, cu8, cf32_le). Array file: wavelength_m, antennas_m, \
+sample_rate_hz, optional tone_band_hz (the occupied band, about zero), sigma_floor_deg.
+
+Looks: of an array that moves, from 4 on, direct path and one reflection are told apart (MUSIC over the looks); others are \
+averaged. Where nothing moves and most looks do not fit a plane wave the answer is their median. --yaw gives the heading of the \
+array; the azimuth is that in the body frame of the last look. --switched joins packets of one transmitter, --iq \
+frames. Frames left over at the end give no bearing.
+
+Lines of --switched and --iq also have mirror_deg (the other answer of antennas on a line) and ambiguities (how many \
+directions fit nearly as well).
 
 Examples:
   foxhound bearing --adc frames.npy --array array.toml
-  foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json";
+  foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json
+  foxhound bearing --switched packets.npy --array ring.toml --emitter beacons.npy --looks 8 --json
+  foxhound bearing --iq recording.sigmf-meta --array array.toml";
 
 #[derive(Args, Debug)]
 #[command(after_help = BEARING_HELP)]

@@ -273,3 +273,6 @@ impl Peak {
 fn misfit(share: f32) -> f32 {
     2.0 * (1.0 - sqrt(share.max(0.0).min(1.0)))
 }
+
+#[cfg(test)]
+mod tests;
