@@ -30,6 +30,10 @@ use crate::signal::switched::{CELLS_MAX, Outcome, Packet, Reader};
 pub const MEMORY: usize = 15;
 /// Packets over which the score of a cell is averaged. It is no sum: at one place all packets share one error.
 const SCORES: f32 = 32.0;
+/// Packets over which it is learned of a transmitter how its phases scatter about a plane wave.
+const LEARNING: f32 = 8.0;
+/// And the least that is learned: 5 deg.
+const LEARNT_MIN: f32 = 0.0076;
 /// Variance of a phase about a plane wave outdoors: 25 deg. Recorded.
 const MODEL_VARIANCE: f32 = 0.19;
 /// What is known of it before a packet is seen counts for as much as two antennas.
@@ -48,8 +52,7 @@ const MEDIAN_MIN: usize = 3;
 const APART: f32 = 2.0;
 /// And when it is less likely by this: the logarithm of how many times.
 const SURE: f32 = 2.0;
-/// The same of another cell: with four of the ring's antennas, which leave cell and direction open, 19 of 20 answers are
-/// then right.
+/// The same of another cell.
 const CELL_SURE: f32 = 3.0;
 /// A misfit as large as in one of twenty recorded packets is called a reflection: 40 deg, over the degrees of freedom.
 const REFLECTED: f32 = 0.487;
@@ -97,6 +100,8 @@ pub struct Emitter {
     offset_rad: Option<f32>,
     scores: [f32; CELLS_MAX],
     scored: f32,
+    /// Variance of a phase about a plane wave, as learned of its packets.
+    variance: f32,
 }
 
 impl Default for Emitter {
@@ -109,6 +114,7 @@ impl Default for Emitter {
             offset_rad: None,
             scores: [0.0; CELLS_MAX],
             scored: 0.0,
+            variance: MODEL_VARIANCE,
         }
     }
 }
@@ -118,6 +124,8 @@ impl Default for Emitter {
 pub struct Group {
     covariance: Covariance,
     noise: f32,
+    /// Of the transmitter's phases about a plane wave.
+    variance: f32,
     packets: usize,
     damaged: usize,
     clean: usize,
@@ -155,7 +163,12 @@ impl Estimator {
         own.add(&z, 1.0);
         let Some(peak) = self.beam.find(&own) else { return };
         group.clean += 1;
-        group.good += usize::from(is_sure && self.rivals(&peak) == 0);
+        if peak.antennas > 2 {
+            let antennas = peak.antennas as f32;
+            emitter.variance += (peak.misfit() * antennas / (antennas - 2.0) - emitter.variance) / LEARNING;
+        }
+        group.variance = emitter.variance;
+        group.good += usize::from(is_sure && self.rivals(&peak, group.variance) == 0);
         group.covariance.merge(&own);
         let share = 1.0 / group.clean as f32;
         group.noise += share * (packet.variance - group.noise);
@@ -234,7 +247,7 @@ impl Estimator {
             flags = flags.with(Flags::dead(antenna));
         }
         let mirror_rad = self.beam.mirror_rad(peak.azimuth_rad);
-        let rivals = self.rivals(&peak);
+        let rivals = self.rivals(&peak, group.variance);
         bearing.azimuth_rad = peak.azimuth_rad;
         bearing.sigma_rad = self.sigma_rad(&peak, group);
         bearing.valid = rivals == 0 && is_enough(group.good) && bearing.sigma_rad < SIGMA_USELESS_RAD;
@@ -262,8 +275,8 @@ impl Estimator {
     }
 
     /// How many other directions the antennas cannot tell from the peak.
-    fn rivals(&self, peak: &Peak) -> u8 {
-        let margin = 2.0 * SURE * MODEL_VARIANCE / peak.antennas as f32;
+    fn rivals(&self, peak: &Peak, variance: f32) -> u8 {
+        let margin = 2.0 * SURE * variance.max(LEARNT_MIN) / peak.antennas as f32;
         peak.ambiguities((APART * peak.misfit()).max(peak.misfit() + margin))
     }
 

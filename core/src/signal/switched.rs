@@ -16,7 +16,7 @@ use core::f32::consts::{PI, TAU};
 use crate::base::adc::ANTENNAS_MAX;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::math::sqrt;
-use crate::base::units::{nearest, wrap_pi};
+use crate::base::units::{between, nearest, wrap_pi};
 use crate::signal::phase::Complex;
 
 /// Most slots of a packet: 160 us of a tone in slots of 1 us.
@@ -398,7 +398,7 @@ impl Reader {
 /// Where the parabola through three points, one apart, has its vertex, from the middle one; at most one away.
 fn vertex(before: f32, here: f32, behind: f32) -> f32 {
     let bend = before - 2.0 * here + behind;
-    if bend < 0.0 { (0.5 * (before - behind) / bend).max(-1.0).min(1.0) } else { 0.0 }
+    if bend < 0.0 { between(0.5 * (before - behind) / bend, -1.0, 1.0) } else { 0.0 }
 }
 
 /// Squared distance of two numbers of length one: the square of a small angle between them.

@@ -16,7 +16,7 @@ use core::f32::consts::TAU;
 use crate::base::adc::ANTENNAS_MAX;
 use crate::base::error::{ConfigError, Why, check};
 use crate::base::math::sqrt;
-use crate::base::units::{sin_cos, wrap_pi};
+use crate::base::units::{between, sin_cos, wrap_pi};
 use crate::doa::bearing::Bearing;
 use crate::signal::phase::Complex;
 
@@ -224,7 +224,7 @@ impl Beam {
             let (before, here, behind) = (power(-reach_rad), power(0.0), power(reach_rad));
             let bend = before - 2.0 * here + behind;
             if bend < 0.0 {
-                azimuth_rad += reach_rad * (0.5 * (before - behind) / bend).max(-1.0).min(1.0);
+                azimuth_rad += reach_rad * between(0.5 * (before - behind) / bend, -1.0, 1.0);
             }
         }
         azimuth_rad
@@ -271,7 +271,7 @@ impl Peak {
 
 /// Phases with a small variance `v` about a plane wave have a share of `1 - v`: more exactly `(1 - v/2)^2`.
 fn misfit(share: f32) -> f32 {
-    2.0 * (1.0 - sqrt(share.max(0.0).min(1.0)))
+    2.0 * (1.0 - sqrt(between(share, 0.0, 1.0)))
 }
 
 #[cfg(test)]
