@@ -65,7 +65,7 @@ impl Meta {
             return refuse("core:sample_rate", &format!("the array file has sample_rate_hz = {sample_rate_hz}"));
         }
         for key in ["core:metadata_only", "core:dataset", "core:trailing_bytes"] {
-            if global.get(key).is_some_and(|value| *value != Value::Bool(false) && *value != Value::from(0)) {
+            if global.get(key).is_some_and(|value| *value != false && *value != 0) {
                 return refuse(key, "not read here");
             }
         }
@@ -86,7 +86,7 @@ impl Meta {
             Datatype::F32 => 8,
         };
         let one = item * self.channels;
-        if bytes.is_empty() || bytes.len() % one != 0 {
+        if bytes.is_empty() || !bytes.len().is_multiple_of(one) {
             let (held, channels) = (bytes.len(), self.channels);
             return Err(InputError::new(format!("truncated: {held} bytes, {one} a sample of {channels} channels")));
         }
