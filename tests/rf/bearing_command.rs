@@ -138,3 +138,41 @@ fn the_command_line_resolves_a_reflection_over_eight_looks() {
         assert!(flagged.count() >= 225);
     }
 }
+
+/// Looks from one place whose channels miss a plane wave by 17 deg, as those of a recorded array do, are no worse together than the
+/// median of their own bearings, and within three sigma in 95 %.
+#[test]
+fn looks_from_one_place_are_no_worse_than_the_median_of_their_own() {
+    const SCENES: usize = 120;
+    let (mut random, source) = (Random::new(31), Source::new(37.37, 25.0));
+    let (mut frames, mut azimuths) = (Vec::new(), Vec::new());
+    for scene in 0..SCENES {
+        let azimuth = scene as f64 * 2.4;
+        let channel_phases = [0; 4].map(|_| 0.3 * random.normal());
+        azimuths.push(azimuth);
+        for _ in 0..8 {
+            // Each look has a little of its own.
+            let channel_phases = channel_phases.map(|phase| phase + 0.04 * random.normal());
+            let silence = Air { channel_phases, ..Air::silence() };
+            let air = silence.with_wave(source.wave(azimuth, &mut random));
+            frames.push(air.with_noise(source.sigma(), &mut random).codes());
+        }
+    }
+    let off = |line: &Value, scene: usize| {
+        degrees_between(line["azimuth_deg"].as_f64().unwrap().to_radians(), azimuths[scene])
+    };
+    let alone = lines(&frames, &[], "", &["--independent"]);
+    let medians: Vec<f64> = (0..SCENES)
+        .map(|scene| {
+            let mut own: Vec<f64> = alone[8 * scene..8 * scene + 8].iter().map(|line| off(line, scene)).collect();
+            own.sort_by(f64::total_cmp);
+            0.5 * (own[3] + own[4])
+        })
+        .collect();
+    let joined = lines(&frames, &[], "", &["--independent", "--looks", "8"]);
+    let errors: Vec<f64> = joined.iter().enumerate().map(|(scene, line)| off(line, scene)).collect();
+    assert!(rms(&errors) <= 1.02 * rms(&medians), "{} deg, their medians {}", rms(&errors), rms(&medians));
+    let sigma = |line: &Value| line["sigma_deg"].as_f64().unwrap();
+    let inside = errors.iter().zip(&joined).filter(|(error, line)| error.abs() < 3.0 * sigma(line)).count();
+    assert!(inside >= SCENES * 95 / 100, "{inside} of {SCENES} within three sigma");
+}

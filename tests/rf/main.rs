@@ -5,5 +5,6 @@ mod bearing_command;
 mod calibration;
 mod direction_finding;
 mod link_state;
+mod other_radios;
 mod reflections;
 mod waves;

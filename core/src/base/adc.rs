@@ -9,6 +9,9 @@ use crate::base::time::Instant;
 /// Antenna channels of one frame. Channel `i` is antenna `A(i+1)` of the main paper's square: front-right,
 /// front-left, back-left, back-right.
 pub const CHANNELS: usize = 4;
+/// Most antennas of an array that is heard by another receiver than our own converters: behind a switch, or as complex
+/// samples.
+pub const ANTENNAS_MAX: usize = 8;
 
 /// Smallest code of the converter after centring.
 pub const CODE_MIN: i16 = -2048;

@@ -2,6 +2,8 @@
 //! turns. It may import `base` and `signal`.
 
 pub mod array;
+pub mod beam;
 pub mod bearing;
 pub mod calibration;
 pub mod rotating;
+pub mod switched;

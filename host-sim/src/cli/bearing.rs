@@ -4,11 +4,15 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
-use foxhound_sim::tools::bearings::{self, Options};
+use foxhound_sim::tools::bearings::{self, Line, Options};
 use foxhound_sim::tools::calibrate::{self, calibrate};
 use foxhound_sim::tools::frames::{ArrayDescription, Recording, read_yaw};
+use foxhound_sim::tools::iq::{self, Frames};
+use foxhound_sim::tools::radio_array::RadioArray;
+use foxhound_sim::tools::switched::{self, Packets};
+use serde::Serialize;
 
 use super::fly::EstimatorName;
 use super::terminal::{say, show, warn};
@@ -16,26 +20,48 @@ use super::value::{number, whole};
 use super::{Cli, json_line};
 
 const BEARING_HELP: &str =
-    "Frames: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024.
-
+    "--adc: NumPy .npy, int16, shape (frames, 4, N), C order, signed 12-bit codes; N is 64, 128, 256, 512 or 1024. \
 Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, right), sample_rate_hz, \
 optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration] \
 (written by `foxhound calibrate`).
 
-Looks: from 4 on, direct path and one reflection are told apart (MUSIC over the looks); fewer are averaged as unit \
-vectors, weighted by 1/sigma^2. --yaw gives the heading of the array; the azimuth is that in the body frame of the last \
-look. Frames left over at the end give no bearing.
+--switched: complex64, (packets, slots, samples of a slot). Array file: wavelength_m, antennas_m of 2 to 8 antennas, \
+sample_rate_hz, tone_hz (in the samples), [switch] with slot_s (from slot to slot) and pattern (the antenna of each slot \
+from 1 on, repeated; 0: not used), optional sigma_floor_deg.
+
+--iq: complex64, (frames, channels, N), or SigMF (ci16_le, ci8, cu8, cf32_le). Array file: wavelength_m, antennas_m, \
+sample_rate_hz, optional tone_band_hz (the occupied band, about zero), sigma_floor_deg.
+
+Looks: of an array that moves, from 4 on, direct path and one reflection are told apart (MUSIC over the looks); others are \
+averaged. Where nothing moves and most looks do not fit a plane wave the answer is their median. --yaw gives the heading of the \
+array; the azimuth is that in the body frame of the last look. --switched joins packets of one transmitter, --iq \
+frames. Frames left over at the end give no bearing.
+
+Lines of --switched and --iq also have mirror_deg (the other answer of antennas on a line) and ambiguities (how many \
+directions fit nearly as well).
 
 Examples:
   foxhound bearing --adc frames.npy --array array.toml
-  foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json";
+  foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json
+  foxhound bearing --switched packets.npy --array ring.toml --emitter beacons.npy --looks 8 --json
+  foxhound bearing --iq recording.sigmf-meta --array array.toml";
 
 #[derive(Args, Debug)]
 #[command(after_help = BEARING_HELP)]
+#[command(group(ArgGroup::new("recording").required(true).args(["adc", "switched", "iq"])))]
 pub(super) struct BearingCommand {
-    /// Recorded frames.
+    /// Recorded frames of four converters.
     #[arg(long, value_name = "FILE")]
-    adc: PathBuf,
+    adc: Option<PathBuf>,
+    /// Recorded packets of an array behind a switch.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
+    switched: Option<PathBuf>,
+    /// Recorded complex samples of all channels: .npy or .sigmf-meta.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
+    iq: Option<PathBuf>,
+    /// Which transmitter sent each packet: .npy, int32, one per packet.
+    #[arg(long, value_name = "FILE", requires = "switched")]
+    emitter: Option<PathBuf>,
     /// Description of the array.
     #[arg(long, value_name = "FILE")]
     array: PathBuf,
@@ -117,6 +143,22 @@ pub(super) struct CalibrateCommand {
 }
 
 pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, InputError> {
+    let looks = args.looks as usize;
+    if let Some(path) = &args.switched {
+        let array = RadioArray::read(&args.array)?;
+        let packets = Packets::read(path, args.emitter.as_deref())?;
+        let (lines, left) = switched::find(&packets, &array, looks)?;
+        note_left(cli, left, packets.count(), looks);
+        return print(cli, &lines, |line| &line.line);
+    }
+    if let Some(path) = &args.iq {
+        let array = RadioArray::read(&args.array)?;
+        let frames = Frames::read(path, &array)?;
+        let lines = iq::find(&frames, &array, looks)?;
+        note_left(cli, frames.count() % looks, frames.count(), looks);
+        return print(cli, &lines, |line| &line.line);
+    }
+    let Some(adc) = &args.adc else { return Err(InputError::new("--adc: missing")) };
     let description = ArrayDescription::read(&args.array)?;
     if description.array.build()?.is_nearly_ambiguous() {
         warn("warning: side_m is close to half a wavelength: noise will turn some bearings round");
@@ -124,29 +166,34 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     if description.array.calibration.is_some_and(|table| table.entries().is_empty()) {
         warn("warning: [calibration] is damaged, its crc does not match: all bearings are uncalibrated");
     }
-    let recording = Recording::read(&args.adc)?;
+    let recording = Recording::read(adc)?;
     let frames = recording.frames().len();
     let yaw_rad = match &args.yaw {
         Some(path) => read_yaw(path, frames)?,
         None => Vec::new(),
     };
-    let looks = args.looks as usize;
     let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
     let lines = bearings::find(&recording, &description, &options)?;
-    if frames % looks != 0 {
-        cli.note(&format!(
-            "note: the last {} of {frames} frames make no group of {looks} and are not answered",
-            frames % looks
-        ));
+    note_left(cli, frames % looks, frames, looks);
+    print(cli, &lines, |line| line)
+}
+
+fn note_left(cli: &Cli, left: usize, frames: usize, looks: usize) {
+    if left != 0 {
+        cli.note(&format!("note: the last {left} of {frames} frames make no group of {looks} and are not answered"));
     }
+}
+
+/// Prints the lines of any recording.
+fn print<L: Serialize>(cli: &Cli, lines: &[L], line: impl Fn(&L) -> &Line) -> Result<ExitCode, InputError> {
     if cli.json {
         let mut text = String::new();
-        for line in &lines {
+        for line in lines {
             text.push_str(&json_line(line)?);
         }
         say(&text);
     } else {
-        show(&bearings::table(&lines));
+        show(&bearings::table(lines.iter().map(line)));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -97,7 +97,7 @@ enum Command {
     Companion(CompanionCommand),
     /// Runs a modelled autopilot in real time, to try `companion` with.
     Autopilot(AutopilotCommand),
-    /// Finds the bearings in recorded ADC frames.
+    /// Finds the bearings in a recording.
     Bearing(BearingCommand),
     /// Measures the channels with a known source and writes them into the array file.
     Calibrate(CalibrateCommand),

@@ -16,8 +16,9 @@ use std::f64::consts::PI;
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::time::Instant;
+use foxhound_core::doa::beam::Arrival;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
-use foxhound_core::signal::phase::{self, Phasors};
+use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use foxhound_papers::aoa::AnyFinder;
 use foxhound_papers::multipath;
 use serde::{Serialize, Serializer};
@@ -77,22 +78,56 @@ pub struct Line {
     pub flags: Vec<&'static str>,
 }
 
+/// The answer of an array that is heard by another receiver.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ArrayLine {
+    /// What every line has. Elevation, closure and range are not measured.
+    #[serde(flatten)]
+    pub line: Line,
+    /// Which transmitter; none where they are not told apart.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub emitter: Option<i32>,
+    /// The direction that antennas on a line cannot tell from this one.
+    #[serde(serialize_with = "finite")]
+    pub mirror_deg: Option<f64>,
+    /// How many directions fit nearly as well; the mirror is one.
+    pub ambiguities: u8,
+}
+
+impl ArrayLine {
+    pub(super) fn new(frame: usize, emitter: Option<i32>, arrival: &Arrival) -> Self {
+        let line = Line::new(frame, &arrival.bearing);
+        let mirror_deg = arrival.mirror_rad.map(|mirror_rad| f64::from(mirror_rad).to_degrees());
+        Self {
+            mirror_deg: mirror_deg.filter(|_| line.azimuth_deg.is_some()),
+            line: Line { elevation_deg: None, elevation_sigma_deg: None, closure_chi2: None, ..line },
+            emitter,
+            ambiguities: arrival.ambiguities,
+        }
+    }
+}
+
 /// JSON holds neither NaN nor infinity.
 fn finite<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
     value.filter(|number| number.is_finite()).serialize(serializer)
 }
 
-const FLAG_NAMES: [(Flags, &str); 10] = [
+const FLAG_NAMES: [(Flags, &str); 15] = [
     (Flags::CLIP, "clip"),
     (Flags(Flags::DEAD_1.0), "dead_1"),
     (Flags(Flags::DEAD_1.0 << 1), "dead_2"),
     (Flags(Flags::DEAD_1.0 << 2), "dead_3"),
     (Flags(Flags::DEAD_1.0 << 3), "dead_4"),
+    (Flags::DEAD_5, "dead_5"),
+    (Flags(Flags::DEAD_5.0 << 1), "dead_6"),
+    (Flags(Flags::DEAD_5.0 << 2), "dead_7"),
+    (Flags(Flags::DEAD_5.0 << 3), "dead_8"),
     (Flags::INTERFERER, "interferer"),
     (Flags::MULTIPATH, "multipath"),
     (Flags::AMBIGUOUS, "ambiguous"),
     (Flags::UNCALIBRATED, "uncalibrated"),
     (Flags::NO_SIGNAL, "no_signal"),
+    (Flags::NOT_FINITE, "not_finite"),
 ];
 
 impl Line {
@@ -118,6 +153,11 @@ impl Line {
         }
     }
 }
+
+/// Looks of which most differ by less are taken from one place: 8 deg. Recorded ones of a place scatter by 4 deg.
+const STILL_RAD: f32 = 8.0 / 57.295_78;
+/// What a bearing is off by where looks of one place do not fit a plane wave, rms, as recorded.
+const STILL_SIGMA_RAD: f32 = 7.0 / 57.295_78;
 
 /// Finds the bearings of a recording.
 ///
@@ -187,6 +227,10 @@ struct Look {
 
 /// The answer of one group.
 fn answer(resolver: Option<&multipath::Looks>, group: &[Look]) -> Bearing {
+    let bearings = || group.iter().map(|look| (look.bearing, look.yaw_rad)).collect::<Vec<_>>();
+    if is_still(group) {
+        return still(&bearings());
+    }
     let parts = group.len().div_ceil(multipath::LOOKS);
     let parts = group.chunks(group.len().div_ceil(parts));
     let resolved = resolver.map(|resolver| parts.map(|part| resolve(resolver, part)).collect::<Vec<_>>());
@@ -195,11 +239,53 @@ fn answer(resolver: Option<&multipath::Looks>, group: &[Look]) -> Bearing {
         Some(parts) if parts.iter().all(Option::is_some) => {
             combine(&parts.iter().flatten().copied().collect::<Vec<_>>())
         }
-        _ => combine(&group.iter().map(|look| (look.bearing, look.yaw_rad)).collect::<Vec<_>>()),
+        _ => combine(&bearings()),
     }
 }
 
-/// The stronger path of some looks in the body frame of the last one, and its yaw; `None` when fewer than four hold a tone.
+/// Whether the looks with a tone are all the same: the array has not turned, and what the channels hear, less what all have in
+/// common, differs between the looks by less than [`STILL_RAD`] in most of them. A reflection turns with every step of the array;
+/// a second path fitted to looks that are the same explains the model's errors, not a reflection.
+fn is_still(group: &[Look]) -> bool {
+    let heard: Vec<&Look> = group.iter().filter(|look| look.phasors.tone == Tone::Present).collect();
+    let Some(first) = heard.first() else { return true };
+    if heard.iter().any(|look| wrap_pi(look.yaw_rad - first.yaw_rad).abs() > f64::from(STILL_RAD)) {
+        return false;
+    }
+    // Mean squared phase between two looks, from their correlation over the channels, less what their noise explains.
+    let apart = |a: &Phasors, b: &Phasors| {
+        let power = |z: &[Complex; CHANNELS]| z.iter().map(|z| z.norm_squared()).sum::<f32>();
+        let product = a.z.iter().zip(&b.z).fold(Complex::default(), |sum, (a, b)| sum.plus(a.times_conj(*b)));
+        let noise = |look: &Phasors| look.noise.iter().sum::<f32>() / power(&look.z);
+        1.0 - product.norm_squared() / (power(&a.z) * power(&b.z)) - noise(a) - noise(b)
+    };
+    // The look that is nearest to most of the others stands for all.
+    let typical = |look: &&Look| {
+        let mut others: Vec<f32> = heard.iter().map(|other| apart(&look.phasors, &other.phasors)).collect();
+        others.sort_by(f32::total_cmp);
+        others[others.len() / 2]
+    };
+    heard.iter().map(typical).fold(f32::MAX, f32::min) < STILL_RAD * STILL_RAD
+}
+
+/// Looks of an array that stands still, of which most do not fit a plane wave, have one error in common, so that their median
+/// is all that they tell, and no more of them make it better. Of others there is the mean.
+fn still(group: &[(Bearing, f64)]) -> Bearing {
+    let mut usable: Vec<Bearing> = group.iter().map(|(bearing, _)| *bearing).filter(|bearing| bearing.valid).collect();
+    let flagged = usable.iter().filter(|bearing| bearing.flags.contains(Flags::MULTIPATH)).count();
+    let mean = combine(group);
+    if usable.len() < 2 || 2 * flagged < usable.len() {
+        return mean;
+    }
+    let away = |bearing: &Bearing| wrap_pi(f64::from(bearing.azimuth_rad) - f64::from(mean.azimuth_rad));
+    usable.sort_by(|a, b| away(a).total_cmp(&away(b)));
+    let azimuth_rad = usable[usable.len() / 2].azimuth_rad;
+    usable.sort_by(|a, b| a.sigma_rad.total_cmp(&b.sigma_rad));
+    let sigma_rad = usable[usable.len() / 2].sigma_rad.max(STILL_SIGMA_RAD);
+    Bearing { azimuth_rad, sigma_rad, ..mean }
+}
+
+/// The stronger path of some looks in the body frame of the last one, and its yaw; none when fewer than four hold a tone.
 fn resolve(resolver: &multipath::Looks, looks: &[Look]) -> Option<(Bearing, f64)> {
     let mut state = multipath::State::default();
     for Look { phasors, bearing, yaw_rad } in looks {
@@ -267,7 +353,7 @@ fn combine(group: &[(Bearing, f64)]) -> Bearing {
 
 /// The answers as a table for people.
 #[must_use]
-pub fn table(lines: &[Line]) -> String {
+pub fn table<'a>(lines: impl IntoIterator<Item = &'a Line>) -> String {
     let number = |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
     let mut text = format!(
         "{:>6} {:>5} {:>12} {:>10} {:>14} {:>8} {:>10} {:>8}  {}\n",

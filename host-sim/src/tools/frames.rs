@@ -134,7 +134,8 @@ pub fn read_yaw(path: &Path, frames: usize) -> Result<Vec<f64>, InputError> {
     parse().map_err(|error: InputError| error.in_file(path))
 }
 
-fn read_npy<T: npyz::Deserialize>(bytes: &[u8], dtype: &str) -> Result<(Vec<u64>, Vec<T>), InputError> {
+/// Reads a `.npy` file of one type: its shape and its values in C order.
+pub(super) fn read_npy<T: npyz::Deserialize>(bytes: &[u8], dtype: &str) -> Result<(Vec<u64>, Vec<T>), InputError> {
     refuse_absurd_shape(bytes)?;
     let mut cursor = Cursor::new(bytes);
     let header = npyz::NpyHeader::from_reader(&mut cursor)

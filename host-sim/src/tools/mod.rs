@@ -4,8 +4,16 @@
 //! |---|---|
 //! | [`frames`] | reads recorded frames and the description of the array |
 //! | [`bearings`] | `foxhound bearing` |
+//! | [`radio_array`] | the description of an array heard by another receiver: behind a switch, or complex samples |
+//! | [`switched`] | `foxhound bearing --switched` |
+//! | [`iq`] | `foxhound bearing --iq` |
+//! | [`sigmf`] | reads SigMF recordings |
 //! | [`calibrate`] | `foxhound calibrate` |
 
 pub mod bearings;
 pub mod calibrate;
 pub mod frames;
+pub mod iq;
+pub mod radio_array;
+pub mod sigmf;
+pub mod switched;

@@ -33,7 +33,7 @@ const GAIN_TOLERANCE: f32 = 0.16;
 /// What a reflection that shows in the closure does to a bearing, rms: -10 dB gives 5 deg.
 const MULTIPATH_SIGMA_RAD: f32 = 5.0 / 57.295_78;
 /// A bearing worse than this says nothing.
-const SIGMA_USELESS_RAD: f32 = 0.6;
+pub const SIGMA_USELESS_RAD: f32 = 0.6;
 /// Nearest source whose curved wavefront is taken for what it is, and not for a reflection.
 const NEAR_FIELD_M: f32 = 2.0;
 /// A wavefront is called curved when its curvature is this many standard deviations from none.
@@ -122,10 +122,15 @@ impl Flags {
     /// No tone above the noise.
     pub const NO_SIGNAL: Self = Self(1 << 9);
 
-    /// The flag of a dead channel, 0..4.
+    /// Antenna 5 of more than four is dead; the others follow in the next three bits.
+    pub const DEAD_5: Self = Self(1 << 10);
+    /// A sample is not a finite number.
+    pub const NOT_FINITE: Self = Self(1 << 14);
+
+    /// The flag of a dead channel, 0..8.
     #[must_use]
     pub fn dead(channel: usize) -> Self {
-        Self(Self::DEAD_1.0 << channel)
+        if channel < CHANNELS { Self(Self::DEAD_1.0 << channel) } else { Self(Self::DEAD_5.0 << (channel - CHANNELS)) }
     }
 
     /// Whether all of `other`'s bits are set.

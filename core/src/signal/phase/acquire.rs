@@ -3,7 +3,7 @@
 use super::fit::{Fit, Level, fit, left_over, tune};
 use super::floor::{MEDIAN_OF_MEAN, hann_gain, median, under_the_tone};
 use super::follow::{Frequency, REFINEMENTS, bins_between};
-use super::lines::{INTERPOLATION_VARIANCE, Peak, leakage, other_line};
+use super::lines::{INTERPOLATION_VARIANCE, Peak, leakage, other_line, stands_out};
 use super::{Extractor, QUANTISATION, REFRESH, SEARCH_THRESHOLD, State};
 use crate::base::adc::CHANNELS;
 use crate::signal::spectrum::power_of_two;
@@ -19,6 +19,8 @@ pub(super) struct Candidate {
     pub(super) is_near: bool,
     /// Whether it stands high enough for a closer look.
     pub(super) is_worth_it: bool,
+    /// Whether it stands out from what is around it, and not from the floor of the whole spectrum only.
+    pub(super) is_line: bool,
 }
 
 impl<const N: usize> Extractor<N> {
@@ -87,6 +89,7 @@ impl<const N: usize> Extractor<N> {
             // Half blocks tell the frequency to within one bin only.
             is_near: state.tracked.is_some_and(|tracked| bins_between::<N>(tracked.step, at).abs() < 0.5),
             is_worth_it: self.config.tone_hz.is_some() || peak.statistic >= SEARCH_THRESHOLD,
+            is_line: stands_out(workspace, &peak),
         }
     }
 
@@ -108,7 +111,9 @@ impl<const N: usize> Extractor<N> {
         tune(state, candidate.at, Window::Hann);
         state.tracked = Some(Frequency { step: candidate.at, variance: INTERPOLATION_VARIANCE });
         let confirm = if self.config.tone_hz.is_some() || candidate.is_held { Self::HOLD } else { Self::CONFIRM };
-        Some(fit(state, codes)).filter(|fit| fit.statistic >= confirm)
+        let fit = fit(state, codes);
+        let is_tone = fit.statistic >= confirm && candidate.is_line && self.in_band(candidate.at);
+        is_tone.then_some(fit)
     }
 
     /// Moves the reference to a tone that stands alone.

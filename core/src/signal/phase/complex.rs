@@ -1,5 +1,8 @@
 //! A complex number, and the few operations that phasors need.
 
+use crate::base::math::sqrt;
+use crate::base::units::sin_cos;
+
 /// A complex number.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -28,6 +31,26 @@ impl Complex {
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
         Self { re: self.re + other.re, im: self.im + other.im }
+    }
+
+    /// This many times as long.
+    #[must_use]
+    pub fn scaled(self, factor: f32) -> Self {
+        Self { re: self.re * factor, im: self.im * factor }
+    }
+
+    /// The number of length one at an angle.
+    #[must_use]
+    pub fn at(angle_rad: f32) -> Self {
+        let (im, re) = sin_cos(angle_rad);
+        Self { re, im }
+    }
+
+    /// The same direction with length one; zero where there is no direction.
+    #[must_use]
+    pub fn unit(self) -> Self {
+        let power = self.norm_squared();
+        if power > 0.0 && power.is_finite() { self.scaled(1.0 / sqrt(power)) } else { Self::default() }
     }
 
     /// Squared magnitude.

@@ -71,7 +71,7 @@ impl<const N: usize> Extractor<N> {
         let mut step = from;
         let mut found = None;
         for _ in 0..rounds {
-            if !self.in_band(step) {
+            if !self.is_near_band(step) {
                 return None;
             }
             tune(state, step, Window::Flat);

@@ -15,6 +15,9 @@ pub(super) const LINE_THRESHOLD: f32 = 8.0;
 const LINES_MAX: usize = 12;
 /// A line's own bins either side, in Hann's window.
 const LOBE_BINS: usize = 3;
+/// Bins either side of a line that it has to stand out from, and by how much.
+const SIDE_BINS: usize = 4;
+const LINE_RATIO: f32 = 6.0;
 /// Squared error of a peak interpolated in the periodogram, in squared bins.
 pub(super) const INTERPOLATION_VARIANCE: f32 = 4e-4;
 
@@ -33,9 +36,8 @@ impl<const N: usize> Extractor<N> {
     pub(super) fn held(&self, values: &[f32; N], tracked: Frequency, strongest: &Peak) -> Option<Peak> {
         let bin = tracked.step as f32 / Self::STEPS_PER_BIN;
         let near = self.peak(values, [bin - 1.0, bin + 1.0]);
-        let summit = neighbours(values, near.bin).iter().all(|beside| near.statistic >= *beside);
         let apart = near.bin == strongest.bin || near.bin.abs_diff(strongest.bin) > LOBE_BINS;
-        (summit && apart && near.statistic >= COMPARABLE * strongest.statistic).then_some(near)
+        (apart && near.statistic >= COMPARABLE * strongest.statistic).then_some(near)
     }
 
     /// Overwrites the working memory by the mean over the channels of power over floor, bin by bin.
@@ -49,14 +51,14 @@ impl<const N: usize> Extractor<N> {
         }
     }
 
-    /// The highest peak between two frequencies in bins, interpolated.
+    /// The highest peak between two frequencies in bins, interpolated. What rises to a line outside is none.
     pub(super) fn peak(&self, values: &[f32; N], band: [f32; 2]) -> Peak {
         let from = (libm::floorf(band[0]) as usize).clamp(2, N / 2 - 2);
         let to = (libm::ceilf(band[1]) as usize).clamp(from, N / 2 - 2);
         let mut bin = from;
         let mut statistic = 0.0;
         for (k, value) in values.iter().enumerate().take(to + 1).skip(from) {
-            if *value > statistic {
+            if *value > statistic && is_summit(values, k) {
                 (bin, statistic) = (k, *value);
             }
         }
@@ -67,6 +69,11 @@ impl<const N: usize> Extractor<N> {
 /// What stands either side of a bin; the modulus only spares a bounds check.
 fn neighbours<const N: usize>(values: &[f32; N], bin: usize) -> [f32; 2] {
     [values[(bin + N - 1) % N], values[(bin + 1) % N]]
+}
+
+/// Whether a bin is no lower than those beside it.
+fn is_summit<const N: usize>(values: &[f32; N], bin: usize) -> bool {
+    neighbours(values, bin).iter().all(|beside| values[bin % N] >= *beside)
 }
 
 /// Where in a peak of power the tone is, in bins: for Hann's window and the ratio `r` of the larger neighbour's amplitude to
@@ -86,6 +93,18 @@ pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> bool
     lines.into_iter().any(|(k, value)| *value > bound && k.abs_diff(peak.bin) > LOBE_BINS)
 }
 
+/// Whether a peak is this much above the quieter of its two sides: noise that is louder at some frequencies, as that of
+/// propellers, has summits that are no lines.
+pub(super) fn stands_out<const N: usize>(values: &[f32; N], peak: &Peak) -> bool {
+    let mean = |from: usize| {
+        let side = values.iter().take(N / 2 - 1).skip(from.max(2)).take((from + SIDE_BINS).saturating_sub(from.max(2)));
+        let (sum, count) = side.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+        if count > 0.0 { sum / count } else { f32::MAX }
+    };
+    let quieter = mean(peak.bin.saturating_sub(LOBE_BINS + SIDE_BINS - 1)).min(mean(peak.bin + LOBE_BINS));
+    peak.statistic > LINE_RATIO * quieter
+}
+
 /// What the other lines leave in each channel's phasor behind Hann's window, as a variance in squared codes.
 ///
 /// The window passes `sin pi d / (pi d (d^2 - 1))` of an amplitude `d` bins away, and both ends of `d` are interpolated. The
@@ -99,7 +118,7 @@ pub(super) fn leakage<const N: usize>(spectrum: &Spectrum<N>, values: &[f32; N],
     let mut leakage = [0.0; CHANNELS];
     let mut count = 0;
     for (k, value) in values.iter().enumerate().take(N / 2 - 2).skip(3) {
-        let is_line = *value > LINE_THRESHOLD && neighbours(values, k).iter().all(|beside| value >= beside);
+        let is_line = *value > LINE_THRESHOLD && is_summit(values, k);
         if !is_line || k.abs_diff(peak.bin) <= LOBE_BINS || count == LINES_MAX {
             continue;
         }

@@ -98,6 +98,9 @@ pub const HOLD_THRESHOLD: f32 = 5.5;
 /// The noise floor is measured anew after this many frames.
 pub const REFRESH: u8 = 8;
 
+/// A tone this far outside the band may still be one at its edge.
+const EDGE_BINS: f32 = 0.05;
+
 /// Variance of the converter's rounding, in squared codes: no channel is quieter.
 const QUANTISATION: f32 = 1.0 / 12.0;
 /// The signal-to-noise ratio that stands for none.
@@ -308,8 +311,18 @@ impl<const N: usize> Extractor<N> {
         phasors
     }
 
+    /// Whether a frequency is in the band, but for what noise does to one at its edge.
     fn in_band(&self, step: u32) -> bool {
+        self.is_within(step, EDGE_BINS)
+    }
+
+    /// Whether a peak there may be that of a tone in the band.
+    fn is_near_band(&self, step: u32) -> bool {
+        self.is_within(step, 0.5)
+    }
+
+    fn is_within(&self, step: u32, margin_bins: f32) -> bool {
         let bins = step as f32 / Self::STEPS_PER_BIN;
-        bins > self.band[0] - 0.5 && bins < self.band[1] + 0.5
+        bins > self.band[0] - margin_bins && bins < self.band[1] + margin_bins
     }
 }

@@ -401,3 +401,25 @@ fn configurations_are_checked_and_named() {
     assert_eq!(refused(Config { tone_hz: Some(f32::INFINITY), ..good }), "phase.tone_hz");
     assert_eq!(refused(Config { skew_s: [0.0, 0.0, 1.0, 0.0], ..good }), "phase.skew_s");
 }
+
+#[test]
+fn a_line_outside_the_band_and_the_slope_that_leads_to_it_are_no_tone() {
+    let mut random = Rng::new(77, 0);
+    for (bins, is_heard) in [(20.0, true), (23.6, true), (24.6, false), (26.0, false), (15.4, false)] {
+        let rate_hz = Config::default().sample_rate_hz;
+        let band_hz = [16.0 * rate_hz / 256.0, 24.0 * rate_hz / 256.0];
+        let extractor = Config { tone_band_hz: band_hz, ..Config::default() }.build::<256>().unwrap();
+        // Another line far off makes it look at the whole spectrum every time.
+        for other in [0.0, 300.0] {
+            let mut frame = AdcFrame::<256>::zeroed();
+            for row in &mut frame.codes {
+                for (n, code) in row.iter_mut().enumerate() {
+                    let wave = |bins: f32| sin_cos(core::f32::consts::TAU * bins * n as f32 / 256.0).0;
+                    *code = (900.0 * wave(bins) + other * wave(70.3) + 5.0 * random.gaussian()) as i16;
+                }
+            }
+            let heard = extractor.step(&mut State::default(), &frame);
+            assert_eq!(heard.tone == Tone::Present, is_heard, "{bins} {other}");
+        }
+    }
+}

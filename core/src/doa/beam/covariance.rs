@@ -1,0 +1,81 @@
+//! The covariance of up to eight antennas: a sum of outer products.
+
+use super::Vector;
+use crate::base::adc::ANTENNAS_MAX;
+use crate::signal::phase::Complex;
+
+/// `R = sum w z z'`, and the sum of the weights `w`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Covariance {
+    rows: [Vector; ANTENNAS_MAX],
+    weight: f32,
+}
+
+impl Covariance {
+    /// Adds a set of phasors. The weight is what it counts for.
+    pub fn add(&mut self, z: &Vector, weight: f32) {
+        for (row, a) in self.rows.iter_mut().zip(z) {
+            let a = a.scaled(weight);
+            for (sum, b) in row.iter_mut().zip(z) {
+                *sum = sum.plus(a.times_conj(*b));
+            }
+        }
+        self.weight += weight;
+    }
+
+    /// Adds another covariance.
+    pub fn merge(&mut self, other: &Self) {
+        for (row, others) in self.rows.iter_mut().zip(&other.rows) {
+            for (sum, other) in row.iter_mut().zip(others) {
+                *sum = sum.plus(*other);
+            }
+        }
+        self.weight += other.weight;
+    }
+
+    /// Sum of the weights.
+    #[must_use]
+    pub fn weight(&self) -> f32 {
+        self.weight
+    }
+
+    /// `a' R a`.
+    #[must_use]
+    pub fn power(&self, a: &Vector) -> f32 {
+        let terms = self.times(a);
+        terms.iter().zip(a).map(|(y, a)| y.times_conj(*a).re).sum()
+    }
+
+    /// `R a`.
+    #[must_use]
+    pub fn times(&self, a: &Vector) -> Vector {
+        let mut product = Vector::default();
+        for (y, row) in product.iter_mut().zip(&self.rows) {
+            *y = row.iter().zip(a).fold(Complex::default(), |sum, (r, a)| sum.plus(r.times(*a)));
+        }
+        product
+    }
+
+    /// Sum of the antennas' powers.
+    #[must_use]
+    pub fn trace(&self) -> f32 {
+        self.diagonal().sum()
+    }
+
+    /// Power of each antenna.
+    pub fn diagonal(&self) -> impl Iterator<Item = f32> {
+        self.rows.iter().enumerate().map(|(k, row)| row.get(k).map_or(0.0, |r| r.re))
+    }
+
+    /// Whether an antenna hears anything.
+    #[must_use]
+    pub fn lives(&self, antenna: usize) -> bool {
+        self.diagonal().nth(antenna).is_some_and(|power| power > 0.0)
+    }
+
+    /// How many antennas hear anything.
+    #[must_use]
+    pub fn living(&self) -> usize {
+        self.diagonal().filter(|power| *power > 0.0).count()
+    }
+}

@@ -1,0 +1,191 @@
+//! One source in white noise, whatever it sends: from the covariance of its band to a bearing.
+//!
+//! With `n` antennas, `N` independent samples and the beam's maximum `P = a' R a`, the likeliest noise is
+//! `v = (tr R - P / n) / (n - 1)` and the likeliest source `S = (P / n - v) / n`. The bearing's variance is the Cramer-Rao bound of
+//! a Gaussian source, `v / (2 N S) (1 + v / (n S)) / G`, `G` the array's sensitivity ([`super::Peak::sensitivity`]).
+//!
+//! A source is there when the largest eigenvalue stands above what noise alone reaches (Johnstone 2001, Ann. Stat. 29:
+//! `(1 + sqrt(n / N))^2` and its spread). When what is left beside the plane wave does as well, there is a second one: another
+//! emitter when the covariance has a second large eigenvalue, a reflection of the same when it has not.
+
+use core::f32::consts::{FRAC_PI_2, PI};
+
+use super::{Arrival, Beam, Covariance, Peak, Vector};
+use crate::base::error::{ConfigError, check};
+use crate::base::math::sqrt;
+use crate::base::time::Instant;
+use crate::doa::bearing::{Bearing, Flags, Quality, SIGMA_USELESS_RAD};
+use crate::signal::phase::Complex;
+
+/// Steps of the power iteration for an eigenvalue.
+const STEPS: usize = 16;
+/// Another direction is told apart when it is less likely by this: the logarithm of how many times.
+const APART: f32 = 5.0;
+/// Amplitude that is left beside a plane wave by channels that are not quite alike, as a share of it: -30 dB.
+const UNLIKE: f32 = 0.001;
+/// What a second wave does to a bearing, rms.
+const SECOND_SIGMA_RAD: f32 = 5.0 / 57.295_78;
+
+/// What the estimation needs to know.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Source {
+    /// Least sigma of a bearing.
+    pub floor_rad: f32,
+}
+
+impl Source {
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// `sigma_floor` outside 0..=1 rad.
+    pub fn build(self) -> Result<Self, ConfigError> {
+        check("sigma_floor", self.floor_rad, 0.0, 1.0)?;
+        Ok(self)
+    }
+
+    /// The bearing that a covariance tells. Its weight is the number of independent samples in it; the frequency is passed on.
+    #[must_use]
+    pub fn bearing(&self, beam: &Beam, covariance: &Covariance, frequency_hz: f32, time: Instant) -> Arrival {
+        let mut bearing = Bearing {
+            time,
+            valid: false,
+            azimuth_rad: 0.0,
+            sigma_rad: PI,
+            elevation_rad: 0.0,
+            elevation_sigma_rad: FRAC_PI_2,
+            quality: Quality { frequency_hz, ..Quality::default() },
+            flags: Flags::NO_SIGNAL,
+        };
+        let none = |bearing: Bearing| Arrival { bearing, mirror_rad: None, ambiguities: 0 };
+        if !covariance.trace().is_finite() {
+            bearing.flags = bearing.flags.with(Flags::NOT_FINITE);
+            return none(bearing);
+        }
+        let samples = covariance.weight();
+        let (Some(peak), true) = (beam.find(covariance), samples >= 1.0) else { return none(bearing) };
+        let antennas = peak.antennas as f32;
+        let total = covariance.trace() / samples;
+        let power = peak.share * total;
+        let noise = ((total - power) / (antennas - 1.0)).max(1e-9 * total);
+        let source = (power - noise) / antennas;
+        let first = Dominant::of(|z| covariance.times(z), &beam.toward(peak.azimuth_rad));
+        if first.value / samples < ceiling(antennas, samples) * total / antennas || !(source > 0.0) {
+            return none(bearing);
+        }
+
+        let mut flags = Flags::default();
+        for antenna in (0..beam.antennas()).filter(|antenna| !covariance.lives(*antenna)) {
+            flags = flags.with(Flags::dead(antenna));
+        }
+        let ratio = noise / source;
+        let variance = ratio / (2.0 * samples) * (1.0 + ratio / antennas) / peak.sensitivity.max(1e-12);
+        let mut sigma_rad = sqrt(variance + self.floor_rad * self.floor_rad);
+        if let Some(second) = second(beam, covariance, &peak, &first, noise * samples) {
+            flags = flags.with(second);
+            sigma_rad = sqrt(sigma_rad * sigma_rad + SECOND_SIGMA_RAD * SECOND_SIGMA_RAD);
+        }
+        let rivals = rivals(&peak, samples);
+        let mirror_rad = beam.mirror_rad(peak.azimuth_rad);
+        bearing.valid = rivals == 0 && sigma_rad < SIGMA_USELESS_RAD;
+        if !bearing.valid || mirror_rad.is_some() {
+            flags = flags.with(Flags::AMBIGUOUS);
+        }
+        bearing.flags = flags;
+        bearing.azimuth_rad = peak.azimuth_rad;
+        bearing.sigma_rad = if sigma_rad < PI { sigma_rad } else { PI };
+        bearing.quality.snr_db = -10.0 * libm::log10f(ratio);
+        Arrival { bearing, mirror_rad, ambiguities: rivals.saturating_add(u8::from(mirror_rad.is_some())) }
+    }
+}
+
+/// How large the largest eigenvalue of the covariance of noise alone is, over its mean, in one of a thousand.
+fn ceiling(antennas: f32, samples: f32) -> f32 {
+    let (n, m) = (sqrt(antennas), sqrt(samples));
+    let spread = (n + m) * libm::cbrtf(1.0 / n + 1.0 / m);
+    ((n + m) * (n + m) + spread) / samples
+}
+
+/// How many other directions are nearly as likely: by the likelihood of one source of unknown strength in noise of unknown
+/// strength.
+fn rivals(peak: &Peak, samples: f32) -> u8 {
+    let antennas = peak.antennas as f32;
+    let cost = |share: f32| {
+        let share = share.max(1.0 / antennas).min(1.0 - 1e-6);
+        libm::logf(share) + (antennas - 1.0) * libm::logf((1.0 - share) / (antennas - 1.0))
+    };
+    let best = cost(peak.share);
+    let is_near = |share: &&f32| **share > 1.0 / antennas && samples * (cost(**share) - best) < APART;
+    peak.rivals.iter().filter(is_near).count() as u8
+}
+
+/// What else there is: a flag, if anything.
+fn second(beam: &Beam, covariance: &Covariance, peak: &Peak, first: &Dominant, noise: f32) -> Option<Flags> {
+    let (antennas, samples) = (peak.antennas as f32, covariance.weight());
+    if peak.antennas < 3 {
+        return None;
+    }
+    let mut wave = beam.toward(peak.azimuth_rad);
+    for (k, z) in wave.iter_mut().enumerate() {
+        *z = if covariance.lives(k) { z.scaled(1.0 / sqrt(antennas)) } else { Complex::default() };
+    }
+    // Any direction that is not at right angles to the eigenvector.
+    let start: Vector = core::array::from_fn(|k| Complex::at((k * k) as f32));
+    let left = Dominant::of(|z| without(&covariance.times(&without(z, &wave)), &wave), &start);
+    // The rest's own mean, less what stands out, is the noise.
+    let rest = noise * (antennas - 1.0);
+    let limit = |noise: f32| ceiling(antennas - 1.0, samples) * noise + UNLIKE * first.value;
+    let beside = if antennas > 3.0 { (rest - left.value).max(0.0) / (antennas - 2.0) } else { noise };
+    let is_left = left.value > limit(noise) || (antennas > 3.0 && left.value > 1.5 * limit(beside));
+    if !is_left {
+        return None;
+    }
+    let other = Dominant::of(|z| without(&covariance.times(&without(z, &first.vector)), &first.vector), &start);
+    let is_emitter = other.value > 0.5 * left.value;
+    Some(if is_emitter { Flags::INTERFERER } else { Flags::MULTIPATH })
+}
+
+/// A vector less its part along another of length one.
+fn without(z: &Vector, along: &Vector) -> Vector {
+    let part = z.iter().zip(along).fold(Complex::default(), |sum, (z, a)| sum.plus(z.times_conj(*a)));
+    let mut rest = *z;
+    for (z, a) in rest.iter_mut().zip(along) {
+        let off = part.times(*a);
+        *z = z.plus(off.scaled(-1.0));
+    }
+    rest
+}
+
+/// The largest eigenvalue of a matrix and its vector, of length one.
+struct Dominant {
+    value: f32,
+    vector: Vector,
+}
+
+impl Dominant {
+    fn of(times: impl Fn(&Vector) -> Vector, start: &Vector) -> Self {
+        let mut vector = *start;
+        let mut value = 0.0;
+        for _ in 0..STEPS {
+            let length = sqrt(vector.iter().map(|z| z.norm_squared()).sum::<f32>());
+            if !(length > 0.0) || !length.is_finite() {
+                return Self { value: 0.0, vector: Vector::default() };
+            }
+            for z in &mut vector {
+                *z = z.scaled(1.0 / length);
+            }
+            let next = times(&vector);
+            value = next.iter().zip(&vector).map(|(y, z)| y.times_conj(*z).re).sum();
+            // The last one stays of length one.
+            let before = vector;
+            vector = next;
+            if !vector.iter().any(|z| z.norm_squared() > 0.0) {
+                return Self { value, vector: before };
+            }
+        }
+        let length = sqrt(vector.iter().map(|z| z.norm_squared()).sum::<f32>());
+        for z in &mut vector {
+            *z = z.scaled(1.0 / length);
+        }
+        Self { value, vector }
+    }
+}

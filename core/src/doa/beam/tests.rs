@@ -1,0 +1,123 @@
+use std::vec::Vec;
+
+use super::*;
+use crate::base::rng::Rng;
+use crate::base::time::Instant;
+use crate::doa::bearing::Flags;
+
+fn beam(antennas_m: &[[f32; 2]]) -> Beam {
+    config(antennas_m).build().unwrap()
+}
+
+fn config(antennas_m: &[[f32; 2]]) -> Config {
+    let mut all = [[0.0; 2]; ANTENNAS_MAX];
+    all[..antennas_m.len()].copy_from_slice(antennas_m);
+    Config { wavelength_m: 1.0, antennas_m: all, count: antennas_m.len() }
+}
+
+fn ring(count: usize, radius_m: f32) -> Vec<[f32; 2]> {
+    let at = |k: usize| sin_cos(k as f32 * TAU / count as f32);
+    (0..count).map(|k| [radius_m * at(k).1, radius_m * at(k).0]).collect()
+}
+
+fn covariance_of(z: &Vector) -> Covariance {
+    let mut covariance = Covariance::default();
+    covariance.add(z, 1.0);
+    covariance
+}
+
+#[test]
+fn every_direction_is_found_by_every_ring() {
+    for count in 3..=8 {
+        for radius_m in [0.1, 0.25, 0.08 * count as f32] {
+            let beam = beam(&ring(count, radius_m));
+            for degree in (-179..=180).step_by(3) {
+                let azimuth_rad = (degree as f32).to_radians();
+                let peak = beam.find(&covariance_of(&beam.toward(azimuth_rad))).unwrap();
+                let off = wrap_pi(peak.azimuth_rad - azimuth_rad);
+                assert!(libm::fabsf(off) < 2e-3 && peak.share > 0.9999, "{count} {radius_m} {degree}: {peak:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_line_has_a_mirror_and_a_wide_square_has_rivals() {
+    let line = beam(&[[0.0, 0.0], [0.3, 0.3], [0.6, 0.6]]);
+    let mirror_rad = line.mirror_rad(0.1).unwrap();
+    assert!(libm::fabsf(mirror_rad - (TAU / 4.0 - 0.1)) < 1e-5, "{mirror_rad}");
+    let peak = line.find(&covariance_of(&line.toward(0.1))).unwrap();
+    assert!(libm::fabsf(peak.azimuth_rad - 0.1) < 2e-3 || libm::fabsf(peak.azimuth_rad - mirror_rad) < 2e-3);
+    assert!(peak.ambiguities(0.1) == 0);
+    assert_eq!(beam(&ring(4, 0.25)).mirror_rad(0.1), None);
+    let wide = beam(&[[0.5, 0.5], [0.5, -0.5], [-0.5, -0.5], [-0.5, 0.5]]);
+    // Sides of a wavelength: the phases are those of the opposite direction at 30 deg from the normal.
+    let peak = wide.find(&covariance_of(&wide.toward(TAU / 12.0))).unwrap();
+    assert!(peak.ambiguities(0.1) >= 1, "{peak:?}");
+}
+
+#[test]
+fn bad_geometry_is_refused_by_name() {
+    let refused = |antennas_m: &[[f32; 2]]| config(antennas_m).build().unwrap_err().field;
+    assert_eq!(refused(&[[0.0, 0.0]]), "antennas_m");
+    assert_eq!(refused(&[[0.0, 0.0], [0.0, 0.001]]), "antennas_m");
+    assert_eq!(refused(&[[0.0, 0.0], [0.0, f32::NAN]]), "antennas_m");
+    assert_eq!(refused(&[[0.0, 0.0], [0.0, 10.0]]), "antennas_m");
+    assert_eq!(Config { wavelength_m: 0.0, ..config(&ring(4, 0.2)) }.build().unwrap_err().field, "wavelength_m");
+    assert!(beam(&ring(4, 0.2)).find(&Covariance::default()).is_none());
+}
+
+/// Samples of sources in noise.
+fn heard(beam: &Beam, sources: &[(f32, f32, bool)], noise: f32, count: usize, rng: &mut Rng) -> Covariance {
+    let mut covariance = Covariance::default();
+    for _ in 0..count {
+        let mut z = Vector::default();
+        let mut sent = Complex::default();
+        for (azimuth_rad, amplitude, is_own) in sources {
+            if *is_own {
+                sent = Complex { re: rng.gaussian(), im: rng.gaussian() };
+            }
+            for (z, a) in z.iter_mut().zip(beam.toward(*azimuth_rad)) {
+                *z = z.plus(a.times(sent).scaled(*amplitude));
+            }
+        }
+        for z in z.iter_mut().take(beam.antennas()) {
+            *z = z.plus(Complex { re: noise * rng.gaussian(), im: noise * rng.gaussian() });
+        }
+        covariance.add(&z, 1.0);
+    }
+    covariance
+}
+
+#[test]
+fn one_source_is_clean_two_are_flagged_and_none_is_none() {
+    let beam = beam(&ring(6, 0.45));
+    let (source, mut rng) = (Source::default(), Rng::new(11, 0));
+    let mut flags = |sources: &[(f32, f32, bool)]| {
+        let covariance = heard(&beam, sources, 0.3, 256, &mut rng);
+        source.bearing(&beam, &covariance, 0.0, Instant(0)).bearing.flags
+    };
+    let mut counts = [0; 4];
+    for run in 0..300 {
+        let azimuth_rad = run as f32 * 0.7;
+        let wrong = [
+            flags(&[(azimuth_rad, 1.0, true)]) != Flags::default(),
+            !flags(&[(azimuth_rad, 1.0, true), (azimuth_rad + 2.0, 0.5, true)]).contains(Flags::INTERFERER),
+            !flags(&[(azimuth_rad, 1.0, true), (azimuth_rad + 2.0, 0.5, false)]).contains(Flags::MULTIPATH),
+            flags(&[]) != Flags::NO_SIGNAL,
+        ];
+        for (count, wrong) in counts.iter_mut().zip(wrong) {
+            *count += i32::from(wrong);
+        }
+    }
+    assert!(counts.iter().all(|count| *count <= 6), "{counts:?} of 300");
+}
+
+#[test]
+fn what_is_no_number_has_no_bearing() {
+    let (beam, source) = (beam(&ring(4, 0.25)), Source::default());
+    let mut covariance = Covariance::default();
+    covariance.add(&[Complex { re: f32::NAN, im: 0.0 }; ANTENNAS_MAX], 1.0);
+    let bearing = source.bearing(&beam, &covariance, 0.0, Instant(0)).bearing;
+    assert!(!bearing.valid && bearing.flags.contains(Flags::NOT_FINITE) && bearing.sigma_rad > 3.0);
+}

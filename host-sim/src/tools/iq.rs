@@ -1,0 +1,183 @@
+//! Recorded complex samples of several coherent channels in, bearings out: what `foxhound bearing --iq` does.
+//!
+//! A frame's spectrum inside the occupied band gives the covariance, bin by bin; without a band its samples do. Whatever is
+//! outside of the band is kept out by a window whose first and last tenth are tapered.
+
+use std::path::Path;
+
+use foxhound_core::base::adc::ANTENNAS_MAX;
+use foxhound_core::base::time::Instant;
+use foxhound_core::doa::beam::{Covariance, Source, Vector};
+use foxhound_core::signal::phase::Complex;
+use num_complex::Complex32;
+use rustfft::FftPlanner;
+
+use super::bearings::ArrayLine;
+use super::frames::read_npy;
+use super::radio_array::RadioArray;
+use super::sigmf;
+use crate::scenario::input::InputError;
+
+/// Samples of a channel in a frame.
+const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
+/// Share of a frame at either end that the window tapers.
+const TAPER: f64 = 0.1;
+/// A tone without a band: this many bins either side.
+const TONE_BINS: f64 = 4.0;
+
+/// Frames of complex samples, channel after channel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frames {
+    channels: usize,
+    samples: usize,
+    values: Vec<Complex32>,
+}
+
+impl Frames {
+    /// Reads complex64 of shape (frames, channels, N), or a SigMF recording, for an array.
+    ///
+    /// # Errors
+    /// Names the file and what is wrong with it.
+    pub fn read(path: &Path, array: &RadioArray) -> Result<Self, InputError> {
+        let antennas = array.beam.count;
+        let is_sigmf = path.extension().is_some_and(|extension| extension == "sigmf-meta" || extension == "sigmf-data");
+        let (channels, samples, values) =
+            if is_sigmf { sigmf::read(path, array.sample_rate_hz)? } else { read_frames(path)? };
+        let wrong = |text: String| Err(InputError::new(text).in_file(path));
+        if channels != antennas {
+            return wrong(format!("channels = {channels}: antennas_m has {antennas}, shape (frames, channels, N)"));
+        }
+        if !SAMPLES.contains(&samples) {
+            return wrong(format!("N = {samples} samples a frame is outside {}..={}", SAMPLES.start(), SAMPLES.end()));
+        }
+        if values.len() < channels * samples {
+            return wrong("no frames".to_owned());
+        }
+        Ok(Self { channels, samples, values })
+    }
+
+    /// How many.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.values.len() / (self.channels * self.samples)
+    }
+}
+
+fn read_frames(path: &Path) -> Result<(usize, usize, Vec<Complex32>), InputError> {
+    let parse = || {
+        let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()))?;
+        let (shape, values) = read_npy::<Complex32>(&bytes, "complex64")?;
+        let [_, channels, samples] = shape[..] else {
+            return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N)")));
+        };
+        let size = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
+        Ok((size(channels), size(samples), values))
+    };
+    parse().map_err(|error: InputError| error.in_file(path))
+}
+
+/// The answers, one for each `looks` frames.
+///
+/// # Errors
+/// A key of the array file that is missing or that the core refuses.
+pub fn find(frames: &Frames, array: &RadioArray, looks: usize) -> Result<Vec<ArrayLine>, InputError> {
+    if array.switch.is_some() {
+        return Err(InputError::new("switch: channels of --iq are heard at the same instants; take --switched"));
+    }
+    let beam = array.beam.build()?;
+    let source = Source { floor_rad: array.sigma_floor_rad.unwrap_or(0.0) }.build()?;
+    let band = Band::of(frames, array)?;
+    let mut lines = Vec::with_capacity(frames.count() / looks);
+    let (mut covariance, mut centre) = (Covariance::default(), Centre::default());
+    for (frame, values) in frames.values.chunks_exact(frames.channels * frames.samples).enumerate() {
+        band.add(values, frames.samples, &mut covariance, &mut centre);
+        if (frame + 1) % looks == 0 {
+            let arrival = source.bearing(&beam, &covariance, centre.hz() as f32, Instant(frame as u64));
+            lines.push(ArrayLine::new(frame, None, &arrival));
+            (covariance, centre) = (Covariance::default(), Centre::default());
+        }
+    }
+    Ok(lines)
+}
+
+/// Centre of the power in the band.
+#[derive(Default)]
+struct Centre {
+    moment: f64,
+    power: f64,
+}
+
+impl Centre {
+    fn hz(&self) -> f64 {
+        if self.power > 0.0 { self.moment / self.power } else { 0.0 }
+    }
+}
+
+/// The bins of a frame that are in the occupied band; none where all of it is.
+struct Band {
+    bins: Option<Vec<(usize, f64)>>,
+    window: Vec<f32>,
+    /// Independent samples that a bin is worth.
+    worth: f32,
+    fft: std::sync::Arc<dyn rustfft::Fft<f32>>,
+}
+
+impl Band {
+    fn of(frames: &Frames, array: &RadioArray) -> Result<Self, InputError> {
+        let (samples, rate_hz) = (frames.samples, array.sample_rate_hz);
+        let bin_hz = rate_hz / samples as f64;
+        let around_tone = |tone_hz: f64| [tone_hz - TONE_BINS * bin_hz, tone_hz + TONE_BINS * bin_hz];
+        let band_hz = array.band_hz.or(array.tone_hz.map(around_tone));
+        let hz = |bin: usize| if 2 * bin < samples { bin as f64 } else { bin as f64 - samples as f64 } * bin_hz;
+        let bins = band_hz.map(|[low_hz, high_hz]| {
+            let all = (0..samples).map(|bin| (bin, hz(bin)));
+            all.filter(|(_, hz)| (low_hz..=high_hz).contains(hz)).collect::<Vec<_>>()
+        });
+        if bins.as_ref().is_some_and(Vec::is_empty) {
+            let [low_hz, high_hz] = band_hz.unwrap_or_default();
+            let text =
+                format!("tone_band_hz = [{low_hz}, {high_hz}] holds no bin of {samples} samples at {rate_hz} Hz");
+            return Err(InputError::new(text));
+        }
+        let bins = bins.filter(|bins| bins.len() < samples);
+        let tapered = TAPER * samples as f64;
+        let window: Vec<f32> = (0..samples)
+            .map(|k| {
+                let from_edge = (k.min(samples - 1 - k) as f64 + 0.5) / tapered;
+                if from_edge < 1.0 { 0.5 - 0.5 * libm::cos(std::f64::consts::PI * from_edge) } else { 1.0 }
+            })
+            .map(|weight| weight as f32)
+            .collect();
+        let squares: f32 = window.iter().map(|weight| weight * weight).sum();
+        let fourths: f32 = window.iter().map(|weight| weight.powi(4)).sum();
+        let worth = if bins.is_some() { squares * squares / (fourths * samples as f32) } else { 1.0 };
+        Ok(Self { bins, window, worth, fft: FftPlanner::new().plan_fft_forward(samples) })
+    }
+
+    /// Adds a frame to the covariance.
+    fn add(&self, values: &[Complex32], samples: usize, covariance: &mut Covariance, centre: &mut Centre) {
+        let mut channels: Vec<Vec<Complex32>> = values.chunks_exact(samples).map(<[Complex32]>::to_vec).collect();
+        if self.bins.is_some() {
+            for channel in &mut channels {
+                for (value, weight) in channel.iter_mut().zip(&self.window) {
+                    *value *= weight / (samples as f32).sqrt();
+                }
+                self.fft.process(channel);
+            }
+        }
+        let mut at = |bin: usize, hz: f64| {
+            let mut z = Vector::default();
+            for (z, channel) in z.iter_mut().zip(&channels).take(ANTENNAS_MAX) {
+                *z = Complex { re: channel[bin].re, im: channel[bin].im };
+            }
+            let power: f64 = z.iter().map(|z| f64::from(z.norm_squared())).sum();
+            centre.moment += hz * power;
+            centre.power += power;
+            covariance.add(&z, self.worth);
+        };
+        match &self.bins {
+            Some(bins) => bins.iter().for_each(|(bin, hz)| at(*bin, *hz)),
+            None => (0..samples).for_each(|k| at(k, 0.0)),
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! SigMF recordings: `NAME.sigmf-meta` (JSON) describes `NAME.sigmf-data`, samples of all channels in turn.
+//!
+//! Read are `core:datatype` `ci16_le`, `ci8`, `cu8` and `cf32_le`, `core:num_channels` and `core:sample_rate` of `global`.
+
+use std::path::Path;
+
+use num_complex::Complex32;
+use serde_json::Value;
+
+use crate::scenario::input::{InputError, read_text};
+
+/// Samples of a channel that make one frame; a shorter recording is one.
+const FRAME: usize = 1024;
+
+/// Reads a recording: channels, samples of a frame, and the frames' values, channel after channel.
+///
+/// # Errors
+/// Names the file, the key and its value.
+pub fn read(path: &Path, sample_rate_hz: f64) -> Result<(usize, usize, Vec<Complex32>), InputError> {
+    let (meta, data) = (path.with_extension("sigmf-meta"), path.with_extension("sigmf-data"));
+    let about = Meta::parse(&read_text(&meta)?, sample_rate_hz).map_err(|error| error.in_file(&meta))?;
+    let bytes = std::fs::read(&data).map_err(|error| InputError::new(error.to_string()).in_file(&data))?;
+    about.frames(&bytes).map_err(|error| error.in_file(&data))
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Datatype {
+    I16,
+    I8,
+    U8,
+    F32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Meta {
+    datatype: Datatype,
+    channels: usize,
+}
+
+impl Meta {
+    fn parse(text: &str, sample_rate_hz: f64) -> Result<Self, InputError> {
+        let document: Value = serde_json::from_str(text).map_err(|error| InputError::new(error.to_string()))?;
+        let Some(global) = document["global"].as_object() else {
+            return Err(InputError::new("global: missing; not a SigMF description"));
+        };
+        let shown = |key: &str| global.get(key).map_or_else(|| "missing".to_owned(), Value::to_string);
+        let refuse = |key: &str, wanted: &str| Err(InputError::new(format!("{key} = {}: {wanted}", shown(key))));
+        let datatype = match global.get("core:datatype").and_then(Value::as_str) {
+            Some("ci16_le") => Datatype::I16,
+            Some("ci8") => Datatype::I8,
+            Some("cu8") => Datatype::U8,
+            Some("cf32_le") => Datatype::F32,
+            _ => return refuse("core:datatype", "expected one of ci16_le, ci8, cu8, cf32_le"),
+        };
+        let channels = match global.get("core:num_channels") {
+            None => Some(1),
+            Some(value) => value.as_u64().and_then(|channels| usize::try_from(channels).ok()),
+        };
+        let Some(channels) = channels.filter(|channels| (2..=8).contains(channels)) else {
+            return refuse("core:num_channels", "expected 2 to 8 coherent channels");
+        };
+        if let Some(rate) = global.get("core:sample_rate")
+            && rate.as_f64().is_none_or(|rate_hz| (rate_hz - sample_rate_hz).abs() > 1e-6 * sample_rate_hz)
+        {
+            return refuse("core:sample_rate", &format!("the array file has sample_rate_hz = {sample_rate_hz}"));
+        }
+        for key in ["core:metadata_only", "core:dataset", "core:trailing_bytes"] {
+            if global.get(key).is_some_and(|value| *value != false && *value != 0) {
+                return refuse(key, "not read here");
+            }
+        }
+        let captures = document["captures"].as_array().map_or(&[][..], Vec::as_slice);
+        for (at, capture) in captures.iter().enumerate() {
+            if capture["core:header_bytes"].as_u64().unwrap_or(0) > 0 {
+                let bytes = &capture["core:header_bytes"];
+                return Err(InputError::new(format!("captures[{at}].core:header_bytes = {bytes}: not read here")));
+            }
+        }
+        Ok(Self { datatype, channels })
+    }
+
+    fn frames(self, bytes: &[u8]) -> Result<(usize, usize, Vec<Complex32>), InputError> {
+        let item = match self.datatype {
+            Datatype::I16 => 4,
+            Datatype::I8 | Datatype::U8 => 2,
+            Datatype::F32 => 8,
+        };
+        let one = item * self.channels;
+        if bytes.is_empty() || !bytes.len().is_multiple_of(one) {
+            let (held, channels) = (bytes.len(), self.channels);
+            return Err(InputError::new(format!("truncated: {held} bytes, {one} a sample of {channels} channels")));
+        }
+        let part = |bytes: &[u8]| match (self.datatype, bytes) {
+            (Datatype::I16, &[a, b]) => f32::from(i16::from_le_bytes([a, b])) / 32_768.0,
+            (Datatype::I8, &[a]) => f32::from(i8::from_le_bytes([a])) / 128.0,
+            (Datatype::U8, &[a]) => (f32::from(a) - 127.5) / 127.5,
+            (Datatype::F32, &[a, b, c, d]) => f32::from_le_bytes([a, b, c, d]),
+            _ => f32::NAN,
+        };
+        let samples = (bytes.len() / one).min(FRAME);
+        let mut values = Vec::with_capacity(bytes.len() / item);
+        for frame in bytes.chunks_exact(one * samples) {
+            for channel in 0..self.channels {
+                values.extend(frame.chunks_exact(one).map(|sample| {
+                    let (re, im) = sample[channel * item..(channel + 1) * item].split_at(item / 2);
+                    Complex32::new(part(re), part(im))
+                }));
+            }
+        }
+        Ok((self.channels, samples, values))
+    }
+}
