@@ -185,8 +185,8 @@ fn any_switched_array_gives_bearings_and_silence_none() {
         let lines = array.lines(&azimuths, 1.0, &[]);
         let off = errors(&lines, &azimuths);
         assert!(off.len() >= 130 && quantile(&off, 0.9) < 2.0, "{antennas} on a line: {} valid", off.len());
-        let told = lines.iter().filter(|line| line["mirror_deg"].is_number() && has(line, "ambiguous"));
-        assert!(told.count() >= 148, "{antennas} on a line");
+        let is_told = |line: &Value| line["mirror_deg"].is_number() && has(line, "ambiguous");
+        assert!(lines.iter().filter(|line| line["valid"] == true).all(is_told), "{antennas} on a line");
     }
     // Two wavelengths across four antennas: where directions fit as well they are counted, and the bearing is not valid.
     let (wide, azimuths) = (Switched::of(ring(4, 1.0)), all_round(100));
@@ -541,16 +541,12 @@ fn a_recorded_ring_of_eight_gives_the_bearings_of_the_table() {
         )
     };
     let eight = array(ring(8, radius_m), "[1, 2, 3, 4, 5, 6, 7, 8]");
-    let four = array(ring(4, radius_m), "[1, 0, 2, 0, 3, 0, 4, 0]");
     println!("| antennas | packets | median | 90 % | answered | within 1, 2, 3 sigma | flagged |");
-    // Median, 90 %, within three sigma, flagged, and the least and the largest share of answers. Of four antennas 0.69 wavelength
-    // apart most answers are not valid.
-    for (name, text, looks, [median, ninety, within, flagged], answered) in [
-        ("8", &eight, 1, [3.4, 7.8, 0.98, 0.25], 0.78..=1.0),
-        ("8", &eight, 8, [3.2, 7.4, 0.98, 0.25], 0.78..=1.0),
-        ("8", &eight, 24, [3.2, 7.4, 0.98, 0.25], 0.78..=1.0),
-        ("4 of 8", &four, 1, [4.5, 180.0, 0.0, 0.25], 0.0..=0.4),
-        ("4 of 8", &four, 8, [4.5, 180.0, 0.0, 0.25], 0.0..=0.4),
+    // Median, 90 %, answered, within three sigma, flagged.
+    for (name, text, looks, [median, ninety, answered, within, flagged]) in [
+        ("8", &eight, 1, [3.4, 7.8, 0.78, 0.98, 0.25]),
+        ("8", &eight, 8, [3.2, 7.4, 0.78, 0.98, 0.25]),
+        ("8", &eight, 24, [3.2, 7.4, 0.78, 0.98, 0.25]),
     ] {
         let (errors, over, share, marked) = judge(&places, text, looks);
         let inside = |sigmas: f64| over.iter().filter(|over| **over < sigmas).count() as f64 / over.len() as f64;
@@ -564,7 +560,7 @@ fn a_recorded_ring_of_eight_gives_the_bearings_of_the_table() {
             100.0 * marked
         );
         assert!(half <= median && most <= ninety, "{name}, {looks} packets: {half} and {most} deg");
-        assert!(answered.contains(&share) && inside(3.0) >= within && marked <= flagged, "{name}, {looks} packets");
+        assert!(share >= answered && inside(3.0) >= within && marked <= flagged, "{name}, {looks} packets");
     }
 }
 
