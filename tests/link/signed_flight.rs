@@ -49,7 +49,7 @@ fn with_one_key_pymavlink_takes_every_frame_and_is_believed() {
     assert_eq!(told["velocity_ned_mps"], json!([0.0, 0.0, 0.0]), "{told}");
     assert!((told["position_ned_m"][0].as_f64().unwrap() - 5.0).abs() < 1.5, "{told}");
     // The driver's command to stop was signed, too.
-    assert!(told["texts"].as_array().unwrap().contains(&"Foxhound: paused".into()), "{told}");
+    assert!(told["texts"].as_array().unwrap().contains(&"Foxhound: reached the beacon, take over".into()), "{told}");
 }
 
 /// With another key, or none, no message is accepted by the autopilot and the vehicle does not move.
