@@ -7,6 +7,7 @@ Usage: signed_autopilot.py KEY, in hexadecimal digits
 """
 
 import json
+import math
 import os
 import socket
 import sys
@@ -35,10 +36,11 @@ print(json.dumps({"port": wire.getsockname()[1]}), flush=True)
 
 companion, taken, refused, texts, fastest_mps = None, {}, 0, [], 0.0
 position, velocity = [0.0, 0.0, -5.0], [0.0, 0.0, 0.0]
+yaw, yaw_rate = 0.0, 0.0
 
 
 def hear(data):
-    global velocity, fastest_mps, refused
+    global velocity, yaw_rate, fastest_mps, refused
     try:
         message = mav.decode(bytearray(data))
     except mavlink.MAVError as error:
@@ -48,7 +50,7 @@ def hear(data):
     name = message.get_type()
     taken[name] = taken.get(name, 0) + 1
     if name == "SET_POSITION_TARGET_LOCAL_NED":
-        velocity = [message.vx, message.vy, message.vz]
+        velocity, yaw_rate = [message.vx, message.vy, message.vz], message.yaw_rate
         fastest_mps = max(fastest_mps, *map(abs, velocity))
     elif name == "STATUSTEXT":
         texts.append(message.text)
@@ -73,8 +75,9 @@ while not is_over.is_set():
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         say(mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, armed, GUIDED, 4, 3))
     say(mavlink.MAVLink_local_position_ned_message(boot_ms, *position, *velocity))
-    say(mavlink.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0))
+    say(mavlink.MAVLink_attitude_message(boot_ms, 0, 0, yaw, 0, 0, yaw_rate))
     position = [x + v * STEP_S for x, v in zip(position, velocity)]
+    yaw = (yaw + yaw_rate * STEP_S + math.pi) % (2 * math.pi) - math.pi
     step += 1
     time.sleep(max(0.0, begin + step * STEP_S - time.monotonic()))
 
