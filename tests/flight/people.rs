@@ -126,16 +126,16 @@ fn recorded_people_who_do_not_step_aside_are_evaded() {
         &worlds,
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 225),
-            ("told all round, 2 m/s", TOLD_2, "point", 1, 224),
-            ("scan of 72 sectors all round", SCAN_360, "point", 16, 209),
-            ("scan of 360 rays all round", RAYS_360, "point", 6, 219),
-            ("scan of 90 deg, 3 m", SCAN_90, "point", 61, 164),
-            ("told in 90 deg, 3 m", TOLD_90, "point", 45, 180),
-            ("told all round, 1 m/s", TOLD_1, "arducopter", 4, 221),
-            ("told all round, 2 m/s", TOLD_2, "arducopter", 11, 214),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 39, 186),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 15, 210),
-            ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 96, 129),
+            ("told all round, 2 m/s", TOLD_2, "point", 0, 225),
+            ("scan of 72 sectors all round", SCAN_360, "point", 13, 212),
+            ("scan of 360 rays all round", RAYS_360, "point", 7, 218),
+            ("scan of 90 deg, 3 m", SCAN_90, "point", 58, 167),
+            ("told in 90 deg, 3 m", TOLD_90, "point", 43, 182),
+            ("told all round, 1 m/s", TOLD_1, "arducopter", 2, 223),
+            ("told all round, 2 m/s", TOLD_2, "arducopter", 8, 217),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 29, 196),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 18, 207),
+            ("scan of 90 deg, 3 m", SCAN_90, "arducopter", 94, 131),
         ],
     );
 }
@@ -166,11 +166,11 @@ fn drawn_people_who_cross_the_way_are_evaded() {
         &drawn(),
         &[
             ("told all round, 1 m/s", TOLD_1, "point", 0, 40),
-            ("scan of 72 sectors all round", SCAN_360, "point", 4, 36),
+            ("scan of 72 sectors all round", SCAN_360, "point", 5, 35),
             ("told all round, 1 m/s", TOLD_1, "arducopter", 2, 38),
-            ("scan of 72 sectors all round", SCAN_360, "arducopter", 15, 25),
+            ("scan of 72 sectors all round", SCAN_360, "arducopter", 14, 26),
             ("scan of 360 rays all round", RAYS_360, "point", 1, 39),
-            ("scan of 360 rays all round", RAYS_360, "arducopter", 11, 29),
+            ("scan of 360 rays all round", RAYS_360, "arducopter", 10, 30),
         ],
     );
 }
@@ -198,14 +198,14 @@ fn who_is_followed_is_followed_well_and_nobody_else_is() {
 /// The most flights of a scene that may hit somebody: a point mass told all round and by scans of 72 sectors, then the same beside
 /// ArduCopter's delays. The test prints it as it stands here.
 const SCENE_HITS: [[usize; 4]; 8] = [
-    [0, 0, 0, 0],   // crossing
-    [2, 7, 11, 11], // swaying
-    [2, 9, 10, 9],  // stopping
-    [2, 2, 5, 6],   // turning
-    [0, 10, 5, 14], // in groups
-    [0, 1, 1, 3],   // overtaking
-    [1, 0, 12, 8],  // two streams in a corridor of 4 m
-    [0, 0, 0, 0],   // stepping aside
+    [0, 0, 0, 0],    // crossing
+    [1, 7, 9, 14],   // swaying
+    [1, 11, 10, 11], // stopping
+    [2, 4, 3, 5],    // turning
+    [0, 10, 6, 14],  // in groups
+    [0, 2, 1, 3],    // overtaking
+    [0, 2, 10, 10],  // two streams in a corridor of 4 m
+    [0, 0, 0, 0],    // stepping aside
 ];
 
 /// 20 flights each among people who cross, sway, stop, turn, walk in groups, overtake, come in two streams, and step aside, at
@@ -231,12 +231,12 @@ fn people_who_do_more_than_walk_straight_on_are_evaded() {
 }
 
 /// A point mass that sees them by scans of 72 sectors all round hits none of the pillars of the trap `movers`; of five that swing to
-/// and fro across the way it hits some in 1 of 20 flights.
+/// and fro across the way it hits some in 3 of 20 flights.
 #[test]
 fn pillars_that_move_are_not_hit_and_those_that_swing_seldom() {
     let trap = std::fs::read_to_string(root().join("tests/traps/movers.json")).unwrap();
     let trap: Value = serde_json::from_str(&trap).unwrap();
     let movers: Vec<Value> = (0..scenes::FLIGHTS).map(|_| trap.clone()).collect();
     hold(&movers, &[("the trap's moving pillars, scan of 72 sectors all round", SCAN_360, "point", 0, 20)]);
-    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 1, 19)]);
+    hold(&scenes::swinging(), &[("pillars that swing, scan of 72 sectors all round", SCAN_360, "point", 3, 17)]);
 }
