@@ -152,8 +152,9 @@ fn a_beam_of_unknown_width_fills_45_degrees_and_eight_of_them_are_a_scan() {
     (0..8).for_each(|orientation| bench.say_as((1, 196), &MavMessage::DISTANCE_SENSOR(wide(orientation))));
     bench.companion.drop_obstacles();
     (0..8).for_each(|orientation| bench.say_as((1, 196), &MavMessage::DISTANCE_SENSOR(wide(orientation))));
-    assert_eq!(bench.take_points(), None);
-    let scan = bench.take_scan().unwrap();
+    let (scan, points) = bench.take_obstacles();
+    assert_eq!(points, None);
+    let scan = scan.unwrap();
     assert_eq!(scan.turn(), Some(72));
     assert!(scan.rays.iter().all(|ray| ray == Sector::Hit(4.0)));
     // Up is no obstacle, and who looks there has not seen any.
