@@ -113,7 +113,7 @@ mod tests {
             let (east, north) = azimuth_deg.to_radians().sin_cos();
             Obstacle { x: away_m * east, y: away_m * north, r: 0.1, ..Obstacle::default() }
         };
-        let obstacles = vec![post(15.0, 2.0), post(5.0, 3.0), post(90.0, 4.0), post(-110.0, 1.0), post(180.0, 7.0)];
+        let obstacles = vec![post(15.0, 2.0), post(5.0, 3.0), post(90.0, 4.0), post(-95.0, 1.0), post(180.0, 7.0)];
         let world = Scenario { obstacles, ..Scenario::default() }.world();
         let sensor = Proximity::new(world, Told::Directions, 6.0, 10.0);
         let near = |cm: Option<u16>, expected: u16| cm.is_some_and(|cm| cm.abs_diff(expected) <= 1);

@@ -162,7 +162,7 @@ fn values_of_the_wrong_kind_are_named_with_their_path() {
         (r#"{"limits":{"v_max":"fast"}}"#, "limits.v_max"),
         (r#"{"start":[1]}"#, "start"),
         (r#"{"start":[1,2,3]}"#, "start"),
-        (r#"{"sensor":{"model":"lidar"}}"#, "sensor.model"),
+        (r#"{"sensor":{"model":"sonar"}}"#, "sensor.model"),
         (r#"{"vehicle":{"autopilot":"betaflight"}}"#, "vehicle.autopilot"),
         (r#"{"obstacles":[{"x":1,"y":1}]}"#, "obstacles[0]"),
         (r#"{"obstacles":[{"x":1,"y":null,"r":1}]}"#, "obstacles[0].y"),
