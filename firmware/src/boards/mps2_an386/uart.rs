@@ -21,7 +21,9 @@ use embassy_sync::waitqueue::AtomicWaker;
 
 use foxhound_computer::part::{self, Refused};
 use foxhound_computer::port::Waiting;
-use foxhound_computer::twin::{LIDAR_AT, LIDAR_BYTES, LIDAR_TOTAL_AT, LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT};
+use foxhound_computer::twin::{
+    LIDAR_AT, LIDAR_BYTES, LIDAR_TOTAL_AT, LINE_AT, LINE_BYTES, LINE_TOTAL_AT, PORT_AT, PORT_BYTES, PORT_TOTAL_AT,
+};
 
 use super::PSRAM;
 use super::interrupt::{Interrupt, unmask};
