@@ -1,7 +1,7 @@
 //! One step of the flight computer. The firmware and the simulator both call these lines, so that their traces are equal
 //! bit for bit:
 //!
-//! 1. the link takes in the bytes of the autopilot ([`Flight::hear`]), and the [lidar](crate::lidar) its own, where there is one
+//! 1. the link takes in the bytes of the autopilot ([`Flight::hear`]), and the [`crate::lidar`] its own, where there is one
 //!    ([`Flight::hear_lidar`]);
 //! 2. what stations want of the parameters and of the receiver is done ([`Flight::serve`]);
 //! 3. guidance steps, with what the link heard, the frame, and the plan that was finished in the step before; the link
