@@ -40,11 +40,15 @@ take control away; enter it again to give it back. It ends within 1 m of the bea
 it has handed over or landed), or with Ctrl-C, at zero velocity.
 
 Obstacles: what the autopilot and its system tell is always heard (DISTANCE_SENSOR, OBSTACLE_DISTANCE).
-  --obstacles FILE       a simulated sensor sees these, too; JSON, vertical cylinders, x east, y north, metres:
+  --obstacles FILE       a simulated sensor sees these, too; JSON, vertical cylinders,
+                         x east, y north, metres:
                          {\"obstacles\": [{\"x\": 3, \"y\": 4, \"r\": 0.3}]}
-  --obstacles autopilot  nobody else: it holds while the autopilot tells nothing. For a vehicle that really flies.
-  --obstacles none       nobody: it moves only where a parameter file has FH_OBS_REQ 0, and then blind
-  (not given)            the autopilot, if it tells anything within 1.5 s or later; else a simulated sensor sees an empty world
+  --obstacles autopilot  nobody else: it holds while the autopilot tells nothing. For a
+                         vehicle that really flies.
+  --obstacles none       nobody: it moves only where a parameter file has FH_OBS_REQ 0,
+                         and then blind
+  (not given)            the autopilot, if it tells anything within 1.5 s or later; else a
+                         simulated sensor sees an empty world
 Who it is stands in \"obstacles\" of the report, and the pilot is told. \"collisions\" is null where nobody can know.
 
 Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
