@@ -43,7 +43,7 @@ directions fit nearly as well).
 Examples:
   foxhound bearing --adc frames.npy --array array.toml
   foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json
-  foxhound bearing --switched packets.npy --array ring.toml --emitter beacons.npy --looks 8 --json
+  foxhound bearing --switched packets.npy --array ring.toml --emitter beacons.npy
   foxhound bearing --iq recording.sigmf-meta --array array.toml";
 
 #[derive(Args, Debug)]

@@ -47,8 +47,8 @@ Obstacles: what the autopilot and its system tell is always heard (DISTANCE_SENS
                          vehicle that really flies.
   --obstacles none       nobody: it moves only where a parameter file has FH_OBS_REQ 0,
                          and then blind
-  (not given)            the autopilot, if it tells anything within 1.5 s or later; else a
-                         simulated sensor sees an empty world
+  (not given)            the autopilot, if it tells anything within 1.5 s or later;
+                         else a simulated sensor sees an empty world
 Who it is stands in \"obstacles\" of the report, and the pilot is told. \"collisions\" is null where nobody can know.
 
 Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
