@@ -308,8 +308,9 @@ fn every_benchmark_row_that_a_module_names_is_counted() {
     // Thousands are apart by a space.
     let words: Vec<&str> = row.split_whitespace().map(|word| word.trim_end_matches([',', ';'])).collect();
     let is_number = |word: &&str| !word.is_empty() && word.chars().all(|c| c.is_ascii_digit());
-    let pairs = words.windows(2).filter(|pair| pair.iter().all(is_number) && pair[1].len() == 3);
-    let numbers: Vec<String> = pairs.map(<[&str]>::concat).collect();
+    let groups: Vec<&[&str]> =
+        words.chunk_by(|one, next| is_number(one) && is_number(next) && next.len() == 3).collect();
+    let numbers: Vec<String> = groups.iter().filter(|group| group.len() > 1).map(|group| group.concat()).collect();
     assert_eq!(numbers.len(), 3, "{row}");
     for number in numbers {
         assert!(counted.contains(number.as_str()), "docs/results/bench.md has no {number}");
