@@ -67,7 +67,7 @@ fn what_the_reader_refuses_the_schema_refuses_as_well() {
         json!({"people": [{"route": [[5, 5]], "heading_deg": 0, "group": 0}]}),
         json!({"people": [{"route": [[5, 5, 5]]}]}),
         json!({"walls": [{"x0": 1, "y0": 1, "x1": 2}]}),
-        json!({"sensor": {"model": "lidar"}}),
+        json!({"sensor": {"model": "sonar"}}),
         json!({"sensor": {"fov_deg": 361}}),
         json!({"vehicle": {"autopilot": "betaflight"}}),
         json!({"wind": {"gust": 1}}),
