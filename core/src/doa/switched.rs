@@ -1,8 +1,8 @@
 //! Bearings from an antenna array behind a switch. After [`crate::signal::switched`] and [`crate::doa::beam`].
 //!
-//! Written after what 12 600 recorded Bluetooth packets of a ring of eight showed: noise turns a phase by 3 deg, but the phases
-//! miss a plane wave by 25 deg; the bearings of one place and transmitter scatter by less than a degree and are off by 4 deg all
-//! together. So a packet's noise says little about its error, and many packets say little more than one.
+//! Written after what recorded Bluetooth packets of a ring of eight showed: the phases miss a plane wave by far more than
+//! noise turns them, and the bearings of one place and transmitter scatter by much less than they are off all together. So a
+//! packet's noise says little about its error, and many packets say little more than one.
 //!
 //! 1. **Offset.** Visits leave it open which of [`Reader::cells`] offsets it is. For each transmitter the offsets of the last
 //!    [`MEMORY`] packets have a median, from which no packet may be far, and each cell a score: how well a plane wave fits, mean over the packets,
@@ -12,7 +12,7 @@
 //!    nearly as well, or fewer than two thirds of the packets are clean and unambiguous.
 //! 4. **Sigma**: `floor^2 + noise^2 / K + (misfit / 2)^2`; only the noise is divided by the number of packets.
 //!
-//! About 20 000 instructions a packet beyond the reader's (estimated, not counted).
+//! Not flown: no benchmark row counts it. `docs/results/radios.md` has what it comes to on the recording.
 
 use core::f32::consts::{PI, TAU};
 
