@@ -223,26 +223,14 @@ impl Estimator {
     #[must_use]
     pub fn bearing(&self, group: &Group, time: Instant) -> Arrival {
         let mut flags = if group.damaged > 0 { Flags::NOT_FINITE } else { Flags::default() };
-        let mut bearing = Bearing {
-            time,
-            valid: false,
-            azimuth_rad: 0.0,
-            sigma_rad: PI,
-            elevation_rad: 0.0,
-            elevation_sigma_rad: core::f32::consts::FRAC_PI_2,
-            quality: Quality {
-                snr_db: group.snr_db,
-                frequency_hz: self.reader.frequency_hz(group.offset_rad),
-                ..Quality::default()
-            },
-            flags: flags.with(Flags::NO_SIGNAL),
-        };
+        let frequency_hz = self.reader.frequency_hz(group.offset_rad);
+        let quality = Quality { snr_db: group.snr_db, frequency_hz, ..Quality::default() };
+        let mut bearing = Bearing::without(time, quality, flags.with(Flags::NO_SIGNAL));
         let is_enough = |count: usize| 3 * count >= GOOD_THIRDS * group.packets;
-        let none = |bearing: Bearing| Arrival { bearing, mirror_rad: None, ambiguities: 0 };
         if group.clean == 0 || !is_enough(group.clean) {
-            return none(bearing);
+            return bearing.into();
         }
-        let Some(peak) = self.beam.find(&group.covariance) else { return none(bearing) };
+        let Some(peak) = self.beam.find(&group.covariance) else { return bearing.into() };
         for antenna in (0..self.beam.antennas()).filter(|antenna| !group.covariance.lives(*antenna)) {
             flags = flags.with(Flags::dead(antenna));
         }

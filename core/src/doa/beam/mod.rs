@@ -88,6 +88,13 @@ pub struct Arrival {
     pub ambiguities: u8,
 }
 
+impl From<Bearing> for Arrival {
+    /// A bearing that could be nothing else.
+    fn from(bearing: Bearing) -> Self {
+        Self { bearing, mirror_rad: None, ambiguities: 0 }
+    }
+}
+
 impl Config {
     /// Checks the geometry and computes the steering vectors.
     ///

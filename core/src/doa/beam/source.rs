@@ -8,7 +8,7 @@
 //! `(1 + sqrt(n / N))^2` and its spread). When what is left beside the plane wave does as well, there is a second one: another
 //! emitter when the covariance has a second large eigenvalue, a reflection of the same when it has not.
 
-use core::f32::consts::{FRAC_PI_2, PI};
+use core::f32::consts::PI;
 
 use super::{Arrival, Beam, Covariance, Peak, Vector};
 use crate::base::error::{ConfigError, check};
@@ -46,23 +46,14 @@ impl Source {
     /// The bearing that a covariance tells. Its weight is the number of independent samples in it; the frequency is passed on.
     #[must_use]
     pub fn bearing(&self, beam: &Beam, covariance: &Covariance, frequency_hz: f32, time: Instant) -> Arrival {
-        let mut bearing = Bearing {
-            time,
-            valid: false,
-            azimuth_rad: 0.0,
-            sigma_rad: PI,
-            elevation_rad: 0.0,
-            elevation_sigma_rad: FRAC_PI_2,
-            quality: Quality { frequency_hz, ..Quality::default() },
-            flags: Flags::NO_SIGNAL,
-        };
-        let none = |bearing: Bearing| Arrival { bearing, mirror_rad: None, ambiguities: 0 };
+        let quality = Quality { frequency_hz, ..Quality::default() };
+        let mut bearing = Bearing::without(time, quality, Flags::NO_SIGNAL);
         if !covariance.trace().is_finite() {
             bearing.flags = bearing.flags.with(Flags::NOT_FINITE);
-            return none(bearing);
+            return bearing.into();
         }
         let samples = covariance.weight();
-        let (Some(peak), true) = (beam.find(covariance), samples >= 1.0) else { return none(bearing) };
+        let (Some(peak), true) = (beam.find(covariance), samples >= 1.0) else { return bearing.into() };
         let antennas = peak.antennas as f32;
         let total = covariance.trace() / samples;
         let power = peak.share * total;
@@ -70,7 +61,7 @@ impl Source {
         let source = (power - noise) / antennas;
         let first = Dominant::of(|z| covariance.times(z), &beam.toward(peak.azimuth_rad));
         if first.value / samples < ceiling(antennas, samples) * total / antennas || !(source > 0.0) {
-            return none(bearing);
+            return bearing.into();
         }
 
         let mut flags = Flags::default();

@@ -197,6 +197,23 @@ pub struct Bearing {
     pub flags: Flags,
 }
 
+impl Bearing {
+    /// One that says nothing of the direction.
+    #[must_use]
+    pub const fn without(time: Instant, quality: Quality, flags: Flags) -> Self {
+        Self {
+            time,
+            valid: false,
+            azimuth_rad: 0.0,
+            sigma_rad: core::f32::consts::PI,
+            elevation_rad: 0.0,
+            elevation_sigma_rad: core::f32::consts::FRAC_PI_2,
+            quality,
+            flags,
+        }
+    }
+}
+
 /// What another estimator makes of a set of phasors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Direction {
@@ -336,16 +353,8 @@ impl Finder {
         if self.array.is_uncalibrated() {
             flags = flags.with(Flags::UNCALIBRATED);
         }
-        let silent = Bearing {
-            time: phasors.time,
-            valid: false,
-            azimuth_rad: 0.0,
-            sigma_rad: core::f32::consts::PI,
-            elevation_rad: 0.0,
-            elevation_sigma_rad: core::f32::consts::FRAC_PI_2,
-            quality: Quality { snr_db: phasors.snr_db, frequency_hz: phasors.frequency_hz, ..Quality::default() },
-            flags,
-        };
+        let quality = Quality { snr_db: phasors.snr_db, frequency_hz: phasors.frequency_hz, ..Quality::default() };
+        let silent = Bearing::without(phasors.time, quality, flags);
         if phasors.tone == Tone::Absent {
             return Bearing { flags: flags.with(Flags::NO_SIGNAL), ..silent };
         }
