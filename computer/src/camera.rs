@@ -22,7 +22,7 @@ use foxhound_core::guidance;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
 use foxhound_pad::{self as pad, Detector, Format, Header, State, WIDTH_MAX};
 
-use crate::log::frame::{Finder, Frame, stuffed_bytes};
+use crate::log::frame::{Deframer, Frame, stuffed_bytes};
 
 /// Kinds of records.
 pub const BEGIN: u8 = 32;
@@ -79,7 +79,7 @@ impl Sighted {
 pub struct Camera {
     detector: Detector,
     state: State,
-    finder: Finder<ROOM>,
+    deframer: Deframer<ROOM>,
     /// What comes is text, or what a zero has begun.
     is_text: bool,
     progress: Progress,
@@ -101,7 +101,7 @@ impl Camera {
     #[must_use]
     pub const fn new(detector: Detector) -> Self {
         let state = State::new();
-        Self { detector, state, finder: Finder::new(), is_text: true, progress: Progress::None }
+        Self { detector, state, deframer: Deframer::new(), is_text: true, progress: Progress::None }
     }
 
     /// Looks for another pad, or by another camera, from the next frame on.
@@ -119,12 +119,12 @@ impl Camera {
             }
             return Some(Came::Text(byte));
         }
-        let Self { detector, state, finder, is_text, progress } = self;
-        let is_full = finder.is_too_long();
-        let Some(frame) = finder.push(byte) else {
+        let Self { detector, state, deframer, is_text, progress } = self;
+        let is_full = deframer.is_too_long();
+        let Some(frame) = deframer.push(byte) else {
             // No record is that long: a zero by chance does not swallow what is typed after it for ever.
             if is_full {
-                finder.clear();
+                deframer.clear();
                 *is_text = true;
             }
             return None;

@@ -22,7 +22,7 @@ use foxhound_core::doa::calibration::deviation::Deviation;
 use foxhound_core::doa::calibration::record::Calibration;
 use foxhound_core::guidance::param::{Id, Values};
 use foxhound_core::guidance::systems::Systems;
-use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Input, Output};
+use foxhound_core::guidance::{self, FrontEnd, Guidance, Input, Measurement, Output};
 use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::planning::planner::{Plan, Planner};
 use foxhound_link::companion::{self, Companion, Exam, Examined};
@@ -82,7 +82,7 @@ pub struct Stepped {
     /// What guidance said.
     pub output: Output,
     /// What it took from the antennas.
-    pub heard: Option<Heard>,
+    pub heard: Option<Measurement>,
     /// The plan that was handed in, by its number.
     pub plan: Option<u32>,
     /// How long it took.
@@ -353,11 +353,12 @@ impl<S: Systems> Flight<'_, S> {
     pub fn step(&mut self, step: &Step<'_>, mut ticks: impl FnMut() -> u32) -> Stepped {
         let front_end = self.admit(step.front_end);
         let begin = ticks();
-        let heard =
-            self.guidance.listen_with(self.state, front_end, |finder, phasors| self.systems.bearing(finder, phasors));
+        let heard = self
+            .guidance
+            .listen_with(self.state, front_end, |estimator, phasors| self.systems.bearing(estimator, phasors));
         let input = Input {
             now: step.now,
-            front_end: heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard),
+            front_end: heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Measured),
             ownship: self.companion.ownship(),
             scan: match &*self.lidar {
                 Some(lidar) => lidar.scan(),

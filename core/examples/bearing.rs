@@ -24,16 +24,16 @@ fn frame(array: &array::Config, sample_rate_hz: f32, azimuth_rad: f32) -> AdcFra
 fn main() -> Result<(), ConfigError> {
     let (phase, array) = (phase::Config::default(), array::Config::default());
     let extractor = phase.build::<N>()?;
-    let finder = bearing::Config::default().build(array.build()?)?;
+    let estimator = bearing::Config::default().build(array.build()?)?;
     let mut state = phase::State::default();
     for azimuth_deg in [-120.0_f32, 0.0, 33.0] {
         let frame = frame(&array, phase.sample_rate_hz, azimuth_deg.to_radians());
-        let bearing = finder.find(&extractor.step(&mut state, &frame));
+        let bearing = estimator.estimate(&extractor.step(&mut state, &frame));
         let (found_deg, sigma_deg) = (bearing.azimuth_rad.to_degrees(), bearing.sigma_rad.to_degrees());
         println!("from {azimuth_deg:6.1} deg: {found_deg:8.3} deg, sigma {sigma_deg:.3}, valid: {}", bearing.valid);
         assert!(bearing.valid && (found_deg - azimuth_deg).abs() < 0.1);
     }
-    let silence = finder.find(&extractor.step(&mut state, &AdcFrame::zeroed()));
+    let silence = estimator.estimate(&extractor.step(&mut state, &AdcFrame::zeroed()));
     println!("from nowhere: valid: {}", silence.valid);
     assert!(!silence.valid);
     Ok(())

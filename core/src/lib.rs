@@ -41,10 +41,10 @@
 //! use foxhound_core::signal::phase;
 //!
 //! let extractor = phase::Config::default().build::<256>()?;
-//! let finder = bearing::Config::default().build(array::Config::default().build()?)?;
+//! let estimator = bearing::Config::default().build(array::Config::default().build()?)?;
 //! let mut state = phase::State::default();
 //! let phasors = extractor.step(&mut state, &AdcFrame::zeroed());
-//! assert!(!finder.find(&phasors).valid, "silence has no bearing");
+//! assert!(!estimator.estimate(&phasors).valid, "silence has no bearing");
 //! # Ok::<(), ConfigError>(())
 //! ```
 //!

@@ -12,7 +12,7 @@ use std::thread;
 
 use foxhound_computer::flight::Mapper as _;
 use foxhound_computer::log::Record as Logged;
-use foxhound_computer::log::frame::Deframer;
+use foxhound_computer::log::frame::LogDeframer;
 use foxhound_computer::store::Store;
 use foxhound_computer::twin;
 use foxhound_core::base::obstacle::Circle;
@@ -141,7 +141,7 @@ fn contains(bytes: &[u8], text: &str) -> bool {
 
 /// Takes what is wanted out of the flight log's records.
 fn logged<T>(log: &[u8], mut wanted: impl FnMut(Logged<'_>) -> Option<T>) -> Vec<T> {
-    let mut deframer = Deframer::new();
+    let mut deframer = LogDeframer::new();
     let mut read = |byte: &u8| deframer.push(*byte).and_then(|frame| Logged::of(&frame)).and_then(&mut wanted);
     log.iter().filter_map(&mut read).collect()
 }

@@ -11,7 +11,7 @@ use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 use foxhound_core::doa::rotating::{self, direction};
 use foxhound_core::localize::link_state::{self, Classifier, Features, Sightline};
 use foxhound_core::localize::pursuit;
-use foxhound_core::localize::source::{Estimate, Heard, Sighting, bank, polar};
+use foxhound_core::localize::source::{Estimate, Sighting, Update, bank, polar};
 use foxhound_core::mapping::map::CIRCLES_MAX;
 use foxhound_core::mapping::walls::{self, WALLS_MAX, Wall};
 use foxhound_core::planning::explore::{self, Explored};
@@ -138,8 +138,8 @@ fn check_estimate(estimate: &Estimate, about: &dyn Fn() -> String) {
     assert!(estimate.range_sigma_ratio >= 0.0 && estimate.range_sigma_ratio.is_finite(), "{estimate:?} {}", about());
 }
 
-fn check_heard(heard: &Heard, about: &dyn Fn() -> String) {
-    if let Heard::Fused { nis, weight, likelihood } = heard {
+fn check_heard(heard: &Update, about: &dyn Fn() -> String) {
+    if let Update::Fused { nis, weight, likelihood } = heard {
         assert!(*nis >= 0.0 && (0.0..=1.0).contains(weight) && *likelihood >= 0.0, "{heard:?} {}", about());
         assert!(nis.is_finite() && likelihood.is_finite(), "{heard:?} {}", about());
     }
@@ -406,7 +406,7 @@ fn listen(
 ) -> Option<rotating::Rotation> {
     let outcome = seeker.step(state, time, yaw_rad, power_db)?;
     assert!(state.bins().iter().flatten().all(f32::is_finite), "{state:?}");
-    let rotating::Outcome::Heard(rotation) = outcome else { return None };
+    let rotating::Outcome::Rotation(rotation) = outcome else { return None };
     assert!(rotation.bearing_ned_rad.abs() <= PI + 1e-6 && rotation.loudest_ned_rad.abs() <= PI + 1e-6, "{rotation:?}");
     assert!(rotation.sigma_rad > 0.0 && rotation.independent_sigma_rad().is_finite(), "{rotation:?}");
     assert!((0.0..=1.001).contains(&rotation.second) && rotation.duration_s >= 0.0, "{rotation:?}");

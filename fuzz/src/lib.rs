@@ -21,7 +21,7 @@ use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
 use foxhound_core::signal::spectrum::Backend;
-use foxhound_papers::aoa::AnyFinder;
+use foxhound_papers::aoa::AnyBearingEstimator;
 use foxhound_papers::multipath::{self, Frame, Method};
 
 mod filters;
@@ -284,7 +284,7 @@ pub fn frames(case: &[u8]) -> Reached {
 fn frames_of<const N: usize>(draw: &mut Draw<'_>) -> Reached {
     let (phase, array, bearing) = (phase_config(draw), array_config(draw), bearing_config(draw));
     let (Ok(extractor), Ok(array)) = (phase.build::<N>(), array.build()) else { return Reached::default() };
-    let Ok(finder) = AnyFinder::build(&bearing, array) else { return Reached::default() };
+    let Ok(estimator) = AnyBearingEstimator::build(&bearing, array) else { return Reached::default() };
     let mut reached = Reached { configured: true, ..Reached::default() };
     let mut state = phase::State::default();
     let mut now = Instant(0);
@@ -298,7 +298,7 @@ fn frames_of<const N: usize>(draw: &mut Draw<'_>) -> Reached {
         }
         let phasors = extractor.step(&mut state, &snapshot::<N>(draw, &seen, now));
         check_phasors(&phasors);
-        let bearing = finder.find(&phasors);
+        let bearing = estimator.estimate(&phasors);
         check_bearing(&bearing);
         assert_eq!(bearing.time, now);
         reached.answers += 1;
@@ -320,7 +320,7 @@ pub fn looks(case: &[u8]) -> Reached {
         method: [Method::Music, Method::Projection, Method::Mean, Method::OnePath][usize::from(draw.below(13)) / 4],
     };
     let Ok(array) = array.build() else { return Reached::default() };
-    let (Ok(finder), Ok(looks)) = (AnyFinder::build(&bearing, array), config.build(&array)) else {
+    let (Ok(estimator), Ok(looks)) = (AnyBearingEstimator::build(&bearing, array), config.build(&array)) else {
         return Reached::default();
     };
     let mut reached = Reached { configured: true, ..Reached::default() };
@@ -333,7 +333,7 @@ pub fn looks(case: &[u8]) -> Reached {
         if draw.below(4) == 0 {
             yaw_rad = draw.any(-PI, PI);
         }
-        let (phasors, mut bearing) = look(draw, &finder, paths, yaw_rad, now);
+        let (phasors, mut bearing) = look(draw, &estimator, paths, yaw_rad, now);
         match draw.below(32) {
             0 => bearing.azimuth_rad = draw.any(-PI, PI),
             1 => bearing.sigma_rad = draw.any(0.0, PI),
@@ -367,12 +367,12 @@ pub fn looks(case: &[u8]) -> Reached {
 /// One look at two paths, or at nothing that there is.
 fn look(
     draw: &mut Draw<'_>,
-    finder: &AnyFinder,
+    estimator: &AnyBearingEstimator,
     paths_rad: [f32; 2],
     yaw_rad: f32,
     time: Instant,
 ) -> (Phasors, Bearing) {
-    let steering = finder.array().steering;
+    let steering = estimator.array().steering;
     let (amplitude, ratio, turn_rad) = (draw.field(1000.0, 0.0, 2047.0), draw.unit(), draw.unit() * TAU);
     let path = |p: [f32; 2], azimuth_rad: f32| {
         let phase_rad = p[0] * (azimuth_rad - yaw_rad).cos() + p[1] * (azimuth_rad - yaw_rad).sin();
@@ -396,7 +396,7 @@ fn look(
         phasors.noise[usize::from(draw.below(4))] = draw.any(-1e3, 1e6);
     }
     phasors.tone = if draw.below(16) == 0 { Tone::Absent } else { Tone::Present };
-    let bearing = finder.find(&phasors);
+    let bearing = estimator.estimate(&phasors);
     check_bearing(&bearing);
     (phasors, bearing)
 }

@@ -129,7 +129,7 @@ fn flights() -> Result<(), Box<dyn Error>> {
 
 fn frames() -> Result<(), Box<dyn Error>> {
     let extractor = phase::Config::default().build::<N>()?;
-    let finder = bearing::Config::default().build(array::Config::default().build()?)?;
+    let estimator = bearing::Config::default().build(array::Config::default().build()?)?;
     let antennas = Antennas { snr_db: Some(SNR_DB), ..Antennas::default() };
     let make = |number: usize, random: &mut Random| -> AdcFrame<N> {
         let azimuth_rad = number as f64 / FRAMES as f64 * TAU;
@@ -150,24 +150,24 @@ fn frames() -> Result<(), Box<dyn Error>> {
     row("frames made", count(&mut |number| !black_box(make(number, &mut random)).codes.is_empty())?);
     row(
         "bearings of recorded frames, followed",
-        count(&mut |number| finder.find(&extractor.step(&mut state, &recorded[number % recorded.len()])).valid)?,
+        count(&mut |number| estimator.estimate(&extractor.step(&mut state, &recorded[number % recorded.len()])).valid)?,
     );
     row(
         "bearings of recorded frames, each acquired alone",
         count(&mut |number| {
             state.reset();
-            finder.find(&extractor.step(&mut state, &recorded[number % recorded.len()])).valid
+            estimator.estimate(&extractor.step(&mut state, &recorded[number % recorded.len()])).valid
         })?,
     );
     row(
         "made and followed",
-        count(&mut |number| finder.find(&extractor.step(&mut state, &make(number, &mut random))).valid)?,
+        count(&mut |number| estimator.estimate(&extractor.step(&mut state, &make(number, &mut random))).valid)?,
     );
     row(
         "made and acquired alone",
         count(&mut |number| {
             state.reset();
-            finder.find(&extractor.step(&mut state, &make(number, &mut random))).valid
+            estimator.estimate(&extractor.step(&mut state, &make(number, &mut random))).valid
         })?,
     );
     Ok(())

@@ -115,7 +115,7 @@ impl Part<'_> {
 
 /// What a message about one point says.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Heard {
+pub(crate) enum Return {
     /// Something is there, forward and right of the vehicle (in the fields for north and east).
     At(Horizontal),
     /// It looked, and nothing is in the way as far as it reaches.
@@ -128,7 +128,7 @@ pub(crate) enum Heard {
 
 /// Where `OBSTACLE_DISTANCE_3D` sees something.
 #[inline(never)]
-pub(crate) fn point(message: &OBSTACLE_DISTANCE_3D_DATA) -> Heard {
+pub(crate) fn point(message: &OBSTACLE_DISTANCE_3D_DATA) -> Return {
     let point = Horizontal { north: message.x, east: message.y };
     let distance_m = sqrt(point.norm_squared() + message.z * message.z);
     let sane = message.frame == MavFrame::MAV_FRAME_BODY_FRD as u8
@@ -137,14 +137,14 @@ pub(crate) fn point(message: &OBSTACLE_DISTANCE_3D_DATA) -> Heard {
         && message.max_distance > message.min_distance
         && message.max_distance.is_finite();
     if !sane {
-        return Heard::Absurd;
+        return Return::Absurd;
     }
     if distance_m < message.min_distance {
-        Heard::Nothing
+        Return::Nothing
     } else if distance_m > message.max_distance || libm::fabsf(message.z) > LEVEL_M {
-        Heard::Free
+        Return::Free
     } else {
-        Heard::At(point)
+        Return::At(point)
     }
 }
 
@@ -161,9 +161,9 @@ pub(crate) fn half_width_rad(message: &DISTANCE_SENSOR_DATA) -> f32 {
 
 /// Where `DISTANCE_SENSOR` sees something.
 #[inline(never)]
-pub(crate) fn beam(message: &DISTANCE_SENSOR_DATA) -> Heard {
+pub(crate) fn beam(message: &DISTANCE_SENSOR_DATA) -> Return {
     if message.max_distance == 0 || message.min_distance > message.max_distance {
-        return Heard::Absurd;
+        return Return::Absurd;
     }
     let (direction, down) = match message.orientation {
         step @ 0..=7 => {
@@ -175,22 +175,22 @@ pub(crate) fn beam(message: &DISTANCE_SENSOR_DATA) -> Heard {
             let [w, x, y, z] = message.quaternion;
             let norm = w * w + x * x + y * y + z * z;
             if !(0.98..=1.02).contains(&norm) {
-                return Heard::Absurd;
+                return Return::Absurd;
             }
             let forward = Horizontal { north: 1.0 - 2.0 * (y * y + z * z), east: 2.0 * (x * y + w * z) };
             (forward, 2.0 * (x * z - w * y))
         }
-        _ => return Heard::Nothing,
+        _ => return Return::Nothing,
     };
     let distance_m = f32::from(message.current_distance) / 100.0;
     let is_level = libm::fabsf(down * distance_m) <= LEVEL_M;
     let is_reading = message.current_distance >= message.min_distance.max(1) && message.signal_quality != BAD_SIGNAL;
     if !is_reading || !is_level {
-        Heard::Nothing
+        Return::Nothing
     } else if message.current_distance > message.max_distance {
-        Heard::Free
+        Return::Free
     } else {
-        Heard::At(direction.times(distance_m))
+        Return::At(direction.times(distance_m))
     }
 }
 
@@ -272,7 +272,7 @@ mod tests {
             ..DISTANCE_SENSOR_DATA::DEFAULT
         };
         assert_eq!(ground_m(&down), Some(2.15));
-        assert_eq!(beam(&down), Heard::Nothing, "the ground is no obstacle");
+        assert_eq!(beam(&down), Return::Nothing, "the ground is no obstacle");
         for other in [
             DISTANCE_SENSOR_DATA { orientation: 24, ..down },
             DISTANCE_SENSOR_DATA { current_distance: 19, ..down },
@@ -351,8 +351,8 @@ mod tests {
         }
     }
 
-    fn at(heard: Heard) -> (f32, f32) {
-        let Heard::At(point) = heard else { panic!("{heard:?}") };
+    fn at(heard: Return) -> (f32, f32) {
+        let Return::At(point) = heard else { panic!("{heard:?}") };
         (point.north, point.east)
     }
 
@@ -375,7 +375,7 @@ mod tests {
         }
         // Up, down, and what nobody mounts.
         for orientation in [24, 25, 8, 40, 101, 255] {
-            assert_eq!(beam(&DISTANCE_SENSOR_DATA { orientation, ..sensor() }), Heard::Nothing, "{orientation}");
+            assert_eq!(beam(&DISTANCE_SENSOR_DATA { orientation, ..sensor() }), Return::Nothing, "{orientation}");
         }
     }
 
@@ -386,9 +386,9 @@ mod tests {
         // A yaw of 60 degrees, and a pitch of 60 degrees, which looks up by 1.7 m.
         let (forward, right) = at(custom([c, 0.0, 0.0, s]));
         assert!((forward - 1.0).abs() < 1e-5 && (right - 3.0_f32.sqrt()).abs() < 1e-5);
-        assert_eq!(custom([c, 0.0, s, 0.0]), Heard::Nothing);
+        assert_eq!(custom([c, 0.0, s, 0.0]), Return::Nothing);
         for bad in [[0.0; 4], [2.0, 0.0, 0.0, 0.0], [f32::NAN, 0.0, 0.0, 0.0], [f32::INFINITY; 4]] {
-            assert_eq!(custom(bad), Heard::Absurd);
+            assert_eq!(custom(bad), Return::Absurd);
         }
     }
 
@@ -399,13 +399,13 @@ mod tests {
             change(&mut message);
             beam(&message)
         };
-        assert_eq!(with(|message| message.current_distance = 19), Heard::Nothing);
-        assert_eq!(with(|message| message.current_distance = 801), Heard::Free);
-        assert_eq!(with(|message| message.signal_quality = 1), Heard::Nothing);
-        assert!(matches!(with(|message| message.signal_quality = 0), Heard::At(_)));
-        assert_eq!(with(|message| (message.min_distance, message.current_distance) = (0, 0)), Heard::Nothing);
-        assert_eq!(with(|message| message.max_distance = 0), Heard::Absurd);
-        assert_eq!(with(|message| message.min_distance = 801), Heard::Absurd);
+        assert_eq!(with(|message| message.current_distance = 19), Return::Nothing);
+        assert_eq!(with(|message| message.current_distance = 801), Return::Free);
+        assert_eq!(with(|message| message.signal_quality = 1), Return::Nothing);
+        assert!(matches!(with(|message| message.signal_quality = 0), Return::At(_)));
+        assert_eq!(with(|message| (message.min_distance, message.current_distance) = (0, 0)), Return::Nothing);
+        assert_eq!(with(|message| message.max_distance = 0), Return::Absurd);
+        assert_eq!(with(|message| message.min_distance = 801), Return::Absurd);
     }
 
     #[test]
@@ -425,14 +425,14 @@ mod tests {
             change(&mut message);
             point(&message)
         };
-        assert_eq!(with(|message| message.z = 1.2), Heard::Free);
-        assert_eq!(with(|message| message.x = 9.0), Heard::Free);
-        assert_eq!(with(|message| (message.x, message.y, message.z) = (0.1, 0.1, 0.0)), Heard::Nothing);
-        assert_eq!(with(|message| message.frame = 0), Heard::Absurd);
-        assert_eq!(with(|message| message.x = f32::NAN), Heard::Absurd);
-        assert_eq!(with(|message| message.z = f32::INFINITY), Heard::Absurd);
-        assert_eq!(with(|message| message.x = 1e30), Heard::Absurd);
-        assert_eq!(with(|message| message.max_distance = f32::NAN), Heard::Absurd);
-        assert_eq!(with(|message| message.min_distance = -1.0), Heard::Absurd);
+        assert_eq!(with(|message| message.z = 1.2), Return::Free);
+        assert_eq!(with(|message| message.x = 9.0), Return::Free);
+        assert_eq!(with(|message| (message.x, message.y, message.z) = (0.1, 0.1, 0.0)), Return::Nothing);
+        assert_eq!(with(|message| message.frame = 0), Return::Absurd);
+        assert_eq!(with(|message| message.x = f32::NAN), Return::Absurd);
+        assert_eq!(with(|message| message.z = f32::INFINITY), Return::Absurd);
+        assert_eq!(with(|message| message.x = 1e30), Return::Absurd);
+        assert_eq!(with(|message| message.max_distance = f32::NAN), Return::Absurd);
+        assert_eq!(with(|message| message.min_distance = -1.0), Return::Absurd);
     }
 }

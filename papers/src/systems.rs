@@ -4,7 +4,7 @@ use crate::aoa::{self, AnyEstimator};
 use crate::apf::{self, AnyPlanner};
 use foxhound_core::base::error::ConfigError;
 use foxhound_core::base::obstacle::Disc;
-use foxhound_core::doa::bearing::{Bearing, Finder};
+use foxhound_core::doa::bearing::{Bearing, BearingEstimator};
 use foxhound_core::guidance::systems::Systems;
 use foxhound_core::guidance::{Config, Guidance};
 use foxhound_core::planning::planner::{Plan, PlanRequest, Workspace};
@@ -29,8 +29,8 @@ impl Systems for AllSystems {
         Config { bearing, planner, ..*config }.build()
     }
 
-    fn bearing(&self, finder: &Finder, phasors: &Phasors) -> Bearing {
-        self.estimator.find(finder, phasors)
+    fn bearing(&self, estimator: &BearingEstimator, phasors: &Phasors) -> Bearing {
+        self.estimator.estimate(estimator, phasors)
     }
 
     fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan {

@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use foxhound_computer::log::frame::Deframer;
+use foxhound_computer::log::frame::LogDeframer;
 use foxhound_computer::log::{Codes, Record};
 use foxhound_computer::twin::{Fault, Setup};
 use foxhound_core::base::obstacle::Circle;
@@ -220,7 +220,7 @@ struct Piece {
 
 /// The log frame by frame.
 fn pieces(log: &[u8]) -> Vec<Piece> {
-    let (mut deframer, mut pieces, mut from) = (Deframer::new(), Vec::new(), 0);
+    let (mut deframer, mut pieces, mut from) = (LogDeframer::new(), Vec::new(), 0);
     for (at, byte) in log.iter().enumerate() {
         if let Some(frame) = deframer.push(*byte) {
             pieces.push(Piece { bytes: log[from..=at].to_vec(), kind: frame.kind, number: frame.number });
@@ -260,7 +260,7 @@ fn a_changed_input_is_named_by_its_step_and_lost_bytes_are_named_as_a_gap() {
     let mut changed = pieces(&log);
     let steps: Vec<usize> = (0..changed.len()).filter(|at| changed[*at].kind == STEP).collect();
     let piece = &mut changed[steps[300]];
-    let mut deframer = Deframer::new();
+    let mut deframer = LogDeframer::new();
     let mut content = [0; 400];
     let mut length = 0;
     for byte in &piece.bytes {
@@ -323,7 +323,7 @@ fn rubbish_around_frames_changes_nothing_and_a_log_can_end_anywhere() {
 #[test]
 fn codes_that_are_others_are_told() {
     let mut log = pieces(&log());
-    let mut deframer = Deframer::new();
+    let mut deframer = LogDeframer::new();
     let codes = log.iter_mut().filter(|piece| piece.kind == 4).nth(2).unwrap();
     for byte in &codes.bytes.clone() {
         if let Some(frame) = deframer.push(*byte) {

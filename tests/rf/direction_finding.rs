@@ -281,7 +281,7 @@ fn a_beacon_that_pulses_one_fiftieth_of_the_time_is_heard_in_its_pulses_only() {
     // 20 ms every second: a frame of 2.5 ms. The pulse begins somewhere in a frame.
     let source = Source::new(45.3, 20.0);
     let mut random = Random::new(14);
-    let (extractor, finder) = (anywhere().build::<N>().unwrap(), finder());
+    let (extractor, estimator) = (anywhere().build::<N>().unwrap(), estimator());
     let mut state = phase::State::default();
     let (mut errors, mut normalised, mut frequency_errors, mut edges) = (vec![], vec![], vec![], vec![]);
     let (mut full, mut heard_full, mut silent, mut wrong, mut wild_edges) = (0, 0, 0, 0, 0);
@@ -297,7 +297,7 @@ fn a_beacon_that_pulses_one_fiftieth_of_the_time_is_heard_in_its_pulses_only() {
         let wave = source.wave(azimuth, &mut random);
         let air = Air::silence().with_pulse(wave, samples.clone()).with_noise(source.sigma(), &mut random);
         let phasors = extractor.step(&mut state, &air.codes());
-        let bearing = finder.find(&phasors);
+        let bearing = estimator.estimate(&phasors);
         let error = degrees_between(f64::from(bearing.azimuth_rad), azimuth);
         match samples.len() {
             0 => {

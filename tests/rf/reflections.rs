@@ -91,9 +91,9 @@ pub(crate) fn passage(turning: bool, random: &mut Random) -> Passage {
 /// A reflection at -6 dB leaves a median error of at most 1 degree over eight frames while moving.
 #[test]
 fn a_reflection_at_minus_6_db_costs_less_than_a_degree_over_eight_looks() {
-    let (extractor, finder) = (anywhere().build::<N>().unwrap(), finder());
+    let (extractor, estimator) = (anywhere().build::<N>().unwrap(), estimator());
     let config = multipath::Config { move_min_wavelengths: 0.0, ..multipath::Config::default() };
-    let looks = config.build(finder.array()).unwrap();
+    let looks = config.build(estimator.array()).unwrap();
     for turning in [false, true] {
         let mut random = Random::new(16);
         let (mut errors, mut single, mut normalised, mut unresolved) = (vec![], vec![], vec![], 0);
@@ -102,7 +102,7 @@ fn a_reflection_at_minus_6_db_costs_less_than_a_degree_over_eight_looks() {
             let (mut tone, mut state) = (phase::State::default(), multipath::State::default());
             for (frame, yaw) in passage.frames.iter().zip(&passage.yaws) {
                 let phasors = extractor.step(&mut tone, frame);
-                let bearing = finder.find(&phasors);
+                let bearing = estimator.estimate(&phasors);
                 let yaw_rad = *yaw as f32;
                 let look = multipath::Frame { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m: None };
                 assert_eq!(looks.take(&mut state, &look), multipath::Taken::Yes);

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
-use foxhound_core::doa::bearing::{self, Bearing, Finder, Flags};
+use foxhound_core::doa::bearing::{self, Bearing, BearingEstimator, Flags};
 use foxhound_core::signal::phase::{self, Phasors};
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -169,7 +169,7 @@ pub(crate) struct Heard {
     pub(crate) bearings: Vec<Bearing>,
 }
 
-pub(crate) fn finder() -> Finder {
+pub(crate) fn estimator() -> BearingEstimator {
     let array = array::Config::square(WAVELENGTH_M as f32, (SIDE_WAVELENGTHS * WAVELENGTH_M) as f32);
     bearing::Config::default().build(array.build().unwrap()).unwrap()
 }
@@ -198,7 +198,7 @@ pub(crate) fn listen(
     azimuths: impl Iterator<Item = f64>,
     mut make: impl FnMut(f64, &mut Random) -> AdcFrame<N>,
 ) -> Heard {
-    let (extractor, finder) = (config.build::<N>().unwrap(), finder());
+    let (extractor, estimator) = (config.build::<N>().unwrap(), estimator());
     let mut random = Random::new(seed);
     let mut state = phase::State::default();
     let mut heard = Heard { what: what.to_owned(), errors_deg: vec![], phasors: vec![], bearings: vec![] };
@@ -207,7 +207,7 @@ pub(crate) fn listen(
             state = phase::State::default();
         }
         let phasors = extractor.step(&mut state, &make(azimuth, &mut random));
-        let bearing = finder.find(&phasors);
+        let bearing = estimator.estimate(&phasors);
         heard.errors_deg.push(degrees_between(f64::from(bearing.azimuth_rad), azimuth));
         heard.phasors.push(phasors);
         heard.bearings.push(bearing);

@@ -126,11 +126,11 @@ pub const fn stuffed_bytes(plain: usize) -> usize {
 }
 
 /// Finds the frames of a log.
-pub type Deframer = Finder<{ stuffed_bytes(FRAME_MAX) }>;
+pub type LogDeframer = Deframer<{ stuffed_bytes(FRAME_MAX) }>;
 
 /// Finds frames of at most so many bytes between their zeros in a stream, which may come in pieces of any size.
 #[derive(Debug)]
-pub struct Finder<const BYTES: usize> {
+pub struct Deframer<const BYTES: usize> {
     bytes: [u8; BYTES],
     length: usize,
     /// What came since the last zero is longer than any frame.
@@ -139,7 +139,7 @@ pub struct Finder<const BYTES: usize> {
     rubbish: u64,
 }
 
-impl<const BYTES: usize> Finder<BYTES> {
+impl<const BYTES: usize> Deframer<BYTES> {
     /// Nothing has come yet.
     #[must_use]
     pub const fn new() -> Self {
@@ -184,7 +184,7 @@ impl<const BYTES: usize> Finder<BYTES> {
     }
 }
 
-impl<const BYTES: usize> Default for Finder<BYTES> {
+impl<const BYTES: usize> Default for Deframer<BYTES> {
     fn default() -> Self {
         Self::new()
     }
@@ -287,7 +287,7 @@ mod tests {
 
     #[test]
     fn frames_are_found_among_anything_and_a_damaged_one_is_none() {
-        let mut deframer = Deframer::new();
+        let mut deframer = LogDeframer::new();
         let mut random = Xoshiro256PlusPlus::seed_from_u64(3);
         let mut rubbish = 0;
         for (number, record) in (0..).zip(records()) {
@@ -314,7 +314,7 @@ mod tests {
     #[test]
     fn any_bytes_end_in_frames_or_rubbish() {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
-        let mut deframer = Deframer::new();
+        let mut deframer = LogDeframer::new();
         for round in 0..300_000_u32 {
             let word = random.next_u32();
             // Stretches with few zeros and with many.

@@ -15,7 +15,7 @@
 //! | 11 | bytes of the lidar on a line of its own | before the step that they belong to |
 //!
 //! The codes of all frames are more than the line carries: 4 x 256 x 12 bit, 50 times a second, are 77 KB/s of its 92. So a
-//! step holds what guidance takes from a frame ([`Heard`]): the bearing, and the phasors where the vehicle may seek by
+//! step holds what guidance takes from a frame ([`Measurement`]): the bearing, and the phasors where the vehicle may seek by
 //! turning. Of every fiftieth frame the codes are there, too, so that the front end can be checked by itself.
 //!
 //! [`frame`] says how records lie in the stream, [`ring`] how they get to the port. Nothing here waits: a frame that does
@@ -27,7 +27,7 @@ use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::time::Instant;
 use foxhound_core::guidance::param::{self, COUNT, Values};
-use foxhound_core::guidance::{self, FrontEnd, Heard};
+use foxhound_core::guidance::{self, FrontEnd, Measurement};
 use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::mapping::map::DELIVERY_MAX;
 use heapless::Vec;
@@ -53,7 +53,7 @@ const CODES_EVERY: u8 = 50;
 const CODES_BYTES: usize = CHANNELS * N * 3 / 2;
 /// Codes are logged where there is room for them, their frame, and the stuffing.
 const CODES_ROOM: usize = CODES_BYTES + 32;
-/// Heard bytes in one frame, at most.
+/// Measurement bytes in one frame, at most.
 const PIECE_BYTES: u16 = 1024;
 
 /// Kinds of records, see the [module](self).
@@ -182,7 +182,7 @@ pub enum Record<'a> {
     /// The parameters that were loaded.
     Loaded(Option<Vec<f32, COUNT>>),
     /// One step.
-    Step(Step<Heard>),
+    Step(Step<Measurement>),
     /// Steps that were late.
     Late(Late),
     /// Text for people.

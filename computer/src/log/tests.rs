@@ -1,4 +1,4 @@
-use super::frame::Deframer;
+use super::frame::LogDeframer;
 use super::ring::Ring;
 use super::*;
 use crate::flight::{self, Receiver};
@@ -67,7 +67,7 @@ fn bearing() -> Bearing {
 /// Reads the ring empty.
 fn read<const SIZE: usize>(ring: &mut Ring<SIZE>, mut each: impl FnMut(u32, Record<'_>)) -> usize {
     let (_, mut consumer) = ring.ends();
-    let mut deframer = Deframer::new();
+    let mut deframer = LogDeframer::new();
     let (mut bytes, mut total) = ([0; 64], 0);
     loop {
         let count = consumer.read(&mut bytes);
@@ -118,7 +118,7 @@ fn a_flight_is_read_as_it_was_written_and_its_beginning_fits_a_small_ring() {
     let step =
         flight::Step { now, front_end: FrontEnd::Frame(&snapshot), circles: Some(&circles), look: None, plan: None };
     let mut came = parts.flight().step(&step, || 0);
-    let heard = Heard { bearing: bearing(), phasors: None };
+    let heard = Measurement { bearing: bearing(), phasors: None };
     came.heard = Some(heard);
     log.step(step.front_end, step.circles, step.look.as_ref(), &came, true);
     log.deadlines(Counts { steps: 9, late: 2, longest_us: 20_000 });
@@ -180,7 +180,7 @@ fn codes_wait_for_room_and_are_no_gap_when_there_is_none() {
             // Nobody reads at first, and little is left.
             continue;
         }
-        let (mut deframer, mut bytes) = (Deframer::new(), [0; 2048]);
+        let (mut deframer, mut bytes) = (LogDeframer::new(), [0; 2048]);
         let count = consumer.read(&mut bytes);
         for byte in &bytes[..count] {
             if let Some(frame) = deframer.push(*byte) {

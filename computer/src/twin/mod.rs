@@ -409,7 +409,7 @@ impl<const N: usize> Step<'_, N> {
             FrontEnd::Bearing(bearing) => FrontEndKind::Bearing(bearing),
             FrontEnd::Nothing => FrontEndKind::Nothing,
             // A flight is flown again on the host only.
-            FrontEnd::Heard(_) => return Err(Error::Content),
+            FrontEnd::Measured(_) => return Err(Error::Content),
         };
         let head = StepHead {
             sequence: self.sequence,

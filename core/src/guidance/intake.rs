@@ -1,17 +1,17 @@
 //! What sensors bring, taken in: frames to bearings and on to where the source is, looks at obstacles to the map and the guard.
 
 use super::systems::Systems;
-use super::{FrontEnd, Guidance, Heard, Input, State, near, turning};
+use super::{FrontEnd, Guidance, Input, Measurement, State, near, turning};
 use crate::base::adc::AdcFrame;
 use crate::base::ned::Horizontal;
 use crate::base::obstacle::Circle;
 use crate::base::ownship::Ownship;
 use crate::base::pose::Pose;
 use crate::base::time::Instant;
-use crate::doa::bearing::{Bearing, Finder};
+use crate::doa::bearing::{Bearing, BearingEstimator};
 use crate::localize::link_state::{self, Classifier, Sightline};
 use crate::localize::source::Sighting;
-use crate::localize::source::bank::{self, Mode, Way};
+use crate::localize::source::bank::{self, Mode, Path};
 use crate::mapping::scan::{Points, Refusal, Scan, Segmentation};
 use crate::signal::phase::Phasors;
 
@@ -73,9 +73,9 @@ impl<const N: usize> Guidance<N> {
     }
 
     /// Frame -> phasors -> bearing: the part of a step that has to do with codes. Whoever wants to keep what was heard calls
-    /// it before the step, which then takes [`FrontEnd::Heard`].
-    pub fn listen(&self, state: &mut State<N>, front_end: FrontEnd<'_, N>) -> Option<Heard> {
-        self.listen_with(state, front_end, Finder::find)
+    /// it before the step, which then takes [`FrontEnd::Measured`].
+    pub fn listen(&self, state: &mut State<N>, front_end: FrontEnd<'_, N>) -> Option<Measurement> {
+        self.listen_with(state, front_end, BearingEstimator::estimate)
     }
 
     /// The same with another way from phasors to a bearing, see [`Systems::bearing`].
@@ -83,23 +83,23 @@ impl<const N: usize> Guidance<N> {
         &self,
         state: &mut State<N>,
         front_end: FrontEnd<'_, N>,
-        find: impl FnOnce(&Finder, &Phasors) -> Bearing,
-    ) -> Option<Heard> {
+        estimate: impl FnOnce(&BearingEstimator, &Phasors) -> Bearing,
+    ) -> Option<Measurement> {
         match front_end {
             FrontEnd::Frame(snapshot) => {
                 let phasors = self.phase.step(&mut state.phase, snapshot);
-                let bearing = find(&self.bearing, &phasors);
-                Some(Heard { bearing, phasors: self.turning.is_some().then_some(phasors) })
+                let bearing = estimate(&self.bearing, &phasors);
+                Some(Measurement { bearing, phasors: self.turning.is_some().then_some(phasors) })
             }
-            FrontEnd::Heard(heard) => Some(*heard),
-            FrontEnd::Bearing(bearing) => Some(Heard { bearing, phasors: None }),
+            FrontEnd::Measured(heard) => Some(*heard),
+            FrontEnd::Bearing(bearing) => Some(Measurement { bearing, phasors: None }),
             FrontEnd::Nothing => None,
         }
     }
 
     /// Bearing -> direction of the source, and where it is.
-    pub(super) fn hear(&self, state: &mut State<N>, heard: &Heard) -> Option<(Bearing, Option<f32>)> {
-        let Heard { bearing, phasors } = *heard;
+    pub(super) fn hear(&self, state: &mut State<N>, heard: &Measurement) -> Option<(Bearing, Option<f32>)> {
+        let Measurement { bearing, phasors } = *heard;
         if let Some(turning) = &self.turning
             && turning.notice(&mut state.turning, &bearing)
         {
@@ -176,13 +176,13 @@ impl<const N: usize> Guidance<N> {
         // A reflection is worth following when it is known where it leads.
         let sure = |answer: &bank::Answer| answer.mode == Mode::Go && answer.share > SURE;
         let answer =
-            answer.map(|answer| if sure(&answer) { answer } else { bank::Answer { way: Way::Direct, ..answer } });
-        let way = answer.map_or(Way::Direct, |answer| answer.way);
-        let was_direct = state.belief.is_none_or(|belief| belief.way == Way::Direct);
+            answer.map(|answer| if sure(&answer) { answer } else { bank::Answer { path: Path::Direct, ..answer } });
+        let path = answer.map_or(Path::Direct, |answer| answer.path);
+        let was_direct = state.belief.is_none_or(|belief| belief.path == Path::Direct);
         // What has been taken for the source was its image.
-        state.misled |= was_direct && way != Way::Direct;
+        state.misled |= was_direct && path != Path::Direct;
         state.belief = answer;
-        state.goal.push_sighting(way.straightened(sighting));
+        state.goal.push_sighting(path.straightened(sighting));
     }
 
     /// What obstacle sensors delivered -> map -> what is near; and what was looked at -> guard. The scan comes last: what it says of

@@ -52,7 +52,7 @@ pub enum FrontEnd<'a, const N: usize> {
     /// Four channels of codes: the real thing.
     Frame(&'a AdcFrame<N>),
     /// What was made of them before, here or in a flight that is flown again.
-    Heard(&'a Heard),
+    Measured(&'a Measurement),
     /// A bearing made elsewhere.
     Bearing(Bearing),
     /// No frame in this step.
@@ -62,7 +62,7 @@ pub enum FrontEnd<'a, const N: usize> {
 /// All that guidance takes from a frame: with it instead of the codes a step comes to the same bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Heard {
+pub struct Measurement {
     /// What the array made of the frame.
     pub bearing: Bearing,
     /// What it made that of, where the vehicle may seek by turning.
@@ -173,11 +173,11 @@ pub struct Guidance<const N: usize> {
     slack_m: f32,
     range_sigma_max: f32,
     phase: phase::Extractor<N>,
-    bearing: bearing::Finder,
+    bearing: bearing::BearingEstimator,
     scan: scan::Segmenter,
     map: map::Mapper,
     tracks: tracks::Tracker,
-    source: bank::Bank,
+    source: bank::FilterBank,
     reflections: bool,
     searches: bool,
     goal: goal::Seeker,

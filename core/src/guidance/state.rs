@@ -10,7 +10,7 @@ use crate::base::trace::Trace;
 use crate::control::{evade, guard, track, vehicle_model, wind};
 use crate::doa::bearing::Flags;
 use crate::landing;
-use crate::localize::source::bank::{self, Way};
+use crate::localize::source::bank::{self, Path};
 use crate::localize::source::gather::Gathering;
 use crate::localize::{goal, link_state};
 use crate::mapping::coverage::Coverage;
@@ -177,7 +177,7 @@ impl<const N: usize> State<N> {
 impl<const N: usize> State<N> {
     /// The direction of a source that is heard by way of a wall, from a place.
     pub(super) fn around_the_corner(&self, from_ned_m: Horizontal) -> Option<Horizontal> {
-        let belief = self.belief.filter(|belief| belief.way != Way::Direct)?;
+        let belief = self.belief.filter(|belief| belief.path != Path::Direct)?;
         let towards = belief.estimate.place_ned_m.minus(from_ned_m);
         let norm = towards.norm();
         (norm > 1e-3).then(|| towards.times(1.0 / norm))

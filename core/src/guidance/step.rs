@@ -7,7 +7,7 @@ use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::Demand;
 use crate::doa::bearing::{Bearing, Flags};
 use crate::landing;
-use crate::localize::source::bank::Way;
+use crate::localize::source::bank::Path;
 use crate::planning::planner::{Searched, Verdict};
 use crate::planning::rollout::WAYPOINTS;
 
@@ -157,7 +157,7 @@ impl<const N: usize> Guidance<N> {
             return;
         }
         let is_direct = state.reflected < self.reflected_min;
-        let believed = state.belief.filter(|belief| belief.way == Way::Direct);
+        let believed = state.belief.filter(|belief| belief.path == Path::Direct);
         let estimate = believed.map(|belief| belief.estimate);
         let facts = landing::Input {
             now: input.now,

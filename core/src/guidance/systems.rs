@@ -2,7 +2,7 @@
 
 use crate::base::error::ConfigError;
 use crate::base::obstacle::Disc;
-use crate::doa::bearing::{Bearing, Finder};
+use crate::doa::bearing::{Bearing, BearingEstimator};
 use crate::guidance::{Config, Guidance};
 use crate::planning::planner::{Plan, PlanRequest, Planner, Workspace};
 use crate::signal::phase::Phasors;
@@ -24,9 +24,9 @@ pub trait Systems: Clone + core::fmt::Debug + Sized {
         config.build()
     }
 
-    /// The bearing that a set of phasors tells. `finder` knows the array and the calibration.
-    fn bearing(&self, finder: &Finder, phasors: &Phasors) -> Bearing {
-        finder.find(phasors)
+    /// The bearing that a set of phasors tells. `estimator` knows the array and the calibration.
+    fn bearing(&self, estimator: &BearingEstimator, phasors: &Phasors) -> Bearing {
+        estimator.estimate(phasors)
     }
 
     /// Answers one request; `known` are the known obstacles.

@@ -514,7 +514,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
         let output = guidance.step(&mut whole, &input);
         // As the flight computer does it: listen, then step.
         let heard = guidance.listen(&mut parted, input.front_end).unwrap();
-        let input = Input { front_end: FrontEnd::Heard(&heard), ..input };
+        let input = Input { front_end: FrontEnd::Measured(&heard), ..input };
         assert_eq!(guidance.step(&mut parted, &input), output, "{step}");
         // As a log is flown again: without the codes.
         assert_eq!(guidance.step(&mut again, &input), output, "{step}");

@@ -236,7 +236,7 @@ impl Turning {
             bearing: Bearing { valid: false, azimuth_rad: 0.0, sigma_rad: core::f32::consts::PI, flags, ..*bearing },
             sighting: None,
         };
-        let Outcome::Heard(rotation) = outcome else { return Some(nothing(Flags::NO_SIGNAL)) };
+        let Outcome::Rotation(rotation) = outcome else { return Some(nothing(Flags::NO_SIGNAL)) };
         if rotation.ambiguous {
             return Some(nothing(Flags::AMBIGUOUS));
         }

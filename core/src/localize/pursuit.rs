@@ -1,4 +1,4 @@
-//! Which way to fly, from rotations and the vehicle's own positions.
+//! Where to fly, from rotations and the vehicle's own positions.
 //!
 //! Two filters, side by side. [`direction`] is never led astray for long, because it keeps every hill of
 //! the posterior, but knows neither range nor its own motion. [`polar`] knows both and takes the vehicle's motion out of the
@@ -11,7 +11,7 @@ use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 use crate::base::units::wrap_pi;
-use crate::localize::source::{Estimate, Heard, Sighting, polar};
+use crate::localize::source::{Estimate, Sighting, Update, polar};
 
 use crate::doa::rotating::direction;
 
@@ -83,7 +83,7 @@ impl<const S: usize> State<S> {
     }
 }
 
-/// Which way to fly.
+/// Where to fly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Course {
@@ -114,7 +114,7 @@ impl Pursuer {
             since_s,
         };
         if state.polar.is_started() {
-            if let Heard::Fused { .. } = self.polar.step(&mut state.polar, &sighting(bearing_ned_rad, sigma_rad)) {
+            if let Update::Fused { .. } = self.polar.step(&mut state.polar, &sighting(bearing_ned_rad, sigma_rad)) {
                 self.compare(state, &known);
             }
         } else if known.sigma_rad < START_SIGMA_RAD {

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use foxhound_computer::SAMPLES_PER_CHANNEL;
 use foxhound_computer::log::Record;
-use foxhound_computer::log::frame::Deframer;
+use foxhound_computer::log::frame::LogDeframer;
 use foxhound_computer::port::FRAMES_MAX;
 use foxhound_core::base::adc::AdcFrame;
 use foxhound_sim::autopilot::transport::{Address, BAUDS, Line};
@@ -83,11 +83,11 @@ struct Dumped<'a> {
 struct Cable {
     line: Line,
     log: Option<File>,
-    deframer: Box<Deframer>,
+    deframer: Box<LogDeframer>,
 }
 
 /// What comes by it.
-enum Heard {
+enum Reply {
     Text(String),
     Frame(Box<AdcFrame<SAMPLES_PER_CHANNEL>>),
 }
@@ -97,7 +97,7 @@ impl Cable {
         let address = Address::Serial { device: args.serial.clone(), baud: args.baud };
         let line = Line::open(&address).map_err(|error| failed(&error).in_file(&args.serial))?;
         let log = args.log.as_ref().map(File::create).transpose().map_err(|error| failed(&error))?;
-        Ok(Self { line, log, deframer: Box::new(Deframer::new()) })
+        Ok(Self { line, log, deframer: Box::new(LogDeframer::new()) })
     }
 
     /// Types a line. Whatever was begun before is ended by the first line feed.
@@ -106,7 +106,7 @@ impl Cable {
     }
 
     /// Takes what has come.
-    fn hear(&mut self) -> Result<Vec<Heard>, InputError> {
+    fn hear(&mut self) -> Result<Vec<Reply>, InputError> {
         let bytes = self.line.read();
         if let Some(log) = &mut self.log {
             log.write_all(&bytes).map_err(|error| failed(&error))?;
@@ -115,8 +115,8 @@ impl Cable {
         for byte in &bytes {
             let Some(frame) = self.deframer.push(*byte) else { continue };
             match Record::of(&frame) {
-                Some(Record::Text(text)) => heard.push(Heard::Text(text.to_owned())),
-                Some(Record::Codes(codes)) => heard.extend(codes.snapshot().map(|codes| Heard::Frame(Box::new(codes)))),
+                Some(Record::Text(text)) => heard.push(Reply::Text(text.to_owned())),
+                Some(Record::Codes(codes)) => heard.extend(codes.snapshot().map(|codes| Reply::Frame(Box::new(codes)))),
                 _ => {}
             }
         }
@@ -129,7 +129,7 @@ impl Cable {
         let (begin, mut heard_at) = (Instant::now(), None::<Instant>);
         while heard_at.map_or(begin.elapsed() < patience, |at| at.elapsed() < SILENCE) {
             for heard in self.hear()? {
-                if let Heard::Text(text) = heard {
+                if let Reply::Text(text) = heard {
                     heard_at = Some(Instant::now());
                     answer(text);
                 }
@@ -161,10 +161,10 @@ impl Cable {
         while heard_at.elapsed() < PATIENCE && snapshots.len() < wanted {
             for heard in self.hear()? {
                 match heard {
-                    Heard::Text(text) if text.starts_with("error") || text.starts_with("refused") => {
+                    Reply::Text(text) if text.starts_with("error") || text.starts_with("refused") => {
                         return Err(InputError::new(text));
                     }
-                    Heard::Frame(snapshot) if snapshots.len() < wanted => {
+                    Reply::Frame(snapshot) if snapshots.len() < wanted => {
                         heard_at = Instant::now();
                         snapshots.push(*snapshot);
                     }
@@ -230,7 +230,7 @@ fn listen(cli: &Cli, args: &PortCommand, command: &str) -> Result<ExitCode, Inpu
     let mut heard_at = None;
     loop {
         for heard in cable.hear()? {
-            if let Heard::Text(text) = heard {
+            if let Reply::Text(text) = heard {
                 heard_at = Some(Instant::now());
                 say(&if cli.json { json_line(&Said { text: &text })? } else { format!("{text}\n") });
             }

@@ -21,7 +21,7 @@ mod mission;
 pub mod timing;
 pub mod trial;
 
-pub use computer::{G474Computer, Heard};
+pub use computer::{G474Computer, Received};
 pub use mission::Needs;
 
 use super::computer::BLOCK;

@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 
 use foxhound_computer::flight::{Flight, Mapper, Receiver, Step};
 use foxhound_computer::lidar::{self, Lidar};
-use foxhound_computer::log::frame::{Deframer, Frame};
+use foxhound_computer::log::frame::{Frame, LogDeframer};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
 use foxhound_computer::selftest;
 use foxhound_computer::twin::Planned;
@@ -23,7 +23,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::guidance::param::{self, Values};
 use foxhound_core::guidance::systems::Systems as _;
-use foxhound_core::guidance::{self, FrontEnd, Guidance, Heard, Output};
+use foxhound_core::guidance::{self, FrontEnd, Guidance, Measurement, Output};
 use foxhound_core::landing::observation::PadObservation;
 use foxhound_core::planning::planner::{Plan, Workspace};
 use foxhound_link::companion::{self, Companion};
@@ -84,7 +84,7 @@ impl Summary {
 /// No flight begins in it, or it was written by another version.
 pub fn replay(bytes: &[u8]) -> Result<Summary, InputError> {
     let mut replay = Replay::default();
-    let mut deframer = Deframer::new();
+    let mut deframer = LogDeframer::new();
     for byte in bytes {
         if let Some(frame) = deframer.push(*byte) {
             replay.read(&frame)?;
@@ -122,7 +122,7 @@ pub(crate) struct Followed {
 #[derive(Default)]
 pub(crate) struct Follower {
     replay: Replay,
-    deframer: Box<Deframer>,
+    deframer: Box<LogDeframer>,
 }
 
 impl Follower {
@@ -252,7 +252,7 @@ struct Flown {
     steps: u64,
     has_differed: bool,
     /// What was heard last.
-    heard: Option<Heard>,
+    heard: Option<Measurement>,
     /// What belongs to the next step.
     bytes: Vec<Vec<u8>>,
     turned: Vec<Vec<u8>>,
@@ -320,7 +320,7 @@ impl Flown {
     /// One step, by what was made of its frame, or by the frame itself.
     fn step(
         &mut self,
-        step: &log::Step<Heard>,
+        step: &log::Step<Measurement>,
         snapshot: Option<&AdcFrame<BLOCK>>,
         workspace: &mut Workspace,
         summary: &mut Summary,
@@ -338,7 +338,7 @@ impl Flown {
             flight.hear_lidar(step.now, piece);
         }
         flight.serve(&mut answers);
-        let heard = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Heard);
+        let heard = step.heard.as_ref().map_or(FrontEnd::Nothing, FrontEnd::Measured);
         let front_end = snapshot.map_or(heard, FrontEnd::Frame);
         let now = Step { now: step.now, front_end, circles: circles.as_deref(), look, plan: plan.as_ref() };
         let output = flight.step(&now, || 0).output;
@@ -379,7 +379,7 @@ impl Flown {
     }
 
     /// Whether the codes come to what was heard, as far as that can be said.
-    fn is_heard_in(&self, heard: &Heard, snapshot: &AdcFrame<BLOCK>) -> bool {
+    fn is_heard_in(&self, heard: &Measurement, snapshot: &AdcFrame<BLOCK>) -> bool {
         let mut fresh = self.guidance.start();
         let (then, now) = (&heard.bearing, &self.guidance.bearing(&mut fresh, &self.systems, snapshot));
         let apart_rad = wrap_pi(then.azimuth_rad - now.azimuth_rad);

@@ -68,13 +68,13 @@ pub const SCENES: [Scene; 10] = [
     Scene::calm("camera, calm", "{}"),
     Scene::gusty("camera, gusts of 3 m/s", "{}"),
     Scene::gusty("camera, gusts of 3 m/s, red things about", r#"{"camera":{"distractors":true}}"#),
-    Scene::gusty("camera, gusts of 3 m/s, PX4, no range finder", r#"{"range_finder":false}"#).with(BEARING, PX4),
+    Scene::gusty("camera, gusts of 3 m/s, PX4, no range estimator", r#"{"range_finder":false}"#).with(BEARING, PX4),
     Scene::gusty("camera, from 6 m, gusts of 3 m/s", r#"{"height":6}"#),
     Scene::gusty("camera that fails on the last metres", r#"{"camera":{"cut":[16,300]}}"#),
     Scene::gusty("camera, no pad there", r#"{"pad_missing":true}"#),
     Scene::calm("no camera, calm", r#"{"camera":null}"#),
     Scene::gusty("no camera, gusts of 3 m/s", r#"{"camera":null}"#),
-    Scene::gusty("no camera, no range finder, bearings to 10 deg only", r#"{"camera":null,"range_finder":false}"#)
+    Scene::gusty("no camera, no range estimator, bearings to 10 deg only", r#"{"camera":null,"range_finder":false}"#)
         .with(r#"{"sigma_deg":10}"#, ARDUCOPTER),
 ];
 

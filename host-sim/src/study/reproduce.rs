@@ -41,7 +41,7 @@ use foxhound_core::base::adc::AdcFrame;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator};
 use foxhound_core::signal::phase::{self, Extractor, Phasors};
-use foxhound_papers::aoa::AnyFinder;
+use foxhound_papers::aoa::AnyBearingEstimator;
 
 use crate::world::wrap_pi;
 
@@ -61,12 +61,12 @@ const CONTENDERS: [Contender; 4] = [
     Contender { name: "cross", label: "Foxhound", estimator: Estimator::CrossSpectrum },
 ];
 
-/// A finder of the default array for each contender.
-fn finders() -> Result<[AnyFinder; CONTENDERS.len()], ConfigError> {
+/// A estimator of the default array for each contender.
+fn estimators() -> Result<[AnyBearingEstimator; CONTENDERS.len()], ConfigError> {
     let array = array::Config::default().build()?;
     let build = |contender: Contender| {
         let config = bearing::Config { estimator: contender.estimator, ..bearing::Config::default() };
-        AnyFinder::build(&config, array)
+        AnyBearingEstimator::build(&config, array)
     };
     let [a, b, c, d] = CONTENDERS.map(build);
     Ok([a?, b?, c?, d?])

@@ -19,7 +19,7 @@ use foxhound_core::base::time::Instant;
 use foxhound_core::doa::beam::Arrival;
 use foxhound_core::doa::bearing::{self, Bearing, Estimator, Flags};
 use foxhound_core::signal::phase::{self, Complex, Phasors, Tone};
-use foxhound_papers::aoa::AnyFinder;
+use foxhound_papers::aoa::AnyBearingEstimator;
 use foxhound_papers::multipath;
 use serde::{Serialize, Serializer};
 
@@ -133,7 +133,7 @@ const FLAG_NAMES: [(Flags, &str); 15] = [
 impl Line {
     fn new(frame: usize, bearing: &Bearing) -> Self {
         let has_signal = !bearing.flags.contains(Flags::NO_SIGNAL);
-        // A finder that could not solve for a direction says so with a sigma of a half turn.
+        // A estimator that could not solve for a direction says so with a sigma of a half turn.
         let has_direction = has_signal && f64::from(bearing.sigma_rad) < PI - 1e-3;
         let all_alive = bearing.flags.0 & (0b1111 * Flags::DEAD_1.0) == 0;
         let degrees = |angle_rad: f32| has_direction.then_some(f64::from(angle_rad).to_degrees());
@@ -183,7 +183,7 @@ fn find_in<const N: usize>(
     let extractor = description.phase.build::<N>()?;
     let config = bearing::Config { estimator: options.estimator, ..bearing::Config::default() };
     let array = description.array.build()?;
-    let finder = AnyFinder::build(&config, array)?;
+    let estimator = AnyBearingEstimator::build(&config, array)?;
     let block_us = 1e6 * N as f64 / f64::from(description.phase.sample_rate_hz);
     let mut state = phase::State::<N>::default();
     let mut snapshot = AdcFrame::<N>::zeroed();
@@ -193,7 +193,7 @@ fn find_in<const N: usize>(
         age_max_s: 3600.0,
         ..multipath::Config::default()
     }
-    .build(finder.array())?;
+    .build(estimator.array())?;
     let resolver = (options.estimator == Estimator::CrossSpectrum).then_some(resolver);
     let mut group: Vec<Look> = Vec::with_capacity(looks);
     let mut lines = Vec::with_capacity(recording.frames().len() / looks);
@@ -207,7 +207,7 @@ fn find_in<const N: usize>(
         }
         let phasors = extractor.step(&mut state, &snapshot);
         let yaw_rad = wrap_pi(options.yaw_rad.get(frame).copied().unwrap_or(0.0));
-        let bearing = description.deviation.apply(&finder.find(&phasors));
+        let bearing = description.deviation.apply(&estimator.estimate(&phasors));
         group.push(Look { bearing, phasors, yaw_rad });
         if group.len() == looks {
             lines.push(Line::new(frame, &answer(resolver.as_ref(), &group)));
@@ -474,7 +474,7 @@ mod tests {
             ..Antennas::default()
         };
         let extractor = phase::Config::default().build::<256>().unwrap();
-        let finder = bearing::Config::default().build(array::Config::default().build().unwrap()).unwrap();
+        let estimator = bearing::Config::default().build(array::Config::default().build().unwrap()).unwrap();
         let (mut state, mut random) = (phase::State::default(), Random::new(1, 1));
         let look = |k: usize| {
             let (north, yaw_rad) = (0.115 * k as f64, 0.3 * k as f64);
@@ -482,7 +482,7 @@ mod tests {
             antennas.channel_gain = [if is_silent(k) { 0.0 } else { 1.0 }; 4];
             let frame = antennas.frame(Instant(2500 * k as u64), &pose, beacon, &mut random);
             let phasors = extractor.step(&mut state, &frame);
-            Look { phasors, bearing: finder.find(&phasors), yaw_rad }
+            Look { phasors, bearing: estimator.estimate(&phasors), yaw_rad }
         };
         let looks = (0..count).map(look).collect();
         (looks, libm::atan2(40.0, 3.0 - 0.115 * (count - 1) as f64))

@@ -152,11 +152,11 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
     let mut deviation_max_deg = None;
     if !options.yaw_rad.is_empty() {
         let array = array::Config { calibration: Some(table), ..plain }.build()?.at(measured.frequency_hz);
-        let finder = bearing::Config::default().build(array)?;
+        let estimator = bearing::Config::default().build(array)?;
         let mut spin = Spin::default();
         for ((phasors, _), source) in looks.iter().zip(&sources) {
             if let Source::Direction { azimuth_rad, .. } = source {
-                spin.step(&finder.find(phasors), *azimuth_rad);
+                spin.step(&estimator.estimate(phasors), *azimuth_rad);
             }
         }
         if let Some(found) = spin.deviation() {

@@ -18,7 +18,7 @@ use crate::dialect::{
     SETUP_SIGNING_DATA, TIMESYNC_DATA,
 };
 use crate::framer::{Content, Header};
-use crate::obstacles::{self, Heard, Reading};
+use crate::obstacles::{self, Reading, Return};
 use crate::params::Params;
 use crate::requests::{WISHES, Wish};
 use crate::signing::{Setup, set_up};
@@ -456,13 +456,13 @@ impl Companion {
 
     /// Something that stands at a point, or as far away up to so far on either side of it.
     #[inline(never)]
-    fn on_point(&mut self, heard: Heard, half_width_rad: f32) {
+    fn on_point(&mut self, heard: Return, half_width_rad: f32) {
         let now = self.now;
         let point = match heard {
-            Heard::At(point) => Some(point),
-            Heard::Free => None,
-            Heard::Nothing => return,
-            Heard::Absurd => return count(&mut self.counters.rejected),
+            Return::At(point) => Some(point),
+            Return::Free => None,
+            Return::Nothing => return,
+            Return::Absurd => return count(&mut self.counters.rejected),
         };
         // Their time is that of the first, so that none of them seems younger than it is.
         let empty = || Points { time: now, frame: Frame::Body, ..Points::default() };

@@ -107,7 +107,7 @@ fn is_along(direction: [f32; 2], v: [f32; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::aoa::waves::{SKEWED, distances, error_deg, finder, phasors, plane_wave, solved, wave, with};
+    use crate::aoa::waves::{SKEWED, distances, error_deg, estimator, phasors, plane_wave, solved, wave, with};
     use foxhound_core::base::rng::Rng;
     use foxhound_core::doa::array;
     use foxhound_core::doa::bearing::{Estimator, Flags};
@@ -227,7 +227,7 @@ mod tests {
             let outcome = solved(Estimator::TwoArray, &config, z);
             let Outcome::Collinear { azimuth_rad: found } = outcome else { panic!("{azimuth_rad}: {outcome:?}") };
             assert!(error_deg(found, azimuth_rad).abs() < 1e-3);
-            let bearing = finder(Estimator::TwoArray, &config).find(&phasors(z, 1.0));
+            let bearing = estimator(Estimator::TwoArray, &config).estimate(&phasors(z, 1.0));
             assert!(bearing.valid && error_deg(bearing.azimuth_rad, azimuth_rad).abs() < 1e-3, "{bearing:?}");
         }
         let ray = |x: f32, y: f32| Ray { midpoint_m: [x, y], direction: [0.6, 0.8] };
@@ -250,10 +250,10 @@ mod tests {
         let config = array::Config::default();
         let mut z = plane_wave(&config, 0.7);
         z[0] = z[0].times(Complex { re: 0.999_85, im: -0.017_45 });
-        let finder = finder(Estimator::TwoArray, &config);
-        let outcomes = [finder.outcome(&phasors(z, 1.0)).unwrap(), {
+        let estimator = estimator(Estimator::TwoArray, &config);
+        let outcomes = [estimator.outcome(&phasors(z, 1.0)).unwrap(), {
             z[0] = z[0].times(Complex { re: 0.999_39, im: 0.034_9 });
-            finder.outcome(&phasors(z, 1.0)).unwrap()
+            estimator.outcome(&phasors(z, 1.0)).unwrap()
         }];
         let negative = outcomes.iter().filter(|outcome| matches!(outcome, Outcome::NegativeScale { .. })).count();
         assert_eq!(negative, 1, "one sign diverges, the other crosses: {outcomes:?}");
@@ -261,7 +261,8 @@ mod tests {
         for turn in [-0.017_45, 0.017_45] {
             let mut z = z;
             z[0] = z[0].times(Complex { re: 0.999_85, im: turn });
-            let (outcome, bearing) = (finder.outcome(&phasors(z, 100.0)).unwrap(), finder.find(&phasors(z, 100.0)));
+            let (outcome, bearing) =
+                (estimator.outcome(&phasors(z, 100.0)).unwrap(), estimator.estimate(&phasors(z, 100.0)));
             assert_eq!(bearing.valid, outcome.is_usable(), "{outcome:?} {bearing:?}");
             assert_eq!(bearing.flags.contains(Flags::AMBIGUOUS), !outcome.is_usable());
         }

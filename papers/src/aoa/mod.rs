@@ -40,7 +40,7 @@ use foxhound_core::base::error::{ConfigError, Why};
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::doa::array::Array;
-use foxhound_core::doa::bearing::{Bearing, Config, Direction, Estimator, Finder};
+use foxhound_core::doa::bearing::{Bearing, BearingEstimator, Config, Direction, Estimator};
 use foxhound_core::signal::phase::{Complex, Phasors};
 
 mod crossing;
@@ -130,53 +130,53 @@ impl AnyEstimator {
         Ok(Self(config.estimator))
     }
 
-    /// The bearing that a set of phasors tells. `finder` is the core's own, for the same array.
+    /// The bearing that a set of phasors tells. `estimator` is the core's own, for the same array.
     #[must_use]
-    pub fn find(self, finder: &Finder, phasors: &Phasors) -> Bearing {
+    pub fn estimate(self, estimator: &BearingEstimator, phasors: &Phasors) -> Bearing {
         if self.0 == Estimator::CrossSpectrum {
-            return finder.find(phasors);
+            return estimator.estimate(phasors);
         }
-        finder.find_with(phasors, |array, z, living| {
+        estimator.find_with(phasors, |array, z, living| {
             let outcome = solve(self.0, array, z, living).unwrap_or(Outcome::Undefined);
             Direction { azimuth_rad: outcome.azimuth_rad(), is_usable: outcome.is_usable() }
         })
     }
 }
 
-/// Any estimator with the finder of its array.
+/// An estimator with the one that flies, for the same array.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AnyFinder {
-    finder: Finder,
+pub struct AnyBearingEstimator {
+    flown: BearingEstimator,
     estimator: AnyEstimator,
 }
 
-impl AnyFinder {
+impl AnyBearingEstimator {
     /// Checks the configuration and joins it with the array.
     ///
     /// # Errors
     /// The field that is refused.
     pub fn build(config: &Config, array: Array) -> Result<Self, ConfigError> {
-        let finder = own(config).build(array)?;
-        Ok(Self { finder, estimator: AnyEstimator::build(config, &array)? })
+        let flown = own(config).build(array)?;
+        Ok(Self { flown, estimator: AnyEstimator::build(config, &array)? })
     }
 
-    /// The array that this finder listens with.
+    /// The array that this estimator listens with.
     #[must_use]
     pub fn array(&self) -> &Array {
-        self.finder.array()
+        self.flown.array()
     }
 
     /// The bearing that a set of phasors tells; never NaN, `valid` only when it may be used.
     #[must_use]
-    pub fn find(&self, phasors: &Phasors) -> Bearing {
-        self.estimator.find(&self.finder, phasors)
+    pub fn estimate(&self, phasors: &Phasors) -> Bearing {
+        self.estimator.estimate(&self.flown, phasors)
     }
 
     /// What an estimator of the paper makes of a set of phasors; `None` for the core's own, and where there is no wavefront.
     #[must_use]
     pub fn outcome(&self, phasors: &Phasors) -> Option<Outcome> {
         let mut found = None;
-        let _ = self.finder.find_with(phasors, |array, z, living| {
+        let _ = self.flown.find_with(phasors, |array, z, living| {
             found = solve(self.estimator.0, array, z, living);
             Direction { azimuth_rad: None, is_usable: false }
         });
@@ -238,7 +238,7 @@ fn length(a: [f32; 2]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::waves::{ALL, SKEWED, distances, error_deg, finder, phasors, solved, wave, with};
+    use super::waves::{ALL, SKEWED, distances, error_deg, estimator, phasors, solved, wave, with};
     use super::*;
     use foxhound_core::base::rng::Rng;
     use foxhound_core::doa::array;
@@ -290,13 +290,13 @@ mod tests {
     fn the_papers_algorithm_is_exact_on_one_half_of_the_circle_and_mirrored_on_the_other() {
         // Noise-free 5 m circle, same height: an independent run of the printed rule has a mean error of 45.0 deg.
         let config = array::Config::default();
-        let finder = finder(Estimator::PaperSquare, &config);
+        let estimator = estimator(Estimator::PaperSquare, &config);
         let mut exact = 0;
         let mut sum = 0.0;
         for step in 0..360 {
             let truth = (f64::from(step) + 0.5).to_radians();
             let heard = phasors(wave(&config, distances(&config, truth, 5.0, 0.0)), 1e-3);
-            let error = error_deg(finder.find(&heard).azimuth_rad, truth).abs();
+            let error = error_deg(estimator.estimate(&heard).azimuth_rad, truth).abs();
             exact += i32::from(error < 1.0);
             sum += error;
         }
@@ -312,7 +312,7 @@ mod tests {
                 let truth = (f64::from(step) * 10.0 + 7.0).to_radians();
                 let mut z = wave(&config, distances(&config, truth, 5.0, 0.0));
                 z[dead] = Complex { re: 1.0, im: 0.5 };
-                let found = |estimator| finder(estimator, &config).find(&phasors(z, 1.0));
+                let found = |kind| estimator(kind, &config).estimate(&phasors(z, 1.0));
                 let three: Bearing = found(Estimator::ThreeAntenna);
                 assert!(three.flags.contains(Flags::dead(dead)));
                 assert!(error_deg(three.azimuth_rad, truth).abs() < 2.0, "{dead} {step} {three:?}");
@@ -348,10 +348,11 @@ mod tests {
                         assert!(azimuth_rad.abs() <= core::f32::consts::PI, "{estimator:?} {z:?}: {outcome:?}");
                         answered += 1;
                     }
-                    if let Ok(finder) = AnyFinder::build(&Config { estimator, ..Config::default() }, array) {
-                        let bearing = finder.find(&phasors(z, 1e-3));
+                    if let Ok(estimator) = AnyBearingEstimator::build(&Config { estimator, ..Config::default() }, array)
+                    {
+                        let bearing = estimator.estimate(&phasors(z, 1e-3));
                         assert!(bearing.azimuth_rad.is_finite() && bearing.sigma_rad > 0.0, "{bearing:?}");
-                        let usable = finder.outcome(&phasors(z, 1e-3)).is_some_and(Outcome::is_usable);
+                        let usable = estimator.outcome(&phasors(z, 1e-3)).is_some_and(Outcome::is_usable);
                         assert!(!bearing.valid || usable, "{bearing:?}");
                     }
                 }

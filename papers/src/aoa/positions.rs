@@ -62,7 +62,7 @@ pub fn is_square(array: &Array) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::aoa::AnyFinder;
+    use crate::aoa::AnyBearingEstimator;
     use crate::aoa::waves::{SKEWED, with};
     use foxhound_core::doa::bearing::{Config, Estimator};
 
@@ -91,7 +91,7 @@ mod tests {
         let [a, b, c, d] = array::Config::default().antennas_m;
         let build = |estimator, antennas_m| {
             let array = with(antennas_m).build().unwrap();
-            AnyFinder::build(&Config { estimator, ..Config::default() }, array)
+            AnyBearingEstimator::build(&Config { estimator, ..Config::default() }, array)
         };
         for estimator in [Estimator::PaperSquare, Estimator::PaperRepaired, Estimator::PaperCorrelated] {
             assert!(build(estimator, [a, b, c, d]).is_ok());

@@ -1,6 +1,6 @@
 //! Waves for the tests of the paper's estimators, made in `f64`.
 
-use super::{AnyFinder, Outcome, solve};
+use super::{AnyBearingEstimator, Outcome, solve};
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
 use foxhound_core::doa::bearing::{Config, Estimator};
@@ -60,8 +60,8 @@ pub(super) fn phasors(z: [Complex; 4], noise: f32) -> Phasors {
     }
 }
 
-pub(super) fn finder(estimator: Estimator, config: &array::Config) -> AnyFinder {
-    AnyFinder::build(&Config { estimator, ..Config::default() }, config.build().unwrap()).unwrap()
+pub(super) fn estimator(estimator: Estimator, config: &array::Config) -> AnyBearingEstimator {
+    AnyBearingEstimator::build(&Config { estimator, ..Config::default() }, config.build().unwrap()).unwrap()
 }
 
 pub(super) fn solved(estimator: Estimator, config: &array::Config, z: [Complex; 4]) -> Outcome {

@@ -17,7 +17,7 @@
 //! (a test repeats it).
 
 use super::kalman::{self, Predicted};
-use super::{Estimate, Heard, Sighting};
+use super::{Estimate, Sighting, Update};
 use foxhound_core::base::error::{ConfigError, check};
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Horizontal;
@@ -113,9 +113,9 @@ impl Filter {
     }
 
     /// Takes in a sighting.
-    pub fn step(&self, state: &mut State, sighting: &Sighting) -> Heard {
+    pub fn step(&self, state: &mut State, sighting: &Sighting) -> Update {
         if !sighting.is_plausible() {
-            return Heard::Refused;
+            return Update::Refused;
         }
         let config = &self.config;
         let norm = sighting.direction_ned.norm();
@@ -124,7 +124,7 @@ impl Filter {
         let sigma_rad = if sighting.sigma_rad > floor { sighting.sigma_rad } else { floor };
         if !state.started {
             self.start(state, sighting.place_ned_m, direction, sigma_rad);
-            return Heard::Started;
+            return Update::Started;
         }
 
         // Eq. 2.
@@ -137,13 +137,13 @@ impl Filter {
 
         let Some(predicted) = predict(state.x, config.range_min_m) else {
             *state = State::new();
-            return Heard::Overhead;
+            return Update::Overhead;
         };
         let z = [-direction.east, -direction.north];
         let weighed = kalman::update(&mut state.x, &mut state.p, &predicted, z, sigma_rad * sigma_rad);
         // As far as a sighting's place may be.
         state.x = state.x.map(|x| between(x, -5e5, 5e5));
-        Heard::Fused { nis: weighed.nis, weight: 1.0, likelihood: weighed.likelihood() }
+        Update::Fused { nis: weighed.nis, weight: 1.0, likelihood: weighed.likelihood() }
     }
 
     /// Begins with a bearing, and the prior of the range.

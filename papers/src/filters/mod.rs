@@ -6,7 +6,7 @@
 //! - [`reflected`]: the polar filter behind walls, known or not quite, one or several.
 //! - [`consistency`]: whether a filter errs as much as it says.
 
-use foxhound_core::localize::source::{Estimate, Heard, Sighting};
+use foxhound_core::localize::source::{Estimate, Sighting, Update};
 
 mod kalman;
 

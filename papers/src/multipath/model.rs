@@ -178,7 +178,7 @@ impl Solver<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scenes::{array, finder, phasors};
+    use super::super::scenes::{array, estimator, phasors};
     use super::super::{Config, Frame, State, Taken};
     use super::*;
     use foxhound_core::signal::phase::Complex;
@@ -189,7 +189,7 @@ mod tests {
         let stage = Config::default().build(&array()).unwrap();
         for (k, yaw) in [3.138, -3.138, 3.139, -1.0].iter().enumerate() {
             let phasors = phasors([Complex { re: 1.0, im: 0.0 }; 4], 1e-6, k as u64);
-            let bearing = finder().find(&phasors);
+            let bearing = estimator().estimate(&phasors);
             let look = Frame { phasors: &phasors, bearing: &bearing, yaw_rad: *yaw, position_ned_m: None };
             assert_eq!(stage.take(&mut state, &look), Taken::Yes);
         }

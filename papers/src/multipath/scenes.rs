@@ -130,7 +130,7 @@ impl Scenes {
             let mut state = State::default();
             let (mut north, mut east) = (0.0, 0.0);
             for (phasors, yaw, position) in &scene.looks {
-                let bearing = finder().find(phasors);
+                let bearing = estimator().estimate(phasors);
                 let azimuth = f64::from(bearing.azimuth_rad) + yaw;
                 north += azimuth.cos();
                 east += azimuth.sin();
@@ -209,7 +209,7 @@ pub(super) fn array() -> Array {
     array::Config::default().build().unwrap()
 }
 
-pub(super) fn finder() -> bearing::Finder {
+pub(super) fn estimator() -> bearing::BearingEstimator {
     bearing::Config::default().build(array()).unwrap()
 }
 
@@ -233,7 +233,7 @@ pub(super) fn offer(stage: &Looks, state: &mut State, micros: u64, position_ned_
         Complex { re, im }
     });
     let phasors = phasors(z, 1e-6, micros);
-    let bearing = finder().find(&phasors);
+    let bearing = estimator().estimate(&phasors);
     stage.take(state, &Frame { phasors: &phasors, bearing: &bearing, yaw_rad: 0.5, position_ned_m })
 }
 
@@ -243,7 +243,7 @@ pub(super) fn with_solver(turn_deg: f64, wavenumber: f32, check: impl FnOnce(&So
     let stage = Config::default().build(&array()).unwrap();
     let mut state = State::default();
     for (phasors, yaw, _) in &scene.looks {
-        let bearing = finder().find(phasors);
+        let bearing = estimator().estimate(phasors);
         let look = Frame { phasors, bearing: &bearing, yaw_rad: *yaw as f32, position_ned_m: None };
         assert_eq!(stage.take(&mut state, &look), Taken::Yes);
     }

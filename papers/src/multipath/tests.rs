@@ -1,6 +1,6 @@
 //! What the answers are worth, on scenes, and what is refused.
 
-use super::scenes::{SCENES, Scenes, array, finder, offer, phasors, quantile, rms};
+use super::scenes::{SCENES, Scenes, array, estimator, offer, phasors, quantile, rms};
 use super::*;
 use foxhound_core::base::rng::Rng;
 use foxhound_core::doa::{array, bearing};
@@ -98,7 +98,7 @@ fn an_array_without_opposite_pairs_or_with_a_dead_channel_gets_the_mean() {
     let arrays = [(odd.build().unwrap(), false), (array(), true)];
     for (array, dead) in arrays {
         let stage = Config::default().build(&array).unwrap();
-        let finder = bearing::Config::default().build(array).unwrap();
+        let estimator = bearing::Config::default().build(array).unwrap();
         let mut state = State::default();
         for k in 0..8 {
             let (s, c) = sin_cos(0.7);
@@ -110,7 +110,7 @@ fn an_array_without_opposite_pairs_or_with_a_dead_channel_gets_the_mean() {
                 z[2] = Complex { re: 1e-3, im: 0.0 };
             }
             let phasors = phasors(z, 1e-6, k);
-            let bearing = finder.find(&phasors);
+            let bearing = estimator.estimate(&phasors);
             let look = Frame { phasors: &phasors, bearing: &bearing, yaw_rad: 0.1, position_ned_m: None };
             assert_eq!(stage.take(&mut state, &look), Taken::Yes);
         }
@@ -179,7 +179,7 @@ fn garbage_in_is_refused_or_answered_without_nan() {
             let mut phasors = phasors(z, 0.0, k);
             phasors.noise = [0; 4].map(|_| pick(wild, &mut rng));
             let phasors = Phasors { noise: phasors.noise.map(|v| if wild == 0.0 { v.abs() } else { v }), ..phasors };
-            let bearing = finder().find(&phasors);
+            let bearing = estimator().estimate(&phasors);
             let place = Ned { north: pick(wild, &mut rng), east: pick(wild, &mut rng), down: 0.0 };
             let look = Frame {
                 phasors: &phasors,
@@ -211,7 +211,7 @@ fn what_holds_no_tone_is_not_a_look() {
     let stage = Config::default().build(&array()).unwrap();
     let mut state = State::default();
     let silent = Phasors { tone: Tone::Absent, ..phasors([Complex { re: 1.0, im: 0.0 }; 4], 1e-6, 0) };
-    let bearing = finder().find(&silent);
+    let bearing = estimator().estimate(&silent);
     let look = Frame { phasors: &silent, bearing: &bearing, yaw_rad: 0.0, position_ned_m: None };
     assert_eq!(stage.take(&mut state, &look), Taken::NoTone);
     assert_eq!(state.count(), 0);

@@ -44,7 +44,7 @@ const MODEL_SIGMA_RAD: f32 = 0.005;
 /// A channel this much below the strongest, in power, is dead.
 const DEAD_POWER_RATIO: f32 = 0.01;
 
-/// Which estimator is used. [`Finder`] is the first of them; the others are baselines, in the crate
+/// Which estimator is used. [`BearingEstimator`] is the first of them; the others are baselines, in the crate
 /// `foxhound-papers`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -90,13 +90,13 @@ impl Config {
     ///
     /// # Errors
     /// `bearing.channel_sigma_rad` outside 0..=1; `bearing.estimator` when it is one of the paper's, the value being its number.
-    pub fn build(&self, array: Array) -> Result<Finder, ConfigError> {
+    pub fn build(&self, array: Array) -> Result<BearingEstimator, ConfigError> {
         check("bearing.channel_sigma_rad", self.channel_sigma_rad, 0.0, 1.0)?;
         if self.estimator != Estimator::CrossSpectrum {
             let why = Why::Inconsistent("the paper's estimators are not part of this program");
             return Err(ConfigError { field: "bearing.estimator", value: f32::from(self.estimator as u8), why });
         }
-        Ok(Finder { array, config: *self })
+        Ok(BearingEstimator { array, config: *self })
     }
 }
 
@@ -225,7 +225,7 @@ pub struct Direction {
 
 /// The configured stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Finder {
+pub struct BearingEstimator {
     array: Array,
     config: Config,
 }
@@ -313,8 +313,8 @@ impl Residual {
     }
 }
 
-impl Finder {
-    /// The array that this finder listens with.
+impl BearingEstimator {
+    /// The array that this estimator listens with.
     #[must_use]
     pub fn array(&self) -> &Array {
         &self.array
@@ -322,7 +322,7 @@ impl Finder {
 
     /// The bearing that a set of phasors tells; never NaN, `valid` only when it may be used.
     #[must_use]
-    pub fn find(&self, phasors: &Phasors) -> Bearing {
+    pub fn estimate(&self, phasors: &Phasors) -> Bearing {
         self.tuned(phasors).as_ref().unwrap_or(self).find_here(phasors, |_, _, _| None)
     }
 
@@ -452,7 +452,7 @@ impl Finder {
         sqrt(most / least) > 1.0 + GAIN_TOLERANCE + 4.0 * sqrt(noise / least)
     }
 
-    /// This finder with the channels as they are at the tone's frequency, where a calibration depends on it.
+    /// This estimator with the channels as they are at the tone's frequency, where a calibration depends on it.
     fn tuned(&self, phasors: &Phasors) -> Option<Self> {
         let depends = phasors.tone == Tone::Present && self.array.depends_on_frequency();
         depends.then(|| Self { array: self.array.at(phasors.frequency_hz), config: self.config })

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 const SIDE: f64 = 0.40;
 
-/// Phasors of a spherical outgoing wave at the default array, computed in f64: the truth the finder does not know.
+/// Phasors of a spherical outgoing wave at the default array, computed in f64: the truth the estimator does not know.
 fn wave(azimuth: f64, range_m: f64, height_m: f64) -> [Complex; 4] {
     let config = array::Config::default();
     let k = 2.0 * PI / f64::from(config.wavelength_m);
@@ -33,7 +33,7 @@ fn phasors(z: [Complex; 4], noise: f32) -> Phasors {
     }
 }
 
-fn finder() -> Finder {
+fn estimator() -> BearingEstimator {
     Config::default().build(array::Config::default().build().unwrap()).unwrap()
 }
 
@@ -48,7 +48,7 @@ fn noisy(z: [Complex; 4], sigma: f32, rng: &mut Rng) -> [Complex; 4] {
 
 #[test]
 fn a_source_to_the_right_has_a_positive_azimuth_and_one_ahead_none() {
-    let found = |azimuth: f64| finder().find(&phasors(wave(azimuth, 50.0, 0.0), 1e-3)).azimuth_rad;
+    let found = |azimuth: f64| estimator().estimate(&phasors(wave(azimuth, 50.0, 0.0), 1e-3)).azimuth_rad;
     assert!(found(0.0).abs() < 1e-3);
     assert!((found(PI / 2.0) - core::f32::consts::FRAC_PI_2).abs() < 1e-3);
     assert!((found(-PI / 4.0) + core::f32::consts::FRAC_PI_4).abs() < 1e-3);
@@ -56,10 +56,10 @@ fn a_source_to_the_right_has_a_positive_azimuth_and_one_ahead_none() {
 
 #[test]
 fn the_whole_circle_at_five_metres_is_exact_without_noise() {
-    let finder = finder();
+    let estimator = estimator();
     for degree in 0..360 {
         let truth = f64::from(degree).to_radians();
-        let bearing = finder.find(&phasors(wave(truth, 5.0, 0.0), 1e-3));
+        let bearing = estimator.estimate(&phasors(wave(truth, 5.0, 0.0), 1e-3));
         assert!(error_deg(bearing.azimuth_rad, truth).abs() < 0.03, "{degree}: {bearing:?}");
         assert!(bearing.valid && bearing.elevation_rad < 0.1);
     }
@@ -67,7 +67,7 @@ fn the_whole_circle_at_five_metres_is_exact_without_noise() {
 
 #[test]
 fn noise_gives_the_predicted_sigma_and_reaches_the_bound() {
-    let (finder, mut rng) = (finder(), Rng::new(3, 0));
+    let (estimator, mut rng) = (estimator(), Rng::new(3, 0));
     // N = 256 at 20 dB: E|dz|^2 = 4 sigma^2 / N with A^2 / (2 sigma^2) = 100.
     let noise = 4.0 * (1000.0_f32 * 1000.0 / 200.0) / 256.0;
     let bound = 1.0 / (2.0 * PI * SIDE * (256.0_f64 * 100.0).sqrt());
@@ -76,7 +76,7 @@ fn noise_gives_the_predicted_sigma_and_reaches_the_bound() {
     for run in 0..runs {
         let truth = f64::from(run).to_radians() * 0.1;
         let z = noisy(wave(truth, 500.0, 0.0), libm::sqrtf(noise / 2.0), &mut rng);
-        let bearing = finder.find(&phasors(z, noise));
+        let bearing = estimator.estimate(&phasors(z, noise));
         let error = error_deg(bearing.azimuth_rad, truth).to_radians();
         squares += error * error;
         nees += error * error / f64::from(bearing.sigma_rad).powi(2);
@@ -94,7 +94,7 @@ fn noise_gives_the_predicted_sigma_and_reaches_the_bound() {
 
 #[test]
 fn one_noisy_channel_counts_for_less_and_a_near_source_is_not_bent_by_unequal_weights() {
-    let (finder, mut rng) = (finder(), Rng::new(4, 0));
+    let (estimator, mut rng) = (estimator(), Rng::new(4, 0));
     let quiet = 4.0 * (1000.0_f32 * 1000.0 / 200.0) / 256.0;
     let (mut squares, mut nees) = (0.0, 0.0);
     for run in 0..3600 {
@@ -103,7 +103,7 @@ fn one_noisy_channel_counts_for_less_and_a_near_source_is_not_bent_by_unequal_we
         z[2] = noisy(wave(truth, 500.0, 0.0), libm::sqrtf(16.0 * quiet / 2.0), &mut rng)[2];
         let mut heard = phasors(z, quiet);
         heard.noise[2] = 16.0 * quiet;
-        let bearing = finder.find(&heard);
+        let bearing = estimator.estimate(&heard);
         let error = error_deg(bearing.azimuth_rad, truth);
         squares += error * error / 3600.0;
         nees += (error.to_radians() / f64::from(bearing.sigma_rad)).powi(2) / 3600.0;
@@ -116,17 +116,17 @@ fn one_noisy_channel_counts_for_less_and_a_near_source_is_not_bent_by_unequal_we
         let truth = f64::from(degree).to_radians();
         let mut heard = phasors(wave(truth, 5.0, 0.0), 1e-3);
         heard.noise[1] = 5e-3;
-        let error = error_deg(finder.find(&heard).azimuth_rad, truth);
+        let error = error_deg(estimator.estimate(&heard).azimuth_rad, truth);
         assert!(error.abs() < 0.03, "{degree}: {error}");
     }
 }
 
 #[test]
 fn elevation_comes_from_the_wavenumber_and_does_not_bias_the_azimuth() {
-    let finder = finder();
+    let estimator = estimator();
     for degree in (0..360).step_by(7) {
         let truth = f64::from(degree).to_radians();
-        let bearing = finder.find(&phasors(wave(truth, 100.0, 57.735), 1.0));
+        let bearing = estimator.estimate(&phasors(wave(truth, 100.0, 57.735), 1.0));
         assert!(error_deg(bearing.azimuth_rad, truth).abs() < 0.02);
         assert!((bearing.elevation_rad.to_degrees() - 30.0).abs() < 0.1, "{bearing:?}");
     }
@@ -134,13 +134,13 @@ fn elevation_comes_from_the_wavenumber_and_does_not_bias_the_azimuth() {
 
 #[test]
 fn a_dead_channel_is_named_and_the_other_three_go_on() {
-    let finder = finder();
+    let estimator = estimator();
     for dead in 0..4 {
         for degree in (0..360).step_by(5) {
             let truth = f64::from(degree).to_radians();
             let mut z = wave(truth, 50.0, 0.0);
             z[dead] = Complex { re: 1.0, im: 0.5 };
-            let bearing = finder.find(&phasors(z, 1.0));
+            let bearing = estimator.estimate(&phasors(z, 1.0));
             assert!(bearing.valid && bearing.flags == Flags::dead(dead), "{bearing:?}");
             assert!(error_deg(bearing.azimuth_rad, truth).abs() < 0.3, "{dead} {degree} {bearing:?}");
         }
@@ -154,33 +154,33 @@ fn channel_gains_are_taken_out_and_without_them_a_demanded_calibration_is_missed
     let truth = 1.0;
     let z = core::array::from_fn(|m| wave(truth, 50.0, 0.0)[m].times(gains[m]));
     let calibrated = array::Config { channel_gain: Some(gains), require_calibration: true, ..array::Config::default() };
-    let bearing = Config::default().build(calibrated.build().unwrap()).unwrap().find(&phasors(z, 1.0));
+    let bearing = Config::default().build(calibrated.build().unwrap()).unwrap().estimate(&phasors(z, 1.0));
     assert!(bearing.valid && error_deg(bearing.azimuth_rad, truth).abs() < 0.1, "{bearing:?}");
     let demanded = array::Config { require_calibration: true, ..array::Config::default() };
-    let bearing = Config::default().build(demanded.build().unwrap()).unwrap().find(&phasors(z, 1.0));
+    let bearing = Config::default().build(demanded.build().unwrap()).unwrap().estimate(&phasors(z, 1.0));
     assert!(!bearing.valid && bearing.flags.contains(Flags::UNCALIBRATED));
 }
 
 #[test]
 fn a_reflection_that_breaks_the_closure_is_flagged_and_widens_sigma() {
-    let finder = finder();
+    let estimator = estimator();
     let (direct, echo) = (wave(0.3, 50.0, 0.0), wave(1.9, 50.0, 0.0));
     let turn = Complex { re: 0.0, im: 0.32 };
     let z = core::array::from_fn(|m| direct[m].plus(echo[m].times(turn)));
-    let bearing = finder.find(&phasors(z, 40.0));
+    let bearing = estimator.estimate(&phasors(z, 40.0));
     assert!(bearing.flags.contains(Flags::MULTIPATH) && bearing.sigma_rad > 0.087, "{bearing:?}");
 }
 
 #[test]
 fn a_near_source_is_not_taken_for_a_reflection() {
-    let finder = finder();
+    let estimator = estimator();
     let mut rng = Rng::new(8, 0);
     let noise = 4.0 * (1000.0_f32 * 1000.0 / 200.0) / 256.0;
     for range in [2.5, 5.0, 20.0] {
         let mut flagged = 0;
         for run in 0..1000 {
             let z = noisy(wave(f64::from(run) * 0.1, range, 0.3), libm::sqrtf(noise / 2.0), &mut rng);
-            flagged += i32::from(finder.find(&phasors(z, noise)).flags.contains(Flags::MULTIPATH));
+            flagged += i32::from(estimator.estimate(&phasors(z, noise)).flags.contains(Flags::MULTIPATH));
         }
         assert!(flagged < 10, "{flagged} of 1000 at {range} m");
     }
@@ -188,7 +188,7 @@ fn a_near_source_is_not_taken_for_a_reflection() {
 
 #[test]
 fn the_range_hint_is_right_within_its_noise_from_one_to_five_metres_and_none_far_away() {
-    let (finder, mut rng) = (finder(), Rng::new(9, 0));
+    let (estimator, mut rng) = (estimator(), Rng::new(9, 0));
     // 40 dB, N = 256.
     let noise = 4.0 * (1000.0_f32 * 1000.0 / 2e4) / 256.0;
     let steering_m = 0.40 * 0.345;
@@ -201,7 +201,7 @@ fn the_range_hint_is_right_within_its_noise_from_one_to_five_metres_and_none_far
             // What the curvature of a sphere leaves in the closure, and the noise of four phases in it.
             let bend = PI / 0.345 * (steering_m * range / distance).powi(2) * (2.0 * truth).sin().abs();
             let sigma = (4.0 * 0.5 * f64::from(noise) / 1e6).sqrt() / bend;
-            let hint = finder.find(&phasors(z, noise)).quality.range_hint_m;
+            let hint = estimator.estimate(&phasors(z, noise)).quality.range_hint_m;
             // Significant at three of its own sigma: there beyond seven, elsewhere no matter.
             assert!(hint.is_some() || 1.0 / distance < 7.0 * sigma, "{run} at {range} m: none");
             if let Some(hint) = hint.filter(|_| 1.0 / distance > 7.0 * sigma) {
@@ -221,17 +221,17 @@ fn the_range_hint_is_right_within_its_noise_from_one_to_five_metres_and_none_far
     let mut hints = 0;
     for run in 0..20_000 {
         let z = noisy(wave(f64::from(run), 5e4, 0.0), libm::sqrtf(noise / 2.0), &mut rng);
-        hints += i32::from(finder.find(&phasors(z, noise)).quality.range_hint_m.is_some());
+        hints += i32::from(estimator.estimate(&phasors(z, noise)).quality.range_hint_m.is_some());
     }
     // Three sigma on one side: 1.35 in a thousand.
     assert!((10..50).contains(&hints), "{hints} of 20000 far sources have a range");
     let absent = Phasors { tone: Tone::Absent, ..phasors(wave(0.7, 1.0, 0.0), noise) };
-    assert_eq!(finder.find(&absent).quality.range_hint_m, None);
+    assert_eq!(estimator.estimate(&absent).quality.range_hint_m, None);
     let demanded = array::Config { require_calibration: true, ..array::Config::default() };
     let unknown = Config::default().build(demanded.build().unwrap()).unwrap();
     let near = phasors(wave(0.7, 3.0, 0.0), noise);
-    assert!(finder.find(&near).quality.range_hint_m.is_some());
-    assert_eq!(unknown.find(&near).quality.range_hint_m, None);
+    assert!(estimator.estimate(&near).quality.range_hint_m.is_some());
+    assert_eq!(unknown.estimate(&near).quality.range_hint_m, None);
 }
 
 #[test]
@@ -240,7 +240,7 @@ fn the_coherence_is_one_for_one_plane_wave_on_any_array_and_less_for_two() {
     let skewed = [[0.05, 0.06], [0.07, -0.05], [-0.055, -0.06], [-0.065, 0.05]];
     let mut rng = Rng::new(10, 0);
     for config in [square, array::Config { antennas_m: skewed, ..square }] {
-        let finder = Config::default().build(config.build().unwrap()).unwrap();
+        let estimator = Config::default().build(config.build().unwrap()).unwrap();
         let k = 2.0 * PI / f64::from(config.wavelength_m);
         let plane = |azimuth: f64, level: f64, turn: f64| {
             config.antennas_m.map(|p| {
@@ -260,7 +260,7 @@ fn the_coherence_is_one_for_one_plane_wave_on_any_array_and_less_for_two() {
                 let level = Complex { re: level, im: 0.0 };
                 let z = core::array::from_fn(|m| direct[m].plus(echo[m].times(level)));
                 let z = noisy(z, libm::sqrtf(noise / 2.0), &mut rng);
-                let Some(gamma) = finder.find(&phasors(z, noise)).quality.coherence else { continue };
+                let Some(gamma) = estimator.estimate(&phasors(z, noise)).quality.coherence else { continue };
                 assert!((0.0..=1.0).contains(&gamma));
                 if config == square {
                     // The definition, in f64.
@@ -279,17 +279,17 @@ fn the_coherence_is_one_for_one_plane_wave_on_any_array_and_less_for_two() {
     }
     let mut z = wave(0.7, 50.0, 0.0);
     z[2] = Complex { re: 1.0, im: 0.5 };
-    assert_eq!(finder().find(&phasors(z, 1.0)).quality.coherence, None);
+    assert_eq!(estimator().estimate(&phasors(z, 1.0)).quality.coherence, None);
 }
 
 #[test]
 fn a_closure_that_is_in_doubt_beside_another_line_is_flagged_and_widens_sigma_by_its_excess() {
-    let finder = finder();
+    let estimator = estimator();
     let noise = 400.0;
     let sigma_of = |turn: f64, interferer: bool| {
         let mut z = wave(0.0, 5e4, 0.0);
         z[0] = z[0].times(Complex { re: turn.cos() as f32, im: turn.sin() as f32 });
-        let bearing = finder.find(&Phasors { interferer, ..phasors(z, noise) });
+        let bearing = estimator.estimate(&Phasors { interferer, ..phasors(z, noise) });
         let flagged = bearing.flags.contains(Flags::MULTIPATH);
         (bearing.sigma_rad.to_degrees(), bearing.quality.closure_chi2, flagged)
     };
@@ -306,15 +306,15 @@ fn a_closure_that_is_in_doubt_beside_another_line_is_flagged_and_widens_sigma_by
 
 #[test]
 fn silence_overhead_and_garbage_are_never_valid_and_never_nan() {
-    let finder = finder();
+    let estimator = estimator();
     let absent = Phasors { tone: Tone::Absent, ..phasors(wave(0.0, 50.0, 0.0), 1.0) };
-    assert!(finder.find(&absent).flags.contains(Flags::NO_SIGNAL));
-    let overhead = finder.find(&phasors(wave(0.0, 0.0, 5.0), 400.0));
+    assert!(estimator.estimate(&absent).flags.contains(Flags::NO_SIGNAL));
+    let overhead = estimator.estimate(&phasors(wave(0.0, 0.0, 5.0), 400.0));
     assert!(!overhead.valid && overhead.flags.contains(Flags::AMBIGUOUS), "{overhead:?}");
-    let minus = finder.find(&phasors(wave(0.0, 50.0, 0.0), -1e6));
+    let minus = estimator.estimate(&phasors(wave(0.0, 50.0, 0.0), -1e6));
     assert!(!minus.valid && minus.sigma_rad > 0.0, "{minus:?}");
     for z in [[Complex::default(); 4], [Complex { re: f32::NAN, im: f32::INFINITY }; 4]] {
-        let bearing = finder.find(&phasors(z, 0.0));
+        let bearing = estimator.estimate(&phasors(z, 0.0));
         assert!(!bearing.valid && bearing.azimuth_rad.is_finite() && bearing.sigma_rad > 0.0, "{bearing:?}");
     }
 }

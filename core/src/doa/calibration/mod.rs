@@ -376,10 +376,10 @@ pub(crate) mod tests {
             let known = Some(f64::from(round) * 0.77);
             let table = Table::new(0.345, &[entry(&receiver.at_snr(40.0), frames, known, &mut rng)]).unwrap();
             let config = array::Config { calibration: Some(table), require_calibration: true, ..square() };
-            let finder = bearing::Config::default().build(config.build().unwrap()).unwrap();
+            let estimator = bearing::Config::default().build(config.build().unwrap()).unwrap();
             for degree in 0..360 {
                 let truth = f64::from(degree).to_radians();
-                let bearing = finder.find(&receiver.at_snr(snr_db).phasors(Some(truth), &mut rng));
+                let bearing = estimator.estimate(&receiver.at_snr(snr_db).phasors(Some(truth), &mut rng));
                 assert!(bearing.valid, "{degree}: {bearing:?}");
                 squares += error_rad(bearing.azimuth_rad, truth).powi(2);
             }
@@ -403,11 +403,11 @@ pub(crate) mod tests {
     #[test]
     fn before_it_every_frame_is_uncalibrated_where_a_calibration_is_demanded() {
         let config = array::Config { require_calibration: true, ..square() };
-        let finder = bearing::Config::default().build(config.build().unwrap()).unwrap();
+        let estimator = bearing::Config::default().build(config.build().unwrap()).unwrap();
         let mut rng = Rng::new(4, 1);
         for degree in 0..360 {
             let truth = f64::from(degree).to_radians();
-            let bearing = finder.find(&Receiver::uneven().phasors(Some(truth), &mut rng));
+            let bearing = estimator.estimate(&Receiver::uneven().phasors(Some(truth), &mut rng));
             assert!(!bearing.valid && bearing.flags.contains(Flags::UNCALIBRATED));
         }
     }
@@ -418,13 +418,13 @@ pub(crate) mod tests {
         let receiver = Receiver { delay_samples, snr_db: 30.0, ..Receiver::IDEAL };
         let config =
             phase::Config { skew_s: delay_samples.map(|delay| (delay / RATE) as f32), ..phase::Config::default() };
-        let finder = bearing::Config::default().build(array()).unwrap();
+        let estimator = bearing::Config::default().build(array()).unwrap();
         let mut rng = Rng::new(5, 1);
         let mut squares = 0.0;
         for k in 0..2880 {
             let truth = f64::from(k % 360).to_radians();
             let receiver = Receiver { bins: 20.0 + 0.011 * f64::from(k), ..receiver };
-            let bearing = finder.find(&receiver.phasors_with(config, Some(truth), &mut rng));
+            let bearing = estimator.estimate(&receiver.phasors_with(config, Some(truth), &mut rng));
             squares += error_rad(bearing.azimuth_rad, truth).powi(2);
         }
         let ratio = (squares / 2880.0).sqrt() / bound(30.0);

@@ -126,7 +126,7 @@ impl State {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
     /// A direction.
-    Heard(Rotation),
+    Rotation(Rotation),
     /// No direction is louder than the others by more than noise explains.
     NoSignal {
         /// Power of the loudest bin.
@@ -241,7 +241,7 @@ impl Seeker {
         let direction_rad = if ambiguous { fit.hill_rad } else { fit.direction_rad };
         let least = self.config.sigma_min_rad;
         let readings_a_bin = f32::from(bins.readings()) / BINS as f32;
-        Outcome::Heard(Rotation {
+        Outcome::Rotation(Rotation {
             time: since.plus_micros(time.micros_since(since) / 2),
             duration_s: time.seconds_since(since),
             // The fit counts from the middle of the first bin.

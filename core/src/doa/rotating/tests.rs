@@ -51,7 +51,7 @@ impl Scene {
     }
 
     fn rotations(&self, seconds: f32, seed: u64) -> Vec<Rotation> {
-        let heard = |outcome| if let Outcome::Heard(rotation) = outcome { Some(rotation) } else { None };
+        let heard = |outcome| if let Outcome::Rotation(rotation) = outcome { Some(rotation) } else { None };
         self.outcomes(seconds, seed).into_iter().filter_map(heard).collect()
     }
 
@@ -168,7 +168,7 @@ fn silence_behind_is_information_and_no_readings_at_all_are_none() {
         let power_db = -45.0 + scene.power_db(yaw_rad, &mut rng);
         // The receiver hears nothing below -112 dB.
         let power_db = if power_db < -112.0 { f32::NEG_INFINITY } else { power_db };
-        if let Some(Outcome::Heard(rotation)) = seeker.step(&mut state, Instant(k * 20_000), yaw_rad, power_db) {
+        if let Some(Outcome::Rotation(rotation)) = seeker.step(&mut state, Instant(k * 20_000), yaw_rad, power_db) {
             heard.push(rotation);
         }
     }
@@ -237,7 +237,7 @@ fn any_stream_of_readings_leaves_everything_finite() {
         yaw_rad = if k % 997 == 0 { odd[k as usize % 9] } else { wrap_pi(0.05 * k as f32 + 0.3 * sin_cos(k as f32).0) };
         let power_db = if k % 13 == 0 { odd[k as usize / 13 % 9] } else { -50.0 + 40.0 * rng.gaussian() };
         let time = if k % 5003 == 0 { u64::MAX } else { k * 20_000 };
-        if let Some(Outcome::Heard(rotation)) = seeker.step(&mut state, Instant(time), yaw_rad, power_db) {
+        if let Some(Outcome::Rotation(rotation)) = seeker.step(&mut state, Instant(time), yaw_rad, power_db) {
             count += 1;
             assert!(rotation.bearing_ned_rad.is_finite() && rotation.sigma_rad > 0.0, "{rotation:?}");
             assert!(rotation.contrast_db.is_finite() && rotation.residual_db.is_finite(), "{rotation:?}");

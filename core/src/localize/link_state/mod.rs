@@ -52,7 +52,7 @@ impl LinkState {
 /// Fewer looks say nothing.
 pub const LOOKS_MIN: u8 = 8;
 
-/// What is known about the way along the bearing.
+/// What is known about the path along the bearing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sightline {

@@ -1,4 +1,4 @@
-//! A bank of filters, each with its own belief of where the source is, after section IV of the mmWave paper.
+//! A bank of filters, each with its own hypothesis of where the source is, after section IV of the mmWave paper.
 //!
 //! A sighting can mean two things: the source lies on its ray, or the ray was reflected by the nearest line that it meets.
 //! What a reflection says of the source is what the vehicle's mirror image would see directly ([`Wall::mirror`]), so each
@@ -15,7 +15,7 @@
 //!   distance (the paper's switch) and by what it knows of the range.
 
 use super::polar::{self, Resting};
-use super::{Estimate, Heard, Sighting};
+use super::{Estimate, Sighting, Update};
 use crate::base::error::{ConfigError, check};
 use crate::mapping::walls::Wall;
 
@@ -29,9 +29,9 @@ const NEWCOMER: f32 = -2.0;
 const UNEXPLAINED_MAX: u8 = 5;
 /// A sighting is explained when it is likelier not to be an outlier.
 const EXPLAINED: f32 = 0.5;
-/// Logarithm of the likelihood of a sighting that a belief has no way for.
+/// Logarithm of the likelihood of a sighting that a hypothesis has no path for.
 const NOTHING: f32 = -5.0;
-/// Range sigma over range up to which a belief can tell what is seen from the vehicle's mirror image, and back.
+/// Range sigma over range up to which a hypothesis can tell what is seen from the vehicle's mirror image, and back.
 const SWITCH_MAX: f32 = 0.1;
 /// Memory of the mean innovation, in sightings.
 const INNOVATION_MEMORY: f32 = 10.0;
@@ -72,14 +72,14 @@ impl Config {
     ///
     /// # Errors
     /// The field that is out of range.
-    pub fn build(&self) -> Result<Bank, ConfigError> {
+    pub fn build(&self) -> Result<FilterBank, ConfigError> {
         check("source.slack_m", self.slack_m, 0.0, 10.0)?;
         check("source.through", self.through, 1e-6, 1.0)?;
         check("source.reflected_min", self.reflected_min, 0.0, 1.0)?;
         check("source.memory", self.memory, 0.0, 1.0)?;
         check("source.distance_max", self.distance_max, 1.0, 100.0)?;
         check("source.range_sigma_max", self.range_sigma_max, 0.01, 10.0)?;
-        Ok(Bank { config: *self, filter: self.polar.build()? })
+        Ok(FilterBank { config: *self, filter: self.polar.build()? })
     }
 }
 
@@ -89,16 +89,16 @@ impl Default for Config {
     }
 }
 
-/// The configured bank.
+/// The configured filter bank.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bank {
+pub struct FilterBank {
     config: Config,
     filter: polar::Filter,
 }
 
 /// How a sighting came about.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Way {
+pub enum Path {
     /// Straight from the source.
     #[default]
     Direct,
@@ -106,8 +106,8 @@ pub enum Way {
     Reflected(Wall),
 }
 
-impl Way {
-    /// Whether two ways are the same, as well as that can be told from two fits of a wall.
+impl Path {
+    /// Whether two paths are the same, as well as that can be told from two fits of a wall.
     fn is_same(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Direct, Self::Direct) => true,
@@ -147,7 +147,7 @@ pub struct Answer {
     /// What the leading filter believes.
     pub estimate: Estimate,
     /// How it explains the sighting.
-    pub way: Way,
+    pub path: Path,
     /// Whether it explains it at all.
     pub explained: bool,
     /// Its share of the weight.
@@ -158,20 +158,20 @@ pub struct Answer {
     pub mode: Mode,
 }
 
-/// One belief.
+/// One hypothesis: where the source is, and by which path it is heard.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Belief {
+struct Hypothesis {
     filter: Resting,
-    way: Way,
+    path: Path,
     log_weight: f32,
     distance: f32,
     alive: bool,
 }
 
-/// The beliefs.
+/// The hypotheses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
-    beliefs: [Belief; FILTERS],
+    hypotheses: [Hypothesis; FILTERS],
     unexplained: u8,
 }
 
@@ -185,9 +185,9 @@ impl State {
     /// Nothing is known.
     #[must_use]
     pub const fn new() -> Self {
-        const NONE: Belief =
-            Belief { filter: Resting::new(), way: Way::Direct, log_weight: 0.0, distance: 0.0, alive: false };
-        Self { beliefs: [NONE; FILTERS], unexplained: 0 }
+        const NONE: Hypothesis =
+            Hypothesis { filter: Resting::new(), path: Path::Direct, log_weight: 0.0, distance: 0.0, alive: false };
+        Self { hypotheses: [NONE; FILTERS], unexplained: 0 }
     }
 
     /// Filters in use.
@@ -196,34 +196,34 @@ impl State {
         self.alive().count()
     }
 
-    fn alive(&self) -> impl Iterator<Item = &Belief> {
-        self.beliefs.iter().filter(|belief| belief.alive)
+    fn alive(&self) -> impl Iterator<Item = &Hypothesis> {
+        self.hypotheses.iter().filter(|hypothesis| hypothesis.alive)
     }
 
-    fn leading(&self) -> Option<&Belief> {
-        let mut leading: Option<&Belief> = None;
-        for belief in self.alive() {
-            if leading.is_none_or(|other| belief.log_weight > other.log_weight) {
-                leading = Some(belief);
+    fn leading(&self) -> Option<&Hypothesis> {
+        let mut leading: Option<&Hypothesis> = None;
+        for hypothesis in self.alive() {
+            if leading.is_none_or(|other| hypothesis.log_weight > other.log_weight) {
+                leading = Some(hypothesis);
             }
         }
         leading
     }
 
-    /// Where a new belief goes: an empty place, or that of the unlikeliest.
-    fn vacancy(&mut self) -> &mut Belief {
+    /// Where a new hypothesis goes: an empty place, or that of the unlikeliest.
+    fn vacancy(&mut self) -> &mut Hypothesis {
         let mut at = 0;
-        for (index, belief) in self.beliefs.iter().enumerate() {
-            let other = &self.beliefs[at];
-            if other.alive && (!belief.alive || belief.log_weight < other.log_weight) {
+        for (index, hypothesis) in self.hypotheses.iter().enumerate() {
+            let other = &self.hypotheses[at];
+            if other.alive && (!hypothesis.alive || hypothesis.log_weight < other.log_weight) {
                 at = index;
             }
         }
-        &mut self.beliefs[at]
+        &mut self.hypotheses[at]
     }
 }
 
-impl Bank {
+impl FilterBank {
     /// Takes in a sighting. `reflected` is the probability that the link is, `lines` are the walls that are known.
     /// `None` when the sighting is refused, or nothing is left to believe.
     pub fn step(&self, state: &mut State, sighting: &Sighting, reflected: f32, lines: &[Wall]) -> Option<Answer> {
@@ -233,13 +233,13 @@ impl Bank {
         let reflected = if reflected > 0.0 && reflected <= 1.0 { reflected } else { 0.0 };
         let wall = self.nearest(sighting, lines);
         let mut explained = false;
-        for belief in state.beliefs.iter_mut().filter(|belief| belief.alive) {
-            explained |= self.weigh(belief, sighting, reflected, wall);
+        for hypothesis in state.hypotheses.iter_mut().filter(|hypothesis| hypothesis.alive) {
+            explained |= self.weigh(hypothesis, sighting, reflected, wall);
         }
         self.conclude(state, sighting, explained, reflected, wall)
     }
 
-    /// What is to be believed once all beliefs have been held against a sighting.
+    /// What is to be believed once all hypotheses have been held against a sighting.
     #[inline(never)]
     fn conclude(
         &self,
@@ -260,15 +260,15 @@ impl Bank {
         }
         settle(state);
         let leading = state.leading()?;
-        let total: f32 = state.alive().map(|belief| libm::expf(belief.log_weight - leading.log_weight)).sum();
+        let total: f32 = state.alive().map(|hypothesis| libm::expf(hypothesis.log_weight - leading.log_weight)).sum();
         let known = knows_range(&leading.filter, self.config.range_sigma_max);
         let mut here = leading.filter;
-        if leading.way != Way::Direct && !self.filter.predict(&mut here, sighting.place_ned_m, 0.0) {
+        if leading.path != Path::Direct && !self.filter.predict(&mut here, sighting.place_ned_m, 0.0) {
             return None;
         }
         let estimate = here.estimate()?;
         let mode = if known && leading.distance < self.config.distance_max { Mode::Go } else { Mode::Learn };
-        Some(Answer { estimate, way: leading.way, explained, share: 1.0 / total, nis: leading.distance, mode })
+        Some(Answer { estimate, path: leading.path, explained, share: 1.0 / total, nis: leading.distance, mode })
     }
 
     /// The nearest line that a sighting's ray meets, and how far off.
@@ -283,15 +283,21 @@ impl Bank {
         nearest
     }
 
-    /// Tries a sighting both ways on a belief and keeps the likelier; whether that explains it.
+    /// Tries both paths of a sighting on a hypothesis and keeps the likelier; whether that explains it.
     #[inline(never)]
-    fn weigh(&self, belief: &mut Belief, sighting: &Sighting, reflected: f32, wall: Option<(Wall, f32)>) -> bool {
-        let direct = self.read(belief, sighting, Way::Direct).map(|reading| {
+    fn weigh(
+        &self,
+        hypothesis: &mut Hypothesis,
+        sighting: &Sighting,
+        reflected: f32,
+        wall: Option<(Wall, f32)>,
+    ) -> bool {
+        let direct = self.read(hypothesis, sighting, Path::Direct).map(|reading| {
             let behind = wall.is_some_and(|(_, range_m)| reading.filter.inverse_range_per_m() * range_m < 0.9);
             reading.times((1.0 - reflected) * if behind { self.config.through } else { 1.0 })
         });
         let mirrored = wall.filter(|_| reflected > 0.0).and_then(|(line, range_m)| {
-            let reading = self.read(belief, sighting, Way::Reflected(line))?;
+            let reading = self.read(hypothesis, sighting, Path::Reflected(line))?;
             // By way of the wall it cannot be nearer than the wall.
             (reading.filter.inverse_range_per_m() * range_m < 1.0).then(|| reading.times(reflected))
         });
@@ -301,61 +307,64 @@ impl Bank {
             (None, Some(mirrored)) => (mirrored, 0.0),
             (None, None) => {
                 // Nothing that it could have sent: an outlier.
-                belief.log_weight = self.config.memory * belief.log_weight + NOTHING;
+                hypothesis.log_weight = self.config.memory * hypothesis.log_weight + NOTHING;
                 return false;
             }
         };
         // It stays where the mirror image of the vehicle is for as long as that is what hears: a jump there and back at
         // every sighting, with a range that is not known, is more than a linear filter can follow.
-        belief.filter = best.filter;
-        belief.way = best.way;
-        belief.log_weight = self.config.memory * belief.log_weight + libm::logf(best.likelihood + other + 1e-30);
-        belief.distance += (best.nis - belief.distance) / INNOVATION_MEMORY;
+        hypothesis.filter = best.filter;
+        hypothesis.path = best.path;
+        hypothesis.log_weight =
+            self.config.memory * hypothesis.log_weight + libm::logf(best.likelihood + other + 1e-30);
+        hypothesis.distance += (best.nis - hypothesis.distance) / INNOVATION_MEMORY;
         best.inlier > EXPLAINED
     }
 
-    /// What a belief would become, were the sighting to have come this way.
-    fn read(&self, belief: &Belief, sighting: &Sighting, way: Way) -> Option<Reading> {
+    /// What a hypothesis would become, were the sighting to have come by this path.
+    fn read(&self, hypothesis: &Hypothesis, sighting: &Sighting, path: Path) -> Option<Reading> {
         // From the vehicle to its mirror image is a long way. Who does not know the range cannot say what is seen from there.
-        if !knows_range(&belief.filter, SWITCH_MAX) && !belief.way.is_same(&way) {
+        if !knows_range(&hypothesis.filter, SWITCH_MAX) && !hypothesis.path.is_same(&path) {
             return None;
         }
-        let mut filter = belief.filter;
-        let straight = way.straightened(sighting);
+        let mut filter = hypothesis.filter;
+        let straight = path.straightened(sighting);
         match self.filter.step(&mut filter, &straight) {
-            Heard::Fused { nis, weight, likelihood } => Some(Reading { filter, way, likelihood, nis, inlier: weight }),
+            Update::Fused { nis, weight, likelihood } => {
+                Some(Reading { filter, path, likelihood, nis, inlier: weight })
+            }
             _ => None,
         }
     }
 
-    /// A belief that knows this sighting only.
+    /// A hypothesis that knows this sighting only.
     fn begin_afresh(&self, state: &mut State, sighting: &Sighting) {
         state.unexplained = 0;
         let log_weight = state.leading().map_or(0.0, |leading| leading.log_weight + NEWCOMER);
         let mut filter = Resting::new();
         self.filter.step(&mut filter, sighting);
-        *state.vacancy() = Belief { filter, way: Way::Direct, log_weight, distance: 0.0, alive: true };
+        *state.vacancy() = Hypothesis { filter, path: Path::Direct, log_weight, distance: 0.0, alive: true };
     }
 
-    /// A belief that the leading one has been looking at a mirror image in this line, unless there is one.
+    /// A hypothesis that the leading one has been looking at a mirror image in this line, unless there is one.
     fn reflect(state: &mut State, line: Wall) {
-        let used = state.alive().any(|belief| belief.way.is_same(&Way::Reflected(line)));
+        let used = state.alive().any(|hypothesis| hypothesis.path.is_same(&Path::Reflected(line)));
         let Some(leading) = state.leading().copied() else { return };
-        if used || leading.way != Way::Direct {
+        if used || leading.path != Path::Direct {
             return;
         }
         let filter = leading.filter.mirrored(&line);
         let log_weight = leading.log_weight + NEWCOMER;
         *state.vacancy() =
-            Belief { filter, way: Way::Reflected(line), log_weight, distance: leading.distance, alive: true };
+            Hypothesis { filter, path: Path::Reflected(line), log_weight, distance: leading.distance, alive: true };
     }
 }
 
-/// A sighting, read one way.
+/// A sighting, read as having come by one path.
 #[derive(Clone, Copy)]
 struct Reading {
     filter: Resting,
-    way: Way,
+    path: Path,
     likelihood: f32,
     nis: f32,
     inlier: f32,
@@ -384,16 +393,16 @@ fn is_same(a: &Wall, b: &Wall) -> bool {
 /// Weights relative to the leading one; drops who is unlikely, or agrees with a likelier one.
 fn settle(state: &mut State) {
     let Some(most) = state.leading().map(|leading| leading.log_weight) else { return };
-    for belief in state.beliefs.iter_mut().filter(|belief| belief.alive) {
-        belief.log_weight -= most;
-        belief.alive = belief.log_weight > OVER;
+    for hypothesis in state.hypotheses.iter_mut().filter(|hypothesis| hypothesis.alive) {
+        hypothesis.log_weight -= most;
+        hypothesis.alive = hypothesis.log_weight > OVER;
     }
     for one in 0..FILTERS {
         for other in 0..FILTERS {
-            let [a, b] = [&state.beliefs[one], &state.beliefs[other]];
+            let [a, b] = [&state.hypotheses[one], &state.hypotheses[other]];
             let likelier = a.log_weight > b.log_weight || (a.log_weight == b.log_weight && one < other);
             if one != other && a.alive && b.alive && likelier && agree(&a.filter, &b.filter) {
-                state.beliefs[other].alive = false;
+                state.hypotheses[other].alive = false;
             }
         }
     }
@@ -460,12 +469,12 @@ mod tests {
     fn around_the_corner_the_source_is_found_and_expected_there_when_it_comes_into_view() {
         for seed in 0..20 {
             let (hidden, seen, source) = corner(seed, 0.8);
-            assert!(matches!(hidden.way, Way::Reflected(_)), "seed {seed}: {hidden:?}");
+            assert!(matches!(hidden.path, Path::Reflected(_)), "seed {seed}: {hidden:?}");
             let off = hidden.estimate.place_ned_m.minus(source);
             let [nn, ne, ee] = hidden.estimate.covariance_m2;
             let squares = ee * off.north * off.north - 2.0 * ne * off.north * off.east + nn * off.east * off.east;
             assert!(squares / (nn * ee - ne * ne) < 12.0 && off.norm() < 5.0, "seed {seed}: {hidden:?}");
-            assert_eq!(seen.way, Way::Direct);
+            assert_eq!(seen.path, Path::Direct);
             assert!(seen.estimate.place_ned_m.minus(source).norm() < 1.5, "seed {seed}: {seen:?}");
             assert!(seen.share > 0.9, "seed {seed}: {seen:?}");
         }
@@ -474,7 +483,7 @@ mod tests {
     #[test]
     fn told_that_the_link_is_direct_it_believes_in_the_image_until_it_sees_better() {
         let (hidden, seen, source) = corner(1, 0.0);
-        assert_eq!(hidden.way, Way::Direct);
+        assert_eq!(hidden.path, Path::Direct);
         assert!(hidden.estimate.place_ned_m.minus(at(14.0, 9.0)).norm() < 4.0, "{hidden:?}");
         assert!(seen.estimate.bearing_ned_rad - source.minus(at(5.56, 2.78)).bearing_rad() < 0.1, "{seen:?}");
     }

@@ -69,7 +69,7 @@ pub struct Estimate {
 /// What a filter made of a sighting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Heard {
+pub enum Update {
     /// It was the first: the filter has started, or started over.
     Started,
     /// It was weighed.

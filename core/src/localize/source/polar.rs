@@ -25,7 +25,7 @@
 //! instructions at most on a Cortex-M4F, with two and four states.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
-use super::{Estimate, Heard, Sighting, covariance, series};
+use super::{Estimate, Sighting, Update, covariance, series};
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
 use crate::base::ned::Horizontal;
@@ -250,26 +250,26 @@ impl<const S: usize> State<S> {
 
 impl Filter {
     /// Takes in a sighting.
-    pub fn step<const S: usize>(&self, state: &mut State<S>, sighting: &Sighting) -> Heard {
+    pub fn step<const S: usize>(&self, state: &mut State<S>, sighting: &Sighting) -> Update {
         if !sighting.is_plausible() {
-            return Heard::Refused;
+            return Update::Refused;
         }
         let floor = self.config.sigma_floor_rad;
         let sigma_rad = if sighting.sigma_rad > floor { sighting.sigma_rad } else { floor };
         if !state.started {
             self.start(state, sighting, sigma_rad);
-            return Heard::Started;
+            return Update::Started;
         }
         if !self.carry(state, sighting.place_ned_m, sighting.since_s) {
             *state = State::new();
-            return Heard::Overhead;
+            return Update::Overhead;
         }
         self.update(state, sighting.direction_ned, sigma_rad)
     }
 
     /// [`Self::step`] for a source that may move, compiled with this crate and not with the caller, perhaps for size.
     #[inline(never)]
-    pub fn step_moving(&self, state: &mut Moving, sighting: &Sighting) -> Heard {
+    pub fn step_moving(&self, state: &mut Moving, sighting: &Sighting) -> Update {
         self.step(state, sighting)
     }
 
@@ -361,7 +361,7 @@ impl Filter {
     }
 
     /// Weighs a bearing, given as a vector along it.
-    fn update<const S: usize>(&self, state: &mut State<S>, direction_ned: Horizontal, sigma_rad: f32) -> Heard {
+    fn update<const S: usize>(&self, state: &mut State<S>, direction_ned: Horizontal, sigma_rad: f32) -> Update {
         let config = &self.config;
         let r = sigma_rad * sigma_rad;
         let e = state.direction_ned;
@@ -400,7 +400,7 @@ impl Filter {
             state.p[0][0] = row[0] * r * inverse;
         }
         self.keep_sound(state);
-        Heard::Fused { nis, weight, likelihood }
+        Update::Fused { nis, weight, likelihood }
     }
 
     /// Within its ranges, and positive.

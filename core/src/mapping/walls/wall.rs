@@ -155,7 +155,7 @@ mod tests {
             let heard = at.minus(ear).times(1.0 / 3.0);
             let seen = image.minus(ear).times(1.0 / image.minus(ear).norm());
             assert!(heard.minus(seen).norm() < 1e-3, "{heard:?} {seen:?}");
-            // The other way round: the ear's image sees the source directly.
+            // The other path round: the ear's image sees the source directly.
             let direct = source.minus(line.mirror(ear));
             let mirrored = line.mirror_direction(heard);
             assert!(direct.times(1.0 / direct.norm()).minus(mirrored).norm() < 1e-3);

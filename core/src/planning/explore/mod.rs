@@ -8,7 +8,7 @@
 //!    farther than [`Config::radius_m`] from where the search began;
 //! 3. floods the cells that have been looked at from the vehicle's, one ring of neighbours after the other, through the sides
 //!    where the vehicle fits between the circles: the ring in which a candidate is reached is how far it is;
-//! 4. takes the candidate of the least way, turning and seeded jitter. The target is kept while it is a candidate and no
+//! 4. takes the candidate of the shortest path, least turning and seeded jitter. The target is kept while it is a candidate and no
 //!    other is better by [`Config::stick_m`]. What the flood does not reach comes last and is not given up for it: the grid
 //!    is coarser than a door.
 //!
@@ -47,7 +47,7 @@ pub struct Config {
     pub clearance_m: f32,
     /// Circles hide what is behind them as if they were this much larger: a wall is remembered with gaps in it.
     pub shade_m: f32,
-    /// A radian of turning is as good as so much of a way.
+    /// A radian of turning is as good as so much of a path.
     pub turn_m_per_rad: f32,
     /// Another target must be better by this much.
     pub stick_m: f32,
@@ -158,7 +158,7 @@ impl State {
         }
     }
 
-    /// There is no way to the target: it is not tried again, and neither are its neighbours if it was out of reach before.
+    /// There is no path to the target: it is not tried again, and neither are its neighbours if it was out of reach before.
     pub fn blocked(&mut self) {
         let Some(target) = self.target.take() else { return };
         let bit = 1_u32 << (target.cell.column & 31);

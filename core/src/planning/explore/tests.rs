@@ -73,17 +73,17 @@ impl Ways {
         Self { from }
     }
 
-    /// The place to go to next, as far along the way as a step goes.
+    /// The place to go to next, as far along the path as a step goes.
     fn towards(&self, target: Horizontal) -> Option<Horizontal> {
         let (row, column) = fine(target);
         let mut index = (row * FINE + column) as usize;
-        let mut way = std::vec![index];
+        let mut path = std::vec![index];
         while self.from[index]? != index {
             index = self.from[index]?;
-            way.push(index);
+            path.push(index);
         }
-        way.reverse();
-        way.get(((STEP_M / FINE_M) as usize).min(way.len() - 1)).map(|index| coarse(*index))
+        path.reverse();
+        path.get(((STEP_M / FINE_M) as usize).min(path.len() - 1)).map(|index| coarse(*index))
     }
 }
 
@@ -104,7 +104,7 @@ struct Sensor {
 const AROUND: Sensor = Sensor { range_m: 4.0, fov_rad: TAU };
 const AHEAD: Sensor = Sensor { range_m: 4.0, fov_rad: 1.6 };
 
-/// A vehicle that goes where it is sent, by ways that it knows of, and knows the circles that it has been near to.
+/// A vehicle that goes where it is sent, by paths that it knows of, and knows the circles that it has been near to.
 fn fly(config: &Config, sensor: &Sensor, world: &[Disc], begins: Horizontal) -> Flight {
     let explorer = config.build().unwrap();
     let mut pose = Pose { position_ned_m: begins, yaw_rad: 0.3 };

@@ -35,7 +35,7 @@ impl<const L: usize> Search<'_, L> {
                     let (sine, _) = sin_cos(core::f32::consts::PI * share);
                     problem.start_ned_m.plus(forward.times(share * reach_m)).plus(right.times(swing_m * sine))
                 }
-                Guess::Way(way) => way.get(index).or(way.last()).copied().unwrap_or(place),
+                Guess::Path(path) => path.get(index).or(path.last()).copied().unwrap_or(place),
             };
             let u = wanted.minus(place);
             let control =

@@ -51,7 +51,7 @@ impl Spread {
 pub(super) struct Near {
     /// The nearest ones, by number; those that do not exist are missing.
     which: [u16; NEAREST],
-    /// Their reaches. Between two steps the way comes nearer than at either: a reach grows by what half a step makes of it.
+    /// Their reaches. Between two steps the path comes nearer than at either: a reach grows by what half a step makes of it.
     reaches_m: [f32; NEAREST],
     /// Where they were looked for.
     around: [f32; 2],
@@ -72,7 +72,7 @@ impl Near {
         least_m: f32,
         known: Option<&Self>,
     ) -> Self {
-        // No farther than the next one of before and the way from there.
+        // No farther than the next one of before and the path from there.
         let far_m = known.filter(|known| known.is_known()).map_or(1e9, |known| {
             let away = [place[0] - known.around[0], place[1] - known.around[1]];
             2.0 * known.valid_m + sqrt(away[0] * away[0] + away[1] * away[1]) + 1e-3
@@ -112,7 +112,7 @@ impl Near {
         self.valid_m > 0.0
     }
 
-    /// Whether a step at this place has its nearest obstacles here, with so many times the way that it may move.
+    /// Whether a step at this place has its nearest obstacles here, with so many times the distance that it may move.
     #[inline]
     pub(super) fn holds(&self, place: [f32; 2], times: f32) -> bool {
         let away = [place[0] - self.around[0], place[1] - self.around[1]];

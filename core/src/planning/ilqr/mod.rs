@@ -134,8 +134,8 @@ pub enum Guess<'a> {
     /// straight line would not do: along one that meets an obstacle's middle, or that leads to the source, nothing says to
     /// which side to leave it.
     Bow(f32),
-    /// A way, point by point, such as the last solution: followed as far as the bound on the steps allows.
-    Way(&'a [Horizontal]),
+    /// A path, point by point, such as the last solution: followed as far as the bound on the steps allows.
+    Path(&'a [Horizontal]),
 }
 
 /// What is to be planned; `M` is 3 or 10, the triangle of the covariance.

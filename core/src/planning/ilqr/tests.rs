@@ -271,8 +271,8 @@ fn the_nearest_of_three_hundred_obstacles_are_found_and_hold_as_long_as_they_say
     }
 }
 
-/// A way of twelve metres past a source, in steps of at most half a metre.
-fn way(obstacles: &[Obstacle]) -> Problem<'_, 3> {
+/// A path of twelve metres past a source, in steps of at most half a metre.
+fn passing(obstacles: &[Obstacle]) -> Problem<'_, 3> {
     Problem {
         start_ned_m: Horizontal { north: 0.0, east: 0.0 },
         source_ned_m: Horizontal { north: 6.0, east: 5.0 },
@@ -293,7 +293,7 @@ fn circle(north: f32, east: f32, reach_m: f32) -> Obstacle {
     Obstacle { center_ned_m: Horizontal { north, east }, reach_m }
 }
 
-/// `n` circles of a metre's square each around the way.
+/// `n` circles of a metre's square each around the path.
 fn forest(rng: &mut Rng, n: usize) -> Vec<Obstacle> {
     let side = (n as f32).sqrt();
     (0..n)
@@ -313,7 +313,7 @@ fn forest(rng: &mut Rng, n: usize) -> Vec<Obstacle> {
 fn without_a_weight_on_the_covariance_the_way_is_straight_and_evenly_paced() {
     let planner = Config { t_covariance: [0.0; 2], ..config() }.build().unwrap();
     let mut workspace = Workspace::<3, 30>::new();
-    let solution = planner.solve(&mut workspace, &way(&[]));
+    let solution = planner.solve(&mut workspace, &passing(&[]));
     assert_eq!(solution.outcome, Outcome::Converged);
     // A line of 30 steps with R = 1, Q = 50: the last one is short of the goal by 12 / (30 Q / R + 1).
     let short = 12.0 / (30.0 * 50.0 + 1.0);
@@ -330,7 +330,7 @@ fn a_solution_is_a_minimum_its_controls_keep_their_bound_and_its_covariances_are
     for bound in [Bound::Norm, Bound::Axes] {
         let planner = Config { n_std: 1.0, process_noise_m2: [1e-3, 0.0], bound, ..config() }.build().unwrap();
         let mut workspace = Workspace::<3, 30>::new();
-        let problem = way(&obstacles);
+        let problem = passing(&obstacles);
         let solution = planner.solve(&mut workspace, &problem);
         assert_eq!(solution.outcome, Outcome::Converged, "{bound:?}");
         assert!(solution.clearance_m >= 0.0, "{}", solution.clearance_m);
@@ -400,7 +400,7 @@ fn a_way_bends_towards_the_source_and_knows_more_at_its_end() {
     let mut sums = [0.0; 2];
     for (sum, weight) in sums.iter_mut().zip([0.0, 5.0]) {
         let planner = Config { t_covariance: [weight; 2], ..config() }.build().unwrap();
-        let solution = planner.solve(&mut workspace, &way(&[]));
+        let solution = planner.solve(&mut workspace, &passing(&[]));
         assert_eq!(solution.outcome, Outcome::Converged);
         *sum = solution.covariance_trace_sum_m2;
         let highest = solution.path.iter().map(|step| step.place_ned_m.north).fold(0.0, f32::max);
@@ -419,7 +419,7 @@ fn on_the_way_to_the_source_itself_nothing_says_to_which_side_and_a_bow_does() {
             source_ned_m: Horizontal { north: 0.0, east: 16.0 },
             covariance_m2: [1.0, 0.0, 25.0],
             guess: Guess::Bow(swing_m),
-            ..way(&[])
+            ..passing(&[])
         };
         let solution = planner.solve(&mut workspace, &problem);
         *sum = solution.covariance_trace_sum_m2;
@@ -436,7 +436,7 @@ fn a_start_through_obstacles_also_through_their_middles_ends_beside_them() {
     let planner = Config { t_covariance: [0.0; 2], u_max_m: 0.6, ..config() }.build().unwrap();
     let mut workspace = Workspace::<3, 30>::new();
     for swing_m in [0.1, -0.1, 1.5] {
-        let solution = planner.solve(&mut workspace, &Problem { guess: Guess::Bow(swing_m), ..way(&obstacles) });
+        let solution = planner.solve(&mut workspace, &Problem { guess: Guess::Bow(swing_m), ..passing(&obstacles) });
         assert_eq!(solution.outcome, Outcome::Converged, "{swing_m}");
         assert!(solution.clearance_m > 0.0);
         let end = solution.path[29].place_ned_m;
@@ -449,9 +449,9 @@ fn a_warm_start_is_taken_up_where_it_was() {
     let obstacles = [circle(0.5, 3.0, 1.0), circle(2.5, 7.0, 1.2)];
     let planner = config().build().unwrap();
     let mut workspace = Workspace::<3, 30>::new();
-    let cold = planner.solve(&mut workspace, &way(&obstacles));
+    let cold = planner.solve(&mut workspace, &passing(&obstacles));
     let (cost, places): (f32, Vec<Horizontal>) = (cold.cost, cold.path.iter().map(|step| step.place_ned_m).collect());
-    let warm = planner.solve(&mut workspace, &Problem { guess: Guess::Way(&places), ..way(&obstacles) });
+    let warm = planner.solve(&mut workspace, &Problem { guess: Guess::Path(&places), ..passing(&obstacles) });
     assert_eq!(warm.outcome, Outcome::Converged);
     assert!((warm.cost / cost - 1.0).abs() < 0.01, "{} {cost}", warm.cost);
 }
@@ -464,7 +464,7 @@ fn among_three_hundred_obstacles_no_path_goes_through_one_unseen() {
     for seed in 0..40 {
         let mut rng = Rng::new(seed, 27);
         let obstacles = forest(&mut rng, 300);
-        let problem = Problem { steps: 40, covariance_m2: [0.3, 0.0, 0.3], ..way(&obstacles) };
+        let problem = Problem { steps: 40, covariance_m2: [0.3, 0.0, 0.3], ..passing(&obstacles) };
         let solution = planner.solve(&mut workspace, &problem);
         // Looked at apart: all obstacles, all segments.
         let mut before = problem.start_ned_m;
@@ -536,16 +536,16 @@ fn what_cannot_be_planned_has_an_outcome_of_its_own() {
     let mut workspace = Workspace::<3, 30>::new();
     let nowhere = Horizontal { north: f32::NAN, east: 0.0 };
     for problem in [
-        Problem { steps: 0, ..way(&[]) },
-        Problem { steps: 31, ..way(&[]) },
-        Problem { goal_ned_m: nowhere, ..way(&[]) },
-        Problem { covariance_m2: [1.0, f32::INFINITY, 1.0], ..way(&[]) },
+        Problem { steps: 0, ..passing(&[]) },
+        Problem { steps: 31, ..passing(&[]) },
+        Problem { goal_ned_m: nowhere, ..passing(&[]) },
+        Problem { covariance_m2: [1.0, f32::INFINITY, 1.0], ..passing(&[]) },
     ] {
         let solution = planner.solve(&mut workspace, &problem);
         assert_eq!((solution.outcome, solution.path.len()), (Outcome::Refused, 0));
     }
     let obstacles = [circle(0.0, 0.0, 0.5)];
-    assert_eq!(planner.solve(&mut workspace, &way(&obstacles)).outcome, Outcome::Blocked);
+    assert_eq!(planner.solve(&mut workspace, &passing(&obstacles)).outcome, Outcome::Blocked);
     assert!(Config { u_max_m: f32::NAN, ..config() }.build().is_err());
     assert!(Config { bearing_sigma_rad: 0.0, ..config() }.build().is_err());
 }

@@ -1,6 +1,6 @@
-//! Bends the way where nothing else does and the range is not known: a bearing tells the range only to who moves across it.
+//! Bends the path where nothing else does and the range is not known: a bearing tells the range only to who moves across it.
 //!
-//! The belief-space planner ([`crate::planning::ilqr`]) is asked for a way of up to six metres towards where the source is
+//! The belief-space planner ([`crate::planning::ilqr`]) is asked for a path of up to six metres towards where the source is
 //! believed to be, a tenth longer than the straight one, on which the covariance of the source's place shrinks most. What it
 //! finds is a candidate like any other: the first two metres are flown if they keep their margin.
 
@@ -10,7 +10,7 @@ use crate::base::obstacle::Obstacle;
 use crate::planning::ilqr::{self, Guess, Outcome, Problem};
 use crate::planning::rollout::{SPACING_M, Trajectory, WAYPOINTS};
 
-/// Steps of a bent way.
+/// Steps of a bent path.
 const STEPS: usize = 20;
 /// It ends at this share of the believed range, and not farther off than this.
 const SHARE: f32 = 0.6;
@@ -38,7 +38,7 @@ fn planner(stride_m: f32, bearing_sigma_rad: f32) -> Result<ilqr::Planner, Confi
     .build()
 }
 
-/// The first two metres of a bent way, if there is one that keeps its margin.
+/// The first two metres of a bent path, if there is one that keeps its margin.
 #[inline(never)]
 pub(super) fn bend(request: &PlanRequest, learn: &Learn, obstacles: &[Obstacle]) -> Option<Trajectory> {
     let start = request.start_ned_m;
@@ -86,7 +86,7 @@ pub(super) fn bend(request: &PlanRequest, learn: &Learn, obstacles: &[Obstacle])
         }
         (at, left_m) = (step.place_ned_m, left_m - leg_m);
     }
-    // A way shorter than two metres ends where it ends.
+    // A path shorter than two metres ends where it ends.
     waypoints.get_mut(filled..)?.fill(at);
     (filled > WAYPOINTS / 2 && waypoints.iter().all(|place| place.is_finite())).then_some(waypoints)
 }
@@ -109,14 +109,14 @@ mod tests {
         for seed in 0..2_u64 {
             let request = PlanRequest { seed, ..PlanRequest::default() };
             let aside = |sigma_m: f32| {
-                let way = bend(&request, &learn(sigma_m), &[]).unwrap();
+                let path = bend(&request, &learn(sigma_m), &[]).unwrap();
                 let mut length_m = 0.0;
-                for pair in way.windows(2) {
+                for pair in path.windows(2) {
                     length_m += pair[1].minus(pair[0]).norm();
-                    assert!((pair[1].minus(pair[0]).norm() - SPACING_M).abs() < 0.02, "{way:?}");
+                    assert!((pair[1].minus(pair[0]).norm() - SPACING_M).abs() < 0.02, "{path:?}");
                 }
-                assert!(way[14].north > 0.7 * length_m, "{way:?}");
-                way[14].east
+                assert!(path[14].north > 0.7 * length_m, "{path:?}");
+                path[14].east
             };
             let (vague, known) = (aside(5.0), aside(0.1));
             assert!(vague.abs() > 0.3 && vague.abs() > 3.0 * known.abs(), "{vague} {known}");

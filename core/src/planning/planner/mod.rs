@@ -8,7 +8,7 @@
 //! - [`Kind::Paper`], to the letter, with eq. 47's `|T_j - T_init|` read as the signed offset point by point (a distance
 //!   cannot be added to a point);
 //! - [`Kind::Standard`], the paper's baseline: the initial trajectory alone;
-//! - [`Kind::Foxhound`], the default: the same samples and waypoints, but a posterior of where the source is, a way there
+//! - [`Kind::Foxhound`], the default: the same samples and waypoints, but a posterior of where the source is, a path there
 //!   through what is remembered, soft repulsion, a sampled swirl, and only trajectories whose swept path keeps its margin
 //!   may be chosen (`planner/mppi.rs`). Nothing safe: a brake plan, which says so. (The paper holds that sampled
 //!   trajectories cannot cross obstacles; with finite steps they do.)
@@ -76,7 +76,7 @@ pub struct Config {
     pub reading: Reading,
     /// What a wall is.
     pub walls: walls::Config,
-    /// Whether the way is bent to learn the range, where nothing is near and nothing else bends it. Only
+    /// Whether the path is bent to learn the range, where nothing is near and nothing else bends it. Only
     /// [`Kind::Foxhound`] does.
     pub bends: bool,
     /// How to search while nothing is heard; `None`: the vehicle holds instead. Only [`Kind::Foxhound`] can.
@@ -95,7 +95,7 @@ pub struct Config {
     pub tight_margin_m: f32,
     /// Farthest temporary target (main paper, section IV: 2 m).
     pub horizon_m: f32,
-    /// The way around.
+    /// The path around.
     pub wavefront: wavefront::Config,
     /// Segments, from the start, that must keep the margin: what may be flown before the next replan and some more.
     pub checked_segments: u8,
@@ -186,7 +186,7 @@ impl Config {
     }
 }
 
-/// The source's range is not known, and the way may be bent to learn it.
+/// The source's range is not known, and the path may be bent to learn it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Learn {
     /// Where the source is believed to be.

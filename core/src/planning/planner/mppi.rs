@@ -1,20 +1,20 @@
-//! Ours: know where the source may be, find the way round what is remembered, sample the last two metres.
+//! Ours: know where the source may be, find the path round what is remembered, sample the last two metres.
 //!
 //! 1. The sightings since the last request weigh the posterior of the source ([`crate::localize::goal::posterior`]).
-//! 2. A wave from the start measures the way to every place in the window ([`crate::planning::wavefront`]). The source is
-//!    aimed at where it can be reached: the mean of the particles to which there is a way.
-//! 3. The temporary target is the farthest place of the way there that is at most two metres off and in sight.
+//! 2. A wave from the start measures the path to every place in the window ([`crate::planning::wavefront`]). The source is
+//!    aimed at where it can be reached: the mean of the particles to which there is a path.
+//! 3. The temporary target is the farthest place of the path there that is at most two metres off and in sight.
 //! 4. The paper's ten samples lead to it, with soft gains and a sampled swirl; only those whose swept path keeps its
-//!    margin may be chosen. None left: the way itself. That not clear either: a brake plan.
+//!    margin may be chosen. None left: the path itself. That not clear either: a brake plan.
 //!
 //! Some seconds without coming nearer begin a detour: every fourth replan then looks at a window three times as wide and as
-//! coarse, and those between follow the way found there, until the vehicle is nearer to the source than it has ever been
+//! coarse, and those between follow the path found there, until the vehicle is nearer to the source than it has ever been
 //! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). What takes a minute and more without coming nearer
 //! is given up: there is no way.
 //!
-//! Where nothing is near and the range is not known, the way is bent instead ([`super::bend`]).
+//! Where nothing is near and the range is not known, the path is bent instead ([`super::bend`]).
 //!
-//! No way to any place where the source may be: to the nearest place that there is a way to, and a brake plan there.
+//! No path to any place where the source may be: to the nearest place that there is a path to, and a brake plan there.
 
 use heapless::Vec;
 
@@ -38,13 +38,13 @@ const ARRIVAL_M: f32 = 0.3;
 /// does not lag behind when the vehicle passes the source.
 const NEAR_M: f32 = 1.5;
 const VAGUE: f32 = 0.1;
-/// When the source is out of reach, a place must be nearer to it by this to be worth the way.
+/// When the source is out of reach, a place must be nearer to it by this to be worth flying there.
 const WORTH_M: f32 = 0.3;
 /// A sample must end nearer to the target than it began, by this factor.
 const NEARER: f32 = 0.5;
 /// Bound of the cost of proximity, 1/m.
 const PROXIMITY_MAX: f32 = 5.0;
-/// Steps in which a place of the way is pushed out of margins.
+/// Steps in which a place of the path is pushed out of margins.
 const CENTRING_STEPS: usize = 4;
 /// Share of the posterior that must be within reach for the source to be sought there.
 const REACHABLE_SHARE: f32 = 0.02;
@@ -56,13 +56,13 @@ const PATIENCE: u16 = 8;
 /// Width of the window when it looks far, and how often that is.
 const FAR_SCALE: f32 = 3.0;
 const FAR_EVERY: u16 = 4;
-/// Replans of a mission that may bend the way to learn the range: some four metres. What has not told it by then will not.
+/// Replans of a mission that may bend the path to learn the range: some four metres. What has not told it by then will not.
 const BENDS_MAX: u8 = 6;
-/// Two places of the way found are not farther apart than this.
-const WAY_STEP_M: f32 = 1.0;
-/// A way shorter than this has ended.
-const WAY_MIN_M: f32 = 0.6;
-/// Replans that come to nothing, about a minute's, after which nothing is searched any more but a way to the source followed
+/// Two places of the path found are not farther apart than this.
+const PATH_STEP_M: f32 = 1.0;
+/// A path shorter than this has ended.
+const PATH_MIN_M: f32 = 0.6;
+/// Replans that come to nothing, about a minute's, after which nothing is searched any more but a path to the source followed
 /// that is seen from far, and after twice as many nothing believed; and how many a step of progress makes good.
 const SPENT_MAX: u16 = 80;
 const CREDIT: u16 = 20;
@@ -72,8 +72,8 @@ const CREDIT: u16 = 20;
 pub(super) struct Memory {
     posterior: Posterior,
     window: Window,
-    /// The way round, as seen from far.
-    way: Vec<Horizontal, ROUTE_MAX>,
+    /// The path round, as seen from far.
+    path: Vec<Horizontal, ROUTE_MAX>,
     progress: Progress,
 }
 
@@ -90,7 +90,7 @@ struct Progress {
     patience: u16,
     /// On a detour: replans until the next that looks far.
     until_far: Option<u16>,
-    /// Replans that bent the way to learn the range.
+    /// Replans that bent the path to learn the range.
     bends: u8,
 }
 
@@ -125,7 +125,7 @@ impl Progress {
         }
     }
 
-    /// The way seen from far turns out to be none.
+    /// The path seen from far turns out to be none.
     fn abandon(&mut self) {
         self.until_far = None;
         self.patience = self.since.saturating_add(PATIENCE);
@@ -134,7 +134,7 @@ impl Progress {
 
 impl Memory {
     pub(super) const fn new() -> Self {
-        Self { posterior: Posterior::new(), window: Window::new(), way: Vec::new(), progress: Progress::NONE }
+        Self { posterior: Posterior::new(), window: Window::new(), path: Vec::new(), progress: Progress::NONE }
     }
 
     /// The posterior of the source, once there is one.
@@ -164,10 +164,10 @@ pub(super) fn plan(
     let source = locate(&mut workspace.memory.posterior, request, known);
     let toward = source.map_or(request.target_ned_m, |source| source.place_ned_m);
 
-    let Memory { posterior, window, way, progress } = &mut workspace.memory;
+    let Memory { posterior, window, path, progress } = &mut workspace.memory;
     if request.begins {
         *progress = Progress::NONE;
-        way.clear();
+        path.clear();
     }
     workspace.obstacles.clear();
     for disc in discs {
@@ -182,7 +182,7 @@ pub(super) fn plan(
         let limit = config.horizon_m + 2.0 + obstacle.reach_m;
         obstacle.center_ned_m.minus(start).norm_squared() < limit * limit
     };
-    // With nothing near there is no way round to be found, and only a bend tells how far the source is.
+    // With nothing near there is no path round to be found, and only a bend tells how far the source is.
     if let Some(learn) = &request.learn
         && config.bends
         && known.is_none()
@@ -204,20 +204,20 @@ pub(super) fn plan(
         };
     }
     wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles);
-    let aim = aim(window, posterior, &workspace.obstacles, (progress, &*way), toward);
+    let aim = aim(window, posterior, &workspace.obstacles, (progress, &*path), toward);
     // From here on those that matter within the horizon.
     workspace.obstacles.retain(near);
 
     let mut plan = Plan { source, ..Plan::brake(config, request) };
     let Some(aim) = aim else {
         if far {
-            way.clear();
+            path.clear();
         }
         return plan;
     };
     let mut route = window.route(aim.place_ned_m);
     if far {
-        way.clone_from(&route);
+        path.clone_from(&route);
     }
     // What is beyond the horizon does not matter yet.
     let beyond = |place: &Horizontal| place.minus(start).norm_squared() > config.horizon_m * config.horizon_m;
@@ -272,7 +272,7 @@ fn aim(
     window: &mut Window,
     posterior: &Posterior,
     obstacles: &[Obstacle],
-    (progress, way): (&mut Progress, &[Horizontal]),
+    (progress, path): (&mut Progress, &[Horizontal]),
     source: Horizontal,
 ) -> Option<Aim> {
     let hopeful = |place_ned_m| Some(Aim { place_ned_m, hopeful: true });
@@ -283,15 +283,15 @@ fn aim(
     if inside && let Some(place) = approach(window, source) {
         return hopeful(place);
     }
-    if progress.spent >= SPENT_MAX && (progress.until_far.is_none() || way.is_empty()) {
+    if progress.spent >= SPENT_MAX && (progress.until_far.is_none() || path.is_empty()) {
         return None;
     }
     if (!inside || window.is_open(source))
-        && let Some(place) = leave(window, obstacles, (progress, way), source)
+        && let Some(place) = leave(window, obstacles, (progress, path), source)
     {
         return hopeful(place);
     }
-    // Not there, then: where else it may be and there is a way to.
+    // Not there, then: where else it may be and there is a path to.
     let (mut sum, mut share) = (Horizontal::default(), 0.0);
     for (particle, weight) in posterior.particles() {
         if is_within_reach(window, particle) {
@@ -319,7 +319,7 @@ fn aim(
     Some(Aim { place_ned_m: window.nearest_reached(source)?, hopeful: false })
 }
 
-/// The place that there is a way to from which a source at `place` counts as reached; for one outside of the window, the
+/// The place that there is a path to from which a source at `place` counts as reached; for one outside of the window, the
 /// best place to leave it. `None` if there is none.
 fn approach(window: &Window, place: Horizontal) -> Option<Horizontal> {
     if window.arrival_m(place).is_some() {
@@ -332,20 +332,20 @@ fn approach(window: &Window, place: Horizontal) -> Option<Horizontal> {
 }
 
 /// The place to leave the window at, towards a source that cannot be reached inside of it; on a detour the farthest place
-/// of the way that was seen from far.
+/// of the path that was seen from far.
 fn leave(
     window: &Window,
     obstacles: &[Obstacle],
-    (progress, way): (&mut Progress, &[Horizontal]),
+    (progress, path): (&mut Progress, &[Horizontal]),
     source: Horizontal,
 ) -> Option<Horizontal> {
     if progress.until_far.is_some_and(|left| left > 0)
-        && let Some((place, arrival_m)) = along(window, way)
+        && let Some((place, arrival_m)) = along(window, path)
     {
-        if arrival_m > WAY_MIN_M {
+        if arrival_m > PATH_MIN_M {
             return Some(place);
         }
-        if way.last().is_some_and(|last| last.minus(place).norm() < WAY_MIN_M) {
+        if path.last().is_some_and(|last| last.minus(place).norm() < PATH_MIN_M) {
             // At its end: look again.
             progress.until_far = Some(1);
             return Some(place);
@@ -353,7 +353,7 @@ fn leave(
         progress.abandon();
     }
     let exit = window.best_exit(source)?;
-    // The rest of the way is not as short as it is taken to be where something known is in it.
+    // The rest of the path is not as short as it is taken to be where something known is in it.
     let sees = |place| keeps(0.0, place, &[source], obstacles);
     if sees(exit) {
         return Some(exit);
@@ -361,12 +361,12 @@ fn leave(
     window.nearest_exit(source).filter(|nearest| sees(*nearest)).or(Some(exit))
 }
 
-/// The farthest place of a way to which the window has the same way, and the length of that.
-fn along(window: &Window, way: &[Horizontal]) -> Option<(Horizontal, f32)> {
+/// The farthest place of a path to which the window has the same path, and the length of that.
+fn along(window: &Window, path: &[Horizontal]) -> Option<(Horizontal, f32)> {
     let reached = |place: &Horizontal| window.arrival_m(*place).map(|arrival_m| (*place, arrival_m));
     // From the place that is reached first.
-    let (mut from, mut nearest) = (way, reached(way.first()?));
-    let mut rest = way;
+    let (mut from, mut nearest) = (path, reached(path.first()?));
+    let mut rest = path;
     while let [place, others @ ..] = rest {
         let there = reached(place);
         let stays = match (nearest, there) {
@@ -382,11 +382,11 @@ fn along(window: &Window, way: &[Horizontal]) -> Option<(Horizontal, f32)> {
     let mut farthest = nearest?;
     let mut reach_m = farthest.1;
     for place in from {
-        reach_m += WAY_STEP_M;
+        reach_m += PATH_STEP_M;
         match reached(place) {
             Some((place, arrival_m)) if arrival_m < reach_m => (farthest, reach_m) = ((place, arrival_m), arrival_m),
             Some(_) => break,
-            // Coarse as it is, the way may cut a corner.
+            // Coarse as it is, the path may cut a corner.
             None => {}
         }
     }
@@ -402,7 +402,7 @@ fn is_within_reach(window: &Window, place: Horizontal) -> bool {
     })
 }
 
-/// The farthest place of the way that is within the horizon and in sight, and the margin that the sight keeps: it gives way
+/// The farthest place of the path that is within the horizon and in sight, and the margin that the sight keeps: it gives way
 /// before the sight does.
 fn target(
     config: &Config,
@@ -416,7 +416,7 @@ fn target(
         let in_sight = |place: Horizontal| {
             place.minus(start).norm_squared() <= horizon_squared && keeps(margin_m, start, &[place], obstacles)
         };
-        // The way ends in the middle of a cell; the aim itself is better.
+        // The path ends in the middle of a cell; the aim itself is better.
         if in_sight(aim) {
             return (aim, margin_m);
         }
@@ -428,7 +428,7 @@ fn target(
     (route.get(1).copied().unwrap_or(aim), config.tight_margin_m)
 }
 
-/// A place of the way, pushed out of the margins of the obstacles around it: the raster is coarser than a narrow gap, whose
+/// A place of the path, pushed out of the margins of the obstacles around it: the raster is coarser than a narrow gap, whose
 /// middle is where this ends.
 fn centred(place: Horizontal, margin_m: f32, obstacles: &[Obstacle]) -> Horizontal {
     let mut centred = place;
@@ -486,7 +486,7 @@ fn sample(
     }
 }
 
-/// Eq. 41 with a bound on eq. 45: a way that keeps its margin may be narrow.
+/// Eq. 41 with a bound on eq. 45: a path that keeps its margin may be narrow.
 fn soft(cost: Cost) -> f32 {
     let proximity = if cost.proximity < PROXIMITY_MAX { cost.proximity } else { PROXIMITY_MAX };
     Cost { proximity, ..cost }.total()
@@ -534,7 +534,7 @@ mod tests {
     #[test]
     fn a_way_seen_from_far_is_followed_past_a_corner_that_it_cuts_and_not_through_a_wall() {
         let wavefront = wavefront::Config::DEFAULT.build().unwrap();
-        let way: Vec<Horizontal, ROUTE_MAX> =
+        let path: Vec<Horizontal, ROUTE_MAX> =
             (1..10).map(|k| Horizontal { north: 0.3 * k as f32, east: 0.0 }).collect();
         let mut window = Window::new();
         let mut farthest = |centers: &[(f32, f32)]| {
@@ -543,12 +543,12 @@ mod tests {
                 reach_m: 0.4,
             };
             let obstacles: Vec<Obstacle, 64> = centers.iter().map(obstacle).collect();
-            wavefront.march(&mut window, Horizontal::default(), way[8], 1.0, &obstacles);
-            along(&window, &way).map(|(place, _)| place)
+            wavefront.march(&mut window, Horizontal::default(), path[8], 1.0, &obstacles);
+            along(&window, &path).map(|(place, _)| place)
         };
-        // Ten centimetres and more within the reach of a pillar beside the way.
-        assert_eq!(farthest(&[(0.75, 0.25)]), Some(way[8]));
+        // Ten centimetres and more within the reach of a pillar beside the path.
+        assert_eq!(farthest(&[(0.75, 0.25)]), Some(path[8]));
         let wall: Vec<(f32, f32), 64> = (-20..=20).map(|k| (1.3, 0.3 * k as f32)).collect();
-        assert_eq!(farthest(&wall), Some(way[1]));
+        assert_eq!(farthest(&wall), Some(path[1]));
     }
 }

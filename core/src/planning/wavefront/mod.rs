@@ -1,9 +1,9 @@
-//! The way around: distances from the vehicle to everywhere in a window of the remembered map, by fast marching.
+//! The path around: distances from the vehicle to everywhere in a window of the remembered map, by fast marching.
 //!
 //! A window of 90 x 90 cells moves with the vehicle. What lies within an obstacle's reach is closed; a rim around it is
-//! passable but slow, so that a wide way is preferred and a narrow one still taken; what has not been seen counts as
+//! passable but slow, so that a wide path is preferred and a narrow one still taken; what has not been seen counts as
 //! free. A wave starts at the vehicle and is carried from cell to cell by the upwind solution of the eikonal equation
-//! `|grad T| = slowness` (Sethian 1996): the arrival at a cell is the length of the shortest way there, in any direction
+//! `|grad T| = slowness` (Sethian 1996): the arrival at a cell is the length of the shortest path there, in any direction
 //! and not only along the grid. The cells wait in buckets half as wide as a step instead of in a sorted queue (Yatziv,
 //! Bartesaghi and Sapiro 2006), a cell whose arrival improves queues again, and everything is integer: a table of 65
 //! entries holds the square roots.
@@ -35,7 +35,7 @@ const SLOW_SHIFT: [u16; 4] = [0, 1, 2, 2];
 /// Entries that may wait at a time. The front is a curve, not an area.
 const WAITING_MAX: usize = 1024;
 const NONE: u16 = u16::MAX;
-/// Steps of the way back to the start that are remembered: those nearest to it.
+/// Steps of the path back to the start that are remembered: those nearest to it.
 pub const ROUTE_MAX: usize = 48;
 const WORDS: usize = CELLS.div_ceil(32);
 /// Half the diagonal of a cell, in cells.
@@ -69,7 +69,7 @@ const fn steps() -> [u8; UNIT as usize + 1] {
 pub struct Config {
     /// Width of a cell.
     pub cell_m: f32,
-    /// Half of the narrowest gap between two obstacles that is a way.
+    /// Half of the narrowest gap between two obstacles that is a path.
     pub passable_m: f32,
     /// Clearance at which a cell is as fast as any.
     pub clear_m: f32,
@@ -197,7 +197,7 @@ impl Window {
         self.corner_ned_m.plus(offset.times(self.cell_m))
     }
 
-    /// Length of the shortest way to a place; `None` if there is none, or the place is outside of the window.
+    /// Length of the shortest path to a place; `None` if there is none, or the place is outside of the window.
     #[must_use]
     pub fn arrival_m(&self, place_ned_m: Horizontal) -> Option<f32> {
         let arrival = self.arrival(self.cell_at(place_ned_m)?);
@@ -210,7 +210,7 @@ impl Window {
         self.cell_at(place_ned_m).is_some()
     }
 
-    /// The reached place at the window's edge from which a place outside is nearest, the way to the edge included.
+    /// The reached place at the window's edge from which a place outside is nearest, the path to the edge included.
     #[must_use]
     pub fn best_exit(&self, outside_ned_m: Horizontal) -> Option<Horizontal> {
         self.least(edge(), |arrival_m, place| arrival_m + outside_ned_m.minus(place).norm())
@@ -241,7 +241,7 @@ impl Window {
         self.least(0..CELLS, |_, place| place_ned_m.minus(place).norm_squared())
     }
 
-    /// Whether from around a place that has not been reached there may be a way out of the window, so that one from the
+    /// Whether from around a place that has not been reached there may be a path out of the window, so that one from the
     /// start may come in from outside. The cells around it count as closed from then on.
     pub fn is_open(&mut self, place_ned_m: Horizontal) -> bool {
         let Some(center) = self.cell_at(place_ned_m) else { return true };
@@ -295,7 +295,7 @@ impl Window {
         best.map(|(_, place)| place)
     }
 
-    /// The shortest way to a reached place, down the steepest descent of the arrival: the part nearest to the start, from
+    /// The shortest path to a reached place, down the steepest descent of the arrival: the part nearest to the start, from
     /// there on. Empty if the place has not been reached.
     #[must_use]
     pub fn route(&self, to_ned_m: Horizontal) -> Vec<Horizontal, ROUTE_MAX> {
@@ -328,7 +328,7 @@ impl Window {
         route
     }
 
-    /// Entries for which there was no room in the last march; not zero means that some ways may have been missed.
+    /// Entries for which there was no room in the last march; not zero means that some paths may have been missed.
     #[must_use]
     pub fn dropped(&self) -> u32 {
         self.queue.dropped

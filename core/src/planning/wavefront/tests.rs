@@ -1,4 +1,4 @@
-//! Tests of the way around.
+//! Tests of the path around.
 
 use super::*;
 use crate::base::rng::Rng;

@@ -186,7 +186,7 @@ pub(super) fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &A
     let (Ok(extractor), Ok(array)) = (config.phase.build::<N>(), config.array.build()) else {
         Twin::halt(format_args!("the built-in front end does not build"))
     };
-    let Ok(finder) = config.bearing.build(array) else {
+    let Ok(estimator) = config.bearing.build(array) else {
         Twin::halt(format_args!("the built-in estimator does not build"))
     };
     let mut state = phase::State::default();
@@ -212,7 +212,7 @@ pub(super) fn front_end(measure: &impl Fn(&mut dyn FnMut()) -> u32, snapshot: &A
             phasors.z[direction / 8 % CHANNELS] = Complex::default();
         }
         let instructions = measure(&mut || {
-            black_box(finder.find(black_box(&phasors)));
+            black_box(estimator.estimate(black_box(&phasors)));
         });
         worst = worst.max(instructions);
     }
@@ -244,7 +244,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
     let (Ok(extractor), Ok(array)) = (config.phase.build::<64>(), config.array.build()) else {
         Twin::halt(format_args!("the built-in front end does not build"))
     };
-    let (Ok(finder), Ok(looks)) = (config.bearing.build(array), multipath::Config::default().build(&array)) else {
+    let (Ok(estimator), Ok(looks)) = (config.bearing.build(array), multipath::Config::default().build(&array)) else {
         Twin::halt(format_args!("the built-in estimator does not build"))
     };
     // Of a silent snapshot, for the parts that no look here changes.
@@ -272,7 +272,7 @@ fn scene(measure: &impl Fn(&mut dyn FnMut()) -> u32, turn_rad: f32, rng: &mut Rn
             tone: phase::Tone::Present,
             ..silence
         };
-        let bearing = finder.find(&phasors);
+        let bearing = estimator.estimate(&phasors);
         let look = Frame { phasors: &phasors, bearing: &bearing, yaw_rad, position_ned_m: None };
         last = measure(&mut || {
             let _ = black_box(looks.take(&mut state, black_box(&look)));

@@ -19,13 +19,13 @@ pub(super) struct Ears<'a> {
 }
 
 /// What it received in one step.
-pub(super) enum Heard {
+pub(super) enum Reception {
     Frame(Box<foxhound_core::base::adc::AdcFrame<BLOCK>>),
     Bearing(bearing::Bearing),
     Nothing,
 }
 
-impl Heard {
+impl Reception {
     pub(super) fn front_end(&self) -> FrontEnd<'_, BLOCK> {
         match self {
             Self::Frame(snapshot) => FrontEnd::Frame(snapshot),
@@ -48,7 +48,7 @@ impl<'a> Ears<'a> {
         Self { mission, antennas, random: Random::new(mission.seed, 1) }
     }
 
-    pub(super) fn hear(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Heard {
+    pub(super) fn hear(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
         let scenario = &self.mission.scenario;
         let settings = &scenario.bearing;
         let from = horizontal(vehicle);
@@ -57,7 +57,7 @@ impl<'a> Ears<'a> {
         let offset_rad = if is_outlier { settings.outlier.offset_deg.to_radians() } else { 0.0 };
         let bearing_ned_rad = to_source.bearing_rad() + offset_rad;
         if inside(scenario.faults.nan_bearing, time_s) {
-            return Heard::Bearing(bearing_of(now, f64::NAN, SIGMA_FLOOR_RAD));
+            return Reception::Bearing(bearing_of(now, f64::NAN, SIGMA_FLOOR_RAD));
         }
         let is_between = settings.pulses.is_some_and(|pulses| !pulses.at_antennas().sounds(time_s));
         let is_silent =
@@ -76,17 +76,17 @@ impl<'a> Ears<'a> {
         });
         match scenario.bearing_model() {
             _ if !world.walls.is_empty() => self.hear_among_walls(world, vehicle, now, time_s, is_silent),
-            BearingModel::Noise if is_silent => Heard::Nothing,
+            BearingModel::Noise if is_silent => Reception::Nothing,
             BearingModel::Noise => {
                 let sigma_rad = settings.sigma_deg.to_radians();
                 let azimuth_rad = bearing_ned_rad - vehicle.yaw_rad + sigma_rad * self.random.gaussian();
-                Heard::Bearing(bearing_of(now, wrap_pi(azimuth_rad), sigma_rad.max(SIGMA_FLOOR_RAD)))
+                Reception::Bearing(bearing_of(now, wrap_pi(azimuth_rad), sigma_rad.max(SIGMA_FLOOR_RAD)))
             }
             BearingModel::Rf => {
                 let apparent = from.along(Horizontal::from_bearing(bearing_ned_rad), to_source.norm());
                 let source = [apparent.north, apparent.east, world.source_down_m];
                 self.antennas.channel_gain = [if is_silent { 0.0 } else { 1.0 }; 4];
-                Heard::Frame(Box::new(self.antennas.frame(now, vehicle, source, &mut self.random)))
+                Reception::Frame(Box::new(self.antennas.frame(now, vehicle, source, &mut self.random)))
             }
         }
     }
@@ -95,21 +95,28 @@ impl<'a> Ears<'a> {
 impl Ears<'_> {
     /// By all the ways that a wave finds among walls. The receiver's gain follows the strongest one; the scenario's
     /// signal-to-noise ratio holds at [`REFERENCE_M`].
-    fn hear_among_walls(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64, is_silent: bool) -> Heard {
+    fn hear_among_walls(
+        &mut self,
+        world: &World,
+        vehicle: &Pose,
+        now: Instant,
+        time_s: f64,
+        is_silent: bool,
+    ) -> Reception {
         let settings = &self.mission.scenario.bearing;
         let from = horizontal(vehicle);
         let source = world.source_at(time_s);
         let paths = rays::paths(&world.walls, source, from, REFLECTIONS_MAX, LOSS_MAX_DB);
-        let Some(strongest) = paths.first() else { return Heard::Nothing };
+        let Some(strongest) = paths.first() else { return Reception::Nothing };
         let snr_db = settings.snr_db.unwrap_or(DEFAULT_SNR_DB) + strongest.gain_db() + 20.0 * libm::log10(REFERENCE_M);
         match self.mission.scenario.bearing_model() {
-            BearingModel::Noise if is_silent || snr_db < SNR_MIN_DB => Heard::Nothing,
+            BearingModel::Noise if is_silent || snr_db < SNR_MIN_DB => Reception::Nothing,
             BearingModel::Noise => {
                 let sigma_rad = settings.sigma_deg.to_radians();
                 let heard_rad = strongest.bearing_rad(from) + sigma_rad * self.random.gaussian();
                 let mut bearing = bearing_of(now, wrap_pi(heard_rad - vehicle.yaw_rad), sigma_rad.max(SIGMA_FLOOR_RAD));
                 bearing.quality.snr_db = snr_db as f32;
-                Heard::Bearing(bearing)
+                Reception::Bearing(bearing)
             }
             BearingModel::Rf => {
                 let place = |at: Horizontal| [at.north, at.east, world.source_down_m];
@@ -123,7 +130,7 @@ impl Ears<'_> {
                     .map(|path| Reflection { image_ned_m: place(path.image), level_db: level_db(path) })
                     .collect();
                 antennas.channel_gain = [if is_silent { 0.0 } else { 1.0 }; 4];
-                Heard::Frame(Box::new(antennas.frame(now, vehicle, place(source), &mut self.random)))
+                Reception::Frame(Box::new(antennas.frame(now, vehicle, place(source), &mut self.random)))
             }
         }
     }

@@ -27,7 +27,7 @@ const HALF_BLOCK_US: f64 = 127.5 * 1660.0 / 170.0;
 
 /// What the image was given in a step, as its log says, and what that came to.
 #[derive(Clone, Debug)]
-pub struct Heard {
+pub struct Received {
     /// The time of the step.
     pub now: Instant,
     /// What the antennas brought.
@@ -49,7 +49,7 @@ pub struct G474Computer {
     lidar: Vec<u8>,
     flight_log: Option<Vec<u8>>,
     /// What was received, if it is wanted.
-    heard: Option<Vec<Heard>>,
+    heard: Option<Vec<Received>>,
     output: Option<Output>,
 }
 
@@ -85,7 +85,7 @@ impl G474Computer {
     }
 
     /// What was heard, from the beginning or since the last call.
-    pub fn take_heard(&mut self) -> Vec<Heard> {
+    pub fn take_heard(&mut self) -> Vec<Received> {
         self.heard.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
@@ -161,7 +161,7 @@ impl G474Computer {
             }
         }
         if let Some(heard) = &mut self.heard {
-            heard.extend(steps.iter().map(|step| Heard {
+            heard.extend(steps.iter().map(|step| Received {
                 now: step.output.time,
                 snapshot: step.snapshot.clone(),
                 rx: step.bytes.clone(),
@@ -187,7 +187,7 @@ impl Computer for G474Computer {
         let snapshot = match front_end {
             FrontEnd::Frame(snapshot) => Some(snapshot),
             FrontEnd::Nothing => None,
-            FrontEnd::Heard(_) | FrontEnd::Bearing(_) => {
+            FrontEnd::Measured(_) | FrontEnd::Bearing(_) => {
                 return Err(ComputerError("the board hears waveforms, no bearings".to_owned()));
             }
         };

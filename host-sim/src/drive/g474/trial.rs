@@ -8,7 +8,7 @@ use foxhound_core::guidance::FrontEnd;
 use foxhound_core::planning::planner;
 use serde_json::Value;
 
-use super::{G474Computer, Heard, Needs, Options};
+use super::{G474Computer, Needs, Options, Received};
 use crate::drive::flight::{self, Mission};
 use crate::drive::qemu::QemuComputer;
 use crate::drive::replay::{self, Summary};
@@ -56,7 +56,7 @@ pub fn fly(elf: &Path, twin: Option<&Path>, seed: u64) -> Result<Trial, String> 
 }
 
 /// The same inputs, in the twin.
-fn repeat(twin: &Path, setup: &Setup, heard: &[Heard]) -> Result<usize, String> {
+fn repeat(twin: &Path, setup: &Setup, heard: &[Received]) -> Result<usize, String> {
     let mut twin = QemuComputer::start(twin, setup).map_err(|error| error.to_string())?;
     for (number, step) in heard.iter().enumerate() {
         let front_end = step.snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame);

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::frame::{Enu, enu};
-use crate::record::report::record::{Gains, Heard, Plan, Step, Track, Tracks, Xy};
+use crate::record::report::record::{Bearing, Gains, Plan, Step, Track, Tracks, Xy};
 use crate::world::vehicle::Motion;
 
 /// The fields that are there.
@@ -50,8 +50,8 @@ pub(super) fn beacon(step: &Step) -> Value {
     json!({ "bearing_deg": step.truth_deg, "range_m": step.truth_m })
 }
 
-pub(super) fn bearing(heard: &Heard, truth_deg: f64) -> Value {
-    let Heard { valid, bearing_deg, sigma_deg, snr_db, flags } = heard;
+pub(super) fn bearing(heard: &Bearing, truth_deg: f64) -> Value {
+    let Bearing { valid, bearing_deg, sigma_deg, snr_db, flags } = heard;
     let message = json!({ "valid": valid, "flags": flags, "sigma_deg": sigma_deg, "snr_db": snr_db });
     let error_deg = bearing_deg.map(|deg| libm::remainder(deg - truth_deg, 360.0));
     with(message, &[("bearing_deg", *bearing_deg), ("error_deg", error_deg)])

@@ -121,7 +121,7 @@ pub struct Step {
     pub truth_m: f64,
     /// The bearing that was heard, if one was.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub heard: Option<Heard>,
+    pub heard: Option<Bearing>,
     /// The bearing that guidance follows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub followed_deg: Option<f64>,
@@ -138,7 +138,7 @@ pub struct Step {
 
 /// A bearing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Heard {
+pub struct Bearing {
     /// Whether it may be used.
     pub valid: bool,
     /// Where it points; `None` without a sane attitude.

@@ -17,7 +17,7 @@ use foxhound_papers::apf::{self, NAMES};
 use serde_json::Value;
 
 use super::record::{
-    Begin, Belief, End, Field, Gains, Heard, Origin, Parameter, People, Picture, Plan, Record, Remembered, Sample,
+    Bearing, Begin, Belief, End, Field, Gains, Origin, Parameter, People, Picture, Plan, Record, Remembered, Sample,
     Step, Track, Tracks, VERSION, circles, core_xy, degrees, finite, flags, guard, milli, rounded, xy,
 };
 use crate::drive::computer::Considered;
@@ -183,7 +183,7 @@ fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
     let clearance =
         |pillar: Pillar| pillar.center.minus(sample.position).norm() - pillar.radius_m - f64::from(radius_m);
     let [north, east, _] = motion.velocity_ned_mps;
-    let heard = output.bearing.map(|bearing| Heard {
+    let heard = output.bearing.map(|bearing| Bearing {
         valid: bearing.valid && bearing.azimuth_rad.is_finite(),
         bearing_deg: output.bearing_ned_rad.filter(|rad| rad.is_finite()).map(|rad| degrees(f64::from(rad))),
         sigma_deg: degrees(f64::from(bearing.sigma_rad)),

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::array;
-use foxhound_core::doa::bearing::{self, Finder};
+use foxhound_core::doa::bearing::{self, BearingEstimator};
 use foxhound_core::localize::link_state::{Classifier, FEATURES, Features, Sightline, State};
 use foxhound_core::mapping::walls::Wall;
 use foxhound_core::signal::phase::{self, Extractor};
@@ -54,15 +54,19 @@ pub(super) struct Sample {
 /// The chain of the product.
 pub(super) struct Chain {
     extractor: Extractor<N>,
-    finder: Finder,
+    estimator: BearingEstimator,
     resolver: Looks,
 }
 
 impl Chain {
     pub(super) fn build() -> Result<Self, ConfigError> {
-        let finder = bearing::Config::default().build(array::Config::default().build()?)?;
+        let estimator = bearing::Config::default().build(array::Config::default().build()?)?;
         let resolver = multipath::Config { move_min_wavelengths: 0.2, ..multipath::Config::default() };
-        Ok(Self { extractor: phase::Config::default().build()?, resolver: resolver.build(finder.array())?, finder })
+        Ok(Self {
+            extractor: phase::Config::default().build()?,
+            resolver: resolver.build(estimator.array())?,
+            estimator,
+        })
     }
 
     /// All samples of one scene.
@@ -97,7 +101,7 @@ impl Chain {
             let time = Instant((1e6 * (1.0 + step_s * index as f64)) as u64);
             let snapshot = receive(&antennas, scene, &paths, &pose, time, random);
             let phasors = self.extractor.step(&mut heard, &snapshot);
-            let bearing = self.finder.find(&phasors);
+            let bearing = self.estimator.estimate(&phasors);
             let told_yaw_rad = wrap_pi(yaw_rad + yaw_bias_rad + 0.005 * random.gaussian()) as f32;
             let place_ned_m = Horizontal { north: place.north * odometry, east: place.east * odometry }.to_core();
             let bearing_ned_rad = bearing.valid.then_some(bearing.azimuth_rad + told_yaw_rad);

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use super::beside::line;
 use super::chart::{Axis, Chart, Panel, Series};
 use super::settings::Settings;
-use super::{CONTENDERS, error_rad, finders, phasors};
+use super::{CONTENDERS, error_rad, estimators, phasors};
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};
 use crate::world::Pose;
@@ -133,7 +133,7 @@ impl Study for Report {
     }
 
     fn run(settings: &Settings, _: Watch<'_>) -> Result<Self, InputError> {
-        let finders = finders()?;
+        let estimators = estimators()?;
         let extractor = phase::Config::default().build::<N>()?;
         let antennas = Antennas { snr_db: None, ..Antennas::default() };
         let mut rows = Vec::new();
@@ -151,8 +151,8 @@ impl Study for Report {
                             phasors(&extractor, &frame)
                         }
                     };
-                    for (errors, finder) in errors.iter_mut().zip(&finders) {
-                        let error = error_rad(&finder.find(&heard), azimuth_rad);
+                    for (errors, estimator) in errors.iter_mut().zip(&estimators) {
+                        let error = error_rad(&estimator.estimate(&heard), azimuth_rad);
                         errors.push(error.map_or(f64::NAN, |error| error.to_degrees().abs()));
                     }
                 }

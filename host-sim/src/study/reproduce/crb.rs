@@ -15,14 +15,14 @@ use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::Estimator;
 use foxhound_core::signal::phase;
-use foxhound_papers::aoa::AnyFinder;
+use foxhound_papers::aoa::AnyBearingEstimator;
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::beside::{empty, line};
 use super::chart::{Axis, Chart, Panel, Series};
 use super::settings::Settings;
-use super::{CONTENDERS, error_rad, finders, phasors};
+use super::{CONTENDERS, error_rad, estimators, phasors};
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};
 use crate::world::Pose;
@@ -166,15 +166,15 @@ fn case(n: usize, snr_db: u8, seed: u64, repeats: usize) -> Result<Row, ConfigEr
 }
 
 fn case_of<const N: usize>(snr_db: u8, seed: u64, repeats: usize) -> Result<Row, ConfigError> {
-    let finders = finders()?;
-    let finder = |estimator: Estimator| -> Option<&AnyFinder> {
+    let estimators = estimators()?;
+    let estimator = |estimator: Estimator| -> Option<&AnyBearingEstimator> {
         CONTENDERS
             .iter()
-            .zip(&finders)
+            .zip(&estimators)
             .find(|(contender, _)| contender.estimator == estimator)
-            .map(|(_, finder)| finder)
+            .map(|(_, estimator)| estimator)
     };
-    let pair = [Estimator::CrossSpectrum, Estimator::PaperCorrelated].map(finder);
+    let pair = [Estimator::CrossSpectrum, Estimator::PaperCorrelated].map(estimator);
     let extractor = phase::Config::default().build::<N>()?;
     let antennas = Antennas { snr_db: Some(f64::from(snr_db)), ..Antennas::default() };
     let bound_rad = bound_rad(&antennas, N, f64::from(snr_db));
@@ -185,8 +185,9 @@ fn case_of<const N: usize>(snr_db: u8, seed: u64, repeats: usize) -> Result<Row,
         let azimuth_rad = (step as f64 + 0.5) / AZIMUTHS as f64 * TAU % TAU;
         let source = [RANGE_M * libm::cos(azimuth_rad), RANGE_M * libm::sin(azimuth_rad), 0.0];
         let heard = phasors(&extractor, &antennas.frame::<N>(Instant(0), &Pose::default(), source, &mut random));
-        for (index, (finder, sum)) in pair.iter().zip(&mut sums).enumerate() {
-            let Some(bearing) = finder.map(|finder| finder.find(&heard)).filter(|bearing| bearing.valid) else {
+        for (index, (estimator, sum)) in pair.iter().zip(&mut sums).enumerate() {
+            let Some(bearing) = estimator.map(|estimator| estimator.estimate(&heard)).filter(|bearing| bearing.valid)
+            else {
                 continue;
             };
             let Some(error) = error_rad(&bearing, azimuth_rad) else { continue };

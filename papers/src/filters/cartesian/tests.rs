@@ -28,7 +28,7 @@ fn the_papers_frame_is_east_and_north_and_its_direction_comes_from_the_transpond
     assert_eq!(state.estimate(), None);
     // A robot at (3 north, 1 east) that hears the transponder due east of it is 10 m to the west of it.
     let heard = filter.step(&mut state, &sighting(Horizontal { north: 3.0, east: 1.0 }, core::f32::consts::FRAC_PI_2));
-    assert_eq!(heard, Heard::Started);
+    assert_eq!(heard, Update::Started);
     assert!((state.x[0] + 10.0).abs() < 1e-4 && state.x[1].abs() < 1e-4, "{:?}", state.x);
     let estimate = state.estimate().unwrap();
     assert!(estimate.place_ned_m.minus(Horizontal { north: 3.0, east: 11.0 }).norm() < 1e-4, "{estimate:?}");
@@ -149,7 +149,7 @@ fn bearings_behind_wrap_as_directions_do() {
     for k in 0..60 {
         let from = Horizontal { north: 0.0, east: 0.1 * k as f32 - 3.0 };
         let bearing = north(-12.0).minus(from).bearing_rad() + SIGMA_RAD * rng.gaussian();
-        if let Heard::Fused { nis, .. } = filter.step(&mut state, &sighting(from, bearing)) {
+        if let Update::Fused { nis, .. } = filter.step(&mut state, &sighting(from, bearing)) {
             assert!(nis < 25.0, "{nis}");
         }
     }
@@ -161,10 +161,10 @@ fn at_the_source_it_starts_over() {
     let filter = Config::DEFAULT.build().unwrap();
     let mut state = State::new();
     filter.begin(&mut state, north(0.0), north(4.0), 1.0);
-    assert_eq!(filter.step(&mut state, &sighting(north(4.0), 0.0)), Heard::Overhead);
+    assert_eq!(filter.step(&mut state, &sighting(north(4.0), 0.0)), Update::Overhead);
     assert_eq!(state, State::new());
-    assert_eq!(filter.step(&mut state, &sighting(north(4.0), 0.0)), Heard::Started);
-    assert_eq!(filter.step(&mut state, &sighting(north(f32::NAN), 0.0)), Heard::Refused);
+    assert_eq!(filter.step(&mut state, &sighting(north(4.0), 0.0)), Update::Started);
+    assert_eq!(filter.step(&mut state, &sighting(north(f32::NAN), 0.0)), Update::Refused);
 }
 
 #[test]

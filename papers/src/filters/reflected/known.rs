@@ -4,7 +4,7 @@
 //! signal of the same length of path, and a source that moves is followed through its reflection.
 
 use super::fold::fold;
-use super::{Degenerate, Estimate, Heard, Sighting, kalman};
+use super::{Degenerate, Estimate, Sighting, Update, kalman};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::localize::source::polar;
 use foxhound_core::mapping::walls::Wall;
@@ -23,9 +23,9 @@ impl<const N: usize> Known<N> {
     ///
     /// # Errors
     /// Where the ray meets no line; the state is as it was.
-    pub fn step<const S: usize>(&self, state: &mut polar::State<S>, sighting: &Sighting) -> Result<Heard, Degenerate> {
+    pub fn step<const S: usize>(&self, state: &mut polar::State<S>, sighting: &Sighting) -> Result<Update, Degenerate> {
         if !sighting.is_plausible() {
-            return Ok(Heard::Refused);
+            return Ok(Update::Refused);
         }
         Ok(self.filter.step(state, &fold(&self.lines, sighting)?))
     }
@@ -45,9 +45,9 @@ impl Known<1> {
     /// # Errors
     /// Where the ray meets no line; the state is as it was.
     #[inline(never)]
-    pub fn step_moving(&self, state: &mut polar::Moving, sighting: &Sighting) -> Result<Heard, Degenerate> {
+    pub fn step_moving(&self, state: &mut polar::Moving, sighting: &Sighting) -> Result<Update, Degenerate> {
         if !sighting.is_plausible() {
-            return Ok(Heard::Refused);
+            return Ok(Update::Refused);
         }
         Ok(self.filter.step_moving(state, &fold(&self.lines, sighting)?))
     }

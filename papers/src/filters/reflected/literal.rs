@@ -7,7 +7,7 @@
 //! paper prints it. Vertical walls they cannot have.
 
 use super::law::reflect;
-use super::{Degenerate, Estimate, Heard, Sighting, kalman};
+use super::{Degenerate, Estimate, Sighting, Update, kalman};
 use foxhound_core::base::error::{ConfigError, check};
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::units::between;
@@ -160,9 +160,9 @@ impl Filter {
     ///
     /// # Errors
     /// Where eq. 7 has no value: the state has moved with the vehicle and taken in nothing.
-    pub fn step(&self, state: &mut State, sighting: &Sighting) -> Result<Heard, Degenerate> {
+    pub fn step(&self, state: &mut State, sighting: &Sighting) -> Result<Update, Degenerate> {
         if !sighting.is_plausible() {
-            return Ok(Heard::Refused);
+            return Ok(Update::Refused);
         }
         if !state.started {
             return Err(Degenerate::NotBegun);
@@ -190,7 +190,7 @@ impl Filter {
         let sigma_rad = if sighting.sigma_rad > floor { sighting.sigma_rad } else { floor };
         let weighed = kalman::update(&mut state.x, &mut state.p, &predicted, [z_east, z_north], sigma_rad * sigma_rad);
         state.x = state.x.map(|x| between(x, -5e5, 5e5));
-        Ok(Heard::Fused { nis: weighed.nis, weight: 1.0, likelihood: weighed.likelihood() })
+        Ok(Update::Fused { nis: weighed.nis, weight: 1.0, likelihood: weighed.likelihood() })
     }
 }
 

@@ -8,7 +8,7 @@
 //! - [`law`]: the law of reflection as the paper has it (eq. 4-7), and [`literal`] its two filters, the baselines.
 
 use super::kalman;
-use super::{Estimate, Heard, Sighting};
+use super::{Estimate, Sighting, Update};
 
 pub mod fold;
 pub mod known;

@@ -16,7 +16,7 @@
 //! The anchor is where the filter begins: near to what matters, so that an error of `phi` moves the line where it is of use.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
-use super::{Degenerate, Estimate, Heard, Sighting, kalman};
+use super::{Degenerate, Estimate, Sighting, Update, kalman};
 use foxhound_core::base::error::{ConfigError, check};
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Horizontal;
@@ -266,17 +266,17 @@ impl Unknown {
     /// Takes in a sighting off the line.
     ///
     /// # Errors
-    /// [`Degenerate::NotBegun`] before [`Unknown::begin`], and again after [`Heard::Overhead`].
-    pub fn step(&self, state: &mut State, sighting: &Sighting) -> Result<Heard, Degenerate> {
+    /// [`Degenerate::NotBegun`] before [`Unknown::begin`], and again after [`Update::Overhead`].
+    pub fn step(&self, state: &mut State, sighting: &Sighting) -> Result<Update, Degenerate> {
         if !sighting.is_plausible() {
-            return Ok(Heard::Refused);
+            return Ok(Update::Refused);
         }
         if !state.started {
             return Err(Degenerate::NotBegun);
         }
         if !self.predict(state, sighting.place_ned_m, sighting.since_s) {
             *state = State::new();
-            return Ok(Heard::Overhead);
+            return Ok(Update::Overhead);
         }
         let floor = self.config.sigma_floor_rad;
         let sigma_rad = if sighting.sigma_rad > floor { sighting.sigma_rad } else { floor };
@@ -331,7 +331,7 @@ impl Unknown {
     }
 
     /// Weighs a bearing, as [`polar`](foxhound_core::localize::source::polar) does.
-    fn update(&self, state: &mut State, bearing_ned_rad: f32, sigma_rad: f32) -> Heard {
+    fn update(&self, state: &mut State, bearing_ned_rad: f32, sigma_rad: f32) -> Update {
         let config = &self.config;
         let r = sigma_rad * sigma_rad;
         let innovation = wrap_pi(bearing_ned_rad - state.x[0]);
@@ -358,7 +358,7 @@ impl Unknown {
             state.p[0][0] = row[0] * r / s;
         }
         self.keep_sound(state);
-        Heard::Fused { nis, weight, likelihood }
+        Update::Fused { nis, weight, likelihood }
     }
 
     /// Within its ranges, and positive.

@@ -35,7 +35,7 @@ fn run<const S: usize>(
     source: impl Fn(f32) -> Horizontal,
     path: impl Fn(f32) -> Horizontal,
     length_s: f32,
-    mut watch: impl FnMut(f32, &State<S>, Heard),
+    mut watch: impl FnMut(f32, &State<S>, Update),
 ) -> State<S> {
     let mut state = State::new();
     for k in 0..(length_s * 10.0) as u32 {
@@ -147,7 +147,7 @@ fn a_weave_finds_the_range_and_the_filter_is_consistent() {
             weave,
             6.0,
             |_, _, heard| {
-                if let Heard::Fused { nis, .. } = heard {
+                if let Update::Fused { nis, .. } = heard {
                     nis_sum += nis;
                     count += 1.0;
                 }
@@ -214,7 +214,7 @@ fn bearings_that_wrap_are_one_bearing() {
         |t| Horizontal { north: 0.0, east: t - 3.0 },
         6.0,
         |t, _, heard| {
-            if let Heard::Fused { nis, .. } = heard {
+            if let Update::Fused { nis, .. } = heard {
                 assert!(nis < 25.0, "{t}: {nis}");
             }
         },

@@ -13,7 +13,7 @@ use std::f64::consts::PI;
 
 use foxhound_core::base::ned::Horizontal as Core;
 use foxhound_core::localize::source::polar::{self, Filter, Resting};
-use foxhound_core::localize::source::{Heard, Sighting};
+use foxhound_core::localize::source::{Sighting, Update};
 use foxhound_core::planning::ilqr::{Config, Guess, Outcome, Planner, Problem, Workspace};
 use serde::Serialize;
 
@@ -141,7 +141,7 @@ fn fly(planner: Option<&Planner>, seed: u64, run: u64) -> Option<Run> {
             sigma_rad: BEARING_SIGMA_RAD as f32,
             since_s: SPACING_M,
         };
-        if let Heard::Fused { nis: one, .. } = filter.step(&mut state, &sighting) {
+        if let Update::Fused { nis: one, .. } = filter.step(&mut state, &sighting) {
             nis += f64::from(one);
             bearings += 1;
         }
@@ -160,7 +160,7 @@ fn fly(planner: Option<&Planner>, seed: u64, run: u64) -> Option<Run> {
                 steps: left.clamp(1, STEPS),
                 obstacles: &[],
                 seen_through: None,
-                guess: if flown_m == 0.0 { Guess::Bow(side) } else { Guess::Way(&route.points) },
+                guess: if flown_m == 0.0 { Guess::Bow(side) } else { Guess::Path(&route.points) },
             };
             let solution = planner.solve(&mut workspace, &problem);
             if matches!(solution.outcome, Outcome::Converged | Outcome::CapReached) {

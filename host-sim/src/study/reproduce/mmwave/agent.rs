@@ -2,7 +2,7 @@
 
 use foxhound_core::ConfigError;
 use foxhound_core::localize::source::Sighting;
-use foxhound_core::localize::source::bank::{self, Answer, Bank, Way};
+use foxhound_core::localize::source::bank::{self, Answer, FilterBank, Path};
 use foxhound_core::localize::source::polar;
 use foxhound_core::mapping::walls::{self, Extractor, Wall};
 use serde::Serialize;
@@ -157,10 +157,10 @@ impl Agent {
 struct Seeker {
     /// Whether higher orders are followed from point of reflection to point of reflection.
     climbs: bool,
-    bank: Bank,
+    bank: FilterBank,
     /// What is heard directly, by one reflection, and by more.
     ears: [Ear; 3],
-    finder: Extractor,
+    extractor: Extractor,
     workspace: Box<walls::Workspace>,
     walls: Walls,
     sigma_rad: f64,
@@ -195,12 +195,12 @@ impl Seeker {
         let polar =
             polar::Config { inverse_range_per_m: 0.05, inverse_range_sigma_per_m: 0.08, ..bank::Config::DEFAULT.polar };
         let bank = bank::Config { polar, slack_m: 0.2, ..bank::Config::DEFAULT }.build()?;
-        let finder = walls::Config { length_min_m: 0.8, gap_m: 0.6, ..walls::Config::default() };
+        let extractor = walls::Config { length_min_m: 0.8, gap_m: 0.6, ..walls::Config::default() };
         Ok(Self {
             climbs,
             bank,
             ears: [Ear::new(), Ear::new(), Ear::new()],
-            finder: finder.build()?,
+            extractor: extractor.build()?,
             workspace: Box::default(),
             walls: Walls::default(),
             sigma_rad: sigma_rad.max(SIGMA_MIN_RAD),
@@ -229,7 +229,7 @@ impl Seeker {
     /// Takes in what is seen and heard; whether to stay and listen on.
     fn listens(&mut self, view: &View<'_>) -> bool {
         let points: Vec<_> = view.scan.iter().step_by(2).map(|point| point.to_core()).collect();
-        for line in self.finder.find(&mut self.workspace, &points) {
+        for line in self.extractor.find(&mut self.workspace, &points) {
             self.walls.add(line);
         }
         if view.link != self.link {
@@ -272,9 +272,9 @@ impl Seeker {
 /// Where a filter takes the wave to come from: the transmitter, or its last image.
 fn image_of(answer: &Answer) -> Horizontal {
     let estimate = answer.estimate.place_ned_m;
-    from_core(match answer.way {
-        Way::Direct => estimate,
-        Way::Reflected(line) => line.mirror(estimate),
+    from_core(match answer.path {
+        Path::Direct => estimate,
+        Path::Reflected(line) => line.mirror(estimate),
     })
 }
 
@@ -290,7 +290,14 @@ impl Ear {
         Self { state: bank::State::new(), unexplained: 0, answer: None }
     }
 
-    fn hear(&mut self, bank: &Bank, view: &View<'_>, sigma_rad: f64, reflected: f32, lines: &[Wall]) -> Option<Answer> {
+    fn hear(
+        &mut self,
+        bank: &FilterBank,
+        view: &View<'_>,
+        sigma_rad: f64,
+        reflected: f32,
+        lines: &[Wall],
+    ) -> Option<Answer> {
         let sighting = Sighting {
             place_ned_m: view.place.to_core(),
             direction_ned: Horizontal::from_bearing(view.bearing_rad).to_core(),

@@ -6,7 +6,7 @@
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::obstacle::Obstacle;
-use foxhound_core::localize::source::bank::{Answer, Mode, Way};
+use foxhound_core::localize::source::bank::{Answer, Mode, Path};
 use foxhound_core::planning::ilqr::{self, Guess, Outcome, Planner, Problem, Workspace};
 
 use super::cycle::{PERIOD, STEP_M, View};
@@ -83,9 +83,9 @@ impl Bend {
         } else {
             (steps, goal)
         };
-        let source = match answer.way {
-            Way::Direct => answer.estimate.place_ned_m,
-            Way::Reflected(line) => line.mirror(answer.estimate.place_ned_m),
+        let source = match answer.path {
+            Path::Direct => answer.estimate.place_ned_m,
+            Path::Reflected(line) => line.mirror(answer.estimate.place_ned_m),
         };
         let mut near: Vec<(f64, Horizontal)> = (view.known.points().iter())
             .map(|point| (point.minus(view.place).norm(), *point))

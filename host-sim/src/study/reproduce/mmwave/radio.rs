@@ -42,7 +42,7 @@ impl Link {
 
 /// What is heard.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Heard {
+pub(super) struct Reception {
     /// By what way.
     pub(super) link: Link,
     /// From where, from north, clockwise; of no meaning when nothing is heard.
@@ -50,21 +50,21 @@ pub(super) struct Heard {
 }
 
 /// What a listener hears.
-pub(super) fn hear(walls: &[Wall], source: Horizontal, listener: Horizontal) -> Heard {
+pub(super) fn hear(walls: &[Wall], source: Horizontal, listener: Horizontal) -> Reception {
     let strongest = |order_max| {
         let found = rays::paths(walls, source, listener, order_max, -FLOOR_DB).into_iter().next();
         found.filter(|path| path.gain_db() >= FLOOR_DB)
     };
     // Nothing is shorter than the direct way, or loses less.
     match strongest(0).or_else(|| strongest(ORDER_MAX)) {
-        None => Heard { link: Link::None, bearing_rad: 0.0 },
+        None => Reception { link: Link::None, bearing_rad: 0.0 },
         Some(path) => {
             let link = match path.order {
                 0 => Link::LineOfSight,
                 1 => Link::FirstOrder,
                 _ => Link::HigherOrder,
             };
-            Heard { link, bearing_rad: path.bearing_rad(listener) }
+            Reception { link, bearing_rad: path.bearing_rad(listener) }
         }
     }
 }

@@ -85,11 +85,11 @@ fn what_has_no_geometry_is_told_and_changes_nothing() {
         sigma_rad: SIGMA_RAD,
         since_s: 0.1,
     };
-    assert_eq!(known.step(&mut state, &heard(at(0.0, 0.0), 0.4)), Ok(Heard::Started));
+    assert_eq!(known.step(&mut state, &heard(at(0.0, 0.0), 0.4)), Ok(Update::Started));
     let before = state;
     assert_eq!(known.step(&mut state, &heard(at(10.0, 0.0), 0.4)), Err(Degenerate::OnLine));
     assert_eq!(known.step(&mut state, &heard(at(0.0, 0.0), 2.0)), Err(Degenerate::NoReflection));
-    assert_eq!(known.step(&mut state, &heard(at(f32::NAN, 0.0), 0.4)), Ok(Heard::Refused));
+    assert_eq!(known.step(&mut state, &heard(at(f32::NAN, 0.0), 0.4)), Ok(Update::Refused));
     assert_eq!(state, before);
 }
 

@@ -102,7 +102,7 @@ fn vertical_walls_filters_that_have_not_begun_and_vehicles_on_the_line_are_told(
     assert_eq!(state, State::new());
     filter.begin_known(&mut state, &Guess { vehicle_sigma_m: 0.0, ..guess(at(2.0, 9.0), [0.0, 10.0]) }).unwrap();
     assert_eq!(filter.step(&mut state, &sighting(at(10.0, 4.0), 0.1)), Err(Degenerate::OnLine));
-    assert!(matches!(filter.step(&mut state, &sighting(at(8.0, 4.0), 0.1)), Ok(Heard::Fused { .. })));
+    assert!(matches!(filter.step(&mut state, &sighting(at(8.0, 4.0), 0.1)), Ok(Update::Fused { .. })));
 }
 
 #[test]

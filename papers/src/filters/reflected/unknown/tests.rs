@@ -209,8 +209,8 @@ fn what_has_no_geometry_is_told() {
     assert_eq!(bad(Guess { source_ned_m: at(0.0, 12.0), ..guess() }), Degenerate::NoReflection);
     filter.begin(&mut state, &guess()).unwrap();
     let image = state.image().unwrap().place_ned_m;
-    assert_eq!(filter.step(&mut state, &sighting(at(f32::NAN, 0.0), 0.1)), Ok(Heard::Refused));
-    assert_eq!(filter.step(&mut state, &sighting(image, 0.1)), Ok(Heard::Overhead));
+    assert_eq!(filter.step(&mut state, &sighting(at(f32::NAN, 0.0), 0.1)), Ok(Update::Refused));
+    assert_eq!(filter.step(&mut state, &sighting(image, 0.1)), Ok(Update::Overhead));
     assert_eq!(filter.step(&mut state, &sighting(image, 0.1)), Err(Degenerate::NotBegun));
 }
 

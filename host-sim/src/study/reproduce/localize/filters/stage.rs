@@ -1,7 +1,7 @@
 //! The experiments, each with the paper's filter and ours on the same courses.
 
 use foxhound_core::ConfigError;
-use foxhound_core::localize::source::{Estimate, Heard, Sighting, polar};
+use foxhound_core::localize::source::{Estimate, Sighting, Update, polar};
 use foxhound_papers::filters::cartesian;
 use foxhound_papers::filters::reflected::{Degenerate, Known, Unknown, literal, unknown};
 
@@ -317,7 +317,7 @@ fn follow(
     course: &Course,
     sightings: &[Sighting],
     at_first: Option<Estimate>,
-    mut step: impl FnMut(&Sighting) -> (Result<Heard, Degenerate>, Option<Estimate>),
+    mut step: impl FnMut(&Sighting) -> (Result<Update, Degenerate>, Option<Estimate>),
 ) -> Vec<Option<Estimate>> {
     let mut found_its_way = true;
     let mut places = Vec::with_capacity(sightings.len());

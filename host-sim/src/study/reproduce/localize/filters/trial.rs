@@ -3,7 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use foxhound_core::localize::source::polar::State;
-use foxhound_core::localize::source::{Heard, Sighting};
+use foxhound_core::localize::source::{Sighting, Update};
 use foxhound_core::mapping::walls;
 use foxhound_papers::filters::consistency::Consistency;
 
@@ -165,11 +165,11 @@ pub(super) struct Gathered {
 
 impl Gathered {
     /// Takes in what came of a sighting; false when the filter has lost its way.
-    pub(super) fn heard<E>(&mut self, heard: Result<Heard, E>) -> bool {
+    pub(super) fn heard<E>(&mut self, heard: Result<Update, E>) -> bool {
         match heard {
-            Ok(Heard::Fused { nis, .. }) => self.nis.add(nis, 1),
-            Ok(Heard::Started) => (),
-            Ok(Heard::Refused | Heard::Overhead) => return false,
+            Ok(Update::Fused { nis, .. }) => self.nis.add(nis, 1),
+            Ok(Update::Started) => (),
+            Ok(Update::Refused | Update::Overhead) => return false,
             // A ray that noise has turned away from the wall: left out.
             Err(_) => (),
         }
