@@ -230,8 +230,13 @@ impl Mapper {
             self.refine(known, now, seen, covered.points_m, origin);
             index.place(at, known);
         }
+        let best = nearest.and_then(|(at, _)| map.known.get(at)).copied();
         for at in met {
-            if let Some(known) = map.known.get(usize::from(at)) {
+            let Some(known) = map.known.get_mut(usize::from(at)) else { continue };
+            if best.is_some_and(|best| is_within(known, &best)) {
+                known.clear_scans = DOOMED;
+                index.doom(usize::from(at));
+            } else {
                 covered.mark(known, known.center_ned_m.minus(origin));
             }
         }
@@ -292,4 +297,12 @@ fn is_gated(known: &Known, seen: &Detection, squared: f32) -> bool {
     let doubt_m = 2.0 * (known.sigma_m + seen.sigma_m);
     let gate_m = GATE * larger_m + if doubt_m < GATE_M { doubt_m } else { GATE_M };
     squared < gate_m * gate_m
+}
+
+/// Whether a known pillar is a worse measurement of another one: seen from far its radius is a guess, its sigma is large, and
+/// nothing sees through what is inside a real pillar.
+fn is_within(known: &Known, best: &Known) -> bool {
+    let inside_m = best.radius_m + STICK_OUT_M - known.radius_m;
+    let squared = known.center_ned_m.minus(best.center_ned_m).norm_squared();
+    known.sigma_m > best.sigma_m && inside_m > 0.0 && squared < inside_m * inside_m
 }

@@ -83,6 +83,18 @@ fn a_post_stays_known_when_only_its_neighbour_15_centimetres_away_is_seen_any_mo
 }
 
 #[test]
+fn a_guess_from_far_is_forgotten_when_its_pillar_is_measured_from_near() {
+    let (mapper, mut map) = (mapper(), Map::default());
+    // Two guesses on either side of it, too far apart to be one; then the pillar.
+    for (east, radius_m, sigma_m) in [(0.2, 0.12, 0.06), (0.0, 0.05, 0.14), (0.105, 0.12, 0.005)] {
+        let look = pillar(2.0, east, radius_m, sigma_m);
+        mapper.observe_scan(&mut map, Instant(1), &unknown_scan(), &Pose::default(), &look);
+    }
+    let circles: StdVec<_> = map.circles().collect();
+    assert!(circles.len() == 1 && circles[0].radius_m < 0.135, "{circles:?}");
+}
+
+#[test]
 fn the_farthest_circle_gives_way_when_the_store_is_full() {
     let (mapper, mut map) = (mapper(), Map::default());
     for k in 0..CIRCLES_MAX as i32 + 10 {
