@@ -20,7 +20,7 @@ fn main() -> Result<(), ConfigError> {
     let known = [(1.0, 0.1, 0.3), (2.2, -0.5, 0.25)].map(|(north, east, radius_m)| Disc {
         center_ned_m: Horizontal { north, east },
         radius_m,
-        moves: false,
+        ..Disc::default()
     });
     let plan = planner.plan(&mut workspace, &request, &known);
     println!("{:?}, cost {:.3}, gains {:?}", plan.verdict, plan.cost, plan.gains);

@@ -58,7 +58,7 @@
 //! let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
 //! let request = PlanRequest { known_source_ned_m, ..PlanRequest::default() };
 //! let center_ned_m = Horizontal { north: 1.0, east: 0.1 };
-//! let pillar = Disc { center_ned_m, radius_m: 0.3, moves: false };
+//! let pillar = Disc { center_ned_m, radius_m: 0.3, ..Disc::default() };
 //! let plan = planner.plan(&mut Workspace::new(), &request, &[pillar]);
 //! assert_eq!(plan.verdict, Verdict::Follow);
 //! # Ok::<(), ConfigError>(())

@@ -579,5 +579,10 @@ fn search(draw: &mut Draw<'_>) -> Reached {
 }
 
 fn disc(draw: &mut Draw<'_>, center_ned_m: Horizontal) -> Disc {
-    Disc { center_ned_m, radius_m: draw.field(0.15, 0.0, 2.0), moves: draw.below(16) == 0 }
+    Disc {
+        center_ned_m,
+        radius_m: draw.field(0.15, 0.0, 2.0),
+        sigma_mm: u16::from(draw.below(200)),
+        moves: draw.below(16) == 0,
+    }
 }

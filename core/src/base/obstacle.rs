@@ -35,8 +35,10 @@ impl Circle {
 pub struct Disc {
     /// Centre.
     pub center_ned_m: Horizontal,
-    /// Radius.
+    /// Radius, its standard deviation included.
     pub radius_m: f32,
+    /// Standard deviation of centre and radius, mm: sixteen bytes are enough for all of a disc.
+    pub sigma_mm: u16,
     /// Whether it moves.
     pub moves: bool,
 }
@@ -48,12 +50,18 @@ impl Disc {
         let Self { center_ned_m, radius_m, .. } = *self;
         Circle { center_ned_m, radius_m, ..Circle::default() }.is_plausible()
     }
+
+    /// As it was measured: without its standard deviation.
+    #[must_use]
+    pub fn measured(&self) -> Self {
+        Self { radius_m: self.radius_m - 0.001 * f32::from(self.sigma_mm), ..*self }
+    }
 }
 
 impl From<Circle> for Disc {
     fn from(circle: Circle) -> Self {
         let Circle { center_ned_m, radius_m, velocity_ned_mps } = circle;
-        Self { center_ned_m, radius_m, moves: velocity_ned_mps != Horizontal::default() }
+        Self { center_ned_m, radius_m, sigma_mm: 0, moves: velocity_ned_mps != Horizontal::default() }
     }
 }
 

@@ -4,7 +4,7 @@
 //!
 //! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_scans`] scans is forgotten.
 //! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
-//!    a poor glimpse of a better known one. If the average leaves out what was just seen, that is added beside what was known.
+//!    a poor glimpse of a better known one; worse measurements of the same one are forgotten. If the average leaves out what was just seen, that is added beside what was known.
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
 //!    What a wide sector reports from more than a metre away may stand a little beside its hit, too (`absorb`).
 //!
@@ -135,12 +135,16 @@ impl Known {
         if self.motion.moves() { self.slope_or_front } else { Horizontal::default() }
     }
 
+    /// By how much its reported radius is larger than the measured one: not at all if it was delivered.
+    fn inflation_m(&self) -> f32 {
+        if self.origin == Origin::Given { 0.0 } else { INFLATION_SIGMAS * self.sigma_m }
+    }
+
     /// As it is reported: larger by its sigma unless it was delivered, and with a velocity only if it moves.
     fn circle(&self) -> Circle {
-        let doubt_m = if self.origin == Origin::Given { 0.0 } else { INFLATION_SIGMAS * self.sigma_m };
         Circle {
             center_ned_m: self.center_ned_m,
-            radius_m: self.radius_m + doubt_m,
+            radius_m: self.radius_m + self.inflation_m(),
             velocity_ned_mps: self.velocity_ned_mps(),
         }
     }
@@ -175,7 +179,12 @@ impl Map {
 
     /// The same for a plan.
     pub fn discs(&self) -> impl Iterator<Item = Disc> + Clone {
-        self.circles().map(Disc::from)
+        let disc = |known: &Known| {
+            // Towards zero, and at most 65 m.
+            let sigma_mm = (1000.0 * known.inflation_m()) as u16;
+            Disc { sigma_mm, ..Disc::from(known.circle()) }
+        };
+        self.known.iter().map(disc)
     }
 
     /// When the newest scan was measured that has been taken in, even if it hit nothing.

@@ -7,6 +7,9 @@
 //! 4. The paper's ten samples lead to it, with soft gains and a sampled swirl; only those whose swept path keeps its
 //!    margin may be chosen. None left: the path itself. That not clear either: a brake plan.
 //!
+//! Seen from far, a pillar is known badly, and a gap seems closed that is open. So the path leads round the discs as they were
+//! measured, while samples keep clear of their sigma, too, which shrinks on the way. Without coming nearer, so does the path.
+//!
 //! Some seconds without coming nearer begin a detour: every fourth replan then looks at a window three times as wide and as
 //! coarse, and those between follow the path found there, until the vehicle is nearer to the source than it has ever been
 //! (the leave condition of `TangentBug`, Kamon, Rivlin and Rimon 1996). What takes a minute and more without coming nearer
@@ -26,6 +29,7 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::{Disc, Obstacle};
 use crate::base::rng::Rng;
 use crate::localize::goal::posterior::{Estimate, Posterior};
+use crate::mapping::map::CIRCLES_MAX;
 use crate::planning::field::{Field, Gains};
 use crate::planning::rollout::{Cost, SPACING_M, Trajectory, WAYPOINTS, cost, swept_clearance_m};
 use crate::planning::wavefront::{ROUTE_MAX, Wavefront, Window};
@@ -169,14 +173,17 @@ pub(super) fn plan(
         *progress = Progress::NONE;
         path.clear();
     }
-    workspace.obstacles.clear();
-    for disc in discs {
-        // What moves is gone by then, and to make way for it for longer is to meet it more often.
-        let gust_margin_m = if disc.moves { 0.0 } else { request.gust_margin_m };
-        let radius_m = config.vehicle_radius_m + gust_margin_m;
-        let _ = workspace.obstacles.push(Obstacle::of(disc, radius_m));
-    }
     progress.step(start, toward);
+    let keep_off = |obstacles: &mut Vec<Obstacle, CIRCLES_MAX>, as_measured: bool| {
+        obstacles.clear();
+        for disc in discs {
+            // What moves is gone by then, and to make way for it for longer is to meet it more often.
+            let gust_margin_m = if disc.moves { 0.0 } else { request.gust_margin_m };
+            let disc = if as_measured { disc.measured() } else { *disc };
+            let _ = obstacles.push(Obstacle::of(&disc, config.vehicle_radius_m + gust_margin_m));
+        }
+    };
+    keep_off(&mut workspace.obstacles, progress.since < PATIENCE);
     let far = progress.until_far == Some(0);
     let near = |obstacle: &Obstacle| {
         let limit = config.horizon_m + 2.0 + obstacle.reach_m;
@@ -205,7 +212,8 @@ pub(super) fn plan(
     }
     wavefront.march(window, start, toward, if far { FAR_SCALE } else { 1.0 }, &workspace.obstacles);
     let aim = aim(window, posterior, &workspace.obstacles, (progress, &*path), toward);
-    // From here on those that matter within the horizon.
+    // From here on those that matter within the horizon, with their sigma.
+    keep_off(&mut workspace.obstacles, false);
     workspace.obstacles.retain(near);
 
     let mut plan = Plan { source, ..Plan::brake(config, request) };

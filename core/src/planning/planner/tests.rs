@@ -82,6 +82,24 @@ fn gusts_make_the_way_wider_and_a_narrow_gap_none() {
 }
 
 #[test]
+fn a_gap_that_may_be_closed_is_flown_to_and_left_when_that_brings_it_no_nearer() {
+    // A wall with a gap of 0.5 m straight ahead, 3 m away, of which each side may be 0.15 m nearer.
+    let wall = (0..40).flat_map(|k| [1.0_f32, -1.0].map(|side| (3.0, side * (0.45 + 0.3 * k as f32), 0.2 + 0.15)));
+    let known: Discs = discs(&wall.collect::<std::vec::Vec<_>>());
+    let known: Discs = known.into_iter().map(|disc| Disc { sigma_mm: 150, ..disc }).collect();
+    let planner = Config::default().build().unwrap();
+    let mut workspace = Workspace::default();
+    let known_source_ned_m = Some(Horizontal { north: 6.0, east: 0.0 });
+    let mut east_m = |begins, id| {
+        let request = PlanRequest { id, begins, known_source_ned_m, ..request() };
+        planner.plan(&mut workspace, &request, &known).target_ned_m.east
+    };
+    assert!(east_m(true, 0).abs() < 0.1, "towards the gap");
+    let later: std::vec::Vec<f32> = (1..40).map(|id| east_m(false, id)).collect();
+    assert!(later.iter().any(|east| east.abs() > 1.0), "round the wall: {later:?}");
+}
+
+#[test]
 fn an_obstacle_exactly_on_the_line_is_passed_on_one_side() {
     let (plan, _) = plan(&request(), &discs(&[(1.0, 0.0, 0.3)]));
     assert_eq!(plan.verdict, Verdict::Follow);

@@ -154,7 +154,7 @@ pub(super) fn replan(measure: &impl Fn(&mut dyn FnMut()) -> u32, planner: &Plann
     let known: [Disc; OBSTACLES] = core::array::from_fn(|_| Disc {
         center_ned_m: Horizontal { north: 8.0 * rng.uniform() - 3.0, east: 8.0 * rng.uniform() - 4.0 },
         radius_m: 0.1 + 0.2 * rng.uniform(),
-        moves: false,
+        ..Disc::default()
     });
     // From the same place again and again: from the ninth on some look far.
     let mut worst = 0;

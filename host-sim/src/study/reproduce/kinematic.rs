@@ -102,7 +102,7 @@ impl Known<'_> {
         let disc = |pillar: &Pillar| Disc {
             center_ned_m: pillar.center.to_core(),
             radius_m: pillar.radius_m as f32,
-            moves: false,
+            ..Disc::default()
         };
         known.into_iter().take(CIRCLES_MAX).map(disc).collect()
     }
