@@ -4,7 +4,8 @@
 //!
 //! 1. What the sensor sees through, in the middle or at a side, for [`Config::clear_scans`] scans is forgotten.
 //! 2. A pillar that meets a known one is averaged into it (`motion`: an alpha-beta filter whose memory grows), unless it is
-//!    a poor glimpse of a better known one; worse measurements of the same one are forgotten. If the average leaves out what was just seen, that is added beside what was known.
+//!    a poor glimpse of a better known one; worse measurements of the same one are forgotten. If the average leaves out what
+//!    was just seen, that is added beside what was known.
 //! 3. Patches are added where a hit is not in a known circle yet, or within [`Config::cover_m`] of it; patches inside a pillar go.
 //!    What a wide sector reports from more than a metre away may stand a little beside its hit, too (`absorb`).
 //!
