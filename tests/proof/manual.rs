@@ -336,7 +336,7 @@ fn every_parameter_and_telemetry_value_that_a_page_names_exists() {
         .lines()
         .filter_map(|line| Some(format!("{} ", line.strip_prefix("| `")?.split_once('`')?.0)))
         .collect();
-    let sent: String = read(Path::new("link/src/companion/speak.rs"))
+    let sent: String = read(Path::new("link/src/companion/send.rs"))
         .split("*b\"FH_")
         .skip(1)
         .filter_map(|rest| Some(format!("FH_{} ", rest.split_once('\\')?.0)))
