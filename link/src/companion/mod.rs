@@ -52,7 +52,7 @@ use crate::turns::Turns;
 
 pub use self::config::{Config, ObstacleFrame, Yaw};
 pub use self::exam::{Exam, Examined, Tone};
-pub use self::speak::NOTICE_BYTES;
+pub use self::send::NOTICE_BYTES;
 pub use crate::autopilot::{Autopilot, Software};
 pub use crate::params::Storage;
 pub use crate::sources::Source;
@@ -192,7 +192,7 @@ pub struct Companion {
     timesync_due: Instant,
     /// Number of the period of the setpoint grid that was polled last.
     setpoint_slot: Option<u64>,
-    telemetry: speak::Telemetry,
+    telemetry: send::Telemetry,
     pace: Option<Pace>,
     exam: Option<exam::Wanted>,
     // The large ones last: the first fields are cheaper to access.
@@ -257,7 +257,7 @@ impl Companion {
             heartbeat_due: Instant::default(),
             timesync_due: Instant::default(),
             setpoint_slot: None,
-            telemetry: speak::Telemetry::new(),
+            telemetry: send::Telemetry::new(),
             pace: None,
             exam: None,
         }
@@ -351,7 +351,7 @@ impl Companion {
     #[must_use]
     #[inline(never)]
     pub fn landed(&self) -> Option<bool> {
-        hear::landed(self.landed_state)
+        receive::landed(self.landed_state)
     }
 
     /// Height of the vehicle over the ground by its range finder, corrected for tilt; `None` without a current reading.
