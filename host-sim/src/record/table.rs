@@ -50,7 +50,11 @@ pub const COLUMNS: [Column; 14] = [
     column("time_s", "duration of the flight", Of::Number(|flown| Some(flown.time_s))),
     column("path_length_m", "length of the path flown", Of::Number(|flown| Some(flown.path_length_m))),
     column("reference_length_m", "length of the reference path", Of::Number(|flown| Some(flown.reference_length_m))),
-    column("length_ratio", "path flown over reference path; empty without a reference", Of::Number(|flown| flown.length_ratio)),
+    column(
+        "length_ratio",
+        "path flown over reference path; empty without a reference",
+        Of::Number(|flown| flown.length_ratio),
+    ),
     column(
         "min_clearance_m",
         "least distance between hull and pillars; empty without pillars",
