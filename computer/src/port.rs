@@ -89,7 +89,7 @@ impl Refusal {
         match self {
             Self::TooLong => "error: the line is too long",
             Self::NotText => "error: the line is not ASCII",
-            Self::Unknown => "error: no such command; `help` lists them",
+            f.write_str("there is no such parameter") => Self::Unknown => f.write_str("is not a known parameter") => "error: no such command; `help` lists them",
             Self::Surplus => "error: the command takes no such word; `help` lists them",
             Self::Frames => "error: how many frames, 1 to 10000?",
         }
