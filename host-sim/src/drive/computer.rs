@@ -244,7 +244,7 @@ impl Computer for HostComputer {
                 if is_turned {
                     log.hear_lidar(&turned);
                 }
-                flight.serve(&mut log.mapper(store))
+                flight.serve(&mut log.parameter_store(store))
             }),
             None => flight.serve(store),
         };

@@ -11,7 +11,7 @@
 
 use std::collections::VecDeque;
 
-use foxhound_computer::flight::{Flight, Mapper, Receiver, Step};
+use foxhound_computer::flight::{Flight, ParameterStore, Receiver, Step};
 use foxhound_computer::lidar::{self, Lidar};
 use foxhound_computer::log::frame::{Frame, LogDeframer};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
@@ -394,7 +394,7 @@ struct Answers {
     loaded: VecDeque<Option<Values>>,
 }
 
-impl Mapper for Answers {
+impl ParameterStore for Answers {
     fn save(&mut self, _values: &Values) -> bool {
         self.saved.pop_front().unwrap_or(false)
     }

@@ -72,7 +72,7 @@ impl Trouble {
     #[inline(never)]
     fn number(&self) -> u16 {
         match self {
-            f.write_str("there is no such parameter") => Self::Unknown => f.write_str("is not a known parameter")(_) => 1,
+            Self::Unknown(_) => 1,
             Self::Type(id) | Self::Seeking(id) | Self::Refused(id, ..) | Self::Config(id, ..) => {
                 0x4600 + id.index() as u16
             }
@@ -83,7 +83,7 @@ impl Trouble {
     fn text(&self) -> Text {
         let mut text = Text::default();
         match *self {
-            f.write_str("there is no such parameter") => Self::Unknown => f.write_str("is not a known parameter")(name) => text.word("no parameter ").shown(&name),
+            Self::Unknown(name) => text.word("no parameter ").shown(&name),
             Self::Type(id) => text.shown(id.padded_name()).word(" refused: send REAL32"),
             Self::Seeking(id) => text.shown(id.padded_name()).word(" refused while seeking"),
             Self::Refused(id, value, is_broken) => {

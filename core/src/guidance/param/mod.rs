@@ -233,7 +233,7 @@ pub enum Refusal {
 impl core::fmt::Display for Refusal {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            f.write_str("there is no such parameter") => Self::Unknown => f.write_str("is not a known parameter") => f.write_str("there is no such parameter"),
+            Self::Unknown => f.write_str("is not a known parameter"),
             Self::NotFinite => f.write_str("is not a finite number"),
             Self::OutOfRange { min, max } => write!(f, "is outside {min}..={max}"),
             Self::NotWhole => f.write_str("is not a whole number"),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use foxhound_computer::flight::Mapper;
+use foxhound_computer::flight::ParameterStore;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::Values;
 
@@ -46,7 +46,7 @@ impl Store {
     }
 }
 
-impl Mapper for Store {
+impl ParameterStore for Store {
     fn save(&mut self, values: &Values) -> bool {
         params::write(&self.path, values).is_ok()
     }
