@@ -149,7 +149,7 @@ fn the_image_in_qemu_is_served_as_well() {
 fn what_cannot_be_served_is_refused_by_the_option() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let by_port = format!("--port {port}: it is taken by another program");
+    let by_port = format!("--port {port}: is taken by another program");
     for (arguments, text) in [
         (&["fly", "--live", "--port", &port][..], by_port.as_str()),
         (&["companion", "--autopilot", "tcp:127.0.0.1:1", "--source=1,2,-5", "--live", "--port", &port], &by_port),

@@ -1,7 +1,8 @@
-//! The flights of a suite as a table, a row each: CSV, and Parquet for pandas, polars and their kin (`docs/simulator.md`).
+//! The flights of a suite as a table, one row each: CSV, and Parquet for pandas, polars and others
+//! (`docs/simulator.md`).
 //!
-//! Parquet is written by Apache's own crate without its Arrow half and without compression: a flight takes about a hundred
-//! bytes. A number that there is not is an empty field, and a null.
+//! Parquet is written by Apache's own crate without its Arrow half and without compression: a flight takes about a
+//! hundred bytes. A missing number is an empty field, and a null.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -22,12 +23,12 @@ use crate::drive::suite::Flown;
 pub struct Column {
     /// Its name.
     pub name: &'static str,
-    /// What is in it.
+    /// Its description.
     pub what: &'static str,
     of: Of,
 }
 
-/// How a flight's value is had.
+/// How a value is read from a flight.
 #[derive(Clone, Copy, Debug)]
 enum Of {
     Whole(fn(&Flown) -> u64),
