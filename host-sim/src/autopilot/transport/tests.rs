@@ -139,7 +139,7 @@ fn what_is_wrong_with_an_address_is_said() {
     for (text, words) in [
         ("localhost", "expected tcp:HOST:PORT"),
         ("tpc:localhost:5760", "did you mean `tcp`?"),
-        ("http://localhost:80", "there is no scheme `http`"),
+        ("http://localhost:80", "unknown scheme `http`"),
         ("/dev/ttyACM0", "did you mean `serial:/dev/ttyACM0:115200`?"),
         ("/dev/ttyACM0:57600", "did you mean `serial:/dev/ttyACM0:57600`?"),
         ("/dev/ttyACM0,57600", "did you mean `serial:/dev/ttyACM0:57600`?"),
