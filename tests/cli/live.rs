@@ -35,7 +35,7 @@ impl Served {
         Self { child, address }
     }
 
-    /// The body of what is there.
+    /// The body of an answer.
     fn get(&self, path: &str) -> String {
         let host = self.address.trim_start_matches("http://").trim_end_matches('/');
         let mut stream = TcpStream::connect(host).unwrap();
@@ -63,7 +63,7 @@ impl Served {
         records
     }
 
-    /// Tells it to stop; its exit code, and what it printed.
+    /// Stops it; returns its exit code, and its output.
     fn stop(mut self) -> (i32, Value) {
         let pid = self.child.id().to_string();
         assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
