@@ -53,8 +53,7 @@ fn in_gusts_of_three_metres_a_second_and_with_red_things_about_it_does_as_well()
 /// Without a camera every flight hovers near the beacon and hands over.
 #[test]
 fn without_a_camera_it_hovers_above_the_beacon_and_hands_over() {
-    for name in
-        ["no camera, calm", "no camera, gusts of 3 m/s", "no camera, no range estimator, bearings to 10 deg only"]
+    for name in ["no camera, calm", "no camera, gusts of 3 m/s", "no camera, no range finder, bearings to 10 deg only"]
     {
         hands_over(&flown(name), &["arrived"]);
     }
