@@ -9,6 +9,7 @@
 //!    multiple of `g` slots apart, so the offset is known except for multiples of `2 pi / g`, which
 //!    [`crate::doa::switched`] determines.
 //! 3. **Antenna**: the mean of its visits, rotated back by the offset; outliers get little weight (Cauchy's weights).
+//!
 //! Not flown: no benchmark row counts it.
 
 use core::f32::consts::{PI, TAU};
