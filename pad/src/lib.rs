@@ -11,6 +11,7 @@
 //!    hidden. The centre is that of the edge, not of the visible pixels.
 //! 4. A region is the pad when its colour has a step at the edge, it has about the expected size (if the height is
 //!    known), and the `score` of its measures is high enough: of size, edge, corners, holes and colours.
+//!
 //! Tangents are in the body frame: the detector does not know the vehicle's attitude. The centre of a tilted disc is
 //! not quite that of its ellipse; [`Pad::straightened`] corrects that for a known attitude.
 //!
