@@ -7,10 +7,10 @@
 //!     eta = E[cos n]                         eq. 5: exp(-sigma^2 / 2) for Gaussian noise
 //! ```
 //!
-//! Lemma 1: with outliers of uniform direction, the vehicle always returns to the disc of radius `h / (2 (1 - p)
-//! eta)` around the source. Lemma 2: with any outliers, to `h / (2 (eta - p eta - p sqrt 2))`, if `p < eta / (sqrt 2
-//! + eta)` (eq. 6). The square root of two bounds `|x| + |y|` by `sqrt 2 r`; the worst outlier points straight away
-//! from the source and costs only `r`, so both hold with 1 instead: [`Bound::Sharp`].
+//! Lemma 1: with outliers of uniform direction, the vehicle always returns to the disc of radius
+//! `h / (2 (1 - p) eta)` around the source. Lemma 2: with any outliers, to `h / (2 (eta - p eta - p sqrt 2))`, if
+//! `p < eta / (sqrt 2 + eta)` (eq. 6). The square root of two bounds `|x| + |y|` by `sqrt 2 r`; the worst outlier
+//! points straight away from the source and costs only `r`, so both hold with 1 instead: [`Bound::Sharp`].
 //!
 //! Frames: the paper's angles run anticlockwise from `x`, ours clockwise from north. The model has no preferred direction,
 //! so only the names change; a test pins it.
