@@ -1,6 +1,7 @@
-//! Frames of a camera that looks down, as they come in at the maintenance port, and what the pad detector makes of them.
+//! Frames of a camera that looks down, as they arrive at the maintenance port, and the pad detector's results.
 //!
-//! They lie in the stream like records of the flight log ([`crate::log::frame`]), between zeros, where typed lines have none:
+//! They are in the stream like records of the flight log ([`crate::log::frame`]), between zeros; typed lines contain
+//! no zeros:
 //!
 //! | kind | number | record |
 //! |---|---|---|
@@ -8,13 +9,13 @@
 //! | 33, line | its row | the pixels, from left to right |
 //! | 34, end | any | time from the middle of the exposure to this record (`u32`, microseconds), little-endian |
 //!
-//! A line is looked at as soon as its checksum is right and then forgotten: there is room for one. Whatever is wrong with a
-//! frame (a size that is none, a line that is missing, short, damaged or out of order, an end that does not come) is said
-//! in the [`PadObservation`] that it ends in, and the next frame begins afresh. The camera needs no clock: how old the
-//! frame is says the camera, and what time it is says who takes the look ([`Sighted::look`]).
+//! A line is processed as soon as its checksum is right, and not stored: there is memory for one. An error in a frame
+//! (an invalid size, a line that is missing, short, damaged or out of order, a missing end) is reported in the
+//! [`PadObservation`] of that frame, and the next frame begins afresh. The camera needs no clock: it sends the age of
+//! the frame, and the caller passes the time when it takes the result ([`Sighted::look`]).
 //!
-//! After a zero a record is expected, after the zero that ends a good one text. A zero that ends anything else begins a
-//! record, so that one that got lost costs no more than the record that it belongs to.
+//! After a zero a record is expected, and text after the zero that ends a good record. A zero that ends anything else
+//! begins a record, so that a lost zero costs only the record that it belongs to.
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
@@ -24,40 +25,40 @@ use foxhound_pad::{self as pad, Detector, Format, Header, State, WIDTH_MAX};
 
 use crate::log::frame::{Deframer, Frame, stuffed_bytes};
 
-/// Kinds of records.
+/// Kinds of records: the begin of a frame.
 pub const BEGIN: u8 = 32;
-/// The second.
+/// A line.
 pub const LINE: u8 = 33;
-/// The third.
+/// The end of a frame.
 pub const END: u8 = 34;
 
-/// The longest record is a line of two bytes a pixel; before it stand kind and number, behind it the checksum.
+/// The longest record is a line of two bytes per pixel, with kind and number before it and the checksum after it.
 const ROOM: usize = stuffed_bytes(1 + 5 + 2 * WIDTH_MAX as usize + 4);
-/// So old a frame says nothing.
+/// An older frame is refused.
 const AGE_MAX_US: u32 = 2_000_000;
 
-/// What finds the pad in the frames of the camera that is configured.
+/// The pad detector for the configured camera.
 ///
 /// # Errors
-/// The field that is out of range; none is where guidance was built from the same configuration.
+/// The field that is out of range; none if guidance was built from the same configuration.
 pub fn detector(config: &guidance::Config) -> Result<Detector, ConfigError> {
     let landing = config.landing.unwrap_or_default();
     let camera = pad::Camera { focal_widths: landing.focal_widths };
-    // What the vehicle believes of its height may come from the pad's own size.
+    // The vehicle's estimated height may come from the pad's own size.
     let height_tolerance = 0.15;
     pad::Config { camera, pad_radius_m: landing.pad_radius_m, height_tolerance }.build()
 }
 
-/// What a byte brought.
+/// The result of a byte.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Came {
-    /// Somebody types.
+    /// Typed text.
     Text(u8),
     /// A frame has ended.
     Sighted(Sighted),
 }
 
-/// What became of a frame.
+/// The result of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighted {
     /// What it shows.
@@ -67,49 +68,49 @@ pub struct Sighted {
 }
 
 impl Sighted {
-    /// What it says to somebody who takes it now.
+    /// The observation for a caller who takes it now.
     #[must_use]
     pub const fn look(&self, now: Instant) -> PadObservation {
         PadObservation { time: Instant(now.0.saturating_sub(self.age_us as u64)), seen: self.seen }
     }
 }
 
-/// Takes frames in, a byte at a time.
+/// Reads frames, a byte at a time.
 #[derive(Debug)]
 pub struct Camera {
     detector: Detector,
     state: State,
     deframer: Deframer<ROOM>,
-    /// What comes is text, or what a zero has begun.
+    /// Whether the bytes are text, or a record that a zero has begun.
     is_text: bool,
     progress: Progress,
 }
 
-/// How far a frame has come.
+/// Progress of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Progress {
     /// There is none.
     None,
-    /// Its lines come.
+    /// Its lines are arriving.
     Lines,
-    /// Something was wrong with it; its end is waited for.
+    /// It has an error; its end is awaited.
     Bad(Bad),
 }
 
 impl Camera {
-    /// Nothing has come yet.
+    /// Before the first byte.
     #[must_use]
     pub const fn new(detector: Detector) -> Self {
         let state = State::new();
         Self { detector, state, deframer: Deframer::new(), is_text: true, progress: Progress::None }
     }
 
-    /// Looks for another pad, or by another camera, from the next frame on.
+    /// Uses another detector from the next frame on.
     pub fn set_detector(&mut self, detector: Detector) {
         self.detector = detector;
     }
 
-    /// Takes in a byte. The height over the ground, where it is known, says how large the pad is.
+    /// Takes a byte. The height over the ground, if known, gives the expected size of the pad.
     #[inline(never)]
     pub fn push(&mut self, byte: u8, height_m: Option<f32>) -> Option<Came> {
         if self.is_text {
@@ -122,7 +123,7 @@ impl Camera {
         let Self { detector, state, deframer, is_text, progress } = self;
         let is_full = deframer.is_too_long();
         let Some(frame) = deframer.push(byte) else {
-            // No record is that long: a zero by chance does not swallow what is typed after it for ever.
+            // No record is this long: a random zero does not swallow typed text after it for ever.
             if is_full {
                 deframer.clear();
                 *is_text = true;
@@ -134,7 +135,7 @@ impl Camera {
     }
 }
 
-/// Takes in a record; what became of the frame that it ends.
+/// Takes a record; returns the result of the frame that it ends.
 fn take_in(
     detector: &Detector,
     state: &mut State,
@@ -150,7 +151,7 @@ fn take_in(
             if let Err(bad) = begun {
                 *progress = Progress::Bad(bad);
             }
-            // The last one never ended.
+            // The last frame never ended.
             (was != Progress::None).then_some(Sighted { seen: Seen::Bad(Bad::Cut), age_us: 0 })
         }
         LINE => {

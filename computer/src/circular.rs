@@ -1,10 +1,11 @@
-//! Reading a ring that DMA writes round and round.
+//! Reads a ring that DMA writes in circles.
 //!
-//! The writer does not wait. It is known by how many bytes it has written since the start, modulo 2^32, of which the ring
-//! holds the last ones. A reader that falls behind by more than the ring holds loses bytes; it never takes a byte twice, nor
-//! one that was overwritten while it was read.
+//! The writer does not wait. Its position is the number of bytes written since the start, modulo 2^32, of which the
+//! ring holds the last ones. A reader that falls behind by more than the ring's size loses bytes; it never reads a
+//! byte twice, nor one that was overwritten during the read.
 
-/// Bytes written since the start, where the channel has completed `laps` laps of a ring of `length` bytes and `left` bytes
+/// Bytes written since the start, if the channel has completed `laps` laps of a ring of `length` bytes and `left`
+/// bytes
 /// (`NDT` of `DMA_CNDTRx`) are missing to the next lap.
 #[must_use]
 pub const fn written(laps: u32, left: u32, length: u32) -> u32 {
@@ -12,20 +13,20 @@ pub const fn written(laps: u32, left: u32, length: u32) -> u32 {
     laps.wrapping_mul(length).wrapping_add(length.saturating_sub(left) % length)
 }
 
-/// A reader's place.
+/// Position of a reader.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cursor {
-    /// Bytes behind it since the start, modulo 2^32.
+    /// Bytes read since the start, modulo 2^32.
     read: u32,
     counts: Counts,
 }
 
-/// What became of the bytes.
+/// Counts of a reader.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Bytes that were overwritten before they were read.
     pub lost: u32,
-    /// The most that ever waited.
+    /// The largest number that ever waited.
     pub most: u32,
 }
 
@@ -36,19 +37,19 @@ impl Cursor {
         Self { read: 0, counts: Counts { lost: 0, most: 0 } }
     }
 
-    /// What became of the bytes.
+    /// Counts of the bytes.
     #[must_use]
     pub const fn counts(&self) -> Counts {
         self.counts
     }
 
-    /// The writer begins anew.
+    /// The writer has started anew.
     pub const fn begin_anew(&mut self) {
         self.read = 0;
     }
 
-    /// Takes what waits, as far as it fits: `written` says how far the writer is, `byte` reads the ring at an index below
-    /// `length`, a power of two.
+    /// Reads the waiting bytes, as many as fit: `written` returns the writer's position, `byte` reads the ring at an
+    /// index below `length`, a power of two.
     pub fn take(
         &mut self,
         bytes: &mut [u8],
@@ -65,7 +66,7 @@ impl Cursor {
             }
             self.counts.most = self.counts.most.max(waiting.min(length));
             if waiting > length {
-                // Half of the ring lies between it and the writer, until that has gone on.
+                // Leaves half of the ring between it and the writer, for the time in which that goes on.
                 self.skip(waiting - length / 2);
                 continue;
             }

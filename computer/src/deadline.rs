@@ -1,16 +1,16 @@
-//! Whether the fast loop is in time.
+//! Checks whether the fast loop is in time.
 //!
 //! A step begins when its frame is handed over and ends when its setpoint is on its way to the serial line. A step that
 //! takes longer than [`Config::budget_us`] is late. What that means for the vehicle:
 //!
-//! | what | what the vehicle does |
+//! | event | what the vehicle does |
 //! |---|---|
-//! | a step is late | nothing else changes: the newest setpoint was at most that much older. It is counted and told |
-//! | no step in time for as long as the watchdog waits | the computer restarts, and comes up in standby: the autopilot, left without setpoints, stops by itself; the pilot enters the mode afresh |
-//! | the planner is starved | it misses its handover tick: the old plan goes on while it lasts, then the guard brakes (`PlanLate`) |
+//! | a step is late | nothing else changes: the newest setpoint was at most that much older. It is counted and reported |
+//! | no step in time for the watchdog's timeout | the computer restarts, and comes up in standby: without setpoints the autopilot stops by itself; the pilot enters the mode again |
+//! | the planner gets no time | it misses its handover tick: the old plan is followed to its end, then the guard brakes (`PlanLate`) |
 //!
-//! The watchdog is fed by [`Verdict::Met`] and [`Verdict::Excused`] and by nothing else. Excused is a step in which the
-//! flash was written, which stops the processor; the link allows that only outside control.
+//! The watchdog is fed only after [`Verdict::Met`] and [`Verdict::Excused`]. A step is excused if the flash was
+//! written in it, which stops the processor; the link allows that only outside control.
 
 /// How long a step may take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,43 +20,43 @@ pub struct Config {
 }
 
 impl Default for Config {
-    /// Half of the 20 ms from frame to frame: ten times what the worst step needs.
+    /// Half of the 20 ms from frame to frame: ten times the duration of the worst step.
     fn default() -> Self {
         Self { budget_us: 10_000 }
     }
 }
 
-/// What one step was.
+/// Timing of one step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// In time.
     Met,
-    /// Late, and the watchdog is not to be fed.
+    /// Late, and the watchdog must not be fed.
     Missed,
-    /// Late, by something that was allowed to take long.
+    /// Late, for an allowed reason.
     Excused,
 }
 
 impl Verdict {
-    /// Whether the watchdog is to be fed.
+    /// Whether the watchdog may be fed.
     #[must_use]
     pub fn feeds(self) -> bool {
         self != Self::Missed
     }
 }
 
-/// What was counted since the start.
+/// Counts since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// All steps.
     pub steps: u32,
     /// Those that were late.
     pub late: u32,
-    /// The longest one that nothing excused, microseconds.
+    /// The longest step without an excuse, microseconds.
     pub longest_us: u32,
 }
 
-/// Watches the steps.
+/// Monitors the steps.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Monitor {
     config: Config,
@@ -64,13 +64,13 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Nothing has happened yet.
+    /// Before the first step.
     #[must_use]
     pub const fn new(config: Config) -> Self {
         Self { config, counts: Counts { steps: 0, late: 0, longest_us: 0 } }
     }
 
-    /// Takes note of a step that took so long; `is_excused` where it had to do what may take long.
+    /// Records a step of that duration; `is_excused` if it had to do something slow.
     pub fn step(&mut self, taken_us: u32, is_excused: bool) -> Verdict {
         let counts = &mut self.counts;
         counts.steps = counts.steps.saturating_add(1);
@@ -85,7 +85,7 @@ impl Monitor {
         Verdict::Missed
     }
 
-    /// What was counted so far.
+    /// The counts so far.
     #[must_use]
     pub const fn counts(&self) -> Counts {
         self.counts

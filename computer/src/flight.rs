@@ -1,16 +1,17 @@
-//! One step of the flight computer. The firmware and the simulator both call these lines, so that their traces are equal
+//! One step of the flight computer. The firmware and the simulator both use this code, so that their traces are equal
 //! bit for bit:
 //!
-//! 1. the link takes in the bytes of the autopilot ([`Flight::hear`]), and the [`crate::lidar`] its own, where there is one
+//! 1. the link takes the bytes of the autopilot ([`Flight::hear`]), and the [`crate::lidar`] its own, if there is one
 //!    ([`Flight::hear_lidar`]);
-//! 2. what stations want of the parameters and of the receiver is done ([`Flight::serve`]);
-//! 3. guidance steps, with what the link heard, the frame, and the plan that was finished in the step before; the link
+//! 2. requests of stations about parameters and the receiver are carried out ([`Flight::serve`]);
+//! 3. guidance steps, with the link's data, the frame, and the plan that was finished in the step before; the link
 //!    publishes the outcome and does what is due ([`Flight::step`]).
 //!
-//! A frame in which a channel [stands still](crate::frozen) is one that did not come. While the receiver is
-//! [examined](crate::selftest), disarmed and outside control, frames go there, and guidance steps on without.
+//! A frame in which a channel [stands still](crate::frozen) counts as missing. While the receiver is
+//! [tested](crate::selftest), disarmed and outside control, the frames are used for the test, and guidance steps
+//! without them.
 //!
-//! Then the bytes of the link leave, and where guidance asks for a plan the planner makes one, which is handed over at the
+//! Then the bytes of the link are sent. If guidance requests a plan the planner makes one, which is passed to the
 //! next step.
 
 use foxhound_core::ConfigError;
@@ -34,22 +35,22 @@ use crate::lidar::{self, Lidar};
 use crate::sampling::Timer;
 use crate::selftest::{self, Channels, Check, Refused, SelfTest, Verdict};
 
-/// Where parameters are kept while the power is off.
-pub trait Mapper {
-    /// Keeps these; false where that is not possible.
+/// Non-volatile storage of parameters.
+pub trait ParameterStore {
+    /// Stores these; false if that is not possible.
     fn save(&mut self, values: &Values) -> bool;
-    /// What is kept; `None` where nothing is, or nothing that can be read.
+    /// The stored parameters; `None` if there are none, or none that can be read.
     fn load(&mut self) -> Option<Values>;
-    /// Forgets everything that was ever kept, parameters and whatever else; false where that is not possible.
+    /// Erases everything stored, parameters and all else; false if that is not possible.
     fn reset(&mut self) -> bool {
         self.save(&Values::DEFAULT)
     }
 }
 
-/// Where there is no place to keep them, there is none.
-impl<K: Mapper> Mapper for Option<K> {
+/// Without a storage nothing is stored.
+impl<K: ParameterStore> ParameterStore for Option<K> {
     fn save(&mut self, values: &Values) -> bool {
-        self.as_mut().is_some_and(|mapper| mapper.save(values))
+        self.as_mut().is_some_and(|parameter_store| parameter_store.save(values))
     }
 
     fn load(&mut self) -> Option<Values> {
@@ -57,53 +58,53 @@ impl<K: Mapper> Mapper for Option<K> {
     }
 
     fn reset(&mut self) -> bool {
-        self.as_mut().is_some_and(Mapper::reset)
+        self.as_mut().is_some_and(ParameterStore::reset)
     }
 }
 
-/// What one step is made of.
+/// Input of one step.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<'a> {
     /// The time of the step: the only clock of guidance and link.
     pub now: Instant,
-    /// What the antennas brought.
+    /// The measurement of the antennas.
     pub front_end: FrontEnd<'a, N>,
-    /// Obstacles that a sensor delivers as circles already.
+    /// Obstacles from a sensor that reports circles.
     pub circles: Option<&'a [Circle]>,
-    /// What the camera has seen.
+    /// The camera's latest observation.
     pub look: Option<PadObservation>,
-    /// The planner's answer, once, as soon as there is one.
+    /// The planner's answer, passed once, as soon as there is one.
     pub plan: Option<&'a Plan>,
 }
 
-/// What one step came to.
+/// The result of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stepped {
-    /// What guidance said.
+    /// Output of guidance.
     pub output: Output,
-    /// What it took from the antennas.
+    /// Measurement of the antennas that it used.
     pub heard: Option<Measurement>,
-    /// The plan that was handed in, by its number.
+    /// Number of the plan that was passed in.
     pub plan: Option<u32>,
     /// How long it took.
     pub ticks: u32,
 }
 
-/// What is known of the receiver beside its frames.
+/// State of the receiver beside its frames.
 #[derive(Clone, Copy, Debug)]
 pub struct Receiver {
-    /// What paces its samples, where that cannot be at any rate.
+    /// The timer of its samples, if not every rate is possible.
     timer: Option<Timer>,
     watch: Watch,
     test: SelfTest,
-    /// The table is a new one, and has to be kept.
+    /// The calibration is new, and has to be stored.
     is_calibrated: bool,
-    /// What an examination came to has not been fetched.
+    /// The result of a test has not been fetched.
     is_examined: bool,
 }
 
 impl Receiver {
-    /// Nothing was heard of it yet.
+    /// Before the first frame.
     ///
     /// # Errors
     /// The field of the self-test's limits that is refused.
@@ -111,7 +112,7 @@ impl Receiver {
         Ok(Self { timer, watch: Watch::new(), test: limits.build()?, is_calibrated: false, is_examined: false })
     }
 
-    /// The examination that is under way or was the last.
+    /// The present test, or the last one.
     #[must_use]
     pub const fn test(&self) -> &SelfTest {
         &self.test
@@ -123,7 +124,7 @@ impl Receiver {
         self.watch.frames()
     }
 
-    /// Gives a configuration the sample rate that there will be in place of the one that was asked for.
+    /// Replaces the sample rate of a configuration by the nearest possible one.
     ///
     /// # Errors
     /// The field that is refused.
@@ -135,28 +136,29 @@ impl Receiver {
     }
 }
 
-/// Everything that a flight consists of, each where it stays.
+/// The parts of a flight, by reference.
 #[derive(Debug)]
 pub struct Flight<'a, S = Planner> {
-    /// The configuration that holds.
+    /// The configuration in use.
     pub config: &'a mut guidance::Config,
     /// The fast loop.
     pub guidance: &'a mut Guidance<N>,
-    /// What it carries from step to step.
+    /// Its state.
     pub state: &'a mut guidance::State<N>,
-    /// What finds bearings, and the slow loop, as it is to be ordered.
+    /// The bearing estimator and the planner.
     pub systems: &'a mut S,
     /// The link.
     pub companion: &'a mut Companion,
     /// The receiver.
     pub receiver: &'a mut Receiver,
-    /// The lidar on a line of our own, where obstacles are taken from it.
+    /// The lidar on a serial line of our own, if obstacles come from it.
     pub lidar: &'a mut Option<Lidar>,
 }
 
-// The stack holds one of the large parts at a time, while it is built: hence a function for each.
+// The stack holds only one of the large parts at a time, while it is built: hence a function for each.
 impl<S: Systems> Flight<'_, S> {
-    /// The next flight in the same place, with another link; the old one goes on if the configuration is refused.
+    /// Starts the next flight in the same memory, with another link; the old one continues if the configuration is
+    /// refused.
     ///
     /// # Errors
     /// The field that is refused.
@@ -170,8 +172,8 @@ impl<S: Systems> Flight<'_, S> {
         self.set_up(&mut config.clone())
     }
 
-    /// Guidance and systems with another configuration, from the start; the old one goes on if that is refused. The sample rate
-    /// becomes the one that there will be.
+    /// Builds guidance and systems from another configuration, from the start; the old ones continue if that is
+    /// refused. The sample rate is replaced by the nearest possible one.
     ///
     /// # Errors
     /// The field that is refused.
@@ -200,7 +202,7 @@ impl<S: Systems> Flight<'_, S> {
         companion::Config::default().rebuild_with(self.companion, Values::of(self.config))
     }
 
-    /// Starts afresh with all of these parameters, or goes on with the old ones.
+    /// Starts afresh with all of these parameters, or continues with the old ones.
     ///
     /// # Errors
     /// The field that is refused.
@@ -213,22 +215,22 @@ impl<S: Systems> Flight<'_, S> {
         self.companion.set_parameters(values)
     }
 
-    /// Takes in bytes of the autopilot.
+    /// Takes bytes of the autopilot.
     pub fn hear(&mut self, now: Instant, bytes: &[u8]) {
         self.companion.receive(now, bytes);
     }
 
-    /// Takes in bytes of the lidar's line; true where they are of use to somebody.
+    /// Takes bytes of the lidar's line; false if there is no lidar.
     pub fn hear_lidar(&mut self, now: Instant, bytes: &[u8]) -> bool {
         let Some(lidar) = self.lidar else { return false };
         lidar.push(now, bytes);
         true
     }
 
-    /// Does what stations want of the parameters, and what a restart of the autopilot asks for; true where guidance has
-    /// started afresh, and plans that were ordered before are of no use any more.
+    /// Carries out requests of stations about parameters, and handles a restart of the autopilot; true if guidance
+    /// has started afresh, so that plans requested before are of no use any more.
     #[inline(never)]
-    pub fn serve(&mut self, mapper: &mut impl Mapper) -> bool {
+    pub fn serve(&mut self, parameter_store: &mut impl ParameterStore) -> bool {
         let mut begins_anew = false;
         if let Some((id, values)) = self.companion.proposal() {
             let verdict = self.adopt(id, &values);
@@ -237,9 +239,9 @@ impl<S: Systems> Flight<'_, S> {
         }
         if let Some(storage) = self.companion.take_storage() {
             let is_done = match storage {
-                Storage::Save => mapper.save(self.companion.parameters()),
-                Storage::Load => mapper.load().is_some_and(|values| self.run_with(values).is_ok()),
-                Storage::Reset => self.run_with(Values::DEFAULT).is_ok() && mapper.reset(),
+                Storage::Save => parameter_store.save(self.companion.parameters()),
+                Storage::Load => parameter_store.load().is_some_and(|values| self.run_with(values).is_ok()),
+                Storage::Reset => self.run_with(Values::DEFAULT).is_ok() && parameter_store.reset(),
             };
             begins_anew |= is_done && storage != Storage::Save;
             self.companion.stored(is_done);
@@ -257,7 +259,7 @@ impl<S: Systems> Flight<'_, S> {
         begins_anew
     }
 
-    /// Tries a parameter that somebody wants changed; it holds from this step on, which starts afresh.
+    /// Tries a changed parameter; it is in use from this step on, which starts afresh.
     #[inline(never)]
     fn adopt(&mut self, id: Id, values: &Values) -> Result<(), ConfigError> {
         let mut config = *self.config;
@@ -265,10 +267,10 @@ impl<S: Systems> Flight<'_, S> {
         self.set_up(&mut config)
     }
 
-    /// Begins to examine the receiver, or to calibrate it.
+    /// Begins to test the receiver, or to calibrate it.
     ///
     /// # Errors
-    /// It is examined already, or the vehicle is in use.
+    /// It is being tested already, or the vehicle is in use.
     #[inline(never)]
     pub fn examine(&mut self, exam: Exam) -> Result<(), Refused> {
         if !self.companion.may_examine() {
@@ -277,7 +279,7 @@ impl<S: Systems> Flight<'_, S> {
         self.receiver.test.begin(exam)
     }
 
-    /// Says what an examination came to, once, and takes a calibration over; true if guidance has started afresh with it.
+    /// Reports the result of a test, once, and adopts a calibration; true if guidance has started afresh with it.
     #[inline(never)]
     fn conclude_exam(&mut self) -> bool {
         let Some((report, entry)) = self.receiver.test.take_ended() else { return false };
@@ -300,19 +302,20 @@ impl<S: Systems> Flight<'_, S> {
         self.set_up(&mut config)
     }
 
-    /// What an examination has come to since the last call.
+    /// The result of a test, if there is a new one since the last call.
     pub fn take_report(&mut self) -> Option<selftest::Report> {
         let is_examined = core::mem::take(&mut self.receiver.is_examined);
         self.receiver.test.report().filter(|_| is_examined).copied()
     }
 
-    /// The calibration that was found on board since the last call, to be kept; it says nothing of the airframe's deviation.
+    /// The calibration measured on board since the last call, to be stored; it does not contain the airframe's
+    /// deviation.
     pub fn take_calibration(&mut self) -> Option<Calibration> {
         let table = self.config.array.calibration.filter(|_| core::mem::take(&mut self.receiver.is_calibrated))?;
         Some(Calibration { table, deviation: Deviation::default() })
     }
 
-    /// What guidance gets of what the antennas brought: no frame that cannot be one, and none while they are examined.
+    /// The antennas' input for guidance: invalid frames are removed, and all frames during a test.
     #[inline(never)]
     fn admit<'a>(&mut self, front_end: FrontEnd<'a, N>) -> FrontEnd<'a, N> {
         let FrontEnd::Frame(snapshot) = front_end else {
@@ -340,7 +343,7 @@ impl<S: Systems> Flight<'_, S> {
             self.guidance.forget_tone(self.state);
         }
         let phasors = self.guidance.phasors(self.state, snapshot);
-        // It was built before.
+        // It has been built before.
         if let Ok(array) = self.config.array.build() {
             test.step(&array, self.config.phase.sample_rate_hz, snapshot, &phasors);
         }
@@ -349,7 +352,8 @@ impl<S: Systems> Flight<'_, S> {
         }
     }
 
-    /// Guidance steps; the link publishes what it came to, and does what is due. `ticks` is read before and after guidance.
+    /// Guidance steps; the link publishes the outcome, and does what is due. `ticks` is read before and after
+    /// guidance.
     pub fn step(&mut self, step: &Step<'_>, mut ticks: impl FnMut() -> u32) -> Stepped {
         let front_end = self.admit(step.front_end);
         let begin = ticks();

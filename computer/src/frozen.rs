@@ -1,30 +1,30 @@
-//! Whether the converters still convert.
+//! Detects converters that have stopped.
 //!
-//! A converter or its DMA that has stopped leaves the same codes behind as before, and they look like a frame: one channel of
-//! an old block among three new ones is a bearing from anywhere. Noise never repeats itself. So a channel whose codes are
-//! those of the frame before, and which is not silent altogether (that one is dead, and the chain goes on without it),
-//! makes the frame one that did not come.
+//! A converter or its DMA that has stopped leaves the same samples as before, which look like a frame: one channel of
+//! an old block among three new ones gives an arbitrary bearing. Noise never repeats itself. So if a channel's
+//! samples are those of the frame before, and are not all equal (then the channel is dead, and the chain goes on
+//! without it), the frame counts as missing.
 //!
-//! Every twelfth code of a channel is looked at: 22 of 256, as a polynomial in 32 bits. Two frames of a working receiver
-//! agree in it once in 4 10^9, and by their codes only where the noise is far below one code.
+//! Every twelfth sample of a channel is used: 22 of 256, as a polynomial in 32 bits. Two frames of a working receiver
+//! have the same value once in 4 10^9, and the same samples only if the noise is far below one step.
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 
-/// Of so many codes, one is looked at.
+/// One in this many samples is used.
 const STRIDE: usize = 12;
-/// Odd, so that no code is multiplied away.
+/// Odd, so that no sample is multiplied to zero.
 const FACTOR: u32 = 0x9e37_79b1;
 
-/// What the frame before looked like.
+/// The marks of the frame before.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Watch {
-    /// Zero: silent, or nothing is known.
+    /// Zero: all samples equal, or unknown.
     marks: [u32; CHANNELS],
     frames: u32,
 }
 
 impl Watch {
-    /// No frame has come yet.
+    /// Before the first frame.
     #[must_use]
     pub const fn new() -> Self {
         Self { marks: [0; CHANNELS], frames: 0 }
@@ -45,14 +45,14 @@ impl Watch {
         frozen
     }
 
-    /// Frames that were no use since the start.
+    /// Number of unusable frames since the start.
     #[must_use]
     pub const fn frames(&self) -> u32 {
         self.frames
     }
 }
 
-/// What a channel looks like; zero where all codes are the same.
+/// The mark of a channel; zero if all samples are equal.
 fn mark<const N: usize>(row: &[i16; N]) -> u32 {
     let (mut mark, mut differs) = (0_u32, 0);
     let first = row.first().copied().unwrap_or_default();

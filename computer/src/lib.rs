@@ -1,25 +1,25 @@
 //! # The flight computer, without its hardware
 //!
-//! What the firmware does around guidance and link, as far as it needs no register for that; so it runs on the desktop,
-//! too, and is tested there. Like `core` and `link` it has no heap, no clock, no IO and no globals.
+//! The parts of the firmware around guidance and link that need no registers; they run on the desktop, too, and are
+//! tested there. Like `core` and `link` this crate has no heap, no clock, no IO and no globals.
 //!
-//! | module | what |
+//! | module | content |
 //! |---|---|
-//! | [`flight`] | one step: link, guidance, link; the same lines in the firmware and in the simulator |
-//! | [`camera`] | frames of a camera that looks down, and what the pad detector makes of them; with the feature `pad`, which is on unless it is turned off |
+//! | [`flight`] | one step: link, guidance, link; the same code in the firmware and in the simulator |
+//! | [`camera`] | frames of a camera that looks down, and the pad detector's results; with the feature `pad`, which is on by default |
 //! | [`circular`] | reading a ring that DMA writes |
-//! | [`deadline`] | whether steps are in time, and whether the watchdog is to be fed |
-//! | [`log`] | what goes into a flight, written down so that the host can fly it again |
-//! | [`part`] | what the part refuses: kept by the drivers, checked by the twin |
-//! | [`port`] | the maintenance port: lines in, words out |
-//! | [`frozen`] | whether the converters still convert |
+//! | [`deadline`] | checks whether steps are in time, and whether the watchdog is to be fed |
+//! | [`log`] | records every input of a flight, so that the host can fly it again |
+//! | [`part`] | what the chip refuses: obeyed by the drivers, checked by the twin |
+//! | [`port`] | the maintenance port: commands in, text out |
+//! | [`frozen`] | detects converters that have stopped |
 //! | [`sampling`] | sample rates that a timer can have |
 //! | [`lidar`] | a lidar on a line of its own: its frames to scans |
-//! | [`selftest`] | the receiver examined and calibrated on board |
+//! | [`selftest`] | the receiver tested and calibrated on board |
 //! | [`timing`] | how long the tasks take |
 //! | [`tone`] | the test tone of a board that can make one |
-//! | [`restart`] | why the computer has restarted: what is kept over a reset |
-//! | [`store`] | what is kept while the power is off |
+//! | [`restart`] | why the computer has restarted: a record that survives a reset |
+//! | [`store`] | non-volatile storage |
 //! | [`twin`] | the memory that the twin in QEMU shares with the simulator: frames in, reports out |
 #![no_std]
 

@@ -1,19 +1,19 @@
-//! A lidar on a line of its own: the LDROBOT LD06, LD19 and STL-19P, which say the same in the same frames, 230400 baud, and
-//! are never spoken to.
+//! A lidar on a serial line of its own: the LDROBOT LD06, LD19 and STL-19P, which send the same frames, at 230400
+//! baud, and need no commands.
 //!
 //! A frame has 47 bytes: `0x54`, `0x2C` (12 points), speed (`u16`, deg/s), angle of the first point (`u16`, 0.01 deg), 12 points
 //! (distance `u16`, mm; confidence `u8`), angle of the last point, time (`u16`, ms), CRC-8 of all before it (polynomial 0x4D).
 //! Numbers are little-endian. 4500 points a second are 375 frames; a turn takes 0.1 s. After LDROBOT's development manuals of
 //! the LD06 and the LD19.
 //!
-//! The angle grows clockwise, seen from above a lidar that stands upright, from the arrow on its housing. A turn becomes a scan
-//! of 360 rays of a degree, the nearest point in each. Each ray is the newest that was heard; a degree in which there was no
-//! point, because a frame was lost or the lidar turns fast, is unknown, and so is a point that it is not sure of, or that is
-//! nearer than anything but the vehicle can be. The time of a scan is the middle of its turn.
+//! The angle grows clockwise, seen from above an upright lidar, from the arrow on its housing. A turn becomes a scan
+//! of 360 rays of a degree, with the nearest point in each. Each ray has its newest reading; a degree without a
+//! point, because a frame was lost or the lidar turns fast, is unknown, and so is a point of low confidence, or one
+//! nearer than [`Config::range_min_m`]. The time of a scan is the middle of its turn.
 //!
-//! A distance of 0 says that nothing came back. In the open that is so nearly everywhere, so it counts as free as far as
-//! [`Config::range_max_m`]. What is black or made of glass gives nothing back either: [`Config::trusts_silence`] off takes it for
-//! unknown.
+//! A distance of 0 means that nothing was reflected. In the open this is so in most directions, so it counts as free
+//! up to [`Config::range_max_m`]. Black or glass objects reflect nothing either: with [`Config::trusts_silence`] off
+//! a distance of 0 is unknown.
 
 use core::f32::consts::PI;
 
@@ -33,21 +33,21 @@ const TURN_CDEG: u32 = 36_000;
 /// Between the first and the last point of a frame: 12.5 deg at 13 Hz.
 const SPAN_MAX_CDEG: u32 = 2_000;
 const RAYS: u16 = RAYS_MAX as u16;
-/// How far it sees what is light.
+/// Its range for bright surfaces.
 const REACH_M: f32 = 12.0;
 
-/// How it is mounted, and what is believed.
+/// Mounting and limits of the lidar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// How it is mounted; upside down its angle grows counter-clockwise.
     pub mount: Mount,
-    /// What is nearer is the vehicle.
+    /// A nearer point is the vehicle itself.
     pub range_min_m: f32,
-    /// What is farther is not looked at.
+    /// A farther point is ignored.
     pub range_max_m: f32,
-    /// It is not sure of points of less confidence.
+    /// A point of less confidence is unknown.
     pub confidence_min: u8,
-    /// Where nothing comes back, nothing is.
+    /// Whether a direction without a reflection counts as free.
     pub trusts_silence: bool,
 }
 
@@ -58,8 +58,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// That of guidance's configuration, where it takes obstacles from a lidar: it looks no farther than guidance says that it
-    /// sees.
+    /// From guidance's configuration, if it takes obstacles from a lidar; the range is that of guidance.
     #[must_use]
     pub fn of(config: &guidance::Config) -> Option<Self> {
         let range_max_m = config.guard.coverage.range_m.min(REACH_M);
@@ -98,7 +97,7 @@ impl Config {
     }
 }
 
-/// The lidar that guidance takes obstacles from, if it does.
+/// The lidar for guidance's configuration, if it takes obstacles from one.
 ///
 /// # Errors
 /// The field that is out of range.
@@ -106,34 +105,34 @@ pub fn build(config: &guidance::Config) -> Result<Option<Lidar>, ConfigError> {
     Config::of(config).map(|config| config.build()).transpose()
 }
 
-/// What came in since it was built.
+/// Counts since it was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Frames that were right.
+    /// Valid frames.
     pub frames: u32,
-    /// What began like a frame and was none, or said what cannot be.
+    /// Frames with a wrong checksum or impossible content.
     pub bad: u32,
     /// Turns.
     pub turns: u32,
 }
 
-/// Takes in its bytes.
+/// Reads its bytes.
 #[derive(Clone, Debug)]
 pub struct Lidar {
     config: Config,
     bytes: [u8; FRAME_BYTES],
     filled: usize,
     scan: Scan,
-    /// The ray that was heard last.
+    /// The last ray received.
     last: Option<u16>,
-    /// When this turn began; none before the first whole one.
+    /// When this turn began; `None` before the first whole one.
     began: Option<Instant>,
     is_new: bool,
     counters: Counters,
 }
 
 impl Lidar {
-    /// Takes in bytes, in pieces of any size, that have come by now.
+    /// Takes bytes, in pieces of any size, that have arrived by now.
     pub fn push(&mut self, now: Instant, bytes: &[u8]) {
         for byte in bytes {
             if let Some(slot) = self.bytes.get_mut(self.filled) {
@@ -158,18 +157,18 @@ impl Lidar {
         }
     }
 
-    /// The turn that nobody took, if one is complete. Its rays are renewed where it lies.
+    /// The turn that has not been taken, if one is complete. Its rays are overwritten in place.
     #[must_use]
     pub fn scan(&self) -> Option<&Scan> {
         self.is_new.then_some(&self.scan)
     }
 
-    /// Somebody took it.
+    /// The scan has been taken.
     pub fn take(&mut self) {
         self.is_new = false;
     }
 
-    /// What came in since it was built.
+    /// Counts since it was built.
     #[must_use]
     pub const fn counters(&self) -> Counters {
         self.counters
@@ -179,7 +178,7 @@ impl Lidar {
         self.bytes.iter().zip(BEGIN).take(self.filled).all(|(byte, begin)| *byte == begin)
     }
 
-    /// Drops the first byte, and those behind it that begin no frame.
+    /// Drops the first byte, and those after it that do not begin a frame.
     fn skip(&mut self) {
         let rest = self.bytes.get(1..self.filled).unwrap_or_default();
         let next = rest.iter().position(|byte| *byte == BEGIN[0]).map_or(self.filled, |index| index + 1);
@@ -199,7 +198,7 @@ impl Lidar {
         }
     }
 
-    /// Reads a whole frame; false where it says what cannot be.
+    /// Reads a whole frame; false if its content is impossible.
     fn read(&mut self, now: Instant) -> bool {
         let (first_cdeg, last_cdeg) = (u32::from(self.word(4)), u32::from(self.word(FRAME_BYTES - 5)));
         if first_cdeg >= TURN_CDEG || last_cdeg >= TURN_CDEG {
@@ -220,7 +219,7 @@ impl Lidar {
         true
     }
 
-    /// What a point says.
+    /// The content of a point.
     fn seen(&self, distance_mm: u16, confidence: u8) -> Sector {
         let range_m = f32::from(distance_mm) / 1000.0;
         if distance_mm == 0 {
@@ -234,7 +233,7 @@ impl Lidar {
         }
     }
 
-    /// A point in a ray: of several of a turn the nearest counts, and a hit before none.
+    /// A point in a ray: of several in a turn the nearest counts, and a hit overrules a miss.
     fn note(&mut self, now: Instant, ray: u16, seen: Sector) {
         let rays = &mut self.scan.rays;
         let at = usize::from(ray);
@@ -246,7 +245,7 @@ impl Lidar {
                 _ => rays.set(at, seen),
             };
         }
-        // A step back of less than half a turn is the jitter of its motor.
+        // A step back of less than half a turn is the jitter of the motor.
         let on = (ray + RAYS - last) % RAYS;
         if on > RAYS / 2 && RAYS - on < 5 {
             self.last = Some(last);

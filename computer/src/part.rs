@@ -1,16 +1,16 @@
-//! What the STM32G474 refuses: one list, which the drivers of the NUCLEO-G474RE keep and the twin in QEMU checks.
+//! What the STM32G474 refuses: one list, which the drivers of the NUCLEO-G474RE obey and the twin in QEMU checks.
 //!
-//! | what | the part | source |
+//! | what | the chip | source |
 //! |---|---|---|
 //! | an empty transfer | never completes: `NDT` = 0 | RM0440, DMA channel configuration |
 //! | a longer one than [`LONGEST`] | `NDT` has 16 bits | RM0440, `DMA_CNDTRx` |
 //! | a buffer that DMA does not reach | transfer error, the channel stops | RM0440, DMA error management |
 //! | a transfer while one is under way | the channel's registers cannot be written | RM0440, DMA channel configuration |
 //! | flash in other units than words of 8 bytes, pages of 2 KB | `PGAERR`, or another page | RM0440, FLASH programming |
-//! | flash outside of what is ours | the program | `memory.x` |
+//! | flash outside of the store's pages | the program | `memory.x` |
 //! | a word over one that is not blank, but zeros | `PROGERR` | RM0440, FLASH programming |
 //!
-//! The part does not report most of this: it does nothing, or the wrong thing.
+//! The chip does not report most of this: it does nothing, or the wrong thing.
 
 use core::ops::Range;
 
@@ -21,7 +21,7 @@ pub const LONGEST: usize = 0xffff;
 /// A word of the flash that is blank.
 pub const BLANK: u64 = u64::MAX;
 
-/// Why the part does not do it.
+/// Why the chip refuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
     /// Nothing is to be transferred.
@@ -30,7 +30,7 @@ pub enum Refused {
     TooLong,
     /// Not, or not wholly, in memory that DMA reaches.
     Unreachable,
-    /// It is at work.
+    /// It is busy.
     Busy,
     /// Not in whole units of the flash.
     Misaligned,
@@ -43,16 +43,16 @@ pub enum Refused {
 }
 
 impl Refused {
-    /// What is wrong.
+    /// The reason as text.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::Empty => "an empty transfer",
-            Self::TooLong => "a transfer of more than 65535",
+            Self::TooLong => "a transfer of more than 65535 items",
             Self::Unreachable => "a buffer that DMA does not reach",
             Self::Busy => "a transfer while one is under way",
-            Self::Misaligned => "flash in other units than its own",
-            Self::Outside => "flash that is not ours",
+            Self::Misaligned => "a flash access that is not in whole units",
+            Self::Outside => "flash outside of the store",
             Self::NotBlank => "flash that is not blank",
             Self::Failed => "the flash reports an error",
         }
@@ -65,10 +65,10 @@ impl NorFlashError for Refused {
     }
 }
 
-/// Whether DMA takes a buffer of `length` bytes at `address`, where `memory` lists what it reaches.
+/// Whether DMA accepts a buffer of `length` bytes at `address`; `memory` lists the memory that it reaches.
 ///
 /// # Errors
-/// The first rule that is broken.
+/// The first rule that is violated.
 pub fn transfer(address: usize, length: usize, memory: &[Range<usize>]) -> Result<(), Refused> {
     if length == 0 {
         return Err(Refused::Empty);
@@ -82,22 +82,22 @@ pub fn transfer(address: usize, length: usize, memory: &[Range<usize>]) -> Resul
     if memory.iter().any(reaches) { Ok(()) } else { Err(Refused::Unreachable) }
 }
 
-/// The transfers that send `bytes` by a buffer of `longest`, up to [`LONGEST`]: none for no bytes.
+/// The transfers that send `bytes` through a buffer of `longest`, up to [`LONGEST`]: none for no bytes.
 pub fn pieces(bytes: &[u8], longest: usize) -> impl Iterator<Item = &[u8]> {
     bytes.chunks(longest.clamp(1, LONGEST))
 }
 
-/// Whether so many bytes from there on are inside a flash of `size` bytes, and whole units.
+/// Whether this many bytes from there on are inside a flash of `size` bytes, and whole units.
 ///
 /// # Errors
-/// The first rule that is broken.
+/// The first rule that is violated.
 pub fn flash(from: u32, bytes: usize, unit: u32, size: u32) -> Result<(), Refused> {
     let end = u32::try_from(bytes).ok().and_then(|bytes| from.checked_add(bytes)).filter(|end| *end <= size);
     let Some(end) = end else { return Err(Refused::Outside) };
     if from.is_multiple_of(unit) && end.is_multiple_of(unit) { Ok(()) } else { Err(Refused::Misaligned) }
 }
 
-/// Whether a word of the flash that holds `now` takes another.
+/// Whether a word of the flash with the content `now` can be written.
 ///
 /// # Errors
 /// [`Refused::NotBlank`].

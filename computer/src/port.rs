@@ -1,19 +1,19 @@
-//! The maintenance port: somebody with a cable types a line, the flight computer answers in words. It is no way to fly the
-//! vehicle, and it gives nothing away: what it says goes between the frames of the flight log ([`crate::log`]).
+//! The maintenance port: a person with a cable types a line, the flight computer answers with text. It cannot fly the
+//! vehicle, and reveals no keys: its answers are sent between the frames of the flight log ([`crate::log`]).
 //!
 //! | line | what happens | while in control |
 //! |---|---|---|
-//! | `help` | the commands are listed | answered |
-//! | `status` | version, restart, clock, deadlines, stack, outcome, link, lines, watchdog and the times of all tasks are told | answered |
-//! | `selftest`, `selftest tone`, `calibrate` | the receiver is examined, its channels are measured ([`crate::selftest`]) | refused |
-//! | `factory-reset` | is explained; `factory-reset yes` forgets everything stored | refused |
-//! | `dump N` | the codes of the next N frames go into the log | refused |
-//! | `watchdog` | is explained; `watchdog yes` stops feeding it, so that it restarts the computer | refused |
+//! | `help` | lists the commands | answered |
+//! | `status` | prints version, restart, clock, deadlines, stack, outcome, link, lines, watchdog and the times of all tasks | answered |
+//! | `selftest`, `selftest tone`, `calibrate` | tests the receiver, or calibrates its channels ([`crate::selftest`]) | refused |
+//! | `factory-reset` | prints an explanation; `factory-reset yes` erases everything stored | refused |
+//! | `dump N` | the samples of the next N frames go into the log | refused |
+//! | `watchdog` | prints an explanation; `watchdog yes` stops feeding it, so that it restarts the computer | refused |
 //! | `restart` | the computer restarts, and comes up in standby | refused |
-//! | frames of a camera, between zeros | the pad is looked for in them ([`crate::camera`]) | taken |
+//! | frames of a camera, between zeros | are searched for the pad ([`crate::camera`]) | accepted |
 //!
-//! A line ends with a carriage return, a line feed or both. One that is longer than [`LINE_MAX`], is not ASCII or is no
-//! command is answered by what is wrong with it, and nothing happens. A backspace takes a letter back.
+//! A line ends with a carriage return, a line feed or both. One that is longer than [`LINE_MAX`], is not ASCII or is
+//! not a command is answered by an error, and nothing happens. A backspace deletes a letter.
 
 use core::fmt;
 
@@ -34,64 +34,64 @@ pub const ANSWER_MAX: usize = 96;
 /// Most frames of one `dump`: 200 s.
 pub const FRAMES_MAX: u16 = 10_000;
 
-/// What somebody wants.
+/// A command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
     /// The list of commands.
     Help,
-    /// How it is.
+    /// The status.
     Status,
-    /// An examination.
+    /// A test of the receiver.
     SelfTest {
-        /// With the board's own tone; with one through a splitter otherwise.
+        /// With the board's own tone; otherwise with one through a splitter.
         own_tone: bool,
     },
-    /// A measurement of the channels.
+    /// A calibration of the channels.
     Calibrate,
-    /// Everything that is stored forgotten.
+    /// Erases everything stored.
     FactoryReset {
-        /// Whether it was said twice.
+        /// Whether it was confirmed.
         is_sure: bool,
     },
     /// Raw frames of the converters.
     Dump {
-        /// How many.
+        /// Number of frames.
         frames: u16,
     },
     /// A restart by the watchdog.
     Watchdog {
-        /// Whether it was said twice.
+        /// Whether it was confirmed.
         is_sure: bool,
     },
     /// A restart.
     Restart,
 }
 
-/// Why a line is no command.
+/// Why a line is not a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
     /// It is longer than [`LINE_MAX`].
     TooLong,
-    /// It holds something else than ASCII.
+    /// It contains something else than ASCII.
     NotText,
-    /// There is no such command.
+    /// The command is unknown.
     Unknown,
-    /// The command takes no such word.
+    /// The command does not take this argument.
     Surplus,
-    /// It is no number of frames.
+    /// Not a valid number of frames.
     Frames,
 }
 
 impl Refusal {
-    /// What to answer.
+    /// The answer.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
             Self::TooLong => "error: the line is too long",
             Self::NotText => "error: the line is not ASCII",
-            Self::Unknown => "error: no such command; `help` lists them",
-            Self::Surplus => "error: the command takes no such word; `help` lists them",
-            Self::Frames => "error: how many frames, 1 to 10000?",
+            Self::Unknown => "error: no such command; `help` lists the commands",
+            Self::Surplus => "error: invalid argument; `help` lists the commands",
+            Self::Frames => "error: expected a number of frames, 1 to 10000",
         }
     }
 }
@@ -103,19 +103,19 @@ impl fmt::Display for Refusal {
 }
 
 impl Command {
-    /// Whether it has to wait until the pilot has control.
+    /// Whether it must not be carried out while in control.
     #[must_use]
     pub const fn disturbs(self) -> bool {
         !matches!(self, Self::Help | Self::Status)
     }
 
-    /// Whether it is carried out; else the words that say why not.
+    /// Whether it is carried out; otherwise the text that gives the reason.
     ///
     /// # Errors
     /// It disturbs, and we are in control.
     pub fn admit(self, control: Control) -> Result<Self, &'static str> {
         if self.disturbs() && control == Control::Granted {
-            return Err("refused: in control; take the mode away first");
+            return Err("refused: in control; leave the mode first");
         }
         Ok(self)
     }
@@ -155,7 +155,7 @@ fn frames(digits: &[u8]) -> Option<u16> {
     (1..=FRAMES_MAX).contains(&frames).then_some(frames)
 }
 
-/// Puts lines together.
+/// Assembles lines.
 #[derive(Debug)]
 pub struct Lines {
     line: Vec<u8, LINE_MAX>,
@@ -163,13 +163,13 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Nothing has been typed.
+    /// Before the first byte.
     #[must_use]
     pub const fn new() -> Self {
         Self { line: Vec::new(), refusal: None }
     }
 
-    /// Takes in a byte; what the line that it ends is, unless that is empty.
+    /// Takes a byte; returns the command of the line that it ends, unless that is empty.
     pub fn push(&mut self, byte: u8) -> Option<Result<Command, Refusal>> {
         match byte {
             b'\r' | b'\n' => {
@@ -200,33 +200,33 @@ impl Default for Lines {
     }
 }
 
-/// What `help` says.
+/// The text of `help`.
 pub const HELP: [&str; 9] = [
     "help                this list",
     "status              version, restart, clock, outcome, link, stack, watchdog, times of all tasks",
-    "selftest            examine the receiver, a tone through a splitter; disarmed",
+    "selftest            test the receiver, with a tone through a splitter; disarmed",
     "selftest tone       the same with the board's own tone",
-    "calibrate           measure the channels, a tone through a splitter; disarmed",
-    "factory-reset yes   forget everything that is stored; not in control",
-    "dump N              the codes of the next N frames go into the log; not in control",
-    "watchdog yes        feed the watchdog no more, to see it restart; not in control",
-    "restart             begin anew, in standby; not in control",
+    "calibrate           calibrate the channels, with a tone through a splitter; disarmed",
+    "factory-reset yes   erase everything stored; not in control",
+    "dump N              log the samples of the next N frames; not in control",
+    "watchdog yes        stop feeding the watchdog, to test its restart; not in control",
+    "restart             restart, into standby; not in control",
 ];
 
-/// Where the computer's clock is from.
+/// Source of the computer's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {
     /// The crystal.
     Crystal,
-    /// The part's own oscillator, because the crystal does not start. Sample rate, tones and times are off by up to 1 % from
-    /// 0 to 85 °C (DS12288, HSI16 oscillator characteristics).
+    /// The chip's own oscillator, because the crystal does not start. Sample rate, tones and times are off by up to 1
+    /// % from 0 to 85 °C (DS12288, HSI16 oscillator characteristics).
     Internal,
     /// The simulator.
     Simulated,
 }
 
 impl Clock {
-    /// For `status`.
+    /// Text for `status`.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -237,7 +237,7 @@ impl Clock {
     }
 }
 
-/// What `status` tells.
+/// Content of `status`.
 #[derive(Clone, Copy, Debug)]
 pub struct Status<'a> {
     /// Name of the board.
@@ -246,13 +246,13 @@ pub struct Status<'a> {
     pub uptime_s: u32,
     /// Why it has started.
     pub restart: &'a Restart,
-    /// Where the clock is from.
+    /// Source of the clock.
     pub clock: Clock,
-    /// How the steps are in time.
+    /// Timing of the steps.
     pub deadlines: Counts,
-    /// Most of the stack that was ever used, as far as it was looked for.
+    /// Largest use of the stack found so far.
     pub stack_bytes: u32,
-    /// What the last step came to; none before the first.
+    /// Outcome of the last step; `None` before the first.
     pub outcome: Option<Outcome>,
     /// The link.
     pub link: companion::Counters,
@@ -262,19 +262,19 @@ pub struct Status<'a> {
     pub received: Waiting,
     /// Bytes to the autopilot that waited to be sent.
     pub sent: Waiting,
-    /// The lidar, where obstacles are taken from it.
+    /// The lidar, if obstacles come from it.
     pub lidar: Option<LidarStatus>,
-    /// Bytes of the log that waited to be sent; frames that there was no room for.
+    /// Bytes of the log that waited to be sent; frames that were dropped.
     pub log: Waiting,
-    /// How often the computer was started, 0 where the flash cannot tell.
+    /// Number of starts, 0 if it cannot be read from the flash.
     pub starts: u32,
-    /// How the watchdog is fed, and after how long it restarts the computer.
+    /// Feeding of the watchdog, and its timeout.
     pub feeds: Feeds,
-    /// Of the watchdog.
+    /// The watchdog's timeout.
     pub watchdog_us: u32,
 }
 
-/// How a lidar is.
+/// State of a lidar.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LidarStatus {
     /// Its frames.
@@ -285,20 +285,20 @@ pub struct LidarStatus {
     pub line_errors: u32,
 }
 
-/// Bytes that wait somewhere.
+/// Bytes that wait in a buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Waiting {
-    /// The most that ever did.
+    /// The largest number so far.
     pub most: u32,
-    /// How many there is room for.
+    /// Size of the buffer.
     pub room: u32,
-    /// Those that there was no room for.
+    /// Bytes that did not fit.
     pub lost: u32,
 }
 
 /// Lines of `status` before those of the tasks.
 const HEAD_LINES: usize = 13;
-/// Lines of a task: its range, and of the histogram.
+/// Lines of a task: its range, and the histogram.
 const TASK_LINES: usize = 1 + BINS.div_ceil(BINS_PER_LINE);
 const BINS_PER_LINE: usize = 6;
 
@@ -306,7 +306,7 @@ impl Status<'_> {
     /// How many times [`tell`](Self::tell) is to be called.
     pub const LINES: usize = HEAD_LINES + Task::ALL.len() * TASK_LINES;
 
-    /// Tells a part of it, from 0 to [`LINES`](Self::LINES): a line or none. `times` are those of the tasks.
+    /// Prints a part of it, from 0 to [`LINES`](Self::LINES): one line or none. `times` are those of the tasks.
     pub fn tell(&self, part: usize, times: &timing::Table, line: impl FnOnce(&str)) {
         let mut words = Words::new();
         if let Some(task_part) = part.checked_sub(HEAD_LINES) {
@@ -395,7 +395,7 @@ impl Status<'_> {
     }
 }
 
-/// What an examination of the receiver has measured, and what it came to, in lines.
+/// Prints the measurements of a test of the receiver, and its result, in lines.
 pub fn tell_report(report: &Report, mut line: impl FnMut(&str)) {
     let mut words = Words::new();
     words.text(&selftest::words(report.exam, report.verdict));
@@ -422,7 +422,8 @@ pub fn tell_report(report: &Report, mut line: impl FnMut(&str)) {
     }
 }
 
-/// Puts an answer together, without the formatting of numbers, which takes 2 KB of flash. What does not fit is cut off.
+/// Builds an answer without the standard formatting of numbers, which takes 2 KB of flash. What does not fit is cut
+/// off.
 #[derive(Debug)]
 struct Words {
     text: String<ANSWER_MAX>,
@@ -439,7 +440,7 @@ impl Words {
         if core::mem::take(&mut self.is_ended) {
             self.text.clear();
         }
-        // What is too much is cut off.
+        // The rest is cut off.
         let _ = text.chars().try_for_each(|letter| self.text.push(letter));
         self
     }

@@ -1,18 +1,18 @@
 //! Why the computer has restarted.
 //!
-//! Two sources: what the chip says of its last reset ([`Cause`]), and what the program wrote down before it ended itself
-//! ([`Record`]), in memory that a reset leaves alone. The board owns both; here is what they mean, how a record lies in
-//! that memory, and in which words the autopilot's pilot hears of it.
+//! Two sources: the chip's report of its last reset ([`Cause`]), and the record that the program wrote before it
+//! ended ([`Record`]), in memory that a reset does not clear. The board owns both; this module defines their meaning,
+//! how a record is stored in that memory, and the text for the pilot.
 //!
-//! A record is believed only with its checksum: after power-up that memory holds anything. It is read once and then
-//! [taken away](take), so that an old one is never told for a new one.
+//! A record is used only with a valid checksum: after power-up that memory holds anything. It is read once and then
+//! [erased](take), so that an old one is never reported again.
 
 use core::fmt::{self, Write as _};
 
 use foxhound_core::doa::calibration::record::crc32;
 use heapless::String;
 
-/// Words of a record in the memory that a reset leaves alone.
+/// Words of a record in the memory that a reset does not clear.
 pub const WORDS: usize = 16;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"FXR1");
@@ -23,17 +23,17 @@ pub const TEXT_BYTES: usize = (CRC_AT - TEXT_AT) * 4;
 /// Bytes of a `STATUSTEXT`.
 const WORDS_BYTES: usize = 50;
 
-/// What the chip says of the last reset.
+/// The chip's report of the last reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cause {
-    /// The power came.
+    /// Power-up.
     #[default]
     Power,
     /// The supply sank below its limit.
     BrownOut,
     /// The reset pin.
     Pin,
-    /// The program asked for it.
+    /// Requested by the program.
     Software,
     /// The watchdog was not fed.
     Watchdog,
@@ -49,15 +49,15 @@ pub enum End {
     Panic = 1,
     /// A fault of the processor; the address says where, the status why.
     Fault = 2,
-    /// The board found that it cannot go on; the text says why.
+    /// The board found that it cannot continue; the text gives the reason.
     Halt = 3,
-    /// Somebody wanted a restart.
+    /// A requested restart.
     Wanted = 4,
     /// The watchdog ran out; the address says where the program was.
     Watchdog = 5,
 }
 
-/// What the program wrote down before it ended.
+/// The record that the program wrote before it ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Record {
     /// What ended it.
@@ -66,7 +66,7 @@ pub struct Record {
     pub address: u32,
     /// `CFSR` of a fault.
     pub status: u32,
-    /// How long it had been running.
+    /// Time since its start.
     pub uptime_s: u32,
     text: [u8; TEXT_BYTES],
 }
@@ -83,7 +83,7 @@ impl Record {
         Self { end, address, status, uptime_s, text: kept }
     }
 
-    /// The text, as far as it is one.
+    /// The text, up to the first invalid byte.
     #[must_use]
     pub fn text(&self) -> &str {
         let until = self.text.iter().position(|byte| !byte.is_ascii_graphic() && *byte != b' ').unwrap_or(TEXT_BYTES);
@@ -127,31 +127,31 @@ fn check(words: &[u32; WORDS]) -> u32 {
     crc32(&bytes)
 }
 
-/// The record that the last run left, if it did; it is gone then.
+/// The record that the last run left, if any; it is then erased.
 pub fn take(kept: &mut [u32; WORDS]) -> Option<Record> {
     let record = Record::decode(kept);
     *kept = [0; WORDS];
     record
 }
 
-/// What is known of the last restart.
+/// Information about the last restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Restart {
-    /// What the chip says.
+    /// The chip's report.
     pub cause: Cause,
-    /// What the program said.
+    /// The program's record.
     pub record: Option<Record>,
 }
 
 impl Restart {
-    /// Whether it is worth a word to the pilot: not where somebody switched the power on or pressed the button.
+    /// Whether the pilot should be informed: not after power-up or the reset button.
     #[must_use]
     pub fn is_news(&self) -> bool {
         self.record.is_some() || !matches!(self.cause, Cause::Power | Cause::Pin)
     }
 
-    /// The word to the pilot: at most 50 bytes, those of a `STATUSTEXT`; cut off behind them. The number of the start is
-    /// left out where it is not known, 0.
+    /// The text for the pilot: at most 50 bytes, as in a `STATUSTEXT`; the rest is cut off. The number of the start
+    /// is left out if it is unknown (0).
     #[must_use]
     pub fn words(&self, start: u32) -> String<WORDS_BYTES> {
         let mut words = Cut(String::new());
@@ -201,7 +201,7 @@ fn write_hex(f: &mut fmt::Formatter<'_>, value: u32) -> fmt::Result {
     })
 }
 
-/// As short as it is, and as above.
+/// As short as possible, without the standard formatting.
 fn write_decimal(to: &mut impl fmt::Write, value: u32) -> fmt::Result {
     let digits = core::iter::successors(Some(1_u32), |power| power.checked_mul(10)).take_while(|power| *power <= value);
     (0..digits.count() as u32).rev().try_for_each(|place| {

@@ -1,8 +1,7 @@
 //! Sample rates that a timer can have.
 //!
-//! A timer counts whole cycles of its clock from sample to sample, so that not every rate can be had. The rate that is used
-//! is the one that the timer has, not the one that was asked for: it goes back into the configuration, and every frequency
-//! after it is right.
+//! A timer counts whole cycles of its clock from sample to sample, so that not every rate is possible. The timer's
+//! actual rate is written back into the configuration, so that all frequencies computed from it are right.
 
 use foxhound_core::base::error::{ConfigError, Why, check};
 use foxhound_core::guidance;
@@ -10,39 +9,39 @@ use foxhound_core::guidance;
 use crate::SAMPLES_PER_CHANNEL as N;
 
 const RATE: &str = "phase.sample_rate_hz";
-/// The nearest rate may be off by this part of it.
+/// Largest relative difference between the requested and the nearest possible rate.
 const OFF_MAX: f32 = 100e-6;
-/// From frame to frame it may be off the period of the steps by this part of it.
+/// Largest relative difference between the period of the frames and that of the steps.
 const PERIOD_OFF_MAX: f32 = 0.05;
 
-/// The timer that starts every sample.
+/// The timer that triggers every sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timer {
-    /// It counts these.
+    /// Its clock.
     pub clock_hz: u32,
-    /// One sample takes so long: sampling, conversion, and what comes before them.
+    /// Duration of one sample: sampling, conversion, and what precedes them.
     pub cycles_min: u32,
-    /// It counts no further.
+    /// Largest count.
     pub cycles_max: u32,
 }
 
-/// How a timer samples.
+/// A timer's sampling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
     /// From sample to sample.
     pub cycles: u32,
-    /// What that comes to.
+    /// The resulting rate.
     pub rate_hz: f32,
-    /// Of so many blocks one after the other, one is a frame: one a step.
+    /// One in this many successive blocks is a frame: one per step.
     pub blocks: u32,
 }
 
 impl Timer {
-    /// How it samples for this configuration.
+    /// The sampling for this configuration.
     ///
     /// # Errors
-    /// `phase.sample_rate_hz` where a sample takes longer than that, the timer does not count so far, or no count of it comes
-    /// within 100 ppm; `tick_s` where whole blocks do not come in step with it.
+    /// `phase.sample_rate_hz` if a sample takes longer than that, the timer cannot count that far, or no count comes
+    /// within 100 ppm; `tick_s` if it is not a whole number of blocks.
     pub fn sampling(&self, config: &guidance::Config) -> Result<Sampling, ConfigError> {
         let clock_hz = self.clock_hz as f32;
         let (slowest, fastest) = (clock_hz / self.cycles_max as f32, clock_hz / self.cycles_min as f32);
@@ -50,13 +49,13 @@ impl Timer {
         let cycles = libm::roundf(clock_hz / wanted_hz);
         let rate_hz = clock_hz / cycles;
         if libm::fabsf(rate_hz - wanted_hz) > OFF_MAX * wanted_hz {
-            let why = Why::Inconsistent("the sample timer has no rate within 100 ppm of it");
+            let why = Why::Inconsistent("the sample timer has no rate within 100 ppm of this");
             return Err(ConfigError { field: RATE, value: wanted_hz, why });
         }
         let tick_blocks = check("tick_s", config.tick_s, 0.005, 0.1)? * rate_hz / N as f32;
         let blocks = libm::roundf(tick_blocks);
         if blocks < 1.0 || libm::fabsf(blocks - tick_blocks) > PERIOD_OFF_MAX * tick_blocks {
-            let why = Why::Inconsistent("no whole number of blocks of 256 samples is as long");
+            let why = Why::Inconsistent("it is not a whole number of blocks of 256 samples");
             return Err(ConfigError { field: "tick_s", value: config.tick_s, why });
         }
         Ok(Sampling { cycles: cycles as u32, rate_hz, blocks: blocks as u32 })

@@ -1,21 +1,21 @@
-//! How long the tasks take: smallest, mean and largest number of cycles of each, and a histogram by powers of two.
+//! Durations of the tasks: smallest, mean and largest number of cycles of each, and a histogram by powers of two.
 //!
-//! A time is from the begin of an activation to its end, with the interrupts and the more urgent tasks that came in between.
+//! A duration is from the begin of an activation to its end, including interrupts and more urgent tasks in between.
 
 use core::array;
 
-/// Cycles in a microsecond of the NUCLEO-G474RE.
+/// Cycles per microsecond of the NUCLEO-G474RE.
 pub const CYCLES_PER_US: u32 = 170;
 /// Bins of a histogram: below 2^8 cycles, below 2^9 and so on, and from 2^23, 49 ms, on.
 pub const BINS: usize = 17;
-/// The exponent that bounds the first one.
+/// The exponent of the first bin's bound.
 pub const FIRST_EXPONENT: u32 = 8;
 
-/// What is measured.
+/// The tasks that are measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Task {
-    /// The autopilot's bytes of a step, taken into the link.
+    /// The autopilot's bytes of a step, passed to the link.
     Receive,
     /// A step of guidance and link.
     Step,
@@ -47,7 +47,7 @@ impl Task {
     }
 }
 
-/// The times of one task.
+/// The durations of one task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Times {
     runs: u32,
@@ -64,7 +64,7 @@ impl Times {
         Self { runs: 0, sum: 0, min: u32::MAX, max: 0, bins: [0; BINS] }
     }
 
-    /// Takes note of a run that took so many cycles.
+    /// Adds a run of that many cycles.
     pub fn add(&mut self, cycles: u32) {
         self.runs = self.runs.saturating_add(1);
         self.sum = self.sum.saturating_add(u64::from(cycles));
@@ -77,7 +77,7 @@ impl Times {
         }
     }
 
-    /// How often it ran.
+    /// Number of runs.
     #[must_use]
     pub const fn runs(&self) -> u32 {
         self.runs
@@ -90,7 +90,7 @@ impl Times {
         [self.min.min(self.max), mean as u32, self.max]
     }
 
-    /// The bins in which there is something: the exponent below which it lies, none for the last bin, and how often.
+    /// The bins that are not empty: their exponent, `None` for the last bin, and their count.
     pub fn bins(&self) -> impl Iterator<Item = (Option<u32>, u32)> + '_ {
         (FIRST_EXPONENT..).zip(&self.bins).filter(|(_, count)| **count > 0).map(|(exponent, count)| {
             (Some(exponent).filter(|exponent| *exponent < FIRST_EXPONENT + BINS as u32 - 1), *count)
@@ -104,10 +104,10 @@ impl Default for Times {
     }
 }
 
-/// Those of all tasks.
+/// The durations of all tasks.
 pub type Table = [Times; Task::ALL.len()];
 
-/// A table without a time.
+/// An empty table.
 #[must_use]
 pub fn table() -> Table {
     array::from_fn(|_| Times::new())

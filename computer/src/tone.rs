@@ -1,20 +1,21 @@
-//! A test tone: what a board with a digital-to-analogue converter puts out, sample by sample, at the pace of the channels'
+//! A test tone: the output of a board's digital-to-analogue converter, sample by sample, at the pace of the channels'
 //! own samples, so that the tone is coherent with them.
 //!
-//! 12 turns in 83 samples: 0.14458 of the sample rate, 14.806 kHz at 102.41 kHz, bin 37.01 of 256. The number of samples is
-//! prime, so the harmonics 2 to 81 of whatever is not linear fall on other lines, three bins or more from the tone. It shares
-//! no factor with the length of a block either: every block begins at another phase, and no two frames look alike.
+//! 12 turns in 83 samples: 0.14458 of the sample rate, 14.806 kHz at 102.41 kHz, bin 37.01 of 256. The number of
+//! samples is prime, so the harmonics 2 to 81 from nonlinearities fall on other lines, three bins or more from the
+//! tone. It shares no factor with the length of a block either: every block begins at another phase, and no two
+//! frames look alike.
 
-/// Samples of a period of the whole.
+/// Samples of the whole period.
 pub const SAMPLES: usize = 83;
-/// Turns of the tone in that.
+/// Turns of the tone in the period.
 pub const TURNS: usize = 12;
-/// Amplitude, of 4096 codes: 1.4 V of 3.3 V, what a buffered output can do.
+/// Amplitude, of 4096 steps: 1.4 V of 3.3 V, the range of a buffered output.
 pub const AMPLITUDE_CODES: f64 = 1738.0;
 /// The middle.
 pub const MIDDLE_CODES: f64 = 2048.0;
 
-/// The codes of one period, unsigned, 12 bits.
+/// The samples of one period, unsigned, 12 bits.
 pub static TABLE: [u16; SAMPLES] = table();
 
 const fn table() -> [u16; SAMPLES] {

@@ -9,30 +9,31 @@
 //!  i16    fixed point  phasors  rad, sigma  filters  where   10 x 15    PID     limits, swept check
 //! ```
 //!
-//! Each stage is one module, a file or a folder, and the modules are in nine layers. A layer imports only those that are named
-//! behind it; `tests/proof/floors.rs` checks that:
+//! Each stage is one module, a file or a folder, and the modules are in nine layers. A layer imports only those
+//! listed in its row; `tests/proof/floors.rs` checks that:
 //!
-//! | layer | what it is for | imports |
+//! | layer | purpose | imports |
 //! |---|---|---|
 //! | [`base`] | units, time, vectors, mathematics, random numbers | |
-//! | [`signal`] | a frame of codes becomes phasors | `base` |
+//! | [`signal`] | a frame of samples becomes phasors | `base` |
 //! | [`doa`] | phasors become a bearing | `base`, `signal` |
 //! | [`mapping`] | hits become circles and walls; which places have been seen | `base` |
 //! | [`localize`] | bearings become an estimate of the source | `base`, `doa`, `mapping` |
 //! | [`planning`] | a trajectory from the estimate and the obstacles | `base`, `mapping`, `localize` |
 //! | [`landing`] | the last metres | `base`, `doa`, `localize` |
 //! | [`control`] | a trajectory becomes a safe velocity | `base`, `mapping`, `planning` |
-//! | [`guidance`] | all of it in one step, the state machine, the parameters | all |
+//! | [`guidance`] | the whole chain in one step, the state machine, the parameters | all |
 //!
-//! There are two entries: [`guidance`], stepped with every frame, and [`planning::planner`], asked now and then. Each module has
-//! the same parts in the same order: what it does and after whom, `Config` with defaults in SI units, `build` which checks
-//! it, the immutable stage, its `State` and outputs, `step`, tests.
+//! There are two entries: [`guidance`], stepped with every frame, and [`planning::planner`], called on request. Each
+//! module has the same parts in the same order: what it does and its sources, `Config` with defaults in SI units,
+//! `build` which checks it, the immutable stage, its `State` and outputs, `step`, tests.
 //!
 //! ## Three programs
 //!
-//! Every stage is driven alike: a `Config` is checked by `build` and gives the stage, which never changes; what changes is a `State`
-//! of the caller's; time and samples are arguments. `core/examples` has these three at length: samples that become bearings, a path
-//! around pillars, and the whole chain in a loop with a vehicle.
+//! Every stage is used in the same way: a `Config` is checked by `build` and gives the stage, which never changes;
+//! the changing part is a `State` that the caller owns; time and samples are arguments. `core/examples` has longer
+//! versions of these three: samples that become bearings, a path around pillars, and the whole chain in a loop with a
+//! vehicle.
 //!
 //! ```
 //! # use foxhound_core::ConfigError;
@@ -90,9 +91,9 @@
 //!
 //! ## Same bits everywhere
 //!
-//! Only `+ - * /`, comparisons, the square root of [`base::math`] and the free functions of `libm` on `f32`, and integers,
-//! so that host and target agree bit for bit; [`base::trace`] hashes what came out. Float *methods* of the standard library
-//! are never used: they would be other functions on the host.
+//! Only `+ - * /`, comparisons, the square root of [`base::math`] and the free functions of `libm` on `f32`, and
+//! integers, so that host and target agree bit for bit; [`base::trace`] hashes the outputs. Float *methods* of the
+//! standard library are never used: they would be other functions on the host.
 //!
 //! ## Sources
 //!

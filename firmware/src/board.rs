@@ -1,6 +1,7 @@
-//! What the application asks of a board. `boards` has one file for each; `app` and `console` know nothing else of them.
+//! The interface between application and board. `boards` has one file for each board; `app` and `console` know
+//! nothing else of them.
 //!
-//! What most boards do alike has a default here. How a new one is made is told in `docs/contributing.md`.
+//! Most boards can use the defaults given here. `docs/contributing.md` describes how to add a board.
 
 use core::fmt;
 use core::future::{Future, pending};
@@ -22,9 +23,9 @@ use foxhound_core::planning::rollout::{Trajectory, WAYPOINTS};
 pub trait Board: Sized + 'static {
     /// Its name in `--board` and in the image's `.foxhound_board` section.
     const NAME: &'static str;
-    /// Of [`ticks`](Self::ticks).
+    /// Ticks of [`ticks`](Self::ticks) per microsecond.
     const TICKS_PER_US: u32;
-    /// What paces the samples, where that cannot be at any rate.
+    /// The sample timer, if not every rate is possible.
     const SAMPLE_TIMER: Option<Timer>;
 
     /// Starts tasks.
@@ -39,16 +40,16 @@ pub trait Board: Sized + 'static {
     type ConsoleReceiver: Read;
     /// To the maintenance port.
     type ConsoleTransmitter: Write;
-    /// Says what to do next.
+    /// Triggers the steps.
     type Pacer: Pacer;
     /// Restarts the board when it is not fed.
     type Watchdog: Watchdog;
-    /// What is kept while the power is off: [`foxhound_computer::store`] says what it asks of it.
+    /// Non-volatile storage, with the requirements of [`foxhound_computer::store`].
     type Flash: NorFlash;
 
-    /// Starts clocks, peripherals and executors. To be called once.
+    /// Starts clocks, peripherals and executors. Call it once.
     fn start() -> Parts<Self>;
-    /// A fast counter that runs freely, to measure with.
+    /// A fast free-running counter, for measurements.
     fn ticks() -> u32;
     /// Microseconds since the start.
     fn uptime_us() -> u64;
@@ -56,19 +57,19 @@ pub trait Board: Sized + 'static {
     fn uptime_s() -> u32 {
         (Self::uptime_us() / 1_000_000) as u32
     }
-    /// Sleeps until the next interrupt, unless this is so already. One that comes in between still ends the sleep.
+    /// Sleeps until the next interrupt, unless `is_ready` is true. An interrupt in between still ends the sleep.
     fn sleep_unless(is_ready: impl Fn() -> bool);
-    /// It cannot go on.
+    /// Ends the program because it cannot continue.
     fn halt(why: fmt::Arguments<'_>) -> !;
-    /// Somebody wants a restart.
+    /// Restarts on request.
     fn restart() -> !;
 }
 
 /// A board, started.
 pub struct Parts<B: Board> {
-    /// Of the fast loop.
+    /// Spawner of the fast loop.
     pub guidance: B::Spawner,
-    /// Of the tasks that move bytes; guidance pre-empts them.
+    /// Spawner of the tasks that move bytes; guidance pre-empts them.
     pub link: B::Spawner,
     /// From the autopilot.
     pub receiver: B::Receiver,
@@ -80,35 +81,35 @@ pub struct Parts<B: Board> {
     pub console_receiver: B::ConsoleReceiver,
     /// To the maintenance port.
     pub console_transmitter: B::ConsoleTransmitter,
-    /// What to do next.
+    /// Triggers the steps.
     pub pacer: B::Pacer,
-    /// Runs from now on.
+    /// The watchdog, already running.
     pub watchdog: B::Watchdog,
-    /// Why we are here.
+    /// Why the computer has started.
     pub restart: Restart,
-    /// What is kept while the power is off.
+    /// Non-volatile storage.
     pub flash: B::Flash,
 }
 
 /// Bytes come in.
 pub trait Read {
-    /// Waits for bytes; how many have come.
+    /// Waits for bytes; returns how many.
     fn read(&mut self, bytes: &mut [u8]) -> impl Future<Output = usize>;
 }
 
 /// Bytes go out.
 pub trait Write {
-    /// Returns when all of them are on their way.
+    /// Returns when all of them are handed to the line.
     fn write(&mut self, bytes: &[u8]) -> impl Future<Output = ()>;
 }
 
-/// The bytes of the autopilot, or of a lidar. It holds those of a step at the line's full rate.
+/// The bytes of the autopilot, or of a lidar. Its buffer holds those of a step at the line's full rate.
 pub trait Receiver: Read {
-    /// Takes the bytes that are there.
+    /// Takes the bytes that are available.
     fn try_read(&mut self, bytes: &mut [u8]) -> usize;
-    /// How many have waited, and how many were lost.
+    /// The largest number that waited, and the number lost.
     fn waiting(&self) -> Waiting;
-    /// How often noise, framing or overruns have damaged some.
+    /// Number of errors: noise, framing errors or overruns.
     fn errors(&self) -> u32;
 }
 
@@ -138,50 +139,50 @@ impl Receiver for NoLine {
 
 /// Restarts the board when it is not fed.
 pub trait Watchdog {
-    /// It was not fed for so long.
+    /// The timeout.
     const PERIOD_US: u32;
-    /// Begins anew.
+    /// Restarts the timeout.
     fn feed(&mut self);
 }
 
-/// Says what to do next.
+/// Triggers the steps and supplies their input.
 pub trait Pacer {
-    /// The sampled trajectories of a plan that somebody wants to see: an array, empty where nobody does.
+    /// The sampled trajectories of a plan that are reported: an array, empty if they are not needed.
     type Samples: Samples;
 
-    /// Waits for what to do next.
+    /// Waits for the next call.
     fn next(&mut self) -> impl Future<Output = Call<'_>>;
-    /// Takes note of how a step went.
+    /// Receives the result of a step.
     fn done(&mut self, done: Done<'_, Self::Samples>) -> impl Future<Output = ()>;
-    /// Where the clock is from.
+    /// Source of the clock.
     fn clock(&self) -> Clock;
-    /// How much of the stack was ever used, as far as is known.
+    /// Bytes of the stack used, as found so far.
     fn stack_bytes(&self) -> u32;
 
-    /// Takes note of how a setup went; `tx_total` bytes were handed to the transmitter since the start.
+    /// Receives the result of a setup; `tx_total` bytes were handed to the transmitter since the start.
     fn accept(&mut self, result: Result<(), ConfigError>, tx_total: u32) -> impl Future<Output = ()> {
         let _ = (result, tx_total);
         core::future::ready(())
     }
-    /// Samples as this configuration says from now on, which was fitted to [`Board::SAMPLE_TIMER`].
+    /// Uses the sample rate of this configuration from now on, which was adapted to [`Board::SAMPLE_TIMER`].
     fn follow(&mut self, config: &guidance::Config) {
         let _ = config;
     }
-    /// The test tone sounds or does not, where there is one.
+    /// Switches the test tone on or off, if there is one.
     fn sound(&mut self, sounds: bool) {
         let _ = sounds;
     }
-    /// What is wrong for good, once.
+    /// A permanent error, reported once.
     fn trouble(&mut self) -> Option<&'static str> {
         None
     }
-    /// Frames that did not come or were no use, since the start.
+    /// Frames that were missing or unusable, since the start.
     fn lost(&self) -> u32 {
         0
     }
 }
 
-/// What the board wants done.
+/// A call of the pacer.
 #[derive(Debug)]
 pub enum Call<'a> {
     /// Start anew with this configuration.
@@ -195,34 +196,34 @@ pub enum Call<'a> {
 pub struct Step<'a> {
     /// The time of the step: the only clock of guidance and link.
     pub now: Instant,
-    /// In lock-step with a simulator nothing is left running when the step is done, so that the result does not depend on
-    /// the simulator's speed.
+    /// In lock-step with a simulator no task is left running when the step is done, so that the result does not
+    /// depend on the simulator's speed.
     pub lock_step: Option<LockStep>,
-    /// What the antennas brought.
+    /// The measurement of the antennas.
     pub front_end: FrontEnd<'a, N>,
-    /// Obstacles that a sensor delivers as circles already.
+    /// Obstacles from a sensor that reports circles.
     pub circles: Option<&'a [Circle]>,
 }
 
-/// What a step in lock-step heeds.
+/// Conditions of a step in lock-step.
 #[derive(Clone, Copy, Debug)]
 pub struct LockStep {
-    /// So many bytes of the autopilot, counted from the start, come before it.
+    /// The number of bytes of the autopilot, counted from the start, that come before it.
     pub rx_expected: u32,
-    /// So many bytes of the lidar come before it.
+    /// The number of bytes of the lidar that come before it.
     pub lidar_expected: u32,
-    /// So many bytes of camera frames have been looked at before it.
+    /// The number of bytes of camera frames that are processed before it.
     pub camera_expected: u32,
-    /// The planner is starved: what it has found waits for a later step.
+    /// The planner gets no time: its result waits for a later step.
     pub holds_plan: bool,
-    /// Says that the measured part of the step begins, and when that is, in `ticks`.
+    /// Called when the measured part of the step begins; returns the time, in `ticks`.
     pub begin: fn() -> u32,
 }
 
-/// What one step came to.
+/// The result of one step.
 #[derive(Debug)]
 pub struct Done<'a, S> {
-    /// What guidance said.
+    /// Output of guidance.
     pub output: guidance::Output,
     /// Length of the guidance step, in `ticks`.
     pub fast_ticks: u32,
@@ -234,7 +235,7 @@ pub struct Done<'a, S> {
     pub plan: Option<&'a Planned<S>>,
 }
 
-/// A plan, and how it came about.
+/// A plan, and how it was made.
 #[derive(Clone, Debug)]
 pub struct Planned<S> {
     /// The plan.
@@ -245,7 +246,7 @@ pub struct Planned<S> {
     pub ticks: u32,
 }
 
-/// Sampled trajectories, as many as are kept.
+/// Sampled trajectories, as many as are stored.
 pub trait Samples: AsMut<[Trajectory]> + 'static {
     /// Before the first plan.
     const NONE: Self;

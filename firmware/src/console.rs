@@ -1,8 +1,9 @@
-//! The maintenance port: the flight log and answers go out by it, lines and the frames of a camera come in.
+//! The maintenance port: it sends the flight log and answers, and receives lines and the frames of a camera.
 //!
-//! Frames are looked at here, line by line as they come ([`foxhound_computer::camera`]), in the time that guidance leaves;
-//! it gets what they show with its next step. Guidance writes the log and carries out what lines say, a command a step; the tasks here only move bytes, and run behind
-//! the autopilot's line. Where the port is too slow, or nobody is there, the log is what suffers.
+//! Frames are processed here, line by line as they arrive ([`foxhound_computer::camera`]), in the time left by
+//! guidance; guidance gets the result with its next step. Guidance writes the log and carries out typed commands, one
+//! per step; the tasks here only move bytes, with a lower priority than the autopilot's line. If the port is too
+//! slow, or not connected, only the log suffers.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -25,44 +26,44 @@ use static_cell::{ConstStaticCell, StaticCell};
 use crate::board::{Board, Read as _, Step, Write as _};
 use crate::timing::{self, measured};
 
-/// What a step brings, and the codes of a frame.
+/// Space for the records of a step and the samples of a frame.
 const RING_BYTES: usize = 2048;
 
 static RING: ConstStaticCell<Ring<RING_BYTES>> = ConstStaticCell::new(Ring::new());
 /// Bytes that were typed and not yet read.
 static TYPED: Pipe<CriticalSectionRawMutex, 48> = Pipe::new();
-/// There is something in the ring; there was nothing more in it, and all is sent.
+/// Signals: there is something in the ring; the ring was empty and everything is sent.
 static NEWS: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// Bytes that are taken in at a time.
 const PIECE_BYTES: usize = 64;
 
-/// What the camera's latest frame came to.
+/// Result of the camera's latest frame.
 static SIGHTED: Signal<CriticalSectionRawMutex, Sighted> = Signal::new();
-/// What pad it looks for from now on.
+/// A new detector for the next frames.
 static DETECTOR: Signal<CriticalSectionRawMutex, Detector> = Signal::new();
-/// The height over the ground, as bits; not a number where nobody knows it.
+/// The height over the ground, as bits; NaN if unknown.
 static HEIGHT_M: AtomicU32 = AtomicU32::new(0);
-/// Bytes of frames that were looked at since the start; and there are more.
+/// Bytes of frames that were processed since the start; and a signal for more.
 static LOOKED_AT: AtomicU32 = AtomicU32::new(0);
 static PROGRESS: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// Guidance's end.
 pub struct Console {
-    /// The flight log, which carries the answers, too.
+    /// The flight log, which also carries the answers.
     pub log: Log<'static>,
     lines: Lines,
-    /// The next part of the status, while that is told.
+    /// The next part of the status, while it is printed.
     telling: Option<usize>,
-    /// Bytes of the log that have waited at once, at most.
+    /// The largest number of bytes of the log that waited at once.
     most_waiting: usize,
 }
 
-/// Parts of the status that are told in a step: the log has room for them.
+/// Parts of the status that are printed per step: the log has space for them.
 const PARTS: usize = 5;
 
-/// The ends of the log and of the lines, and the camera. To be called once.
+/// The ends of the log and of the lines, and the camera. Call it once.
 #[inline(never)]
 pub fn ends(detector: Detector) -> (Console, Consumer<'static>, &'static mut Camera) {
     static CAMERA: StaticCell<Camera> = StaticCell::new();
@@ -73,7 +74,7 @@ pub fn ends(detector: Detector) -> (Console, Consumer<'static>, &'static mut Cam
 }
 
 impl Console {
-    /// The next command that was typed and may be carried out now; others are answered.
+    /// The next typed command that may be carried out now; others are answered.
     #[inline(never)]
     pub fn command(&mut self, control: Control) -> Option<Command> {
         let mut byte = [0];
@@ -87,9 +88,10 @@ impl Console {
         None
     }
 
-    /// What the camera has seen since the last step; in lock-step as soon as all that belongs before this step was looked at.
+    /// The camera's observation since the last step; in lock-step as soon as all bytes that belong before this step
+    /// are processed.
     ///
-    /// `feed` is called as often as a piece of a frame was looked at: a whole frame at once takes longer than a step.
+    /// `feed` is called for each processed piece of a frame: a whole frame at once takes longer than a step.
     pub async fn look(&self, step: &Step<'_>, mut feed: impl FnMut()) -> Option<PadObservation> {
         if let Some(lock_step) = &step.lock_step {
             while LOOKED_AT.load(Ordering::Relaxed) != lock_step.camera_expected {
@@ -100,32 +102,32 @@ impl Console {
         SIGHTED.try_take().map(|sighted| sighted.look(step.now))
     }
 
-    /// What the next frame is looked at with: how high the vehicle is, where that is known.
+    /// Sets the vehicle's height for the next frame, if known.
     pub fn set_height(&self, height_m: Option<f32>) {
         HEIGHT_M.store(height_m.unwrap_or(f32::NAN).to_bits(), Ordering::Relaxed);
     }
 
-    /// Another pad is looked for, or with another camera: of a configuration that guidance runs with.
+    /// Uses the pad and camera of the configuration that guidance runs with.
     ///
     /// # Errors
-    /// The field of the configuration for which there is no detector; the one before it goes on.
+    /// The field of the configuration for which there is no detector; the one before is kept.
     pub fn set_detector(&self, config: &guidance::Config) -> Result<(), ConfigError> {
         DETECTOR.signal(camera::detector(config)?);
         Ok(())
     }
 
-    /// Somebody wants to know how it is.
+    /// The status was requested.
     pub const fn begin_status(&mut self) {
         self.telling = Some(0);
     }
 
-    /// Whether some of the status is still to be told.
+    /// Whether a part of the status is still to be printed.
     #[must_use]
     pub const fn is_telling(&self) -> bool {
         self.telling.is_some()
     }
 
-    /// Tells the next parts of the status.
+    /// Prints the next parts of the status.
     #[inline(never)]
     pub fn tell(&mut self, status: &Status<'_>) {
         let from = self.telling.unwrap_or(0);
@@ -149,20 +151,20 @@ impl Console {
         }
     }
 
-    /// Waits until all of the log is sent: where a simulator waits for us, and before an end.
+    /// Waits until all of the log is sent: when a simulator waits for us, and before an end.
     pub async fn drain(&self) {
         SENT.reset();
         NEWS.signal(());
         SENT.wait().await;
         while !self.log.is_drained() {
-            // That was said of what came before.
+            // The signal was for earlier bytes.
             NEWS.signal(());
             SENT.wait().await;
         }
     }
 }
 
-/// Bytes that somebody types, and the frames of a camera. Where lines come faster than guidance reads them, all waits.
+/// Receives typed bytes, and the frames of a camera. If lines come faster than guidance reads them, both wait.
 pub async fn listen<B: Board>(mut line: B::ConsoleReceiver, camera: &'static mut Camera) {
     measured::<B, _>(Task::Listen, async {
         let mut bytes = [0; PIECE_BYTES];
@@ -175,7 +177,7 @@ pub async fn listen<B: Board>(mut line: B::ConsoleReceiver, camera: &'static mut
     .await;
 }
 
-/// Takes frames in; what is left was typed.
+/// Processes frames; the remaining bytes were typed.
 #[inline(never)]
 fn look_at(camera: &mut Camera, bytes: &[u8]) -> Vec<u8, PIECE_BYTES> {
     if let Some(detector) = DETECTOR.try_take() {
@@ -185,7 +187,7 @@ fn look_at(camera: &mut Camera, bytes: &[u8]) -> Vec<u8, PIECE_BYTES> {
     let height_m = Some(f32::from_bits(HEIGHT_M.load(Ordering::Relaxed))).filter(|height_m| height_m.is_finite());
     for byte in bytes {
         match camera.push(*byte, height_m) {
-            // There is room for all of them.
+            // There is space for all of them.
             Some(Came::Text(byte)) => typed.push(byte).unwrap_or(()),
             Some(Came::Sighted(sighted)) => SIGHTED.signal(sighted),
             None => {}

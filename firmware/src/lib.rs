@@ -3,18 +3,18 @@
 //! The same two functions as in the simulator, `guidance::Guidance::step` and `planner::Planner::plan`, driven by
 //! interrupts.
 //!
-//! | module | what | imports |
+//! | module | content | imports |
 //! |---|---|---|
-//! | [`board`] | what the application asks of a board: [`board::Board`] | |
+//! | [`board`] | the interface to a board: [`board::Board`] | |
 //! | [`timing`] | how long the tasks take | `board` |
 //! | [`console`] | the maintenance port | `board`, `timing` |
 //! | [`app`] | the tasks | `board`, `timing`, `console` |
-//! | `arm` | what the boards with an Arm Cortex-M share | `board`, `register_values` |
-//! | [`register_values`] | sums behind registers | |
+//! | `arm` | code that the boards with an Arm Cortex-M share | `board`, `register_values` |
+//! | [`register_values`] | calculations of register values | |
 //! | [`boards`] | everything that differs from board to board | `board`, `arm`, `register_values` |
 //!
-//! So no board knows the application, nor the application a board; `program` brings them together, and
-//! `tests/proof/floors.rs` holds it.
+//! So a board does not know the application, nor the application a board; `program` combines them.
+//! `tests/proof/floors.rs` checks that.
 //!
 //! ```text
 //!  antennas -> Pacer --> app::guide --> outgoing --> app::transmit -> Transmitter -> autopilot

@@ -1,6 +1,6 @@
-//! The program: the application on the board that is chosen. Starts the board, creates the channels, spawns the tasks.
+//! The program: the application on the chosen board. Starts the board, creates the channels, spawns the tasks.
 //!
-//! It is part of the library, so that the compiler makes one copy of what `core` has for any number of samples, as in the
+//! It is part of the library, so that the compiler makes one copy of `core`'s code for a number of samples, as in the
 //! benchmark.
 
 use crate::app::{self, Begun, Desk, Kept, Line, Outgoing, Planning, Shared, State};
@@ -52,7 +52,7 @@ fn task<S>(token: Result<SpawnToken<S>, embassy_executor::SpawnError>) -> SpawnT
     }
 }
 
-// The tasks of `app` and `console` for this board: an executor's own are of no type parameters.
+// The tasks of `app` and `console` for this board: tasks of the executor cannot have type parameters.
 
 #[embassy_executor::task]
 fn transmit(line: <Chosen as Board>::Transmitter) -> impl Future<Output = ()> {

@@ -1,4 +1,4 @@
-//! Measures the tasks: [`foxhound_computer::timing`] does the sums.
+//! Measures the tasks; [`foxhound_computer::timing`] keeps the statistics.
 
 use core::cell::RefCell;
 use core::future::{Future, poll_fn};
@@ -13,12 +13,12 @@ use crate::board::Board;
 static TABLE: Mutex<CriticalSectionRawMutex, RefCell<Table>> =
     Mutex::new(RefCell::new([const { Times::new() }; Task::ALL.len()]));
 
-/// Takes note of a run that took so many ticks of the board.
+/// Records a run of that many ticks of the board.
 #[inline(never)]
 pub fn note<B: Board>(task: Task, ticks: u32) {
     TABLE.lock(|table| {
         if let Some(times) = table.borrow_mut().get_mut(task as usize) {
-            // One and the same on the NUCLEO-G474RE.
+            // The two are equal on the NUCLEO-G474RE.
             times.add((u64::from(ticks) * u64::from(CYCLES_PER_US) / u64::from(B::TICKS_PER_US)) as u32);
         }
     });

@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 use std::task::{Context, Waker};
 use std::thread;
 
-use foxhound_computer::flight::Mapper as _;
+use foxhound_computer::flight::ParameterStore as _;
 use foxhound_computer::log::Record as Logged;
 use foxhound_computer::log::frame::LogDeframer;
 use foxhound_computer::store::Store;

@@ -1,8 +1,8 @@
-//! A look at the autopilot's own failsafe: parameters that leave a hole under ours are told of, once each.
+//! Checks the autopilot's own failsafe parameters: one that leaves a gap under our failsafes is reported, once each.
 //!
-//! Asked for by `PARAM_REQUEST_READ`, one at a time while we are not in control, three times at most; an autopilot that does not
-//! answer, or does not know the name, is left alone. Nothing is ever set. `ArduPilot` sends whole numbers as floats, PX4 the
-//! bytes of whole numbers in the place of a float, and the message says which is which.
+//! They are read by `PARAM_REQUEST_READ`, one at a time while we are not in control, three times at most. An autopilot
+//! that does not answer, or does not know the name, is left alone. Nothing is ever set. `ArduPilot` sends whole numbers
+//! as floats, PX4 puts the bytes of an integer in the place of the float; the message says which form it has.
 
 use foxhound_core::base::time::Instant;
 
@@ -19,7 +19,7 @@ struct Row {
     text: &'static str,
 }
 
-/// Which values leave a hole.
+/// Which values leave a gap.
 #[derive(Clone, Copy)]
 enum Hole {
     Above(f32),
@@ -37,7 +37,7 @@ impl Hole {
     }
 }
 
-/// `GUID_TIMEOUT` and `COM_OF_LOSS_T`: how long the vehicle flies on when we are silent.
+/// `GUID_TIMEOUT` and `COM_OF_LOSS_T`: how long the vehicle flies on when we stop sending.
 const ARDUPILOT: [Row; 2] = [
     Row { name: "GUID_TIMEOUT", hole: Hole::Above(1.5), text: "Foxhound: GUID_TIMEOUT is long, set 1" },
     Row { name: "FS_GCS_ENABLE", hole: Hole::Zero, text: "Foxhound: FS_GCS_ENABLE is off" },
@@ -51,7 +51,7 @@ const PX4: [Row; 2] = [
     },
 ];
 
-/// Which of them was asked for, and when.
+/// Which parameter was requested, and when.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Advice {
     row: u8,
@@ -60,7 +60,7 @@ pub(crate) struct Advice {
 }
 
 impl Advice {
-    /// From the first one on.
+    /// Starts with the first one.
     pub(crate) const fn new() -> Self {
         Self { row: 0, tries: 0, due: Instant(0) }
     }
@@ -70,7 +70,7 @@ impl Advice {
         self.due = now;
     }
 
-    /// What is to be asked now.
+    /// The request that is due now.
     pub(crate) fn poll(
         &mut self,
         now: Instant,
@@ -94,7 +94,7 @@ impl Advice {
         })
     }
 
-    /// What is to be said of the autopilot's answer.
+    /// The warning that the autopilot's answer calls for.
     pub(crate) fn hear(&mut self, now: Instant, software: Software, answer: &PARAM_VALUE_DATA) -> Option<&'static str> {
         let row = rows(software).get(usize::from(self.row))?;
         let name = answer.param_id.split(|byte| *byte == 0).next().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What the autopilot says of itself and of the vehicle, checked before anybody believes it.
+//! The autopilot's state and the vehicle's, from its messages, checked before use.
 //!
 //! The autopilot is recognised by its heartbeat: it names an autopilot software and the type of a vehicle. GUIDED is
 //! mode 4 of ArduPilot's copters (4 means other things on its planes and rovers, which are never in control here);
@@ -31,7 +31,7 @@ pub enum Software {
     ArduPilot,
     /// PX4.
     Px4,
-    /// Another one: listened to, never commanded.
+    /// Another one: its messages are read, it is never commanded.
     Other,
 }
 

@@ -1,12 +1,13 @@
-//! `DISTANCE_SENSOR` messages that look all round, as parts of one scan ([`crate::turns`]).
+//! `DISTANCE_SENSOR` messages of a sensor that covers all directions, as parts of one scan ([`crate::turns`]).
 //!
-//! `ArduPilot` tells its proximity sensor as one message for each 45 degrees around the vehicle: the least distance in that
-//! sector, from the autopilot's own component, with ids from 10 on (`GCS_MAVLink`, `send_proximity`). So an obstacle stands
-//! somewhere in the sector, not in its middle: all nine rays of 5 degrees are given that distance. A sector in which nothing is
-//! seen is told with its `max_distance`; newer versions do not tell it before something was seen in it.
+//! `ArduPilot` reports its proximity sensor as one message for each 45 degrees around the vehicle: the least distance
+//! in that sector, from the autopilot's own component, with ids from 10 on (`GCS_MAVLink`, `send_proximity`). The
+//! obstacle is somewhere in the sector, not necessarily in its middle, so all nine rays of 5 degrees get that distance.
+//! A sector in which nothing is seen is reported with its `max_distance`; newer versions do not report it until
+//! something has been seen in it.
 //!
-//! Of other senders eight orientations make such a sensor, as soon as each was heard once. Before that, and where the message
-//! says that the beam is narrower, it is single points (`crate::obstacles`).
+//! From other senders, eight orientations make such a sensor once each has been received. Before that, and where the
+//! message says that the beam is narrower, they are single points (`crate::obstacles`).
 
 use crate::dialect::{DISTANCE_SENSOR_DATA, OBSTACLE_DISTANCE_DATA};
 use crate::obstacles::BAD_SIGNAL;
@@ -15,15 +16,15 @@ use crate::obstacles::BAD_SIGNAL;
 pub(crate) const DIRECTIONS: u8 = 8;
 pub(crate) const RAYS_EACH: usize = 9;
 const RAY_DEG: u8 = 5;
-/// Width of a direction, and where the rays of the nose's begin.
+/// Width of a direction, and where the rays of the direction of the nose begin.
 pub(crate) const EACH_DEG: f32 = 45.0;
 pub(crate) const FIRST_DEG: f32 = -20.0;
-/// What says that it is narrower fills no sector.
+/// A beam that is reported narrower than this does not fill its sector.
 const SECTOR_RAD_MIN: f32 = 0.7;
 /// First id of `ArduPilot`'s proximity sensor; range finders have lower ones.
 const PROXIMITY_ID: u8 = 10;
 
-/// Which directions were heard of, a bit each.
+/// The directions that were received, a bit each.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Beams {
     component_id: u8,
@@ -36,8 +37,8 @@ impl Beams {
         Self { component_id: 0, heard: 0 }
     }
 
-    /// A beam as the rays of its sector, and the directions, a bit each, that were never told, in which nothing was seen then;
-    /// `None` where it is not one of a sensor that looks all round.
+    /// A beam as the rays of its sector, and the directions (a bit each) that were never reported, which means that
+    /// nothing was seen in them; `None` where the beam does not belong to a sensor that covers all directions.
     #[inline(never)]
     pub(crate) fn sector(
         &mut self,
@@ -94,7 +95,7 @@ mod tests {
         }
     }
 
-    /// Centimetres in its nine rays, and that nothing else is told; none where they differ.
+    /// The distance in centimetres, if all nine rays have it and no other ray is given; `None` where they differ.
     fn alike(message: &OBSTACLE_DISTANCE_DATA) -> Option<u16> {
         let (its, others) = message.distances.split_at(RAYS_EACH);
         let are_alike = its.iter().all(|ray| *ray == its[0]) && others.iter().all(|ray| *ray == u16::MAX);

@@ -3,20 +3,20 @@
 //! With `d` the autopilot's clock minus ours, a message stamped `s` there and received at `r` here says `s <= r + d`; an
 //! answer stamped `t` to a request that left at `a` and was answered by `b` says `a + d <= t <= b + d`. So every message
 //! bounds `d` from below, every answer from both sides, and what all of them allow is an interval, which grows by the drift
-//! between two clocks while nothing comes. Its middle is used once it is known to 5 ms; until then a message was made when
-//! it was received.
+//! two clocks while no message comes. Its middle is used once it is known to 5 ms; until then a message counts as made
+//! when it was received.
 
 use foxhound_core::base::time::Instant;
 
-/// Crystals differ by less than 100 parts in a million: by a microsecond in so many.
+/// Crystals differ by less than 100 parts in a million: by a microsecond in this many.
 const US_PER_DRIFT: u32 = 10_000;
-/// An interval wider than this says too little.
+/// An interval wider than this is not used.
 const WIDTH_MAX_US: i64 = 10_000;
-/// Stamps are whole milliseconds; a lesser age is none.
+/// Stamps are whole milliseconds; a smaller age counts as zero.
 const STAMP_US: i64 = 1_000;
-/// Older than this is as good as this.
+/// An older message gets this age.
 const AGE_MAX_US: i64 = 5_000_000;
-/// And older than this is none at all.
+/// A message older than this gets no age: its stamp is not believed.
 const ABSURD_US: i64 = 60_000_000;
 
 /// Whether it is longer ago than `limit_s`.
@@ -40,9 +40,9 @@ pub(crate) struct PeerClock {
     /// Bounds of the autopilot's clock minus ours, and when each was set.
     low: Option<(Instant, i64)>,
     high: Option<(Instant, i64)>,
-    /// When the request that waits for its answer left.
+    /// When the request that waits for its answer was sent.
     asked: Option<Instant>,
-    /// Of the last answer.
+    /// Round trip of the last answered request.
     round_trip_us: Option<u64>,
     /// The last message's stamp.
     stamped_ms: Option<u32>,
@@ -53,13 +53,13 @@ impl PeerClock {
         Self { low: None, high: None, asked: None, round_trip_us: None, stamped_ms: None }
     }
 
-    /// A request leaves; its `ts1`, in nanoseconds as the protocol wants it.
+    /// A request is sent; returns its `ts1`, in nanoseconds as the protocol wants it.
     pub(crate) fn ask(&mut self, now: Instant) -> i64 {
         self.asked = Some(now);
         nanos(now)
     }
 
-    /// An answer came; anybody else's is not ours.
+    /// An answer came; one to somebody else's request is ignored.
     pub(crate) fn answered(&mut self, now: Instant, ts1: i64, tc1: i64) {
         let Some(asked) = self.asked.filter(|asked| nanos(*asked) == ts1) else { return };
         self.asked = None;
@@ -69,7 +69,7 @@ impl PeerClock {
         self.bound_low(now, theirs_us.saturating_sub(micros(now)));
     }
 
-    /// A message stamped with the autopilot's time since boot came; when it was made.
+    /// A message stamped with the autopilot's time since boot came; returns when it was made.
     pub(crate) fn made(&mut self, now: Instant, time_boot_ms: u32) -> Instant {
         let stamped_us = i64::from(time_boot_ms) * 1_000;
         self.bound_low(now, stamped_us.saturating_sub(micros(now)));
@@ -78,7 +78,7 @@ impl PeerClock {
         let Some(offset_us) = self.offset_us(now).filter(|_| is_running) else { return now };
         let age_us = micros(now).saturating_add(offset_us).saturating_sub(stamped_us);
         if age_us > ABSURD_US {
-            // Its milliseconds are over after 49.7 days, and begin again.
+            // The milliseconds wrap after 49.7 days.
             (self.low, self.high) = (None, None);
             return now;
         }
@@ -121,7 +121,7 @@ impl PeerClock {
     }
 }
 
-/// A bound as far off as the drift may have carried it.
+/// A bound, widened by the drift since it was set.
 #[inline(never)]
 fn grown((since, bound_us): (Instant, i64), now: Instant, sign: i64) -> i64 {
     let since_us = now.micros_since(since);

@@ -1,17 +1,18 @@
-//! One local frame that goes on when the autopilot's jumps.
+//! A local frame that stays continuous when the autopilot's jumps.
 //!
-//! An autopilot corrects its estimate in steps: the place moves by metres between two messages, the heading turns by tens
-//! of degrees, while the vehicle does neither. What guidance remembers (obstacles, the source, its plan) would be metres
-//! off. So guidance never sees the jump: it lives in a frame of its own, ours, in which the vehicle's track is continuous,
-//! and this file keeps the turn and the shift between the two:
+//! An autopilot corrects its estimate in steps: the position moves by metres between two messages, or the heading turns
+//! by tens of degrees, while the vehicle does neither. What guidance remembers (obstacles, the source, its plan) would
+//! be metres off. So guidance works in a frame of its own, called ours, in which the vehicle's track is continuous.
+//! This file keeps the rotation and the shift between the two frames:
 //!
 //! ```text
 //!  ours = turn back (autopilot's) + shift         velocities for the autopilot = turn (ours)
 //! ```
 //!
-//! A position is a jump when it is farther from where the last one led than `max(0.15 m, 3 v dt + 0.1 m)`, `v` the faster
-//! of the two speeds, or when somebody said so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`); a heading when it is
-//! more than 10 degrees from where the yaw rate led. Until the first jump both frames are the same, to the bit.
+//! A position is a jump when it is farther from where the last one led than `max(0.15 m, 3 v dt + 0.1 m)`, with `v` the
+//! faster of the two speeds, or when a message says so (`ODOMETRY.reset_counter`, a new `GPS_GLOBAL_ORIGIN`). A heading
+//! is a jump when it is more than 10 degrees from where the yaw rate led. Until the first jump both frames are the
+//! same, to the bit.
 
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Ned;
@@ -20,15 +21,15 @@ use foxhound_core::base::units::{sin_cos, wrap_pi};
 const STEP_MIN_M: f32 = 0.15;
 const STEP_PER_WAY: f32 = 3.0;
 const STEP_MARGIN_M: f32 = 0.1;
-/// The same where nobody tells velocities.
+/// The same where no velocities are reported.
 const BLIND_STEP_MIN_M: f32 = 1.0;
-/// What happens to the place in a longer gap is nobody's jump.
+/// After a longer gap a change of position is not taken for a jump.
 const PLACE_GAP_MAX_S: f32 = 2.0;
 const TURN_MIN_RAD: f32 = 10.0 * core::f32::consts::PI / 180.0;
-/// Nor what happens to the heading in this one.
+/// After a longer gap a change of heading is not taken for a jump.
 const HEADING_GAP_MAX_S: f32 = 0.5;
 
-/// The turn and shift between the autopilot's local frame and ours.
+/// The rotation and shift between the autopilot's local frame and ours.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Continuity {
     turn_rad: f32,
@@ -37,14 +38,14 @@ pub(crate) struct Continuity {
     shift_m: Ned,
     /// Whether there was a jump at all.
     differs: bool,
-    /// Somebody said that the next position, or the next heading, begins anew.
+    /// A message said that the next position, or the next heading, begins anew.
     place_is_new: bool,
     heading_is_new: bool,
 }
 
 /// From one position to the next.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Way {
+pub(crate) struct Displacement {
     pub(crate) from_m: Ned,
     pub(crate) to_m: Ned,
     pub(crate) from_mps: Ned,
@@ -78,22 +79,23 @@ impl Continuity {
         }
     }
 
-    /// The autopilot has said that its estimate jumps: the next position, and the heading, are where the last ones were.
+    /// The autopilot has reported that its estimate jumps: the next position, and the heading, are taken to be where
+    /// the last ones were.
     #[inline(never)]
     pub(crate) fn expect_new(&mut self, heading: bool) {
         self.place_is_new = true;
         self.heading_is_new |= heading;
     }
 
-    /// Follows the autopilot from one position to the next; how far it jumped, if it did.
+    /// Follows the autopilot from one position to the next; returns how far it jumped, if it did.
     #[inline(never)]
-    pub(crate) fn follow_place(&mut self, way: &Way) -> Option<f32> {
-        let Way { from_m, to_m, from_mps, to_mps, dt_s } = *way;
+    pub(crate) fn follow_place(&mut self, moved: &Displacement) -> Option<f32> {
+        let Displacement { from_m, to_m, from_mps, to_mps, dt_s } = *moved;
         let is_new = core::mem::take(&mut self.place_is_new);
         if dt_s > PLACE_GAP_MAX_S && !is_new {
             return None;
         }
-        // Over a gap before a new beginning nobody knows; not carried on, then.
+        // Over a gap before a new beginning the motion is unknown, so it is not extrapolated.
         let dt_s = if dt_s > PLACE_GAP_MAX_S { 0.0 } else { dt_s };
         let step_m = Ned {
             north: to_m.north - from_m.north - 0.5 * (from_mps.north + to_mps.north) * dt_s,
@@ -103,7 +105,7 @@ impl Continuity {
         let (before_mps, after_mps) = (norm(from_mps), norm(to_mps));
         let fastest_mps = if before_mps > after_mps { before_mps } else { after_mps };
         let limit_m = STEP_PER_WAY * fastest_mps * dt_s + STEP_MARGIN_M;
-        // A vehicle in the air is never exactly still: who says so tells no velocities.
+        // A vehicle in the air is never exactly still: an autopilot that sends zero reports no velocities.
         let least_m = if fastest_mps > 0.0 { STEP_MIN_M } else { BLIND_STEP_MIN_M };
         let limit_m = if limit_m > least_m { limit_m } else { least_m };
         let jumped_m = norm(step_m);
@@ -118,7 +120,7 @@ impl Continuity {
         Some(jumped_m)
     }
 
-    /// Follows the autopilot from one heading to the next, at a place; by how much it turned, if it did.
+    /// Follows the autopilot from one heading to the next, at a position; returns by how much it turned, if it did.
     pub(crate) fn follow_heading(&mut self, turn: Turn, at_m: Ned) -> Option<f32> {
         let is_new = core::mem::take(&mut self.heading_is_new);
         let is_gap = turn.dt_s > HEADING_GAP_MAX_S;
@@ -143,7 +145,7 @@ impl Continuity {
         Some(turned_rad)
     }
 
-    /// A place of the autopilot's, in our frame.
+    /// A position in the autopilot's frame, in ours.
     #[inline(never)]
     pub(crate) fn place_to_ours(&self, place_m: Ned) -> Ned {
         if !self.differs {
@@ -157,7 +159,7 @@ impl Continuity {
         }
     }
 
-    /// A place of ours, in the autopilot's frame.
+    /// A position in our frame, in the autopilot's.
     pub(crate) fn place_to_theirs(&self, place_m: Ned) -> Ned {
         if !self.differs {
             return place_m;
@@ -169,23 +171,23 @@ impl Continuity {
         })
     }
 
-    /// A velocity of the autopilot's, in our frame.
+    /// A velocity in the autopilot's frame, in ours.
     pub(crate) fn velocity_to_ours(&self, velocity: Ned) -> Ned {
         self.turned(velocity, -self.sin)
     }
 
-    /// A velocity of ours, in the autopilot's frame.
+    /// A velocity in our frame, in the autopilot's.
     pub(crate) fn velocity_to_theirs(&self, velocity: Ned) -> Ned {
         self.turned(velocity, self.sin)
     }
 
-    /// A heading of the autopilot's, in our frame.
+    /// A heading in the autopilot's frame, in ours.
     #[inline(never)]
     pub(crate) fn heading_to_ours(&self, heading_rad: f32) -> f32 {
         if self.differs { wrap_pi(heading_rad - self.turn_rad) } else { heading_rad }
     }
 
-    /// A heading of ours, in the autopilot's frame.
+    /// A heading in our frame, in the autopilot's.
     pub(crate) fn heading_to_theirs(&self, heading_rad: f32) -> f32 {
         if self.differs { wrap_pi(heading_rad + self.turn_rad) } else { heading_rad }
     }
@@ -212,8 +214,8 @@ mod tests {
         Ned { north, east, down }
     }
 
-    fn way(from_m: Ned, velocity_mps: Ned, to_m: Ned, dt_s: f32) -> Way {
-        Way { from_m, to_m, from_mps: velocity_mps, to_mps: velocity_mps, dt_s }
+    fn moved(from_m: Ned, velocity_mps: Ned, to_m: Ned, dt_s: f32) -> Displacement {
+        Displacement { from_m, to_m, from_mps: velocity_mps, to_mps: velocity_mps, dt_s }
     }
 
     #[test]
@@ -222,7 +224,7 @@ mod tests {
             let mut frame = Continuity::new();
             let still = ned(0.0, 0.0, 0.0);
             let (to_m, to_mps) = (ned(0.5 * a_mps2 * dt_s * dt_s, 0.0, 0.0), ned(a_mps2 * dt_s, 0.0, 0.0));
-            assert_eq!(frame.follow_place(&Way { from_m: still, to_m, from_mps: still, to_mps, dt_s }), None);
+            assert_eq!(frame.follow_place(&Displacement { from_m: still, to_m, from_mps: still, to_mps, dt_s }), None);
         }
     }
 
@@ -250,7 +252,7 @@ mod tests {
         let mut place = ned(0.1, -0.3, -5.7);
         for _ in 0..1000 {
             let next = ned(place.north + 0.061, place.east - 0.019, place.down + 0.011);
-            assert_eq!(frame.follow_place(&way(place, velocity, next, 0.02)), None);
+            assert_eq!(frame.follow_place(&moved(place, velocity, next, 0.02)), None);
             assert_eq!(frame.follow_heading(turn(3.1, 1.5, -3.13, 0.02), next), None);
             place = next;
             assert_eq!(frame.place_to_ours(place), place);
@@ -264,7 +266,7 @@ mod tests {
         let mut frame = Continuity::new();
         let (before, velocity) = (ned(10.0, 4.0, -5.0), ned(1.0, 0.0, 0.0));
         let after = ned(10.02 + 3.0, 4.0 - 4.0, -5.0);
-        let jumped_m = frame.follow_place(&way(before, velocity, after, 0.02)).unwrap();
+        let jumped_m = frame.follow_place(&moved(before, velocity, after, 0.02)).unwrap();
         assert!((jumped_m - 5.0).abs() < 1e-3);
         assert!(distance(frame.place_to_ours(after), ned(10.02, 4.0, -5.0)) < 1e-4);
         assert!(distance(frame.place_to_theirs(frame.place_to_ours(after)), after) < 1e-4);
@@ -285,7 +287,7 @@ mod tests {
         let (sin, cos) = sin_cos(1.5);
         assert!(distance(ahead, ned(cos, sin, 0.0)) < 1e-6);
         // And another jump of the place on top of it.
-        frame.follow_place(&way(here, ned(0.0, 0.0, 0.0), ned(24.0, -10.0, -3.0), 0.02)).unwrap();
+        frame.follow_place(&moved(here, ned(0.0, 0.0, 0.0), ned(24.0, -10.0, -3.0), 0.02)).unwrap();
         assert!(distance(frame.place_to_ours(ned(24.0, -10.0, -3.0)), here) < 1e-4);
         assert!(distance(frame.place_to_theirs(here), ned(24.0, -10.0, -3.0)) < 1e-4);
     }
@@ -294,14 +296,14 @@ mod tests {
     fn what_is_announced_is_a_jump_however_small_and_a_gap_is_none() {
         let mut frame = Continuity::new();
         let still = ned(0.0, 0.0, 0.0);
-        assert_eq!(frame.follow_place(&way(still, still, ned(0.9, 0.0, 0.0), 0.02)), None);
+        assert_eq!(frame.follow_place(&moved(still, still, ned(0.9, 0.0, 0.0), 0.02)), None);
         frame.expect_new(false);
-        assert!(frame.follow_place(&way(still, still, ned(0.2, 0.0, 0.0), 0.02)).is_some());
+        assert!(frame.follow_place(&moved(still, still, ned(0.2, 0.0, 0.0), 0.02)).is_some());
         assert!((frame.place_to_ours(ned(0.2, 0.0, 0.0)).north).abs() < 1e-6);
-        assert_eq!(frame.follow_place(&way(still, still, ned(50.0, 0.0, 0.0), 3.0)), None);
+        assert_eq!(frame.follow_place(&moved(still, still, ned(50.0, 0.0, 0.0), 3.0)), None);
         assert_eq!(frame.follow_heading(turn(0.0, 0.0, 3.0, 1.0), still), None);
         frame.expect_new(true);
-        assert!(frame.follow_place(&way(still, still, ned(50.0, 0.0, 0.0), 30.0)).is_some());
+        assert!(frame.follow_place(&moved(still, still, ned(50.0, 0.0, 0.0), 30.0)).is_some());
         assert!(frame.follow_heading(turn(0.0, 0.0, 3.0, 30.0), still).is_some());
     }
 }

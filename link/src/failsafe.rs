@@ -1,8 +1,9 @@
-//! What may go wrong on the link or on the vehicle, and what is done about it: of the [`Cause`]s the first that applies.
+//! What may go wrong on the link or on the vehicle, and the reaction: the first of the [`Cause`]s that applies decides.
 //!
-//! Each cause asks for one of two things. A stream of zero velocity makes the vehicle stand, where the link and this program can
-//! be trusted. No setpoint at all lets the autopilot's own failsafe act, where they cannot. No cause asks for another flight mode.
-//! The page `docs/autopilot.md` of the repository has the table: when each cause applies, what becomes of setpoints and heartbeat.
+//! There are two reactions. Where the link and this program can be trusted, a stream of zero velocity makes the vehicle
+//! hold. Where they cannot, no setpoint at all is sent, so that the autopilot's own failsafe acts. No cause requests
+//! another flight mode. `docs/autopilot.md` has the table: when each cause applies, and what happens to setpoints and
+//! heartbeat.
 
 use crate::autopilot::Software;
 
@@ -12,9 +13,9 @@ pub enum Cause {
     /// It may.
     #[default]
     None,
-    /// We are not fit to.
+    /// This computer is not fit to fly.
     Unfit,
-    /// There is nobody to command.
+    /// There is no autopilot.
     NoAutopilot,
     /// The autopilot has been silent for long.
     LinkLost,
@@ -24,38 +25,38 @@ pub enum Cause {
     NotInMode,
     /// The vehicle stands on the ground or takes off.
     OnGround,
-    /// What was stored is damaged.
+    /// A stored record is damaged.
     StoreDamaged,
-    /// The mode has to be entered afresh.
+    /// The mode has to be left and entered again.
     EntryNeeded,
     /// The pilot's switch is off.
     SwitchedOff,
-    /// Somebody asked to wait.
+    /// A station or another component has requested a pause.
     Paused,
     /// The battery is nearly empty.
     BatteryCritical,
-    /// The battery is low, and nothing is under way.
+    /// The battery is low, and no search has begun.
     BatteryLow,
     /// The vehicle is outside of the autopilot's fence.
     FenceBreached,
     /// Too many frames are damaged.
     LinkNoisy,
-    /// Nobody knows where the vehicle is.
+    /// The vehicle's position is not known.
     OwnshipLost,
 }
 
 /// What happens to the stream of setpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stream {
-    /// Guidance's.
+    /// Setpoints of guidance.
     Guidance,
     /// Zero velocity.
     Zero,
-    /// None.
+    /// No setpoints.
     Silent,
 }
 
-/// What the table is asked about.
+/// The conditions that decide the cause.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Input {
     pub(crate) unfit: bool,
@@ -77,7 +78,7 @@ pub(crate) struct Input {
 }
 
 impl Input {
-    /// The first row that applies.
+    /// The first cause that applies.
     pub(crate) fn cause(&self) -> Cause {
         static CAUSES: [Cause; 15] = [
             Cause::Unfit,
@@ -118,8 +119,8 @@ impl Input {
 }
 
 impl Cause {
-    /// What happens to the stream; `obeys` says whether there were setpoints before, `prestream` whether PX4 gets zeros
-    /// outside of OFFBOARD.
+    /// What happens to the stream; `obeys` says whether setpoints were sent before, `prestream` whether PX4 gets zero
+    /// velocity outside of OFFBOARD.
     pub(crate) fn stream(self, software: Software, obeys: bool, prestream: bool) -> Stream {
         let waits = match software {
             Software::Px4 if prestream => Stream::Zero,
@@ -134,7 +135,7 @@ impl Cause {
         }
     }
 
-    /// Whether the vehicle is kept from seeking by something that is wrong, not by its pilot.
+    /// Whether the vehicle is kept from seeking by a fault, not by its pilot.
     pub(crate) fn is_critical(self) -> bool {
         matches!(
             self,
@@ -147,7 +148,7 @@ impl Cause {
         )
     }
 
-    /// What is told about it; `None` where guidance's own word does.
+    /// The text for the ground station; `None` where guidance's outcome is reported instead.
     #[inline(never)]
     pub(crate) fn text(self) -> Option<&'static str> {
         match self {

@@ -1,6 +1,7 @@
-//! What the autopilot and the pilot say of the vehicle's fitness: battery, estimator, fence, the switch on the transmitter.
+//! The vehicle's fitness as the autopilot and the pilot report it: battery, estimator, fence, the switch on the
+//! transmitter.
 //!
-//! Each is heard or it is not; what was never heard is not held against the vehicle.
+//! What was never reported is not held against the vehicle.
 
 use foxhound_core::base::time::Instant;
 
@@ -10,9 +11,9 @@ use crate::dialect::{
     FENCE_STATUS_DATA, MavBatteryChargeState, RC_CHANNELS_DATA, SYS_STATUS_DATA,
 };
 
-/// Batteries that are told apart; those with higher numbers count as the last one.
+/// Batteries that are distinguished; those with higher numbers count as the last one.
 const BATTERIES: usize = 4;
-/// A switch that is not heard for so long is off.
+/// A switch whose messages stop for this long is off.
 const SWITCH_AGE_MAX_S: f32 = 2.0;
 /// Pulses of a transmitter are between these; anything else is no signal.
 const PULSE_US: core::ops::RangeInclusive<u16> = 800..=2200;
@@ -31,7 +32,7 @@ pub(crate) enum Charge {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Health {
     charges: [Charge; BATTERIES],
-    /// Energy left, of all that said so the least, in the last message of each kind.
+    /// Energy left, the least of all batteries, in the last message of each kind.
     remaining_percent: [Option<u8>; 2],
     estimator_is_bad: bool,
     fence_is_breached: bool,
@@ -126,7 +127,7 @@ impl Health {
         }
     }
 
-    /// The worst of the batteries; critical also when less is left than `least_percent` (0 asks for nothing).
+    /// The worst of the batteries; also critical when less is left than `least_percent` (0 for no limit).
     #[inline(never)]
     pub(crate) fn charge(&self, least_percent: f32) -> Charge {
         let is_below = |left: &u8| f32::from(*left) < least_percent;
@@ -136,12 +137,12 @@ impl Health {
         self.charges.iter().copied().max().unwrap_or_default()
     }
 
-    /// Whether the estimator said last that it does not know where it is. Silence does not make it better.
+    /// Whether the estimator's last report says that its position is unknown. Silence does not clear it.
     pub(crate) fn is_estimator_bad(&self) -> bool {
         self.estimator_is_bad
     }
 
-    /// Whether the fence was breached when it was heard of last.
+    /// Whether the fence was breached in the last report.
     pub(crate) fn is_fence_breached(&self) -> bool {
         self.fence_is_breached
     }
@@ -151,7 +152,7 @@ impl Health {
         self.switch.is_some_and(|(at, on)| on && !is_over(now, at, SWITCH_AGE_MAX_S))
     }
 
-    /// A clock that ran backwards: nothing is younger than now.
+    /// Handles a clock that ran backwards: nothing is younger than now.
     pub(crate) fn follow_clock(&mut self, now: Instant) {
         if let Some((at, _)) = &mut self.switch {
             *at = (*at).min(now);

@@ -1,17 +1,18 @@
-//! Landing, as the autopilot hears of it: where the target is, and that it is to land.
+//! The landing messages to the autopilot: where the target is, and the request to land.
 //!
-//! `LANDING_TARGET` in the form that each takes:
+//! `LANDING_TARGET` in the form that each autopilot takes:
 //!
-//! | autopilot | frame | what counts |
+//! | autopilot | frame | fields used |
 //! |---|---|---|
 //! | ArduPilot (`AC_PrecLand_Companion`) | `BODY_FRD` | x, y, z over `distance` is the line of sight; `distance` must be positive |
 //! | PX4 (`mavlink_receiver`) | `LOCAL_NED` | x, y, z is the target's place in the autopilot's local frame |
 //!
 //! Both want `position_valid`. Without it ArduPilot takes `angle_x` and `angle_y` for image axes of a camera that looks
-//! down, so we do not send that form. The pad that a camera sees has the type `VISION_OTHER`, the beacon `RADIO_BEACON`.
+//! down, so that form is not sent. The pad seen by a camera has the type `VISION_OTHER`, the beacon `RADIO_BEACON`.
 //!
-//! `MAV_CMD_NAV_LAND` is asked for where the user wants that (`FH_LND_REQ`) and the landing says so, a few times, as long as the
-//! mode is ours. The autopilot then changes its mode by itself, lands, and disarms; it is never told to change a mode.
+//! `MAV_CMD_NAV_LAND` is sent where the user allows it (`FH_LND_REQ`) and the landing asks for it, a few times, while
+//! the vehicle is in our mode. The autopilot then changes its mode by itself, lands, and disarms; it is never commanded
+//! to change a mode.
 
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::ned::Ned;
@@ -31,12 +32,12 @@ pub(crate) struct Request {
 }
 
 impl Request {
-    /// Nothing was asked for.
+    /// Nothing has been requested.
     pub(crate) const fn new() -> Self {
         Self { tries: 0, due: Instant(0) }
     }
 
-    /// The command, when it is time for it.
+    /// The command, when it is due.
     #[inline(never)]
     pub(crate) fn poll(&mut self, now: Instant, wants: bool, target: (u8, u8)) -> Option<COMMAND_LONG_DATA> {
         if !wants {
@@ -65,7 +66,7 @@ pub(crate) struct Target {
     pub(crate) body_frd_m: [f32; 3],
     /// In the autopilot's local frame.
     pub(crate) place_ned_m: Ned,
-    /// It is the pad, and seen; else the beacon, and heard.
+    /// Whether it is the pad, currently seen; else the beacon, currently received.
     pub(crate) is_pad: bool,
 }
 
@@ -74,7 +75,7 @@ pub(crate) struct Target {
 pub(crate) fn message(time_us: u64, software: Software, target: &Target) -> Option<LANDING_TARGET_DATA> {
     let [forward, right, down] = target.body_frd_m;
     let distance_m = sqrt(forward * forward + right * right + down * down);
-    // Not finite, too.
+    // False also for what is not finite.
     if !(distance_m > 0.01 && distance_m < 1e4 && target.place_ned_m.is_finite()) {
         return None;
     }

@@ -8,14 +8,14 @@
 //!  bytes out <- outbox <- companion <- setpoint, what happened <- guidance
 //! ```
 //!
-//! [`companion`] is the entry for whoever flies. [`framer`] and [`dialect`] serve both ends of a link: the simulator
-//! plays the autopilot with them.
+//! [`companion`] is the entry for a flight computer. [`framer`] and [`dialect`] serve both ends of a link: the
+//! simulator plays the autopilot with them.
 //!
 //! ## Size
 //!
-//! `cargo xtask size` says what all this takes of the flash. The crate is compiled for size; `#[inline(never)]` stands where
-//! a function would else be made part of fast code that calls it, or be there twice. Of the dialect only what is read or
-//! written is linked ([`framer::Content`]).
+//! `cargo xtask size` prints what all this takes of the flash. The crate is compiled for size; `#[inline(never)]`
+//! stands where a function would otherwise be inlined into fast code, or twice. Of the dialect only the messages that
+//! are read or written are linked ([`framer::Content`]).
 //!
 //! ## Sources
 //!

@@ -1,31 +1,35 @@
-//! `OBSTACLE_DISTANCE` to a scan in the body frame, `OBSTACLE_DISTANCE_3D` and single `DISTANCE_SENSOR` beams to points in it.
+//! Reads `OBSTACLE_DISTANCE` as a scan in the body frame, `OBSTACLE_DISTANCE_3D` and single `DISTANCE_SENSOR` beams as
+//! points in it.
 //!
 //! ## Scans
 //!
 //! Element `j` is the middle of the sector at `angle_offset + j * increment`, clockwise positive; `increment_f`
-//! replaces `increment` unless it is 0 and may be negative. Elements past a full turn mean nothing. After the message
-//! definition and ArduPilot's reading of it (`AP_Proximity_MAV`).
+//! replaces `increment` unless it is 0, and may be negative. Elements past a full turn are ignored. This follows the
+//! message definition and ArduPilot's reading of it (`AP_Proximity_MAV`).
 //!
 //! | distance | means |
 //! |---|---|
 //! | 65535 | unknown |
-//! | `max_distance + 1` | nothing as far as the sensor reaches |
+//! | `max_distance + 1` | nothing within the sensor's range |
 //! | more | outside the definition: unknown |
-//! | 0 | touching, says the definition; ArduPilot takes it for *no reading*, and who feeds ArduPilot relies on that |
+//! | 0 | touching, by the definition; ArduPilot takes it for *no reading*, and senders made for ArduPilot rely on that
+//! |
 //! | else | the nearest obstacle, centimetres |
 //!
-//! So 0 is unknown on ArduPilot's link and otherwise a hit at `min_distance`, at least 1 cm. What is farther than 65.5 m is
-//! nothing as far as the sensor reaches, which then is so far. Messages of one turn make one scan ([`crate::turns`]).
+//! So 0 is unknown on ArduPilot's link and otherwise a hit at `min_distance`, at least 1 cm. A distance over 65.5 m
+//! counts as nothing within the sensor's range, which is then limited to that. Messages of one turn make one scan
+//! ([`crate::turns`]).
 //!
 //! ## Points
 //!
 //! A `DISTANCE_SENSOR` looks along its orientation: 0 to 7 are steps of 45 degrees, clockwise (the text of the message
-//! definition has left and right swapped, its rotations do not), 100 is what its quaternion says; one that looks up or down
-//! has nothing to say about obstacles, and 25, which looks down, says how far the ground is. Something stands anywhere in
-//! the width of the beam, 45 degrees where it is not told, and points fill it. Sensors that look all round are in
-//! [`crate::beams`]. A distance below the sensor's range, or of signal quality 1, is no reading; one above
-//! the range says that the sensor lives and sees nothing. An `OBSTACLE_DISTANCE_3D` is a point forward, right and down of the
-//! vehicle. Points more than a metre above or below the vehicle are the ground or no concern. Nothing that is remembered is
+//! definition has left and right swapped, its rotations do not), and 100 is given by its quaternion. One that looks up
+//! or down is not about obstacles; 25, which looks down, measures the distance to the ground. The obstacle may be
+//! anywhere in the width of the beam (45 degrees where it is not given), and points fill that width. Sensors that cover
+//! all directions are in [`crate::beams`]. A distance below the sensor's range, or of signal quality 1, is no reading;
+//! one above the range says that the sensor works and sees nothing. An `OBSTACLE_DISTANCE_3D` is a point forward, right
+//! and down of the vehicle. Points more than a metre above or below the vehicle are ignored. Points and beams never
+//! remove an obstacle that is already in the map.
 //! forgotten for what points and beams do not see.
 
 use core::f32::consts::FRAC_PI_4;
@@ -38,10 +42,10 @@ use foxhound_core::mapping::scan::{RAY_MAX_M, Sector};
 use crate::dialect::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA};
 
 const UNKNOWN_CM: u16 = u16::MAX;
-/// What is farther does not concern us.
+/// Obstacles farther than this are ignored.
 const RAY_MAX_CM: u16 = (100.0 * RAY_MAX_M) as u16;
 pub(crate) const FULL_TURN_DEG: f32 = 360.0;
-/// What is farther above or below is not in the way.
+/// Points farther above or below than this are not in the way.
 const LEVEL_M: f32 = 1.0;
 /// The orientation of a beam whose quaternion says where it points.
 const CUSTOM: u8 = 100;
@@ -54,19 +58,19 @@ pub(crate) struct Reading {
     pub(crate) yaw_rad: f32,
     /// Whether distance 0 is an obstacle that touches us.
     pub(crate) zero_touches: bool,
-    /// Directions ([`crate::beams`]) that are clear where a turn does not tell of them, a bit each.
+    /// Directions ([`crate::beams`]) that are clear where no message of a turn reports them, a bit each.
     pub(crate) untold: u8,
 }
 
-/// What a message tells of a scan.
+/// The part of a scan in one message.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Part<'a> {
     message: &'a OBSTACLE_DISTANCE_DATA,
     zero_touches: bool,
-    /// Of the first sector's middle, as the message counts it, and from a sector to the next.
+    /// Angle of the first sector's middle, as the message counts it, and from one sector to the next.
     pub(crate) first_deg: f32,
     pub(crate) step_deg: f32,
-    /// To be taken off its angles.
+    /// To be subtracted from its angles.
     pub(crate) yaw_rad: f32,
     /// See [`Reading`].
     pub(crate) untold: u8,
@@ -75,7 +79,7 @@ pub(crate) struct Part<'a> {
     pub(crate) range_max_m: f32,
 }
 
-/// Reads a message; `None` for one that means nothing.
+/// Reads a message; `None` for an invalid one.
 pub(crate) fn part(message: &OBSTACLE_DISTANCE_DATA, reading: Reading) -> Option<Part<'_>> {
     let step_deg = if message.increment_f == 0.0 { f32::from(message.increment) } else { message.increment_f };
     let width_deg = libm::fabsf(step_deg);
@@ -98,7 +102,7 @@ pub(crate) fn part(message: &OBSTACLE_DISTANCE_DATA, reading: Reading) -> Option
 }
 
 impl Part<'_> {
-    /// What a sector says.
+    /// The content of a sector.
     pub(crate) fn sector(&self, index: usize) -> Sector {
         let message = self.message;
         match message.distances.get(index).copied().unwrap_or(UNKNOWN_CM) {
@@ -113,20 +117,20 @@ impl Part<'_> {
     }
 }
 
-/// What a message about one point says.
+/// The content of a message about one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Return {
-    /// Something is there, forward and right of the vehicle (in the fields for north and east).
+    /// An obstacle, forward and right of the vehicle (in the fields for north and east).
     At(Horizontal),
-    /// It looked, and nothing is in the way as far as it reaches.
+    /// A measurement without an obstacle within the sensor's range.
     Free,
-    /// No reading, or it does not look where the vehicle might go.
+    /// No reading, or not in the plane of flight.
     Nothing,
-    /// Not finite, at odds with itself, or in a frame that is not understood.
+    /// Not finite, contradictory, or in a frame that is not understood.
     Absurd,
 }
 
-/// Where `OBSTACLE_DISTANCE_3D` sees something.
+/// Where `OBSTACLE_DISTANCE_3D` sees an obstacle.
 #[inline(never)]
 pub(crate) fn point(message: &OBSTACLE_DISTANCE_3D_DATA) -> Return {
     let point = Horizontal { north: message.x, east: message.y };
@@ -153,13 +157,13 @@ pub(crate) const fn is_level(message: &DISTANCE_SENSOR_DATA) -> bool {
     message.orientation <= 7 || message.orientation == CUSTOM
 }
 
-/// Half of the width of a beam; that of a whole direction where it is not told.
+/// Half of the width of a beam; that of a whole direction where it is not given.
 pub(crate) fn half_width_rad(message: &DISTANCE_SENSOR_DATA) -> f32 {
     let told_rad = message.horizontal_fov;
     if told_rad > 0.0 && told_rad < FRAC_PI_4 { 0.5 * told_rad } else { 0.5 * FRAC_PI_4 }
 }
 
-/// Where `DISTANCE_SENSOR` sees something.
+/// Where `DISTANCE_SENSOR` sees an obstacle.
 #[inline(never)]
 pub(crate) fn beam(message: &DISTANCE_SENSOR_DATA) -> Return {
     if message.max_distance == 0 || message.min_distance > message.max_distance {
@@ -197,8 +201,8 @@ pub(crate) fn beam(message: &DISTANCE_SENSOR_DATA) -> Return {
 /// The orientation of a beam that looks down.
 pub(crate) const DOWN: u8 = 25;
 
-/// How far below the vehicle, along its own axis, `DISTANCE_SENSOR` sees the ground; `None` where it looks elsewhere or sees
-/// nothing.
+/// How far below the vehicle, along its own axis, `DISTANCE_SENSOR` sees the ground; `None` where it looks elsewhere or
+/// sees nothing.
 #[inline(never)]
 pub(crate) fn ground_m(message: &DISTANCE_SENSOR_DATA) -> Option<f32> {
     let is_reading = message.orientation == DOWN

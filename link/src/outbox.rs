@@ -1,7 +1,8 @@
-//! Frames that wait for the wire, by priority: setpoint, heartbeat, errands (answers and requests), telemetry, parameters.
+//! Frames that wait to be sent, by priority: setpoint, heartbeat, errands (answers and requests), telemetry,
+//! parameters.
 //!
-//! What waits is the message; its frame is made when the wire is free, so that sequence numbers and signatures rise in the
-//! order of sending and a setpoint is the newest one.
+//! The message waits, not its frame; the frame is made when the line is free, so that sequence numbers and signatures
+//! rise in the order of sending and a setpoint is the newest one.
 
 use foxhound_core::base::time::Instant;
 use heapless::Deque;
@@ -15,10 +16,10 @@ use crate::framer::{FRAME_MAX, Header, Packed, fill};
 
 /// Answers and requests; the longest is a command.
 type Errand = Packed<[u8; COMMAND_LONG_DATA::ENCODED_LEN]>;
-/// Telemetry that queues, the longest of it a text; of the rest there is one of each, the newest.
+/// Telemetry that queues, the longest of it a text; of all other telemetry only the newest of each kind waits.
 type Note = Packed<[u8; STATUSTEXT_DATA::ENCODED_LEN]>;
 
-/// What did not reach the wire.
+/// Counts of what was not sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dropped {
     pub(crate) setpoints: u32,
@@ -62,7 +63,7 @@ impl Outbox {
         }
     }
 
-    /// The newest setpoint takes the place of one that has not left yet.
+    /// The newest setpoint replaces one that has not been sent yet.
     pub(crate) fn post_setpoint(&mut self, now: Instant, setpoint: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
         let since = self.waiting_since();
         if since.is_some() {
@@ -71,7 +72,7 @@ impl Outbox {
         self.setpoint = Some((since.unwrap_or(now), Packed::new(setpoint)));
     }
 
-    /// A setpoint that waits is taken back.
+    /// Withdraws a setpoint that waits.
     pub(crate) fn withdraw_setpoint(&mut self) {
         self.setpoint = None;
     }
@@ -85,7 +86,7 @@ impl Outbox {
         self.heartbeat = Some(Packed::new(heartbeat));
     }
 
-    /// With no room left the new errand is dropped: the one who wants it asks again.
+    /// If the queue is full, the new errand is dropped: its sender asks again.
     pub(crate) fn post_errand(&mut self, errand: &impl MessageData) {
         self.push_errand(Packed::new(errand));
     }
@@ -97,7 +98,7 @@ impl Outbox {
         }
     }
 
-    /// With no room left the oldest value is dropped, and the oldest text only where there are no values.
+    /// If the queue is full, the oldest value is dropped, and the oldest text only where there are no values.
     pub(crate) fn post_note(&mut self, note: &impl MessageData) {
         self.push_note(Packed::new(note));
     }
@@ -141,8 +142,8 @@ impl Outbox {
         self.dropped
     }
 
-    /// Fills `sink` and says how far. A frame that does not fit is continued by the next call. `seal` may sign a finished
-    /// frame, whose length it is told, and says how long it is then; 0 keeps it back.
+    /// Fills `sink` and returns how many bytes. A frame that does not fit is continued by the next call. `seal` gets
+    /// the length of a finished frame, may sign it, and returns its new length; 0 keeps it back.
     #[inline(never)]
     pub(crate) fn transmit(
         &mut self,

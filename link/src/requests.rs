@@ -1,14 +1,15 @@
-//! Asking the autopilot for the messages that we need, and checking that they come.
+//! Requests to the autopilot for the messages that we need, and the check that they arrive.
 //!
-//! Each wish is a `MAV_CMD_SET_MESSAGE_INTERVAL`. Four at a time are asked for; the next four follow when all are
-//! acknowledged, or after 0.5 s, and a wish that was not acknowledged comes again, five times at most. The acknowledgement
-//! names the command only, not the message, so the answers of a round are matched to its requests in order. If one is lost
-//! the match slips and a wish may count as granted that is not: what counts in the end is the rate that is measured. A
-//! ground station, a router or a restart may also change it later.
+//! Each wish is a `MAV_CMD_SET_MESSAGE_INTERVAL`. Four at a time are requested; the next four follow when all are
+//! acknowledged, or after 0.5 s, and a wish that was not acknowledged is repeated, five times at most. The
+//! acknowledgement names the command only, not the message, so the answers of a round are matched to its requests in
+//! order. If one is lost the match slips and a wish may wrongly count as granted; so the measured rate decides in the
+//! end. A ground station, a router or a restart may also change it later.
 //!
-//! A message that comes at less than 60 % of the wish over 3 s is asked for again. What guidance cannot do without is asked
-//! for without end; for the rest, which an autopilot may not have, we wait twice as long after each time in vain, up to 48 s. What
-//! has not come once by then is given up, and what the autopilot refuses after one more try: the answers may have slipped.
+//! A message that arrives at less than 60 % of the wanted rate over 3 s is requested again. One that guidance cannot do
+//! without is requested without end; for the others, which an autopilot may not have, the wait doubles after each
+//! failure, up to 48 s. One that has not arrived by then is given up, and one that the autopilot refuses is given up
+//! after one more try, since the answers may have slipped.
 
 use foxhound_core::base::time::Instant;
 use heapless::{Deque, Vec};
@@ -17,11 +18,11 @@ use crate::dialect::{COMMAND_LONG_DATA, MavCmd};
 
 const ROUND_US: u64 = 500_000;
 const WINDOW_US: u64 = 3_000_000;
-/// The window is doubled at most so often.
+/// The window is doubled at most this many times.
 const PATIENCE_MAX: u8 = 4;
 const TRIES: u8 = 5;
 const ENOUGH: f32 = 0.6;
-/// So many requests without an answer, about 5 s, and we are not listened to.
+/// This many requests without an answer, about 5 s, mean that the autopilot ignores us.
 const UNANSWERED_MAX: u8 = 40;
 /// Requests under way at a time.
 const ROUND: usize = 4;
@@ -44,11 +45,11 @@ struct Progress {
     wish: Wish,
     tries: u8,
     granted: bool,
-    /// Windows in vain, one after the other.
+    /// Windows without enough messages, in a row.
     patience: u8,
-    /// It came at least once.
+    /// It arrived at least once.
     was_heard: bool,
-    /// It is not asked for any more.
+    /// It is not requested any more.
     given_up: bool,
     heard: u16,
     /// Since when the messages are counted.
@@ -82,12 +83,12 @@ pub(crate) struct Requests {
 }
 
 impl Requests {
-    /// Nothing is wished for.
+    /// No wishes.
     pub(crate) const fn new() -> Self {
         Self { progress: Vec::new(), next_round: Instant(0), asked: Deque::new(), unanswered: 0 }
     }
 
-    /// These are wished for from now on; at most [`WISHES`].
+    /// Replaces the wishes; at most [`WISHES`].
     pub(crate) fn wish_for(&mut self, now: Instant, wishes: impl Iterator<Item = Wish>) {
         self.progress.clear();
         for wish in wishes {
@@ -97,7 +98,7 @@ impl Requests {
         self.restart(now);
     }
 
-    /// Everything is asked for anew, from now on.
+    /// Requests everything again, from now on.
     #[inline(never)]
     pub(crate) fn restart(&mut self, now: Instant) {
         self.asked.clear();
@@ -137,12 +138,12 @@ impl Requests {
         }
     }
 
-    /// Whether an autopilot that beats does not answer: it may want our messages signed.
+    /// Whether an autopilot that sends heartbeats does not answer: it may want our messages signed.
     pub(crate) const fn is_ignored(&self) -> bool {
         self.unanswered >= UNANSWERED_MAX
     }
 
-    /// Requests that are due now go to `send`.
+    /// Passes the requests that are due now to `send`.
     #[inline(never)]
     pub(crate) fn poll(&mut self, now: Instant, target: (u8, u8), mut send: impl FnMut(COMMAND_LONG_DATA)) {
         self.check_rates(now);
@@ -152,7 +153,7 @@ impl Requests {
         self.next_round = now.plus_micros(ROUND_US);
         self.asked.clear();
         let pending = self.progress.iter_mut().enumerate().filter(|(_, progress)| progress.pending());
-        // Who was asked for least comes first.
+        // The wish with the fewest tries comes first.
         let fewest = pending.map(|(_, progress)| progress.tries).min().unwrap_or_default();
         for (index, progress) in self.progress.iter_mut().enumerate() {
             if !progress.pending() || progress.tries > fewest || self.asked.is_full() {
@@ -171,7 +172,7 @@ impl Requests {
             progress.since = now;
             progress.heard = 0;
             self.unanswered = self.unanswered.saturating_add(1);
-            // It is not full, and there are fewer than 256.
+            // The queue is not full, and there are fewer than 256.
             self.asked.push_back(index as u8).ok();
         }
     }

@@ -1,4 +1,4 @@
-//! MAVLink 2 signing: frames that nobody without the key can make, and that nobody can play back.
+//! MAVLink 2 signing: nobody without the key can make a frame, and nobody can replay one.
 //!
 //! ```text
 //!  frame with incompat bit 0x01, its checksum | link id (1) | timestamp (6) | signature (6)
@@ -6,28 +6,28 @@
 //! ```
 //!
 //! After <https://mavlink.io/en/guide/message_signing.html>. A timestamp counts units of 10 us since 2015-01-01 UTC, in
-//! 48 bits, which end in 2104: there signing ends too, and only a new key begins it again. Nothing wraps.
+//! 48 bits, which end in 2104: signing ends then, until there is a new key. Nothing wraps.
 //!
-//! # What comes in
+//! # Receiving
 //!
-//! A *stream* is (system, component, link id). The frames of a stream must have strictly rising timestamps; a stream
-//! that is not known must not be more than a minute behind us. Only right signatures change anything here. There is room
-//! for [`STREAMS`] streams. One too many takes the place of the stream with the oldest timestamp, if that is more than a
-//! minute behind us, for then all that was ever heard of it is refused as too old; else it is refused itself. So no
-//! stream can be pushed out to be played back.
+//! A *stream* is (system, component, link id). The frames of a stream must have strictly rising timestamps; a new
+//! stream must not be more than a minute behind us. Only frames with valid signatures change any state here. There is
+//! space for [`STREAMS`] streams. One more replaces the stream with the oldest timestamp, if that is more than a minute
+//! behind us, since all earlier frames of it are then refused as too old; otherwise the new one is refused. So no
+//! stream can be pushed out in order to be replayed.
 //!
-//! A right frame that is ahead of us sets us forward, as MAVLink has it, however far: its sender holds the key. One whose
-//! clock is wrong by years takes all that it talks to with it, for as long as this key is in use, and one at the end of
-//! time silences them.
+//! A valid frame that is ahead of us sets our clock forward, as MAVLink requires, however far: its sender holds the
+//! key. A sender whose clock is wrong by years takes all its peers with it, for as long as this key is in use, and one
+//! at the end of the range silences them.
 //!
-//! # What goes out
+//! # Sending
 //!
-//! Timestamps rise strictly. They follow the best clock there is: the time of day when it is told, the timestamp that
-//! was stored and the time since then, or what was heard. [`Signing::timestamp_to_store`] is a minute ahead of what is
-//! in use, so that after a loss of power we go on behind everything that we have signed. Not farther: peers that have
-//! waited for us are then at most a minute behind, and are believed at once.
+//! Timestamps rise strictly. They follow the best clock there is: the time of day if it was set, the stored timestamp
+//! and the time since then, or the timestamps received. [`Signing::timestamp_to_store`] is a minute ahead of what is in
+//! use, so that after a loss of power we continue after everything that we have signed. It is not farther ahead, so
+//! that peers that have waited for us are at most a minute behind, and are accepted at once.
 //!
-//! Without clock and stored timestamp the first right frame is believed, whatever its age.
+//! Without a clock and a stored timestamp the first valid frame is accepted, whatever its age.
 
 mod policy;
 mod setup;
@@ -43,11 +43,11 @@ use crate::framer::fill;
 pub use policy::{Unsigned, is_secret};
 pub use setup::{Setup, set_up};
 
-/// Streams that are told apart.
+/// Streams that are distinguished.
 pub const STREAMS: usize = 8;
-/// What a signature adds to a frame.
+/// Bytes that a signature adds to a frame.
 pub const SIGNATURE: usize = 13;
-/// The last timestamp that there is.
+/// The last possible timestamp.
 pub const TIMESTAMP_MAX: u64 = (1 << 48) - 1;
 
 const STX: u8 = 0xFD;
@@ -62,15 +62,15 @@ const STAMP: usize = 7;
 const EPOCH_US: u64 = 1_420_070_400_000_000;
 const UNIT_US: u64 = 10;
 const MINUTE: u64 = 6_000_000;
-/// So long before the stored timestamp is reached, the next one is due: time to write it.
+/// The next timestamp is stored this long before the stored one is reached.
 const STORE_AHEAD: u64 = 500_000;
 
-/// A key. What it is made of is never shown.
+/// A key. Its bytes are never shown.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Key([u8; 32]);
 
 impl Key {
-    /// A key; `None` for 32 zeros, which mean none.
+    /// A key; `None` for 32 zeros, which mean no key.
     // Here and below: inlined into code that is made fast, small code becomes long code.
     #[must_use]
     #[inline(never)]
@@ -85,7 +85,7 @@ impl Key {
         None
     }
 
-    /// Its bytes, for whoever stores it and for nobody else.
+    /// Its bytes, only for storing it.
     #[must_use]
     pub const fn secret(&self) -> &[u8; 32] {
         &self.0
@@ -98,22 +98,22 @@ impl fmt::Debug for Key {
     }
 }
 
-/// What a frame is worth.
+/// The result of checking a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Signed with our key, and new.
     Valid,
     /// Not signed: see [`Unsigned`].
     Unsigned,
-    /// No whole frame of MAVLink 2, or one with flags that we do not know.
+    /// Not a whole frame of MAVLink 2, or one with unknown flags.
     Malformed,
-    /// Signed with another key, or changed on the way.
+    /// Signed with another key, or changed in transit.
     WrongSignature,
-    /// Rightly signed, and not newer than what was heard of its stream.
+    /// Validly signed, and not newer than the last frame of its stream.
     Replayed,
-    /// Rightly signed, of a stream that is not known, and more than a minute behind us.
+    /// Validly signed, of a new stream, and more than a minute behind us.
     TooOld,
-    /// Rightly signed and new, but as many streams as there is room for were heard within a minute.
+    /// Validly signed and new, but all streams that there is space for were active within a minute.
     TooManyStreams,
 }
 
@@ -122,7 +122,7 @@ pub enum Verdict {
 struct Stream {
     /// System, component, link id.
     name: [u8; 3],
-    /// Little-endian; 0 is no stream.
+    /// Little-endian; 0 for no stream.
     last: [u8; 6],
 }
 
@@ -138,28 +138,28 @@ pub struct Signing {
     key: Key,
     link_id: u8,
     streams: [Stream; STREAMS],
-    /// The greatest timestamp that was signed, believed or restored.
+    /// The greatest timestamp that was signed, accepted or restored.
     last: u64,
     /// Timestamp of `Instant(0)` by the best clock.
     start: i64,
-    /// The timestamp that was last given away to be stored.
+    /// The last timestamp that was returned to be stored.
     stored: u64,
 }
 
 impl Signing {
-    /// Signs with a key, as one of the links that we have.
+    /// Signs with a key, under the id of one of our links.
     #[must_use]
     pub const fn new(key: Key, link_id: u8) -> Self {
         Self { key, link_id, streams: [Stream { name: [0; 3], last: [0; 6] }; STREAMS], last: 0, start: 0, stored: 0 }
     }
 
-    /// The key, for whoever stores it.
+    /// The key, to be stored.
     #[must_use]
     pub const fn key(&self) -> &Key {
         &self.key
     }
 
-    /// Goes on from a timestamp that was stored, before the first frame.
+    /// Continues from a stored timestamp; call it before the first frame.
     #[inline(never)]
     pub fn restore(&mut self, now: Instant, stored: u64) {
         let stored = stored.min(TIMESTAMP_MAX);
@@ -167,14 +167,14 @@ impl Signing {
         self.set_forward(now, stored);
     }
 
-    /// Tells the time of day, in microseconds since 1970 UTC. A clock that is behind us changes nothing. Signing is only
-    /// as sound as the source of this time: no message that was not signed is one.
+    /// Sets the time of day, in microseconds since 1970 UTC. A clock that is behind us changes nothing. Signing is only
+    /// as sound as the source of this time, which must not be an unsigned message.
     #[inline(never)]
     pub fn set_clock(&mut self, now: Instant, unix_us: u64) {
         self.set_forward(now, (unix_us.saturating_sub(EPOCH_US) / UNIT_US).min(TIMESTAMP_MAX));
     }
 
-    /// A timestamp to be stored now, if that is due: every 55 seconds, and when the time was set forward. Ask for it
+    /// A timestamp to be stored now, if that is due: every 55 seconds, and when the time was set forward. Call it
     /// before frames are signed, and have it written within five seconds.
     #[inline(never)]
     pub fn timestamp_to_store(&mut self, now: Instant) -> Option<u64> {
@@ -186,9 +186,9 @@ impl Signing {
         Some(self.stored)
     }
 
-    /// Signs the unsigned frame that takes up the first `length` bytes of `buffer`, and says how long it is then. 0, and
-    /// nothing is changed, when that is no such frame, when [`SIGNATURE`] more bytes do not fit, or when the last
-    /// timestamp is used up: such a frame must not be sent.
+    /// Signs the unsigned frame in the first `length` bytes of `buffer` and returns its new length. Returns 0 and
+    /// changes nothing when it is not such a frame, when [`SIGNATURE`] more bytes do not fit, or when the last
+    /// timestamp is used up: then the frame must not be sent.
     #[inline(never)]
     pub fn sign(&mut self, now: Instant, buffer: &mut [u8], length: usize) -> usize {
         let Some(Shape { body, signed: false }) = buffer.get(..length).and_then(Shape::of) else {
@@ -217,7 +217,7 @@ impl Signing {
         length + SIGNATURE
     }
 
-    /// Judges a frame whose checksum is right. One that is [`Verdict::Valid`] now will not be so again.
+    /// Checks a frame whose checksum is right. One that is [`Verdict::Valid`] now will not be so again.
     #[inline(never)]
     pub fn check(&mut self, now: Instant, frame: &[u8]) -> Verdict {
         match Shape::of(frame) {
@@ -236,7 +236,7 @@ impl Signing {
         self.follow(now, [frame[5], frame[6], link_id], [t0, t1, t2, t3, t4, t5])
     }
 
-    /// Holds the timestamp of a right signature against those of its stream.
+    /// Compares the timestamp of a valid signature with those of its stream.
     fn follow(&mut self, now: Instant, name: [u8; 3], stamp: [u8; 6]) -> Verdict {
         let (heard, time) = (timestamp(stamp), self.time(now));
         let known = self.streams.iter_mut().find(|stream| stream.name == name && stream.last() > 0);
@@ -264,7 +264,7 @@ impl Signing {
         [a, b, c, d, e, f]
     }
 
-    /// Where we are: what the clock says, or what was used if that is more.
+    /// The current timestamp: by the clock, or the last one in use if that is greater.
     #[inline(never)]
     fn time(&self, now: Instant) -> u64 {
         self.reading(now).max(self.last)

@@ -2,7 +2,7 @@
 
 use foxhound_core::base::time::Instant;
 
-/// Sources that are told apart; one more takes the place of the one that has been silent longest.
+/// Sources that are distinguished; one more replaces the one that has been silent longest.
 const SOURCES: usize = 4;
 
 /// Someone who reports obstacles.
@@ -16,7 +16,7 @@ pub struct Source {
     pub message_id: u16,
 }
 
-/// Those heard, the first one first.
+/// The sources received, the first one first.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sources {
     heard: [Option<(Source, Instant)>; SOURCES],
@@ -32,7 +32,7 @@ impl Sources {
     pub(crate) fn hear(&mut self, now: Instant, source: Source) {
         let known = self.heard.iter().position(|heard| heard.is_some_and(|(other, _)| other == source));
         let free = || self.heard.iter().position(Option::is_none);
-        // None counts as heard before everybody.
+        // An empty slot counts as older than all.
         let oldest = || (0..SOURCES).min_by_key(|at| self.heard[*at].map(|(_, heard)| heard.0));
         let at = known.or_else(free).or_else(oldest);
         if let Some(heard) = at.and_then(|at| self.heard.get_mut(at)) {
@@ -45,7 +45,7 @@ impl Sources {
         self.heard.iter().flatten().map(move |(source, heard)| (*source, now.seconds_since(*heard)))
     }
 
-    /// A clock that ran backwards: nothing is younger than now.
+    /// Handles a clock that ran backwards: nothing is younger than now.
     pub(crate) fn follow_clock(&mut self, now: Instant) {
         for (_, heard) in self.heard.iter_mut().flatten() {
             *heard = (*heard).min(now);

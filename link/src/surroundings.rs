@@ -1,7 +1,7 @@
-//! What we remember of the obstacles, as one `OBSTACLE_DISTANCE` for whoever wants to see it.
+//! The obstacle map as one `OBSTACLE_DISTANCE`, for other components of the vehicle.
 //!
-//! 72 sectors of 5 degrees from the nose, `BODY_FRD`; a sector holds the nearest circle that reaches into it, and where
-//! there is none the sector is unknown, not free: what we remember says nothing of where nobody looked.
+//! 72 sectors of 5 degrees from the nose, `BODY_FRD`; a sector holds the nearest circle that reaches into it. A sector
+//! without a circle is unknown, not free: the map does not say where the sensor has not looked.
 
 use core::f32::consts::PI;
 
@@ -29,7 +29,7 @@ pub(crate) fn message(
         let off = circle.center_ned_m.minus(here);
         let range_m = off.norm();
         let azimuth_rad = wrap_pi(libm::atan2f(off.east, off.north) - ownship.yaw_rad);
-        // Half of the angle under which it is seen; all round for one that we are in.
+        // Half of the angle that it covers; all round for one that the vehicle is in.
         let half_rad = if range_m > circle.radius_m {
             libm::atan2f(circle.radius_m, sqrt(range_m * range_m - circle.radius_m * circle.radius_m))
         } else {

@@ -1,14 +1,15 @@
-//! One scan out of the several `OBSTACLE_DISTANCE` messages that a fine lidar's turn takes: 72 distances each, of one
+//! Joins the several `OBSTACLE_DISTANCE` messages of one turn of a fine lidar into one scan: 72 distances each, of one
 //! increment, at offsets that continue each other.
 //!
-//! A message whose sensor has never sent more than one kind of offset is a scan by itself, at once. Where another follows that
-//! continues it, the two are joined, and so on until one comes that was heard before: so many make a turn from then on, and the
-//! scan is there with the last of them. It is there sooner where it closes a full turn, and with what has come where a message
-//! was lost: when the next turn begins, or [`TURN_MAX_US`] after the first. What did not come is unknown,
-//! but for directions in which a sensor that tells only of what it has seen has seen nothing ([`crate::beams`]).
+//! A message of a sensor that has only ever sent one offset is a scan by itself, at once. Where another message
+//! continues it, the two are joined, and so on until an offset repeats: from then on that many messages make a turn,
+//! and the scan is ready with the last of them. It is ready sooner where it closes a full turn; where a message was
+//! lost, it is ready, with what has come, when the next turn begins or [`TURN_MAX_US`] after the first message. Missing
+//! rays are unknown, except in directions in which a sensor that reports only what it has seen has seen nothing
+//! ([`crate::beams`]).
 //!
-//! A ray is always the newest that was heard of it. The time of a scan is the middle between its first message and its last, so
-//! that no ray is older than half of [`TURN_MAX_US`] before it. A turn of more than 360 rays is joined as far as 360 go.
+//! Each ray has its newest reading. The time of a scan is the middle between its first message and its last, so that no
+//! ray is older than half of [`TURN_MAX_US`] before it. A turn of more than 360 rays is joined up to 360.
 
 use core::f32::consts::PI;
 
@@ -47,25 +48,25 @@ impl Bits {
     }
 }
 
-/// What is gathered, and the scan that came of it.
+/// The rays gathered so far, and the scan made of them.
 #[derive(Clone, Debug)]
 pub(crate) struct Turns {
     scan: Scan,
-    /// Nobody took it yet.
+    /// It has not been taken yet.
     is_new: bool,
-    /// Who sent it.
+    /// The component that sent it.
     component_id: u8,
     /// Azimuth of ray 0, as the messages count.
     first_deg: f32,
     step_deg: f32,
-    /// Directions that are clear where nothing is told of them.
+    /// Directions that are clear where nothing is reported about them.
     untold: u8,
     /// When the first message of this turn came.
     began: Instant,
-    /// Messages of this turn, of which there is no scan yet where they are fewer than the last turn had.
+    /// Messages of this turn so far; there is no scan yet where they are fewer than the last turn had.
     parts: u8,
     parts_before: u8,
-    /// The rays that were heard of in this turn, and those with which a message began.
+    /// The rays that were received in this turn, and those with which a message began.
     heard: Bits,
     begun: Bits,
 }
@@ -87,12 +88,12 @@ impl Turns {
         }
     }
 
-    /// The scan that nobody took.
+    /// The scan that has not been taken.
     pub(crate) fn scan(&self) -> Option<&Scan> {
         self.is_new.then_some(&self.scan)
     }
 
-    /// Somebody took it.
+    /// The scan has been taken.
     pub(crate) fn take(&mut self) {
         self.is_new = false;
     }
@@ -104,12 +105,12 @@ impl Turns {
         self.scan.rays.resize(0);
     }
 
-    /// Who sent what was heard last.
+    /// The component that sent the last message.
     pub(crate) const fn component_id(&self) -> u8 {
         self.component_id
     }
 
-    /// Lets go of a scan that nobody took for so long, and waits no longer for a turn that does not end.
+    /// Drops a scan that has not been taken for that long, and stops waiting for a turn that does not end.
     pub(crate) fn age(&mut self, now: Instant, age_max_s: f32) {
         if (1..self.parts_before).contains(&self.parts) && now.micros_since(self.began) > TURN_MAX_US {
             self.parts_before = self.parts;
@@ -126,7 +127,7 @@ impl Turns {
         let mut from = 0;
         match self.place(now, component_id, part) {
             Some(ray) if self.heard.has(ray) && self.begun.has(ray) => {
-                // The next turn. What came of the one before is a scan, if it is not one yet.
+                // The next turn. The rays of the one before are a scan, if they are not one yet.
                 if self.parts < self.parts_before {
                     self.end(now);
                 }
@@ -161,7 +162,7 @@ impl Turns {
         }
     }
 
-    /// At which ray a message continues the turn; `None` where it does not belong to it.
+    /// The ray at which a message continues the turn; `None` where it does not belong to it.
     fn place(&self, now: Instant, component_id: u8, part: &Part<'_>) -> Option<usize> {
         let is_same = component_id == self.component_id
             && part.step_deg == self.step_deg
@@ -177,7 +178,7 @@ impl Turns {
         (ray < room(part.step_deg)).then_some(ray)
     }
 
-    /// Whether every ray of a full turn was heard of.
+    /// Whether every ray of a full turn was received.
     fn is_whole(&self) -> bool {
         let turn = self.scan.turn();
         turn.is_some_and(|turn| self.heard.count() >= turn)
@@ -189,7 +190,7 @@ impl Turns {
         self.untold >> ((first + ray / RAYS_EACH) % usize::from(DIRECTIONS)) & 1 != 0
     }
 
-    /// What has come is a scan.
+    /// Ends the turn: what has come is a scan.
     fn end(&mut self, now: Instant) {
         for ray in 0..self.scan.rays.len() {
             if !self.heard.has(ray) {
@@ -202,13 +203,13 @@ impl Turns {
     }
 }
 
-/// Rays of a turn, or as many as there is room for.
+/// Rays of a turn, up to the limit.
 fn room(step_deg: f32) -> usize {
     let turn = libm::roundf(FULL_TURN_DEG / libm::fabsf(step_deg));
     if turn < RAYS_MAX as f32 { turn as usize } else { RAYS_MAX }
 }
 
-/// How many rays a message that begins at one tells of: those behind the last that says something may lie a turn on.
+/// How many rays a message that begins at `from` covers: those behind the last known one may belong to the next turn.
 fn said(part: &Part<'_>, from: usize) -> usize {
     let mut said = part.count.min(room(part.step_deg) - from);
     while said > 1 && part.sector(said - 1) == Sector::Unknown {

@@ -1,12 +1,12 @@
-//! The disc behind an outline: robust, since a third of it may be hidden.
+//! Fits a disc to an outline; robust, since a third of the disc may be hidden.
 //!
-//! The ends of the lines, down the left and up the right, are a ring of points. Circles are fitted to runs of half of it
-//! (Kasa's sums, an eighth of the ring each): what hides a part of the disc spoils some of them, not all. The one that
-//! passes the most points begins Gauss-Newton steps for centre, radius and the second harmonic of the radius, by
-//! which a tilted disc is an ellipse; points far off count little (weights after Geman). Third and fourth harmonic of what is
-//! left are those of triangles and squares.
+//! The ends of the lines, down the left and up the right, form a ring of points. Circles are fitted to runs of half
+//! of it (Kasa's sums, an eighth of the ring each): an object that hides a part of the disc spoils some of them, not
+//! all. The circle through the most points starts Gauss-Newton steps for centre, radius and the second harmonic of
+//! the radius, by which a tilted disc is an ellipse; outliers get little weight (weights after Geman). Third and
+//! fourth harmonic of the residual are those of triangles and squares.
 //!
-//! Floating point, since it is a few dozen points of a few regions in a frame.
+//! Floating point, since a frame has only a few dozen points of a few regions.
 
 use foxhound_core::base::math::sqrt;
 
@@ -15,10 +15,10 @@ use super::regions::{Outline, ROWS};
 /// Most points of a ring.
 const POINTS_MAX: usize = 2 * ROWS;
 const EIGHTHS: usize = 8;
-/// Sectors in which the ring's points are counted.
+/// Sectors for the coverage of the ring's points.
 pub(super) const SECTORS: u32 = 16;
 const STEPS: usize = 4;
-/// How round: the second harmonic's standard deviation, as a part of the radius.
+/// Standard deviation of the second harmonic, relative to the radius: a disc is nearly round.
 const ROUND_SIGMA: f32 = 0.10;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -38,7 +38,7 @@ pub(super) struct Disc {
 }
 
 impl Disc {
-    /// Distance of a point from the centre, its direction, and how far outside it lies.
+    /// Distance of a point from the centre, its direction, and its distance outside the disc.
     fn residual(&self, point: Point) -> (f32, f32, f32, f32, f32) {
         let (dx, dy) = (point.x - self.x, point.y - self.y);
         let distance = sqrt(dx * dx + dy * dy).max(1e-3);
@@ -52,7 +52,7 @@ impl Disc {
         core::f32::consts::PI * self.radius * self.radius * (1.0 + 0.5 * (self.p * self.p + self.q * self.q))
     }
 
-    /// The part of its area that lies in the picture.
+    /// The share of its area inside the picture.
     pub(super) fn share_inside(&self, width: f32, height: f32) -> f32 {
         let reach = self.radius * (1.0 + libm::fabsf(self.p) + libm::fabsf(self.q));
         let is_inside = self.x > reach && self.y > reach && self.x + reach < width && self.y + reach < height;
@@ -75,25 +75,25 @@ impl Disc {
     }
 }
 
-/// What became of a fit.
+/// The result of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fit {
     pub(super) disc: Disc,
-    /// Sectors of the ring with points on the disc's edge, of those that lie in the picture.
+    /// Sectors of the ring with points on the disc's edge, of those inside the picture.
     pub(super) seen: u32,
     pub(super) sectors: u32,
-    /// Points on the edge, and outside of it, over all points.
+    /// Shares of the points on the edge, and outside of it.
     pub(super) on_edge: f32,
     pub(super) outside: f32,
-    /// The third and the fourth harmonic of what is left, in pixels.
+    /// The third and the fourth harmonic of the residual, in pixels.
     pub(super) corners: [f32; 2],
-    /// How far the points on the edge are off it, rms, in pixels.
+    /// Residual of the points on the edge, rms, in pixels.
     pub(super) rough: f32,
     /// Whether the picture's border cuts the region.
     pub(super) is_cut: bool,
 }
 
-/// What the radius should be, in pixels, and within which standard deviation.
+/// The expected radius in pixels, and its standard deviation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Prior {
     pub(super) radius: f32,
@@ -147,7 +147,7 @@ impl Sums {
         }
     }
 
-    /// The circle of least algebraic distance.
+    /// The circle with the least algebraic distance.
     fn circle(&self) -> Option<Disc> {
         if self.n < 5.0 {
             return None;
@@ -177,7 +177,7 @@ impl Ring {
     fn of(outline: &Outline, narrow: u8, width_px: u16) -> Self {
         let mut ring = Self { points: [Point::default(); POINTS_MAX], length: 0, is_cut: false };
         let scale = (1_u16 << narrow) as f32;
-        // Of two columns in one, the middle.
+        // Of two merged columns, the middle.
         let middle = 0.5 * (scale - 1.0);
         let last = width_px >> narrow;
         for (row, [from, _]) in outline.lines() {
@@ -205,14 +205,15 @@ impl Ring {
     }
 }
 
-/// Fits a disc to an outline in a picture of so many pixels. `None`: there are too few points, or they lie on no circle.
+/// Fits a disc to an outline in a picture of that size. `None`: there are too few points, or they are not on a
+/// circle.
 pub(super) fn fit(outline: &Outline, narrow: u8, size_px: [u16; 2], prior: Option<Prior>) -> Option<Fit> {
     let mut ring = Ring::of(outline, narrow, size_px[0]);
     let points = ring.points.get_mut(..ring.length)?;
     if points.len() < 6 {
         return None;
     }
-    // Around their middle the sums stay small.
+    // Relative to their middle the sums stay small.
     let (mut low, mut high) = (*points.first()?, *points.first()?);
     for point in points.iter() {
         low = Point { x: low.x.min(point.x), y: low.y.min(point.y) };
@@ -239,7 +240,7 @@ pub(super) fn fit(outline: &Outline, narrow: u8, size_px: [u16; 2], prior: Optio
     Some(fit)
 }
 
-/// How near a point must be to lie on the edge.
+/// How near a point must be to count as on the edge.
 fn tolerance(radius: f32) -> f32 {
     (0.07 * radius).max(0.9)
 }
@@ -257,7 +258,7 @@ fn begin(points: &[Point], extent: f32, prior: Option<Prior>) -> Option<Disc> {
         let Some(disc) = sums.circle().filter(|disc| disc.radius < 3.0 * extent) else { return };
         let near = tolerance(disc.radius);
         let mut score = 0.0;
-        // Every second one will do.
+        // Every second one is enough.
         for point in points.iter().step_by(2) {
             let (outside, ..) = disc.residual(*point);
             if libm::fabsf(outside) < near {
@@ -314,7 +315,7 @@ fn improve(disc: &Disc, points: &[Point], scale: f32, prior: Option<Prior>, is_c
         [ad, bd, cd, dd, de, d],
         [ae, be, ce, de, ee, e],
     ];
-    // It is nearly round, and of about the right size where that is known and the border hides a part. A point's own
+    // It is nearly round, and of about the expected size if that is known and the border hides a part. A point's own
     // error is about half a pixel.
     let round = 0.25 / (ROUND_SIGMA * ROUND_SIGMA);
     for (at, value) in [(3, disc.p), (4, disc.q)] {
@@ -385,7 +386,7 @@ fn judge(disc: &Disc, points: &[Point], origin: Point, size_px: [u16; 2]) -> Fit
         } else if off > 0.0 {
             outside += 1.0;
         }
-        // What is hidden lies inside, and says nothing.
+        // Points inside are of hidden parts, and are ignored.
         let left = if off < -near { 0.0 } else { off.min(4.0 * near) };
         let (cosine3, sine3) = (cosine2 * cosine - sine2 * sine, sine2 * cosine + cosine2 * sine);
         let (cosine4, sine4) = (cosine2 * cosine2 - sine2 * sine2, 2.0 * cosine2 * sine2);
@@ -414,7 +415,7 @@ fn judge(disc: &Disc, points: &[Point], origin: Point, size_px: [u16; 2]) -> Fit
     }
 }
 
-/// Which of the sixteen sectors a direction lies in, counted in no matter which order.
+/// Which of the sixteen sectors a direction is in, in any order.
 fn sector(cosine: f32, sine: f32) -> u32 {
     let (a, b) = (libm::fabsf(cosine), libm::fabsf(sine));
     let (large, small, is_steep) = if a > b { (a, b, 0) } else { (b, a, 1) };

@@ -1,26 +1,26 @@
-//! The pad detector: lines of pixels in, a ray through the pad's centre out.
+//! The pad detector: takes lines of pixels, returns a ray through the pad's centre.
 //!
-//! The pad is a plain red disc on the ground, perhaps with a white ring round it. The camera looks along the body's down
-//! axis. A frame comes line by line and is not kept: [`State`] is below 2 KB.
+//! The pad is a plain red disc on the ground, perhaps with a white ring around it. The camera looks along the body's
+//! down axis. A frame is processed line by line and not stored: [`State`] is below 2 KB.
 //!
-//! 1. `light`: pixels redder than the ground pass, whatever the lamp; of a grey frame, what is darker or brighter than most. It is asked
-//!    of the sum of three neighbours.
-//! 2. `regions`: what most of three lines have, runs, connected regions with outline, area and colours inside and
-//!    outside of the edge. A cable or a hard shadow does not part them.
-//! 3. `fit`: a disc, or the ellipse that a tilted one is, through the largest regions' outlines, of which a third may
-//!    be hidden. The centre is that of the edge, not of the pixels that are left.
-//! 4. A region is the pad when its colour steps at the edge, it has about the size that a pad has from here, where the height is
-//!    known, and the `score` of its measures says so: of size, edge, corners, holes and colours.
+//! 1. `light`: selects pixels redder than the ground, whatever the lamp; in a grey frame, those darker or brighter
+//!    than most. It uses the sum of three neighbours.
+//! 2. `regions`: the majority of three lines, runs, and connected regions with outline, area and colours inside and
+//!    outside of the edge. A cable or a hard shadow does not split them.
+//! 3. `fit`: a disc, or the ellipse of a tilted one, fitted to the largest regions' outlines, of which a third may be
+//!    hidden. The centre is that of the edge, not of the visible pixels.
+//! 4. A region is the pad when its colour has a step at the edge, it has about the expected size (if the height is
+//!    known), and the `score` of its measures is high enough: of size, edge, corners, holes and colours.
 //!
-//! Tangents are those of the body: nothing here knows how the vehicle leans. The centre of a tilted disc is not quite that of its
-//! ellipse; [`Pad::straightened`] puts that right for who knows the lean.
+//! Tangents are in the body frame: the detector does not know the vehicle's attitude. The centre of a tilted disc is
+//! not quite that of its ellipse; [`Pad::straightened`] corrects that for a known attitude.
 //!
-//! Pixels and regions are integers; the last step, of a few dozen points a frame, is `f32`. Cost: the bench's
+//! Pixels and regions are integers; the last step, with a few dozen points per frame, is `f32`. Cost: the bench's
 //! `pad_160x120`.
 //!
-//! The weights of the score are in [`WEIGHTS`], whose file says what they were trained on. `foxhound pad --render --seed N` draws such
-//! a picture. `foxhound pad --train` trains others by the same recipe; the program that trained these is lost, so no
-//! command reproduces them bit for bit.
+//! The weights of the score are in [`WEIGHTS`], whose file describes their training data. `foxhound pad --render
+//! --seed N` draws such a picture. `foxhound pad --train` trains others by the same recipe; the program that trained
+//! these is lost, so no command reproduces them bit for bit.
 #![no_std]
 
 #[cfg(test)]
@@ -50,23 +50,23 @@ pub use weights::WEIGHTS;
 pub const WIDTH_MAX: u16 = 320;
 /// Highest frame, in pixels.
 pub const HEIGHT_MAX: u16 = 240;
-/// Narrower or lower frames show no pad.
+/// In frames narrower or lower than this no pad is detected.
 pub const SIDE_MIN: u16 = 16;
-/// Heights beyond are no heights.
+/// Smaller heights are invalid.
 const HEIGHT_LEAST_M: f32 = 0.05;
-/// Regions that are looked at closely in a frame.
+/// Regions per frame that are fitted.
 const FITS_MAX: usize = 3;
-/// A smaller one has no shape.
+/// A smaller disc has no recognisable shape.
 const RADIUS_MIN_PX: f32 = 4.6;
-/// From higher up the pad is too small to be told from a leaf.
+/// From higher up the pad cannot be distinguished from a leaf.
 const EXPECTED_MIN_PX: f32 = 4.9;
-/// Of a disc that the border cuts so much must be in the picture.
+/// Least share of a disc, cut by the border, inside the picture.
 const SHARE_MIN: f32 = 0.3;
-/// The filled part of a disc and the part of its ring, together at least: with a third hidden they are 1.3.
+/// Least sum of the filled share of a disc and the share of its ring: with a third hidden it is 1.3.
 const WHOLE_MIN: f32 = 1.2;
-/// Sine of how far the vehicle may lean.
+/// Sine of the largest lean of the vehicle.
 const LEAN_SINE: f32 = 0.342;
-/// Fewer pixels are no region.
+/// A smaller region is ignored.
 const AREA_MIN: u32 = 24;
 
 /// Pixels of a frame.
@@ -89,7 +89,7 @@ impl Format {
     }
 }
 
-/// What a frame is.
+/// Header of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Header {
@@ -99,7 +99,7 @@ pub struct Header {
     pub width_px: u16,
     /// Lines.
     pub height_px: u16,
-    /// Of its pixels.
+    /// Format of its pixels.
     pub format: Format,
 }
 
@@ -123,7 +123,7 @@ pub struct Config {
     pub camera: Camera,
     /// Radius of the red disc.
     pub pad_radius_m: f32,
-    /// How far the height may be wrong, as a part of it.
+    /// Relative error of the height.
     pub height_tolerance: f32,
 }
 
@@ -146,7 +146,7 @@ impl Config {
     }
 }
 
-/// Where a frame is.
+/// Stage of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Idle,
@@ -154,18 +154,18 @@ enum Stage {
     Spoilt(Bad),
 }
 
-/// One frame, and the light of those before.
+/// State: one frame, and the light of those before.
 #[derive(Clone, Debug)]
 pub struct State {
     stage: Stage,
     header: Header,
-    /// Not a number where it is not known.
+    /// NaN if unknown.
     height_m: Option<f32>,
     row: u16,
-    /// Whether the light was refined after the frame before.
+    /// Whether the light was refined after the previous frame.
     is_refined: bool,
     light: Light,
-    /// Which pixels passed in the last three lines, for each class; a line's place is its number modulo three.
+    /// Selected pixels of the last three lines, for each class; a line's place is its number modulo three.
     masks: [[Mask; 3]; 2],
     regions: Regions,
 }
@@ -201,7 +201,7 @@ pub struct Detector {
 }
 
 impl Detector {
-    /// Begins a frame, whatever became of the one before. `height_m` is that of the camera above the pad.
+    /// Begins a frame, whatever the state of the one before. `height_m` is that of the camera above the pad.
     ///
     /// # Errors
     /// [`Bad::Size`].
@@ -219,7 +219,7 @@ impl Detector {
         }
         state.height_m = height_m.filter(|height_m| *height_m >= HEIGHT_LEAST_M && *height_m < 1e4);
         state.stage = Stage::Lines;
-        // At least a twentieth; from above nobody knows where, a half.
+        // At least a twentieth; at an unknown height, a half.
         let share_most = state.height_m.map_or(128, |height_m| {
             let radius = self.config.camera.focal_widths * self.config.pad_radius_m / height_m;
             let ratio = f32::from(header.width_px) / f32::from(header.height_px);
@@ -230,10 +230,10 @@ impl Detector {
         Ok(())
     }
 
-    /// Takes in a line of the frame.
+    /// Processes a line of the frame.
     ///
     /// # Errors
-    /// What is wrong with it, or with one before: the frame is spoilt until the next one begins.
+    /// The error of the line, or of one before: the frame is lost until the next one begins.
     pub fn line(&self, state: &mut State, row: u16, bytes: &[u8]) -> Result<(), Bad> {
         let wrong = match state.stage {
             Stage::Spoilt(bad) => return Err(bad),
@@ -276,12 +276,12 @@ impl Detector {
                 _ => (zero, one, two),
             };
             if row > 0 {
-                // The line above the first is the first.
+                // The first line replaces the one above it.
                 let above = if row == 1 { last } else { above };
                 settle(regions, header, row - 1, class, [above, last, mask], bytes);
             }
             if row + 1 == header.height_px {
-                // The one below the last is the last.
+                // The last line replaces the one below it.
                 settle(regions, header, row, class, [last, mask, mask], bytes);
             }
         }
@@ -289,12 +289,12 @@ impl Detector {
         Ok(())
     }
 
-    /// Ends the frame and says what it shows.
+    /// Ends the frame and returns the observation.
     pub fn end(&self, state: &mut State) -> PadObservation {
         self.end_with(state, |candidate| WEIGHTS.score(&candidate.measures))
     }
 
-    /// The same with another score: what is above 0 is the pad. So other weights are trained and compared.
+    /// The same with another score: above 0 means the pad. It is used to train and compare weights.
     pub fn end_with(&self, state: &mut State, score: impl FnMut(&Candidate) -> f32) -> PadObservation {
         let seen = self.judge(state, score);
         state.stage = Stage::Idle;
@@ -319,7 +319,7 @@ impl Detector {
         let mut nothing = Nothing::NoRegion;
         let regions = &mut state.regions;
         regions.end();
-        // Those that are nearest to the pad's area, or the largest; at last, where the first two are no pads, both as one.
+        // Those nearest to the pad's area, or the largest; finally, if the first two are not pads, both as one.
         let whole = expected_px.map_or(1 << 20, |radius| (2.7 * radius * radius) as u32).clamp(1, 1 << 20);
         let off = |area: u32| 256 * area.max(whole) / area.min(whole).max(1);
         let mut looked = 0_u32;
@@ -352,7 +352,8 @@ impl Detector {
                 Err(why) => nothing = nothing.max(why),
             }
         }
-        // What is about as large as the pad and yet is none may have the wrong edge; so would a pad that such a threshold found.
+        // A region of about the pad's size that is not the pad may have the wrong edge; so may a pad found with such
+        // a threshold.
         let refines = (best.is_none() || state.is_refined) && state.header.format == Format::Rgb565;
         state.is_refined = false;
         if let (true, Some(radius), [Some(first), ..]) = (refines, expected_px, &parts)
@@ -375,7 +376,7 @@ impl Detector {
         format: Format,
         score: &mut impl FnMut(&Candidate) -> f32,
     ) -> Result<Pad, Nothing> {
-        // Far too small or too large for a pad: no fit is needed to see that.
+        // Far too small or too large for a pad: rejected without a fit.
         let area = region.area as f32;
         if let Some(expected) = expected_px
             && (area > 8.0 * expected * expected || expected < EXPECTED_MIN_PX)
@@ -406,11 +407,12 @@ impl Detector {
         let (x, y) = (fit.disc.x - 0.5 * width, fit.disc.y - 0.5 * height);
         let off_axis = sqrt(x * x + y * y) / focal_px;
         if let Some(expected) = expected_px {
-            // A pad off the axis of a leaning camera is nearer or farther than one below a level one, and seen aslant.
+            // A pad off the axis of a leaning camera is nearer or farther than one below a level camera, and
+            // foreshortened.
             let (near, far) = (1.0 + 0.5 * off_axis * off_axis, (0.93 - LEAN_SINE * off_axis).max(0.3));
             let (most, least) = (near * sqrt(near), far * sqrt(far));
             let wide = 1.0 + self.config.height_tolerance;
-            // The edge of a small one is some tenths of a pixel inside or outside.
+            // The edge of a small one is some tenths of a pixel off.
             let ratio = radius / expected;
             let slack = 0.5 / expected;
             if ratio > most * wide + slack || ratio < least / wide - slack {
@@ -426,7 +428,7 @@ impl Detector {
         }
         let sight = Sight { expected_px: expected_px.unwrap_or(radius), off_axis, share, narrow, format };
         let measures = measures(region, &fit, &sight);
-        // Whatever its colours: of half a disc half of the area is there and half of the ring.
+        // Whatever its colours: half a disc has half of the area and half of the ring.
         let [_, _, fill, seen, ..] = measures;
         if !is_cut && fill + seen < WHOLE_MIN {
             return Err(Nothing::Hidden);
@@ -447,21 +449,21 @@ impl Detector {
     }
 }
 
-/// Whether there is a step of colour at the edge, or of brightness where there is no colour.
+/// Whether there is a step of colour at the edge, or of brightness in a grey frame.
 fn has_step(region: &Region, format: Format) -> bool {
     let ([red, green, _], [red_out, green_out, _]) = (region.inside.mean16(), region.outside.mean16());
     match format {
         _ if region.inside.count < 3 => false,
-        // A disc from border to border has nothing beside it.
+        // A disc from border to border has no surroundings.
         _ if region.outside.count < 3 => format == Format::Rgb565,
         Format::Rgb565 => 10 * (red + 16) * (green_out + 16) > 11 * (green + 16) * (red_out + 16),
         Format::Grey => 100 * red.abs_diff(red_out) > 100 * 6 * 16 + 6 * (red + red_out),
     }
 }
 
-/// Takes the line in the middle of three into the regions.
+/// Adds the line in the middle of three to the regions.
 fn settle(regions: &mut Regions, header: &Header, row: u16, class: u8, masks: [&Mask; 3], bytes: &[u8]) {
-    // Most lines of most pictures have nothing.
+    // Most lines of most pictures are empty.
     let words = usize::from(header.width_px.div_ceil(32));
     let [above, middle, below] = masks;
     if above.iter().zip(middle).zip(below).take(words).fold(0, |all, ((a, b), c)| all | a | b | c) == 0 {

@@ -1,12 +1,12 @@
-//! What the light is like: means and histogram of a few pixels, and which pixels they let pass.
+//! Estimates the light from the means and a histogram of a few pixels, and selects pixels by it.
 //!
-//! Of a coloured frame a pixel passes when it and its two neighbours, together, are redder than the ground: `r >= k_g g` and
-//! `r >= k_b b`. Three pixels have less noise than one; the three colours' sums are one addition, apart in one word, and both
-//! inequalities one subtraction from a table. The first factor parts
-//! the ratios of red to green where they fall into two classes (Otsu), and lies above their middle by their spread where they do
-//! not; the second is the ground's mean. A thing of the pad's size that is no pad may have the wrong edge: the next
-//! frame's factor lies nearer to the middle between its colours inside and outside ([`Light::refine`]). Of a grey frame two
-//! thresholds part dark, middle and bright (Otsu's method with three classes).
+//! In a colour frame a pixel passes when it and its two neighbours, together, are redder than the ground: `r >= k_g
+//! g` and `r >= k_b b`. Three pixels have less noise than one; the three colours' sums are one addition of fields in
+//! one word, and both inequalities one subtraction from a table. The first factor separates the ratios of red to
+//! green if they form two classes (Otsu), and otherwise is above their median by their spread; the second is the
+//! ground's mean. An object of the pad's size that is not the pad may have the wrong edge: the next frame's factor is
+//! nearer to the middle between its colours inside and outside ([`Light::refine`]). In a grey frame two thresholds
+//! separate dark, middle and bright (Otsu's method with three classes).
 
 #![deny(clippy::float_arithmetic)]
 
@@ -14,14 +14,14 @@ use super::regions::{Colour, Mask};
 
 /// Brightness classes of a grey frame.
 const BINS: usize = 32;
-/// Of every so many lines one is looked at.
+/// One line in this many is sampled.
 pub(super) const STEP: u16 = 8;
-/// Of every so many of its pixels one is.
+/// One of its pixels in this many is.
 const STEP_PX: usize = 8;
-/// Fewer looked at tell nothing.
+/// Fewer samples are not used.
 const SAMPLES_MIN: u32 = 24;
 
-/// Sums of pixels looked at.
+/// Sums of sampled pixels.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     red: u32,
@@ -43,13 +43,13 @@ impl Three {
         (pixel | pixel << 16) & 0x07e0_f81f
     }
 
-    /// The one before the first is the first.
+    /// The first one also stands for the one before it.
     fn of(first: [u8; 2]) -> Self {
         let pixel = Self::apart(first);
         Self { pixel, pair: 2 * pixel }
     }
 
-    /// The sums around a pixel, given the one behind it.
+    /// The sums around a pixel, given the one after it.
     #[inline(always)]
     fn next(&mut self, behind: [u8; 2]) -> u32 {
         let behind = Self::apart(behind);
@@ -69,7 +69,7 @@ pub(super) struct Light {
     /// The least ratios of red to green and of red to blue, times 256.
     green: u32,
     blue: u32,
-    /// The ground passes from here on down.
+    /// Below this value of green a pixel is ground.
     green_least: u32,
     /// For every second sum of red, the largest sums of green and blue with a guard bit above each.
     limits: [u32; 64],
@@ -77,14 +77,14 @@ pub(super) struct Light {
     dark_below: u8,
     /// Grey: brighter than this is bright.
     bright_above: u8,
-    /// Whether a frame before told the light.
+    /// Whether an earlier frame has determined the light.
     is_known: bool,
     /// Means of this frame's pixels that did not pass, and of those that did.
     sums: [Sums; 2],
     histogram: [u16; BINS],
     first: u16,
     differs: u16,
-    /// The largest part of the picture that the pad can be, times 256.
+    /// The largest share of the picture that the pad can cover, times 256.
     share_most: u32,
 }
 
@@ -106,7 +106,7 @@ impl Light {
         }
     }
 
-    /// Begins a frame with what the one before told.
+    /// Begins a frame with the light of the one before.
     pub(super) fn begin(&mut self, share_most: u32) {
         self.share_most = share_most;
         if !self.is_known {
@@ -118,20 +118,20 @@ impl Light {
         (self.first, self.differs) = (0, 0);
     }
 
-    /// After a line: while no frame before has told the light, what was seen of this one has to do.
+    /// After a line: until an earlier frame has determined the light, it is taken from this one.
     pub(super) fn after(&mut self, row: u16) {
         if !self.is_known && matches!(row, 8 | 16 | 32 | 64) {
             self.settle();
         }
     }
 
-    /// Ends a frame. False: it has one colour only.
+    /// Ends a frame. False if it has only one colour.
     pub(super) fn end(&mut self) -> bool {
         self.settle();
         self.differs != 0
     }
 
-    /// Which pixels of a line of RGB565 pass.
+    /// Selects the red pixels of a line of RGB565.
     pub(super) fn red(&self, pixels: &[[u8; 2]], mask: &mut Mask) {
         let Some(first) = pixels.first() else { return };
         let mut three = Three::of(*first);
@@ -141,7 +141,7 @@ impl Light {
             ahead = later;
             let mut pass = 0;
             let (fours, rest) = now.as_chunks::<4>();
-            // By hand, since the compiler rolls a loop of four up again.
+            // Unrolled by hand, since the compiler undoes a loop of four.
             for [a, b, c, d] in fours {
                 pass = pass << 1 | self.passes(three.next(*a));
                 pass = pass << 1 | self.passes(three.next(*b));
@@ -152,7 +152,7 @@ impl Light {
                 pass = pass << 1 | self.passes(three.next(*pixel));
             }
             if now.len() < 32 {
-                // The one behind the last is the last.
+                // The last one also stands for the one after it.
                 pass = (pass << 1 | self.passes(three.last())) << (31 - now.len());
             }
             *word = pass;
@@ -164,7 +164,7 @@ impl Light {
         let (green, blue) = (green.max(1), blue.max(1));
         (self.green, self.blue) = (green, blue);
         for (half, limit) in (0_u32..).zip(&mut self.limits) {
-            // Of two sums of red the middle; half a code of each of the three is noise.
+            // The middle of two sums of red; half a step of each of the three is noise.
             let margin = (512 * half + 128).saturating_sub(3 * 128);
             let (most_green, most_blue) = (2 * margin / green, margin / blue);
             *limit = (1024 + most_green.min(255)) << 21 | (2 * half + 1) << 11 | (1024 + most_blue.min(127));
@@ -180,8 +180,8 @@ impl Light {
         (left & (left << 21)) >> 31
     }
 
-    /// Takes in what a thing of about the pad's size looks like inside and outside of its edge, if it was not taken for the pad: for the
-    /// next frame the factor lies half of the way to where a pixel passes that is half of each.
+    /// Uses the colours inside and outside of an object of about the pad's size that was not taken for the pad: for
+    /// the next frame the factor moves half of the way to where a pixel with half of each passes.
     pub(super) fn refine(&mut self, inside: &Colour, outside: &Colour) {
         let [red, green, _] = inside.mean16();
         let [red_out, green_out, _] = outside.mean16();
@@ -191,7 +191,7 @@ impl Light {
         }
     }
 
-    /// Which pixels of a grey line are dark, and which bright, each with its two neighbours.
+    /// Selects the dark and the bright pixels of a grey line, each with its two neighbours.
     pub(super) fn grey(&self, pixels: &[u8], dark: &mut Mask, bright: &mut Mask) {
         let (dark_below, bright_above) = (3 * u16::from(self.dark_below), 3 * u16::from(self.bright_above));
         let mut ahead = pixels.iter().skip(1).chain(pixels.last()).map(|pixel| u16::from(*pixel));
@@ -209,7 +209,7 @@ impl Light {
         }
     }
 
-    /// Looks at some pixels of a coloured line; `mask` says which passed.
+    /// Samples pixels of a coloured line; `mask` has those that passed.
     pub(super) fn look_red(&mut self, pixels: &[[u8; 2]], mask: &[u32]) {
         for (at, pixel) in pixels.iter().enumerate().step_by(STEP_PX) {
             let pixel = u16::from_le_bytes(*pixel);
@@ -230,7 +230,7 @@ impl Light {
         }
     }
 
-    /// Looks at some pixels of a grey line.
+    /// Samples pixels of a grey line.
     pub(super) fn look_grey(&mut self, pixels: &[u8]) {
         for pixel in pixels.iter().step_by(STEP_PX) {
             self.note(u16::from(*pixel));
@@ -248,7 +248,7 @@ impl Light {
         self.differs |= pixel ^ self.first;
     }
 
-    /// Takes the light from what was seen so far.
+    /// Determines the light from the samples so far.
     fn settle(&mut self) {
         let [out, passed] = self.sums;
         let all = out.count + passed.count;
@@ -260,19 +260,19 @@ impl Light {
             self.part();
             return;
         }
-        // Where nearly everything passes, it is the light that is red.
+        // If nearly everything passes, the light is red.
         let with = if 4 * out.count < all { passed } else { Sums::default() };
         let half = all / 2;
         let blue = (256 * (out.red + with.red + half)) / (out.blue + with.blue + half).max(1);
-        // Blue is for what is no red at all: green tells the pad from the ground.
+        // Blue only excludes pixels that are not red at all: green separates the pad from the ground.
         let (green, least) = self.redness(all);
         self.green_least = least;
         self.set_limits(green, blue.clamp(320, 640));
     }
 
-    /// The ratio of red to green, times 256, that parts the pad from the ground: where the samples fall into two classes of which
-    /// one is redder by half, between them; else above the middle by an eighth and twice the spread, at most by half. And the
-    /// least that it can be: above the middle by the spread.
+    /// The ratio of red to green, times 256, that separates the pad from the ground: if the samples fall into two
+    /// classes of which one is redder by half, between them; otherwise above the median by an eighth and twice the
+    /// spread, at most by half. And the least possible value: above the median by the spread.
     fn redness(&self, all: u32) -> (u32, u32) {
         let weighted = |from: usize, to: usize| {
             let bins = (0_u32..).zip(&self.histogram).skip(from).take(to - from);
@@ -281,7 +281,7 @@ impl Light {
         let (count, sum) = weighted(0, BINS);
         // Of a mean in half bins of an eighth.
         let ratio = |sum: u32, count: u32| 16 * sum / count.max(1);
-        // The pad's samples are few, and above: the ground's own spread is that below the middle.
+        // The pad's samples are few, and above: the ground's own spread is that below the median.
         let quantile = |sixths: u32| {
             let mut below = 0;
             for (bin, n) in (0_u32..).zip(&self.histogram) {
@@ -314,7 +314,7 @@ impl Light {
         (best.1.clamp(400, 760), least)
     }
 
-    /// Parts the histogram in three so that the classes' means lie apart as far as possible.
+    /// Separates the histogram into three classes with means as far apart as possible.
     fn part(&mut self) {
         let (mut weights, mut moments) = ([0_u32; BINS + 1], [0_u32; BINS + 1]);
         let (mut weight, mut moment) = (0, 0);

@@ -1,8 +1,9 @@
-//! Regions of pixels that passed, line by line: what most of three lines have, runs, and the regions they make up.
+//! Regions of selected pixels, line by line: the majority of three lines, runs, and regions made of runs.
 //!
-//! A run joins the region whose last line it overlaps; runs that a cable parts, and lines that it hides, are bridged.
-//! Of a region its outline is kept (first and last column of up to [`ROWS`] lines, of every second, fourth or eighth when it is higher), its area, its
-//! moments and colours inside and outside of its edge and of what is missing in its middle. When the table is full the smallest region gives way.
+//! A run joins the region whose last line it overlaps; gaps in runs by a cable, and lines hidden by it, are bridged.
+//! Of a region its outline is kept (first and last column of up to [`ROWS`] lines, of every second, fourth or eighth
+//! when it is higher), its area, its moments and colours inside and outside of its edge and of a gap in its middle.
+//! When the table is full the smallest region is replaced.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -12,21 +13,21 @@ use super::{Format, WIDTH_MAX};
 pub(super) const WORDS: usize = WIDTH_MAX as usize / 32;
 /// Lines of an outline.
 pub(super) const ROWS: usize = 24;
-/// Regions that are followed at once.
+/// Largest number of regions at a time.
 pub(super) const REGIONS: usize = 12;
-/// Pixels from the edge to where the colours are taken.
+/// Pixels from the edge to where the colours are sampled.
 const STEP_IN: u16 = 2;
-/// Shorter runs are noise.
+/// Shorter runs are ignored as noise.
 const RUN_MIN: u16 = 2;
-/// Narrower gaps are edge from side to side.
+/// Narrower gaps consist only of edges.
 const GAP_MIN: u16 = 2;
 /// Colour samples that a sum can hold.
 const SAMPLES_MAX: u8 = 250;
 
-/// Which pixels of a line.
+/// Selected pixels of a line.
 pub(super) type Mask = [u32; WORDS];
 
-/// First column and the one behind the last.
+/// First column, and the one after the last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Span {
     pub(super) from: u16,
@@ -49,9 +50,9 @@ pub(super) struct Outline {
     /// Number of the first line kept, by `1 << shift`.
     top: u8,
     length: u8,
-    /// A line in so many is kept: `1 << shift`.
+    /// One line in this many is kept: `1 << shift`.
     shift: u8,
-    /// From and to; none where from is behind to.
+    /// First and last column; none if the first is after the last.
     ends: [[u8; 2]; ROWS],
 }
 
@@ -76,7 +77,7 @@ impl Outline {
         u16::from(hull[1].saturating_sub(hull[0]))
     }
 
-    /// A line in so many is kept.
+    /// One line in this many is kept.
     pub(super) fn step(&self) -> u16 {
         1 << self.shift
     }
@@ -97,7 +98,7 @@ impl Outline {
         (self.top, self.length, self.shift) = (top.div_ceil(2), length, self.shift + 1);
     }
 
-    /// Takes in a line, unless it falls between those kept.
+    /// Adds a line, unless it falls between those kept.
     fn put(&mut self, row: u16, ends: [u8; 2]) {
         // Up to 240 lines: three times at most.
         for _ in 0..8 {
@@ -179,7 +180,7 @@ impl Colour {
 
     fn merge(&mut self, other: &Self) {
         let total = u16::from(self.count) + u16::from(other.count);
-        // Of two that do not go into one sum, the larger.
+        // If two sums do not fit into one, the larger is kept.
         if total <= u16::from(SAMPLES_MAX) {
             for (sum, value) in self.sums.iter_mut().zip(other.sums) {
                 *sum += value;
@@ -191,7 +192,7 @@ impl Colour {
     }
 }
 
-/// Pixels that belong together.
+/// Connected pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Region {
     /// Pixels; 0: the place is free.
@@ -202,7 +203,7 @@ pub(super) struct Region {
     pub(super) square_sum: u32,
     pub(super) inside: Colour,
     pub(super) outside: Colour,
-    /// In the middle of lines with a gap.
+    /// Colour in the middle of lines with a gap.
     pub(super) gap: Colour,
     pub(super) outline: Outline,
     /// Its last line, that line's span, and that of the line before.
@@ -247,13 +248,13 @@ impl Region {
         self.outline.lines().any(|(_, [from, to])| from == 0 || u16::from(to) >= width_px >> narrow)
     }
 
-    /// How many lines it may be hidden.
+    /// How many lines of it may be hidden.
     fn is_open(&self, row: u8) -> bool {
         let height = self.row - self.first_row;
         row.saturating_sub(self.row) <= 2 + height / 8
     }
 
-    /// The span which a run of this line must touch.
+    /// The span that a run of this line must touch.
     fn last(&self, row: u8) -> Span {
         if self.row == row { self.before } else { self.span }
     }
@@ -264,7 +265,7 @@ impl Region {
         self.outline.put(u16::from(self.row), [from.min(255) as u8, to.min(255) as u8]);
     }
 
-    /// Both in one, where that is no higher and wider than so many pixels.
+    /// Both as one, if that is no higher and wider than this many pixels.
     pub(super) fn with(&self, other: &Self, most_px: u32) -> Option<Self> {
         let (first, last) = (self.first_row.min(other.first_row), self.row.max(other.row));
         let mut both = *self;
@@ -292,7 +293,7 @@ impl Region {
 struct Run {
     span: Span,
     count: u16,
-    /// Where the widest of the gaps is that it bridges.
+    /// Position of the widest gap that it bridges.
     gap: Span,
 }
 
@@ -300,9 +301,9 @@ struct Run {
 #[derive(Clone, Debug)]
 pub(super) struct Regions {
     table: [Region; REGIONS],
-    /// Lines of the outlines are kept in so many columns: `1 << narrow`.
+    /// Columns per column of an outline: `1 << narrow`.
     narrow: u8,
-    /// So many places have been taken, from the first on.
+    /// Number of places used, from the first on.
     used: u8,
 }
 
@@ -319,7 +320,7 @@ impl Regions {
         self.used = 0;
     }
 
-    /// The columns of an outline to one of it.
+    /// Columns per column of an outline.
     pub(super) fn narrow(&self) -> u8 {
         self.narrow
     }
@@ -331,12 +332,12 @@ impl Regions {
         }
     }
 
-    /// The regions there are.
+    /// The regions found.
     pub(super) fn all(&self) -> impl Iterator<Item = &Region> {
         self.table.iter().filter(|region| region.area > 0)
     }
 
-    /// Takes in a line; `bytes` are pixels of it, or of a neighbour, for the colours at the edges.
+    /// Processes a line; `bytes` are its pixels, or those of a neighbour, for the colours at the edges.
     pub(super) fn line(&mut self, row: u8, class: u8, mask: impl Iterator<Item = u32>, format: Format, bytes: &[u8]) {
         let mut waiting: Option<Run> = None;
         let mut begun: Option<u16> = None;
@@ -345,7 +346,7 @@ impl Regions {
             let mut word = word;
             let first = base;
             base += 32;
-            // Whole words without an edge are most.
+            // Most are whole words without an edge.
             if word == 0 && begun.is_none() || word == u32::MAX && begun.is_some() {
                 continue;
             }
@@ -376,7 +377,7 @@ impl Regions {
         }
     }
 
-    /// Joins a run with the one before it where the gap is narrow beside them; else takes in the one before.
+    /// Merges a run with the one before it if the gap between them is narrow; otherwise processes the one before.
     fn queue(
         &mut self,
         waiting: Option<Run>,
@@ -442,7 +443,7 @@ impl Regions {
         // Around the middle a run of n has n (n^2 - 1) / 12.
         let squares = count * (twice_middle * twice_middle / 4 + line * line + count * count / 12);
         region.square_sum = region.square_sum.saturating_add(squares);
-        // One end of a line is enough, and of a large one of every second.
+        // One end of a line is enough, and in a large region one of every second line.
         if run.count >= 2 * STEP_IN && (row.is_multiple_of(2) || region.inside.count < 24) {
             let (span, out) = (run.span, STEP_IN + 1);
             if (row ^ (row >> 1)).is_multiple_of(2) {
@@ -460,13 +461,13 @@ impl Regions {
         }
     }
 
-    /// Makes one of two regions.
+    /// Merges two regions.
     fn unite(&mut self, first: usize, second: usize, row: u8) {
         let narrow = self.narrow;
         let Some(other) = self.table.get_mut(second) else { return };
         let mut gone = *other;
         other.area = 0;
-        // Its line belongs to the other's, if that has come to this one.
+        // Its line belongs to the other region, if that has reached this one.
         let is_here = gone.row == row;
         if !is_here {
             gone.keep_line(narrow);
@@ -509,7 +510,7 @@ impl Regions {
     }
 }
 
-/// What most of three lines have. Along the lines the pixels have been taken by threes before.
+/// The majority of three lines. Along the lines, pixels are already summed by threes.
 pub(super) fn most<'a>([above, middle, below]: [&'a Mask; 3], width_px: u16) -> impl Iterator<Item = u32> + 'a {
     let words = usize::from(width_px.div_ceil(32)).min(WORDS);
     above.iter().zip(middle).zip(below).take(words).map(|((a, b), c)| (a & b) | (c & (a | b)))

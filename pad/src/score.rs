@@ -1,7 +1,8 @@
-//! How much a region is like the pad: one number from some measures of it.
+//! A score for the similarity of a region to the pad, from some measures of it.
 //!
-//! Each measure is what a person would look at, from about zero to one. None of them decides alone: a pad of six pixels whose edge a
-//! leaf hides and a half disc differ in several of them by a little. A network of twelve units weighs them.
+//! Each measure is a visible feature, scaled from about zero to one. None of them decides alone: a pad of six pixels
+//! with an edge hidden by a leaf and a half disc differ a little in several of them. A network of twelve units
+//! weights them.
 
 use foxhound_core::base::math::sqrt;
 use foxhound_core::base::units::between;
@@ -16,30 +17,30 @@ pub const MEASURES: usize = 21;
 /// Units of the network.
 pub const UNITS: usize = 12;
 
-/// A region that the score decides about: everything else about it is as it is with a pad.
+/// A region to be scored, which is like the pad in all other respects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
-    /// What the score is of.
+    /// Input of the score.
     pub measures: [f32; MEASURES],
     /// The pad that the region would be, without its confidence.
     pub pad: Pad,
 }
 
-/// A network of rectified units: what says how much a region is like the pad.
+/// A network of rectified units that computes the score.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
     /// Each measure's mean over the regions, and one over its standard deviation.
     pub scales: [[f32; 2]; MEASURES],
-    /// Of each unit: the weights of the measures and the bias, and what the unit counts.
+    /// Of each unit: the weights of the measures and the bias, and the weight of the unit.
     pub units: [([i8; MEASURES], i8, i8); UNITS],
-    /// What a count is worth.
+    /// Scale of the weights.
     pub worth: f32,
-    /// What the score is without any.
+    /// Bias of the score.
     pub none: f32,
 }
 
 impl Weights {
-    /// Above 0: the pad.
+    /// Above 0 means the pad.
     #[must_use]
     pub fn score(&self, measures: &[f32; MEASURES]) -> f32 {
         let mut scaled = *measures;
@@ -54,15 +55,15 @@ impl Weights {
     }
 }
 
-/// What is known of a region beside its fit.
+/// Other inputs of the measures beside the fit.
 pub(super) struct Sight {
-    /// The radius that the pad has from here, or the disc's own.
+    /// The expected radius of the pad, or the disc's own.
     pub(super) expected_px: f32,
     /// The tangent from the camera's axis to the disc.
     pub(super) off_axis: f32,
-    /// The part of the disc that lies in the picture.
+    /// The share of the disc inside the picture.
     pub(super) share: f32,
-    /// The columns of an outline to one of it.
+    /// Columns per column of an outline.
     pub(super) narrow: u8,
     pub(super) format: Format,
 }
@@ -98,8 +99,9 @@ pub(super) fn measures(region: &Region, fit: &Fit, sight: &Sight) -> [f32; MEASU
     ]
 }
 
-/// Part of the disc that is missing between a region and its outline, and how much of that is a round piece in the middle. Of mass
-/// `m`, over the disc's, such a piece has the mean square distance `m / 2` over the squared radius; any other has more.
+/// The share of the disc that is missing between a region and its outline, and how much of that is a round piece in
+/// the middle. Such a piece of mass `m`, relative to the disc's, has the mean square distance `m / 2` relative to the
+/// squared radius; any other has more.
 fn hole(region: &Region, fit: &Fit, narrow: u8) -> (f32, f32) {
     let (x, y, radius) = (fit.disc.x - 0.5, fit.disc.y - 0.5, fit.disc.radius);
     let scale = (1_u16 << narrow) as f32;
@@ -124,7 +126,8 @@ fn hole(region: &Region, fit: &Fit, narrow: u8) -> (f32, f32) {
     (part, part * between(1.0 - spread / ((0.53 + 1.3 / radius) * part), -1.0, 1.0))
 }
 
-/// How much what shows in a hole looks like what is beside the disc: through a ring one sees the ground, a leaf has its own colour.
+/// How similar the colour in a hole is to that beside the disc: through a ring one sees the ground, a leaf has its
+/// own colour.
 fn likeness(region: &Region) -> f32 {
     if region.gap.count == 0 {
         return 0.0;
@@ -134,13 +137,14 @@ fn likeness(region: &Region) -> f32 {
     (1.0 - 2.0 * apart).max(0.0)
 }
 
-/// Red over green and green over blue inside, by how much both are more than outside, and how much brighter it is inside.
+/// Red over green and green over blue inside, how much larger both are than outside, and how much brighter it is
+/// inside.
 fn colours(region: &Region, format: Format) -> [f32; 5] {
     if format == Format::Grey {
         return GREY;
     }
     let inside = mean(&region.inside);
-    // A disc from border to border has nothing beside it.
+    // A disc from border to border has no surroundings.
     let outside = if region.outside.count >= 3 { mean(&region.outside) } else { [31.0; 3] };
     let [[red, green_blue], [red_out, green_blue_out]] =
         [inside, outside].map(|[red, green, blue]| [over(red, green), over(green, blue)]);
@@ -148,10 +152,10 @@ fn colours(region: &Region, format: Format) -> [f32; 5] {
     [red, green_blue, red - red_out, green_blue - green_blue_out, over(bright(inside), bright(outside))]
 }
 
-/// Those of a pad in daylight: a grey picture says nothing about them.
+/// Those of a pad in daylight, for a grey picture, which has none.
 const GREY: [f32; 5] = [0.5, 0.0, 0.5, -0.05, -0.2];
 
-/// -1 to 1: by how much one is more than the other. One code is noise.
+/// -1 to 1: the difference of two values relative to their sum. One step is noise.
 fn over(a: f32, b: f32) -> f32 {
     (a - b) / (a + b + 2.0)
 }

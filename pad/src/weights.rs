@@ -1,9 +1,10 @@
-//! The weights of the score, and where they come from.
+//! The weights of the score, and their training.
 //!
-//! Trained on 42 000 regions of pictures that `camera::random` drew, with a pad (28 000, seeds 100 000 to 130 000, and 2 500 that the border cuts) and
-//! without (100 000 to 152 000, and 47 000 from 300 000 on); those that the tests draw are others. Logistic loss, a decay of the weights of 3e-4,
-//! Adam over 300 epochs on two of three seeds; of three starts the best on the third of the seeds, rounded to
-//! sixteenths. Where the score is zero was chosen on seeds from 300 000 on, some of which it was trained on.
+//! Trained on 42 000 regions of pictures drawn by `camera::random`, with a pad (28 000, seeds 100 000 to 130 000, and
+//! 2 500 cut by the border) and without (100 000 to 152 000, and 47 000 from 300 000 on); the tests draw others.
+//! Logistic loss, a weight decay of 3e-4, Adam over 300 epochs on two of three seeds; of three starts the best on the
+//! third of the seeds, rounded to sixteenths. The zero of the score was chosen on seeds from 300 000 on, some of
+//! which were used for training.
 
 use super::score::Weights;
 

@@ -1,8 +1,9 @@
 //! # Foxhound papers
 //!
-//! The systems of the published papers that Foxhound is built on, as printed and repaired, where the vehicle does not fly
-//! them. The simulator, the benchmark and the twin of the firmware in QEMU compare them with what flies, which is in
-//! [`foxhound_core`]; the image for the vehicle links none of them. Like the core this crate has no heap, no clock and no IO.
+//! The algorithms of the published papers that Foxhound is based on, as printed and repaired, if the vehicle does not
+//! fly with them. The simulator, the benchmark and the twin of the firmware in QEMU compare them with those that fly,
+//! which are in [`foxhound_core`]; the image for the vehicle links none of them. Like the core this crate has no
+//! heap, no clock and no IO.
 //!
 //! | paper | module | as printed | repaired | command |
 //! |---|---|---|---|---|
@@ -14,10 +15,12 @@
 //! | rotating vehicle's paper | [`rotating`] | the lemmas about outliers | the sharp bound of the second one | `foxhound reproduce stretch` |
 //! | none: ours | [`multipath`] | MUSIC over several looks | two paths by maximum likelihood | `foxhound bearing --looks` |
 //!
-//! What else the papers have flies, or is shared with what flies, and is in the core: the potential field and the draws of the
-//! main paper (`planning`), the belief planner of the mmWave paper (`planning::ilqr`), the antenna that turns (`doa::rotating`).
+//! Other parts of the papers fly, or are shared with parts that fly, and are in the core: the potential field and the
+//! sampling of the main paper (`planning`), the belief planner of the mmWave paper (`planning::ilqr`), the turning
+//! antenna (`doa::rotating`).
 //!
-//! A flight is flown with [`AllSystems`] in place of the core's own systems; the configuration then names any of them.
+//! To fly with them, use [`AllSystems`] instead of the core's own systems; the configuration may then name any of
+//! them.
 //!
 //! ## Sources
 //!
@@ -27,7 +30,7 @@
 //! - *mmWave paper*: K. Pfeiffer et al., "Path Planning Under Uncertainty to Localize mmWave Sources".
 //! - *Rotating vehicle's paper*: RF source seeking with a single-wing rotating micro aerial vehicle.
 //!
-//! Numbers of equations are those of the paper that is named.
+//! Numbers of equations are those of the named paper.
 #![no_std]
 
 #[cfg(test)]

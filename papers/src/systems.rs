@@ -1,4 +1,4 @@
-//! The papers' systems beside the core's own, for a flight.
+//! The papers' algorithms together with the core's own, for a flight.
 
 use crate::aoa::{self, AnyEstimator};
 use crate::apf::{self, AnyPlanner};
@@ -10,7 +10,7 @@ use foxhound_core::guidance::{Config, Guidance};
 use foxhound_core::planning::planner::{Plan, PlanRequest, Workspace};
 use foxhound_core::signal::phase::Phasors;
 
-/// Any planner and any estimator of bearings that a configuration names, the papers' and the core's own.
+/// Any planner and any bearing estimator that a configuration names, the papers' and the core's own.
 #[derive(Clone, Debug)]
 pub struct AllSystems {
     planner: AnyPlanner,

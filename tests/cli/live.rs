@@ -35,7 +35,7 @@ impl Served {
         Self { child, address }
     }
 
-    /// The body of what is there.
+    /// The body of an answer.
     fn get(&self, path: &str) -> String {
         let host = self.address.trim_start_matches("http://").trim_end_matches('/');
         let mut stream = TcpStream::connect(host).unwrap();
@@ -63,7 +63,7 @@ impl Served {
         records
     }
 
-    /// Tells it to stop; its exit code, and what it printed.
+    /// Stops it; returns its exit code, and its output.
     fn stop(mut self) -> (i32, Value) {
         let pid = self.child.id().to_string();
         assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
@@ -149,7 +149,7 @@ fn the_image_in_qemu_is_served_as_well() {
 fn what_cannot_be_served_is_refused_by_the_option() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let by_port = format!("--port {port}: it is taken by another program");
+    let by_port = format!("--port {port}: is taken by another program");
     for (arguments, text) in [
         (&["fly", "--live", "--port", &port][..], by_port.as_str()),
         (&["companion", "--autopilot", "tcp:127.0.0.1:1", "--source=1,2,-5", "--live", "--port", &port], &by_port),

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 const MCAP_BYTES: u64 = 3_000_000;
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
-/// What a script in `tests/peers` says about files.
+/// The output of a script in `tests/peers` about files.
 fn peer(script: &str, files: &[&Path]) -> String {
     let output = python().arg(root().join("tests/peers").join(script)).args(files).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -19,7 +19,7 @@ fn peer(script: &str, files: &[&Path]) -> String {
     said
 }
 
-/// What the makers' reader finds in an MCAP file.
+/// The content of an MCAP file by the makers' reader.
 fn look_into(path: &Path) -> Value {
     let said = peer("check_mcap.py", &[path, &root().join("docs/foxglove-layout.json")]);
     assert!(said.contains("all checks passed"), "{said}");
@@ -90,7 +90,7 @@ fn the_makers_of_mcap_read_the_flight_that_was_flown() {
         assert!((found - printed).abs() < within, "{name}: {found}, {printed}");
     }
 
-    // What was flown is in it, and can be flown again.
+    // The scenario is in it, and can be flown again.
     let scenario = folder.path().join("scenario.json");
     std::fs::write(&scenario, found["scenario"].to_string()).unwrap();
     let (_, again) = run_json(&["fly", "--json", "--seed", "3", "--scenario", scenario.to_str().unwrap()]);
@@ -122,7 +122,7 @@ fn a_flight_beside_an_autopilot_is_written_as_well() {
     assert!(found["counts"]["/vehicle"].as_u64().unwrap() > 200, "{found}");
 }
 
-/// One in the open, one without a reference way, one that cannot end well: in each something is missing.
+/// One in the open, one without a reference path, one that cannot end well: in each something is missing.
 fn three_flights() -> Value {
     json!({"max_time_s": 40, "maps": [
         {"row": 1, "instance": 0, "obstacles": [],

@@ -1,4 +1,4 @@
-//! The commands, and the files and pages that they write, are what the manual says.
+//! The commands, and the files and pages that they write, are as the manual describes them.
 //!
 //! Browsers and a Ray cluster start many processes: their tests take the machine one after the other.
 

@@ -1,4 +1,5 @@
-//! `fly --report`, `companion --report`: what the page holds is what was flown, and a browser shows it. `cargo xtask test` installs the browser.
+//! `fly --report`, `companion --report`: the page holds the flight, and a browser shows it. `cargo xtask test`
+//! installs the browser.
 #![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::path::Path;
@@ -74,7 +75,7 @@ fn the_page_holds_the_flight_that_was_flown() {
     }
     assert_eq!(flown.of_kind("plan").count() as u64, flown.printed["replans"].as_u64().unwrap());
 
-    // What was printed can be had from the steps.
+    // The printed values follow from the steps.
     let places: Vec<Vec<f64>> = steps.iter().map(|step| numbers(&step["place_m"])).collect();
     let length_m: f64 = places.windows(2).map(|pair| distance(&pair[0], &pair[1])).sum();
     assert!((length_m - number(&flown.printed["path_length_m"])).abs() < 0.05, "{length_m} m");
@@ -140,7 +141,7 @@ fn the_costs_are_those_of_the_trajectories_that_are_drawn() {
     assert!(compared > 150 && chosen > 15, "{compared} {chosen}");
 }
 
-/// Eq. 33 and 36 of the main paper; none where the field goes on in its own way, close to an obstacle and inside.
+/// Eq. 33 and 36 of the main paper; `None` close to an obstacle and inside, where the field is continued differently.
 fn potential(plan: &Value, gains: &Value, place: [f64; 2], radius_m: f64) -> Option<(f64, f64)> {
     let clear = |circle: &Value| distance(&numbers(circle), &place) - number(&circle[2]) - radius_m;
     let clear_m: Vec<f64> = plan["circles_m"].as_array().unwrap().iter().map(clear).collect();
@@ -223,8 +224,8 @@ fn every_planner_and_a_world_that_moves_have_a_report() {
     }
 }
 
-/// Among people who walk across, the page has them where they are, and there what is followed, with how well it is known; it says
-/// when the vehicle gives way, and watching changes nothing.
+/// Among people who walk across, the page has them at their true positions, and the tracks with their accuracy; it
+/// says when the vehicle gives way, and watching changes nothing.
 #[test]
 fn the_page_shows_people_what_is_followed_and_how_the_vehicle_gives_way() {
     let folder = tempfile::tempdir().unwrap();

@@ -94,7 +94,7 @@ fn shards_that_do_not_make_one_suite_are_refused_by_name() {
     let (a, b) = (files[0].clone(), files[1].clone());
     let cases: [(&[String], &str); 7] = [
         (std::slice::from_ref(&a), "shard 2/2 is missing"),
-        (&[a.clone(), a.clone()], "shard 1/2 is there twice"),
+        (&[a.clone(), a.clone()], "shard 1/2 was given twice"),
         (&[a.clone(), other_seed[0].clone()], "shard 2/2 is of another suite, seed or release than shard 1/2"),
         (&[text(&cut), b.clone()], "cut.jsonl: 0 flights of the 1 of shard 1/2"),
         (&[text(&strange), b], "strange.jsonl: line 2: missing field `seed`"),

@@ -1,4 +1,4 @@
-//! Flight logs: flown, and flown again to the last bit; lost, damaged and cut in anywhere.
+//! Flight logs: flown, and replayed to the last bit; lost, damaged and cut anywhere.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -90,7 +90,7 @@ fn twin(mission: &Mission) -> Box<dyn Computer> {
     Box::new(QemuComputer::start(Path::new(&qemu_image()), &setup).unwrap())
 }
 
-/// Flies, and flies the log again; the log, the flight's hash and what came of it.
+/// Flies, and replays the log; returns the log, the flight's hash and the result.
 fn flown(mission: &Mission, mut computer: Box<dyn Computer>) -> (Vec<u8>, String, Summary) {
     computer.log_flight();
     let record = flight::fly(mission, computer.as_mut(), None, |_| ()).unwrap();
@@ -123,7 +123,7 @@ fn every_flight_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>)
     assert_ne!(untouched, trace_hash, "the parameter was set and meant something");
 }
 
-/// The same by a lidar on a line of its own, whose bytes lie in the log, too; the hash.
+/// The same with a lidar on a line of its own, whose bytes are in the log, too; returns the hash.
 fn a_flight_by_a_lidar_is_flown_again(computer: impl Fn(&Mission) -> Box<dyn Computer>) -> String {
     let mission = mission(scenario("lidar.json"));
     let (log, trace_hash, summary) = flown(&mission, computer(&mission));
@@ -141,7 +141,8 @@ fn a_flight_by_a_lidar_in_process_is_flown_again_to_the_last_bit() {
     a_flight_by_a_lidar_is_flown_again(host);
 }
 
-/// By the same bytes of a lidar the firmware in QEMU flies the desktop's flight, and its log is replayed with identical bits.
+/// With the same bytes of a lidar the firmware in QEMU flies the desktop's flight, and its log is replayed with
+/// identical bits.
 #[test]
 #[ignore = "needs QEMU and the image: cargo xtask test"]
 fn by_the_same_bytes_of_a_lidar_the_firmware_flies_the_same_flight() {

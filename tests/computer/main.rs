@@ -1,4 +1,4 @@
-//! The whole companion computer, in simulated time, fails safe, logs what can be flown again, and tests itself.
+//! The whole companion computer, in simulated time, fails safe, writes logs that can be replayed, and tests itself.
 
 mod failsafes;
 mod flight_log;

@@ -1,5 +1,5 @@
-//! The receiver examined and calibrated on board: the whole computer, an autopilot beside it, a ground station that sends the
-//! command and reads the answers, and antennas with one thing wrong at a time.
+//! The receiver tested and calibrated on board: the whole computer, an autopilot, a ground station that sends the
+//! command and reads the answers, and antennas with one fault at a time.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -27,7 +27,7 @@ const ACCEPTED: u8 = 0;
 const REJECTED: u8 = 1;
 const FAILED: u8 = 4;
 const IN_PROGRESS: u8 = 5;
-/// So far away that the wave is a plane, and the antennas' distances do not matter.
+/// So far away that the wave is plane, and the antennas' distances do not matter.
 const FAR_M: f64 = 5_000.0;
 
 /// A receiver with a tone as the board's own makes it through a splitter: 322 codes, and two codes of noise.
@@ -35,7 +35,7 @@ fn good() -> Antennas {
     Antennas { amplitude_codes: 322.0, snr_db: Some(40.0), positions_m: [[0.0; 2]; 4], ..Antennas::default() }
 }
 
-/// What becomes of a frame before the computer gets it.
+/// Changes to a frame before the computer gets it.
 type Spoil = fn(u64, &mut AdcFrame<256>, &AdcFrame<256>);
 
 /// The computer on the bench.
@@ -123,7 +123,7 @@ impl Bench {
         }
     }
 
-    /// Sends the command of a ground station, and waits for what it comes to.
+    /// Sends the command of a ground station, and waits for the result.
     fn order(&mut self, command: u16, param1: f32, param2: f32) -> Option<Report> {
         let (target_system, target_component) = (1, 191);
         let message = COMMAND_LONG_DATA {
@@ -154,7 +154,7 @@ impl Bench {
     }
 }
 
-/// What a receiver with something wrong is found to be, in which channels, told in words too.
+/// The check and the channels reported for a faulty receiver, also in the text.
 fn assert_found(mut bench: Bench, check: Check, channels: &[usize], words: &str) {
     let report = bench.self_test();
     let Verdict::Fail { check: found, channels: named } = report.verdict else { unreachable!("{report:?}") };
@@ -341,7 +341,7 @@ fn armed_it_is_refused_and_one_that_is_armed_meanwhile_is_interrupted() {
     }
 }
 
-/// What `foxhound calibrate` makes of the very frames that were listened to.
+/// The result of `foxhound calibrate` for the same frames.
 fn calibrated_by_the_command(frames: &[AdcFrame<256>], azimuth_deg: Option<f64>) -> calibrate::Report {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("frames.npy");

@@ -1,11 +1,11 @@
-//! Gusts, among pillars and in a corridor: what the autopilot does not counter in time the margins must hold.
+//! Gusts, among pillars and in a corridor: the margins must cover what the autopilot does not counter in time.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use foxhound_sim::study::gusts::{Row, SCENES, STRONG, Scene, WEATHERS, Weather, roomy, row};
 use foxhound_sim::study::seeds;
 
-/// Of the hundred flights of `docs/results/gusts.md` so many are flown here, by the same seeds.
+/// How many of the hundred flights of `docs/results/gusts.md` are flown here, with the same seeds.
 const FLIGHTS: u64 = 60;
 
 fn scene(name: &str) -> &'static Scene {

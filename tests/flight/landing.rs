@@ -12,7 +12,7 @@ use foxhound_sim::scenario::Scenario;
 use foxhound_sim::study::landings::{Row, SCENES, row};
 use foxhound_sim::study::seeds;
 
-/// Of the two hundred flights of `docs/results/landings.md` so many are flown here, by the same seeds.
+/// How many of the two hundred flights of `docs/results/landings.md` are flown here, with the same seeds.
 const FLIGHTS: u64 = 24;
 
 fn flown(name: &str) -> Row {
@@ -26,7 +26,7 @@ fn flown_times(name: &str, flights: u64) -> Row {
     row
 }
 
-/// Who hands over says why, and does so near the beacon.
+/// A flight that hands over gives a reason, and does so near the beacon.
 fn hands_over(row: &Row, reasons: &[&str]) {
     let all: u32 = row.handed_over.values().map(|[all, _]| all).sum();
     let near: u32 = row.handed_over.values().map(|[_, near]| near).sum();
@@ -53,8 +53,7 @@ fn in_gusts_of_three_metres_a_second_and_with_red_things_about_it_does_as_well()
 /// Without a camera every flight hovers near the beacon and hands over.
 #[test]
 fn without_a_camera_it_hovers_above_the_beacon_and_hands_over() {
-    for name in
-        ["no camera, calm", "no camera, gusts of 3 m/s", "no camera, no range estimator, bearings to 10 deg only"]
+    for name in ["no camera, calm", "no camera, gusts of 3 m/s", "no camera, no range finder, bearings to 10 deg only"]
     {
         hands_over(&flown(name), &["arrived"]);
     }
@@ -67,7 +66,7 @@ fn where_there_is_no_pad_it_hands_over_mostly_above_the_beacon() {
     let flights = 2 * FLIGHTS;
     let row = flown_times("camera, no pad there", flights);
     assert_eq!((row.on_pad, row.beside.len()), (0, 0), "{row:?}");
-    // Pillars stand on some of the ways back.
+    // Pillars block some of the paths back.
     let [all, near] = row.handed_over["no_pad"];
     assert!(u64::from(all) == flights && f64::from(near) >= 0.8 * flights as f64, "{row:?}");
 }

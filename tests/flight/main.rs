@@ -1,4 +1,4 @@
-//! Flights in the simulator arrive, hit nothing and land, in every setting that is flown.
+//! Flights in the simulator arrive, collide with nothing and land, in every setting that is flown.
 
 mod closed_loop;
 mod gusts;

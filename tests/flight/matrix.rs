@@ -1,12 +1,12 @@
-//! What is flashed, flown in every setting: waveforms and scans together, behind each autopilot's delays, with either hull.
+//! The flashed configuration in every setting: waveforms and scans together, each autopilot's delays, both hulls.
 //!
 //! Every two values of sensor, bearings, vehicle and hull meet at least once, on held-out seeds
 //! ([`foxhound_sim::study::seeds`]). The
 //! whole product: `cargo xtask campaign`, `docs/results/matrix.md`.
 //!
-//! What is known to fail is listed flight by flight in `tests/flight/snapshots`, collisions in [`COLLIDES`] besides,
-//! with their cause. A flight that fails and is not listed fails the test, and so does a listed one that no longer
-//! fails. A change that mends some renews the lists:
+//! Known failures are listed flight by flight in `tests/flight/snapshots`, collisions also in [`COLLIDES`], with
+//! their cause. A flight that fails and is not listed fails the test, and so does a listed one that no longer fails.
+//! A change that fixes some renews the lists:
 //! `INSTA_UPDATE=always cargo test -p foxhound-tests --test flight matrix`, and shows it in its diff.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
@@ -17,7 +17,7 @@ use foxhound_sim::study::matrix::{
 use foxhound_sim::study::seeds;
 use foxhound_tests::root;
 
-/// What the worlds come to in each setting; those for one hull are not those for the other.
+/// Results of the worlds in each setting; those for one hull are not those for the other.
 fn flown(settings: &[Setting], worlds: impl Fn(f64) -> Vec<World>) -> Vec<(String, Row)> {
     let by_hull = HULLS_M.map(worlds);
     let hull = |setting: &Setting| usize::from(setting.hull_m() == HULLS_M[1]);
@@ -34,7 +34,7 @@ const COLLIDES: [(&str, &str, &str); 2] = [
     ),
 ];
 
-/// What failed is what is listed, and what collided did so for a known cause.
+/// The failures are those listed, and each collision has a known cause.
 fn only_known_failures(kind: &str, rows: &[(String, Row)]) {
     let flights: u32 = rows.iter().map(|(_, row)| row.flights).sum();
     let mut failures = Vec::new();

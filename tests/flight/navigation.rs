@@ -1,4 +1,4 @@
-//! Never stuck, never hit: traps, and pillar forests of the main paper's densities, flown with bearings alone.
+//! Never stuck, never hit: traps, and pillar forests of the main paper's densities, flown by bearings alone.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -73,8 +73,8 @@ fn fly_suite(dir: &Path, suite: &Value) -> (u64, u64, u64) {
     (count("runs"), count("success"), count("collisions"))
 }
 
-/// Six rows of thin pillars across a corridor, 15 cm apart as in BARN, with a gap of 0.9 m somewhere in each: the way leads
-/// through all of them, and most of each row is first seen at close range.
+/// Six rows of thin pillars across a corridor, 15 cm apart as in BARN, with a gap of 0.9 m somewhere in each: the
+/// path leads through all of them, and most of each row is first seen at close range.
 const ROWS: Rows = Rows {
     count: 6,
     first_m: 2.0,

@@ -1,4 +1,4 @@
-//! `scenarios/`: every file is what its schema says, and comes to what it says itself.
+//! `scenarios/`: every file matches its schema, and ends as it says.
 #![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::collections::BTreeMap;

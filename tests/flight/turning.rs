@@ -1,4 +1,4 @@
-//! Seeking by turning, flown through the command line: with one directional antenna, and with what is left of an array.
+//! Seeking by turning, flown through the command line: with one directional antenna, and with the rest of an array.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -95,10 +95,10 @@ fn an_array_that_hears_the_same_all_round_holds_when_two_channels_die_and_says_w
         assert_ne!(code, 0, "{report}");
         assert_eq!((&report["result"], &report["reason"]), (&"hold".into(), &"ambiguous".into()), "{report}");
         assert_eq!(report["collisions"], 0, "{report}");
-        // It went on for no longer than a bearing stands.
+        // It continued for no longer than a bearing stays valid.
         assert!(number(&report, "path_length_m") < 5.0, "{report}");
     }
-    // One dead channel costs precision and no more.
+    // One dead channel only costs precision.
     scenario["faults"] = json!({"dead_channels": [null, [3, 1000], null, null]});
     assert_reached(&fly(&scenario, 4));
 }
@@ -112,7 +112,7 @@ fn a_beacon_that_falls_silent_is_waited_for_and_found_when_it_is_back() {
     for (_, report) in fly(&scenario, 6) {
         assert_eq!((&report["result"], &report["reason"]), (&"hold".into(), &"no_signal".into()), "{report}");
         assert_eq!(report["collisions"], 0, "{report}");
-        // No direction comes of the turn in which it fell silent.
+        // The turn in which the signal stopped gives no direction.
         assert!(number(&report, "bearing_rms_deg") < 10.0, "{report}");
     }
     scenario["bearing"]["dropout"] = json!([8, 20]);

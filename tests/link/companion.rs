@@ -1,7 +1,7 @@
 //! `foxhound companion` beside an autopilot, in real time, over every kind of line.
 //!
-//! The autopilot is a thread here, so that everything is known: where the vehicle really is, what it was told and when, and
-//! in which mode it was then. Nothing is asserted about how long anything takes.
+//! The autopilot is a thread here, so that everything is known: the true position of the vehicle, its setpoints and
+//! their times, and the mode at that time. Nothing is asserted about durations.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
@@ -211,7 +211,7 @@ fn interrupt(child: &Child) {
     assert!(killed.success());
 }
 
-/// What must be so at the end of every flight that arrives.
+/// Requirements at the end of every flight that arrives.
 fn arrived(bench: &Bench, code: i32, report: &Value) {
     assert_eq!((code, &report["result"], &report["reason"]), (0, &"reached".into(), &"nominal".into()), "{report}");
     assert_eq!(report["collisions"], 0, "{report}");
@@ -239,7 +239,7 @@ fn flies_to_the_beacon(listen: &str) {
     let heard = bench.heard();
     assert!(heard.min_clearance_m > 0.0, "{}", heard.min_clearance_m);
     let told_m = report["min_clearance_m"].as_f64().unwrap();
-    // It knows of the places that were told, fifty a second, at 2 m/s at most.
+    // It knows the reported positions, fifty a second, at 2 m/s at most.
     assert!((told_m - heard.min_clearance_m).abs() < 0.05, "{told_m} {}", heard.min_clearance_m);
     let length_m = report["path_length_m"].as_f64().unwrap();
     assert!(length_m > 7.0 && length_m < 14.0 && report["straight_line_m"] == 8.0, "{report}");

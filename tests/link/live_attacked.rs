@@ -1,5 +1,5 @@
-//! Whatever is sent to the page of `companion --live`, and however slowly it is read, the flight beside an autopilot goes on: its
-//! setpoints leave in time, and its memory stays what it is.
+//! Whatever is sent to the page of `companion --live`, and however slowly it is read, the flight with an autopilot
+//! continues: its setpoints are sent in time, and its memory does not grow.
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -21,7 +21,7 @@ const IDLE: usize = 200;
 /// A busy machine makes gaps of its own; those that an attack makes are there every time.
 const TRIES: usize = 3;
 
-/// What became of a flight under attack.
+/// The result of a flight under attack.
 #[derive(Debug)]
 struct Outcome {
     result: String,
@@ -31,13 +31,13 @@ struct Outcome {
     memory_before_kb: u64,
     memory_most_kb: u64,
     requests: u64,
-    /// Times that a page which behaves was answered, and the longest that it waited.
+    /// How often a well-behaved page was answered, and its longest wait.
     answers: usize,
     slowest_answer_s: f64,
     ended: Option<i32>,
 }
 
-/// Lies between the companion and the autopilot, and notes when setpoints leave.
+/// A relay between the companion and the autopilot, which records when setpoints are sent.
 fn between(autopilot: &str) -> (String, Arc<Mutex<Vec<Instant>>>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("tcp:{}", listener.local_addr().unwrap());
@@ -100,7 +100,7 @@ fn memory_kb(process: u32) -> u64 {
     line.and_then(|line| line.split_whitespace().next()).and_then(|kb| kb.parse().ok()).unwrap_or(0)
 }
 
-/// Who attacks, as long as it lasts.
+/// An attacker, active while it exists.
 #[derive(Clone)]
 struct Attack {
     page: String,
@@ -118,7 +118,7 @@ impl Attack {
         Some(stream)
     }
 
-    /// Does something again and again.
+    /// Repeats an action.
     fn begin(&self, deed: impl Fn(&Self, usize) + Send + 'static) -> thread::JoinHandle<()> {
         let attack = self.clone();
         thread::spawn(move || {
@@ -136,7 +136,7 @@ impl Attack {
         !self.ends.load(Ordering::Relaxed)
     }
 
-    /// Says something, and then the same piece over and over, as long as anybody listens.
+    /// Sends something, and then the same piece again and again, as long as the other end listens.
     fn endless(&self, begin: &str, piece: &[u8]) {
         let Some(mut stream) = self.connect() else { return };
         let begin = begin.replace("HOST", &self.page);
@@ -227,7 +227,7 @@ fn begin_all(attack: &Attack) -> Vec<thread::JoinHandle<()>> {
     ]
 }
 
-/// A page that behaves: how long it waited for the records from one on, and how many they were.
+/// A well-behaved page: how long it waited for the records from a number on, and how many there were.
 fn ask(page: &str, from: usize) -> Option<(f64, usize)> {
     let since = Instant::now();
     let mut stream = TcpStream::connect(page).ok()?;

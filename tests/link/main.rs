@@ -1,4 +1,4 @@
-//! Over a real line and against the wall clock, the companion flies beside an autopilot, signs, and is understood.
+//! Over a real line and in real time, the companion flies with an autopilot, signs, and is understood.
 //!
 //! Each test shares the machine with the others, but for [`live_attacked`], which measures gaps of a tenth of a second and
 //! takes it alone.

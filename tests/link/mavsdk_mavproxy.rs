@@ -1,5 +1,5 @@
-//! `foxhound companion` beside programs that others made: MAVSDK as its autopilot and ground station, `MAVProxy` as a router
-//! with wishes of its own. `cargo xtask test` installs both and runs these.
+//! `foxhound companion` with programs by others: MAVSDK as its autopilot and ground station, `MAVProxy` as a router
+//! that requests its own rates. `cargo xtask test` installs both and runs these.
 #![expect(clippy::panic, clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -144,7 +144,7 @@ fn mavsdk_reads_every_word(software: &str, landing_frame: f64) {
         assert!(command.is(&[("command", 511.0), ("target_system", 1.0), ("target_component", 1.0)]), "{}", command.0);
     }
 
-    // What MAVSDK switched on as a ground station.
+    // Streams that MAVSDK enabled as a ground station.
     let listed = transcript.params.as_object().unwrap();
     let (_, table) = run_json(&["params", "--json"]);
     let names: BTreeSet<&str> =
@@ -158,7 +158,7 @@ fn mavsdk_reads_every_word(software: &str, landing_frame: f64) {
     }
     let scans = transcript.of("OBSTACLE_DISTANCE");
     assert!(!scans.is_empty() && scans.iter().all(|scan| scan.0["distances"].as_array().unwrap().len() == 72));
-    // And what it was not allowed to change any more.
+    // And those that it could not change any more.
     assert_eq!(transcript.changed_in_flight, Some(false));
     assert!(texts.contains(&"FH_SPD_MAX refused while seeking"), "{texts:?}");
     assert!(

@@ -1,4 +1,5 @@
-//! `foxhound reproduce all`: every experiment in one folder, a page over it, and a run that goes on where it was ended.
+//! `foxhound reproduce all`: every experiment in one folder, an index page, and a run that continues after an
+//! interruption.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

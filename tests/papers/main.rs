@@ -1,4 +1,4 @@
-//! `foxhound reproduce` comes to the numbers that we claim of each paper.
+//! `foxhound reproduce` gives the numbers that we claim for each paper.
 
 mod all;
 mod localize;

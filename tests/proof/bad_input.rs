@@ -1,4 +1,5 @@
-//! Bad input ends with exit code 2 and a text that names the field; what is only strange is flown to an end that has a name.
+//! Bad input ends with exit code 2 and a text that names the field; unusual but valid input is flown to an end with a
+//! name.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

@@ -1,4 +1,4 @@
-//! The core stays what it says it is, and so do the papers' systems and the pad's detector: no standard library, no heap.
+//! The core, the papers' systems and the pad's detector use no standard library and no heap.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -7,7 +7,7 @@ use std::process::Command;
 
 use foxhound_tests::root;
 
-/// All that the core may stand on, with its features off: each is `no_std` and allocates nothing.
+/// All crates that the core may depend on, with its features off: each is `no_std` and allocates nothing.
 const ALLOWED: [&str; 15] = [
     "byteorder",
     "cfg-if",

@@ -1,9 +1,9 @@
-//! The floors of the core, the folders of the simulator, and the modules of the firmware, stand one on the other: every import goes to a floor that is
-//! allowed. Every floor imports only those below it, so no imports go round, neither of floors nor of files of different
-//! floors.
+//! The layers of the core, the folders of the simulator, and the modules of the firmware: every import goes to an
+//! allowed layer. Every layer imports only those below it, so there are no circles, neither of layers nor of files of
+//! different layers.
 //!
-//! What is read is the code, tests among it. A path to another floor begins with `crate::`, or with the library's name in
-//! the program beside it; one of `super::` may not leave its floor.
+//! The check reads the code, including tests. A path to another layer begins with `crate::`, or with the library's
+//! name in the program beside it; a path with `super::` may not leave its layer.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -12,19 +12,19 @@ use std::path::{Path, PathBuf};
 
 use foxhound_tests::root;
 
-/// A crate of which the imports are held.
+/// A crate whose imports are checked.
 struct Layout {
     /// Its sources, from the top of the repository.
     sources: &'static str,
-    /// What its root is called in a path.
+    /// The name of its root in a path.
     roots: &'static [&'static str],
-    /// Each floor and the others that it imports, from the ground up.
+    /// Each layer and those that it imports, from the lowest up.
     floors: &'static [(&'static str, &'static [&'static str])],
-    /// The one name at the root that is no floor, and the floor that it is from.
+    /// The one name at the root that is not a layer, and the layer that it is from.
     exported: Option<(&'static str, &'static str)>,
-    /// Files and folders that stand on no floor: they put the floors together.
+    /// Files and folders outside the layers: they combine them.
     roofs: &'static [&'static str],
-    /// There are more files than that.
+    /// The check fails if there are fewer files than that.
     files_min: usize,
 }
 
@@ -218,7 +218,7 @@ fn check_imports(layout: &Layout) {
         }
     }
     assert!(wrong.is_empty(), "what may not be:\n{}", wrong.join("\n"));
-    // What nobody needs any more is not allowed any more.
+    // Unused permissions are not allowed.
     let allowed: BTreeSet<_> =
         layout.floors.iter().flat_map(|(floor, all)| all.iter().map(|name| (*floor, (*name).to_owned()))).collect();
     assert_eq!(arrows, allowed);
@@ -343,11 +343,11 @@ fn expand(before: &[String], tree: &str, found: &mut BTreeSet<Vec<String>>) {
     found.insert(path);
 }
 
-/// The modules, from the root of the crate, that a module's code names, with what it names in them.
+/// The modules, from the root of the crate, that a module's code uses, with the names used in them.
 fn named_anywhere(module: &[&str], text: &str) -> BTreeSet<Vec<String>> {
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
     let code = packed(text);
-    // Tests stand at the end, in a module of their own.
+    // Tests are at the end, in a module of their own.
     let code = code.split("#[cfg(test)]mod tests{").next().unwrap_or_default();
     let mut found = BTreeSet::new();
     for start in ["crate", "super", "foxhound_sim", "foxhound_firmware"] {
@@ -366,7 +366,7 @@ fn named_anywhere(module: &[&str], text: &str) -> BTreeSet<Vec<String>> {
     found.into_iter().map(from_root).collect()
 }
 
-/// What is left of arrows when again and again those are taken away that lead nowhere on, or that nothing leads to.
+/// Removes edges to nodes without outgoing edges, and from nodes without incoming ones, until none is left to remove.
 fn circles(mut arrows: BTreeSet<(PathBuf, PathBuf)>) -> BTreeSet<(PathBuf, PathBuf)> {
     loop {
         let (begins, ends): (BTreeSet<PathBuf>, BTreeSet<PathBuf>) = arrows.iter().cloned().unzip();
@@ -402,7 +402,7 @@ fn no_imports_of_files_go_round() {
     assert!(round.is_empty(), "files that import each other:\n{round:#?}");
 }
 
-/// A circle of three files is found, and what leads to it or from it is not.
+/// A circle of three files is found, without the files that lead to it or from it.
 #[test]
 fn a_circle_of_files_is_seen() {
     let named =

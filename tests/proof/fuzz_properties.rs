@@ -1,4 +1,4 @@
-//! The properties that the fuzz targets look for exceptions to, on seeded cases.
+//! The properties of the fuzz targets, on seeded cases.
 
 #[path = "../../fuzz/src/lib.rs"]
 pub mod properties;

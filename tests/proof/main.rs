@@ -1,4 +1,4 @@
-//! What must hold after every change: equal traces, imports in one direction, bad input refused, a true manual.
+//! Requirements for every change: equal traces, imports in one direction, bad input refused, a correct manual.
 
 mod bad_input;
 mod core_purity;

@@ -1,5 +1,5 @@
-//! The manual holds together: every page is in its summary, every link leads somewhere, every file that it names is there,
-//! and every command that it shows is one that the program takes.
+//! The manual is consistent: every page is in its summary, every link leads somewhere, every file that it names
+//! exists, and the program accepts every command that it shows.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -159,7 +159,7 @@ fn every_link_and_picture_leads_to_a_file_and_a_heading_that_are_there() {
     assert!(checked > 60, "only {checked} links found");
 }
 
-/// A question of somebody who has not seen the project, the links that are followed from the README, and words of the answer.
+/// A question of somebody who is new to the project, the links to follow from the README, and words of the answer.
 struct Question {
     asked: &'static str,
     links: &'static [&'static str],
@@ -205,7 +205,7 @@ fn from_heading<'a>(text: &'a str, anchor: &str) -> &'a str {
 
 /// Five questions are answered from the README by its links, in no more steps and minutes than `docs/contributing.md` says.
 ///
-/// Everything between where a step arrives and the next link, or the answer, counts as read, at 200 words a minute.
+/// All text from the start of a step to the next link, or to the answer, counts as read, at 200 words a minute.
 #[test]
 fn five_questions_are_answered_from_the_readme() {
     let contributing = read(Path::new("docs/contributing.md"));
@@ -336,7 +336,7 @@ fn every_parameter_and_telemetry_value_that_a_page_names_exists() {
         .lines()
         .filter_map(|line| Some(format!("{} ", line.strip_prefix("| `")?.split_once('`')?.0)))
         .collect();
-    let sent: String = read(Path::new("link/src/companion/speak.rs"))
+    let sent: String = read(Path::new("link/src/companion/send.rs"))
         .split("*b\"FH_")
         .skip(1)
         .filter_map(|rest| Some(format!("FH_{} ", rest.split_once('\\')?.0)))

@@ -1,5 +1,5 @@
-//! Direction finding against the Cramer-Rao bound, and its word about itself. 360 azimuths, eight times each, N = 256,
-//! side 0.40 wavelength, 12-bit codes, unless said otherwise.
+//! Direction finding against the Cramer-Rao bound, and its own sigma. 360 azimuths, eight times each, N = 256, side
+//! 0.40 wavelength, 12-bit samples, unless stated otherwise.
 //!
 //! The bound: `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`; 0.142 deg at 20 dB.
 

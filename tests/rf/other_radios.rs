@@ -255,7 +255,7 @@ fn a_wrong_switched_recording_is_refused_by_key() {
     npy(&files.path("wide_e.npy"), "<i8", &[1], &[0; 8]);
     let refused = |file: &str, text: &str| files.refused("--switched", file, text, &[]);
     assert!(refused("flat.npy", &good).contains("(packets, slots, samples of a slot)"));
-    assert!(refused("short.npy", &good).contains("switch.pattern = 4: no slot of a packet hears this antenna"));
+    assert!(refused("short.npy", &good).contains("switch.pattern = 4: this antenna has no slot in a packet"));
     assert!(refused("none.npy", &good).contains("no packets"));
     assert!(refused("real.npy", &good).contains("expected complex64"));
     for (emitter, text) in [("e.npy", "one number a packet, (1,)"), ("wide_e.npy", "expected int32")] {

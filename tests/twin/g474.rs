@@ -426,7 +426,7 @@ fn an_image_of_another_board_is_refused_and_so_is_what_cannot_be_flown() {
     for (arguments, words) in [
         (&["fly", "--json", "--via", &other][..], "it is for the board mps2_an386"),
         (&["fly", "--json", "--via", "g474:Cargo.toml"], "it is not an ELF file"),
-        (&paper, "--planner: no parameter of the image sets it"),
+        (&paper, "--planner: no parameter of the image sets this"),
     ] {
         let output = run(arguments);
         let errors = String::from_utf8_lossy(&output.stderr);

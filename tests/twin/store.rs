@@ -6,7 +6,7 @@ use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-use foxhound_computer::flight::Mapper as _;
+use foxhound_computer::flight::ParameterStore as _;
 use foxhound_computer::store::{Kept, PAGES, Store};
 use foxhound_computer::twin::{self, Fault, Setup};
 use foxhound_core::base::time::Instant;

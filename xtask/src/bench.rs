@@ -44,7 +44,7 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
 #[derive(Default)]
 struct Report<'a> {
     rows: Vec<Row<'a>>,
-    /// Words on which the kernels agree.
+    /// Number of 32-bit words on which the kernels agree.
     equal_words: Option<u64>,
 }
 

@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::build::workspace;
 
-/// The one that flies.
+/// The board that flies.
 pub(crate) const NUCLEO: &str = "nucleo_g474re";
 /// The twin in QEMU.
 pub(crate) const TWIN: &str = "mps2_an386";

@@ -37,17 +37,17 @@ struct Arguments {
 enum Task {
     /// Install what is missing, then run every check: format, lints, documentation, images, tests, flights in QEMU
     Test {
-        /// End where everything is built
+        /// Stop after the build
         #[arg(long)]
         no_run: bool,
     },
     /// Clone what is committed and run the README's two commands there with a rustup home and a cargo home of their own
     Fresh {
-        /// End where everything is built
+        /// Stop after the build
         #[arg(long)]
         no_run: bool,
     },
-    /// Build the release image of a board and say how large it is
+    /// Build the release image of a board and print its size
     Firmware {
         /// The board: a name of `firmware/src/boards`
         #[arg(long, value_parser = board::named)]
@@ -56,19 +56,19 @@ enum Task {
         #[arg(long)]
         json: bool,
     },
-    /// Say how much of the flash the link takes, and what takes it
+    /// Print how much of the flash the link takes, by function
     Size {
         /// Print one JSON object: base, `with_link`, link, allocator, functions
         #[arg(long)]
         json: bool,
     },
-    /// Say from where in flight the image can panic
+    /// Print the places from which the image can panic in flight
     Panics {
         /// Print one JSON object: roots, panics with root, function, panics, way, proof
         #[arg(long)]
         json: bool,
     },
-    /// Say how much stack the image can take at most
+    /// Print the most stack that the image can take
     Stack {
         /// Print one JSON object: levels, `stack_bytes`, `variables_bytes`, `bytes_max`
         #[arg(long)]
@@ -91,7 +91,7 @@ enum Task {
         #[arg(long, default_value_t = 100)]
         flights: u32,
     },
-    /// Keep the link up and fly to and fro for a simulated day, with faults all the time
+    /// Run the link for a simulated day, flying to and fro, with faults all the time
     Soak {
         /// Simulated hours
         #[arg(long, default_value_t = 24.0)]
@@ -108,10 +108,10 @@ enum Task {
     },
     /// Fly every kind of world in every setting of sensor, bearings, vehicle and hull: docs/results/matrix.md
     Campaign {
-        /// So many times as many flights, but for BARN's worlds
+        /// Factor on the number of flights, except in BARN's worlds
         #[arg(long, default_value_t = 1)]
         times: u32,
-        /// Only settings whose name has this in it, printed
+        /// Only settings whose name contains this; the page is printed, not written
         #[arg(long)]
         only: Option<String>,
     },
@@ -121,12 +121,12 @@ enum Task {
         #[arg(long, default_value_t = 5)]
         seeds: u32,
     },
-    /// Fly to the very end, onto the pad or above the beacon, scene by scene: docs/results/landings.md
+    /// Fly complete missions, onto the pad or above the beacon, scene by scene: docs/results/landings.md
     Landings {
         /// Flights of each scene; of each value of a constant at most 60
         #[arg(long, default_value_t = 200)]
         flights: u32,
-        /// Try the constants alone, on development seeds, and print
+        /// Only compare the constants, on development seeds, and print
         #[arg(long)]
         development: bool,
     },
@@ -136,7 +136,7 @@ enum Task {
 enum Twin {
     /// Boot it; MAVLink is served on the given serial line
     Boot {
-        /// What UART0 is connected to, as QEMU's -serial wants it
+        /// What UART0 is connected to: the value of QEMU's -serial
         #[arg(long, default_value = "tcp:127.0.0.1:5760,server=on,wait=off")]
         serial: String,
     },
@@ -148,7 +148,7 @@ enum Twin {
     },
     /// Count the instructions of each stage, and the worst of whole missions: docs/results/bench.md
     Bench,
-    /// Fly many missions with everything going wrong: docs/results/faults.md
+    /// Fly many missions with random faults: docs/results/faults.md
     Faults {
         /// How many missions
         #[arg(long, default_value_t = 100)]
@@ -156,10 +156,10 @@ enum Twin {
         /// How many faults in each
         #[arg(long, default_value_t = 10)]
         faults: u32,
-        /// What was flown, mission by mission; where it exists it is continued
+        /// File of the results, mission by mission; an existing one is continued
         #[arg(long, default_value = "out/faults.jsonl")]
         record: PathBuf,
-        /// Fly this mission alone, and write nothing
+        /// Fly only this mission, and write nothing
         #[arg(long)]
         seed: Option<u64>,
     },

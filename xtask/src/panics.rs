@@ -1,8 +1,8 @@
 //! From where in the image a panic can begin: `cargo xtask panics`.
 //!
 //! The image is the one that is flashed. From the roots below every call is followed through the machine code, and each function
-//! in which a panic can begin is printed with the way there. One that is not in `EXCUSED` fails, and so does a call of what a
-//! register holds, of which nothing is known.
+//! in which a panic can begin is printed with the path of calls to it. One that is not in `EXCUSED` fails, and so does an
+//! indirect call through a register.
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -119,7 +119,7 @@ impl Reach {
         reach
     }
 
-    /// The names on the shortest way from the root to a function.
+    /// The names on the shortest path of calls from the root to a function.
     fn way<'a>(&self, program: &'a Program, to: u32) -> Vec<&'a str> {
         let mut way = vec![program.name(to)];
         let mut at = to;

@@ -1,6 +1,6 @@
 //! How much stack the image can take at most: `cargo xtask stack`.
 //!
-//! Every function's own part is read from the machine code ([`crate::thumb`]), then the longest way from each root is added up.
+//! Every function's own part is read from the machine code ([`crate::thumb`]), then the longest path of calls from each root is added up.
 //! Levels that interrupt each other lie on top of each other, each with what the processor stacks by itself; handlers of one
 //! priority do not interrupt each other, so the longest counts. What a register calls is looked up in a table; what is not
 //! there fails, and so does a function that calls itself. A panic ends in a reset and a fault has a stack of its own: neither
@@ -20,7 +20,7 @@ use crate::thumb::Program;
 const EXCEPTION_BYTES: u32 = 26 * 4 + 4;
 /// What the design allows for variables and stack.
 const RAM_MAX_BYTES: u64 = 112 * 1024;
-/// How many of the longest frames on a way are printed.
+/// How many of the largest frames on a path are printed.
 const PRINTED: usize = 6;
 
 /// The levels of the NUCLEO-G474RE, from the thread up; of several roots the one that takes most counts.
@@ -78,7 +78,7 @@ const INDIRECT: &[(&str, &[&str])] = &[
     ("_embassy_time_schedule_wake", &["embassy_executor::raw::waker::*"]),
     // What the store keeps is its own.
     ("sequential_storage::*", &["<foxhound_computer::store::record::Record as *"]),
-    // The log writes into a buffer, one way or the other.
+    // The log writes into a buffer in both modes.
     ("_defmt_acquire", &["defmt_rtt::channel::Channel::*"]),
     ("_defmt_write", &["defmt_rtt::channel::Channel::*"]),
     ("_defmt_release", &["defmt_rtt::channel::Channel::*"]),
@@ -148,14 +148,14 @@ pub(crate) fn run(json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The longest ways from functions.
+/// The longest paths of calls from functions.
 struct Depths<'a> {
     program: &'a Program,
     /// Whose tasks: of guidance, or of the link.
     is_guidance: bool,
     /// What is left out.
     without: Option<&'static str>,
-    /// What is known: the bytes, and who is called on the longest way. `None` while it is being found out.
+    /// What is known: the bytes, and the next function on the longest path. `None` while it is being found out.
     known: BTreeMap<u32, Option<(u32, Option<u32>)>>,
 }
 
@@ -182,7 +182,7 @@ impl<'a> Depths<'a> {
         }
         let (mut most, mut by) = (0, None);
         for callee in callees {
-            // Nobody comes back from a panic; formatting calls itself through what is formatted, to no great depth.
+            // A panic does not return; formatting calls itself through what is formatted, to no great depth.
             if is_panic(self.program.name(callee))
                 || self.without == Some(self.program.name(callee))
                 || matches!(self.known.get(&callee), Some(None)) && is_text(self.program.name(callee))
@@ -198,7 +198,7 @@ impl<'a> Depths<'a> {
         Ok(function.frame + most)
     }
 
-    /// What may be meant by a call of what a register holds.
+    /// The possible targets of an indirect call.
     fn indirect(&self, caller: &str) -> Result<Vec<u32>, Failure> {
         let Some((_, names)) = INDIRECT.iter().find(|(name, _)| matches(name, caller)) else {
             return Err(Failure(format!("{caller} calls what a register holds, and nobody says what that may be")));
@@ -213,7 +213,7 @@ impl<'a> Depths<'a> {
         if mine.is_empty() { Err(Failure(format!("nothing is left that {caller} may call"))) } else { Ok(mine) }
     }
 
-    /// The frames on the longest way.
+    /// The frames on the longest path.
     fn way(&self, start: u32) -> Vec<(String, u32)> {
         let mut way = Vec::new();
         let mut next = Some(start);
@@ -234,7 +234,7 @@ fn matches(pattern: &str, name: &str) -> bool {
     }
 }
 
-/// Whether a function is of those that write what is shown.
+/// Whether a function is one of those that write text.
 fn is_text(name: &str) -> bool {
     name.contains("core::fmt::")
 }

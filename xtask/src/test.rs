@@ -8,7 +8,7 @@ use crate::board;
 use crate::build::{Image, TARGET, cargo, install_target, workspace};
 use crate::{FLASH_BYTES, Failure, RAM_BYTES, attend};
 
-/// The peers that read our bytes, at the versions that the tests were written against.
+/// The other programs that read our messages, at the versions that the tests were written against.
 const PEERS: [&str; 13] = [
     "pymavlink==2.4.50",
     "mavsdk==4.1.0",

@@ -6,7 +6,7 @@
 //! (`$t`, `$d`: ELF for the Arm Architecture, 5.5.5) tell instructions from tables and constants.
 //!
 //! What a function takes of the stack is the sum of everything it ever takes: never too little, and too much only where two
-//! ways through it take different things.
+//! paths through it take different amounts.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,7 +20,7 @@ pub(crate) struct Program {
     functions: BTreeMap<u32, Function>,
 }
 
-/// What there is to know of a function.
+/// A function's name, code size, stack and calls.
 #[derive(Default)]
 pub(crate) struct Function {
     /// Its name, without hash.
@@ -168,7 +168,7 @@ impl Function {
             match effect {
                 Effect::None => {}
                 Effect::To(to) if (start..end).contains(&to) => {
-                    // To its own beginning is a call of itself; anywhere else inside is a loop or a branch.
+                    // A branch to its own beginning is a call of itself; anywhere else inside is a loop or a branch.
                     if to == start && wide && halfword(address + 2) & 0xD000 == 0xD000 {
                         function.calls.insert(to);
                     }

@@ -49,7 +49,7 @@ pub(crate) fn bench() -> Result<(), Failure> {
     stages
 }
 
-/// Many missions with everything going wrong, or one of them.
+/// Many missions with random faults, or one of them.
 pub(crate) fn faults(missions: u32, faults: u32, record: &Path, seed: Option<u64>) -> Result<(), Failure> {
     let mut campaign = simulator();
     campaign.args(["--example", "faults", "--"]).arg(image()?.elf);

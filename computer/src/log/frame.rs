@@ -1,15 +1,17 @@
-//! Frames: how records lie in a stream of bytes that may begin and end anywhere and hold anything else in between.
+//! Frames: how records are stored in a stream of bytes that may begin and end anywhere and contain anything else in
+//! between.
 //!
 //! ```text
 //! 0x00  COBS( kind, number (varint), record, CRC-32 )  0x00
 //! ```
 //!
-//! Consistent overhead byte stuffing (Cheshire and Baker, IEEE/ACM Trans. Networking 7(2), 1999) takes the zeros out of a
-//! frame, a byte in 254 more, so that a zero always stands between frames. The checksum is CRC-32/ISO-HDLC, little-endian,
-//! over all before it. Records are in postcard's format. Frames are numbered from the start; one for which there was no
-//! room has a number, too, so that whoever reads knows what is missing.
+//! Consistent overhead byte stuffing (Cheshire and Baker, IEEE/ACM Trans. Networking 7(2), 1999) removes the zeros
+//! from a frame, at the cost of one byte in 254, so that a zero only stands between frames. The checksum is
+//! CRC-32/ISO-HDLC, little-endian, over everything before it. Records are in postcard's format. Frames are numbered
+//! from the start, including those that were dropped because the ring was full, so that a reader knows what is
+//! missing.
 //!
-//! A frame is written where it lies in the ring, and may be written in parts; it needs no room beside that.
+//! A frame is written in place in the ring, and may be written in parts; it needs no other memory.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Digest, Table};
 use postcard::ser_flavors::Flavor;
@@ -20,23 +22,23 @@ use super::ring::{Draft, Full, Producer};
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 static CHECK: Crc<u32, Table<1>> = CRC;
 
-/// Bytes behind the record.
+/// Bytes after the record.
 const CRC_BYTES: usize = 4;
-/// Longest frame without its stuffing; the codes of a frame of the antennas are the longest record.
+/// Longest frame without its stuffing; the samples of an antenna frame are the longest record.
 pub const FRAME_MAX: usize = 2048;
 
-/// A frame that is being written.
+/// A frame in progress.
 pub(super) struct Open {
     draft: Draft,
-    /// Where the length of the run under way goes.
+    /// Position of the length of the present run.
     code_at: usize,
-    /// Its length, and one.
+    /// Its length, plus one.
     code: u8,
     digest: Digest<'static, u32, Table<1>>,
 }
 
 impl Open {
-    /// Begins a frame; what it holds follows.
+    /// Begins a frame; its content follows.
     pub(super) fn begin(ring: &mut Producer<'_>, kind: u8, number: u32) -> Result<Self, Full> {
         let mut draft = ring.draft();
         ring.push(&mut draft, 0)?;
@@ -58,7 +60,7 @@ impl Open {
         bytes.iter().try_for_each(|byte| self.stuff(ring, *byte))
     }
 
-    /// Ends the frame; now it can be read.
+    /// Ends the frame; it can be read now.
     #[inline(never)]
     pub(super) fn end(mut self, ring: &mut Producer<'_>) -> Result<(), Full> {
         let check = self.digest.clone().finalize();
@@ -69,7 +71,7 @@ impl Open {
         Ok(())
     }
 
-    /// Takes the zeros out of what is written.
+    /// Removes the zeros from what is written.
     fn stuff(&mut self, ring: &mut Producer<'_>, byte: u8) -> Result<(), Full> {
         if byte != 0 {
             ring.push(&mut self.draft, byte)?;
@@ -83,7 +85,7 @@ impl Open {
     }
 }
 
-/// Where the serialiser puts its bytes.
+/// The serialiser's output.
 struct Stuffer<'o, 'r, 'a> {
     open: &'o mut Open,
     ring: &'r mut Producer<'a>,
@@ -108,10 +110,10 @@ impl Flavor for Stuffer<'_, '_, '_> {
     }
 }
 
-/// A frame, as it came.
+/// A frame as received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame<'a> {
-    /// What kind of record.
+    /// Kind of the record.
     pub kind: u8,
     /// Its number.
     pub number: u32,
@@ -119,7 +121,7 @@ pub struct Frame<'a> {
     pub record: &'a [u8],
 }
 
-/// Bytes of a frame between its zeros, at most, of so many without the stuffing.
+/// Largest number of bytes between a frame's zeros, for `plain` bytes without the stuffing.
 #[must_use]
 pub const fn stuffed_bytes(plain: usize) -> usize {
     plain + plain / 254 + 2
@@ -128,36 +130,36 @@ pub const fn stuffed_bytes(plain: usize) -> usize {
 /// Finds the frames of a log.
 pub type LogDeframer = Deframer<{ stuffed_bytes(FRAME_MAX) }>;
 
-/// Finds frames of at most so many bytes between their zeros in a stream, which may come in pieces of any size.
+/// Finds frames of a limited length between their zeros in a stream, which may come in pieces of any size.
 #[derive(Debug)]
 pub struct Deframer<const BYTES: usize> {
     bytes: [u8; BYTES],
     length: usize,
-    /// What came since the last zero is longer than any frame.
+    /// The bytes since the last zero are more than any frame.
     is_too_long: bool,
-    /// Pieces between zeros that were no frames.
+    /// Pieces between zeros that were not frames.
     rubbish: u64,
 }
 
 impl<const BYTES: usize> Deframer<BYTES> {
-    /// Nothing has come yet.
+    /// Before the first byte.
     #[must_use]
     pub const fn new() -> Self {
         Self { bytes: [0; BYTES], length: 0, is_too_long: false, rubbish: 0 }
     }
 
-    /// Whether what has come since the last zero is longer than any frame.
+    /// Whether the bytes since the last zero are more than any frame.
     #[must_use]
     pub const fn is_too_long(&self) -> bool {
         self.is_too_long
     }
 
-    /// Forgets what has come since the last zero.
+    /// Forgets the bytes since the last zero.
     pub fn clear(&mut self) {
         (self.length, self.is_too_long) = (0, false);
     }
 
-    /// Takes in a byte; the frame that it ends, if it ends one.
+    /// Takes a byte; returns the frame that it ends, if any.
     pub fn push(&mut self, byte: u8) -> Option<Frame<'_>> {
         if byte != 0 {
             match self.bytes.get_mut(self.length) {
@@ -177,7 +179,7 @@ impl<const BYTES: usize> Deframer<BYTES> {
         frame
     }
 
-    /// Pieces between zeros that were no frames.
+    /// Pieces between zeros that were not frames.
     #[must_use]
     pub const fn rubbish(&self) -> u64 {
         self.rubbish
@@ -190,7 +192,7 @@ impl<const BYTES: usize> Default for Deframer<BYTES> {
     }
 }
 
-/// The frame that these bytes are, between zeros.
+/// The frame in these bytes, between zeros.
 fn read(stuffed: &mut [u8]) -> Option<Frame<'_>> {
     let length = unstuff(stuffed)?;
     let (bytes, check) = stuffed.get(..length)?.split_last_chunk::<CRC_BYTES>()?;
@@ -201,8 +203,8 @@ fn read(stuffed: &mut [u8]) -> Option<Frame<'_>> {
     Some(Frame { kind, number, record })
 }
 
-/// Takes the stuffing out where it lies; what is left is so long. Nothing here can panic, which is more than `cobs` promises:
-/// frames of a camera are read in flight.
+/// Removes the stuffing in place; returns the new length. This cannot panic, which `cobs` does not guarantee: camera
+/// frames are read in flight.
 fn unstuff(bytes: &mut [u8]) -> Option<usize> {
     let (mut from, mut to) = (0, 0);
     while let Some(code) = bytes.get(from).copied() {

@@ -1,27 +1,28 @@
-//! The flight log: all that goes into the flight computer, written down step by step, so that the host flies the same
-//! flight again to the last bit, and what is different names the step (`foxhound replay`).
+//! The flight log: every input of the flight computer, recorded step by step, so that the host can repeat the flight
+//! to the last bit; a difference is reported with its step (`foxhound replay`).
 //!
 //! | kind | record | when |
 //! |---|---|---|
 //! | 1 | [`Begin`]: version, cause, configuration, parameters | at the start, and when a simulator begins anew |
-//! | 2 | bytes heard from the autopilot; of keys only zeros | before the step that they belong to |
+//! | 2 | bytes received from the autopilot; of keys only zeros | before the step that they belong to |
 //! | 3 | circles of a simulated obstacle sensor | before the step, when there are some |
-//! | 4 | [`Codes`] of the converters | every fiftieth frame, behind its step, where there is room; every frame for a dump |
-//! | 5, 6 | what the store of parameters answered: saved or not; loaded values or none | when it was asked |
+//! | 4 | [`Codes`]: samples of the converters | every fiftieth frame, after its step, if there is space; every frame for a dump |
+//! | 5, 6 | results of the parameter storage: saved or not; loaded values or none | when it was called |
 //! | 7 | [`Step`]: time, bearing, plan, trace hash | at the end of every step |
 //! | 8 | [`Late`]: steps that missed their deadline | when there is a new one |
-//! | 9 | text for people | when somebody asked on the maintenance port |
-//! | 10 | what the camera has seen | before the step, when a frame has ended |
+//! | 9 | text for people | when requested on the maintenance port |
+//! | 10 | an observation of the camera | before the step, when a frame has ended |
 //! | 11 | bytes of the lidar on a line of its own | before the step that they belong to |
 //!
-//! The codes of all frames are more than the line carries: 4 x 256 x 12 bit, 50 times a second, are 77 KB/s of its 92. So a
-//! step holds what guidance takes from a frame ([`Measurement`]): the bearing, and the phasors where the vehicle may seek by
-//! turning. Of every fiftieth frame the codes are there, too, so that the front end can be checked by itself.
+//! The samples of all frames are more than the line can carry: 4 x 256 x 12 bit, 50 times a second, are 77 KB/s of
+//! its 92. So a step holds what guidance needs from a frame ([`Measurement`]): the bearing, and the phasors if the
+//! vehicle may seek by turning. Every fiftieth frame is followed by its samples, so that the front end can be checked
+//! by itself.
 //!
-//! [`frame`] says how records lie in the stream, [`ring`] how they get to the port. Nothing here waits: a frame that does
-//! not fit is left out, and its number is missing.
+//! [`frame`] defines how records are stored in the stream, [`ring`] how they get to the port. Nothing here waits: a
+//! frame that does not fit is dropped, and its number is missing.
 //!
-//! Keys are not logged. A flight whose link was signed is replayed without: every frame is then believed.
+//! Keys are not logged. A flight with a signed link is replayed without signatures: every frame is then accepted.
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::obstacle::Circle;
@@ -35,7 +36,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use crate::SAMPLES_PER_CHANNEL as N;
 use crate::deadline::Counts;
-use crate::flight::{Flight, Mapper, Stepped};
+use crate::flight::{Flight, ParameterStore, Stepped};
 
 pub mod frame;
 pub mod ring;
@@ -47,13 +48,13 @@ use secret::Mask;
 
 /// Version of the records.
 pub const LAYOUT: u8 = 6;
-/// From the codes of one frame to those of the next.
+/// Frames from one with samples to the next.
 const CODES_EVERY: u8 = 50;
-/// Bytes of the codes of one frame: 12 bits each.
+/// Bytes of the samples of one frame: 12 bits each.
 const CODES_BYTES: usize = CHANNELS * N * 3 / 2;
-/// Codes are logged where there is room for them, their frame, and the stuffing.
+/// Samples are logged if there is space for them, their frame, and the stuffing.
 const CODES_ROOM: usize = CODES_BYTES + 32;
-/// Measurement bytes in one frame, at most.
+/// Largest number of received bytes in one frame.
 const PIECE_BYTES: u16 = 1024;
 
 /// Kinds of records, see the [module](self).
@@ -73,26 +74,26 @@ enum Kind {
     Lidar = 11,
 }
 
-/// A flight begins.
+/// The begin of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Begin<'a, C, V> {
-    /// [`LAYOUT`] of whoever wrote it.
+    /// [`LAYOUT`] of the writer.
     pub layout: u8,
-    /// [`param::LAYOUT`] of whoever wrote it.
+    /// [`param::LAYOUT`] of the writer.
     pub param_layout: u32,
-    /// Version of the product.
+    /// Version of the program.
     pub version: &'a str,
-    /// Why the computer has started, or what else begins the flight.
+    /// Why the computer has started, or the other cause of the flight's begin.
     pub why: &'a str,
-    /// Whether the mode has to be entered afresh before it gives control.
+    /// Whether the mode has to be left and entered again before it gives control.
     pub needs_entry: bool,
-    /// The configuration that holds; those of parameters are in it.
+    /// The configuration in use, with its parameters.
     pub config: C,
-    /// The parameters that hold.
+    /// The parameters in use.
     pub values: V,
 }
 
-/// The beginning of a flight as it is read.
+/// The begin of a flight as it is read.
 pub type Beginning<'a> = Begin<'a, guidance::Config, Vec<f32, COUNT>>;
 
 /// One step.
@@ -100,11 +101,11 @@ pub type Beginning<'a> = Begin<'a, guidance::Config, Vec<f32, COUNT>>;
 pub struct Step<H> {
     /// The time of the step.
     pub now: Instant,
-    /// What the antennas brought.
+    /// The measurement of the antennas.
     pub heard: Option<H>,
-    /// The plan that was handed in, by its number.
+    /// Number of the plan that was passed in.
     pub plan: Option<u32>,
-    /// Whether the planner took an order.
+    /// Whether the planner took a request.
     pub ordered: bool,
     /// `Output::trace_hash`, little-endian.
     pub trace_hash: [u8; 8],
@@ -113,23 +114,23 @@ pub struct Step<H> {
 /// Steps that missed their deadline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Late {
-    /// How many since the start.
+    /// Number since the start.
     pub late: u32,
     /// The longest step since the start.
     pub longest_us: u32,
 }
 
-/// The codes of a frame.
+/// The samples of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Codes<C> {
     /// The middle of the block.
     pub time: Instant,
-    /// Two codes in three bytes, the lower bits first, channel by channel.
+    /// Two samples in three bytes, the lower bits first, channel by channel.
     pub packed: C,
 }
 
 impl Codes<&[u8]> {
-    /// The snapshot that they are; none where they are too few.
+    /// The frame of these samples; `None` if there are too few.
     #[must_use]
     pub fn snapshot(&self) -> Option<AdcFrame<N>> {
         let mut snapshot = AdcFrame::zeroed();
@@ -140,7 +141,7 @@ impl Codes<&[u8]> {
             return None;
         }
         for ([first, second], [low, middle, high]) in codes.iter_mut().zip(pairs) {
-            // The sign comes back by shifting it out of the upper end and in again.
+            // Shifting out of the upper end and back restores the sign.
             *first = (i16::from_le_bytes([*low, *middle]) << 4) >> 4;
             *second = i16::from_le_bytes([*middle, *high]) >> 4;
         }
@@ -148,7 +149,7 @@ impl Codes<&[u8]> {
     }
 }
 
-/// Codes as they are written.
+/// Samples as they are written.
 struct Packed<'a>(&'a AdcFrame<N>);
 
 impl Serialize for Packed<'_> {
@@ -169,13 +170,13 @@ impl Serialize for Packed<'_> {
 #[expect(clippy::large_enum_variant, reason = "one at a time is written or read, without a heap")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Record<'a> {
-    /// A flight begins.
+    /// The begin of a flight.
     Begin(Beginning<'a>),
-    /// Bytes heard from the autopilot.
+    /// Bytes received from the autopilot.
     Bytes(&'a [u8]),
     /// Circles of an obstacle sensor.
     Circles(Vec<Circle, DELIVERY_MAX>),
-    /// Codes of a frame.
+    /// Samples of a frame.
     Codes(Codes<&'a [u8]>),
     /// Whether the parameters were saved.
     Saved(bool),
@@ -187,14 +188,14 @@ pub enum Record<'a> {
     Late(Late),
     /// Text for people.
     Text(&'a str),
-    /// What the camera has seen.
+    /// An observation of the camera.
     Look(PadObservation),
     /// Bytes of the lidar.
     Lidar(&'a [u8]),
 }
 
 impl<'a> Record<'a> {
-    /// The record of a frame; none where it cannot be read, or is of a kind that a later version has.
+    /// The record of a frame; `None` if it cannot be read, or is of a later version's kind.
     #[must_use]
     pub fn of(frame: &Frame<'a>) -> Option<Self> {
         fn read<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Option<T> {
@@ -230,7 +231,7 @@ impl<'a> Record<'a> {
     }
 }
 
-/// What a log carries from frame to frame.
+/// State of the log, kept from frame to frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct State {
     /// Number of the next frame.
@@ -238,7 +239,7 @@ pub struct State {
     lost: u32,
     mask: Mask,
     codes_due_in: u8,
-    /// Frames that somebody still wants.
+    /// Frames still to be dumped.
     dump: u16,
     late: u32,
 }
@@ -247,25 +248,25 @@ pub struct State {
 pub struct Log<'a> {
     producer: Producer<'a>,
     state: State,
-    /// Heard bytes that are being written, whose they are, and how many there are.
+    /// Frame of received bytes in progress, their source, and their number.
     heard: Option<(Kind, Open, u16)>,
 }
 
 impl<'a> Log<'a> {
-    /// Goes on with a log, or begins one.
+    /// Continues a log, or begins one.
     #[must_use]
     pub const fn resume(producer: Producer<'a>, state: State) -> Self {
         Self { producer, state, heard: None }
     }
 
-    /// What another one needs to go on.
+    /// The state for the next writer.
     #[must_use]
     pub fn pause(mut self) -> State {
         self.end_heard();
         self.state
     }
 
-    /// Frames that there was no room for.
+    /// Frames that were dropped because the ring was full.
     #[must_use]
     pub const fn lost(&self) -> u32 {
         self.state.lost
@@ -277,7 +278,7 @@ impl<'a> Log<'a> {
         self.producer.is_empty()
     }
 
-    /// A flight begins, with what holds in it. To be called before its first step.
+    /// A flight begins, with its configuration. Call it before the first step.
     #[inline(never)]
     pub fn begin<S>(&mut self, why: &str, needs_entry: bool, flight: &Flight<'_, S>) {
         let values: &[f32] = flight.companion.parameters().as_array();
@@ -288,7 +289,7 @@ impl<'a> Log<'a> {
         self.state.codes_due_in = 0;
     }
 
-    /// Bytes of the autopilot, as they are handed to the link, in pieces of any size.
+    /// Bytes of the autopilot, as they are passed to the link, in pieces of any size.
     #[inline(never)]
     pub fn hear(&mut self, bytes: &[u8]) {
         for byte in bytes {
@@ -303,7 +304,7 @@ impl<'a> Log<'a> {
         bytes.iter().for_each(|byte| self.note(Kind::Lidar, *byte));
     }
 
-    /// A heard byte, behind those before it where they are of the same line.
+    /// A received byte, appended to those before it of the same line.
     #[inline(never)]
     fn note(&mut self, kind: Kind, byte: u8) {
         if self.heard.as_ref().is_some_and(|(before, _, count)| *before != kind || *count >= PIECE_BYTES) {
@@ -319,7 +320,7 @@ impl<'a> Log<'a> {
         self.count(written);
     }
 
-    /// Ends the frame of heard bytes that is being written.
+    /// Ends the frame of received bytes in progress.
     fn end_heard(&mut self) {
         if let Some((_, open, _)) = self.heard.take() {
             let written = open.end(&mut self.producer);
@@ -327,12 +328,12 @@ impl<'a> Log<'a> {
         }
     }
 
-    /// A store whose answers are logged.
-    pub fn mapper<'k, K: Mapper>(&'k mut self, mapper: &'k mut K) -> Logged<'k, 'a, K> {
-        Logged { log: self, mapper }
+    /// A storage whose results are logged.
+    pub fn parameter_store<'k, K: ParameterStore>(&'k mut self, parameter_store: &'k mut K) -> Logged<'k, 'a, K> {
+        Logged { log: self, parameter_store }
     }
 
-    /// A step that was made; `ordered` where the planner took an order.
+    /// A finished step; `ordered` if the planner took a request.
     #[inline(never)]
     pub fn step(
         &mut self,
@@ -346,7 +347,7 @@ impl<'a> Log<'a> {
             self.write(Kind::Look, look);
         }
         if let Some(circles) = circles {
-            // No more are ever taken.
+            // No more than this are ever used.
             self.write(Kind::Circles, &circles.get(..DELIVERY_MAX).unwrap_or(circles));
         }
         let (now, heard, plan) = (came.output.time, came.heard.as_ref(), came.plan);
@@ -367,7 +368,8 @@ impl<'a> Log<'a> {
         }
     }
 
-    /// The codes of so many frames are wanted, from now on; of one for which there is no room the next.
+    /// Requests the samples of that many frames from now on; one that does not fit is skipped and the next one
+    /// counts.
     pub fn dump(&mut self, frames: u16) {
         self.state.dump = frames;
     }
@@ -378,7 +380,7 @@ impl<'a> Log<'a> {
         self.producer.capacity() - self.producer.room()
     }
 
-    /// What is known of the deadlines; logged where there is a new miss.
+    /// Takes the counts of deadlines; logs them if there is a new miss.
     pub fn deadlines(&mut self, counts: Counts) {
         if counts.late != self.state.late {
             self.state.late = counts.late;
@@ -401,7 +403,7 @@ impl<'a> Log<'a> {
         self.count(written);
     }
 
-    /// Begins the next frame, which has its number even if it does not fit.
+    /// Begins the next frame, which uses a number even if it does not fit.
     #[inline(never)]
     fn open(&mut self, kind: Kind) -> Result<Open, Full> {
         let number = self.state.next;
@@ -416,21 +418,21 @@ impl<'a> Log<'a> {
     }
 }
 
-/// A store whose answers are logged.
+/// A storage whose results are logged.
 pub struct Logged<'k, 'a, K> {
     log: &'k mut Log<'a>,
-    mapper: &'k mut K,
+    parameter_store: &'k mut K,
 }
 
-impl<K: Mapper> Mapper for Logged<'_, '_, K> {
+impl<K: ParameterStore> ParameterStore for Logged<'_, '_, K> {
     fn save(&mut self, values: &Values) -> bool {
-        let is_saved = self.mapper.save(values);
+        let is_saved = self.parameter_store.save(values);
         self.log.write(Kind::Saved, &is_saved);
         is_saved
     }
 
     fn load(&mut self) -> Option<Values> {
-        let values = self.mapper.load();
+        let values = self.parameter_store.load();
         self.log.write(Kind::Loaded, &values.as_ref().map(|values| values.as_array().as_slice()));
         values
     }

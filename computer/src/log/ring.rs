@@ -1,17 +1,17 @@
-//! Bytes on their way from the fast loop to the maintenance port: one writes, one reads, neither waits.
+//! A queue of bytes from the fast loop to the maintenance port: one writer, one reader, neither waits.
 //!
-//! What is written becomes readable when it is committed, all of it at once; a draft that does not fit is given up and
-//! leaves no trace. The bytes are atomics, so that there is nothing to lock and no `unsafe`: storing one is a plain store.
+//! A draft becomes readable when it is committed, all of it at once; a draft that does not fit is dropped without a
+//! trace. The bytes are atomics, so that there are no locks and no `unsafe`: storing one is a plain store.
 //!
 
 use core::array;
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
-/// Room for `N - 1` bytes. All its bits are zero at first.
+/// Space for `N - 1` bytes. All its bits are zero at first.
 #[derive(Debug)]
 pub struct Ring<const N: usize> {
     bytes: [AtomicU8; N],
-    /// Where the next byte is written, and where the next one is read; nothing is there where the two are the same.
+    /// Position of the next byte to write and to read; equal if it is empty.
     head: AtomicUsize,
     tail: AtomicUsize,
 }
@@ -36,7 +36,7 @@ impl<const N: usize> Default for Ring<N> {
     }
 }
 
-/// The end that is written to.
+/// The writer.
 #[derive(Debug)]
 pub struct Producer<'a> {
     bytes: &'a [AtomicU8],
@@ -44,7 +44,7 @@ pub struct Producer<'a> {
     tail: &'a AtomicUsize,
 }
 
-/// The end that is read from.
+/// The reader.
 #[derive(Debug)]
 pub struct Consumer<'a> {
     bytes: &'a [AtomicU8],
@@ -52,7 +52,7 @@ pub struct Consumer<'a> {
     tail: &'a AtomicUsize,
 }
 
-/// The place behind `at`.
+/// The position after `at`.
 fn next(at: usize, length: usize) -> usize {
     if at + 1 < length { at + 1 } else { 0 }
 }
@@ -64,13 +64,13 @@ impl Producer<'_> {
         self.head.load(Ordering::Relaxed) == self.tail.load(Ordering::Acquire)
     }
 
-    /// Bytes that there is room for in all.
+    /// Bytes that fit in total.
     #[must_use]
     pub const fn capacity(&self) -> usize {
         self.bytes.len().saturating_sub(1)
     }
 
-    /// Bytes that there is room for.
+    /// Bytes that fit now.
     #[must_use]
     pub fn room(&self) -> usize {
         let (head, tail) = (self.head.load(Ordering::Relaxed), self.tail.load(Ordering::Acquire));
@@ -84,10 +84,10 @@ impl Producer<'_> {
         Draft(self.head.load(Ordering::Relaxed))
     }
 
-    /// Appends a byte to a draft; says where it lies. There is one draft at a time.
+    /// Appends a byte to a draft; returns its position. There is one draft at a time.
     ///
     /// # Errors
-    /// There is no room for it.
+    /// The queue is full.
     #[inline(never)]
     pub fn push(&mut self, draft: &mut Draft, byte: u8) -> Result<usize, Full> {
         let (at, behind) = (draft.0, next(draft.0, self.bytes.len()));
@@ -106,22 +106,22 @@ impl Producer<'_> {
         }
     }
 
-    /// Lets a draft be read.
+    /// Makes a draft readable.
     pub fn commit(&mut self, draft: Draft) {
         self.head.store(draft.0, Ordering::Release);
     }
 }
 
-/// What is being written, and can still be given up: its end.
+/// A draft in progress, which can still be dropped: its end.
 #[derive(Debug)]
 pub struct Draft(usize);
 
-/// There is no room.
+/// The queue is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Full;
 
 impl Consumer<'_> {
-    /// Takes out what is there, as much as fits; says how much that was.
+    /// Removes waiting bytes, as many as fit; returns how many.
     pub fn read(&mut self, into: &mut [u8]) -> usize {
         let head = self.head.load(Ordering::Acquire);
         let mut tail = self.tail.load(Ordering::Relaxed);

@@ -1,8 +1,8 @@
-//! Keeps keys out of the log: what the autopilot's side says is logged byte for byte, but for the content of
-//! `SETUP_SIGNING`, which is replaced by zeros.
+//! Keeps keys out of the log: the autopilot's bytes are logged unchanged, except for the content of `SETUP_SIGNING`,
+//! which is replaced by zeros.
 //!
-//! The head of such a frame is looked for at every byte, whatever came before it, so that no piece of a frame and no noise
-//! can hide one. That other bytes look like that head by chance happens once in 2^32; a message is then lost to the log.
+//! Every byte is tested for the head of such a frame, whatever came before it, so that no part of a frame and no
+//! noise can hide one. Other bytes look like that head by chance once in 2^32; a message is then missing in the log.
 
 use foxhound_link::signing::is_secret;
 
@@ -10,11 +10,11 @@ use foxhound_link::signing::is_secret;
 const HEAD_BYTES: usize = 10;
 const MAGIC: u8 = 0xFD;
 
-/// Watches one stream of bytes.
+/// Filters one stream of bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Mask {
     last: [u8; HEAD_BYTES],
-    /// So many bytes from here on are secret.
+    /// The number of secret bytes from here on.
     secret: u16,
 }
 

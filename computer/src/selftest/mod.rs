@@ -1,34 +1,36 @@
-//! The receiver examined on board, and calibrated: what `foxhound calibrate` does with a file, the flight computer does with
-//! the frames that it gets.
+//! Tests the receiver on board, and calibrates it: the same as `foxhound calibrate`, from the flight computer's own
+//! frames.
 //!
-//! One tone goes to all four inputs, through a splitter, or comes from a source whose direction is known. For
-//! [`Config::frames`] frames, and eight before them, 1.5 s, outside control and disarmed, the frames go here and not to guidance, which gets none. What
-//! they must show, in this order; the first thing that is wrong is the verdict:
+//! One tone goes to all four inputs through a splitter, or comes from a source in a known direction. For
+//! [`Config::frames`] frames, and eight before them, 1.5 s, outside control and disarmed, the frames are used here
+//! and not by guidance. The checks, in this order; the first that fails is the verdict:
 //!
-//! | check | what it means | usual cause |
+//! | check | requirement | usual cause |
 //! |---|---|---|
 //! | [`Check::Frames`] | frames come | converters, timer or DMA do not run |
 //! | [`Check::Frozen`] | no frame repeats the one before | a converter or its DMA has stopped |
-//! | [`Check::Dead`] | codes change; and, once there is a tone, it is there with 1 % of the strongest one's power | wire, amplifier, mixer |
-//! | [`Check::Clipped`] | at most 1 % of the codes at a rail | too loud, bias |
-//! | [`Check::Same`] | no two channels have the very same codes in all frames | two inputs on one converter |
+//! | [`Check::Dead`] | samples change; and, once there is a tone, it has at least 1 % of the strongest one's power | wire, amplifier, mixer |
+//! | [`Check::Clipped`] | at most 1 % of the samples at a rail | too loud, bias |
+//! | [`Check::Same`] | no two channels have identical samples in all frames | two inputs on one converter |
 //! | [`Check::Rate`] | frames come at whole multiples of their length, by the clock of the time stamps | sample timer |
 //! | [`Check::Offset`] | the mean is near half scale | bias |
 //! | [`Check::Noise`] | the floor is low, and no channel's stands out | supply, oscillation, a loose shield |
-//! | [`Check::Tone`] | there is a tone, well above the noise | no tone; elsewhere than its band |
-//! | [`Check::Gain`] | the channels are about as loud as each other | amplifier, cable, splitter |
-//! | [`Check::Phase`] | the channels' phases stay where they are | oscillator, a loose connector |
-//! | [`Check::Order`] | the antennas are on the channels where they should be | exchanged cables |
+//! | [`Check::Tone`] | there is a tone, well above the noise | no tone, or outside its band |
+//! | [`Check::Gain`] | the channels have about equal gain | amplifier, cable, splitter |
+//! | [`Check::Phase`] | the channels' phases are steady | oscillator, a loose connector |
+//! | [`Check::Order`] | each antenna is on its channel | exchanged cables |
 //!
-//! Which channel is exchanged for which a splitter cannot tell: all are alike there. A source in a known direction can once the
-//! channels are calibrated, unless two antennas are symmetric about that direction: dead ahead, left and right may be
-//! exchanged and nobody sees it; 30 degrees beside the nose is symmetric about nothing. Two inputs that are one by a bridge
-//! of solder, before two converters, have noises of their own, and are not found by [`Check::Same`].
+//! A splitter cannot show exchanged channels, since all signals are alike. A source in a known direction can, once
+//! the channels are calibrated, unless two antennas are symmetric about that direction: dead ahead, an exchange of
+//! left and right is not visible; 30 degrees beside the nose is not symmetric. Two inputs joined by a solder bridge
+//! before two converters have different noise, and are not found by [`Check::Same`].
 //!
-//! A constant is no fault of the phases: [`foxhound_core::signal::phase`] projects it out. It only costs room.
+//! A constant offset does not affect the phases: [`foxhound_core::signal::phase`] projects it out. It only reduces
+//! the range.
 //!
-//! Source of the numbers: the codes, and the phasors of [`foxhound_core::signal::phase`] with its noise floor; phases and
-//! gains relative to each other are those of [`foxhound_core::doa::calibration::Calibrator`]. Only sums are kept, no frames.
+//! The numbers come from the samples, and from the phasors of [`foxhound_core::signal::phase`] with its noise floor;
+//! relative phases and gains are those of [`foxhound_core::doa::calibration::Calibrator`]. Only sums are stored, no
+//! frames.
 
 mod report;
 mod run;
@@ -54,26 +56,26 @@ use run::{Run, SETTLING};
 /// Bytes of a `STATUSTEXT`.
 const WORDS_BYTES: usize = 50;
 
-/// What is too much.
+/// Limits of the test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Frames that are listened to.
+    /// Number of frames used.
     pub frames: u16,
-    /// A mean that is farther from half scale is wrong.
+    /// Largest distance of the mean from half scale.
     pub offset_max_codes: f32,
-    /// Part of the codes that may be at a rail.
+    /// Largest share of the samples at a rail.
     pub clipped_max: f32,
     /// Noise, rms.
     pub noise_max_codes: f32,
     /// Noise above that of the other channels, their median.
     pub noise_spread_max_db: f32,
-    /// The tone over the noise, per sample.
+    /// Least tone over the noise, per sample.
     pub snr_min_db: f32,
     /// From the weakest channel to the strongest.
     pub gain_spread_max_db: f32,
     /// Standard deviation of a channel's phase from frame to frame, against the others'.
     pub phase_sigma_max_rad: f32,
-    /// The sample rate against the clock of the time stamps, as a part of it.
+    /// Largest relative difference of the sample rate from the clock of the time stamps.
     pub rate_off_max: f32,
 }
 
@@ -112,20 +114,20 @@ impl Config {
     }
 }
 
-/// What is looked at.
+/// The checks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Check {
     /// Frames come.
     Frames,
     /// No frame repeats the one before.
     Frozen,
-    /// A channel hears something.
+    /// A channel has a signal.
     Dead,
-    /// Codes stay off the rails.
+    /// Samples stay off the rails.
     Clipped,
-    /// No two channels are the same one.
+    /// No two channels are identical.
     Same,
-    /// Frames come when they should.
+    /// Frames come in time.
     Rate,
     /// The mean is near half scale.
     Offset,
@@ -133,16 +135,16 @@ pub enum Check {
     Noise,
     /// There is a tone.
     Tone,
-    /// Channels are about as loud as each other.
+    /// Channels have about equal gain.
     Gain,
-    /// Phases stay.
+    /// Phases are steady.
     Phase,
-    /// Antennas are where they should be.
+    /// Each antenna is on its channel.
     Order,
 }
 
 impl Check {
-    /// What is wrong where it is not so.
+    /// The fault as text.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -162,7 +164,7 @@ impl Check {
     }
 }
 
-/// Some of the channels, 0..4; none where something concerns all of them.
+/// Some of the channels, 0..4; none if a fault concerns all of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Channels(u8);
 
@@ -170,7 +172,7 @@ impl Channels {
     /// None.
     pub const NONE: Self = Self(0);
 
-    /// One of them.
+    /// One channel.
     #[must_use]
     pub const fn one(channel: usize) -> Self {
         Self(1 << (channel % CHANNELS))
@@ -182,7 +184,7 @@ impl Channels {
         Self(self.0 | Self::one(channel).0)
     }
 
-    /// Those for which something holds.
+    /// The channels for which a condition is true.
     pub fn which(holds: impl Fn(usize) -> bool) -> Self {
         (0..CHANNELS).filter(|channel| holds(*channel)).fold(Self::NONE, Self::and)
     }
@@ -200,26 +202,26 @@ impl Channels {
     }
 }
 
-/// What an examination came to.
+/// The result of a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// All is well.
+    /// All checks passed.
     Pass,
-    /// This is not.
+    /// A check failed.
     Fail {
-        /// The first that is not.
+        /// The first that failed.
         check: Check,
-        /// Where.
+        /// The channels concerned.
         channels: Channels,
     },
     /// The vehicle was armed or taken into control.
     Interrupted,
 }
 
-/// Why none was begun.
+/// Why no test was begun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// One is under way.
+    /// A test is running.
     Busy,
     /// The vehicle is armed, or we are in control of it.
     InUse,
@@ -229,13 +231,13 @@ pub enum Refused {
 enum Stage {
     Idle,
     Running(Run),
-    /// Has its verdict, which nobody has been told yet; what was measured, where it is to be taken over.
+    /// It has a verdict that has not been reported yet; and the measurement, if it is to be adopted.
     Ended(Report, Option<Entry>),
-    /// All is said.
+    /// Everything has been reported.
     Told(Report),
 }
 
-/// The examination that is under way or was the last.
+/// The present test, or the last one.
 #[derive(Clone, Copy, Debug)]
 pub struct SelfTest {
     config: Config,
@@ -243,10 +245,10 @@ pub struct SelfTest {
 }
 
 impl SelfTest {
-    /// Begins one.
+    /// Begins a test.
     ///
     /// # Errors
-    /// There is one already.
+    /// One is running already.
     pub fn begin(&mut self, exam: Exam) -> Result<(), Refused> {
         if matches!(self.stage, Stage::Running(_) | Stage::Ended(..)) {
             return Err(Refused::Busy);
@@ -255,25 +257,25 @@ impl SelfTest {
         Ok(())
     }
 
-    /// Whether frames are to be listened to.
+    /// Whether it needs frames.
     #[must_use]
     pub const fn is_running(&self) -> bool {
         matches!(self.stage, Stage::Running(_))
     }
 
-    /// Whether the board is to make a tone of its own.
+    /// Whether the board has to make its own tone.
     #[must_use]
     pub const fn wants_tone(&self) -> bool {
         matches!(self.stage, Stage::Running(Run { exam: Exam::SelfTest(Tone::Board), .. }))
     }
 
-    /// Whether no frame has been listened to yet: what is known of a tone is of another one.
+    /// Whether no frame has been used yet: a tracked tone is then another one.
     #[must_use]
     pub const fn is_beginning(&self) -> bool {
         matches!(self.stage, Stage::Running(Run { settling: SETTLING, .. }))
     }
 
-    /// A step without a frame that can be used.
+    /// A step without a usable frame.
     #[inline(never)]
     pub fn miss(&mut self, frozen: Option<usize>) {
         if let Stage::Running(run) = &mut self.stage {
@@ -282,7 +284,7 @@ impl SelfTest {
         self.conclude(None);
     }
 
-    /// A frame, and what phasors it has; `array` with the table that holds.
+    /// A frame, and its phasors; `array` with the table in use.
     #[inline(never)]
     pub fn step(&mut self, array: &Array, sample_rate_hz: f32, snapshot: &AdcFrame<N>, phasors: &Phasors) {
         if let Stage::Running(run) = &mut self.stage {
@@ -311,14 +313,14 @@ impl SelfTest {
         }
     }
 
-    /// What has just ended, told once; and how the channels are, where that is to be taken over.
+    /// The test that has just ended, returned once; and the measurement, if it is to be adopted.
     pub(crate) fn take_ended(&mut self) -> Option<(Report, Option<Entry>)> {
         let Stage::Ended(report, entry) = self.stage else { return None };
         self.stage = Stage::Told(report);
         Some((report, entry))
     }
 
-    /// What the last one came to, until the next begins.
+    /// The result of the last test, until the next begins.
     #[must_use]
     pub const fn report(&self) -> Option<&Report> {
         match &self.stage {
@@ -328,7 +330,7 @@ impl SelfTest {
     }
 }
 
-/// The verdict in the words of a `STATUSTEXT`.
+/// The verdict as the text of a `STATUSTEXT`.
 #[must_use]
 pub fn words(exam: Exam, verdict: Verdict) -> String<WORDS_BYTES> {
     let (passed, failed) = match exam {
@@ -336,7 +338,7 @@ pub fn words(exam: Exam, verdict: Verdict) -> String<WORDS_BYTES> {
         Exam::Calibrate { .. } => ("Foxhound: calibrated", "Foxhound: not calibrated: "),
     };
     let mut words = String::new();
-    // All of it fits, which a test says.
+    // All of it fits, as a test checks.
     let mut say = |text: &str| words.push_str(text).unwrap_or_default();
     match verdict {
         Verdict::Pass => say(passed),

@@ -1,26 +1,26 @@
-//! What was measured, in whole numbers: to write floats takes more flash than there is.
+//! Measurements in whole numbers: the formatting of floats takes too much flash.
 
 use foxhound_core::base::adc::CHANNELS;
 use foxhound_link::companion::Exam;
 
 use super::Verdict;
 
-/// One examination.
+/// One test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// Which one.
+    /// Kind of the test.
     pub exam: Exam,
-    /// What it came to.
+    /// Its result.
     pub verdict: Verdict,
-    /// Frames listened to.
+    /// Frames used.
     pub frames: u16,
-    /// The tone's frequency in the samples; zero where there was none.
+    /// The tone's frequency in the samples; zero without one.
     pub frequency_hz: i32,
     /// The tone over the noise, per sample.
     pub snr_centi_db: i32,
-    /// The sample rate by the clock of the time stamps, over the configured one.
+    /// The sample rate by the clock of the time stamps, relative to the configured one.
     pub rate_off_ppm: i32,
-    /// Standard deviation of a channel's phase that a calibration from this leaves.
+    /// Remaining standard deviation of a channel's phase after a calibration from this.
     pub residual_mdeg: i32,
     /// Channel by channel.
     pub channels: [Reading; CHANNELS],
@@ -29,19 +29,19 @@ pub struct Report {
 /// One channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reading {
-    /// Mean of the codes.
+    /// Mean of the samples.
     pub offset_centi_codes: i32,
-    /// Codes at a rail, of a million.
+    /// Samples at a rail, per million.
     pub clipped_ppm: i32,
     /// Noise floor, rms.
     pub noise_centi_codes: i32,
-    /// The same below the loudest sine that fits.
+    /// The same relative to the loudest sine that fits.
     pub noise_centi_dbfs: i32,
     /// The tone.
     pub amplitude_centi_codes: i32,
-    /// Its amplitude over the channels' mean.
+    /// Its amplitude relative to the channels' mean.
     pub gain_centi_db: i32,
-    /// Its phase over the channels' common one; with a known source, less what its direction makes.
+    /// Its phase relative to the channels' common one; with a known source, minus that of its direction.
     pub phase_mdeg: i32,
     /// Standard deviation of that from frame to frame.
     pub phase_sigma_mdeg: i32,

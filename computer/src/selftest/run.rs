@@ -1,4 +1,4 @@
-//! What is summed up frame by frame, and what it says.
+//! Sums over the frames, and the verdict from them.
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::math::sqrt;
@@ -18,9 +18,9 @@ use crate::SAMPLES_PER_CHANNEL as N;
 const FULL_SCALE_CODES: f32 = 2048.0 * core::f32::consts::FRAC_1_SQRT_2;
 /// A channel this much below the strongest, in power, is dead.
 const DEAD_POWER_RATIO: f32 = 0.01;
-/// At the beginning so many frames pass unheard: the tone has to be found, and the board's own has to rise.
+/// The first frames are not used: the tone has to be found, and the board's own has to rise.
 pub(super) const SETTLING: u16 = 8;
-/// Two frames are never farther apart where they can be timed.
+/// Frames farther apart than this are not timed.
 const GAP_MAX_US: u64 = 1_000_000;
 /// All pairs of channels, in the order of the bits of `pairs`.
 const PAIRS: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
@@ -28,18 +28,18 @@ const PAIRS: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Run {
     pub(super) exam: Exam,
-    /// Frames that are still to pass unheard.
+    /// Frames still to be skipped.
     pub(super) settling: u16,
-    /// Frames listened to.
+    /// Frames used.
     frames: u16,
-    /// Steps that brought none.
+    /// Steps without a frame.
     missed: u16,
-    /// Frames with a tone that counts.
+    /// Frames with a usable tone.
     heard: u16,
     calibrator: Calibrator,
-    /// The first such frame's, to which phases are compared.
+    /// Phasors of the first such frame, to which phases are compared.
     first: [Complex; CHANNELS],
-    /// By how much each channel's phase is off the common one.
+    /// How much each channel's phase differs from the common one.
     turned_rad: [f32; CHANNELS],
     turned_rad2: [f32; CHANNELS],
     amplitude_codes: [f32; CHANNELS],
@@ -47,13 +47,13 @@ pub(super) struct Run {
     codes: [i32; CHANNELS],
     rails: [u16; CHANNELS],
     snr_db: f32,
-    /// In all frames: the channels that did not change, and the pairs that were the same.
+    /// Over all frames: the channels that did not change, and the pairs that were identical.
     silent: Channels,
     pairs: u8,
     frozen: Channels,
     last: Instant,
     timed_s: f32,
-    /// By how much longer that was than the blocks of it.
+    /// How much longer that was than its blocks.
     late_s: f32,
 }
 
@@ -103,7 +103,7 @@ impl Run {
         }
     }
 
-    /// Frames that do not come end it, too.
+    /// Missing frames end it, too.
     pub(super) fn is_over(&self, config: &Config) -> bool {
         self.frames >= config.frames || self.missed >= config.frames
     }
@@ -138,7 +138,7 @@ impl Run {
         self.frames += 1;
     }
 
-    /// From frame to frame there are whole blocks, of which any number may be left out.
+    /// There are whole blocks from frame to frame, of which any number may be missing.
     fn time(&mut self, blocks_per_s: f32, time: Instant) {
         let since_us = time.micros_since(self.last);
         self.last = time;
@@ -172,7 +172,7 @@ impl Run {
         }
     }
 
-    /// What is wrong first. `last` is the last frame, where it was one.
+    /// The first fault. `last` is the last frame, if there was one.
     pub(super) fn judge(&self, config: &Config, last: Option<(&Array, &Phasors)>) -> Verdict {
         let measured = self.measured();
         let fail = |check, channels| Verdict::Fail { check, channels };
@@ -224,18 +224,18 @@ impl Run {
         None
     }
 
-    /// Channels that are the same in all frames.
+    /// Channels that are identical in all frames.
     fn same(&self) -> Channels {
         let pairs = PAIRS.into_iter().enumerate().filter(|(bit, _)| self.pairs & (1 << bit) != 0);
         pairs.fold(Channels::NONE, |channels, (_, (a, b))| channels.and(a).and(b))
     }
 
-    /// The sample rate that the time stamps say, over the configured one, less one.
+    /// The sample rate by the time stamps, relative to the configured one, minus one.
     fn rate_off(&self) -> f32 {
         if self.timed_s > 0.0 { -self.late_s / self.timed_s } else { 0.0 }
     }
 
-    /// Channels whose antennas are on others; only a source in a known direction tells, before calibrated channels.
+    /// Channels whose antennas are on others; only a source in a known direction shows it, with calibrated channels.
     #[inline(never)]
     fn moved(&self, array: &Array, phasors: &Phasors) -> Channels {
         let Exam::SelfTest(Tone::Ahead { .. }) = self.exam else { return Channels::NONE };
@@ -293,7 +293,7 @@ impl Run {
     }
 }
 
-/// What a channel is like.
+/// Measurements of a channel.
 #[derive(Clone, Copy, Debug)]
 struct Measured {
     offset_codes: f32,
@@ -303,7 +303,7 @@ struct Measured {
     phase_sigma_rad: f32,
 }
 
-/// Of a ratio of amplitudes; that of nothing is the smallest that there is.
+/// A ratio of amplitudes in dB; zero gives the smallest value.
 fn db(ratio: f32) -> f32 {
     20.0 * libm::log10f(ratio.max(1e-6))
 }

@@ -1,11 +1,11 @@
-//! A flash whose erases are finished, whenever the power went.
+//! A flash that completes every erase, whenever the power fails.
 //!
-//! A map in flash can tell a word that was half written, by its check sums. It cannot tell a page that was half erased: what
-//! is left in it may look like an old page, or like a free one. So the first page of the store is a journal. Before a page
-//! is erased, or some in a row, their numbers are written there, and struck out (by zeros, which can be written over anything)
-//! when it is done; an erase that stands there at the start is done again.
+//! A map in flash can detect a half written word by its checksums, but not a half erased page: its remains may look
+//! like an old page, or like a free one. So the first page of the store is a journal. Before pages are erased, their
+//! numbers are written there, and struck out (by zeros, which can be written over anything) afterwards; an erase that
+//! is still in the journal at the start is repeated.
 //!
-//! Everything is there at once, so the futures that the map wants end at their first poll.
+//! Every operation completes at once, so the futures of the map end at their first poll.
 
 use core::ops::Range;
 use core::pin::pin;
@@ -14,7 +14,7 @@ use core::task::{Context, Poll, Waker};
 use embedded_storage::nor_flash::NorFlash;
 use embedded_storage_async::nor_flash as later;
 
-/// Bytes that are written at a time.
+/// Bytes per write.
 pub(super) const WORD: usize = 8;
 /// Pages of the store.
 pub const PAGES: u32 = 8;
@@ -22,10 +22,11 @@ pub const PAGES: u32 = 8;
 const JOURNAL: Range<u32> = 0..1;
 const BLANK: u64 = u64::MAX;
 const DONE: u64 = 0;
-/// An entry of the journal: its last bytes are the first page and the one behind the last, those before their complements.
+/// An entry of the journal: its last bytes are the first page and the one after the last, preceded by their
+/// complements.
 const ENTRY: u64 = 0x46AC_9E35_0000_0000;
 
-/// The flash, and what has happened to it.
+/// The flash, and whether it was written.
 #[derive(Debug)]
 pub(super) struct Sure<F> {
     flash: F,
@@ -66,7 +67,7 @@ impl<F: NorFlash> Sure<F> {
         self.flash.erase(pages.start * size, pages.end * size)
     }
 
-    /// Does again what the power may have ended. To be called before anything else.
+    /// Repeats what a loss of power may have interrupted. Call it before anything else.
     pub(super) fn finish(&mut self) -> Result<(), F::Error> {
         let mut is_sound = true;
         for at in Self::journal() {
@@ -81,10 +82,10 @@ impl<F: NorFlash> Sure<F> {
         if is_sound { Ok(()) } else { self.erase_pages(&JOURNAL) }
     }
 
-    /// Writes down that pages are about to be erased, and says where that stands.
+    /// Records that pages are about to be erased, and returns the position of the entry.
     fn note(&mut self, pages: &Range<u32>) -> Result<Option<u32>, F::Error> {
         for at in Self::journal() {
-            // A word that looks free and is not takes nothing: the next one.
+            // A word that looks free but cannot be written: try the next one.
             if self.word(at)? == BLANK && self.write_word(at, entry(pages)).is_ok() {
                 return Ok(Some(at));
             }
@@ -121,7 +122,7 @@ fn pages_of(word: u64) -> Option<Range<u32>> {
     (word == entry(&pages) && 0 < pages.start && pages.start < pages.end && pages.end <= PAGES).then_some(pages)
 }
 
-/// What a future comes to that has nothing to wait for.
+/// The result of a future that never waits.
 pub(super) fn at_once<T>(future: impl Future<Output = T>) -> Option<T> {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => Some(value),

@@ -1,27 +1,27 @@
-//! What is kept while the power is off: parameters, calibration, the key of signing, and how often the computer was started.
+//! Non-volatile storage: parameters, calibration, the signing key, and the number of starts.
 //!
-//! | pages | what lies there |
+//! | pages | content |
 //! |---|---|
 //! | 0 | which page is being erased (`flash`) |
 //! | 1, 2 | the count of starts, and a mark for each name: the number of its newest record |
 //! | 3 to 7 | the records (`record`) |
 //!
-//! Records lie in the map of `sequential-storage`: each new one is written behind the others, and only the last whole one of
-//! its key counts. So whenever the power goes a record is all old or all new. A page is erased when the ring of pages comes
-//! round to it; by then what counts in it has been copied.
+//! Records are in the map of `sequential-storage`: each new one is written after the others, and only the last
+//! complete one of its key is valid. So after a loss of power a record is completely old or completely new. A page is
+//! erased when the ring of pages reaches it; its valid content has been copied by then.
 //!
-//! A record is written first and its mark after it. When the power goes between the two the record is newer than its mark,
-//! and counts. A record that is older than its mark, or missing where there is a mark, says that a newer one was complete and is
-//! damaged: that is [`Kept::Lost`], never the older one, and not the same as [`Kept::Nothing`]. `start` says what the vehicle does
-//! then.
+//! A record is written first and its mark after it. If the power fails between the two, the record is newer than its
+//! mark, and is valid. A record that is older than its mark, or missing, means that a newer one was complete and is
+//! damaged: that is [`Kept::Lost`], never the older one, and not the same as [`Kept::Nothing`]. `start` defines the
+//! vehicle's reaction.
 //!
-//! A damaged mark reads as the one before it, and a start sets it right by the records; so one flipped bit, wherever it is,
-//! costs at most one start of the count.
+//! A damaged mark reads as the one before it, and a start corrects it from the records; so one flipped bit, wherever
+//! it is, costs at most one start of the count.
 //!
-//! To write takes about 0.1 ms for eight bytes, and 25 ms for each page that is erased, and the processor may stand still:
-//! nothing is written while the vehicle is in control, and a step in which something was has an excuse
-//! ([`Store::take_written`]). A program that finds a flash full of anything does a bounded amount of work: every page is read
-//! a bounded number of times, and erased at most a few times.
+//! Writing takes about 0.1 ms for eight bytes, and 25 ms for each erased page, and the processor may stand still. So
+//! nothing is written while the vehicle is in control, and a step with a write is excused from its deadline
+//! ([`Store::take_written`]). With any content of the flash the program does a bounded amount of work: every page is
+//! read a bounded number of times, and erased at most a few times.
 
 mod flash;
 mod record;
@@ -36,7 +36,7 @@ use foxhound_link::signing::Key;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
-use crate::flight::Mapper;
+use crate::flight::ParameterStore;
 use flash::{Sure, at_once};
 use record::{Content, RECORD_MAX, Record, Starts};
 
@@ -46,10 +46,10 @@ pub use record::Restored;
 const STARTS: Range<u32> = 1..3;
 const RECORDS: Range<u32> = 3..PAGES;
 
-/// So often a record is tried to be written; a word that takes nothing is left behind each time.
+/// Attempts to write a record; a word that cannot be written is skipped each time.
 const TRIES: usize = 4;
 
-/// What can be kept, as the key of its record.
+/// The kinds of records, as their keys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 enum Name {
@@ -72,40 +72,40 @@ const NAMES: usize = 4;
 /// The key of the one record among the starts.
 const COUNT_OF_STARTS: u8 = 1;
 
-/// What was kept of something.
+/// The stored value of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kept<T> {
-    /// Nothing was, or it was taken away.
+    /// There is none, or it was removed.
     Nothing,
-    /// This.
+    /// This value.
     Found(T),
-    /// Something was, and the newest of it cannot be read.
+    /// There is one, but the newest cannot be read.
     Lost,
 }
 
-/// Why the flash did not do as it should.
+/// Errors of the flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Trouble {
     /// The driver refuses.
     Refused,
-    /// What is in it makes no sense.
+    /// Its content is inconsistent.
     Damaged,
 }
 
-/// The store: what was kept, and a place to keep it. The flash is all its own: [`PAGES`] pages, the first at 0, words of 8
-/// bytes, over which zeros can be written whatever is there.
+/// The store. It owns its flash: [`PAGES`] pages, the first at 0, words of 8 bytes, over which zeros can always be
+/// written.
 #[derive(Debug)]
 pub struct Store<F> {
     flash: Sure<F>,
     buffer: [u8; RECORD_MAX],
     starts: Starts,
-    /// A bit for each name whose newest record was damaged at the start and was not kept anew since.
+    /// A bit for each kind whose newest record was damaged at the start and has not been stored again.
     damaged: u8,
     untold: start::Untold,
 }
 
 impl<F: NorFlash> Store<F> {
-    /// Nothing is read yet.
+    /// Before anything is read.
     pub const fn new(flash: F) -> Self {
         Self {
             flash: Sure::new(flash),
@@ -116,18 +116,18 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Finishes what the power has ended, looks what was kept, and counts this start. To be called once, before anything else;
-    /// the number of this start, or 0 where it cannot be told.
+    /// Completes interrupted erases, reads the marks, and counts this start. Call it once, before anything else;
+    /// returns the number of this start, or 0 if it is unknown.
     #[inline(never)]
     pub fn begin(&mut self) -> u32 {
-        // What cannot be finished shows below.
+        // An error shows below.
         let _ = self.flash.finish();
         let stood = match self.get(STARTS, COUNT_OF_STARTS) {
             Ok(Some(record)) => record::numbered(record).and_then(|(_, held)| Starts::decode(held)),
             _ => None,
         };
         self.starts = stood.unwrap_or_else(|| {
-            // With a blank sheet nothing was kept; else nobody knows what was.
+            // With blank pages nothing was stored; otherwise it is unknown what was.
             let is_new = self.flash.is_blank(STARTS) || self.flash.is_blank(RECORDS);
             Starts { marks: [if is_new { 0 } else { 1 }; NAMES], count: 0 }
         });
@@ -160,13 +160,13 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
-    /// Keeps a calibration; false where that is not possible.
+    /// Stores a calibration; false if that is not possible.
     #[inline(never)]
     pub fn keep_calibration(&mut self, calibration: &Calibration) -> bool {
         self.keep(Name::Calibration, Content::Calibration(&calibration.encode()))
     }
 
-    /// The key of signing, and the timestamp behind everything that was signed with it.
+    /// The signing key, and a timestamp after everything that was signed with it.
     #[inline(never)]
     pub fn key(&mut self) -> Kept<(Key, u64)> {
         let bytes = match self.read(Name::Key, record::key) {
@@ -176,13 +176,13 @@ impl<F: NorFlash> Store<F> {
         };
         let timestamp = match self.read(Name::Timestamp, |record| record::timestamp(record, &bytes)) {
             Kept::Found(timestamp) => timestamp,
-            // What was signed is not known: the first that is heard tells where we are.
+            // What was signed is unknown: the first received timestamp sets the clock.
             Kept::Lost | Kept::Nothing => 0,
         };
         Key::new(bytes).map_or(Kept::Lost, |key| Kept::Found((key, timestamp)))
     }
 
-    /// Keeps the key, or that there is none; false where that is not possible.
+    /// Stores the key, or its removal; false if that is not possible.
     #[inline(never)]
     pub fn keep_key(&mut self, key: Option<&Key>) -> bool {
         match key {
@@ -195,19 +195,19 @@ impl<F: NorFlash> Store<F> {
         matches!(self.read(Name::Key, record::key), Kept::Found(_))
     }
 
-    /// Whether the newest record of anything was damaged at the start, and nothing was kept in its place since.
+    /// Whether the newest record of any kind was damaged at the start, and has not been stored again.
     #[must_use]
     pub const fn is_damaged(&self) -> bool {
         self.damaged != 0
     }
 
-    /// Keeps a timestamp for the key; false where that is not possible.
+    /// Stores a timestamp for the key; false if that is not possible.
     #[inline(never)]
     pub fn keep_timestamp(&mut self, key: &Key, timestamp: u64) -> bool {
         self.keep(Name::Timestamp, Content::Bytes(&record::timestamp_record(key.secret(), timestamp)))
     }
 
-    /// Forgets everything but the count of starts. Nothing of it can be read out of the flash any more, either.
+    /// Erases everything but the count of starts, so that nothing of it can be read from the flash any more.
     #[inline(never)]
     pub fn factory_reset(&mut self) -> bool {
         self.starts.marks = [0; NAMES];
@@ -234,7 +234,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Keeps a record, then its mark.
+    /// Stores a record, then its mark.
     fn keep(&mut self, name: Name, content: Content<'_>) -> bool {
         let number = record::next(*self.starts.mark(name));
         if !self.put(RECORDS, name as u8, &Record(number, content)) {
@@ -250,8 +250,7 @@ impl<F: NorFlash> Store<F> {
         self.put(STARTS, COUNT_OF_STARTS, &Record(0, Content::Starts(&starts)))
     }
 
-    /// Writes a record, and looks that it is there. Where the pages make no sense any more they are begun anew: what was in
-    /// them is lost then.
+    /// Writes a record, and verifies it. If the pages are inconsistent they are erased, and their content is lost.
     #[inline(never)]
     fn put(&mut self, pages: Range<u32>, key: u8, record: &Record<'_>) -> bool {
         (0..TRIES).any(|_| self.put_once(pages.clone(), key, record).is_ok())
@@ -284,7 +283,7 @@ fn map<F: NorFlash>(flash: &mut Sure<F>, pages: Range<u32>) -> Result<Map<'_, F>
     Ok(MapStorage::new(flash, config, Cache::new_uncached()))
 }
 
-/// A future that waits, which none does, is damage like any other.
+/// A future that waits, which none should, counts as damage.
 fn settle<T, E>(result: Option<Result<T, sequential_storage::Error<E>>>) -> Result<T, Trouble> {
     match result {
         Some(Ok(value)) => Ok(value),
@@ -293,7 +292,7 @@ fn settle<T, E>(result: Option<Result<T, sequential_storage::Error<E>>>) -> Resu
     }
 }
 
-impl<F: NorFlash> Mapper for Store<F> {
+impl<F: NorFlash> ParameterStore for Store<F> {
     fn save(&mut self, values: &Values) -> bool {
         self.keep(Name::Parameters, Content::Parameters(values))
     }

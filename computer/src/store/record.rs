@@ -1,19 +1,19 @@
-//! What the records hold, byte by byte; everything is little-endian. The map adds a CRC-32 to each.
+//! The content of records, byte by byte, little-endian. The map adds a CRC-32 to each.
 //!
-//! Each begins with its number, 2 bytes: the records of one name count up (0 for the starts, which have none). Then:
+//! Each begins with its number, 2 bytes: the records of one kind count up (0 for the starts, which have none). Then:
 //!
 //! | record | bytes |
 //! |---|---|
-//! | any that was taken away | 0 |
+//! | any that was removed | 0 |
 //! | parameters | 1; for each a hash of its name and its value, 4 bytes each |
 //! | calibration | as in [`foxhound_core::doa::calibration::record`] |
 //! | key | 1; 32 bytes |
 //! | timestamp | 1; CRC-32 of the key that it belongs to; 6 bytes |
 //! | starts | 2; count, 4 bytes; the number of the newest record of each name, 2 bytes each, 0 where there never was one |
 //!
-//! The first byte of these is the version of the format. Parameters go by their names, of which only a hash (FNV-1a, 32 bits) is kept:
-//! a firmware with other parameters, or the same in another order, takes out of them what it knows. No two names of the
-//! table have the same hash (a test).
+//! The first byte of these is the version of the format. Parameters are identified by a hash of their names (FNV-1a,
+//! 32 bits): a firmware with other parameters, or the same in another order, reads those that it knows. No two names
+//! of the table have the same hash (a test).
 
 use foxhound_core::doa::calibration::record::{RECORD_BYTES, crc32};
 use foxhound_core::guidance::param::{COUNT, Id, Values};
@@ -21,7 +21,7 @@ use sequential_storage::map::{SerializationError, Value};
 
 use super::{NAMES, Name};
 
-/// Parameters that there is room for.
+/// Largest number of parameters.
 const PARAMETERS_MAX: usize = 70;
 /// The longest record and its key, in whole words.
 pub(super) const RECORD_MAX: usize = (4 + 8 * PARAMETERS_MAX).next_multiple_of(8);
@@ -31,22 +31,22 @@ const GONE: u8 = 0;
 const VERSION: u8 = 1;
 const STARTS_VERSION: u8 = 2;
 
-/// What is to be written.
+/// Content to be written.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Content<'a> {
-    /// Nothing any more.
+    /// Removed.
     Gone,
     /// Parameters.
     Parameters(&'a Values),
-    /// A calibration, which brings its version along.
+    /// A calibration, which contains its version.
     Calibration(&'a [u8; RECORD_BYTES]),
-    /// Bytes behind the version.
+    /// Bytes after the version.
     Bytes(&'a [u8]),
     /// The count of starts, and the marks.
     Starts(&'a [u8; STARTS_BYTES]),
 }
 
-/// A record: its number, and what it holds.
+/// A record: its number, and its content.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Record<'a>(pub(super) u16, pub(super) Content<'a>);
 
@@ -62,18 +62,18 @@ impl Record<'_> {
     }
 }
 
-/// The number of a record that was read, and what it holds.
+/// The number and the content of a record that was read.
 pub(super) fn numbered(read: &[u8]) -> Option<(u16, &[u8])> {
     read.split_first_chunk().map(|(number, held)| (u16::from_le_bytes(*number), held))
 }
 
-/// The number of the record that follows; none has 0.
+/// The number of the next record; 0 is not used.
 pub(super) const fn next(number: u16) -> u16 {
     if number == u16::MAX { 1 } else { number + 1 }
 }
 
-/// Whether a record is older than another one. They are never so far apart that it could be the other way round: the flash has
-/// room for hundreds.
+/// Whether a record is older than another one. They are never so far apart that the order is ambiguous: the flash has
+/// space for only hundreds.
 pub(super) const fn is_older(number: u16, than: u16) -> bool {
     (number.wrapping_sub(than) as i16) < 0
 }
@@ -97,7 +97,7 @@ impl Content<'_> {
     }
 }
 
-/// For the map, which wants one type for both ways.
+/// For the map, which needs one type for reading and writing.
 impl<'a> Value<'a> for Record<'_> {
     fn serialize_into(&self, buffer: &mut [u8]) -> Result<usize, SerializationError> {
         let mut count = 0;
@@ -113,12 +113,12 @@ impl<'a> Value<'a> for Record<'_> {
     }
 }
 
-/// What stands behind the version; `None` for another format.
+/// The bytes after the version; `None` for another format.
 fn body(record: &[u8]) -> Option<&[u8]> {
     record.split_first().filter(|(version, _)| **version == VERSION).map(|(_, body)| body)
 }
 
-/// Whether the record was taken away.
+/// Whether the record was removed.
 pub(super) fn is_gone(record: &[u8]) -> bool {
     record == [GONE]
 }
@@ -128,12 +128,12 @@ fn hash(id: Id) -> u32 {
     name.fold(0x811C_9DC5, |hash, byte| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193))
 }
 
-/// Parameters that were kept, and how many could not be taken: unknown by now, or refused.
+/// Restored parameters, and how many could not be used: unknown by now, or refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Restored {
-    /// The values; what was not kept is its default.
+    /// The values, with defaults for those not stored.
     pub values: Values,
-    /// How many were dropped.
+    /// Number of those dropped.
     pub dropped: u8,
 }
 
@@ -165,7 +165,7 @@ pub(super) fn timestamp(record: &[u8], key: &[u8; 32]) -> Option<u64> {
     (u32::from_le_bytes([a, b, c, d]) == crc32(key)).then_some(timestamp)
 }
 
-/// Bytes of a count of starts behind its version.
+/// Bytes of a count of starts after its version.
 const STARTS_BYTES: usize = 4 + 2 * NAMES;
 
 /// How often the computer was started, and the number of the newest record of each name.
@@ -225,7 +225,7 @@ mod tests {
 
     #[test]
     fn the_hash_is_fnv_1a() {
-        // The published vectors of FNV-1a have no name of ours; this one was computed apart, in Python.
+        // The published vectors of FNV-1a have no name of ours; this one was computed separately, in Python.
         assert_eq!(hash(param::FH_SPD_MAX), 0xE346_3DDC);
     }
 

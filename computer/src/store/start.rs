@@ -1,19 +1,19 @@
-//! The start, with what was kept; and what is kept as the link goes on.
+//! The start, with the stored values; and what is stored during operation.
 //!
-//! | what was kept | what the vehicle does |
+//! | stored | what the vehicle does |
 //! |---|---|
 //! | parameters, all of them known and in range | flies with them |
-//! | parameters, some unknown or out of range by now | flies with the others and the defaults of those, and says so |
-//! | parameters that do not fit each other | says so, and holds with the outcome `Uncalibrated`: with the defaults, without a calibration, and with `FH_CAL_REQ` on, until somebody has looked at the parameters and switched it off or stored them and restarted |
-//! | parameters whose newest record is damaged | the same; and does not move before parameters were stored, or everything was reset |
-//! | a calibration whose newest record is damaged | says so, and does not move before a calibration was stored, or everything was reset |
-//! | a key, or its timestamp, whose newest record is damaged | says so, and does not move before a key was set or taken away, or everything was reset; without the key it neither signs nor asks for signatures |
-//! | a flash that refuses to be read | as with parameters that do not fit; and as without a calibration and a key |
+//! | parameters, some unknown or out of range by now | flies with the others and the defaults of those, and reports it |
+//! | parameters that do not fit each other | reports it, and holds with the outcome `Uncalibrated`: with the defaults, without a calibration, and with `FH_CAL_REQ` on, until the pilot has switched it off, or has stored the parameters and restarted |
+//! | parameters whose newest record is damaged | the same; and does not move until parameters are stored, or everything is reset |
+//! | a calibration whose newest record is damaged | reports it, and does not move until a calibration is stored, or everything is reset |
+//! | a key, or its timestamp, whose newest record is damaged | reports it, and does not move until a key is set or removed, or everything is reset; without the key it neither signs nor requires signatures |
+//! | a flash that cannot be read | as with parameters that do not fit; and as without a calibration and a key |
 //!
-//! What does not move has the cause [`foxhound_link::failsafe::Cause::StoreDamaged`]. An older record is never taken in place of a
-//! damaged one.
+//! "Does not move" is the cause [`foxhound_link::failsafe::Cause::StoreDamaged`]. An older record is never used
+//! instead of a damaged one.
 //!
-//! Nothing of this is said, or done, where nothing was ever kept.
+//! None of this applies if nothing was ever stored.
 
 use embedded_storage::nor_flash::NorFlash;
 use foxhound_core::base::time::Instant;
@@ -28,10 +28,10 @@ use heapless::String;
 use super::{Kept, Name, RECORDS, Store, Trouble};
 use crate::flight::Flight;
 
-/// Which of our links signs.
+/// The id of our signing link.
 const LINK_ID: u8 = 0;
 
-/// What the pilot is to hear.
+/// Messages to the pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 enum News {
@@ -69,7 +69,7 @@ impl News {
     }
 }
 
-/// News that were not told yet.
+/// Messages that have not been sent yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Untold(u8);
 
@@ -88,7 +88,7 @@ impl Untold {
 }
 
 impl<F: NorFlash> Store<F> {
-    /// Puts the calibration that was kept into the configuration that the flight is to begin with.
+    /// Writes the stored calibration into the configuration of the next flight.
     #[inline(never)]
     pub fn calibrate(&mut self, config: &mut guidance::Config) {
         match self.calibration() {
@@ -98,7 +98,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Goes on with the parameters and the key that were kept. To be called once, before the first step.
+    /// Continues with the stored parameters and key. Call it once, before the first step.
     #[inline(never)]
     pub fn resume<S: Systems>(&mut self, now: Instant, flight: &mut Flight<'_, S>) {
         match self.parameters() {
@@ -132,7 +132,7 @@ impl<F: NorFlash> Store<F> {
         flight.companion.note_store(self.is_damaged());
     }
 
-    /// What was kept under a name is damaged, unless the flash has nothing to read at all.
+    /// A stored record is damaged, unless the flash cannot be read at all.
     #[inline(never)]
     fn miss(&mut self, name: Name, news: News) {
         self.untold.add(news);
@@ -141,8 +141,8 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Keeps what has changed of the signing, and tells what is to be told. To be called in every step, after the parameters
-    /// were served and before anything is sent; does nothing to the flash while the vehicle is in control.
+    /// Stores changes of the signing, and sends messages to the pilot. Call it in every step, after the parameters
+    /// were served and before anything is sent; it does not write the flash while the vehicle is in control.
     #[inline(never)]
     pub fn keep_up(&mut self, now: Instant, companion: &mut Companion) {
         if companion.control(now) != Control::Granted {
@@ -156,7 +156,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// A simulator sets everything up: what waits to be told holds no more, nor does what was damaged.
+    /// A simulator sets everything up: pending messages and damage are dropped.
     pub const fn overrule(&mut self) {
         self.untold = Untold::NOTHING;
         self.damaged = 0;
@@ -169,14 +169,14 @@ impl<F: NorFlash> Store<F> {
         if is_other {
             is_kept = self.keep_key(companion.signing().map(|signing| signing.key()));
         }
-        // The time of a key goes on from what is kept; where that is damaged, only a key that is set anew has one.
+        // The time of a key continues from the stored one; if that is damaged, only a key that is set anew has one.
         if self.damaged & Name::Timestamp.bit() != 0 && !is_other {
             return;
         }
         if let Some(signing) = companion.signing()
             && let Some(timestamp) = signing.timestamp_to_store(now)
         {
-            // Where a key was forgotten it still signs until the next start, and nothing of it is kept.
+            // After a key was removed it still signs until the next start, and nothing of it is stored.
             is_kept &= !self.has_key() || self.keep_timestamp(signing.key(), timestamp);
         }
         if !is_kept {
@@ -185,7 +185,7 @@ impl<F: NorFlash> Store<F> {
     }
 }
 
-/// Flies nowhere until somebody has looked: nobody knows whether a calibration was asked for, so it is.
+/// Does not fly until the pilot has acted: whether a calibration was required is unknown, so it is.
 #[inline(never)]
 fn fall_back<S: Systems>(flight: &mut Flight<'_, S>) {
     flight.config.array.calibration = None;

@@ -1,18 +1,18 @@
 //! The memory that the firmware's twin in QEMU shares with the simulator: how frames go in, and what comes back.
 //!
-//! The twin's external memory is a file shared with the simulator. A byte on UART1 rings the bell, as the half-transfer
-//! interrupt of a DMA does on the real board; a byte back says that the answer lies ready. Here is only the layout; who
-//! maps, reads and rings is the business of the two sides.
+//! The twin's external memory is a file shared with the simulator. A byte on UART1 is the doorbell, like the
+//! half-transfer interrupt of a DMA on the real board; a byte back means that the answer is ready. This module is
+//! only the layout; the two sides map, read and ring.
 //!
 //! | block | at | bytes | written by | content |
 //! |---|---|---|---|---|
 //! | setup | `0x0000` | 4096 | simulator | head, [`Setup`] |
-//! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, codes from byte 2048 (`i16`, channel by channel) |
+//! | step | `0x1000` | 4096 | simulator | head, `StepHead`; circles from byte 512, samples from byte 2048 (`i16`, channel by channel) |
 //! | report | `0x2000` | 4096 | twin | head, then [`Ready`], [`Report`] or the text of a refusal |
-//! | line | `0x3000` | 4, then 16 384 from `0x4000` | simulator | bytes of the autopilot that need no serial line: their number since the setup of a new start (`u32`), and a ring of them |
+//! | line | `0x3000` | 4, then 16 384 from `0x4000` | simulator | bytes of the autopilot that bypass the serial line: their number since the setup of a new start (`u32`), and a ring of them |
 //! | lidar | `0x3008` | 4, then 4096 from `0x8000` | simulator | bytes of the lidar: the same |
-//! | port | `0x3004` | 4, then 262 144 from `0x4_0000` | simulator | bytes for the maintenance port that need no serial line: the same |
-//! | store | `0x10_0000` | 16 384 | twin | what it keeps over a reset, every bit turned round: a new file is a blank flash |
+//! | port | `0x3004` | 4, then 262 144 from `0x4_0000` | simulator | bytes for the maintenance port that bypass the serial line: the same |
+//! | store | `0x10_0000` | 16 384 | twin | its non-volatile storage, every bit inverted: a new file is a blank flash |
 //!
 //! Every block starts with the same head: [`MAGIC`] (`u32`, its last letter is the version of the layout), then the
 //! length in bytes of what follows (`u32`). Everything is little-endian; records are in postcard's format, in which
@@ -26,11 +26,11 @@
 //! | [`REFUSED`] `E` | to the simulator | not done; the report block holds the reason |
 //! | [`BOOTED`] `B` | to the simulator | the twin has started, for the first time or again: it wants a setup |
 //!
-//! The two serial lines and the memory are not ordered with each other. So a step says how many bytes of UART0 the twin
-//! must have taken in before it ([`Step::rx_expected`]), by UART0 or by the ring, how many of the camera's
-//! ([`Step::camera_expected`]), by UART2 or by its ring, and how many of the lidar's ([`Step::lidar_expected`]), which have no serial
-//! line; and a report says how many it has sent ([`Report::tx_total`]):
-//! that makes every step, and with it the whole flight, repeatable.
+//! The two serial lines and the memory are not ordered with respect to each other. So a step gives the number of
+//! bytes of UART0 that the twin must have received before it ([`Step::rx_expected`]), by UART0 or by the ring, of the
+//! camera's bytes ([`Step::camera_expected`]), by UART2 or by its ring, and of the lidar's
+//! ([`Step::lidar_expected`]), which have no serial line; and a report gives the number sent ([`Report::tx_total`]).
+//! That makes every step, and with it the whole flight, repeatable.
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::ned::Horizontal;
@@ -56,28 +56,28 @@ pub const STEP_AT: usize = BLOCK_BYTES;
 /// Where the report block begins.
 pub const REPORT_AT: usize = 2 * BLOCK_BYTES;
 
-/// Where it is written how many bytes the ring has had.
+/// Position of the count of bytes in the ring.
 pub const LINE_TOTAL_AT: usize = 3 * BLOCK_BYTES;
-/// Where the ring begins.
+/// Position of the ring.
 pub const LINE_AT: usize = 4 * BLOCK_BYTES;
 /// Bytes of the ring.
 pub const LINE_BYTES: usize = 16 << 10;
 
-/// Where it is written how many bytes the lidar's ring has had.
+/// Position of the count of bytes in the lidar's ring.
 pub const LIDAR_TOTAL_AT: usize = LINE_TOTAL_AT + 8;
-/// Where the lidar's ring begins.
+/// Position of the lidar's ring.
 pub const LIDAR_AT: usize = 8 * BLOCK_BYTES;
 /// Bytes of the lidar's ring.
 pub const LIDAR_BYTES: usize = 4 << 10;
 
-/// Where it is written how many bytes the port's ring has had.
+/// Position of the count of bytes in the port's ring.
 pub const PORT_TOTAL_AT: usize = LINE_TOTAL_AT + 4;
-/// Where the port's ring begins.
+/// Position of the port's ring.
 pub const PORT_AT: usize = 256 << 10;
 /// Bytes of the port's ring: the largest frame of a camera fits.
 pub const PORT_BYTES: usize = 256 << 10;
 
-/// Where the flash of the twin begins: each bit that is set there reads as clear.
+/// Position of the twin's flash, stored inverted.
 pub const STORE_AT: usize = 1 << 20;
 
 /// Doorbell to the twin: the setup block is filled.
@@ -98,60 +98,60 @@ const HEAD_BYTES: usize = 8;
 const CIRCLES_FROM: usize = 512;
 const CODES_FROM: usize = 2048;
 
-/// What the twin is set up with.
+/// Setup of the twin.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Setup {
     /// The whole chain.
     pub guidance: guidance::Config,
 }
 
-/// What is to go wrong inside the twin in a step. Times are of its own clock, on which an instruction takes 256 ns.
+/// A fault inside the twin in a step. Times are of its own clock, on which an instruction takes 256 ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
-    /// The power goes away and comes back: so long after the step has begun, wherever the program is then.
+    /// The power fails and returns, this long after the step has begun, wherever the program is then.
     PowerCut {
         /// Microseconds.
         after_us: u32,
     },
-    /// An interrupt takes the processor away for a while, in the middle of the step.
+    /// An interrupt takes the processor for a while, in the middle of the step.
     Steal {
         /// Microseconds.
         for_us: u32,
     },
-    /// The planner does not get to run: what it has found waits for a later step.
+    /// The planner gets no time: its result waits for a later step.
     StarvePlanner,
     /// The program panics.
     Panic,
-    /// It executes what is no instruction.
+    /// It executes an invalid instruction.
     Undefined,
     /// It calls itself without end.
     Overflow,
-    /// It never comes back from the step.
+    /// It never returns from the step.
     Hang,
 }
 
-/// One step of the fast loop, as the simulator asks for it.
+/// One step of the fast loop, as the simulator requests it.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<'a, const N: usize> {
     /// Counts the steps since the setup.
     pub sequence: u32,
     /// The time of the step: the only clock of guidance and link.
     pub now: Instant,
-    /// Bytes of the autopilot since the twin's start that it must have taken in before this step.
+    /// Bytes of the autopilot since the twin's start that it must have received before this step.
     pub rx_expected: u32,
-    /// Bytes of camera frames since the twin's start that it must have looked at before this step.
+    /// Bytes of camera frames since the twin's start that it must have processed before this step.
     pub camera_expected: u32,
-    /// Bytes of the lidar since the twin's start that it must have taken in before this step.
+    /// Bytes of the lidar since the twin's start that it must have received before this step.
     pub lidar_expected: u32,
-    /// What the antennas brought.
+    /// The measurement of the antennas.
     pub front_end: FrontEnd<'a, N>,
-    /// Obstacles that a sensor delivers as circles already.
+    /// Obstacles from a sensor that reports circles.
     pub circles: Option<&'a [Circle]>,
-    /// What is to go wrong in it.
+    /// A fault to inject.
     pub fault: Option<Fault>,
 }
 
-/// Where a twin keeps what came with a step.
+/// The twin's copy of the data that came with a step.
 #[derive(Clone, Debug)]
 pub struct Arrivals<const N: usize> {
     head: StepHead,
@@ -183,7 +183,7 @@ impl<const N: usize> Arrivals<N> {
     /// Reads the step block.
     ///
     /// # Errors
-    /// What is wrong with the block; [`Self::step`] is then not to be used.
+    /// What is wrong with the block; [`Self::step`] must not be used then.
     pub fn decode(&mut self, block: &Block) -> Result<(), Error> {
         const { Self::CODES_FIT };
         let (records, codes) = block.split_at(CODES_FROM);
@@ -232,16 +232,16 @@ impl<const N: usize> Default for Arrivals<N> {
 /// The answer to a setup.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ready {
-    /// Bytes sent on UART0 before the setup: what follows belongs to the first step.
+    /// Bytes sent on UART0 before the setup: later ones belong to the first step.
     pub tx_total: u32,
 }
 
-/// What one step came to.
+/// The result of one step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// The step that it answers.
     pub sequence: u32,
-    /// What guidance said.
+    /// Output of guidance.
     pub output: guidance::Output,
     /// Bytes sent on UART0 since the twin's start.
     pub tx_total: u32,
@@ -249,7 +249,7 @@ pub struct Report {
     pub fast_ticks: u32,
     /// Steps that were late since the twin's start.
     pub late: u32,
-    /// Bytes of the stack that have been used since the twin's start, as far as it has looked.
+    /// Largest use of the stack since the twin's start, as far as it was checked.
     pub stack_bytes: u32,
     /// A replan that was finished in this step.
     pub plan: Option<Planned>,

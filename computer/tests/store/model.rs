@@ -1,6 +1,6 @@
 //! What should be kept, and what is done to it.
 
-use foxhound_computer::flight::Mapper as _;
+use foxhound_computer::flight::ParameterStore as _;
 use foxhound_computer::store::{Kept, Store};
 use foxhound_core::doa::array::{Entry, Table};
 use foxhound_core::doa::calibration::deviation::Deviation;

@@ -1,6 +1,6 @@
 //! Bits change, and anything stands in the flash.
 
-use foxhound_computer::flight::Mapper as _;
+use foxhound_computer::flight::ParameterStore as _;
 use foxhound_computer::store::{Kept, PAGES, Store};
 
 use crate::flash::{Flash, PAGE_BYTES, Random};

@@ -1,7 +1,7 @@
 //! The flight begins with what was kept, and keeps what the link is told.
 
 use foxhound_computer::SAMPLES_PER_CHANNEL as N;
-use foxhound_computer::flight::{Flight, Mapper as _, Receiver, Step};
+use foxhound_computer::flight::{Flight, ParameterStore as _, Receiver, Step};
 use foxhound_computer::lidar::Lidar;
 use foxhound_computer::selftest;
 use foxhound_computer::store::{Kept, Store};

@@ -1,6 +1,6 @@
-//! Frames: four coherent channels of signed 12-bit codes, taken at the same instants.
+//! Frames: four coherent channels of signed 12-bit samples, taken at the same instants.
 //!
-//! The codes arrive centred (midscale taken off), -2048..=2047. Codes at either rail are counted as clipped.
+//! The samples are centred (midscale subtracted), -2048..=2047. Samples at either rail are counted as clipped.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -9,13 +9,13 @@ use crate::base::time::Instant;
 /// Antenna channels of one frame. Channel `i` is antenna `A(i+1)` of the main paper's square: front-right,
 /// front-left, back-left, back-right.
 pub const CHANNELS: usize = 4;
-/// Most antennas of an array that is heard by another receiver than our own converters: behind a switch, or as complex
-/// samples.
+/// Largest number of antennas of an array with another receiver than our own AD converters: behind a switch, or with
+/// complex samples.
 pub const ANTENNAS_MAX: usize = 8;
 
-/// Smallest code of the converter after centring.
+/// Smallest sample of the converter after centring.
 pub const CODE_MIN: i16 = -2048;
-/// Largest code of the converter after centring.
+/// Largest sample of the converter after centring.
 pub const CODE_MAX: i16 = 2047;
 
 /// `N` simultaneous samples of four channels.
@@ -23,18 +23,18 @@ pub const CODE_MAX: i16 = 2047;
 pub struct AdcFrame<const N: usize> {
     /// The middle of the block: halfway between the first and the last sample.
     pub time: Instant,
-    /// Signed 12-bit codes, one row a channel.
+    /// Signed 12-bit samples, one row per channel.
     pub codes: [[i16; N]; CHANNELS],
 }
 
 impl<const N: usize> AdcFrame<N> {
-    /// A silent frame.
+    /// A frame of zeros.
     #[must_use]
     pub const fn zeroed() -> Self {
         Self { time: Instant(0), codes: [[0; N]; CHANNELS] }
     }
 
-    /// Takes in the converters' unsigned right-aligned 12-bit results (0..=4095), channel by channel.
+    /// Fills the frame from the converters' unsigned right-aligned 12-bit results (0..=4095), channel by channel.
     pub fn fill_from_unsigned(&mut self, time: Instant, raw: [&[u16; N]; CHANNELS]) {
         self.time = time;
         for (row, source) in self.codes.iter_mut().zip(raw) {

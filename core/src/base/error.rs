@@ -1,4 +1,4 @@
-//! Configuration errors: which field, which value, which range. Nothing at run time returns one of these.
+//! Configuration errors: which field, which value, which range. They are not returned at run time.
 
 use core::fmt;
 
@@ -27,7 +27,7 @@ pub enum Why {
         /// Largest accepted value.
         max: f32,
     },
-    /// At odds with another field or with physics; the text says with what.
+    /// Contradicts another field or physics; the text says which.
     Inconsistent(&'static str),
 }
 

@@ -1,4 +1,4 @@
-//! What every layer builds on: units, time, vectors, frames of codes, mathematics, random numbers, the vehicle's own
+//! The basis of every layer: units, time, vectors, frames of samples, mathematics, random numbers, the vehicle's own
 //! position, errors. It imports no other layer.
 
 pub mod adc;

@@ -3,7 +3,7 @@
 use crate::base::math::sqrt;
 use crate::base::units::sin_cos;
 
-/// A vector in the local north-east-down frame. Its unit is in the name of whatever holds it.
+/// A vector in the local north-east-down frame. Its unit is in the name of the variable that holds it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -30,7 +30,7 @@ impl Ned {
     }
 }
 
-/// A vector in the horizontal plane of the NED frame: where planning happens.
+/// A vector in the horizontal plane of the NED frame, in which planning takes place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -1,4 +1,4 @@
-//! What is in the way, as every layer sees it: a circle, and a circle that has grown by the vehicle.
+//! Obstacles as all layers use them: a circle, and a circle enlarged by the vehicle's radius.
 
 use crate::base::ned::Horizontal;
 
@@ -16,7 +16,7 @@ pub struct Circle {
 }
 
 impl Circle {
-    /// Whether it is finite, not negative and not absurd.
+    /// Whether its numbers are finite, not negative and not absurd.
     #[must_use]
     pub fn is_plausible(&self) -> bool {
         self.center_ned_m.is_finite()
@@ -28,7 +28,7 @@ impl Circle {
     }
 }
 
-/// A circle as a plan is made for it: where it is now, and whether it will stay there.
+/// A circle as the planner uses it: its position now, and whether it moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -44,7 +44,7 @@ pub struct Disc {
 }
 
 impl Disc {
-    /// Whether it is finite, not negative and not absurd.
+    /// Whether its numbers are finite, not negative and not absurd.
     #[must_use]
     pub fn is_plausible(&self) -> bool {
         let Self { center_ned_m, radius_m, .. } = *self;
@@ -65,7 +65,7 @@ impl From<Circle> for Disc {
     }
 }
 
-/// An obstacle as the field sees it: the circle within which the vehicle's centre must not come.
+/// An obstacle as the potential field uses it: the circle that the vehicle's centre must not enter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Obstacle {
@@ -89,7 +89,7 @@ impl Obstacle {
     }
 }
 
-/// An obstacle near the vehicle, as the guard sees it: with its velocity.
+/// An obstacle near the vehicle, as the guard uses it: with its velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Neighbour {
@@ -118,7 +118,7 @@ impl Neighbour {
         self.standing().clearance_m(position_ned_m)
     }
 
-    /// As it stands now.
+    /// The same obstacle without its velocity.
     #[must_use]
     pub fn standing(&self) -> Obstacle {
         Obstacle { center_ned_m: self.center_ned_m, reach_m: self.reach_m }

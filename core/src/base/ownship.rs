@@ -1,40 +1,40 @@
-//! What the autopilot tells us of our own vehicle.
+//! The state of our own vehicle, as the autopilot reports it.
 
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
 
-/// How far positions and velocities lead apart is forgotten with this time constant.
+/// The difference between positions and velocities is forgotten with this time constant.
 const FORGOTTEN_S: f32 = 1.0;
-/// They contradict each other when they are farther apart than this, and the way of so long at the speed that is told. The first
-/// is what corrections of an estimate come to within a second, the second what its messages are late by.
+/// They contradict each other when they differ by more than this distance, plus this time at the reported speed. The
+/// first allows for an estimator's corrections within a second, the second for the delay of its messages.
 const APART_M: f32 = 0.27;
 const APART_S: f32 = 0.05;
-/// A position that is the same to the bit stands still when the velocity led so far in the meantime. The second is for
-/// autopilots that tell a position several times.
+/// A position that is bit for bit the same is frozen when the velocity has led this far in the meantime. The second
+/// value is for autopilots that report a position several times.
 const FROZEN_M: f32 = 0.15;
 const FROZEN_S: f32 = 0.1;
-/// Over a longer gap nobody knows how the velocity went.
+/// Over a longer gap the velocity in between is unknown.
 const GAP_MAX_S: f32 = 0.3;
 
-/// Why ownship is of no use.
+/// Why ownship is unusable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Stale {
-    /// The position is too old, or was never heard, or is not finite.
+    /// The position is too old, was never received, or is not finite.
     PositionOld,
     /// The same of the attitude.
     AttitudeOld,
-    /// The positions go another way than the velocity says.
+    /// The positions contradict the velocity.
     VelocityContradicts,
     /// The position stands still while the velocity says that the vehicle moves.
     PositionFrozen,
 }
 
 impl Stale {
-    /// Its name as it stands in logs and reports.
+    /// Its name in logs and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -46,22 +46,23 @@ impl Stale {
     }
 }
 
-/// Whether the positions of an autopilot agree with its velocities, in the plane. What an estimator corrects in one step is no
-/// contradiction: the link takes it out of both.
+/// Whether the positions of an autopilot agree with its velocities, in the plane. A correction of its estimator in
+/// one step is no contradiction: the link removes it from both.
 ///
-/// With `d` the way from position to position less the way that the velocities led, the two are apart by `s`, the sum of all `d`,
-/// forgotten with a time constant of 1 s. A velocity that is off by `u` comes to `s = u (1 s) (1 - exp(-t / 1 s))`: 0.32 m, the
-/// limit at 1 m/s, are passed after 0.4 s by 1 m/s, and never by less than 0.32 m/s.
+/// With `d` the displacement from position to position minus that by the velocities, the difference is `s`, the sum
+/// of all `d`, forgotten with a time constant of 1 s. A velocity with an error of `u` leads to `s = u (1 s) (1 -
+/// exp(-t / 1 s))`: the limit at 1 m/s, 0.32 m, is passed after 0.4 s by an error of 1 m/s, and never by one below
+/// 0.32 m/s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Agreement {
     apart_m: Horizontal,
-    /// How far the velocity led since the position last changed, forgotten likewise.
+    /// How far the velocity has led since the position last changed, forgotten likewise.
     frozen_m: f32,
     found: Option<Stale>,
 }
 
 impl Agreement {
-    /// Goes on from what was heard last to what is heard now, which may be the same. What is found stays until
+    /// Continues from the last ownship to the present one, which may be the same. A contradiction is kept until
     /// [`Self::release`].
     pub fn follow(&mut self, last: Option<&Ownship>, heard: &Ownship) {
         let speed_mps = heard.velocity_ned_mps.horizontal().norm();
@@ -78,7 +79,7 @@ impl Agreement {
     fn add(&mut self, last: &Ownship, heard: &Ownship) {
         let dt_s = heard.position_time.seconds_since(last.position_time);
         if dt_s <= 0.0 || dt_s > GAP_MAX_S {
-            // A clock that was set, or too long a silence.
+            // The clock was set, or the silence was too long.
             *self = Self { found: self.found, ..Self::default() };
             return;
         }
@@ -90,30 +91,30 @@ impl Agreement {
         self.frozen_m = if to_m == from_m { stays * self.frozen_m + led_m.norm() } else { 0.0 };
     }
 
-    /// What was found since the last release.
+    /// The contradiction found since the last release, if any.
     #[must_use]
     pub const fn found(&self) -> Option<Stale> {
         self.found
     }
 
-    /// The pilot has the vehicle: what was found counts no more, and what lasts is found again.
+    /// The pilot has control: an earlier contradiction is dropped, and one that persists is found again.
     pub const fn release(&mut self) {
         self.found = None;
     }
 }
 
-/// Position, velocity and attitude of the vehicle, as last heard.
+/// Position, velocity and attitude of the vehicle, as last received.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Ownship {
-    /// When position and velocity were heard.
+    /// When position and velocity were received.
     pub position_time: Instant,
     /// Position in the autopilot's local NED frame, metres.
     pub position_ned_m: Ned,
     /// Velocity in the local NED frame, metres a second.
     pub velocity_ned_mps: Ned,
-    /// When the attitude was heard.
+    /// When the attitude was received.
     pub attitude_time: Instant,
     /// Roll, right side down positive.
     pub roll_rad: f32,
@@ -126,7 +127,7 @@ pub struct Ownship {
 }
 
 impl Ownship {
-    /// Yaw at an instant near the last attitude, carried there by the yaw rate for at most 0.1 s.
+    /// Yaw at an instant near the last attitude, extrapolated by the yaw rate for at most 0.1 s.
     #[must_use]
     pub fn yaw_at(&self, at: Instant) -> f32 {
         let ahead_s = at.seconds_since(self.attitude_time) - self.attitude_time.seconds_since(at);
@@ -150,7 +151,7 @@ impl Ownship {
         self.leant(cos_yaw * north + sin_yaw * east, cos_yaw * east - sin_yaw * north, down)
     }
 
-    /// From ahead, to the right and down, level, into the body's own axes: rotations by pitch and roll, backwards.
+    /// From the level axes ahead, right and down to the body's own axes: the inverse rotations by pitch and roll.
     fn leant(&self, ahead: f32, right: f32, down: f32) -> [f32; 3] {
         let (sin_roll, cos_roll) = sin_cos(self.roll_rad);
         let (sin_pitch, cos_pitch) = sin_cos(self.pitch_rad);
@@ -159,12 +160,12 @@ impl Ownship {
         [forward, cos_roll * right + sin_roll * below, cos_roll * below - sin_roll * right]
     }
 
-    /// The bearing, from north and clockwise, of a source that is heard on a body azimuth at an instant and lies that far
+    /// The bearing, from north and clockwise, of a source with this body azimuth at an instant and this depression
     /// below the horizon.
     ///
-    /// A tilted array sees a level source off by up to half its tilt squared (10 degrees: 0.4), but a source below by up to
-    /// the tilt times the tangent of its depression, which on the last metres is degrees. Solved by a few fixed-point
-    /// steps, each of which gains a factor of about that product.
+    /// With a tilted array the azimuth of a level source is wrong by up to half its tilt squared (10 degrees: 0.4),
+    /// but that of a source below by up to the tilt times the tangent of its depression, which is degrees in the last
+    /// metres. Solved by a few fixed-point steps, each of which gains a factor of about that product.
     #[must_use]
     pub fn bearing_ned_rad(&self, azimuth_rad: f32, depression_rad: f32, at: Instant) -> f32 {
         let mut off_rad = azimuth_rad;
@@ -175,7 +176,7 @@ impl Ownship {
         wrap_pi(off_rad + self.yaw_at(at))
     }
 
-    /// Whether it is finite and not absurd: an angle of 1e20 has no direction.
+    /// Whether its numbers are finite and not absurd: an angle of 1e20 has no direction.
     #[must_use]
     pub fn is_plausible(&self) -> bool {
         let angles = [self.roll_rad, self.pitch_rad, self.yaw_rad, self.yaw_rate_radps];
@@ -203,8 +204,8 @@ impl Ownship {
 mod tests {
     use super::*;
 
-    /// What is found, and when, of an autopilot that tells truly what a vehicle does for 2 s, and something else from then on.
-    /// The vehicle's way and velocity are those of a turn of 0.5 rad/s at a speed.
+    /// The contradiction, and when it is found, for an autopilot that reports a vehicle's true state for 2 s, and
+    /// something else from then on. The vehicle flies a turn of 0.5 rad/s at a speed.
     fn found(hz: u64, speed_mps: f32, tell: impl Fn(&mut Ownship, &Ownship)) -> Option<(Stale, f32)> {
         let mut agreement = Agreement::default();
         let (mut last, mut before) = (None, Ownship::default());
@@ -263,7 +264,7 @@ mod tests {
         for hz in [4, 10, 50] {
             for speed_mps in [0.0, 0.3, 1.0, 2.5] {
                 assert_eq!(found(hz, speed_mps, |_, _| {}), None);
-                // A correction of 15 cm, a velocity that is off by 15 cm/s, a position that is told late by 40 ms.
+                // A correction of 15 cm, a velocity with an error of 15 cm/s, a position that is late by 40 ms.
                 assert_eq!(found(hz, speed_mps, |heard, _| heard.position_ned_m.north += 0.15), None);
                 assert_eq!(found(hz, speed_mps, |heard, _| heard.velocity_ned_mps.east += 0.15), None);
                 let late = |heard: &mut Ownship, _: &Ownship| {
@@ -312,7 +313,7 @@ mod tests {
             agreement.follow(Some(&told(tick - 1, 0.0)), &told(tick, 0.0));
         }
         assert!(agreement.found().is_some());
-        // A gap, after which nobody knows.
+        // A gap, over which the motion is unknown.
         agreement.follow(Some(&told(499, 0.0)), &told(600, 0.0));
         agreement.release();
         agreement.follow(Some(&told(600, 0.0)), &told(601, 0.0));
@@ -350,7 +351,8 @@ mod tests {
                 assert!((part - 7.0 * expected).abs() < 1e-5, "{part} {expected}");
             }
         }
-        // Nose down by 0.1: what is below lies ahead of the body's own down axis, negative forward only where it is behind.
+        // Nose down by 0.1: a source below lies ahead of the body's own down axis; its forward component is negative
+        // only behind.
         let nose_down = Ownship { pitch_rad: -0.1, ..Ownship::default() };
         assert!(nose_down.vector_to_body(Ned { north: 0.0, east: 0.0, down: 1.0 })[0] > 0.09);
     }

@@ -1,11 +1,11 @@
-//! Where and which way a sensor looked.
+//! Position and direction of a sensor.
 
 use crate::base::ned::Horizontal;
 
-/// Angles within a few turns of zero are meant; others are absurd.
+/// Angles are expected within a few turns of zero; larger ones are refused.
 pub(crate) const ANGLE_MAX_RAD: f32 = 100.0;
 
-/// Where and which way the sensor looked.
+/// Position and direction of a sensor at the time of a measurement.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Position of the vehicle when it scanned.
@@ -15,7 +15,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Whether it is a place and a direction.
+    /// Whether it is a valid position and direction.
     #[must_use]
     pub fn is_plausible(&self) -> bool {
         self.position_ned_m.is_finite()

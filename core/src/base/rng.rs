@@ -1,7 +1,7 @@
 //! Seeded random numbers: `xoshiro128++` behind [`rand_core`], uniform and Gaussian draws in `f32`.
 //!
-//! The Gaussian is our own Box-Muller and not `rand_distr`'s: that one takes its logarithm and exponential from whatever
-//! float library the build enables, and the host would then draw other bits than the target.
+//! The Gaussian is our own Box-Muller instead of `rand_distr`'s: that one uses the logarithm and exponential of the
+//! float library that the build enables, so that host and target would draw different bits.
 
 use core::f32::consts::TAU;
 use rand_core::{Rng as _, SeedableRng as _};
@@ -17,7 +17,7 @@ pub struct Rng {
 }
 
 impl Rng {
-    /// A generator from a seed; a `stream` per purpose keeps the draws of different modules apart.
+    /// A generator from a seed; each purpose has its own `stream`, so that the draws of modules are independent.
     #[must_use]
     pub fn new(seed: u64, stream: u64) -> Self {
         let mixed = seed ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15);

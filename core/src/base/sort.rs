@@ -1,13 +1,13 @@
-//! Putting in order. The standard library's sort is faster, and 13 KB of code for each kind of thing that it sorts.
+//! Sorting. The standard library's sort is faster, but takes 13 KB of code for each type.
 
-/// Sorts by a key, smallest first, keeping the order of equal ones (insertion; for lists of some dozens).
+/// Sorts by a key, smallest first, keeping the order of equal items (insertion sort; for lists of a few dozen).
 pub fn sort_by_key<T: Copy>(items: &mut [T], key: impl Fn(&T) -> f32) {
     for sorted in 1..items.len() {
         insert(items, sorted, &key);
     }
 }
 
-/// Puts one item in its place among the sorted ones before it.
+/// Inserts one item among the sorted ones before it.
 pub fn insert<T: Copy>(items: &mut [T], sorted: usize, key: impl Fn(&T) -> f32) {
     let Some(item) = items.get(sorted).copied() else { return };
     let its_key = key(&item);
@@ -26,19 +26,19 @@ pub fn insert<T: Copy>(items: &mut [T], sorted: usize, key: impl Fn(&T) -> f32) 
     }
 }
 
-/// The value that `nth` others stand before, of values that are none of them negative; they are left in another order. `None`
-/// if there are not so many. Hoare's selection, with the middle one of three as the pivot.
+/// The value that has `nth` others before it in sorted order, of values none of which is negative; their order is
+/// changed. `None` if there are too few. Hoare's selection, with the middle one of three as the pivot.
 pub fn nth(values: &mut [f32], nth: usize) -> Option<f32> {
     let (mut left, mut nth) = (values, nth);
     loop {
-        // They stand in the order of their bits.
+        // Non-negative floats sort in the order of their bits.
         let middle = left.get(left.len() / 2)?.to_bits();
         let (first, last) = (left.first()?.to_bits(), left.last()?.to_bits());
         let (low, high) = if first < last { (first, last) } else { (last, first) };
         let pivot = middle.clamp(low, high);
         let mut split = parted(left, |value| value < pivot);
         if split == 0 {
-            // None is smaller, so those that are equal come first.
+            // None is smaller, so the equal ones come first.
             split = parted(left, |value| value <= pivot);
             if nth < split {
                 return Some(f32::from_bits(pivot));
@@ -49,7 +49,7 @@ pub fn nth(values: &mut [f32], nth: usize) -> Option<f32> {
     }
 }
 
-/// Puts those before all others whose bits are as wanted, and says how many there are.
+/// Moves the values whose bits satisfy the condition to the front, and returns how many there are.
 fn parted(values: &mut [f32], is_before: impl Fn(u32) -> bool) -> usize {
     let mut count = 0;
     let mut between = values.iter_mut();

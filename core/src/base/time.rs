@@ -1,6 +1,6 @@
-//! Instants and durations in integer microseconds. The core has no clock: whoever calls it says what time it is.
+//! Instants and durations in integer microseconds. The core has no clock: the caller passes the time.
 
-/// Microseconds since some start that the caller chooses once (boot on the target, zero in the simulator).
+/// Microseconds since an origin that the caller chooses once (boot on the target, zero in the simulator).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -1,4 +1,4 @@
-//! The trace hash: 64 bits over every bearing, plan and setpoint, by which host and target are compared.
+//! The trace hash: 64 bits over every bearing, plan and setpoint, used to compare host and target.
 
 /// A running hash over 32-bit words: FNV-1a's multiplication, a word instead of a byte at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,12 +12,12 @@ impl Default for Trace {
 }
 
 impl Trace {
-    /// Takes in one word.
+    /// Adds one word.
     pub fn word(&mut self, word: u32) {
         self.0 = (self.0 ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3);
     }
 
-    /// Takes in the bits of a float; both zeros count as one.
+    /// Adds the bits of a float; both zeros count as one.
     pub fn float(&mut self, value: f32) {
         self.word((value + 0.0).to_bits());
     }

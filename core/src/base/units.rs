@@ -25,7 +25,7 @@ pub fn wrap_pi(angle_rad: f32) -> f32 {
     }
 }
 
-/// The whole number below: `libm::floorf` for `|x| < 2^23`, in a quarter of its instructions.
+/// The largest whole number not above `x`: `libm::floorf` for `|x| < 2^23`, in a quarter of its instructions.
 #[must_use]
 #[inline]
 pub fn whole_below(x: f32) -> i32 {
@@ -37,7 +37,7 @@ pub fn whole_below(x: f32) -> i32 {
 #[must_use]
 #[inline(always)]
 pub fn nearest(x: f32) -> i32 {
-    // The largest number below a half: with a half, what is just below one would be rounded twice.
+    // The largest number below a half: with a half, a value just below one would be rounded twice.
     const BELOW_HALF: f32 = 0.5 - 0.25 * f32::EPSILON;
     (x + libm::copysignf(BELOW_HALF, x)) as i32
 }
@@ -74,7 +74,7 @@ pub fn sin_cos_inlined(angle_rad: f32) -> (f32, f32) {
 
 /// The angle in [0, pi/2] whose sine is `x`, for `x` in [0, 1], within 4e-7 rad of the truth.
 ///
-/// Below a half the same bits as `libm::asinf`, which above it goes through `f64`: 3 KB of software that nothing else needs.
+/// Below a half the same bits as `libm::asinf`, which above it uses `f64`: 3 KB of software that nothing else needs.
 #[must_use]
 pub fn asin(x: f32) -> f32 {
     if x < 0.5 { asin_small(x) } else { FRAC_PI_2 - 2.0 * asin_small(sqrt(0.5 * (1.0 - x))) }
@@ -86,7 +86,7 @@ fn asin_small(x: f32) -> f32 {
     x + x * (p / (1.0 + x2 * -7.066_296_3e-1))
 }
 
-/// `value` within limits. Where those may have crossed, or are no numbers, `clamp` would panic.
+/// `value` within limits. `clamp` would panic if the limits have crossed or are NaN.
 #[must_use]
 pub fn between(value: f32, low: f32, high: f32) -> f32 {
     if value > high {

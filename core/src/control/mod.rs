@@ -1,5 +1,6 @@
-//! A trajectory becomes a velocity that the vehicle can fly and that keeps it clear of everything: a model of how the vehicle
-//! follows commands, wind, tracker, evader, guard. It may import `base`, `mapping` and, for the trajectory, `planning`.
+//! Turns a trajectory into a velocity that the vehicle can fly and that keeps it clear of all obstacles: a model of
+//! how the vehicle follows commands, wind estimate, tracker, evader, guard. It may import `base`, `mapping` and, for
+//! the trajectory, `planning`.
 
 pub mod evade;
 pub mod guard;

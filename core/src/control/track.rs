@@ -1,15 +1,15 @@
 //! The waypoint tracker: a PID on the error to a point ahead on the planned trajectory (main paper, section IV: "the next
 //! waypoint ... is fed into PID controllers ... to get global velocities").
 //!
-//! It steers the rest point, which obeys at once, so the proportional part does the work; the derivative part acts on the
-//! rest point's motion, and the integral part takes out a steady drift. The nose follows the direction of travel.
+//! It steers the rest point, which follows at once, so the proportional part does most; the derivative part acts on
+//! the rest point's motion, and the integral part removes a steady drift. The nose follows the direction of travel.
 
 use crate::base::error::{ConfigError, check};
 use crate::base::ned::Horizontal;
 use crate::base::units::wrap_pi;
 use crate::planning::rollout::{SPACING_M, Trajectory, WAYPOINTS};
 
-/// What the tracker needs to know.
+/// Configuration of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -17,11 +17,11 @@ pub struct Config {
     pub kp_per_s: f32,
     /// Velocity per metre and second of error.
     pub ki_per_s2: f32,
-    /// Share of the last command taken off again.
+    /// Share of the last command that is subtracted.
     pub kd: f32,
     /// Bound of the integral part.
     pub integral_max_mps: f32,
-    /// How far ahead of the rest point the trajectory is aimed at.
+    /// How far ahead of the rest point the aim on the trajectory is.
     pub lookahead_m: f32,
     /// Yaw rate per radian between the nose and the direction of travel.
     pub yaw_gain_per_s: f32,
@@ -44,7 +44,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// How fast a straight plan is flown at most, whatever the guard would let through: the command at which all parts balance.
+    /// Largest speed on a straight plan without a guard: the command at which all parts balance.
     #[must_use]
     pub fn fastest_mps(&self) -> f32 {
         (self.kp_per_s * self.lookahead_m + self.integral_max_mps) / (1.0 + self.kd)
@@ -82,13 +82,13 @@ pub struct State {
 }
 
 impl State {
-    /// Starts on a new trajectory; the integral stays, the drift that it took out is still there.
+    /// Starts on a new trajectory; the integral is kept, since the drift is still there.
     pub fn restart(&mut self) {
         self.passed = 0;
     }
 }
 
-/// What the tracker asks for; the guard decides.
+/// What the tracker demands; the guard decides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Demand {
     /// Horizontal velocity, local NED.
@@ -119,7 +119,7 @@ impl Tracker {
         let velocity_ned_mps = error.times(c.kp_per_s).plus(state.integral_mps).minus(state.last_mps.times(c.kd));
         state.last_mps = velocity_ned_mps;
 
-        // Too close to tell a direction: keep the nose where it is.
+        // Too close to give a direction: keep the nose where it is.
         let yaw_rate_radps =
             if error.norm() > 0.5 * SPACING_M { self.turn_to(error.bearing_rad(), yaw_rad) } else { 0.0 };
         Demand { velocity_ned_mps, down_mps: 0.0, yaw_rate_radps }
@@ -138,7 +138,7 @@ impl Tracker {
     }
 }
 
-/// Waypoints passed: the rest point is past one when it is nearer to the next, or has come to it.
+/// Waypoints passed: a waypoint is passed when the rest point is nearer to the next, or has reached it.
 fn progress(passed: usize, trajectory: &Trajectory, rest: Horizontal) -> usize {
     let mut passed = passed.min(WAYPOINTS);
     while passed < WAYPOINTS {
@@ -162,7 +162,7 @@ mod tests {
         let config = Config::default();
         let (tracker, mut state) = (config.build().unwrap(), State::default());
         let mut fastest_mps: f32 = 0.0;
-        // A rest point that is pulled along for ever, a look-ahead behind.
+        // A rest point that is pulled along for ever, one look-ahead behind.
         let aim = core::array::from_fn(|_| Horizontal { north: config.lookahead_m, east: 0.0 });
         for _ in 0..1000 {
             fastest_mps = tracker.step(&mut state, &aim, Horizontal::default(), 0.0, 0.02).velocity_ned_mps.norm();

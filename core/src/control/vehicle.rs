@@ -1,4 +1,4 @@
-//! The vehicle that tests of the guard and of guidance fly: it follows setpoints after a dead time and with a lag, as
+//! The vehicle in tests of the guard and of guidance: it follows setpoints after a dead time and with a lag, as
 //! [`vehicle_model`](super::vehicle_model) predicts.
 
 use std::collections::VecDeque;
@@ -15,12 +15,12 @@ pub(crate) struct Vehicle {
     pub(crate) velocity: Horizontal,
     pub(crate) yaw_rad: f32,
     pub(crate) lag_s: f32,
-    /// Setpoints that it has received and does not follow yet: the dead time.
+    /// Setpoints received but not followed yet: the dead time.
     pub(crate) pending: VecDeque<Setpoint>,
 }
 
 impl Vehicle {
-    /// One that stands and heads north, with a dead time of so many steps.
+    /// One that stands still and heads north, with a dead time of `steps` steps.
     pub(crate) fn new(position: Horizontal, steps: usize, lag_s: f32) -> Self {
         let pending = std::vec![Setpoint::default(); steps].into();
         Self { position, velocity: Horizontal::default(), yaw_rad: 0.0, lag_s, pending }

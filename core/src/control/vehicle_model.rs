@@ -1,4 +1,4 @@
-//! How the vehicle follows a velocity setpoint, and from it the rest point: where it would stop if commanded to stop now.
+//! How the vehicle follows a velocity setpoint, and the rest point: where it would stop if commanded to stop now.
 //!
 //! An autopilot follows a velocity setpoint after a dead time `T` and with a first-order lag `tau`. Whatever
 //! is commanded now, the vehicle still moves by `v tau` and by the commands of the last `T` seconds; so
@@ -7,8 +7,8 @@
 //!     rest = p + v tau + integral of the commands over the last T seconds,     d rest / dt = command
 //! ```
 //!
-//! The rest point obeys at once. It is the particle that the planner plans for, the tracker steers and the guard keeps
-//! clear; the vehicle itself follows it, never outside of where it has been.
+//! The rest point follows a command at once. The planner plans for it, the tracker steers it and the guard keeps it
+//! clear; the vehicle follows it, and never leaves the rest point's track.
 
 use heapless::Deque;
 
@@ -39,7 +39,7 @@ impl Config {
     /// Checks the configuration for a loop of the given period.
     ///
     /// # Errors
-    /// The field that is out of range; a dead time of more steps than can be remembered.
+    /// The field that is out of range; a dead time of more steps than can be stored.
     pub fn build(&self, tick_s: f32) -> Result<VehicleModel, ConfigError> {
         check("vehicle_model.dead_time_s", self.dead_time_s, 0.0, tick_s * PENDING_MAX as f32)?;
         check("vehicle_model.lag_s", self.lag_s, 0.0, 5.0)?;
@@ -63,7 +63,7 @@ pub struct State {
 }
 
 impl State {
-    /// The command of so many steps ago, of which there is one for each of the last `pending` steps.
+    /// The command of `steps` steps ago; there is one for each of the last `pending` steps.
     #[must_use]
     pub fn ago(&self, steps: usize) -> Horizontal {
         let index = self.commands.len().checked_sub(steps + 1);

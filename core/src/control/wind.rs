@@ -1,23 +1,23 @@
-//! How hard gusts push: how much faster the vehicle has lately been than its commands alone would have made it.
+//! Estimates gusts: how much faster the vehicle has lately been than its commands explain.
 //!
-//! That follows from the delay of [`crate::control::vehicle_model`], as a dead time and two equal lags one after the other: the
-//! shape of a real autopilot's response, which is nearly a critically damped second order.
+//! The comparison uses the delay of [`crate::control::vehicle_model`], as a dead time and two equal lags in series:
+//! the shape of a real autopilot's response, which is nearly a critically damped second order.
 //!
 //! ```text
 //!     s1' = (command a dead time ago - s1) / tau,    s2' = (s1 - s2) / tau,    excess = |measured - s2| - floor - slack |s2'|
 //! ```
 //!
-//! The excess is due to the wind. Its largest recent value, fading with [`Config::memory_s`], times [`Config::margin_s`] is
-//! the **gust margin**: how far, about, such gusts carry the vehicle away from where it would be before its autopilot has
-//! brought it back. (A controller that holds a position at a bandwidth of 1 rad/s, as ArduCopter's does, is off by about as
-//! many metres as it is metres a second too fast.) The largest of few gusts is not the largest
-//! to come: at first the margin is larger by [`Config::unsure`] times. The guard and the planner keep it beyond their own margins, from what stands still. In calm air
-//! there is no excess, and the margin is exactly zero.
+//! The excess is due to the wind. Its largest recent value, fading with [`Config::memory_s`], times
+//! [`Config::margin_s`] is the **gust margin**: about how far such gusts move the vehicle before its autopilot has
+//! brought it back. (A controller that holds a position at a bandwidth of 1 rad/s, as ArduCopter's does, is off by
+//! about as many metres as it is metres a second too fast.) The largest of few gusts is not yet the largest to
+//! expect, so at first the margin is larger by the factor [`Config::unsure`]. Guard and planner add it to their own
+//! margins from standing obstacles. In calm air there is no excess, and the margin is exactly zero.
 //!
-//! A vehicle that hovers and leans when control begins leans against the wind, and wind has gusts: a part of the lean counts as
-//! a gust. Less than two degrees are not due to wind.
+//! A vehicle that hovers and leans when control begins is leaning against the wind, and wind has gusts: a part of the
+//! lean counts as a gust. A lean of less than two degrees is not attributed to wind.
 //!
-//! It is estimated under our own commands only: out of control, and for a second afterwards, it keeps its value.
+//! It is estimated only while we are in control: otherwise, and for the first second in control, it keeps its value.
 
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
@@ -25,41 +25,41 @@ use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 use crate::control::vehicle_model::{self, VehicleModel};
 
-/// Not compared for so long after control was taken.
+/// No comparison for this long after control was taken.
 const SETTLING_S: f32 = 1.0;
 
 /// Steps after which the vehicle may lean because of a command.
 const BEGINNING: u8 = 5;
-/// Hovering: no faster than this.
+/// The vehicle counts as hovering below this speed.
 const STANDING_MPS: f32 = 0.3;
-/// A lean that the vehicle may have by itself.
+/// A lean that the vehicle may have without wind.
 const LEAN_MIN_RAD: f32 = 0.035;
 
 /// Configuration of the gust margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Margin for each metre a second that the wind has made the vehicle faster; zero: gusts are ignored.
+    /// Margin for each metre a second of excess; zero: gusts are ignored.
     pub margin_s: f32,
     /// Largest margin.
     pub margin_max_m: f32,
-    /// How long a gust is remembered.
+    /// Time constant with which a gust is forgotten.
     pub memory_s: f32,
-    /// How much more, as a share, is taken before any has been seen.
+    /// The additional share of margin before any gust has been seen.
     pub unsure: f32,
-    /// How long it takes to have seen enough of them.
+    /// Time after which enough of them have been seen.
     pub unsure_s: f32,
-    /// Less than this is noise.
+    /// An excess below this is noise.
     pub floor_mps: f32,
     /// Error of the vehicle's model, in time.
     pub slack_s: f32,
-    /// What a lean at the beginning counts for; zero: nothing.
+    /// Excess per radian of lean at the beginning; zero: the lean is ignored.
     pub lean_mps_per_rad: f32,
 }
 
 impl Default for Config {
-    /// Compared with others in `docs/results/gusts.md`; floor and slack are what keeps it at zero in calm air, of ArduCopter's
-    /// answer as of a point mass with a lag of 0.15 s.
+    /// Compared with other values in `docs/results/gusts.md`. Floor and slack keep the margin at zero in calm air,
+    /// with ArduCopter's response and with a point mass with a lag of 0.15 s.
     fn default() -> Self {
         Self {
             margin_s: 1.3,
@@ -114,7 +114,7 @@ pub struct Estimator {
     settling: u8,
 }
 
-/// How fast the vehicle should be, and the largest recent excess.
+/// The expected velocity of the vehicle, and the largest recent excess.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     first_mps: Horizontal,
@@ -124,7 +124,7 @@ pub struct State {
     sure: f32,
     /// Steps in control, up to the end of the settling.
     since: u8,
-    /// When the velocity was received: the lower bits, which tell it from the one before.
+    /// When the velocity was received: the lower bits, which distinguish it from the one before.
     received_us: u32,
 }
 
@@ -135,13 +135,13 @@ impl State {
         self.excess_mps > 0.0
     }
 
-    /// The velocity between the two lags: where the commands so far take that of the vehicle.
+    /// The velocity between the two lags, which the vehicle's velocity is approaching.
     #[must_use]
     pub fn halfway_mps(&self) -> Horizontal {
         self.first_mps
     }
 
-    /// Out of control; the estimate stays.
+    /// Out of control; the estimate is kept.
     pub fn release(&mut self) {
         self.since = 0;
     }
@@ -155,13 +155,14 @@ impl Estimator {
         }
         let lean_rad = sqrt(roll_rad * roll_rad + pitch_rad * pitch_rad);
         let excess_mps = self.config.lean_mps_per_rad * (lean_rad - LEAN_MIN_RAD);
-        // False too for what is not a number.
+        // False also for NaN.
         if excess_mps > state.excess_mps {
             state.excess_mps = excess_mps;
         }
     }
 
-    /// One step in control: `commands` are those before this step's; the velocity is the latest that was received, and when.
+    /// One step in control: `commands` are those before this step's; the velocity is the latest received, with its
+    /// time.
     pub fn step(
         &self,
         state: &mut State,
@@ -185,7 +186,7 @@ impl Estimator {
             state.sure += self.learned * (1.0 - state.sure);
             let off_mps = sqrt(velocity_ned_mps.minus(state.second_mps).norm_squared());
             let excess_mps = off_mps - c.floor_mps - c.slack_s * self.per_tau * sqrt(change.norm_squared());
-            // False too for what is not a number.
+            // False also for NaN.
             if excess_mps > state.excess_mps {
                 state.excess_mps = excess_mps;
             }
@@ -209,8 +210,8 @@ mod tests {
 
     const TICK_S: f32 = 0.02;
 
-    /// ArduCopter's measured answer: 0.22 s, then critically damped at 3.1 rad/s; what `wind` says is added to it. Commands turn and
-    /// change at the guard's limit of 2 m/s^2. The margin after each step.
+    /// ArduCopter's measured response: 0.22 s, then critically damped at 3.1 rad/s; `wind` is added to it. Commands
+    /// turn and change at the guard's limit of 2 m/s^2. Returns the margin after each step.
     fn margins(duration_s: f32, wind: impl Fn(f32) -> Horizontal) -> std::vec::Vec<f32> {
         let vehicle_model = vehicle_model::Config::default().build(TICK_S).unwrap();
         let estimator = Config::default().build(&vehicle_model, TICK_S).unwrap();
@@ -270,7 +271,7 @@ mod tests {
         });
         let at = |at_s: f32| margins[(at_s / TICK_S) as usize];
         assert_eq!(at(49.9), 0.0);
-        // Less floor, at most; more by the model's error, which may add to it.
+        // Reduced by at most the floor; increased by the model's error, which may add to it.
         assert!((0.9 * 0.35..1.1 * 0.45).contains(&(at(52.0) / 1.3)), "{}", at(52.0));
         assert!((at(92.0) / at(52.0) - (-1.0_f32).exp()).abs() < 0.02);
     }
@@ -297,7 +298,7 @@ mod tests {
             estimator.step(&mut state, &commands, Horizontal { north, east: 0.0 }, Instant(received_us));
             estimator.margin_m(&state)
         };
-        // A pilot flies it about, and then a velocity that stands still in the wire, and one that is none.
+        // A pilot flies it about; then a velocity that stands still on the link, and one that is NaN.
         assert!((0..500).all(|k| flown((0.1 * k as f32).sin(), 1 + k, true) == 0.0));
         assert!((0..500).all(|k| flown(0.0, 1000 + k, false) == 0.0));
         assert!((0..500).all(|_| flown(3.0, 1499, false) == 0.0));

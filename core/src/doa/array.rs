@@ -1,15 +1,15 @@
-//! The antenna array: where the antennas are, and what is known of their channels.
+//! The antenna array: the antennas' positions, and the calibration of their channels.
 //!
-//! Positions are body forward-right (metres, any common offset). The default is the main paper's square (eq. 18-19) in
-//! our frame: A1 front-right, A2 front-left, A3 back-left, A4 back-right. Its side is 0.40 wavelength: half a wavelength,
-//! which the paper's eq. 3 allows, cannot tell ahead from behind nor left from right, and what is close to it turns round
-//! in noise.
+//! Positions are body forward-right (metres, any common offset). The default is the main paper's square (eq. 18-19)
+//! in our frame: A1 front-right, A2 front-left, A3 back-left, A4 back-right. Its side is 0.40 wavelength. With half a
+//! wavelength, which the paper's eq. 3 allows, opposite directions cannot be distinguished, and close to that noise
+//! reverses some bearings.
 //!
-//! What is known of the channels is a [`Table`]: their gains and phases relative to each other, at up to four frequencies.
-//! Two frequencies are involved. The table's own is that of the tone as the converters see it (the intermediate
-//! frequency, [`crate::signal::phase::Phasors::frequency_hz`]): filters and sampling delays turn the phases with it. The
-//! carrier is the table's wavelength: cables and antennas do. [`Array::at`] is the array as it is for a tone of a given
-//! frequency: between two entries phases go linearly with frequency, as those of a delay do, and amplitudes linearly.
+//! A [`Table`] holds the channels' gains and phases relative to each other, at up to four frequencies. Two
+//! frequencies are involved. The table's own is that of the tone in the converters' samples (the intermediate
+//! frequency, [`crate::signal::phase::Phasors::frequency_hz`]): filters and sampling delays change the phases with
+//! it. The other is the carrier, given by the table's wavelength, on which cables and antennas depend. [`Array::at`]
+//! is the array for a tone of a given frequency: between two entries phases and amplitudes are interpolated linearly.
 
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
@@ -18,36 +18,37 @@ use crate::base::sort::sort_by_key;
 use crate::base::units::{sin_cos, wrap_pi};
 use crate::signal::phase::Complex;
 
-/// Shortest side, in wavelengths, that is refused: from here on two opposite directions look the same.
+/// Shortest side, in wavelengths, that is refused: from here on two opposite directions are indistinguishable.
 pub const SIDE_REFUSED: f32 = 0.5;
-/// Shortest side, in wavelengths, that deserves a warning.
+/// Shortest side, in wavelengths, with a warning.
 pub const SIDE_WARNED: f32 = 0.46;
 
 /// Most frequencies that a table holds.
 pub const TABLE_ENTRIES: usize = 4;
-/// A table holds this far below its lowest and above its highest frequency, as a part of that frequency; there the nearest
-/// entry counts. A tone of 15 kHz may drift by 3.7 kHz: 4 ppm of a carrier of 868 MHz.
+/// A table is valid this far below its lowest and above its highest frequency, as a share of that frequency; there
+/// the nearest entry is used. A tone of 15 kHz may drift by 3.7 kHz: 4 ppm of a carrier of 868 MHz.
 pub const FREQUENCY_MARGIN: f32 = 0.25;
-/// A table holds for wavelengths this close to its own, as a part of it: the width of a band for short-range devices.
+/// A table is valid for wavelengths this close to its own, as a share of it: the width of a band for short-range
+/// devices.
 pub const WAVELENGTH_MARGIN: f32 = 0.01;
 
 /// The channels at one frequency.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Entry {
-    /// The tone's frequency as the converters see it.
+    /// The tone's frequency in the converters' samples.
     pub frequency_hz: f32,
     /// Amplitude of each channel relative to their mean.
     pub gain: [f32; CHANNELS],
     /// Phase of each channel relative to their common phase.
     pub phase_rad: [f32; CHANNELS],
-    /// Standard deviation of a channel's phase that is left when the channels are corrected.
+    /// Remaining standard deviation of a channel's phase after correction.
     pub residual_rad: f32,
     /// Temperature of the receiver when it was measured.
     pub temperature_c: Option<f32>,
 }
 
-/// What is known of the channels, frequency by frequency.
+/// Calibration of the channels, frequency by frequency.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Table {
@@ -58,7 +59,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// A table that holds nowhere: it stands for one that is damaged.
+    /// A table that is valid nowhere: it stands for a damaged one.
     pub const EMPTY: Self = {
         let nothing = Entry {
             frequency_hz: 0.0,
@@ -120,7 +121,7 @@ impl Table {
         self.wavelength_m
     }
 
-    /// Whether it holds for a tone of this frequency: inside the span of its entries, or at most
+    /// Whether it is valid for a tone of this frequency: inside the span of its entries, or at most
     /// [`FREQUENCY_MARGIN`] outside.
     #[must_use]
     pub fn covers(&self, frequency_hz: f32) -> bool {
@@ -129,7 +130,7 @@ impl Table {
             && frequency_hz <= last.frequency_hz * (1.0 + FREQUENCY_MARGIN)
     }
 
-    /// The channels at a frequency, between entries or as the nearest one says; `None` when there is none.
+    /// The channels at a frequency, interpolated or from the nearest entry; `None` outside the valid range.
     #[must_use]
     pub fn at(&self, frequency_hz: f32) -> Option<Entry> {
         let above = self.entries().iter().position(|entry| entry.frequency_hz > frequency_hz);
@@ -150,7 +151,7 @@ impl Table {
     }
 }
 
-/// By how much each channel's phase turns from one entry to the next, less what all turn together; each the short way
+/// How much each channel's phase changes from one entry to the next, minus their common change; each the short way
 /// round.
 #[must_use]
 pub fn phase_steps(a: &Entry, b: &Entry) -> [f32; CHANNELS] {
@@ -163,7 +164,7 @@ pub fn phase_steps(a: &Entry, b: &Entry) -> [f32; CHANNELS] {
     core::array::from_fn(|m| wrap_pi(step(m) - common))
 }
 
-/// What the array needs to know.
+/// Configuration of the array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -171,12 +172,12 @@ pub struct Config {
     pub wavelength_m: f32,
     /// Antenna positions, `[forward, right]`.
     pub antennas_m: [[f32; 2]; CHANNELS],
-    /// Complex gain of each channel relative to their mean, the same at all frequencies; measured channels are divided by
-    /// it.
+    /// Complex gain of each channel relative to their mean, the same at all frequencies; measured phasors are divided
+    /// by it.
     pub channel_gain: Option<[Complex; CHANNELS]>,
-    /// The same by frequency, as measured; takes the place of `channel_gain`. Where it does not hold, no bearing is valid.
+    /// The same by frequency, as measured; replaces `channel_gain`. Where it is not valid, no bearing is valid.
     pub calibration: Option<Table>,
-    /// Refuse to call a bearing valid with neither of the two.
+    /// Without either of the two, no bearing is valid.
     pub require_calibration: bool,
 }
 
@@ -225,7 +226,7 @@ impl Config {
         let side = side_m / wavelength_m;
         if side >= SIDE_REFUSED {
             let why =
-                Why::Inconsistent("antennas half a wavelength or more apart cannot tell opposite directions apart");
+                Why::Inconsistent("with antennas half a wavelength or more apart opposite directions are ambiguous");
             return Err(ConfigError { field: "side_m", value: side_m, why });
         }
         if side < 0.02 {
@@ -234,7 +235,7 @@ impl Config {
         }
         let [xx, xy, yy] = steering.iter().fold([0.0; 3], |[xx, xy, yy], [x, y]| [xx + x * x, xy + x * y, yy + y * y]);
         if xx * yy - xy * xy < 1e-3 * (xx + yy) * (xx + yy) {
-            let why = Why::Inconsistent("the antennas lie on one line and see only half of the circle");
+            let why = Why::Inconsistent("the antennas are on one line and cover only half of the circle");
             return Err(ConfigError { field: "antennas_m", value: side_m, why });
         }
 
@@ -273,12 +274,13 @@ impl Config {
 /// The checked array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Array {
-    /// Positions from their centroid times the wavenumber, `[forward, right]`: radians of phase per unit of direction.
+    /// Positions relative to their centroid, times the wavenumber, `[forward, right]`: radians of phase per unit of
+    /// direction.
     pub steering: [[f32; 2]; CHANNELS],
     /// Free-space wavenumber, radians a metre.
     pub wavenumber: f32,
-    /// The one combination of the four phases in which every plane wave cancels; largest element 1. On the square it is
-    /// `1, -1, 1, -1`.
+    /// The one combination of the four phases that is zero for every plane wave; largest element 1. On the square it
+    /// is `1, -1, 1, -1`.
     pub closure: [f32; CHANNELS],
     /// Longest distance between neighbours, in wavelengths.
     pub side_wavelengths: f32,
@@ -300,8 +302,8 @@ fn closure(p: &[[f32; 2]; CHANNELS]) -> [f32; CHANNELS] {
 }
 
 impl Array {
-    /// The array as it is for a tone of this frequency: corrected by its table, uncalibrated where that does not hold.
-    /// Without a table it is the same at all frequencies.
+    /// The array for a tone of this frequency: corrected by its table, uncalibrated where that is not valid. Without
+    /// a table it is the same at all frequencies.
     #[must_use]
     pub fn at(&self, frequency_hz: f32) -> Self {
         let Some(table) = &self.table else { return *self };
@@ -323,7 +325,7 @@ impl Array {
         self.table.is_some()
     }
 
-    /// Takes the channels' own gains and phases out of a set of phasors.
+    /// Removes the channels' own gains and phases from a set of phasors.
     #[must_use]
     pub fn correct(&self, z: &[Complex; CHANNELS]) -> [Complex; CHANNELS] {
         core::array::from_fn(|m| z[m].times(self.correction[m]))
@@ -335,20 +337,20 @@ impl Array {
         self.correction[channel].norm_squared()
     }
 
-    /// Standard deviation of a channel's phase that the calibration leaves.
+    /// Standard deviation of a channel's phase after calibration.
     #[must_use]
     pub fn residual_rad(&self) -> f32 {
         self.residual_rad
     }
 
-    /// Whether a calibration is demanded and missing, or there is one and it does not hold: for another carrier, for other
-    /// frequencies, or damaged.
+    /// Whether a calibration is required and missing, or there is one that is not valid: for another carrier, for
+    /// other frequencies, or damaged.
     #[must_use]
     pub fn is_uncalibrated(&self) -> bool {
         self.uncalibrated
     }
 
-    /// Whether the side is so close to half a wavelength that noise turns some bearings round.
+    /// Whether the side is so close to half a wavelength that noise reverses some bearings.
     #[must_use]
     pub fn is_nearly_ambiguous(&self) -> bool {
         self.side_wavelengths > SIDE_WARNED
@@ -402,7 +404,7 @@ mod tests {
 
     #[test]
     fn between_two_entries_the_phases_are_those_of_the_delay_and_amplitudes_are_linear() {
-        // Up to 0.75 sample: between the entries some phases go through the half turn.
+        // Up to 0.75 sample: between the entries some phases pass through half a turn.
         let delay_s = [0.0, 7.3e-6, -4.1e-6, 2.2e-6];
         let entries = [entry(44_000.0, delay_s, [1.0, 1.2, 0.8, 1.0]), entry(12_000.0, delay_s, [1.0; 4])];
         let table = Table::new(0.345, &entries).unwrap();

@@ -1,5 +1,5 @@
-//! Phasors become a bearing with a standard deviation: the array, its calibration, the estimators, and the antenna that
-//! turns. It may import `base` and `signal`.
+//! Turns phasors into a bearing with a standard deviation: the array, its calibration, the estimators, and the
+//! turning antenna. It may import `base` and `signal`.
 
 pub mod array;
 pub mod beam;

@@ -1,4 +1,4 @@
-//! From the active plan to the command: the demand, past what moves and through the guard; and what is let go out of control.
+//! From the active plan to the command: the demand, the evader and the guard; and the reset out of control.
 
 use heapless::Vec;
 
@@ -10,13 +10,13 @@ use crate::control::guard::{self, GuardInput, Setpoint};
 use crate::control::track::{self, Demand};
 use crate::planning::planner::Verdict;
 
-/// The guard lets the vehicle come so much nearer to what is told to move than to what stands.
+/// The guard lets the vehicle come this much nearer to obstacles reported as moving than to standing ones.
 const BODY_M: f32 = 0.1;
-/// What is told to move faster than this is left to the evader while it gives way.
+/// Obstacles reported as moving faster than this are left to the evader while it gives way.
 const WALKS_MPS: f32 = 0.5;
 
 impl<const N: usize> Guidance<N> {
-    /// What the active plan asks for; `None` when there is nothing to follow.
+    /// The demand of the active plan; `None` when there is nothing to follow.
     pub(super) fn demand(&self, state: &mut State<N>, situation: &GuardInput) -> Option<Demand> {
         let plan = state.active.as_ref()?;
         let trajectory = &plan.waypoints_ned_m;
@@ -27,7 +27,7 @@ impl<const N: usize> Guidance<N> {
         }
         if plan.verdict == Verdict::Brake {
             demand.velocity_ned_mps = Horizontal::default();
-            // Nothing safe in sight: look where the source is.
+            // No safe path in sight: look towards the source.
             if let Some(bearing_rad) = state.goal.source_bearing_ned_rad() {
                 demand.yaw_rate_radps = self.track.turn_to(bearing_rad, situation.yaw_rad);
             }
@@ -35,7 +35,7 @@ impl<const N: usize> Guidance<N> {
         Some(demand)
     }
 
-    /// The demand, with the altitude held, past what moves and through the guard.
+    /// The demand, with the altitude held, through the evader and the guard.
     pub(super) fn command(
         &self,
         state: &mut State<N>,
@@ -43,11 +43,11 @@ impl<const N: usize> Guidance<N> {
         situation: &GuardInput,
         evades: bool,
     ) -> (Setpoint, guard::Action) {
-        // The altitude of the first word heard in control; before it there is none to hold.
+        // The altitude of the first position received in control; before it there is none to hold.
         let mut demand = *demand;
         let mut situation = *situation;
         if is_landing(state) {
-            // What it is held at next is where the landing leaves it.
+            // The altitude to hold next is the one where the landing ends.
             state.hold_down_m = None;
             situation.held_down_m = None;
         } else if let Some(ownship) = &state.ownship {
@@ -76,9 +76,9 @@ impl<const N: usize> Guidance<N> {
                 demand.velocity_ned_mps = velocity_ned_mps;
                 situation.is_evading = true;
             }
-            // Where scans are taken in, the guard knows the hits of one who is followed, and what the map finds to move. Where
-            // circles are told, it keeps off where a body is now, as if it stood there; what walks is left to what gives way, since
-            // it has left that place when the vehicle comes there.
+            // With scans, the guard has the hits of a tracked body, and the moving circles of the map. With reported
+            // circles, it keeps clear of a body's present place as if it stood there; walking bodies are left to the
+            // evader, since they will have left that place when the vehicle arrives.
             if !state.tracks.has_scanned() {
                 if situation.is_evading {
                     state.near.retain(|one| one.velocity_ned_mps.norm_squared() < WALKS_MPS * WALKS_MPS);
@@ -94,7 +94,7 @@ impl<const N: usize> Guidance<N> {
         (ruling.setpoint, ruling.action)
     }
 
-    /// Out of control: everything that belongs to a mission starts over, what is known of the world stays.
+    /// Out of control: everything that belongs to a mission starts over; knowledge of the surroundings is kept.
     pub(super) fn let_go(&self, state: &mut State<N>) {
         state.guard.release();
         state.wind.release();

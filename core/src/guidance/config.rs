@@ -1,4 +1,4 @@
-//! The configuration of the whole chain, checked and built room by room.
+//! The configuration of the whole chain, checked and built module by module.
 
 use super::{Guidance, mission, turning};
 use crate::base::error::{ConfigError, Why, check};
@@ -12,21 +12,21 @@ use crate::planning::planner;
 use crate::planning::rollout::WAYPOINTS;
 use crate::signal::phase;
 
-/// Configuration of the whole chain, room by room.
+/// Configuration of the whole chain, module by module.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Seed of everything random in the flight.
+    /// Seed of all random numbers of the flight.
     pub seed: u64,
     /// Period of the steps.
     pub tick_s: f32,
-    /// Steps from a plan's request to its taking effect.
+    /// Steps from a plan's request to the step in which it takes effect.
     pub handover_ticks: u32,
-    /// The next plan is asked for when this many waypoints are passed (main paper, section IV: 5).
+    /// The next plan is requested when this many waypoints are passed (main paper, section IV: 5).
     pub replan_at_waypoint: u8,
-    /// It is asked for after this long at the latest.
+    /// It is requested after this long at the latest.
     pub replan_after_s: f32,
-    /// A plan that says brake is asked for again after this long.
+    /// After a brake plan the next one is requested after this long.
     pub retry_s: f32,
     /// Phasor extraction.
     pub phase: phase::Config,
@@ -34,38 +34,38 @@ pub struct Config {
     pub array: array::Config,
     /// Angle of arrival.
     pub bearing: bearing::Config,
-    /// The lidar on a line of our own, where obstacles are taken from it; else the autopilot tells of them.
+    /// The lidar on a serial line of our own, if obstacles come from it; otherwise the autopilot reports them.
     pub lidar: Option<lidar::Mount>,
     /// Circles from scans.
     pub scan: scan::Config,
     /// Obstacle memory.
     pub map: map::Config,
-    /// Tracks of what moves.
+    /// Tracks of moving obstacles.
     pub tracks: tracks::Config,
-    /// Filters of where the source is.
+    /// Filters that estimate the source's position.
     pub source: bank::Config,
-    /// Whether reflections are looked for.
+    /// Whether reflections are considered.
     pub reflections: bool,
     /// Temporary target.
     pub goal: goal::Config,
     /// Planner.
     pub planner: planner::Config,
-    /// The vehicle's answer to setpoints.
+    /// Model of how the vehicle follows setpoints.
     pub vehicle_model: vehicle_model::Config,
-    /// What is made of gusts.
+    /// Estimate of gusts.
     pub wind: wind::Config,
     /// Waypoint tracker.
     pub track: track::Config,
-    /// What gets out of the way of what moves.
+    /// The evader, which gives way to moving obstacles.
     pub evade: evade::Config,
     /// Safety filter.
     pub guard: guard::Config,
     /// State machine.
     pub mission: mission::Config,
-    /// Seeking by turning, where there is no array or too little of it is left; none where its elements hear the same all
-    /// round.
+    /// Seeking by turning, for a vehicle without an array or with too few working channels; `None` if its antennas
+    /// receive equally from all directions.
     pub turning: Option<turning::Config>,
-    /// What it does where it arrives; without it the beacon is sought for ever.
+    /// Behaviour on arrival; without it the vehicle goes on seeking the beacon.
     pub landing: Option<landing::Config>,
 }
 
@@ -102,7 +102,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Sets the vehicle's radius wherever it counts.
+    /// Sets the vehicle's radius in all configurations that use it.
     pub fn set_vehicle_radius_m(&mut self, radius_m: f32) {
         if let Some(explore) = &mut self.planner.explore {
             explore.clearance_m = radius_m + self.planner.margin_m;
@@ -111,7 +111,7 @@ impl Config {
         self.guard.vehicle_radius_m = radius_m;
     }
 
-    /// Checks every room's part.
+    /// Checks the configuration of every module.
     ///
     /// # Errors
     /// The first field that is refused.
@@ -122,7 +122,7 @@ impl Config {
         check("replan_after_s", self.replan_after_s, 0.1, 60.0)?;
         check("retry_s", self.retry_s, 0.05, 10.0)?;
         if self.planner.vehicle_radius_m < self.guard.vehicle_radius_m {
-            let why = Why::Inconsistent("the planner may not think the vehicle smaller than the guard does");
+            let why = Why::Inconsistent("the planner's vehicle radius must not be smaller than the guard's");
             return Err(ConfigError { field: "planner.vehicle_radius_m", value: self.planner.vehicle_radius_m, why });
         }
         if let Some(lidar) = &self.lidar {

@@ -1,4 +1,5 @@
-//! What sensors bring, taken in: frames to bearings and on to where the source is, looks at obstacles to the map and the guard.
+//! Input of a step: frames become bearings and update the source's estimate; obstacle data updates the map and the
+//! guard.
 
 use super::systems::Systems;
 use super::{FrontEnd, Guidance, Input, Measurement, State, near, turning};
@@ -15,15 +16,15 @@ use crate::localize::source::bank::{self, Mode, Path};
 use crate::mapping::scan::{Points, Refusal, Scan, Segmentation};
 use crate::signal::phase::Phasors;
 
-/// Where the vehicle was when a sensor looked is known from positions and attitudes that are no farther away in time.
+/// The pose at the time of a measurement is known from positions and attitudes no farther away in time than this.
 const POSE_AGE_MAX_S: f32 = 0.3;
-/// What tells a reflected link from a direct one, and how many of the links are reflected for each that is direct.
+/// The classifier of reflected and direct links, with the ratio of reflected to direct links.
 const CLASSIFIER: Classifier = Classifier::TRAINED;
 const REFLECTED_PRIOR: f32 = 0.25;
 /// Share of the weight that the leading filter must have for its reflection to be followed.
 const SURE: f32 = 0.7;
 
-/// Deliveries of obstacle sensors of which nothing was taken into the map, by reason.
+/// Deliveries of obstacle sensors that did not enter the map, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Refused {
     /// [`Refusal::NoOwnship`].
@@ -37,7 +38,7 @@ pub struct Refused {
 }
 
 impl Refused {
-    /// All of them.
+    /// Their sum.
     #[must_use]
     pub fn total(&self) -> u32 {
         [self.times_apart, self.geometry, self.absurd].iter().fold(self.no_ownship, |sum, n| sum.saturating_add(*n))
@@ -56,29 +57,29 @@ impl Refused {
 }
 
 impl<const N: usize> Guidance<N> {
-    /// The phasors of a frame that the chain is not to go by, as when the receiver is examined; a step that comes with it gets
-    /// [`FrontEnd::Nothing`]. What is known of the tone is forgotten before and after ([`Self::forget_tone`]).
+    /// The phasors of a frame that guidance must not use, as when the receiver is tested; the step of such a frame
+    /// gets [`FrontEnd::Nothing`]. The tracked tone is forgotten before and after ([`Self::forget_tone`]).
     pub fn phasors(&self, state: &mut State<N>, snapshot: &AdcFrame<N>) -> Phasors {
         self.phase.step(&mut state.phase, snapshot)
     }
 
-    /// What a frame says by itself, looked at as a whole: that is how one checks what was heard of it in a flight.
+    /// The bearing of a frame by itself, without the frames before it: a check of a bearing measured in flight.
     pub fn bearing(&self, state: &mut State<N>, systems: &impl Systems, snapshot: &AdcFrame<N>) -> Bearing {
         systems.bearing(&self.bearing, &self.phasors(state, snapshot))
     }
 
-    /// The next frame has nothing to do with the ones before.
+    /// Tells the extractor that the next frame does not follow the ones before.
     pub fn forget_tone(&self, state: &mut State<N>) {
         state.phase.reset();
     }
 
-    /// Frame -> phasors -> bearing: the part of a step that has to do with codes. Whoever wants to keep what was heard calls
-    /// it before the step, which then takes [`FrontEnd::Measured`].
+    /// Frame -> phasors -> bearing: the part of a step that needs the samples. To keep the measurement, call this
+    /// before the step, which then takes [`FrontEnd::Measured`].
     pub fn listen(&self, state: &mut State<N>, front_end: FrontEnd<'_, N>) -> Option<Measurement> {
         self.listen_with(state, front_end, BearingEstimator::estimate)
     }
 
-    /// The same with another way from phasors to a bearing, see [`Systems::bearing`].
+    /// The same with another function from phasors to a bearing, see [`Systems::bearing`].
     pub fn listen_with(
         &self,
         state: &mut State<N>,
@@ -97,7 +98,7 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
-    /// Bearing -> direction of the source, and where it is.
+    /// Bearing -> direction and position of the source.
     pub(super) fn hear(&self, state: &mut State<N>, heard: &Measurement) -> Option<(Bearing, Option<f32>)> {
         let Measurement { bearing, phasors } = *heard;
         if let Some(turning) = &self.turning
@@ -119,7 +120,8 @@ impl<const N: usize> Guidance<N> {
         Some((bearing, bearing_ned_rad))
     }
 
-    /// Frame -> power -> rotation -> direction of the source. The link's state is not known: it is told from arrays.
+    /// Frame -> power -> rotation -> direction of the source. The link's state is unknown: it is classified from
+    /// arrays only.
     fn hear_by_turning(
         &self,
         turning: &turning::Turning,
@@ -140,9 +142,9 @@ impl<const N: usize> Guidance<N> {
         Some((turned.bearing, bearing_ned_rad))
     }
 
-    /// How likely the link is reflected, from what was heard and what was not.
+    /// Probability that the link is reflected, from the bearing or its absence.
     fn classify(&self, state: &mut State<N>, bearing: &Bearing, bearing_ned_rad: Option<f32>, ownship: &Ownship) {
-        // A bearing made elsewhere says nothing of the waves that it was made from.
+        // A bearing made elsewhere has no information about its waves.
         if bearing_ned_rad.is_some() && bearing.quality.coherence.is_none() {
             state.reflected = 0.0;
             return;
@@ -165,28 +167,28 @@ impl<const N: usize> Guidance<N> {
         self.weigh(state, &sighting);
     }
 
-    /// Sighting -> filters. One that came by way of a wall is handed on as the vehicle's mirror image would have had it,
-    /// directly.
+    /// Sighting -> filters. A reflected sighting is passed on as the vehicle's mirror image would have measured it,
+    /// without reflection.
     fn weigh(&self, state: &mut State<N>, sighting: &Sighting) {
         if !sighting.is_plausible() {
             return;
         }
         let lines = state.active.as_ref().map_or(&[][..], |plan| &plan.lines);
         let answer = self.source.step(&mut state.source, sighting, state.reflected, lines);
-        // A reflection is worth following when it is known where it leads.
+        // A reflection is worth following when its origin is known.
         let sure = |answer: &bank::Answer| answer.mode == Mode::Go && answer.share > SURE;
         let answer =
             answer.map(|answer| if sure(&answer) { answer } else { bank::Answer { path: Path::Direct, ..answer } });
         let path = answer.map_or(Path::Direct, |answer| answer.path);
         let was_direct = state.belief.is_none_or(|belief| belief.path == Path::Direct);
-        // What has been taken for the source was its image.
+        // The position taken for the source was its mirror image.
         state.misled |= was_direct && path != Path::Direct;
         state.belief = answer;
         state.goal.push_sighting(path.straightened(sighting));
     }
 
-    /// What obstacle sensors delivered -> map -> what is near; and what was looked at -> guard. The scan comes last: what it says of
-    /// a place holds.
+    /// Data of obstacle sensors -> map -> near obstacles; and the coverage -> guard. The scan comes last, since it
+    /// overrules the others.
     pub(super) fn look(&self, state: &mut State<N>, input: &Input<'_, N>) {
         let (now, ownship) = (input.now, state.ownship);
         let pose = |time: Instant| pose_at(ownship.as_ref(), time);
@@ -211,7 +213,7 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
-    /// Circles -> map; says from where they were seen.
+    /// Circles -> map; returns the pose from which they were seen.
     #[inline(never)]
     fn take_circles(
         &self,
@@ -224,7 +226,7 @@ impl<const N: usize> Guidance<N> {
         Ok(pose)
     }
 
-    /// Scan -> circles -> map; says from where it was made.
+    /// Scan -> circles -> map; returns the pose from which it was made.
     #[inline(never)]
     fn take_scan(&self, state: &mut State<N>, now: Instant, scan: &Scan, pose: Pose) -> Result<Pose, Refusal> {
         if scan.is_fine() {
@@ -246,7 +248,7 @@ impl<const N: usize> Guidance<N> {
         Ok(pose)
     }
 
-    /// Single points -> circles -> map; says from where they were seen. They do not say what was looked at.
+    /// Single points -> circles -> map; returns the pose from which they were seen. They do not update the coverage.
     #[inline(never)]
     fn take_points(&self, state: &mut State<N>, now: Instant, points: &Points, pose: Pose) -> Result<Pose, Refusal> {
         let mut look = Segmentation::default();
@@ -256,10 +258,10 @@ impl<const N: usize> Guidance<N> {
     }
 }
 
-/// Where the vehicle was when a sensor looked, carried on from the last word about it.
+/// The pose at the time of a measurement, extrapolated from the last ownship.
 ///
 /// # Errors
-/// That is not known.
+/// The pose is not known.
 fn pose_at(ownship: Option<&Ownship>, time: Instant) -> Result<Pose, Refusal> {
     let ownship = ownship.ok_or(Refusal::NoOwnship)?;
     let is_apart =

@@ -1,30 +1,31 @@
-//! The state machine above the chain: what a step came to, and what the vehicle does about it.
+//! The state machine above the chain: the outcome of a step, and the vehicle's behaviour.
 //!
-//! A bad world is never an error: it has one of these outcomes, the first that applies from the top. "Hold" is velocity
-//! zero within the acceleration limit, altitude kept, the setpoint stream going on, and but for `StaleOwnship`, `StaleObstacles`
-//! and `Fault` giving way to what moves ([`crate::control::evade`]); "none" leaves the stream to the link,
-//! which sends no motion outside of the mode and falls silent with the autopilot.
+//! A problem in the world is not an error: it has one of these outcomes, the first that applies from the top. "Hold"
+//! is zero velocity within the acceleration limit, with the altitude kept and the setpoint stream continued; except
+//! for `StaleOwnship`, `StaleObstacles` and `Fault` the vehicle also gives way to moving obstacles
+//! ([`crate::control::evade`]). "None" leaves the stream to the link, which sends no motion outside of the mode and
+//! sends nothing when the autopilot is silent.
 //!
-//! | outcome | when | what the vehicle does |
+//! | outcome | condition | behaviour |
 //! |---|---|---|
 //! | `LinkLost` | no heartbeat of the autopilot | none; the mission starts over when it is back |
-//! | `NotInControl` | not in GUIDED / OFFBOARD, or disarmed | none; the mission starts over on a fresh entry |
+//! | `NotInControl` | not in GUIDED / OFFBOARD, or disarmed | none; the mission starts over when the mode is entered again |
 //! | `StaleOwnship` | position older than 0.3 s, attitude older than 0.2 s, or not finite ([`Stale::PositionOld`], [`Stale::AttitudeOld`]) | hold |
-//! | `StaleOwnship` | positions go another way than the velocity says, or stand still while it says that the vehicle moves ([`Stale::VelocityContradicts`], [`Stale::PositionFrozen`]; [`crate::base::ownship::Agreement`]) | hold until a fresh entry |
-//! | `StaleObstacles` | the newest look in the map is older than 0.5 s, and one is required | hold |
-//! | `Uncalibrated` | no usable bearing for 1 s, the last one for want of a calibration | hold |
-//! | `Ambiguous` | the same, the last one because directions could not be told apart | hold |
-//! | `NoSignal` | the same, for any other reason | hold; search, where `guidance::Config::explore` says how, then hold |
-//! | `GoalUnreachable` | no path for 15 s (time on a path is taken off), or no progress beyond 1 m in 20 s; while a plan is late neither time runs | hold until a fresh entry |
-//! | `Fault` | a stage reported what must not happen (a demand that is not finite) | hold |
-//! | `NoPath` | the planner answered with a brake plan | hold, ask again every 0.5 s |
-//! | `PlanLate` | the plan has run out, or there is none, or it brakes, or is braked, and the next was not there in time | hold, ask again at once |
-//! | `GuardBrake` | the guard replaced the command by a brake | hold, ask for a new plan at once |
-//! | `HandedOver` | the beacon or the pad is reached as far as it can be ([`crate::landing::Reason`]) | hover there, until a fresh entry |
-//! | `Landed` | the vehicle has come down onto the ground | none; zero velocity is asked for until the autopilot lets go |
+//! | `StaleOwnship` | positions contradict the velocity, or stand still while it says that the vehicle moves ([`Stale::VelocityContradicts`], [`Stale::PositionFrozen`]; [`crate::base::ownship::Agreement`]) | hold until the mode is entered again |
+//! | `StaleObstacles` | the newest obstacle measurement in the map is older than 0.5 s, and a sensor is required | hold |
+//! | `Uncalibrated` | no usable bearing for 1 s, the last one unusable for lack of a calibration | hold |
+//! | `Ambiguous` | the same, the last one because its direction was ambiguous | hold |
+//! | `NoSignal` | the same, for any other reason | hold; if `guidance::Config::explore` is set, search, then hold |
+//! | `GoalUnreachable` | no path for 15 s (time on a path is subtracted), or no progress beyond 1 m in 20 s; while a plan is late neither time runs | hold until the mode is entered again |
+//! | `Fault` | a stage reported an impossible value (a demand that is not finite) | hold |
+//! | `NoPath` | the planner answered with a brake plan | hold, request again every 0.5 s |
+//! | `PlanLate` | the plan has run out, or there is none, or it brakes or is braked, and the next one did not arrive in time | hold, request again at once |
+//! | `GuardBrake` | the guard replaced the command by a brake | hold, request a new plan at once |
+//! | `HandedOver` | the beacon or the pad is reached as far as possible ([`crate::landing::Reason`]) | hover there, until the mode is entered again |
+//! | `Landed` | the vehicle has come down onto the ground | none; zero velocity is sent until the autopilot ends control |
 //! | `Nominal` | none of these | follow the plan, or the landing ([`crate::landing`]) |
 //!
-//! Limits are of [`Config`]; the numbers above are its defaults. There is a test for each row.
+//! Limits are fields of [`Config`]; the numbers above are its defaults. There is a test for each row.
 
 use crate::base::error::{ConfigError, check};
 use crate::base::ned::Horizontal;
@@ -32,18 +33,18 @@ use crate::base::ownship::Stale;
 use crate::base::time::Instant;
 use crate::doa::bearing::Flags;
 
-/// What a guidance step came to.
+/// The outcome of a guidance step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 #[repr(u8)]
 pub enum Outcome {
-    /// Seeking, everything fresh.
+    /// Seeking, with all inputs fresh.
     Nominal = 0,
     /// No bearing for too long.
     NoSignal,
-    /// Bearings that cannot tell directions apart.
+    /// Bearings whose direction is ambiguous.
     Ambiguous,
     /// The array needs a calibration that is missing or does not apply.
     Uncalibrated,
@@ -51,9 +52,9 @@ pub enum Outcome {
     StaleOwnship,
     /// Obstacle data too old.
     StaleObstacles,
-    /// The planner found nothing safe.
+    /// The planner found no safe path.
     NoPath,
-    /// No path for long, or no progress: given up until the pilot enters the mode afresh.
+    /// No path for long, or no progress: given up until the mode is entered again.
     GoalUnreachable,
     /// The plan ran out before the next one came.
     PlanLate,
@@ -63,16 +64,16 @@ pub enum Outcome {
     LinkLost,
     /// The autopilot is not in GUIDED or OFFBOARD, or not armed.
     NotInControl,
-    /// A stage reported what must not happen.
+    /// A stage reported an impossible value.
     Fault,
-    /// Arrived: hovers over the beacon, or where it could not go on, until somebody else takes over.
+    /// Arrived: hovers over the beacon, or where it could not go on, until the pilot takes over.
     HandedOver,
-    /// Stands on the ground, and is done.
+    /// Stands on the ground; the mission is complete.
     Landed,
 }
 
 impl Outcome {
-    /// The outcome's name as it stands in logs and reports.
+    /// The outcome's name in logs and reports.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -94,7 +95,7 @@ impl Outcome {
         }
     }
 
-    /// What the vehicle does about it.
+    /// The vehicle's behaviour for the outcome.
     #[must_use]
     pub fn behaviour(self) -> Behaviour {
         match self {
@@ -105,7 +106,7 @@ impl Outcome {
     }
 }
 
-/// What the vehicle does.
+/// The vehicle's behaviour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Behaviour {
@@ -113,7 +114,7 @@ pub enum Behaviour {
     Follow,
     /// Brake, stay, keep the altitude.
     Hold,
-    /// Not ours to say.
+    /// Left to the link.
     None,
 }
 
@@ -125,7 +126,7 @@ pub enum Behaviour {
 pub enum Control {
     /// No heartbeat of the autopilot.
     LinkLost,
-    /// Heard, but not in GUIDED / OFFBOARD or not armed.
+    /// Received, but not in GUIDED / OFFBOARD or not armed.
     NotInControl,
     /// In the mode and armed.
     Granted,
@@ -139,17 +140,17 @@ pub struct Config {
     pub position_age_max_s: f32,
     /// Oldest attitude.
     pub attitude_age_max_s: f32,
-    /// Oldest look that may be the newest in the map.
+    /// Oldest age of the newest obstacle measurement in the map.
     pub obstacles_age_max_s: f32,
     /// Whether there must be an obstacle sensor at all.
     pub obstacles_required: bool,
     /// Oldest bearing.
     pub bearing_age_max_s: f32,
-    /// How long the planner may find nothing.
+    /// How long the planner may find no path.
     pub no_path_max_s: f32,
     /// Time without progress after which the goal counts as unreachable.
     pub stall_s: f32,
-    /// Progress: having been this far from where the time started.
+    /// Progress means having moved this far from where the time started.
     pub stall_radius_m: f32,
 }
 
@@ -185,20 +186,20 @@ impl Config {
     }
 }
 
-/// What the mission looks at in a step.
+/// Input of the mission in a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Input {
     /// The time of the step.
     pub now: Instant,
     /// Whether we are in control.
     pub control: Control,
-    /// When the position was heard; `None` if never, or not finite.
+    /// When the position was received; `None` if never, or not finite.
     pub position: Option<Instant>,
-    /// When the attitude was heard; `None` if never, or not finite.
+    /// When the attitude was received; `None` if never, or not finite.
     pub attitude: Option<Instant>,
-    /// What positions and velocities contradict each other in.
+    /// The contradiction between positions and velocities, if any.
     pub contradiction: Option<Stale>,
-    /// When the newest look was measured that is in the map.
+    /// When the newest obstacle measurement in the map was made.
     pub obstacles: Option<Instant>,
     /// When the last usable bearing was measured.
     pub bearing: Option<Instant>,
@@ -206,18 +207,18 @@ pub struct Input {
     pub bearing_flags: Flags,
     /// The planner has not answered the last request in time.
     pub is_plan_late: bool,
-    /// The beacon is reached, and the landing flies.
+    /// The beacon is reached, and the landing is in command.
     pub is_arriving: bool,
     /// Where the vehicle is.
     pub place_ned_m: Horizontal,
 }
 
-/// What the mission remembers.
+/// State of the mission.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
     /// The last step in control.
     looked: Instant,
-    /// The last step that came to [`Mission::conclude`].
+    /// The last step that called [`Mission::conclude`].
     concluded: Instant,
     no_path_since: Option<Instant>,
     stall_since: Option<(Instant, Horizontal)>,
@@ -225,13 +226,14 @@ pub struct State {
 }
 
 impl State {
-    /// A path that is found for a moment now and then is none: time on a path takes off as much as time without one has put on.
+    /// A path that is found only for a moment now and then does not count: time on a path is subtracted from the time
+    /// without one.
     fn follow(&mut self, now: Instant) {
         let since = self.no_path_since.map(|since| since.plus_micros(2 * now.0.saturating_sub(self.concluded.0)));
         self.no_path_since = since.filter(|since| *since < now);
     }
 
-    /// The planner's delay says nothing of the goal: neither clock counts it.
+    /// The planner's delay says nothing about the goal: neither clock counts it.
     fn wait(&mut self, micros: u64) {
         if let Some(since) = &mut self.no_path_since {
             *since = since.plus_micros(micros);
@@ -242,16 +244,16 @@ impl State {
     }
 }
 
-/// What became of the plan in a step, once the mission has said [`Behaviour::Follow`].
+/// Progress of the plan in a step, once the mission has returned [`Behaviour::Follow`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// Following.
     Following,
     /// The plan says brake.
     NoPath,
-    /// There is no plan, or it has run out, and the next one is on its way.
+    /// There is no plan, or it has run out, and the next one is still in time.
     RanOut,
-    /// There is no plan, or it goes no further, and the next one is late.
+    /// There is no plan, or it ends here, and the next one is late.
     Late,
     /// The guard braked.
     GuardBraked,
@@ -266,7 +268,7 @@ pub struct Mission {
 }
 
 impl Mission {
-    /// Before the chain: may the plan be followed at all? [`Outcome::Nominal`] if so.
+    /// Before the chain: whether the plan may be followed at all. [`Outcome::Nominal`] if so.
     pub fn admit(&self, state: &mut State, input: &Input) -> Outcome {
         let c = &self.config;
         let old = |heard, limit_s| is_old(input.now, heard, limit_s);
@@ -303,7 +305,7 @@ impl Mission {
         if self.gives_up(state, input) { Outcome::GoalUnreachable } else { Outcome::Nominal }
     }
 
-    /// Why ownship is of no use, if it is not: the first reason that applies.
+    /// Why ownship is unusable, if it is: the first reason that applies.
     #[must_use]
     pub fn stale(&self, input: &Input) -> Option<Stale> {
         if is_old(input.now, input.position, self.config.position_age_max_s) {
@@ -315,7 +317,7 @@ impl Mission {
         }
     }
 
-    /// After the chain: what became of the plan.
+    /// After the chain: the outcome from the plan's progress.
     pub fn conclude(&self, state: &mut State, now: Instant, progress: Progress) -> Outcome {
         if progress == Progress::NoPath {
             state.no_path_since.get_or_insert(now);
@@ -348,7 +350,7 @@ impl Mission {
     }
 }
 
-/// Whether a word is older than that, or of a clock that went back by as much, or was never heard.
+/// Whether a message is older than the limit, or in the future by as much, or was never received.
 fn is_old(now: Instant, heard: Option<Instant>, limit_s: f32) -> bool {
     heard.is_none_or(|at| now.seconds_since(at) > limit_s || at.seconds_since(now) > limit_s)
 }
@@ -404,7 +406,7 @@ mod tests {
             Input { attitude: ago(0.21), ..fresh() },
             Input { position: None, ..fresh() },
             Input { attitude: None, ..fresh() },
-            // A clock that went back is as bad as an old word.
+            // A clock that went back is as bad as an old message.
             Input { position: Some(Instant(NOW.0 + 5_000_000)), ..fresh() },
         ] {
             let outcome = admit(&input);

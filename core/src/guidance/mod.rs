@@ -1,12 +1,12 @@
-//! The fast door: one step takes in a frame and the telemetry, and gives out one setpoint. Here the rooms are wired, in the
-//! order of the data; this is the only module that knows them all. It is the uppermost floor, with the state machine
-//! ([`mission`]) and the parameters ([`param`]), and may import every other.
+//! The fast loop: one step takes a frame and the telemetry, and returns one setpoint. It connects all modules in the
+//! order of the data. It is the uppermost layer, with the state machine ([`mission`]) and the parameters ([`param`]),
+//! and may import every other.
 //!
-//! The planner is not called from here. A step that wants a plan says so ([`Output::plan_requested`]); whoever drives the
-//! step lets [`crate::planning::planner`] answer [`State::request`], now or on a slower task, and hands the answer to any
-//! later step. It takes effect [`Config::handover_ticks`] steps after the request, neither earlier nor later, so that the
-//! flight does not depend on how fast the planner ran. An answer that comes later than that is dropped and counted; the old
-//! plan goes on while it lasts.
+//! It does not call the planner. A step that needs a plan sets [`Output::plan_requested`]; the caller lets
+//! [`crate::planning::planner`] answer [`State::request`], at once or in a slower task, and passes the answer to any
+//! later step. The plan takes effect [`Config::handover_ticks`] steps after the request, neither earlier nor later,
+//! so that the flight does not depend on the planner's speed. A later answer is dropped and counted; the old plan is
+//! followed to its end.
 
 use crate::base::adc::AdcFrame;
 use crate::base::ned::Horizontal;
@@ -43,15 +43,15 @@ pub use config::Config;
 pub use intake::Refused;
 pub use state::State;
 
-/// The fast loop heeds so many of the nearest ones; the planner is told all.
+/// The fast loop uses this many of the nearest obstacles; the planner gets all.
 pub const OBSTACLES_MAX: usize = 64;
 
-/// What the antennas brought.
+/// The measurement of the antennas.
 #[derive(Clone, Copy, Debug)]
 pub enum FrontEnd<'a, const N: usize> {
-    /// Four channels of codes: the real thing.
+    /// Samples of four channels, from the AD converters.
     Frame(&'a AdcFrame<N>),
-    /// What was made of them before, here or in a flight that is flown again.
+    /// The measurement of a frame, made before, or recorded in a flight that is replayed.
     Measured(&'a Measurement),
     /// A bearing made elsewhere.
     Bearing(Bearing),
@@ -59,45 +59,45 @@ pub enum FrontEnd<'a, const N: usize> {
     Nothing,
 }
 
-/// All that guidance takes from a frame: with it instead of the codes a step comes to the same bits.
+/// Everything that guidance needs from a frame: a step with it instead of the samples gives the same bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Measurement {
-    /// What the array made of the frame.
+    /// The array's bearing from the frame.
     pub bearing: Bearing,
-    /// What it made that of, where the vehicle may seek by turning.
+    /// The phasors of the frame, if the vehicle may seek by turning.
     pub phasors: Option<Phasors>,
 }
 
-/// Everything that one step of the fast loop may know.
+/// Input of one step of the fast loop.
 #[derive(Clone, Debug)]
 pub struct Input<'a, const N: usize> {
     /// The time of the step.
     pub now: Instant,
-    /// What the antennas brought.
+    /// The measurement of the antennas.
     pub front_end: FrontEnd<'a, N>,
-    /// The vehicle as last heard; `None` before the first word.
+    /// The vehicle as last received; `None` before the first message.
     pub ownship: Option<Ownship>,
     /// A new obstacle scan.
     pub scan: Option<&'a Scan>,
     /// New single points of obstacles.
     pub points: Option<&'a Points>,
-    /// Obstacles that a sensor delivers as circles already.
+    /// Obstacles from a sensor that reports circles.
     pub circles: Option<&'a [Circle]>,
-    /// What the camera that looks down has seen.
+    /// The latest observation of the camera that looks down.
     pub look: Option<PadObservation>,
-    /// The height over the ground by a range finder, where there is one and it reads.
+    /// The height over the ground by a range finder, if there is a reading.
     pub height_m: Option<f32>,
-    /// The autopilot says that the vehicle stands on the ground.
+    /// The autopilot reports that the vehicle is on the ground.
     pub is_landed: bool,
     /// Whether we are in control.
     pub control: Control,
-    /// The planner's answer, handed over once, as soon as there is one.
+    /// The planner's answer, passed once, as soon as there is one.
     pub plan: Option<&'a Plan>,
 }
 
 impl<const N: usize> Input<'_, N> {
-    /// A step in which nothing was heard from anyone.
+    /// A step without any input.
     #[must_use]
     pub const fn at(now: Instant) -> Self {
         Self {
@@ -116,42 +116,42 @@ impl<const N: usize> Input<'_, N> {
     }
 }
 
-/// What one step came to.
+/// The result of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Output {
     /// The time of the step.
     pub time: Instant,
-    /// What it came to.
+    /// The outcome.
     pub outcome: Outcome,
-    /// Why, where that is [`Outcome::StaleOwnship`].
+    /// The reason, if that is [`Outcome::StaleOwnship`].
     pub stale: Option<Stale>,
     /// The command; always finite and inside the limits.
     pub setpoint: Setpoint,
     /// A bearing measured in this step (it may be invalid; see its flags).
     pub bearing: Option<Bearing>,
-    /// Where that bearing points, from north, clockwise: attitude and yaw taken into account.
+    /// The direction of that bearing from north, clockwise, with attitude and yaw taken into account.
     pub bearing_ned_rad: Option<f32>,
-    /// The bearing of the source that guidance now follows, averaged, from north, clockwise.
+    /// The averaged bearing of the source that guidance follows now, from north, clockwise.
     pub source_bearing_ned_rad: Option<f32>,
-    /// The temporary target that guidance now follows.
+    /// The temporary target that guidance follows now.
     pub target_ned_m: Option<Horizontal>,
-    /// Where the source is believed to be, as of the active plan.
+    /// The estimated position of the source, as of the active plan.
     pub source: Option<Estimate>,
-    /// Share of the weight that the leading filter of the source has, and its normalised innovation squared, averaged.
+    /// Weight of the leading filter of the source, and its averaged normalised innovation squared.
     pub source_share_and_nis: Option<(f32, f32)>,
-    /// How far the landing is, once the vehicle has come near the beacon.
+    /// State of the landing, once the vehicle has come near the beacon.
     pub landing: Option<landing::Output>,
     /// What the guard did.
     pub guard: guard::Action,
-    /// What the guard has done so far; its beats tell that it is alive.
+    /// Counts of the guard; its beats show that it is running.
     pub guard_counts: guard::Counts,
-    /// A plan is wanted: [`State::request`] says for what.
+    /// A plan is requested; [`State::request`] has the request.
     pub plan_requested: bool,
     /// A plan took effect in this step.
     pub plan_activated: bool,
-    /// Plans that came too late so far.
+    /// Number of plans that came too late.
     pub plans_late: u32,
     /// Hash over every bearing, plan and setpoint so far.
     pub trace_hash: u64,

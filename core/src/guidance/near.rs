@@ -1,5 +1,6 @@
-//! What stands near the vehicle, and whether it stands in the way. In functions of their own, which do not depend on the length of a
-//! block and so are compiled with this crate: for speed, where the rest of an image is compiled for size.
+//! The obstacles near the vehicle, and whether one blocks the plan. These are separate functions that do not depend
+//! on the length of a frame, so that they are compiled with this crate: for speed, while the rest of an image is
+//! compiled for size.
 
 use heapless::Vec;
 
@@ -12,15 +13,15 @@ use crate::mapping::map::{CIRCLES_MAX, Map};
 use crate::mapping::tracks::{TRACKS_MAX, Tracks};
 use crate::planning::rollout::swept_clearance_m;
 
-/// Obstacles farther than this from the vehicle's boundary do not concern the fast loop.
+/// Obstacles farther than this from the vehicle's boundary are ignored by the fast loop.
 pub(super) const NEAR_M: f32 = 4.0;
-/// How near an obstacle is, in rings around the vehicle: so many of them up to [`NEAR_M`], and what is farther.
+/// Distance classes: this many rings around the vehicle up to [`NEAR_M`], and one for everything farther.
 pub(super) const FAR: u8 = 64;
 
-/// A body that is followed is kept off by so many standard deviations of its place more.
+/// The additional distance from a tracked body, in standard deviations of its position.
 const DOUBT_SIGMAS: f32 = 2.0;
 
-/// Lists what is near the vehicle: the nearest, where there is no room for all of it; what stands before what moves.
+/// Lists the obstacles near the vehicle: the nearest, if the list is full; standing before moving ones.
 #[inline(never)]
 pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec<Neighbour, OBSTACLES_MAX>) {
     let mut rings = [FAR; CIRCLES_MAX];
@@ -30,7 +31,7 @@ pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec
         let limit = reach_m + NEAR_M;
         let squared = circle.center_ned_m.minus(place).norm_squared();
         if squared < limit * limit {
-            // Negative, and so the first, where it is too close.
+            // Negative, and so the first, if it is too close.
             let clearance_m = squared * inverse_root(squared) - reach_m;
             *ring = ((clearance_m * (FAR as f32 / NEAR_M)) as u8).min(FAR - 1);
             if let Some(count) = counts.get_mut(usize::from(*ring)) {
@@ -38,7 +39,7 @@ pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec
             }
         }
     }
-    // The rings that there is room for, and what is left for the next one.
+    // The rings that fit in whole, and the space that is left for the next one.
     let (mut whole, mut left) = (0, OBSTACLES_MAX as u8);
     while let Some(rest) = counts.get(usize::from(whole)).and_then(|count| left.checked_sub(*count)) {
         (whole, left) = (whole + 1, rest);
@@ -50,36 +51,36 @@ pub(super) fn gather(guard: &Guard, map: &Map, place: Horizontal, near: &mut Vec
             left -= u8::from(ring == whole);
             let mut one = guard.obstacle(&circle);
             if one.velocity_ned_mps == Horizontal::default() {
-                // In the place of the first that moves, which goes to the end.
+                // Takes the place of the first moving one, which goes to the end.
                 if let Some(first) = near.get_mut(standing) {
                     one = core::mem::replace(first, one);
                 }
                 standing += 1;
             }
-            // Cannot fail: so many places were shared out.
+            // Cannot fail: this many places were allotted.
             let _ = near.push(one);
         }
     }
 }
 
-/// What stands, and what moves.
+/// The standing and the moving obstacles.
 pub(super) fn told_apart(near: &[Neighbour]) -> (&[Neighbour], &[Neighbour]) {
     near.split_at(near.partition_point(|neighbour| neighbour.velocity_ned_mps == Horizontal::default()))
 }
 
-/// The bodies that are followed and move, as obstacles that grow with the doubt of where they are.
+/// The tracked bodies that move, as obstacles enlarged by the uncertainty of their position.
 #[inline(never)]
 pub(super) fn followed(guard: &Guard, radius_m: f32, tracks: &Tracks, bodies: &mut Vec<Neighbour, TRACKS_MAX>) {
     for track in tracks.all().iter().filter(|track| track.moves()) {
         let radius_m = radius_m + DOUBT_SIGMAS * sqrt(track.covariance[0]);
         let (center_ned_m, velocity_ned_mps) = (track.center_ned_m, track.velocity_ned_mps);
-        // Cannot fail: there is room for all of them.
+        // Cannot fail: there is space for all of them.
         let _ = bodies.push(guard.obstacle(&Circle { center_ned_m, radius_m, velocity_ned_mps }));
     }
 }
 
-/// Whether an obstacle comes nearer to the way from where the vehicle would come to rest along the next waypoints than it is
-/// there, and than the margin.
+/// Whether an obstacle is nearer to the path from the rest point along the next waypoints than to the rest point
+/// itself, and nearer than the margin.
 #[inline(never)]
 pub(super) fn stands_in_the_way(
     near: &[Neighbour],

@@ -1,4 +1,4 @@
-//! When a plan is asked for, for what, and when the answer takes effect.
+//! When a plan is requested, what the request contains, and when the answer takes effect.
 
 use super::mission::Progress;
 use super::{Guidance, State, near};
@@ -11,7 +11,7 @@ use crate::planning::planner::{Learn, Plan, Search};
 use crate::planning::rollout::WAYPOINTS;
 
 impl<const N: usize> Guidance<N> {
-    /// Takes in the planner's answer and lets it take effect at its step; true if one did.
+    /// Takes the planner's answer and lets it take effect at its step; true if one did.
     pub(super) fn take_over(&self, state: &mut State<N>, answer: Option<&Plan>) -> bool {
         if let Some(plan) = answer
             && state.due.is_some()
@@ -40,7 +40,7 @@ impl<const N: usize> Guidance<N> {
         true
     }
 
-    /// Whether what is known by now stands in the way of the active plan's next waypoints.
+    /// Whether an obstacle known by now blocks the active plan's next waypoints.
     fn is_invalid(&self, state: &State<N>, situation: &GuardInput) -> bool {
         let State { active: Some(plan), near, track, .. } = state else { return false };
         let from = track.passed.min(WAYPOINTS);
@@ -48,7 +48,7 @@ impl<const N: usize> Guidance<N> {
         near::stands_in_the_way(near, situation.rest_ned_m, next, self.plan_margin_m)
     }
 
-    /// Asks for a plan where one is wanted; true if it did.
+    /// Requests a plan if one is needed; true if it did.
     pub(super) fn ask(&self, state: &mut State<N>, now: Instant, situation: &GuardInput, progress: Progress) -> bool {
         let since = state.tick.wrapping_sub(state.activated);
         let wanted = match progress {
@@ -64,13 +64,13 @@ impl<const N: usize> Guidance<N> {
         if !wanted || state.due.is_some() {
             return false;
         }
-        // The rest point obeys at once, so that is where it will be when the plan takes effect.
+        // The rest point follows commands at once, so this is where it will be when the plan takes effect.
         let ahead_s = self.tick_s * self.handover_ticks as f32;
         let start_ned_m = situation.rest_ned_m.plus(state.guard.command_ned_mps().times(ahead_s));
         let heard = state.goal.source_bearing_ned_rad().or(state.is_searching.then_some(situation.yaw_rad));
         let Some(bearing_rad) = heard else { return false };
-        // On the measured line, which begins at the vehicle and not at the start of the plan; where that was reflected, on
-        // the line to where it came from.
+        // Along the measured bearing line, which begins at the vehicle and not at the start of the plan; for a
+        // reflected bearing, along the line to its origin.
         let direction =
             state.around_the_corner(situation.position_ned_m).unwrap_or(Horizontal::from_bearing(bearing_rad));
         let along_m = start_ned_m.minus(situation.position_ned_m).dot(direction);

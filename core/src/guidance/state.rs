@@ -1,4 +1,4 @@
-//! What the fast loop carries from step to step, and how it starts over.
+//! The state of the fast loop, and how it starts over.
 
 use heapless::Vec;
 
@@ -19,7 +19,7 @@ use crate::mapping::tracks::Tracks;
 use crate::planning::planner::{Plan, PlanRequest};
 use crate::signal::phase;
 
-/// What the fast loop carries from step to step.
+/// The state of the fast loop, kept from step to step.
 #[derive(Clone, Debug)]
 pub struct State<const N: usize> {
     pub(super) tick: u32,
@@ -29,14 +29,14 @@ pub struct State<const N: usize> {
     pub(super) refused: Refused,
     pub(super) gathering: Gathering,
     pub(super) link: link_state::State,
-    /// How likely the link is reflected, as of the last bearing.
+    /// Probability that the link is reflected, as of the last bearing.
     pub(super) reflected: f32,
     pub(super) source: bank::State,
-    /// What the planner has learned of the source was about its image.
+    /// The planner's information about the source was about its mirror image.
     pub(super) misled: bool,
-    /// What the bank said last.
+    /// The bank's last answer.
     pub(super) belief: Option<bank::Answer>,
-    /// Nothing is heard, and the vehicle goes and looks for it.
+    /// There is no signal, and the vehicle searches for one.
     pub(super) is_searching: bool,
     pub(super) goal: goal::State,
     pub(super) vehicle_model: vehicle_model::State,
@@ -44,36 +44,36 @@ pub struct State<const N: usize> {
     pub(super) track: track::State,
     pub(super) evade: evade::State,
     pub(super) guard: guard::State,
-    /// Where the guard wants to look before it goes on.
+    /// Where the guard needs to look before it goes on.
     pub(super) look_ned_rad: Option<f32>,
     pub(super) mission: mission::State,
     pub(super) turning: turning::State,
     pub(super) landing: landing::State,
-    /// What the landing said last, and whether the guard braked then.
+    /// The landing's last output, and whether the guard braked then.
     pub(super) advice: Option<landing::Output>,
     pub(super) is_blocked: bool,
     pub(super) height_m: Option<f32>,
-    /// Obstacles near the vehicle, as of this step.
+    /// Obstacles near the vehicle in this step.
     pub(super) near: Vec<Neighbour, OBSTACLES_MAX>,
     pub(super) ownship: Option<Ownship>,
     pub(super) agreement: Agreement,
     pub(super) last_flags: Flags,
     pub(super) hold_down_m: Option<f32>,
     pub(super) request: PlanRequest,
-    /// The step at which the request's answer takes effect; `None` when nothing is asked.
+    /// The step at which the request's answer takes effect; `None` without a request.
     pub(super) due: Option<u32>,
     pub(super) pending: Option<Plan>,
     pub(super) active: Option<Plan>,
     /// When the active plan took effect.
     pub(super) activated: u32,
     pub(super) plans_late: u32,
-    /// The last plan that was asked for did not come in time.
+    /// The last requested plan did not arrive in time.
     pub(super) is_plan_late: bool,
     pub(super) trace: Trace,
 }
 
 impl<const N: usize> Default for State<N> {
-    /// Before the first step, of whatever configuration.
+    /// The state before the first step, for any configuration.
     fn default() -> Self {
         Self {
             tick: 0,
@@ -119,7 +119,7 @@ impl<const N: usize> Default for State<N> {
 }
 
 impl<const N: usize> State<N> {
-    /// The plan request that is under way. It is made with the obstacles that [`Self::map`] knew at its step.
+    /// The plan request in progress. It was made with the obstacles that [`Self::map`] had at its step.
     #[must_use]
     pub fn request(&self) -> &PlanRequest {
         &self.request
@@ -131,13 +131,13 @@ impl<const N: usize> State<N> {
         &self.map
     }
 
-    /// The bodies that are followed.
+    /// The tracked bodies.
     #[must_use]
     pub fn tracks(&self) -> &Tracks {
         &self.tracks
     }
 
-    /// The velocity with which the last step gives way to what moves; none where it gives way to nothing.
+    /// The velocity with which the last step gives way to moving obstacles; `None` if it does not.
     #[must_use]
     pub const fn evasion_ned_mps(&self) -> Option<Horizontal> {
         self.evade.choice_ned_mps()
@@ -149,19 +149,19 @@ impl<const N: usize> State<N> {
         &self.refused
     }
 
-    /// Obstacles near the vehicle, as the guard took them in the last step.
+    /// Obstacles near the vehicle, as passed to the guard in the last step.
     #[must_use]
     pub fn near(&self) -> &[Neighbour] {
         &self.near
     }
 
-    /// What the obstacle sensors have looked at.
+    /// The coverage of the obstacle sensors.
     #[must_use]
     pub fn coverage(&self) -> &Coverage {
         self.guard.coverage()
     }
 
-    /// How high the vehicle is over the ground, where that is known.
+    /// Height of the vehicle over the ground, if known.
     #[must_use]
     pub const fn height_m(&self) -> Option<f32> {
         self.height_m
@@ -175,7 +175,7 @@ impl<const N: usize> State<N> {
 }
 
 impl<const N: usize> State<N> {
-    /// The direction of a source that is heard by way of a wall, from a place.
+    /// The direction of the origin of a reflected signal, from a place.
     pub(super) fn around_the_corner(&self, from_ned_m: Horizontal) -> Option<Horizontal> {
         let belief = self.belief.filter(|belief| belief.path != Path::Direct)?;
         let towards = belief.estimate.place_ned_m.minus(from_ned_m);
@@ -191,8 +191,8 @@ impl<const N: usize> Guidance<N> {
         State::default()
     }
 
-    /// Back to the state before the first step, in place: a second state on the stack is more than a microcontroller has
-    /// room for.
+    /// Back to the state before the first step, in place: a second state on the stack would not fit a
+    /// microcontroller.
     pub fn restart(&self, state: &mut State<N>) {
         let State {
             tick,

@@ -1,4 +1,4 @@
-//! One step of the fast loop: what came in is taken in, the mission decides, and one setpoint goes out.
+//! One step of the fast loop: input is taken, the mission decides, and one setpoint is output.
 
 use super::mission::{self, Behaviour, Control, Outcome, Progress};
 use super::{Guidance, Input, Output, State};
@@ -12,7 +12,7 @@ use crate::planning::planner::{Searched, Verdict};
 use crate::planning::rollout::WAYPOINTS;
 
 impl<const N: usize> Guidance<N> {
-    /// One step of the fast loop: all that came in is taken in, and nothing is left for the next step.
+    /// One step of the fast loop: all input is processed, and nothing is left for the next step.
     pub fn step(&self, state: &mut State<N>, input: &Input<'_, N>) -> Output {
         state.tick = state.tick.wrapping_add(1);
         if let Some(ownship) = input.ownship.filter(Ownship::is_plausible) {
@@ -33,7 +33,7 @@ impl<const N: usize> Guidance<N> {
         let was_landing = is_landing(state);
         self.land(state, input, bearing.as_ref());
         if was_landing && !is_landing(state) {
-            // It seeks again, from where it is now.
+            // It seeks again, from its present position.
             state.active = None;
         }
         let situation = self.situation(state);
@@ -42,7 +42,7 @@ impl<const N: usize> Guidance<N> {
         let mission = turning.map_or(&self.mission, |turning| &turning.mission);
         let mut outcome = mission.admit(&mut state.mission, &facts);
         let stale = mission.stale(&facts).filter(|_| outcome == Outcome::StaleOwnship);
-        // It turns to hear something, and not for anything else that makes it hold.
+        // It turns to receive a signal, not for any other reason to hold.
         let turning = turning.filter(|_| matches!(outcome, Outcome::Nominal | Outcome::NoSignal | Outcome::Ambiguous));
         let may_search = turning.is_none() || state.last_flags.contains(Flags::NO_SIGNAL);
         let mut guard_action = guard::Action::Passed;
@@ -82,7 +82,7 @@ impl<const N: usize> Guidance<N> {
             Behaviour::Hold if !state.is_searching => {
                 let stay = Demand::default();
                 let demand = turning.map_or(stay, |turning| turning.turn(stay));
-                // Where it is, or what is around it, is not known well enough to give way.
+                // Its position or its surroundings are not known well enough to give way.
                 let knows = !matches!(outcome, Outcome::StaleOwnship | Outcome::StaleObstacles | Outcome::Fault);
                 (setpoint, _) = self.command(state, &demand, &situation, knows);
             }
@@ -132,7 +132,7 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
-    /// Where the vehicle is and where it would come to rest.
+    /// The guard's input: the vehicle's position and rest point.
     fn situation(&self, state: &State<N>) -> GuardInput {
         let ownship = state.ownship.unwrap_or_default();
         let position_ned_m = ownship.position_ned_m.horizontal();
@@ -150,7 +150,7 @@ impl<const N: usize> Guidance<N> {
         }
     }
 
-    /// What the landing says of this step; nothing before the vehicle is in control, and nothing after, unless it has landed.
+    /// Runs the landing for this step; not before the vehicle is in control, and not after, unless it has landed.
     fn land(&self, state: &mut State<N>, input: &Input<'_, N>, bearing: Option<&Bearing>) {
         let Some(lander) = &self.lander else { return };
         if input.control != Control::Granted && !(input.is_landed && is_landing(state)) {
@@ -194,17 +194,17 @@ impl<const N: usize> Guidance<N> {
     }
 }
 
-/// Whether the vehicle is flown by the landing, or has been to its end.
+/// Whether the landing is in command, or has ended.
 pub(super) fn is_landing<const N: usize>(state: &State<N>) -> bool {
     state.advice.is_some_and(|advice| advice.demand.is_some())
 }
 
-/// Whether it stands on the ground and is done.
+/// Whether the vehicle has landed and is done.
 fn has_landed<const N: usize>(state: &State<N>) -> bool {
     state.advice.is_some_and(|advice| advice.stage == landing::Stage::Landed)
 }
 
-/// What the landing asks for, and the outcome if that is its end.
+/// The landing's demand, and the outcome if it has ended.
 fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>) {
     let Some(advice) = state.advice else { return (Demand::default(), None) };
     let (velocity_ned_mps, down_mps) = advice.demand.unwrap_or_default();
@@ -216,7 +216,7 @@ fn landing_demand<const N: usize>(state: &State<N>) -> (Demand, Option<Outcome>)
     (Demand { velocity_ned_mps, down_mps, ..Demand::default() }, ends)
 }
 
-/// What became of the plan in this step.
+/// Progress of the plan in this step.
 fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: guard::Action) -> Progress {
     let progress = match (&state.active, demand) {
         (Some(_), Some(demand)) if !demand.velocity_ned_mps.is_finite() => Progress::NotFinite,
@@ -227,7 +227,7 @@ fn progress<const N: usize>(state: &State<N>, demand: Option<Demand>, action: gu
         _ => Progress::RanOut,
     };
     match progress {
-        // It waits for the planner, not for a way.
+        // It waits for the planner, not for a path.
         Progress::RanOut | Progress::NoPath | Progress::GuardBraked if state.is_plan_late => Progress::Late,
         progress => progress,
     }

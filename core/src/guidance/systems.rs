@@ -1,4 +1,4 @@
-//! The two places of the chain at which another system may stand: what finds bearings, and what plans.
+//! The two exchangeable parts of the chain: the bearing estimator and the planner.
 
 use crate::base::error::ConfigError;
 use crate::base::obstacle::Disc;
@@ -7,8 +7,8 @@ use crate::guidance::{Config, Guidance};
 use crate::planning::planner::{Plan, PlanRequest, Planner, Workspace};
 use crate::signal::phase::Phasors;
 
-/// What a flight is flown with. The core's own systems are those of [`Planner`]; who compares others with them implements this
-/// and drives the flight with it.
+/// The bearing estimator and the planner of a flight. The core's own are those of [`Planner`]; to compare others with
+/// them, implement this trait.
 pub trait Systems: Clone + core::fmt::Debug + Sized {
     /// The systems that a configuration names.
     ///
@@ -24,7 +24,7 @@ pub trait Systems: Clone + core::fmt::Debug + Sized {
         config.build()
     }
 
-    /// The bearing that a set of phasors tells. `estimator` knows the array and the calibration.
+    /// The bearing from a set of phasors. `estimator` has the array and the calibration.
     fn bearing(&self, estimator: &BearingEstimator, phasors: &Phasors) -> Bearing {
         estimator.estimate(phasors)
     }
@@ -32,7 +32,7 @@ pub trait Systems: Clone + core::fmt::Debug + Sized {
     /// Answers one request; `known` are the known obstacles.
     fn plan(&self, workspace: &mut Workspace, request: &PlanRequest, known: &[Disc]) -> Plan;
 
-    /// The answer that says to stay where the request starts.
+    /// The answer to stay where the request starts.
     fn brake(&self, request: &PlanRequest) -> Plan;
 }
 

@@ -1,7 +1,7 @@
-//! At the end of a step the newest look that was handed in is in the map and with the guard, or was refused with a reason
-//! that is counted; and `StaleObstacles` goes by when the newest look was measured that is in the map. Over 120 000 steps of
-//! random sequences: sensors at any rate, with gaps and bursts, by turns and together, with and without frames, stamps of any
-//! age, telemetry that stands still, and clocks that jump.
+//! At the end of a step the newest obstacle measurement is in the map and with the guard, or was refused with a
+//! reason that is counted; and `StaleObstacles` depends on when the newest measurement in the map was made. Over 120
+//! 000 steps of random sequences: sensors at any rate, with gaps and bursts, alternating and together, with and
+//! without frames, timestamps of any age, telemetry that stands still, and clocks that jump.
 
 use heapless::Vec;
 
@@ -17,7 +17,7 @@ const STEPS: u32 = 500;
 /// `mission::Config`'s default.
 const STALE_S: f32 = 0.5;
 
-/// What the fast loop should have made of what came in so far.
+/// The expected result of the input so far.
 #[derive(Default)]
 struct Expected {
     ownship: Option<Ownship>,
@@ -54,7 +54,7 @@ fn below(rng: &mut Rng, count: u32) -> u32 {
     ((rng.uniform() * count as f32) as u32).min(count - 1)
 }
 
-/// A stamp of mostly a moment ago, sometimes of any time.
+/// A timestamp, mostly of a moment ago, sometimes of any time.
 fn stamp(now: Instant, rng: &mut Rng) -> Instant {
     match below(rng, 20) {
         0 => Instant(now.0.saturating_sub(u64::from(below(rng, 2_000_000)))),
@@ -63,7 +63,7 @@ fn stamp(now: Instant, rng: &mut Rng) -> Instant {
     }
 }
 
-/// What stands around, the same for an episode; in a wild one there is something else everywhere each time.
+/// The surroundings, the same for an episode; in a wild one they change everywhere each time.
 struct World {
     is_wild: bool,
     wall_m: f32,
@@ -79,7 +79,7 @@ impl World {
         world
     }
 
-    /// A scan, and whether it should be taken.
+    /// A scan, and whether it should be accepted.
     fn scan(&self, now: Instant, rng: &mut Rng) -> (Scan, Result<(), Refusal>) {
         const TURN_RAD: f32 = core::f32::consts::TAU;
         const RAYS: [(usize, f32); 7] = [
@@ -113,7 +113,7 @@ impl World {
         (scan, told)
     }
 
-    /// Single points, and whether they should be taken.
+    /// Single points, and whether they should be accepted.
     fn points(&self, now: Instant, rng: &mut Rng) -> (Points, Result<(), Refusal>) {
         let is_bad = below(rng, 10) == 0;
         let mut points = Points { time: stamp(now, rng), frame: Frame::Body, ..Points::default() };
@@ -138,7 +138,7 @@ fn pillar(place: Horizontal, rng: &mut Rng) -> Circle {
     Circle { center_ned_m: place.plus(away(rng)), radius_m: 0.1, ..Circle::default() }
 }
 
-/// How far a hit lies out of what surrounds it.
+/// Distance of a hit from the circles around it.
 fn out_m(hit: Horizontal, circles: impl Iterator<Item = (Horizontal, f32)>) -> f32 {
     circles.map(|(center, radius_m)| hit.minus(center).norm() - radius_m).fold(f32::INFINITY, f32::min)
 }
@@ -155,7 +155,7 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
         let mut rng = Rng::new(episode, 77);
         let (mut state, mut expected) = (guidance.start(), Expected::default());
         let world = World::new(episode.is_multiple_of(4), &mut rng);
-        // Of so many steps one has a delivery of each kind.
+        // One step in this many has a delivery of each kind.
         let mut one_of = |of: [u32; 6]| of[below(&mut rng, 6) as usize];
         let (scan_every, points_every) = (one_of([1, 1, 2, 5, 12, 40]), one_of([1, 5, 9, 90, 900, 900]));
         let (circles_every, frame_every) = (one_of([2, 5, 900, 900, 900, 900]), one_of([1, 1, 2, 3, 9, 50]));
@@ -251,8 +251,8 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
                         continue;
                     }
                     let middle_rad = yaw_rad + sectors.first_azimuth_rad + sectors.step_rad * index as f32;
-                    // Which of a wide sector's rays hit it does not say: at least one of these places is occupied. Where rays
-                    // make a sector it is known.
+                    // It is unknown which of a wide sector's rays hit: at least one of these places is occupied.
+                    // Where rays make a sector it is known.
                     let beside_rad = if sectors.is_exact() { 0.0 } else { sectors.outermost_ray() * scan.step_rad };
                     let hits: Vec<Horizontal, 9> = (-4..=4)
                         .map(|ray| {
@@ -283,7 +283,7 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
             if let Some(ownship) = expected.ownship
                 && is_heard(ownship.position_time, 190_000)
                 && is_heard(ownship.attitude_time, 190_000)
-                // Random places may be at odds with a velocity of zero.
+                // Random positions may contradict a velocity of zero.
                 && output.stale != Some(Stale::VelocityContradicts)
             {
                 let is_stale = expected.taken.is_none_or(|at| now.0.abs_diff(at.0) as f32 * 1e-6 > STALE_S);
@@ -297,7 +297,7 @@ fn the_newest_look_is_in_the_map_and_with_the_guard_or_its_refusal_is_counted() 
         refused.geometry += of.geometry;
         refused.absurd += of.absurd;
     }
-    // All of it has happened, and often.
+    // Each case has occurred, and often.
     let counts = [steps, scans_in_map, hits_in_map, hits_near, stale, fresh];
     let least = [100_000, 20_000, 300_000, 20_000, 5_000, 40_000];
     assert!(counts.iter().zip(least).all(|(count, least)| *count >= least), "{counts:?}");

@@ -183,7 +183,7 @@ fn a_planner_that_is_always_late_means_hold_and_is_counted() {
 
 #[test]
 fn a_plan_that_is_late_is_told_as_such_however_long_it_lasts_and_never_as_a_goal_that_cannot_be_reached() {
-    // Ready so many steps after it was asked for; it takes effect after 5.
+    // Ready this many steps after the request; it takes effect after 5.
     for planning in [6, 10, 11, 15, 50] {
         let mut flight = Flight::new(&PILLARS, (10.0, 0.5));
         flight.planning = planning;
@@ -244,8 +244,8 @@ fn the_altitude_held_is_the_first_one_heard_even_when_control_comes_before_it() 
     assert!((down_mps - 0.4).abs() < 1e-5, "0.8 a second of half a metre: {down_mps}");
 }
 
-/// Flies for 4 s, hears something else of itself from then on, and says how far it went after that, in how many steps it
-/// held, and by what name.
+/// Flies for 4 s, receives a falsified ownship from then on; returns how far it went after that, in how many steps it
+/// held, and the reason.
 fn told_otherwise(every: u32, tell: impl Fn(&mut Ownship, &Ownship)) -> (f32, u32, Option<Stale>) {
     use std::cell::Cell;
     let mut flight = Flight::new(&[], (60.0, 0.5));
@@ -258,7 +258,7 @@ fn told_otherwise(every: u32, tell: impl Fn(&mut Ownship, &Ownship)) -> (f32, u3
         } else {
             tell(&mut now, &before.get().unwrap());
         }
-        // An autopilot that says so with every step, or seldomer.
+        // An autopilot that reports so with every step, or less often.
         if step % every == 0 || heard.get().is_none() {
             heard.set(Some(now));
         }
@@ -375,7 +375,7 @@ fn in_a_crowd_the_fast_loop_heeds_the_nearest_obstacles_and_otherwise_all_that_a
         all.sort_by(f32::total_cmp);
         let farthest = state.near.iter().map(clearance).fold(f32::NEG_INFINITY, f32::max);
         assert_eq!(state.near.len(), all.len().min(OBSTACLES_MAX), "{crowd}");
-        // To a ring's width.
+        // Within a ring's width.
         assert!(
             all.get(state.near.len()).is_none_or(|next| farthest < next + near::NEAR_M / f32::from(near::FAR)),
             "{crowd}"
@@ -394,7 +394,7 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
     let mut fastest = 0.0_f32;
     for step in 0..1500_u64 {
         let now = Instant(1_000_000 + step * 20_000);
-        // Eight beams, every fifth step, of which those ahead see the wall across the way.
+        // Eight beams, every fifth step, of which those ahead see the wall across the path.
         let mut points = Points { time: now, frame: scan::Frame::Body, ..Points::default() };
         for beam in 0..8 {
             let azimuth = beam as f32 * core::f32::consts::FRAC_PI_4;
@@ -438,9 +438,9 @@ fn a_vehicle_that_hears_nothing_but_single_points_stops_before_what_they_show() 
 
 #[test]
 fn the_navigation_half_keeps_within_48_kilobytes() {
-    // Everything but the antennas: the planner's memory, and what guidance carries without the phases, and without the
-    // powers of an antenna that turns. What the landing remembers, and what it said last, have bounds
-    // of their own (`landing::tests`). The cross-check of the autopilot's word is no part of navigation.
+    // Everything but the antennas: the planner's memory, and guidance's state without the phases and without the
+    // powers of a turning antenna. The landing's state and its last output have bounds of their own
+    // (`landing::tests`). The cross-check of the autopilot's data is not part of navigation.
     let landing = size_of::<landing::State>() + size_of::<Option<landing::Output>>();
     let others = size_of::<phase::State<256>>() + size_of::<turning::State>() + size_of::<Agreement>() + landing;
     let carried = size_of::<State<256>>() - others;
@@ -469,7 +469,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
         let now = Instant(1_000_000 + step * 20_000);
         let mut snapshot = AdcFrame::<256>::zeroed();
         snapshot.time = now;
-        // The beacon falls silent for a while, and sounds on another frequency.
+        // The beacon is silent for a while, and then transmits on another frequency.
         let bins = if step < 300 { 20.3 } else { 33.8 };
         let amplitude = if (200..260).contains(&step) { 0.0 } else { 900.0 };
         for (channel, row) in snapshot.codes.iter_mut().enumerate() {
@@ -478,7 +478,7 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
                 *code = (amplitude * libm::cosf(core::f32::consts::TAU * turns) + 40.0 * rng.gaussian()) as i16;
             }
         }
-        // Eight things, and nothing between them.
+        // Eight obstacles, and nothing between them.
         let far_m: [f32; 8] = core::array::from_fn(|k| 1.8 + 0.2 * (k % 4) as f32 + 0.01 * rng.gaussian());
         let sectors: [scan::Sector; scan::SECTORS_MAX] = core::array::from_fn(|index| match far_m.get(index / 9) {
             Some(far_m) if index % 9 < 5 => scan::Sector::Hit(*far_m),
@@ -512,11 +512,11 @@ fn a_step_with_what_was_heard_instead_of_the_codes_comes_to_the_same_bits() {
             plan: plan.as_ref(),
         };
         let output = guidance.step(&mut whole, &input);
-        // As the flight computer does it: listen, then step.
+        // As the flight computer does it: measure, then step.
         let heard = guidance.listen(&mut parted, input.front_end).unwrap();
         let input = Input { front_end: FrontEnd::Measured(&heard), ..input };
         assert_eq!(guidance.step(&mut parted, &input), output, "{step}");
-        // As a log is flown again: without the codes.
+        // As a log is replayed: without the samples.
         assert_eq!(guidance.step(&mut again, &input), output, "{step}");
         heard_count += u32::from(heard.bearing.valid);
         plan = output.plan_requested.then(|| planner.plan(&mut workspace, whole.request(), &known(&whole)));

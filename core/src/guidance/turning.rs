@@ -1,16 +1,17 @@
-//! Seeking with an antenna that turns with the vehicle ([`rotating`]), where no array tells a direction.
+//! Seeking with an antenna that turns with the vehicle ([`rotating`]), if no array gives a direction.
 //!
-//! Either there is one directional antenna only, or four of them, of which fewer than three live: those that are left have no
-//! phases to compare, but each still hears more from ahead of it than from behind. While the seeker is in use the vehicle
-//! yaws at a constant rate, and each full turn is one bearing. It joins those before it ([`pursuit`]), is carried on to where
-//! the vehicle is by then, and goes the way of any bearing; the filters of where the source is get the rotation by itself,
-//! from where the vehicle was in the middle of it.
+//! Either there is only one directional antenna, or there are four of which fewer than three work: the remaining ones
+//! have no phases to compare, but each still receives more from its front than from its back. While the seeker is in
+//! use the vehicle yaws at a constant rate, and each full turn gives one bearing. It is combined with those before it
+//! ([`pursuit`]), extrapolated to the vehicle's present position, and then treated as any bearing; the filters of the
+//! source's position get the rotation by itself, from the vehicle's position in the middle of it.
 //!
-//! A bearing a turn is rare. The last one therefore stands for two turns, or [`MISSION_TURNS`] with some slack, and no
-//! sooner does the mission say that there is no signal. It is not repeated in between: repetitions would be taken for news.
+//! One bearing a turn is rare. So the last one stays valid for two turns, or [`MISSION_TURNS`] with some slack; only
+//! then does the mission report that there is no signal. It is not repeated in between: repetitions would be taken
+//! for new measurements.
 //!
-//! The obstacle sensor on the nose sweeps the whole circle with every turn, so that the guard finds everything looked at
-//! that it asks for within one, and the nose need not be led to it.
+//! The obstacle sensor on the nose sweeps the whole circle with every turn, so that every place that the guard needs
+//! to see is seen within one turn, and the nose need not be turned there.
 
 use crate::base::adc::CHANNELS;
 use crate::base::error::{ConfigError, Why, check};
@@ -26,17 +27,17 @@ use crate::localize::pursuit;
 use crate::localize::source::{Estimate, Sighting};
 use crate::signal::phase::{HOLD_THRESHOLD, Phasors, Tone};
 
-/// For so many turns a bearing stands.
+/// A bearing stays valid for this many turns.
 pub const MISSION_TURNS: f32 = 2.2;
 /// Bearings in a row that lack channels before the vehicle starts to turn: a fifth of a second.
 const PATIENCE: u8 = 10;
-/// Readings with an attitude older than this fall into nobody knows which bin.
+/// A reading with an older attitude cannot be assigned to a bin.
 const ATTITUDE_AGE_MAX_S: f32 = 0.2;
-/// A rotation whose powers differ by so much more than the antenna's do, or that fits this badly, is one in which the
-/// source fell silent or began to sound.
+/// A rotation whose powers differ by this factor more than the antenna's pattern, or that fits this badly, is one in
+/// which the source started or stopped transmitting.
 const CONTRAST_MAX: f32 = 1.25;
 const SIGMA_MAX_RAD: f32 = 0.5;
-/// Rate of outliers among rotations that have one hill.
+/// Rate of outliers among rotations with one maximum.
 const OUTLIER_RATE: f32 = 0.1;
 /// Channels that an array needs.
 const LIVING_MIN: usize = 3;
@@ -47,26 +48,26 @@ const DB: f32 = 4.342_945;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Role {
-    /// Always: there is one antenna only, on this channel, 0..4.
+    /// Always: there is only one antenna, on this channel, 0..4.
     Alone(u8),
-    /// While fewer than three channels of the array live: the first of them is listened to.
+    /// While fewer than three channels of the array work: the first of them is used.
     #[default]
     Fallback,
 }
 
-/// What the turning needs to know.
+/// Configuration of the turning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// When the vehicle turns.
     pub role: Role,
-    /// Where each channel's antenna points, from the nose, clockwise positive. What `rotating` says is added.
+    /// Direction of each channel's antenna, from the nose, clockwise positive. The angle of `rotating` is added.
     pub boresights_rad: [f32; CHANNELS],
     /// How fast it turns; negative to the left.
     pub yaw_rate_radps: f32,
-    /// Power into rotations.
+    /// From power to rotations.
     pub rotating: rotating::Config,
-    /// Rotations into a course.
+    /// From rotations to a course.
     pub pursuit: pursuit::Config,
 }
 
@@ -86,7 +87,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Checks the configuration; the mission's is what it would be without turning.
+    /// Checks the configuration, with the mission's configuration for flight without turning.
     ///
     /// # Errors
     /// The field that is out of range.
@@ -100,7 +101,7 @@ impl Config {
         let speed_radps = libm::fabsf(self.yaw_rate_radps);
         check("turning.yaw_rate_radps", speed_radps, 0.3, 6.3)?;
         if speed_radps > yaw_rate_max_radps {
-            let why = Why::Inconsistent("the guard does not let the vehicle turn that fast");
+            let why = Why::Inconsistent("exceeds the guard's yaw rate limit");
             return Err(ConfigError { field: "turning.yaw_rate_radps", value: self.yaw_rate_radps, why });
         }
         let turn_s = core::f32::consts::TAU / speed_radps;
@@ -144,27 +145,27 @@ pub struct Turning {
     pub mission: Mission,
 }
 
-/// The rotation under way, and what was learned from those before.
+/// The rotation in progress, and the information from those before.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     rotating: rotating::State,
     pursuit: pursuit::State<2>,
-    /// The channel that is listened to.
+    /// The channel in use.
     channel: u8,
     /// Bearings in a row that lacked channels.
     lacking: u8,
-    /// Where the rotation under way began.
+    /// Where the rotation in progress began.
     from_ned_m: Option<Horizontal>,
-    /// The middle of the last rotation that was heard.
+    /// The middle of the last rotation with a signal.
     heard: Option<Instant>,
 }
 
-/// What a rotation is worth.
+/// The result of a rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turned {
     /// The source's bearing as of now.
     pub bearing: Bearing,
-    /// What was heard in this rotation alone; none when that was no direction.
+    /// The measurement of this rotation alone; `None` if it gave no direction.
     pub sighting: Option<Sighting>,
 }
 
@@ -184,7 +185,7 @@ impl Turning {
         Demand { yaw_rate_radps: self.yaw_rate_radps, ..demand }
     }
 
-    /// Takes in what the array made of a frame; true when it is of no use and the seeker has to do.
+    /// Takes the array's bearing of a frame; true if it is unusable and the seeker has to be used.
     pub fn notice(&self, state: &mut State, bearing: &Bearing) -> bool {
         match self.role {
             Role::Alone(channel) => state.channel = channel,
@@ -196,7 +197,7 @@ impl Turning {
     fn count_living(&self, state: &mut State, bearing: &Bearing) {
         let lives = |channel: &usize| !bearing.flags.contains(Flags::dead(*channel));
         if bearing.valid || (0..CHANNELS).filter(lives).count() >= LIVING_MIN {
-            // Silence says nothing about the channels.
+            // Silence gives no information about the channels.
             if !bearing.flags.contains(Flags::NO_SIGNAL) {
                 state.lacking = 0;
             }
@@ -206,12 +207,12 @@ impl Turning {
         state.lacking = state.lacking.saturating_add(1).min(PATIENCE);
         let first = (0..CHANNELS).find(lives).unwrap_or(0) as u8;
         if is_new || bearing.flags.contains(Flags::dead(usize::from(state.channel))) {
-            // Another antenna's rotation is another one, and so is that after a while with the array.
+            // Another antenna needs a new rotation, and so does a return after a while with the array.
             *state = State { lacking: state.lacking, channel: first, ..State::default() };
         }
     }
 
-    /// Takes in the power of a frame, or what else was heard of it; says what the rotation came to that it ends.
+    /// Takes the power of a frame, or the bearing made elsewhere; returns the result of a rotation that ends with it.
     pub fn step(
         &self,
         state: &mut State,
@@ -241,7 +242,7 @@ impl Turning {
             return Some(nothing(Flags::AMBIGUOUS));
         }
         if rotation.contrast_db > self.contrast_max_db || rotation.independent_sigma_rad() > SIGMA_MAX_RAD {
-            // Nor may the next one remember it.
+            // Nor may the next one use it.
             state.rotating = rotating::State::new();
             return Some(nothing(Flags::NO_SIGNAL));
         }
@@ -261,7 +262,7 @@ impl Turning {
         let sigma_rad = rotation.independent_sigma_rad();
         let course =
             self.pursuer.step(&mut state.pursuit, rotation.time, place_ned_m, rotation.bearing_ned_rad, sigma_rad)?;
-        // The place of the source counts where the course is the way to it.
+        // The position of the source is used if the course leads to it.
         let source = course.source.filter(|source| libm::fabsf(source.bearing_ned_rad - course.bearing_ned_rad) < 1e-6);
         let (bearing_ned_rad, course_sigma_rad) =
             source.and_then(|source| bearing_from(&source, here)).unwrap_or((course.bearing_ned_rad, course.sigma_rad));
@@ -275,10 +276,10 @@ impl Turning {
     }
 }
 
-/// Power of a channel's tone, or half of what it might have and still not be heard: a tone that is lost while the antenna
-/// looks away must not leave a hole.
+/// Power of a channel's tone, or half of the power below which it is not detected: a tone that is lost while the
+/// antenna points away must not leave a gap.
 fn power_db(phasors: &Phasors, channel: usize) -> f32 {
-    // The tone has to stand out of the mean of all channels, and the others may be dead.
+    // The tone is detected in the mean of all channels, and the others may be dead.
     let unheard = 0.5 * HOLD_THRESHOLD * CHANNELS as f32 * phasors.noise.get(channel).copied().unwrap_or(0.0);
     let tone = match phasors.tone {
         Tone::Present => phasors.z.get(channel).map_or(0.0, |z| z.norm_squared()),
@@ -288,7 +289,7 @@ fn power_db(phasors: &Phasors, channel: usize) -> f32 {
     DB * libm::logf(if power > 1e-9 { power } else { 1e-9 })
 }
 
-/// The bearing of a source from a place, and its standard deviation; none where the two are the same for all we know.
+/// The bearing of a source from a place, and its standard deviation; `None` if the two cannot be distinguished.
 fn bearing_from(source: &Estimate, place_ned_m: Horizontal) -> Option<(f32, f32)> {
     let towards = source.place_ned_m.minus(place_ned_m);
     let squared = towards.norm_squared();
@@ -315,7 +316,7 @@ mod tests {
     const AMPLITUDE: f32 = 1000.0;
     const NOISE: f32 = 1e2;
 
-    /// A vehicle that turns on its way from the origin to the north, past a source.
+    /// A vehicle that turns while it flies from the origin to the north, past a source.
     struct Flight {
         turning: Turning,
         pattern: rotating::pattern::Config,
@@ -359,7 +360,7 @@ mod tests {
             }
         }
 
-        /// One frame, with these channels alive; what the array makes of it, and what the seeker does.
+        /// One frame with these channels working; the array's bearing, and the seeker's result.
         fn frame(&mut self, living: &[usize], sounds: bool) -> (bool, Option<Turned>) {
             self.tick += 1;
             let ownship = self.ownship();
@@ -427,7 +428,7 @@ mod tests {
                 let Some(turned) = flight.frame(&[0], true).1 else { continue };
                 count += 1;
                 let error = error_rad(&flight, &turned);
-                // Of the first one nobody knows whether it is an outlier.
+                // Whether the first one is an outlier is unknown.
                 let most_rad = if count == 1 { 0.6 } else { 0.15 };
                 assert!(turned.bearing.valid && turned.bearing.sigma_rad < most_rad, "{turned:?}");
                 assert!(libm::fabsf(error) < 3.0 * turned.bearing.sigma_rad, "{yaw_rate_radps}: {error} {turned:?}");
@@ -470,7 +471,7 @@ mod tests {
                 assert!(!flight.frame(living, true).0);
             }
         }
-        // A moment of it is no reason, and neither is silence.
+        // A short loss is no reason, and neither is silence.
         assert!(!flight.frame(&[1, 3], true).0 && !flight.frame(&[0, 1, 2, 3], true).0);
         assert!(flight.frames(400, &[0, 1, 2, 3], false).is_empty() && !flight.turning.is_used(&flight.state));
         let turns = flight.frames(700, &[1, 3], true);
@@ -478,7 +479,7 @@ mod tests {
         assert_eq!(flight.state.channel, 1);
         let heard_rad = turns[1].sighting.unwrap().direction_ned.bearing_rad();
         assert!(libm::fabsf(wrap_pi(heard_rad - flight.source.bearing_rad())) < 0.08, "{heard_rad}");
-        // The one that is listened to dies as well: the other one's rotation starts afresh.
+        // The channel in use dies as well: the other one's rotation starts afresh.
         assert!(flight.frame(&[3], true).0);
         assert_eq!((flight.state.channel, flight.state.pursuit.clone()), (3, pursuit::State::new()));
         // Silence does not bring channels back.

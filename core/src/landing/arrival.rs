@@ -1,4 +1,4 @@
-//! Where the beacon is, in the last metres, and whether the vehicle is above it.
+//! The beacon's position in the last metres, and whether the vehicle is above it.
 //!
 //! A bearing near the beacon is two numbers that are well-behaved where azimuth and elevation are not: the wavenumber vector
 //! `u = (k cos az, k sin az)`, which is the direction's part in the plane of the array. With `d` the unit vector from the
@@ -8,17 +8,18 @@
 //!     u_a - a . d = H (x - x_believed) + noise,   H = (a - (a . d) d) / r,   sigma^2 = sigma_u^2 + floor^2
 //! ```
 //!
-//! which is the recursive weighted least-squares fix of a place from lines, each with the weight of its angle's sigma times
-//! the range; as a filter (Kalman's form of the same), with a random walk of the place for its fading memory. It errs on neither side:
-//! the noise is added to `u`, where lines through measured directions would draw the place towards the vehicle. A bearing
-//! whose elevation is not known has one row, across its azimuth. What is known of the beacon's depth counts for one measurement.
-//! Errors of bearings that follow upon one another are alike, so that all of a third of a second count for one; and a bias
-//! that is not averaged out at all is added to what is said of sigma.
+//! which is the recursive weighted least-squares fix of a position from lines, each weighted by its angle's sigma
+//! times the range; written as a Kalman filter, with a random walk of the position as its fading memory. It is
+//! unbiased: the noise is added to `u`, while lines through measured directions would pull the position towards the
+//! vehicle. A bearing without a known elevation has one row, across its azimuth. The assumed depth of the beacon
+//! counts as one measurement. Errors of successive bearings are correlated, so all bearings of a third of a second
+//! count as one; and a bias that does not average out is added to the reported sigma.
 //!
-//! The fix begins where there is reason to: the mean direction is steep, or has swung round, or the bank's filter knows the
-//! range. It is dropped when bearings do not agree with it. Arrived is who is near it, when its sigma is small, most bearings agree with it,
-//! and they have either been steep or been seen from two sides; so no reflection or outlier far away makes an arrival: its
-//! "place" would have to stay where it is while the vehicle moves past.
+//! The fix begins when the mean direction is steep, or has swung round, or the bank's filter knows the range. It is
+//! dropped when bearings do not agree with it. The vehicle has arrived when it is near the fix, the fix's sigma is
+//! small, most bearings agree with it, and they have either been steep or come from two sides. So a distant
+//! reflection or outlier cannot cause an arrival: its apparent position would have to stay where it is while the
+//! vehicle moves past.
 //!
 //! Cost: in the bench's `landing_step`.
 
@@ -31,50 +32,50 @@ use crate::base::units::{between, sin_cos};
 use crate::doa::bearing::{Bearing, Flags};
 use crate::localize::source::Estimate;
 
-/// An elevation that is no better known than this is not known.
+/// An elevation with a larger sigma counts as unknown.
 const ELEVATION_SIGMA_MAX_RAD: f32 = 0.9;
-/// A wavenumber beyond this is none; the least that counts for more.
+/// A larger wavenumber is invalid; the smaller limit is used for clamping.
 const K_MAX: f32 = 1.5;
 const K_CLIPPED: f32 = 1.1;
-/// A bearing that cannot tell azimuths apart is used when it is overhead that makes it so.
+/// A bearing with an ambiguous azimuth is used if the source is overhead.
 const OVERHEAD_SIGMA_MAX_RAD: f32 = 0.5;
-/// Noise of bearings is alike for so long; a bias for so long, or for so far.
+/// Noise of bearings is correlated over this time; a bias over this time, or over this distance.
 const NOISE_ALIKE_S: f32 = 0.1;
 const BIAS_ALIKE_S: f32 = 3.0;
 const BIAS_ALIKE_M: f32 = 0.4;
-/// Memory of the mean direction, of agreement, and of strength.
+/// Time constants of the mean direction, of agreement, and of strength.
 const MEAN_MEMORY_S: f32 = 0.6;
-/// A mean of less than this is none yet.
+/// A mean over less time than this is not used.
 const MEAN_SETTLED_S: f32 = 1.0;
 const AGREEMENT_MEMORY_S: f32 = 1.0;
 const STRENGTH_MEMORY_S: f32 = 1.0;
-/// Squared innovation over its variance up to which a bearing agrees: 99 % of two numbers.
+/// Squared innovation over its variance up to which a bearing agrees: 99 % with two degrees of freedom.
 const AGREES: f32 = 9.2;
-/// The same beyond which it counts for less and less.
+/// Beyond this value its weight decreases.
 const TRUSTED: f32 = 4.0;
-/// Random walk of the place.
+/// Random walk of the position.
 const WALK_M2_PER_S: f32 = 0.08;
-/// A place that is nearer than this is not seen under an angle worth speaking of.
+/// A position nearer than this has no meaningful direction.
 const RANGE_MIN_M: f32 = 0.3;
-/// The beacon is taken to be so far below at least.
+/// The beacon is assumed to be at least this far below.
 const DEPTH_MIN_M: f32 = 0.5;
-/// Down over length of a mean direction that is steep, and of one from so near that it needs no second side.
+/// Down over length of a mean direction that is steep, and of one so steep that no second side is needed.
 const STEEP: f32 = 0.57;
 const OVERHEAD: f32 = 0.7;
 /// Share of the bearings that are steep where the beacon is near.
 const STEEP_SHARE: f32 = 0.4;
-/// A fix that is so far away is none.
+/// A fix farther away than this is dropped.
 const FAR_M: f32 = 8.0;
-/// What swings round does so within this way.
+/// A swing of the direction happens within this distance.
 const SWING_M: f32 = 2.0;
-/// Cosine of the angle that a place must have been seen under from two sides.
+/// Cosine of the angle between two sides from which a position must have been seen.
 const SIDES: f32 = 0.5;
-/// And from this far at least.
+/// And from at least this far.
 const SIDE_M: f32 = 0.5;
 /// Share of the bearings that agree: for an arrival, and to keep the fix at all.
 const AGREEMENT_MIN: f32 = 0.55;
 const AGREEMENT_LOST: f32 = 0.42;
-/// Strength that must have risen by so much, and be within this of its maximum, for a maximum.
+/// For a maximum, the strength must have risen by this much, and be within this of its maximum.
 const RISE_DB: f32 = 6.0;
 const MAXIMUM_DB: f32 = 3.0;
 /// How much larger sigma may be at a maximum of the strength.
@@ -82,25 +83,25 @@ const MAXIMUM_SLACK: f32 = 1.5;
 /// Longest time between bearings that counts.
 const GAP_S: f32 = 0.5;
 
-/// What arrival needs to know.
+/// Configuration of the arrival.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Horizontal distance from the fix that counts as arrived.
     pub arrive_m: f32,
-    /// Largest standard deviation of the fix that does.
+    /// Largest standard deviation of the fix for an arrival.
     pub sigma_max_m: f32,
-    /// How near an ambiguous beacon must be to be searched for.
+    /// How near an ambiguous beacon must be for a search.
     pub near_m: f32,
-    /// How long it may be near before it is searched for.
+    /// How long it may be near before a search.
     pub ambiguous_s: f32,
-    /// How far below the vehicle the beacon is, where no range finder says how far the ground is.
+    /// Depth of the beacon below the vehicle, if no range finder gives the height.
     pub beacon_below_m: f32,
     /// Standard deviation of that.
     pub beacon_below_sigma_m: f32,
     /// Standard deviation of the beacon's height over the ground, where there is a range finder.
     pub beacon_height_sigma_m: f32,
-    /// Error of bearings that no number of them averages out.
+    /// Error of bearings that does not average out.
     pub floor_rad: f32,
 }
 
@@ -143,12 +144,12 @@ pub struct Arrival {
     config: Config,
 }
 
-/// Where the beacon is.
+/// The beacon's position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Fix {
     /// Local NED.
     pub place_ned_m: Ned,
-    /// Standard deviation of the horizontal place along its worse axis, with what averages out and what does not.
+    /// Standard deviation of the horizontal position along its worse axis, including the bias.
     pub sigma_m: f32,
     /// Horizontal distance from the vehicle.
     pub distance_m: f32,
@@ -156,14 +157,14 @@ pub struct Fix {
     pub agreement: f32,
 }
 
-/// What is to be made of the fix.
+/// What follows from the fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// There is none, or it is not near.
+    /// There is no fix, or it is not near.
     Far,
-    /// It is near and not known well enough, not for long yet.
+    /// It is near, not known well enough, and not for long yet.
     Near(Fix),
-    /// It is near and known well enough, and the vehicle is not there.
+    /// It is near and known well enough, and the vehicle is not there yet.
     Known(Fix),
     /// It has been near for long and is not known well enough.
     Ambiguous(Fix),
@@ -171,12 +172,12 @@ pub enum Verdict {
     Arrived(Fix),
 }
 
-/// What is remembered of bearings.
+/// State of the arrival.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
-    /// When a bearing was used last; whether any was.
+    /// When a bearing was used last, if any.
     heard: Option<Instant>,
-    /// Mean direction, NED, and where and whither it last pointed elsewhere.
+    /// Mean direction, NED, and where and in which direction it last differed.
     mean_ned: Ned,
     mean_s: f32,
     /// Share of the last bearings that were steep.
@@ -187,24 +188,24 @@ pub struct State {
     strength_db: f32,
     least_db: f32,
     most_db: f32,
-    /// The fix: place, covariance (nn, ne, ee, nd, ed, dd), share that agrees, time heard since it began.
+    /// The fix: position, covariance (nn, ne, ee, nd, ed, dd), share that agrees, time with a signal since it began.
     begun: bool,
     has_depth: bool,
     place_ned_m: Ned,
     covariance_m2: [f32; 6],
-    /// From where the last bearing was heard.
+    /// Position at the last bearing.
     from_ned_m: Horizontal,
     agreement: f32,
     heard_s: f32,
     near_s: f32,
     near_at_ned_m: Horizontal,
-    /// The direction that it was first seen in, and whether it has been seen from another side.
+    /// The direction of the first bearing of it, and whether it has been seen from another side.
     first_ned: Horizontal,
     has_sides: bool,
 }
 
 impl State {
-    /// The position has jumped: so have all places.
+    /// The position has jumped: all stored positions are shifted.
     pub fn shift(&mut self, by: Horizontal) {
         self.place_ned_m.north += by.north;
         self.place_ned_m.east += by.east;
@@ -219,7 +220,7 @@ impl State {
         self.near_s > config.ambiguous_s
     }
 
-    /// Starts to count afresh how long the beacon is near.
+    /// Restarts the time for which the beacon is near.
     pub fn have_patience(&mut self) {
         self.near_s = 0.0;
     }
@@ -227,14 +228,14 @@ impl State {
 
 /// A bearing as a measurement.
 struct Sight {
-    /// Wavenumber vector in the body frame, and the variance of its noise; no elevation if that is not known.
+    /// Wavenumber vector in the body frame, and the variance of its noise; `None` for an unknown elevation.
     u: [f32; 2],
     variance: f32,
     is_level: bool,
 }
 
 impl Arrival {
-    /// The part of a bearing that can be used.
+    /// The usable part of a bearing.
     fn sight(&self, bearing: &Bearing) -> Option<Sight> {
         let (sigma, elevation_sigma, k) = (bearing.sigma_rad, bearing.elevation_sigma_rad, bearing.quality.wavenumber);
         let is_level = !(elevation_sigma < ELEVATION_SIGMA_MAX_RAD && k > 0.0 && k < K_MAX);
@@ -257,7 +258,7 @@ impl Arrival {
         Some(Sight { u: [k * cos_az, k * sin_az], variance: sigma_u * sigma_u, is_level })
     }
 
-    /// Takes in a bearing, made at a pose. `height_m` is that over the ground.
+    /// Takes a bearing, made at a pose. `height_m` is the height over the ground.
     pub fn hear(&self, state: &mut State, bearing: &Bearing, pose: &Pose, height_m: Option<f32>) {
         let Some(sight) = self.sight(bearing) else { return };
         let since_s = state.heard.map_or(0.02, |heard| bearing.time.seconds_since(heard));
@@ -306,7 +307,7 @@ impl Arrival {
         self.fuse(state, &sight, pose, &axes, height_m, since_s);
     }
 
-    /// The bank's filter knows where the source is: the fix begins there, unless there is one.
+    /// The bank's filter knows the source's position: the fix begins there, unless there is one.
     pub fn suggest(&self, state: &mut State, estimate: &Estimate, pose: &Pose, height_m: Option<f32>) {
         let here = pose.place_ned_m.horizontal();
         let [nn, _, ee] = estimate.covariance_m2;
@@ -351,7 +352,7 @@ impl Arrival {
         }
     }
 
-    /// Whether the mean direction has swung round, by more than a right angle and within a short way.
+    /// Whether the mean direction has swung round, by more than a right angle and within a short distance.
     fn swings(state: &mut State, here: Horizontal) -> bool {
         let mean = state.mean_ned.horizontal();
         let is_fresh = state.swung_ned == Horizontal::default();
@@ -391,14 +392,14 @@ impl Arrival {
         let [nn, _, ee, ..] = state.covariance_m2;
         let floor = self.config.floor_rad * self.config.floor_rad;
         let once = sight.variance + floor;
-        // Noise is new after a moment, a bias only elsewhere.
+        // Noise is independent after a moment, a bias only elsewhere.
         let noise_share = since_s / NOISE_ALIKE_S;
         let bias_share = since_s / BIAS_ALIKE_S + moved_m / BIAS_ALIKE_M;
         let least = |share: f32| if share < 1.0 { share } else { 1.0 };
         let variances = [once, sight.variance / least(noise_share) + floor / least(bias_share)];
         let (mut squares, mut is_behind) = (0.0, false);
         if sight.is_level {
-            // Across the azimuth: the sine of the angle, and one where it points the other way.
+            // Across the azimuth: the sine of the angle, and 1 if it points the other way.
             let range_m = Horizontal { north: towards[0], east: towards[1] }.norm();
             let seen_m = sqrt(range_m * range_m + 0.5 * (nn + ee) + RANGE_MIN_M * RANGE_MIN_M);
             let inverse = 1.0 / if range_m > 0.05 { range_m } else { 0.05 };
@@ -413,7 +414,7 @@ impl Arrival {
             let off = if is_ahead { sine } else { libm::copysignf(2.0, sine) - sine };
             let row = [-expected.east / seen_m, expected.north / seen_m, 0.0];
             squares += weigh(state, row, off, variances);
-            // Behind, with so much between, is not a matter of sigma.
+            // A fix behind the vehicle, with this distance in between, cannot be explained by sigma.
             is_behind = !is_ahead && range_m * range_m > 0.5 * (nn + ee);
         } else {
             let [n, e, d] = towards;
@@ -461,7 +462,7 @@ impl Arrival {
         let distance_m = state.place_ned_m.horizontal().minus(here).norm();
         let depth_m = between(state.place_ned_m.down - own_down_m, DEPTH_MIN_M, 1e3);
         let slant2 = distance_m * distance_m + depth_m * depth_m;
-        // A bias of the angle, along the ground: the more, the flatter it is seen.
+        // A bias of the angle, along the ground: larger at flatter angles.
         let flat = if state.has_depth { slant2 / depth_m } else { sqrt(slant2) };
         let biased = self.config.floor_rad * self.config.floor_rad * flat * flat;
         Some(Fix {
@@ -472,7 +473,7 @@ impl Arrival {
         })
     }
 
-    /// What is to be made of what was heard, from where the vehicle is.
+    /// What follows from the bearings, at the vehicle's position.
     pub fn judge(
         &self,
         state: &mut State,
@@ -489,7 +490,7 @@ impl Arrival {
             state.near_s = 0.0;
             return Verdict::Far;
         }
-        // Who passes by is not near for long; nor is what is heard flat at a depth that is known.
+        // A vehicle that passes by is not near for long; nor is it near a beacon at a flat angle with a known depth.
         let has_left = here.minus(state.near_at_ned_m).norm_squared() > SWING_M * SWING_M;
         if has_left || (state.has_depth && state.steep < STEEP_SHARE) {
             (state.near_s, state.near_at_ned_m) = (0.0, here);
@@ -518,7 +519,7 @@ impl Arrival {
     }
 }
 
-/// Whether the bank's filter knows the source to be elsewhere.
+/// Whether the bank's filter puts the source elsewhere.
 fn contradicts(estimate: &Estimate, fix: &Fix, here: Horizontal, arrive_m: f32) -> bool {
     let [nn, _, ee] = estimate.covariance_m2;
     let apart_m = estimate.place_ned_m.minus(fix.place_ned_m.horizontal()).norm();
@@ -527,7 +528,7 @@ fn contradicts(estimate: &Estimate, fix: &Fix, here: Horizontal, arrive_m: f32) 
     estimate.range_sigma_ratio < 0.3 && range_m > 2.0 * arrive_m && apart_m > 1.0 + 3.0 * sigma_m
 }
 
-/// Takes in one number of a bearing; its squared innovation over its variance. What is far off counts for less.
+/// Takes one component of a bearing; returns its squared innovation over its variance. Outliers get less weight.
 fn weigh(state: &mut State, row: [f32; 3], off: f32, [once, variance]: [f32; 2]) -> f32 {
     let squares = off * off / (once + spread(state, row));
     let doubt = if squares > TRUSTED { squares / TRUSTED } else { 1.0 };
@@ -545,7 +546,7 @@ fn times([nn, ne, ee, nd, ed, dd]: &[f32; 6], [n, e, d]: [f32; 3]) -> [f32; 3] {
     [nn * n + ne * e + nd * d, ne * n + ee * e + ed * d, nd * n + ed * e + dd * d]
 }
 
-/// A scalar measurement. The depth is considered and not corrected.
+/// A scalar update. The depth's uncertainty is considered, but the depth is not corrected.
 fn update(state: &mut State, row: [f32; 3], off: f32, variance: f32) {
     let gain = times(&state.covariance_m2, row);
     let total = variance + row[0] * gain[0] + row[1] * gain[1] + row[2] * gain[2];

@@ -1,14 +1,17 @@
-//! Where the pad is, and the way to above it.
+//! The pad's position, and the flight to above it.
 //!
-//! A look gives tangents in the body frame. Turned by the attitude at its exposure, and times the height over the pad, they give the
-//! pad's place in NED; a small Kalman filter keeps that place, so that the vehicle is steered by its own position, at every
-//! step, and a look that comes late, or not at all, does no harm. The height over the pad comes from its apparent radius and from the
-//! range finder, fused with the vehicle's own vertical position. A look that is far off the place is left out; when nothing
-//! else is seen for a while, and those agree with each other, the pad is there.
+//! A camera frame gives tangents in the body frame. Rotated by the attitude at its exposure, and multiplied by the
+//! height over the pad, they give the pad's position in NED. A small Kalman filter keeps that position, so that the
+//! vehicle is steered by its own position, at every step, and a late or missing frame does no harm. The height over
+//! the pad comes from its apparent radius and from the range finder, fused with the vehicle's own vertical position.
+//! A detection far from the position is ignored; if there are no others for a while, and those agree with each other,
+//! the pad is taken to be there.
 //!
-//! The way there is a PID on the place: `v = s (kp e + integral) - kd v_measured`. The derivative is of the vehicle's own velocity, so that a
-//! jump of the pad's place does not kick. With a vehicle that answers as ArduCopter (0.22 s, then a critically damped
-//! second order of 3.1 rad/s) no disturbance is amplified by more than 2.1, with a faster one by less (a test computes it). High up, where looks are coarse, the gain is lower and the speed higher.
+//! The flight is controlled by a PID on the position: `v = s (kp e + integral) - kd v_measured`. The derivative is of
+//! the vehicle's own velocity, so that a jump of the pad's position causes no kick. With a vehicle that responds as
+//! ArduCopter (0.22 s, then a critically damped second order of 3.1 rad/s) no disturbance is amplified by more than
+//! 2.1, with a faster one by less (a test computes it). High up, where detections are coarse, the gain is lower and
+//! the speed higher.
 //!
 //! Cost: in the bench's `landing_step`.
 
@@ -20,36 +23,37 @@ use crate::base::ned::{Horizontal, Ned};
 use crate::base::time::Instant;
 use crate::base::units::between;
 
-/// Error of a tangent, and of a place that is exactly known.
+/// Error of a tangent, and of a position that is exactly known.
 const TANGENT_SIGMA: f32 = 0.02;
 const PLACE_SIGMA_M: f32 = 0.01;
-/// A pad that is cut has its middle so much less well known.
+/// A pad cut by the picture's border has its centre less well known by this factor.
 const CUT: f32 = 4.0;
-/// Relative error of the apparent radius, of the range finder; the least of each.
+/// Relative error of the apparent radius, and of the range finder; the least of each.
 const RADIUS_SIGMA: f32 = 0.08;
 const FINDER_SIGMA: f32 = 0.02;
 const HEIGHT_SIGMA_M: f32 = 0.03;
-/// Random walks of the place and of the height: how fast the vehicle's own position drifts.
+/// Random walks of the position and of the height: how fast the vehicle's own position drifts.
 const WALK_M2_PER_S: f32 = 0.001;
 const DOWN_WALK_M2_PER_S: f32 = 0.0005;
-/// A look this many standard deviations off, and so much on top, is not of this pad.
+/// A detection this many standard deviations off, plus this distance, is not of this pad.
 const GATE: f32 = 3.0;
 const GATE_M: f32 = 0.10;
 const DOWN_GATE_M: f32 = 0.05;
-/// So many looks in a row that agree with each other make another pad, when this one has not been seen for so long.
+/// This many detections in a row that agree with each other make another pad, if this one has not been seen for this
+/// long.
 const STRAY_LOOKS: u8 = 4;
 const STRAY_S: f32 = 0.6;
 const STRAY_M: f32 = 0.3;
 const STRAY_HEIGHT_M: f32 = 0.6;
-/// So many looks make a pad.
+/// This many detections make a pad certain.
 const LOOKS_SURE: u8 = 4;
-/// A pad that is not sure is forgotten after this long.
+/// A pad that is not certain is forgotten after this long.
 const TENTATIVE_S: f32 = 1.0;
-/// Nothing is nearer to the camera than this, and no ray flatter.
+/// Nothing is nearer to the camera than this, and no ray is flatter.
 const HEIGHT_MIN_M: f32 = 0.05;
 const STEEP_MIN: f32 = 0.4;
 const TANGENT_MAX: f32 = 3.0;
-/// Least confidence of a look that counts.
+/// Least confidence of a detection that is used.
 const CONFIDENCE_MIN: f32 = 0.1;
 /// The error and the speed within which the integral changes.
 const INTEGRAL_M: f32 = 0.25;
@@ -57,13 +61,13 @@ const INTEGRAL_MPS: f32 = 0.15;
 /// Heights below and above which gains and speeds do not change any more.
 const LOW_M: f32 = 1.0;
 const HIGH_M: f32 = 3.0;
-/// Horizontal speed at the ground, and what it grows by a metre.
+/// Horizontal speed at the ground, and its increase per metre of height.
 const LOW_MPS: f32 = 0.5;
 const LOW_MPS_PER_M: f32 = 0.2;
 /// Gain high up.
 const HIGH_GAIN: f32 = 0.7;
 
-/// What centring needs to know.
+/// Configuration of the centring.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -71,7 +75,7 @@ pub struct Config {
     pub kp_per_s: f32,
     /// Velocity per metre and second of error.
     pub ki_per_s2: f32,
-    /// Share of the measured velocity taken off.
+    /// Share of the measured velocity that is subtracted.
     pub kd: f32,
     /// Bound of the integral part.
     pub integral_max_mps: f32,
@@ -87,27 +91,27 @@ pub struct Config {
     pub descent_min_mps: f32,
     /// Fastest climb.
     pub climb_mps: f32,
-    /// Radius of the cone at the ground in which the vehicle descends, and what it grows by a metre.
+    /// Radius of the descent cone at the ground.
     pub gate_m: f32,
-    /// What the cone's radius grows by a metre of height.
+    /// Increase of the cone's radius per metre of height.
     pub gate_per_m: f32,
-    /// Below this height it goes down without seeing the pad, once it is inside [`Config::commit_gate_m`].
+    /// Below this height the vehicle descends without seeing the pad, once it is inside [`Config::commit_gate_m`].
     pub commit_m: f32,
     /// Horizontal error at the commit.
     pub commit_gate_m: f32,
     /// Horizontal speed at the commit.
     pub commit_speed_mps: f32,
-    /// Rate of descent that is asked for in the drop at its end: the vehicle touches down before it has reached it.
+    /// Commanded rate of descent in the drop at the end: the vehicle touches down before it reaches it.
     pub commit_mps: f32,
-    /// How long the last part may wait for its moment, and the drop may take.
+    /// How long the last part may wait before the drop, and how long the drop may take.
     pub commit_s: f32,
-    /// Looks no older than this let it descend.
+    /// Detections no older than this allow the descent.
     pub fresh_s: f32,
     /// The pad is lost after this long, and the vehicle climbs.
     pub lost_s: f32,
     /// How far it climbs.
     pub climb_m: f32,
-    /// And for how long at most; then it searches.
+    /// Longest climb; then it searches.
     pub climb_s: f32,
 }
 
@@ -176,37 +180,37 @@ pub struct Pilot {
     pub(super) config: Config,
 }
 
-/// What became of a look.
+/// The result of a detection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Taken {
-    /// It tells where the pad is.
+    /// It was used.
     Yes,
-    /// It is far off, or not a number.
+    /// It is far off, or not finite.
     Refused,
-    /// Nothing says how high the vehicle is.
+    /// The vehicle's height is unknown.
     NoHeight,
 }
 
-/// A look, turned into a place.
+/// A detection as a position.
 struct Spot {
     time: Instant,
     place_ned_m: Horizontal,
     variance_m2: f32,
-    /// Vertical place of the vehicle.
+    /// Vertical position of the vehicle.
     own_down_m: f32,
-    /// Vertical place and its variance, by the apparent radius.
+    /// Vertical position of the pad and its variance, by the apparent radius.
     down: Option<(f32, f32)>,
 }
 
-/// Where the pad is.
+/// The pad's estimated position.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Track {
     place_ned_m: Horizontal,
     variance_m2: f32,
-    /// Its vertical place.
+    /// Its vertical position.
     down_m: f32,
     down_variance_m2: f32,
-    /// Looks that agreed, up to [`LOOKS_SURE`]; none where there is no pad.
+    /// Detections that agreed, up to [`LOOKS_SURE`]; 0 without a pad.
     looks: u8,
     strays: u8,
     stray_ned_m: Horizontal,
@@ -221,19 +225,19 @@ impl Track {
         self.stray_ned_m = self.stray_ned_m.plus(by);
     }
 
-    /// Whether there is a pad beyond doubt.
+    /// Whether the pad is certain.
     #[must_use]
     pub fn is_sure(&self) -> bool {
         self.looks >= LOOKS_SURE
     }
 
-    /// Where it is.
+    /// Its position.
     #[must_use]
     pub fn place_ned_m(&self) -> Ned {
         Ned { north: self.place_ned_m.north, east: self.place_ned_m.east, down: self.down_m }
     }
 
-    /// Standard deviation of its horizontal place.
+    /// Standard deviation of its horizontal position.
     #[must_use]
     pub fn sigma_m(&self) -> f32 {
         sqrt(self.variance_m2)
@@ -245,25 +249,25 @@ impl Track {
         now.seconds_since(self.seen)
     }
 
-    /// Height over it of what is at that vertical place.
+    /// Height over it at a vertical position.
     #[must_use]
     pub fn height_m(&self, down_m: f32) -> f32 {
         self.down_m - down_m
     }
 
-    /// The range finder's word about the ground's vertical place.
+    /// Uses the range finder's vertical position of the ground.
     pub fn level(&mut self, ground_down_m: f32, height_m: f32, tick_s: f32) {
         if self.looks == 0 {
             return;
         }
         let sigma_m = HEIGHT_SIGMA_M + FINDER_SIGMA * height_m;
         self.down_variance_m2 += DOWN_WALK_M2_PER_S * tick_s;
-        // What follows within a third of a second errs alike.
+        // Errors within a third of a second are correlated.
         let alike = if tick_s < 0.3 { 0.3 / tick_s } else { 1.0 };
         self.correct_down(ground_down_m, sigma_m * sigma_m * alike);
     }
 
-    /// There is a pad where this one was seen.
+    /// Starts a pad at this detection.
     fn begin(&mut self, seen: &Spot, looks: u8) -> Taken {
         (self.place_ned_m, self.variance_m2) = (seen.place_ned_m, 2.0 * seen.variance_m2);
         if let Some((down_m, variance_m2)) = seen.down {
@@ -273,7 +277,7 @@ impl Track {
         Taken::Yes
     }
 
-    /// Takes in one more, unless it is another.
+    /// Uses one more detection, unless it is of another pad.
     fn correct(&mut self, seen: &Spot, since_s: f32) -> Taken {
         self.variance_m2 += WALK_M2_PER_S * between(since_s, 0.0, 1.0);
         self.down_variance_m2 += DOWN_WALK_M2_PER_S * between(since_s, 0.0, 1.0);
@@ -289,7 +293,7 @@ impl Track {
                 self.looks -= 1;
                 return if self.looks == 0 { self.begin(seen, 1) } else { Taken::Refused };
             }
-            // Near the ground everything is near everything else: what is seen there makes no other pad.
+            // Near the ground everything is near everything else: a detection there does not make another pad.
             let Some((down_m, _)) = seen.down.filter(|_| self.down_m - seen.own_down_m > STRAY_HEIGHT_M) else {
                 return Taken::Refused;
             };
@@ -323,7 +327,7 @@ impl Track {
 }
 
 impl Pilot {
-    /// Takes in a pad that was seen from a pose. `ground_down_m` is where the range finder has the ground.
+    /// Takes a pad that was seen from a pose. `ground_down_m` is the range finder's vertical position of the ground.
     pub fn see(
         &self,
         track: &mut Track,
@@ -344,7 +348,7 @@ impl Pilot {
         let own_down_m = pose.place_ned_m.down;
         let by_radius_m =
             (!pad.is_cut && pad.radius > 1e-3 && pad.radius < 10.0).then(|| pad_radius_m / pad.radius * ray.down);
-        // As coarse as the height that is expected makes it: what is far off must not excuse itself by that.
+        // Its error follows from the expected height: a distant detection must not excuse itself by its own.
         let expected_m = (track.looks > 0).then_some(track.down_m - own_down_m);
         let height = |height_m: f32| {
             let sigma_m = HEIGHT_SIGMA_M + RADIUS_SIGMA * libm::fabsf(expected_m.unwrap_or(height_m));
@@ -356,7 +360,7 @@ impl Pilot {
         if track.looks < LOOKS_SURE && since_s > TENTATIVE_S {
             track.looks = 0;
         }
-        // The height that the place is made with: that of the pad that is known, or else what this look says.
+        // The height used for the position: that of the known pad, or else that of this detection.
         let known = (track.looks > 0).then_some((track.down_m, track.down_variance_m2));
         let Some((down_m, down_variance_m2)) = known.or(by_finder).or(by_radius) else { return Taken::NoHeight };
         let height_m = down_m - own_down_m;
@@ -381,7 +385,7 @@ impl Pilot {
         track.correct(&seen, since_s)
     }
 
-    /// Velocity towards a place that is `error` away, of at most `speed_max_mps`.
+    /// Velocity towards a position that is `error` away, of at most `speed_max_mps`.
     pub fn steer(
         &self,
         integral_mps: &mut Horizontal,
@@ -395,7 +399,7 @@ impl Pilot {
         let high = between((height_m - LOW_M) / (HIGH_M - LOW_M), 0.0, 1.0);
         let gain = 1.0 - (1.0 - HIGH_GAIN) * high;
         let speed_max_mps = if speed_max_mps < c.speed_max_mps { speed_max_mps } else { c.speed_max_mps };
-        // What the derivative takes off at full speed is added here.
+        // The derivative's share at full speed is added here.
         let towards = error_m.times(gain * c.kp_per_s).clamped(speed_max_mps * (1.0 + c.kd));
         let wanted = towards.plus(*integral_mps).minus(velocity_ned_mps.times(c.kd));
         let limited = wanted.clamped(speed_max_mps);
@@ -413,12 +417,12 @@ impl Pilot {
         self.config.gate_m + self.config.gate_per_m * between(height_m, 0.0, 4.0)
     }
 
-    /// Rate of descent at a height, that far off the middle.
+    /// Rate of descent at a height and a horizontal error.
     #[must_use]
     pub fn descent_mps(&self, height_m: f32, error_m: f32) -> f32 {
         let c = &self.config;
         let by_height = between(0.15 + 0.2 * height_m, c.descent_min_mps, c.descent_max_mps);
-        // All of it in the inner half.
+        // The full rate in the inner half.
         by_height * between(2.0 * (1.0 - error_m / self.gate_m(height_m)), 0.0, 1.0)
     }
 

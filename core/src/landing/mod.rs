@@ -1,15 +1,15 @@
-//! The last metres: is this the beacon, where is the pad, and down onto it. A layer of its own, which may import `base`,
-//! `doa` and `localize`.
+//! The last metres: whether this is the beacon, where the pad is, and the descent onto it. A layer of its own, which
+//! may import `base`, `doa` and `localize`.
 //!
-//! The planner brings the vehicle near; [`arrival`] says when it is there, or cannot say; [`search`] looks for what is not found,
-//! within limits; [`centring`] goes above the pad and down. What is seen of the pad is the detector's, a crate of its own (`foxhound-pad`). [`Lander::step`] is asked
-//! in every step of the fast loop; as long as it has no demand the planner is followed, and the guard has the last word
-//! on all of it. Without a camera the vehicle stays above the beacon and hands over; that the autopilot is to land it there
-//! is the user's to say ([`Config::request_land`]).
+//! The planner brings the vehicle near the beacon. [`arrival`] decides when it is there, or that this is ambiguous;
+//! [`search`] searches within limits; [`centring`] flies to above the pad and down. The pad is detected by a separate
+//! crate (`foxhound-pad`). [`Lander::step`] is called in every step of the fast loop; as long as it has no demand the
+//! planner is followed, and the guard checks every demand. Without a camera the vehicle stays above the beacon and
+//! hands over; the user decides whether the autopilot lands it there ([`Config::request_land`]).
 //!
-//! After ArduPilot's `AC_PrecLand` and PX4's `precland`: a cone that the descent keeps to, retries that are counted, a little
-//! climb after a loss, a last part without sight. Unlike those it never goes down on what it has not found: every end but
-//! the ground is a hover with a reason.
+//! After ArduPilot's `AC_PrecLand` and PX4's `precland`: a cone for the descent, counted retries, a short climb after
+//! a loss, a last part without sight of the pad. Unlike those it never descends onto a pad that it has not found: it
+//! ends on the ground, or in a hover with a reason.
 //!
 //! | stage | event | what the vehicle does |
 //! |---|---|---|
@@ -20,38 +20,38 @@
 //! | `Approaching` | above the beacon, no camera expected | hand over, `Arrived`; land if the user wants it |
 //! | | above the beacon, camera, pad not seen | `SearchingPad` |
 //! | | above the beacon, no frames, or bad ones only | hand over, `NoCamera` |
-//! | | what it heard was not there | `Seeking`, `retries_max` times; then hand over, `Ambiguous` |
+//! | | the estimated beacon was not there | `Seeking`, `retries_max` times; then hand over, `Ambiguous` |
 //! | | blocked by the guard for 5 s | hand over, `Blocked` |
 //! | | not above it in time | hand over, `TimeLimit` |
 //! | `SearchingBeacon` | arrived, or known | `Approaching` |
 //! | | not near after all | `Seeking`, `retries_max` times |
-//! | | all searched; time up; most of it blocked | back to where it began, then hand over, `SearchLimit`; `TimeLimit`; `Blocked` |
+//! | | all searched; time limit; most of it blocked | back to its start, then hand over, `SearchLimit`; `TimeLimit`; `Blocked` |
 //! | `SearchingPad` | pad found | `Centring` |
-//! | | all searched; time up; most of it blocked | back to where it began, then hand over, `NoPad` (`PadLost` if it had been found); `TimeLimit`; `Blocked` |
-//! | | pad seen, and nothing says how high the vehicle is | hand over at the end of the search, `NoHeight` |
+//! | | all searched; time limit; most of it blocked | back to its start, then hand over, `NoPad` (`PadLost` if it had been found); `TimeLimit`; `Blocked` |
+//! | | pad seen, but the height is unknown | hand over at the end of the search, `NoHeight` |
 //! | | no frames, or bad ones only | hand over, `NoCamera` |
-//! | `Centring` | pushed away so far that the pad leaves the picture | climbs for as long as that lasts |
-//! | | inside the cone, looks fresh | `Descending` |
+//! | `Centring` | pushed away so far that the pad leaves the picture | climbs while that lasts |
+//! | | inside the cone, detections fresh | `Descending` |
 //! | | pad not seen for 2 s | `Recovering` |
 //! | | not down in time | `Recovering`, `retries_max` times; then hand over, `TimeLimit` |
-//! | `Descending` | outside of the cone, or looks not fresh | `Centring`: the height is held |
+//! | `Descending` | outside of the cone, or detections not fresh | `Centring`: the height is held |
 //! | | low, in the middle and slow | `Committed` |
 //! | `Recovering` | it holds, and climbs a little | |
 //! | | pad found | `Centring` |
 //! | | climbed | `SearchingPad` around where it was, `retries_max` times; then hand over, `PadLost` |
-//! | `Committed` | on the ground: the autopilot says so, or it sinks no more | `Landed` |
-//! | | not in the middle, or not for long | the last bit waits for its moment |
-//! | | pushed out of the middle before that; no such moment for 10 s | `Centring` |
+//! | `Committed` | on the ground, by the autopilot or because it sinks no more | `Landed` |
+//! | | not in the middle, or not for long | the drop waits |
+//! | | pushed out of the middle before that; no drop for 10 s | `Centring` |
 //! | | dropped, and not down in time | `Recovering` |
 //! | `Landed` | | zero velocity; land (and disarm) if the user wants it |
-//! | `HandedOver` | | zero velocity until a fresh entry |
+//! | `HandedOver` | | zero velocity until the mode is entered again |
 //! | any but `Seeking` | own position or attitude unknown, absurd, or older than 0.5 s | zero velocity, `NoOwnship`; goes on afterwards |
 //! | | `total_s` over | hand over, `TimeLimit` |
 //!
-//! Numbers are defaults of [`Config`]. There is a test for each row. Every demand is finite, inside the speeds of the
-//! configuration, and changes no faster than its accelerations.
+//! Numbers are defaults of [`Config`]. There is a test for each row. Every demand is finite, inside the configured
+//! speeds, and changes no faster than the configured accelerations.
 //!
-//! Cost: the bench's `landing_step`, which has a bearing in every step and looks in some.
+//! Cost: the bench's `landing_step`, which has a bearing in every step and a detection in some.
 
 use crate::base::error::{ConfigError, check};
 use crate::base::ned::{Horizontal, Ned};
@@ -72,12 +72,12 @@ use centring::Taken;
 use observation::{PadObservation, Seen};
 use pose::{Pose, Poses};
 
-/// Own position and attitude older than this are none.
+/// Own position and attitude older than this are not used.
 const OWNSHIP_AGE_MAX_S: f32 = 0.5;
-/// Range finders do not say more than this.
+/// Larger readings of a range finder are ignored.
 const FINDER_MAX_M: f32 = 200.0;
 
-/// What landing needs to know.
+/// Configuration of the landing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -89,15 +89,15 @@ pub struct Config {
     pub pad_radius_m: f32,
     /// The autopilot is asked to land above the beacon where no camera is expected, and to disarm on the pad.
     pub request_land: bool,
-    /// How often what was found may have to be searched for again, or the time for one attempt may run out.
+    /// How often a lost pad or beacon may be searched for again, or an attempt may run out of time.
     pub retries_max: u8,
-    /// How long the way to above the beacon may take.
+    /// How long the flight to above the beacon may take.
     pub approach_s: f32,
-    /// How long it may take to come into the cone, or down.
+    /// How long it may take to enter the cone, or to descend.
     pub attempt_s: f32,
-    /// How long all of it may take.
+    /// How long the whole landing may take.
     pub total_s: f32,
-    /// Where the beacon is.
+    /// The estimate of the beacon's position.
     pub arrival: arrival::Config,
     /// Search.
     pub search: search::Config,
@@ -144,7 +144,7 @@ impl Config {
     }
 }
 
-/// Where in the last metres the vehicle is.
+/// Stage of the landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -154,23 +154,23 @@ pub enum Stage {
     /// Not there yet: the planner is followed.
     #[default]
     Seeking = 0,
-    /// On the last metres to above the beacon.
+    /// Flying to above the beacon.
     Approaching,
-    /// Near the beacon, looking for where it is.
+    /// Near the beacon, searching for its position.
     SearchingBeacon,
-    /// Above the beacon, looking for the pad.
+    /// Above the beacon, searching for the pad.
     SearchingPad,
-    /// On the way to above the pad, or waiting there.
+    /// Flying to above the pad, or waiting there.
     Centring,
     /// Going down.
     Descending,
     /// The pad is out of sight: holding, then climbing a little.
     Recovering,
-    /// The last part, without sight.
+    /// The last part, without sight of the pad.
     Committed,
     /// On the ground.
     Landed,
-    /// Hovering, for somebody to take over.
+    /// Hovering, until the pilot takes over.
     HandedOver,
 }
 
@@ -191,22 +191,22 @@ pub enum Reason {
     PadLost,
     /// No frames come from the camera, or bad ones only.
     NoCamera,
-    /// Nothing says how high the vehicle is.
+    /// The vehicle's height is unknown.
     NoHeight,
-    /// Where the beacon is cannot be told.
+    /// The beacon's position is ambiguous.
     Ambiguous,
-    /// All inside the limits was searched.
+    /// Everything inside the limits was searched.
     SearchLimit,
-    /// The time is up.
+    /// The time limit was reached.
     TimeLimit,
-    /// The guard does not let it.
+    /// The guard does not allow it.
     Blocked,
     /// Own position or attitude is unknown.
     NoOwnship,
 }
 
 impl Reason {
-    /// The reason's name as it stands in logs and reports.
+    /// The reason's name in logs and reports.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -225,22 +225,22 @@ impl Reason {
     }
 }
 
-/// Everything that a step may know.
+/// Input of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a> {
     /// The time of the step.
     pub now: Instant,
-    /// The vehicle as last heard, if it is plausible.
+    /// The vehicle as last received, if it is plausible.
     pub ownship: Option<&'a Ownship>,
     /// Height over the ground, by a range finder.
     pub height_m: Option<f32>,
     /// The bearing of this step, valid or not.
     pub bearing: Option<&'a Bearing>,
-    /// What the filters of the source believe: that it is seen directly.
+    /// The estimate of the source's filters, if the source is in line of sight.
     pub estimate: Option<&'a Estimate>,
-    /// A frame that was looked at.
+    /// The detector's result for a frame.
     pub look: Option<PadObservation>,
-    /// The autopilot says that it has landed.
+    /// The autopilot reports that it has landed.
     pub is_landed: bool,
     /// The guard braked in the last step.
     pub is_blocked: bool,
@@ -248,31 +248,31 @@ pub struct Input<'a> {
     pub tick_s: f32,
 }
 
-/// Where it is: for `LANDING_TARGET`.
+/// The target for `LANDING_TARGET`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Target {
     /// Local NED.
     pub place_ned_m: Ned,
-    /// Standard deviation of the horizontal place.
+    /// Standard deviation of the horizontal position.
     pub sigma_m: f32,
-    /// It is the pad, and seen; else the beacon, and heard.
+    /// Whether it is the pad, currently seen; else the beacon, currently received.
     pub is_pad: bool,
 }
 
-/// What a step came to.
+/// The result of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Output {
-    /// Where in the last metres the vehicle is.
+    /// Stage of the landing.
     pub stage: Stage,
-    /// Velocity, horizontal in NED and down; `None` where the planner is to be followed.
+    /// Velocity, horizontal in NED and down; `None` to follow the planner.
     pub demand: Option<(Horizontal, f32)>,
-    /// Why it hovers, or is here again.
+    /// Why it hovers, or is back in this stage.
     pub reason: Option<Reason>,
-    /// Where the pad, or the beacon, is.
+    /// The position of the pad, or of the beacon.
     pub target: Option<Target>,
     /// The autopilot is to land, or to disarm, here.
     pub wants_land: bool,
@@ -287,7 +287,7 @@ pub struct Lander {
     pilot: centring::Pilot,
 }
 
-/// What is remembered from step to step. A fresh one begins afresh.
+/// State of the landing.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     stage: Stage,
@@ -300,17 +300,17 @@ pub struct State {
     arrival: arrival::State,
     search: search::State,
     track: centring::Track,
-    /// Where to, while there is no pad.
+    /// The goal while there is no pad.
     goal_ned_m: Horizontal,
     integral_mps: Horizontal,
     /// The last demand.
     velocity_ned_mps: Horizontal,
     down_mps: f32,
-    /// When a good frame came last.
+    /// When the last good frame arrived.
     framed: Option<Instant>,
-    /// A pad was seen from a height that is not known.
+    /// A pad was seen from an unknown height.
     lacks_height: bool,
-    /// The last bit, which cannot be called back.
+    /// The drop has begun, which cannot be aborted.
     is_dropping: bool,
     /// A pad was found.
     has_found: bool,
@@ -318,19 +318,19 @@ pub struct State {
     settled_s: f32,
     blocked_s: f32,
     stands_s: f32,
-    /// Vertical places: where the pad was lost, and how high it may climb.
+    /// Vertical positions: where the pad was lost, and how high it may climb.
     lost_down_m: f32,
     top_down_m: f32,
 }
 
 impl State {
-    /// Where in the last metres the vehicle is.
+    /// Stage of the landing.
     #[must_use]
     pub fn stage(&self) -> Stage {
         self.stage
     }
 
-    /// Height over the pad of what is at that vertical place, where the pad has been seen.
+    /// Height over the pad at that vertical position, if the pad has been seen.
     #[must_use]
     pub fn height_m(&self, down_m: f32) -> Option<f32> {
         self.track.is_sure().then(|| self.track.height_m(down_m))
@@ -365,13 +365,13 @@ struct Here {
 }
 
 impl Here {
-    /// Where the vehicle will be so much later, as it flies now.
+    /// Where the vehicle will be after `time_s`, at its present velocity.
     fn after(&self, time_s: f32) -> Horizontal {
         self.place_ned_m.plus(self.velocity_ned_mps.times(time_s))
     }
 }
 
-/// A wish, before its limits.
+/// A demand before its limits.
 #[derive(Clone, Copy, Default)]
 struct Wish {
     velocity_ned_mps: Horizontal,
@@ -424,7 +424,7 @@ impl Lander {
         let wish = self.act(state, input, &here, verdict);
         let demand = wish.map(|wish| self.limited(state, wish, tick_s));
         if demand.is_none() {
-            // What the planner has the vehicle do is where a demand will begin.
+            // A demand begins at the velocity that the planner's flight has now.
             state.velocity_ned_mps = here.velocity_ned_mps.clamped(self.config.centring.speed_max_mps);
             state.down_mps = 0.0;
         }
@@ -450,7 +450,7 @@ impl Lander {
         }
     }
 
-    /// Without a word of the own vehicle.
+    /// Without an ownship.
     fn hold_blindly(&self, state: &mut State, tick_s: f32) -> Output {
         if state.stage == Stage::Seeking {
             return Output { reason: Some(Reason::NoOwnship), ..Output::default() };
@@ -474,14 +474,14 @@ impl Lander {
             Seen::Pad(pad) => Some(pad),
         };
         state.framed = Some(here.now);
-        // A look whose attitude is not known any more is as good as none.
+        // A detection whose attitude is not known any more cannot be used.
         let (Some(pad), Some(pose)) = (pad, state.poses.at(look.time)) else { return };
         let radius_m = self.config.pad_radius_m;
         let taken = self.pilot.see(&mut state.track, &pad, look.time, &pose, radius_m, ground_down_m);
         state.lacks_height |= taken == Taken::NoHeight;
     }
 
-    /// Nothing goes on for ever.
+    /// Every stage has a time limit.
     fn mind_time(&self, state: &mut State, now: Instant) {
         let is_active = !matches!(state.stage, Stage::Seeking | Stage::Landed | Stage::HandedOver | Stage::Committed);
         if is_active && state.began.is_some_and(|began| now.seconds_since(began) > self.config.total_s) {
@@ -489,7 +489,7 @@ impl Lander {
         }
     }
 
-    /// Inside the limits of speed and of change.
+    /// Limits a demand in speed and in change.
     fn limited(&self, state: &mut State, wish: Wish, tick_s: f32) -> (Horizontal, f32) {
         let c = &self.config.centring;
         let wanted = if wish.velocity_ned_mps.is_finite() { wish.velocity_ned_mps } else { Horizontal::default() };

@@ -1,20 +1,20 @@
-//! What a frame of the camera shows of the pad: the detector says it, the landing takes it, the log keeps it.
+//! The pad in a frame of the camera: made by the detector, used by the landing, stored in the log.
 //!
-//! Tangents are those of the body: who looks knows nothing of how the vehicle leans.
+//! Tangents are in the body frame: the detector does not know the vehicle's attitude.
 
 use crate::base::math::sqrt;
 use crate::base::time::Instant;
 
-/// Where the pad is in the body frame: a ray through its centre, as tangents.
+/// The pad's position in the body frame: a ray through its centre, as tangents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pad {
-    /// Metres forward a metre along body-down.
+    /// Metres forward per metre of body-down.
     pub forward: f32,
-    /// Metres to the right a metre along body-down.
+    /// Metres to the right per metre of body-down.
     pub right: f32,
-    /// The radius, in the same measure.
+    /// The radius, in the same unit.
     pub radius: f32,
     /// 0 to 1.
     pub confidence: f32,
@@ -23,11 +23,11 @@ pub struct Pad {
 }
 
 impl Pad {
-    /// The same pad with its centre as the disc's own, not its ellipse's. `up` is where up is, as the tangents of the vertical in the
-    /// body frame: nose down by 10 degrees and level, it is `[-0.176, 0.0]`.
+    /// The same pad with the centre of the disc instead of that of its ellipse. `up` is the vertical as tangents in
+    /// the body frame: nose down by 10 degrees and roll level, it is `[-0.176, 0.0]`.
     ///
-    /// Along the slope the disc's near half looks longer: with the depth `1 + v s` at `s` radii, the middle of both ends
-    /// is off by `radius^2 v (slope - centre v)`.
+    /// Along the slope the disc's near half looks longer: with the depth `1 + v s` at `s` radii, the middle of both
+    /// ends is off by `radius^2 v (slope - centre v)`.
     #[must_use]
     pub fn straightened(self, up: [f32; 2]) -> Self {
         let square = up[0] * up[0] + up[1] * up[1];
@@ -38,7 +38,7 @@ impl Pad {
         let cosine = 1.0 / sqrt(1.0 + square);
         let sine = tangent * cosine;
         let along = [up[0] / tangent, up[1] / tangent];
-        // The direction on the ground that leads away from the camera in depth.
+        // The direction on the ground along which the distance from the camera grows.
         let v = sine;
         let centre = self.forward * along[0] + self.right * along[1];
         let part = self.radius * self.radius * v / (1.0 - self.radius * self.radius * v * v);
@@ -53,24 +53,24 @@ impl Pad {
     }
 }
 
-/// Why there is no pad: how far the region went that came closest.
+/// Why there is no pad: the last check that a region failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Nothing {
-    /// Nothing red in the frame, or not enough of it.
+    /// No red region in the frame, or too small.
     NoRegion,
     /// No region with the edge of a disc.
     Shape,
-    /// Too little of the disc is there, or there is a round hole in it.
+    /// Too little of the disc is visible, or there is a round hole in it.
     Hidden,
     /// No step of colour at its edge: a glow.
     Colour,
-    /// A disc, but not of the size that the pad has from here.
+    /// A disc, but not of the pad's expected size.
     Size,
 }
 
-/// What was wrong with a frame.
+/// Errors of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -79,19 +79,19 @@ pub enum Bad {
     Size,
     /// A line with too few or too many bytes.
     Line,
-    /// A line twice, left out, or before its turn.
+    /// A line twice, missing, or too early.
     Order,
-    /// The last lines did not come.
+    /// The last lines are missing.
     Cut,
-    /// All of it has one colour.
+    /// The whole frame has one colour.
     Flat,
-    /// A line or the end of a frame that has not begun.
+    /// A line or an end without a begin.
     NotBegun,
-    /// It is too old when it comes.
+    /// It is too old on arrival.
     Age,
 }
 
-/// What was seen.
+/// The result of a detection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -100,17 +100,17 @@ pub enum Seen {
     Pad(Pad),
     /// A good frame without a pad.
     Nothing(Nothing),
-    /// No good frame.
+    /// A bad frame.
     Bad(Bad),
 }
 
-/// What a frame came to.
+/// The detector's result for a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PadObservation {
     /// When the frame was exposed.
     pub time: Instant,
-    /// What it shows.
+    /// The result.
     pub seen: Seen,
 }

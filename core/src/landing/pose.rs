@@ -1,22 +1,22 @@
-//! Where the vehicle was, and how it leaned, when a frame was exposed or a bearing measured: the last fifth of a second.
+//! The vehicle's poses of the last fifth of a second, for the time when a frame was exposed or a bearing measured.
 
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::ownship::Ownship;
 use crate::base::time::Instant;
 use crate::base::units::{sin_cos, wrap_pi};
 
-/// Poses that are kept.
+/// Number of stored poses.
 const KEPT: usize = 10;
-/// They are at least so far apart.
+/// Least time between two of them.
 const APART_US: u64 = 18_000;
-/// The oldest and newest may be used for times that are so much older or newer.
+/// The oldest and newest may be used for times that are older or newer by this much.
 const BEYOND_US: u64 = 60_000;
-/// A position is carried on by the velocity for so long at most.
+/// A position is extrapolated by the velocity for at most this long.
 const CARRIED_S: f32 = 0.2;
-/// A position that is so far from where the velocity leads is another frame and not a motion.
+/// A position this far from where the velocity leads is a jump of the frame, not a motion.
 const JUMP_M: f32 = 0.7;
 
-/// Place and attitude at an instant.
+/// Position and attitude at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Local NED.
@@ -56,7 +56,7 @@ impl Pose {
 }
 
 impl Axes {
-    /// A vector of the body frame in the NED frame.
+    /// A body-frame vector in the NED frame.
     #[must_use]
     pub fn to_ned(&self, [forward, right, down]: [f32; 3]) -> Ned {
         let sum = |a: f32, b: f32, c: f32| forward * a + right * b + down * c;
@@ -68,7 +68,7 @@ impl Axes {
     }
 }
 
-/// A pose and the lower half of its time: the whole of it is that of the newest, less the difference.
+/// A pose and the lower half of its time; the full time follows from that of the newest.
 #[derive(Clone, Copy, Debug, Default)]
 struct Entry {
     micros: u32,
@@ -82,12 +82,12 @@ pub struct Poses {
     newest: u8,
     count: u8,
     time: Instant,
-    /// The position that was heard last, and when.
+    /// The last received position, and its time.
     heard_ned_m: Horizontal,
     heard: Instant,
 }
 
-/// Where the vehicle is at an instant, as its velocity carries it on from the last word.
+/// The vehicle's position at an instant, extrapolated by its velocity.
 pub fn carried(ownship: &Ownship, at: Instant) -> Ned {
     let ahead_s = at.seconds_since(ownship.position_time) - ownship.position_time.seconds_since(at);
     let ahead_s = ahead_s.clamp(-CARRIED_S, CARRIED_S);
@@ -100,7 +100,7 @@ pub fn carried(ownship: &Ownship, at: Instant) -> Ned {
 }
 
 impl Poses {
-    /// Notes what was heard; how far the position has jumped, if it has.
+    /// Stores a received pose; returns how far the position has jumped, if it has.
     pub fn note(&mut self, ownship: &Ownship) -> Option<Horizontal> {
         let place = ownship.position_ned_m.horizontal();
         let since_s = ownship.position_time.seconds_since(self.heard);
@@ -112,7 +112,7 @@ impl Poses {
             (self.heard_ned_m, self.heard) = (place, ownship.position_time);
         }
         let time = ownship.attitude_time;
-        // A clock that went back, or a gap: what was before says nothing.
+        // After a clock that went back, or a gap, earlier poses are invalid.
         if has_jumped || time < self.time || time.micros_since(self.time) > 1_000_000 {
             self.count = 0;
         }
@@ -133,7 +133,7 @@ impl Poses {
         has_jumped.then_some(jump)
     }
 
-    /// The pose at an instant; `None` where that is too long ago, or still to come.
+    /// The pose at an instant; `None` if that is too long ago, or in the future.
     #[must_use]
     pub fn at(&self, time: Instant) -> Option<Pose> {
         if self.count == 0 || time.micros_since(self.time) > BEYOND_US {
@@ -156,7 +156,7 @@ impl Poses {
     }
 }
 
-/// The pose between two, that share of the way from the first to the second.
+/// The pose between two, at this share from the first to the second.
 fn between(from: &Pose, to: &Pose, share: f32) -> Pose {
     let mix = |a: f32, b: f32| a + share * (b - a);
     let turn = |a: f32, b: f32| a + share * wrap_pi(b - a);

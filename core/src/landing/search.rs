@@ -1,38 +1,38 @@
-//! A search on a square spiral around the best guess, inside a radius and a time.
+//! A search on a square spiral around the best estimate, limited in radius and time.
 //!
-//! Legs run north, east, south, west and so on; their lengths are one pitch, one, two, two, three, three. With a camera the
-//! pitch is so much less than what it sees at this height that nothing is missed; for a beacon it is what gives its
-//! bearings another angle. A leg that the guard blocks, or on which the vehicle comes no nearer, is left out. However it ends, the vehicle flies
-//! back to where it began, if it can: nothing is nearer to what was not found.
+//! Legs run north, east, south, west and so on; their lengths are one pitch, one, two, two, three, three. With a
+//! camera the pitch is less than its view at this height, so that nothing is missed; for a beacon the pitch gives the
+//! bearings other angles. A leg that the guard blocks, or on which the vehicle comes no nearer, is left out. At the
+//! end the vehicle flies back to the start, if it can, since that is the best estimate.
 
 use crate::base::error::{ConfigError, check};
 use crate::base::ned::Horizontal;
 use crate::base::time::Instant;
 
-/// A corner is passed this near to it.
+/// A corner is passed within this distance.
 const PASSED_M: f32 = 0.35;
-/// Corners at most.
+/// Largest number of corners.
 const CORNERS_MAX: u8 = 60;
 /// Smallest and largest pitch.
 const PITCH_MIN_M: f32 = 0.3;
 const PITCH_MAX_M: f32 = 3.0;
-/// Share of what the camera sees across that is the pitch.
+/// The pitch as a share of the camera's view.
 const OVERLAP: f32 = 0.6;
-/// A leg that comes no nearer to its corner by so much in so long is left out.
+/// A leg is left out if the vehicle comes no nearer to its corner by this much in this time.
 const NEARER_M: f32 = 0.2;
 const NEARER_S: f32 = 4.0;
 
-/// What a search needs to know.
+/// Configuration of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// How far from the best guess it goes.
+    /// Largest distance from the best estimate.
     pub radius_m: f32,
-    /// How long it takes at most.
+    /// Time limit.
     pub time_s: f32,
     /// Speed.
     pub speed_mps: f32,
-    /// A leg is left out when it has been blocked for so long.
+    /// A leg is left out when it has been blocked for this long.
     pub blocked_s: f32,
 }
 
@@ -62,38 +62,38 @@ pub struct Search {
     config: Config,
 }
 
-/// Where a search is.
+/// State of a search.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
     center_ned_m: Horizontal,
     corner_ned_m: Horizontal,
     pitch_m: f32,
     began: Instant,
-    /// How near it has come to the corner, and when.
+    /// The least distance to the corner, and when it was reached.
     nearest_m: f32,
     neared: Instant,
     blocked_s: f32,
     corners: u8,
     skipped: u8,
-    /// On the way back.
+    /// Flying back, after this end.
     end: Option<End>,
 }
 
 /// How a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// All was flown over.
+    /// Everything was searched.
     Searched,
-    /// The time is up.
+    /// The time limit was reached.
     TimeUp,
     /// Most legs were blocked.
     Blocked,
 }
 
-/// What a search says.
+/// The next action of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
-    /// Go there.
+    /// Fly there.
     Towards(Horizontal),
     /// It is over.
     Over(End),
@@ -118,7 +118,7 @@ impl State {
 }
 
 impl Search {
-    /// The speed to search with.
+    /// The speed of the search.
     #[must_use]
     pub fn speed_mps(&self) -> f32 {
         self.config.speed_mps
@@ -130,7 +130,7 @@ impl Search {
         OVERLAP * height_m / focal_widths
     }
 
-    /// Begins around a place.
+    /// Begins a search around a place.
     pub fn begin(&self, state: &mut State, center_ned_m: Horizontal, pitch_m: f32, now: Instant) {
         let pitch_m = crate::base::units::between(pitch_m, PITCH_MIN_M, PITCH_MAX_M);
         let pitch_m = if pitch_m.is_finite() { pitch_m } else { PITCH_MIN_M };
@@ -138,7 +138,7 @@ impl Search {
         state.set_out(center_ned_m, now);
     }
 
-    /// Where to go from here.
+    /// The next action from here.
     pub fn step(&self, state: &mut State, here: Horizontal, is_blocked: bool, now: Instant, tick_s: f32) -> Progress {
         let c = &self.config;
         if state.end.is_none() && now.seconds_since(state.began) > c.time_s {

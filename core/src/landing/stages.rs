@@ -1,4 +1,4 @@
-//! What is done in each stage, and when it ends: the table of the module's text.
+//! The actions of each stage, and its end: the table in the module's documentation.
 
 use super::arrival::Verdict;
 use super::search::{self, End, Search};
@@ -8,58 +8,58 @@ use crate::base::time::Instant;
 use crate::base::units::between;
 use crate::localize::source::Estimate;
 
-/// Above the beacon: this near, this slow, for this long.
+/// Above the beacon means this near, this slow, for this long.
 const ABOVE_M: f32 = 0.4;
 const ABOVE_MPS: f32 = 0.25;
 const ABOVE_S: f32 = 1.5;
-/// A look this young shows that the pad is there.
+/// A detection this young shows that the pad is there.
 const FOUND_S: f32 = 0.4;
-/// A pad is that of the beacon when it is this near to it.
+/// A pad belongs to the beacon when it is this near to it.
 const PAD_FROM_BEACON_M: f32 = 4.0;
-/// Without a good frame for so long there is no camera.
+/// Without a good frame for this long the camera counts as missing.
 const CAMERA_S: f32 = 2.0;
-/// Not near for so long is not there.
+/// Away from the beacon for this long means that it is not there.
 const FAR_S: f32 = 3.0;
-/// Blocked for so long is blocked.
+/// Blocked for this long counts as blocked.
 const BLOCKED_S: f32 = 5.0;
-/// Least pitch of a search for a beacon.
+/// Smallest pitch of a search for a beacon.
 const BEACON_PITCH_M: f32 = 0.75;
-/// At the commit the vehicle must be in the middle so much later as well.
+/// At the commit the vehicle must still be in the middle after this time.
 const AHEAD_S: f32 = 0.5;
 /// Share of the cone's radius inside which the descent begins.
 const INSIDE: f32 = 0.7;
-/// Sinking slower than this, told to, is standing: for so long.
+/// A vehicle commanded to sink that sinks slower than this, for this long, stands.
 const STANDS_MPS: f32 = 0.06;
 const STANDS_S: f32 = 0.8;
-/// Standing higher than this is not on the ground, as well as the height is known.
+/// A vehicle that stands higher than this is not on the ground, given the accuracy of the height.
 const LOW_M: f32 = 0.3;
-/// The last part is broken off this far off the middle.
+/// The last part is aborted this far off the middle.
 const PUSHED_GATES: f32 = 2.0;
-/// The height from which it drops, as low as the height is known: with a range finder, and without. And the share of the middle
-/// that it must be in.
+/// The height of the drop, which depends on the accuracy of the height: with a range finder, and without. And the
+/// share of the middle in which it must be.
 const DROP_M: f32 = 0.15;
 const DROP_UNSURE_M: f32 = 0.2;
 const DROP_GATES: f32 = 0.7;
-/// How far ahead it must be: about as long as the drop takes, most of which is the vehicle's own delay.
+/// Prediction time for the drop: about its duration, most of which is the vehicle's own delay.
 const DROP_S: f32 = 0.8;
 const DROP_BAND_M: f32 = 0.04;
-/// How much above the height of the commit it waits for its moment.
+/// How much above the height of the commit it waits.
 const WAIT_ABOVE_M: f32 = 0.1;
 /// Half the picture's shorter side, in widths; up to this height the pad is kept in it.
 const SHORT_SIDE_HALF: f32 = 0.375;
 const IN_SIGHT_MAX_M: f32 = 2.0;
-/// Rate by which a height is corrected.
+/// Rate at which a height is corrected.
 const HEIGHT_RATE_PER_S: f32 = 2.0;
-/// Height that is assumed when nothing is known of it.
+/// Assumed height if it is unknown.
 const HEIGHT_ASSUMED_M: f32 = 2.0;
 
 impl Lander {
-    /// Whether there is a pad in sight.
+    /// Whether the pad is in sight.
     fn is_found(&self, state: &State, now: Instant) -> bool {
         state.track.is_sure() && state.track.unseen_s(now) < FOUND_S
     }
 
-    /// The wish of this step; `None` where it is the planner's.
+    /// The demand of this step; `None` to follow the planner.
     pub(super) fn act(&self, state: &mut State, input: &Input<'_>, here: &Here, verdict: Verdict) -> Option<Wish> {
         match state.stage {
             Stage::Seeking => self.seek(state, input, here, verdict),
@@ -102,7 +102,7 @@ impl Lander {
         (state.stage != Stage::Seeking).then_some(Wish::default())
     }
 
-    /// Whether the pad in sight is where the beacon is.
+    /// Whether the pad in sight belongs to the beacon.
     fn is_of_beacon(&self, state: &State, input: &Input<'_>, verdict: Verdict) -> bool {
         let pad = state.track.place_ned_m().horizontal();
         let by_fix = match verdict {
@@ -162,7 +162,7 @@ impl Lander {
         self.hover(state, state.goal_ned_m, here, HEIGHT_ASSUMED_M, self.config.centring.speed_max_mps)
     }
 
-    /// Above the beacon.
+    /// The vehicle is above the beacon.
     fn arrive(&self, state: &mut State, here: &Here) {
         let now = here.now;
         if !self.config.has_camera {
@@ -198,7 +198,7 @@ impl Lander {
             state.enter(Stage::Approaching, None, here.now);
             return Wish::default();
         }
-        // What it searched for is not near at all.
+        // The beacon that it searched for is not near.
         state.settled_s = if verdict == Verdict::Far { state.settled_s + here.tick_s } else { 0.0 };
         if state.settled_s > FAR_S && state.retries < self.config.retries_max {
             state.retries += 1;
@@ -225,7 +225,7 @@ impl Lander {
         self.search_on(state, input, here, reason)
     }
 
-    /// On with the search; at its end that reason.
+    /// Continues the search; at its end hands over with that reason.
     fn search_on(&self, state: &mut State, input: &Input<'_>, here: &Here, reason: Reason) -> Wish {
         let progress = self.search.step(&mut state.search, here.place_ned_m, input.is_blocked, here.now, here.tick_s);
         let reason = match progress {
@@ -240,7 +240,7 @@ impl Lander {
         Wish::default()
     }
 
-    /// Towards a place, at the height where it is.
+    /// Towards a place, at the present height.
     fn hover(&self, state: &mut State, place: Horizontal, here: &Here, height_m: f32, speed_mps: f32) -> Wish {
         let error_m = place.minus(here.place_ned_m);
         let velocity_ned_mps =
@@ -263,7 +263,7 @@ impl Lander {
             state.enter(Stage::HandedOver, Some(Reason::Blocked), now);
             return Wish::default();
         }
-        // From the last part it comes back blind: it has so long to see it again.
+        // It returns from the last part without sight: it has this long to see the pad again.
         let is_lost = unseen_s > c.lost_s && now.seconds_since(state.entered) > c.lost_s;
         if is_lost || now.seconds_since(state.attempted) > self.config.attempt_s {
             let reason = if is_lost { Reason::PadLost } else { Reason::TimeLimit };
@@ -282,7 +282,7 @@ impl Lander {
             state.enter(Stage::Committed, None, now);
         }
         let wait_m = c.commit_m + 0.5 * WAIT_ABOVE_M;
-        // Pushed away it goes up, for the pad to stay in the picture.
+        // If pushed away it climbs, so that the pad stays in the picture.
         let half_tangent = SHORT_SIDE_HALF / self.config.focal_widths;
         let in_sight_m = between((error_m - 0.5 * self.config.pad_radius_m) / half_tangent, 0.0, IN_SIGHT_MAX_M);
         let wait_m = if in_sight_m > wait_m && here.down_m > state.top_down_m { in_sight_m } else { wait_m };
@@ -299,7 +299,7 @@ impl Lander {
     }
 
     fn lose(&self, state: &mut State, here: &Here, reason: Reason) -> Wish {
-        // What a climb brings back into sight was not lost.
+        // A pad that a climb brings back into sight was not lost.
         if reason == Reason::PadLost || self.may_retry(state, reason, here.now) {
             state.lost_down_m = here.down_m;
             state.enter(Stage::Recovering, Some(reason), here.now);
@@ -323,7 +323,7 @@ impl Lander {
         let risen_m = state.lost_down_m - here.down_m;
         let is_up = risen_m >= c.climb_m || here.down_m <= state.top_down_m;
         let since_s = here.now.seconds_since(state.entered);
-        // Seen again from a little higher: what made it lose sight must not happen at once again.
+        // Seen again from a little higher: the cause of the loss must not recur at once.
         if self.is_found(state, here.now) && (is_up || risen_m > 0.3 * c.climb_m) {
             state.enter(Stage::Centring, None, here.now);
         } else if (is_up || since_s > c.climb_s) && self.may_retry(state, Reason::PadLost, here.now) {
@@ -355,7 +355,7 @@ impl Lander {
         } else if !state.is_dropping && (is_late || error_m > PUSHED_GATES * c.commit_gate_m) {
             state.enter(Stage::Centring, None, now);
         }
-        // The last bit waits for its moment: a drop cannot be called back.
+        // The drop waits: it cannot be aborted.
         let soon_m = pad.minus(here.after(DROP_S)).norm();
         let drop_m = if here.height_m.is_some() { DROP_M } else { DROP_UNSURE_M };
         let is_at_edge = height_m < drop_m + DROP_BAND_M;

@@ -1,5 +1,5 @@
-//! A frame of four channels becomes a phasor each, with noise and interferers; a packet heard through a switch, one for each
-//! antenna. It may import `base`.
+//! Turns a frame of four channels into one phasor each, with noise and interferers; and a packet received through a
+//! switch into one for each antenna. It may import `base`.
 
 pub mod phase;
 pub mod spectrum;

@@ -1,13 +1,14 @@
 //! One receiver behind a switch: the slots of a packet become a phasor for each antenna. Before [`crate::doa::switched`].
 //!
-//! While a transmitter sends a tone (the constant tone extension of Bluetooth 5.1), a switch connects one antenna after the
-//! other to the only receiver. Slot `s` begins at `s slot_s` and hears the antenna that the pattern names.
+//! While a transmitter sends a tone (the constant tone extension of Bluetooth 5.1), a switch connects one antenna
+//! after the other to the only receiver. Slot `s` begins at `s slot_s` and uses the antenna that the pattern names.
 //!
-//! 1. **Slot**: its samples, but for the last quarter, are turned back by the tone and averaged.
-//! 2. **Offset** of the tone's frequency, which turns the phase from slot to slot: the maximum over the offset of
-//!    `sum_a |sum_(s of a) u_s e^(-j offset s)|^2`, `u_s` the slots' directions. Visits of one antenna are a multiple of
-//!    `g` slots apart, so the offset is known but for multiples of `2 pi / g`: [`crate::doa::switched`] finds out which.
-//! 3. **Antenna**: the mean of its visits, turned back by the offset; visits far off count for little (Cauchy's weights).
+//! 1. **Slot**: its samples, except the last quarter, are rotated back by the tone and averaged.
+//! 2. **Offset** of the tone's frequency, which rotates the phase from slot to slot: the maximum over the offset of
+//!    `sum_a |sum_(s of a) u_s e^(-j offset s)|^2`, with `u_s` the slots' directions. Visits of one antenna are a
+//!    multiple of `g` slots apart, so the offset is known except for multiples of `2 pi / g`, which
+//!    [`crate::doa::switched`] determines.
+//! 3. **Antenna**: the mean of its visits, rotated back by the offset; outliers get little weight (Cauchy's weights).
 //!
 //! Not flown: no benchmark row counts it.
 
@@ -26,52 +27,53 @@ pub const SAMPLES_MAX: usize = 64;
 /// Most slots between two visits of an antenna.
 pub const CELLS_MAX: usize = 32;
 
-/// Of three samples or more the last quarter is not used: the switch begins to move before a slot ends. In recordings the
-/// last of three samples is off, and scatters more than the others.
+/// Of three samples or more the last quarter is not used: the switch begins to move before a slot ends. In recordings
+/// the last of three samples is off, and scatters more than the others.
 const LEFT_OUT: usize = 4;
-/// The first and the last slot of a packet are off the tone in many recorded packets: they count for this much.
+/// The first and the last slot of a packet are off the tone in many recorded packets: their weight is this.
 const EDGE_WEIGHT: f32 = 0.25;
-/// Squared chord at which a visit counts for half: 20 deg.
+/// Squared chord at which a visit has half of its weight: 20 deg.
 const HALF_WEIGHT: f32 = 0.122;
 /// Squared chord within which a visit agrees with its antenna: 30 deg.
 const AGREES: f32 = 0.268;
 /// Steps of the robust mean.
 const ROUNDS: usize = 4;
-/// Steps from sample to sample that point anywhere add up to a resultant whose square times their number exceeds this
-/// once in 8 000 packets.
+/// With random steps from sample to sample, the resultant squared times their number exceeds this once in 8 000
+/// packets.
 const STEP_POWER: f32 = 9.0;
-/// And a tone has this much of a resultant.
+/// And a tone has at least this resultant.
 const STEP_RESULTANT: f32 = 0.35;
 /// A packet whose visits agree less than this has no clean tone.
 const AGREEMENT_MIN: f32 = 0.55;
 /// An antenna this much below the strongest, in power, is dead.
 const DEAD_POWER_RATIO: f32 = 0.01;
-/// The signal-to-noise ratio that stands for none to be seen.
+/// The largest signal-to-noise ratio reported.
 const SNR_CEILING_DB: f32 = 60.0;
 
-/// When which antenna is heard.
+/// The schedule of the switch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// Number of antennas, 2 to [`ANTENNAS_MAX`].
     pub antennas: usize,
     /// Rate of the samples inside a slot.
     pub sample_rate_hz: f32,
-    /// Frequency of the tone in the samples, at no offset; its sign counts.
+    /// Frequency of the tone in the samples without an offset; its sign matters.
     pub tone_hz: f32,
     /// From the beginning of a slot to the beginning of the next.
     pub slot_s: f32,
-    /// The antenna of each slot from 1 on, 0 where a slot is not to be used; repeated over the packet.
+    /// The antenna of each slot from 1 on, 0 for a slot that is not used; repeated over the packet.
     pub pattern: [u8; SLOTS_MAX],
-    /// How many of these are in use.
+    /// Number of slots in the pattern.
     pub pattern_slots: usize,
 }
 
 impl Config {
-    /// Checks the schedule for packets of this many slots and samples of a slot.
+    /// Checks the schedule for packets with these numbers of slots and of samples per slot.
     ///
     /// # Errors
-    /// `antennas_m`, `sample_rate_hz`, `tone_hz`, `switch.slot_s`, `switch.pattern`, `slots` or `samples` out of range; an
-    /// antenna that no slot of a packet hears; a packet too short to tell the offset; visits too far apart.
+    /// `antennas_m`, `sample_rate_hz`, `tone_hz`, `switch.slot_s`, `switch.pattern`, `slots` or `samples` out of
+    /// range; an antenna without a slot in a packet; a packet too short to determine the offset; visits too far
+    /// apart.
     pub fn build(&self, slots: usize, samples: usize) -> Result<Reader, ConfigError> {
         let refuse =
             |field, value: usize, text| Err(ConfigError { field, value: value as f32, why: Why::Inconsistent(text) });
@@ -117,11 +119,11 @@ impl Config {
             *seen = Some(s);
         }
         if let Some(missing) = seen.iter().take(self.antennas).position(Option::is_none) {
-            let text = "no slot of a packet hears this antenna";
+            let text = "this antenna has no slot in a packet";
             return refuse("switch.pattern", missing + 1, text);
         }
         if reader.cells == 0 && samples == 1 {
-            let text = "too few: no antenna is heard twice, and slots of one sample have no frequency of their own";
+            let text = "too few: no antenna is visited twice, and slots of one sample have no frequency of their own";
             return refuse("slots", slots, text);
         }
         if reader.cells > CELLS_MAX {
@@ -131,7 +133,7 @@ impl Config {
     }
 }
 
-/// What is left of a number of turns.
+/// The fractional part of a number of turns.
 fn fraction(turns: f32) -> f32 {
     if libm::fabsf(turns) < 4e6 { turns - nearest(turns) as f32 } else { 0.0 }
 }
@@ -145,7 +147,7 @@ fn common_divisor(a: usize, b: usize) -> usize {
     a
 }
 
-/// What became of a packet.
+/// The state of a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// It holds the tone.
@@ -156,19 +158,19 @@ pub enum Outcome {
     Damaged,
 }
 
-/// What a packet holds.
+/// The content of a packet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Packet {
-    /// What became of it; the rest counts with a tone only.
+    /// Its state; the other fields are valid with a tone only.
     pub outcome: Outcome,
-    /// A phasor of length one for each antenna, as they would be at the same instant were the offset what
-    /// [`Self::offset_rad`] says; zero for a dead antenna and for one that there is not.
+    /// A phasor of length one for each antenna, as at the same instant with the offset of [`Self::offset_rad`]; zero
+    /// for a dead antenna and for an unused entry.
     pub z: [Complex; ANTENNAS_MAX],
-    /// By how much the offset turns the phase from slot to slot, within half a cell of zero.
+    /// The rotation of the phase from slot to slot by the offset, within half a cell of zero.
     pub offset_rad: f32,
-    /// By how much the phase turns from sample to sample of a slot beyond the tone; none with one sample.
+    /// The rotation of the phase from sample to sample of a slot beyond the tone; `None` with one sample per slot.
     pub step_rad: Option<f32>,
-    /// Variance of the phase of a `z`, as the visits scatter.
+    /// Variance of the phase of a `z`, from the scatter of the visits.
     pub variance: f32,
     /// Signal-to-noise ratio per sample, from the scatter of the slots; at most 60 dB.
     pub snr_db: f32,
@@ -192,7 +194,7 @@ pub struct Reader {
     samples: usize,
     /// Samples of a slot that are used.
     used: usize,
-    /// Zero when no antenna is heard twice.
+    /// Zero if no antenna is visited twice.
     cells: usize,
     sample_turn_rad: f32,
     slot_turn_rad: f32,
@@ -201,10 +203,10 @@ pub struct Reader {
     slot_s: f32,
 }
 
-/// How the phase goes on from sample to sample beyond the tone.
+/// The rotation of the phase from sample to sample beyond the tone.
 struct Steps {
     sum: Complex,
-    /// Length of the sum over what it would be were all steps alike; their number.
+    /// Length of the sum relative to that of equal steps; their number.
     resultant: f32,
     count: f32,
 }
@@ -216,13 +218,13 @@ impl Reader {
         self.antennas
     }
 
-    /// How many offsets, `2 pi / cells` apart, the visits cannot tell from each other; at least one.
+    /// How many offsets, `2 pi / cells` apart, are indistinguishable by the visits; at least one.
     #[must_use]
     pub fn cells(&self) -> usize {
         self.cells.max(1)
     }
 
-    /// The phasor of an antenna were the offset more by this, a multiple of the cell.
+    /// The phasors of the antennas with an offset larger by this, a multiple of the cell.
     #[must_use]
     pub fn moved(&self, z: &[Complex; ANTENNAS_MAX], offset_rad: f32) -> [Complex; ANTENNAS_MAX] {
         let mut moved = *z;
@@ -232,7 +234,7 @@ impl Reader {
         moved
     }
 
-    /// Slots in samples: how many times as far the offset turns the phase from slot to slot as from sample to sample.
+    /// Samples per slot: how much farther the offset rotates the phase from slot to slot than from sample to sample.
     #[must_use]
     pub fn slot_samples(&self) -> f32 {
         self.slot_samples
@@ -283,7 +285,7 @@ impl Reader {
         Steps { sum: sum.times(Complex::at(-self.sample_turn_rad)), resultant, count }
     }
 
-    /// The mean of each slot, turned back by the tone; zero for one that is not used.
+    /// The mean of each slot, rotated back by the tone; zero for an unused one.
     fn slot_means(&self, packet: &[Complex]) -> [Complex; SLOTS_MAX] {
         let mut slots = [Complex::default(); SLOTS_MAX];
         let share = 1.0 / self.used as f32;
@@ -301,7 +303,7 @@ impl Reader {
         slots
     }
 
-    /// The offset at which the visits of each antenna agree best, within half a cell of zero.
+    /// The offset with the best agreement of the visits of each antenna, within half a cell of zero.
     fn offset(&self, slots: &[Complex; SLOTS_MAX]) -> f32 {
         // Sums over pairs of visits by their distance in cells: the maximum of their spectrum is that of the sums of the
         // visits' squared magnitudes.
@@ -356,7 +358,7 @@ impl Reader {
                     (slot.unit(), if is_edge { EDGE_WEIGHT } else { 1.0 }, slot.norm_squared())
                 })
             };
-            // Begun at the visit that most others are near.
+            // Starts at the visit that is closest to most others.
             let mut mean = Complex::default();
             let mut most = 0.0;
             for (candidate, _, _) in its() {
@@ -387,7 +389,7 @@ impl Reader {
             }
         }
         let used = self.used as f32;
-        // With one visit each, what the steps inside the slots scatter: by two samples' noise.
+        // With one visit each, the scatter of the steps inside the slots: by two samples' noise.
         let variance = if freedom > 0.0 { scatter / freedom } else { (1.0 - steps.resultant) / used } + 1e-7;
         let snr_db = (-10.0 * libm::log10f(2.0 * used * variance)).min(SNR_CEILING_DB);
         let outcome = if agreeing > AGREEMENT_MIN * visits { Outcome::Tone } else { Outcome::NoTone };
@@ -395,7 +397,7 @@ impl Reader {
     }
 }
 
-/// Where the parabola through three points, one apart, has its vertex, from the middle one; at most one away.
+/// The vertex of the parabola through three points, one apart, relative to the middle one; at most one away.
 fn vertex(before: f32, here: f32, behind: f32) -> f32 {
     let bend = before - 2.0 * here + behind;
     if bend < 0.0 { between(0.5 * (before - behind) / bend, -1.0, 1.0) } else { 0.0 }

@@ -1,6 +1,6 @@
 //! The tasks, the same on every board.
 //!
-//! | what | runs in | may be pre-empted by |
+//! | task | runs in | may be pre-empted by |
 //! |---|---|---|
 //! | frames, bytes, time | interrupts of the board | each other, by their priorities |
 //! | [`guide`]: link and guidance, a step for every frame | the guidance executor, an interrupt | the above |
@@ -8,17 +8,18 @@
 //! | [`listen`](crate::console::listen), [`speak`](crate::console::speak): the maintenance port | the link executor, too | the above |
 //! | [`plan`] | the thread | everything |
 //!
-//! The thread runs no executor: it has one thing to do, sleeps by `wfi` when there is nothing, and so wakes the same way on
-//! the twin, where QEMU takes `wfe`, which embassy's own thread executor sleeps by, for a `nop`.
+//! The thread runs no executor: it has only one task and sleeps by `wfi` when there is nothing to do. So it wakes in
+//! the same way on the twin, where QEMU treats `wfe`, by which embassy's own thread executor sleeps, as a `nop`.
 //!
-//! A plan is handed to guidance at the step after it was finished; guidance itself takes it up at a fixed tick after its
+//! A plan is passed to guidance in the step after it was finished; guidance uses it at a fixed tick after its
 //! request, so that nothing depends on how long the replan took.
 //!
-//! What is kept while the power is off is [`foxhound_computer::store`]'s business. It is written in the steps of guidance, outside
-//! control only.
+//! [`foxhound_computer::store`] is the non-volatile storage. It is written in the steps of guidance, only outside
+//! control.
 //!
-//! Whether a step is in time, and what a late one means for the vehicle, is [`foxhound_computer::deadline`]'s business. The
-//! watchdog is fed here (`Feeder`), by a step that was in time, and nowhere else but where a simulator's frame is waited for.
+//! [`foxhound_computer::deadline`] decides whether a step is in time, and what a late one means for the vehicle. The
+//! watchdog is fed here (`Feeder`) by a step that was in time; the only other place is the wait for a simulator's
+//! frame.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
@@ -52,13 +53,13 @@ mod planner;
 
 pub use planner::{Desk, Planning, Shared, plan, planning};
 
-/// Bytes that are taken from the link at a time; it goes on with a frame that does not fit.
+/// Bytes that are taken from the link at a time; a frame that does not fit is continued.
 const TRANSMIT_BYTES: usize = 256;
 
 /// Bytes that are moved at a time.
 const PIECE_BYTES: usize = 128;
 
-/// With so many bytes on their way to the serial line, no more are sent there.
+/// With this many bytes in the pipe to the serial line, no more are sent there.
 const WAITING_BYTES: usize = 128;
 
 const OUTGOING_BYTES: usize = 512;
@@ -66,7 +67,7 @@ const OUTGOING_BYTES: usize = 512;
 /// Bytes from guidance to the serial line; what does not fit waits in the link, where a newer setpoint replaces it.
 pub type Outgoing = Pipe<CriticalSectionRawMutex, OUTGOING_BYTES>;
 
-/// What bearings and plans come from. A vehicle has the core's own systems only.
+/// The bearing estimator and the planner. A vehicle has only the core's own.
 #[cfg(not(feature = "papers"))]
 type Systems = foxhound_core::planning::planner::Planner;
 #[cfg(feature = "papers")]
@@ -74,10 +75,10 @@ type Systems = foxhound_papers::AllSystems;
 
 type Flight<'a> = flight::Flight<'a, Systems>;
 
-/// What guidance carries from step to step.
+/// The state of guidance.
 pub type State = guidance::State<SAMPLES_PER_CHANNEL>;
 
-/// What a board keeps of a plan's samples.
+/// The samples of a plan that a board stores.
 pub type Kept<B> = <<B as Board>::Pacer as Pacer>::Samples;
 
 /// Bytes to the autopilot, from the pipe onto the serial line.
@@ -96,12 +97,12 @@ pub async fn transmit<B: Board>(mut line: B::Transmitter, outgoing: &'static Out
 struct Feeder<B: Board> {
     watchdog: B::Watchdog,
     feeds: Feeds,
-    /// Somebody wants to see what happens without.
+    /// The watchdog is not fed, as a test of its restart.
     is_starved: bool,
 }
 
 impl<B: Board> Feeder<B> {
-    /// It begins anew, but where somebody wants to see what happens then.
+    /// Feeds it, unless its restart is tested.
     fn feed(&mut self) {
         if !self.is_starved {
             self.watchdog.feed();
@@ -110,7 +111,7 @@ impl<B: Board> Feeder<B> {
     }
 }
 
-/// The fast loop: does what the board's pacer says, a step at a time.
+/// The fast loop: executes the calls of the board's pacer, a step at a time.
 pub async fn guide<B: Board>(
     mut pacer: B::Pacer,
     watchdog: B::Watchdog,
@@ -122,7 +123,8 @@ pub async fn guide<B: Board>(
 ) {
     let Begun { mut flight, mut store, start } = begun;
     let mut feeder = Feeder::<B> { watchdog, feeds: Feeds::default(), is_starved: false };
-    // Whatever reset us: a vehicle that is flying in the mode by then is its pilot's until the mode is entered afresh.
+    // Whatever the cause of the reset: a vehicle that is flying in the mode now stays under its pilot's control until
+    // the mode is left and entered again.
     flight.companion.require_entry();
     tell(&mut flight, &restart, start);
     console.log.begin(&restart.words(start), true, &flight);
@@ -130,7 +132,7 @@ pub async fn guide<B: Board>(
     loop {
         pacer.follow(flight.config);
         pacer.sound(flight.receiver.test().wants_tone());
-        // One that waits is not to be lost by it.
+        // A pending notice must not be replaced.
         if !flight.companion.has_notice()
             && let Some(trouble) = pacer.trouble()
         {
@@ -164,10 +166,10 @@ pub async fn guide<B: Board>(
                 timing::note::<B>(Task::Receive, B::ticks().wrapping_sub(begin));
                 let look = console.look(&step, || feeder.feed()).await;
                 if let Some(lock_step) = &step.lock_step {
-                    // The simulator's time is not ours.
+                    // Waiting for the simulator does not count.
                     begin = (lock_step.begin)();
                 }
-                if flight.serve(&mut console.log.mapper(&mut store)) {
+                if flight.serve(&mut console.log.parameter_store(&mut store)) {
                     planning.begin_anew::<B>();
                     look_for_pad(&mut console, flight.config);
                 }
@@ -236,29 +238,29 @@ pub async fn guide<B: Board>(
     }
 }
 
-/// Looks for the pad that is configured from now on; where there is no detector for it, says so in the log.
+/// Uses the configured pad from now on; if there is no detector for it, an error is logged.
 #[inline(never)]
 fn look_for_pad(console: &mut Console, config: &guidance::Config) {
     if let Err(error) = console.set_detector(config) {
-        console.log.text("error: pad refused, the one before stays:");
+        console.log.text("error: pad refused, the previous one is kept:");
         console.log.text(error.field);
     }
 }
 
-/// Why we are here, where that is worth a word.
+/// Reports why the computer has started, if the pilot should know.
 fn tell(flight: &mut Flight<'_>, restart: &Restart, start: u32) {
     if restart.is_news() {
         flight.companion.notify(restart.words(start));
     }
 }
 
-/// The built-in configuration does not build.
+/// The built-in configuration is invalid.
 pub fn refuse<B: Board>(error: ConfigError) -> ! {
-    // Not its value and range: to write numbers takes 17 KB of flash.
+    // Without value and range: the formatting of numbers takes 17 KB of flash.
     B::halt(format_args!("the built-in configuration: {}", error.field))
 }
 
-/// Does what somebody at the maintenance port wants; true where that is a restart.
+/// Carries out a command of the maintenance port; true if it is a restart.
 #[inline(never)]
 fn carry_out<F: NorFlash>(
     command: Command,
@@ -269,13 +271,13 @@ fn carry_out<F: NorFlash>(
     let log = &mut console.log;
     let mut examine = |exam| match flight.examine(exam) {
         Ok(()) => log.text("listens"),
-        Err(Refused::Busy) => log.text("error: an examination is under way"),
+        Err(Refused::Busy) => log.text("error: a test is running"),
         Err(Refused::InUse) => log.text("error: armed or in control"),
     };
     match command {
         Command::Help => HELP.iter().for_each(|line| log.text(line)),
         Command::Status => console.begin_status(),
-        Command::FactoryReset { is_sure: false } => log.text("forgets everything that is stored: `factory-reset yes`"),
+        Command::FactoryReset { is_sure: false } => log.text("erases everything stored: type `factory-reset yes`"),
         Command::FactoryReset { is_sure: true } if store.factory_reset() => {
             log.text("forgotten; `restart` begins anew");
         }
@@ -284,18 +286,18 @@ fn carry_out<F: NorFlash>(
         Command::SelfTest { own_tone: true } => examine(Exam::SelfTest(Tone::Board)),
         Command::Calibrate => examine(Exam::Calibrate { azimuth_rad: None }),
         Command::Dump { frames } => {
-            log.text("the codes follow");
+            log.text("the samples follow");
             log.dump(frames);
         }
-        Command::Watchdog { is_sure: false } => log.text("lets the watchdog restart the computer: `watchdog yes`"),
-        Command::Watchdog { is_sure: true } => log.text("feeds the watchdog no more"),
+        Command::Watchdog { is_sure: false } => log.text("lets the watchdog restart the computer: type `watchdog yes`"),
+        Command::Watchdog { is_sure: true } => log.text("the watchdog is no longer fed"),
         Command::Restart => log.text("restarts"),
     }
     command == Command::Restart
 }
 
-/// What an examination of the receiver came to: told at the port, and kept where it is a calibration. Guidance has begun
-/// anew with that, and so does the log.
+/// Prints the result of a test of the receiver, and stores it if it is a calibration. Guidance has then started
+/// afresh, and so does the log.
 #[inline(never)]
 fn report<F: NorFlash>(flight: &mut Flight<'_>, store: &mut Store<F>, log: &mut Log<'_>) {
     if let Some(report) = flight.take_report() {
@@ -322,18 +324,18 @@ fn fly<B: Board>(
     flight.step(&step, B::ticks)
 }
 
-// The stack holds one of the large parts at a time, while it is built: hence a function for each.
+// The stack holds only one of the large parts at a time, while it is built: hence a function for each.
 
-/// What guidance begins with.
+/// The parts of guidance at its start.
 pub struct Begun<B: Board> {
     flight: Flight<'static>,
     store: Store<B::Flash>,
-    /// How often the computer was started.
+    /// The number of this start.
     start: u32,
 }
 
 impl<B: Board> Begun<B> {
-    /// What pad the camera looks for.
+    /// The detector for the configured pad.
     ///
     /// # Errors
     /// The field of the configuration that is refused.
@@ -342,15 +344,15 @@ impl<B: Board> Begun<B> {
     }
 }
 
-/// The state that the flight begins with. To be called once, before anything else runs and while the stack is empty: it is made
-/// there.
+/// The state at the start of the flight. Call it once, before anything else runs and while the stack is empty: it is
+/// built there.
 #[inline(never)]
 pub fn first_state() -> &'static mut State {
     static STATE: StaticCell<State> = StaticCell::new();
     STATE.init_with(State::default)
 }
 
-/// The flight as it begins, with what was kept. To be called once.
+/// The flight at its start, with the stored values. Call it once.
 ///
 /// # Errors
 /// The field of the built-in configuration that is refused.
@@ -398,7 +400,7 @@ fn first_lidar(config: &guidance::Config) -> Result<&'static mut Option<Lidar>, 
     Ok(LIDAR.init(lidar::build(config)?))
 }
 
-/// The serial lines as guidance sees them.
+/// The serial lines of guidance.
 pub struct Line<B: Board> {
     receiver: B::Receiver,
     lidar: B::LidarReceiver,
@@ -406,18 +408,18 @@ pub struct Line<B: Board> {
     rx_total: u32,
     lidar_total: u32,
     tx_total: u32,
-    /// Bytes to the serial line that have waited at once, at most.
+    /// The largest number of bytes that waited for the serial line at once.
     most_waiting: u32,
 }
 
 impl<B: Board> Line<B> {
-    /// Nothing has been heard or said.
+    /// Before the first byte.
     #[must_use]
     pub const fn new(receiver: B::Receiver, lidar: B::LidarReceiver, outgoing: &'static Outgoing) -> Self {
         Self { receiver, lidar, outgoing, rx_total: 0, lidar_total: 0, tx_total: 0, most_waiting: 0 }
     }
 
-    /// Hands over what has come: in lock-step exactly what belongs before this step, else what there is.
+    /// Passes received bytes on: in lock-step exactly those that belong before this step, otherwise all.
     async fn read(&mut self, flight: &mut Flight<'_>, log: &mut Log<'_>, step: &Step<'_>) {
         let mut bytes = [0; PIECE_BYTES];
         loop {
@@ -445,8 +447,8 @@ impl<B: Board> Line<B> {
         LidarStatus { counters: lidar.counters(), received: self.lidar.waiting(), line_errors: self.lidar.errors() }
     }
 
-    /// Sends what the companion has to say: in lock-step all of it, else little at a time: what waits there a newer setpoint
-    /// can replace, what waits in the pipe it cannot.
+    /// Sends the companion's bytes: in lock-step all, otherwise few at a time: a newer setpoint can replace one that
+    /// waits in the companion, but not one in the pipe.
     async fn write(&mut self, companion: &mut Companion, lock_step: bool) {
         let mut bytes = [0; TRANSMIT_BYTES];
         while lock_step || self.outgoing.len() < WAITING_BYTES {
@@ -461,7 +463,8 @@ impl<B: Board> Line<B> {
     }
 }
 
-/// Takes bytes of a line of which so many have been taken: as far as is expected, or what there is; none where that is all.
+/// Reads bytes of a line, of which `taken` have been read: up to the expected number, or all; `None` if there are no
+/// more.
 async fn take<'a>(
     line: &mut impl Receiver,
     total: &mut u32,

@@ -1,4 +1,4 @@
-//! The planner and guidance's end of it: orders one way, plans the other.
+//! The planner task and guidance's side of it: requests in, plans out.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::zerocopy_channel::{self, Channel, Sender};
@@ -45,36 +45,36 @@ impl<S> Default for Shared<S> {
     }
 }
 
-/// Guidance's end of the planner: one order and one answer at a time, each written and read where it lies. Guidance gives no
-/// second order before the handover tick of the first; one that finds the place taken even then is dropped, and its plan
-/// counts as late.
+/// Guidance's side of the planner: one request and one answer at a time, each written and read in place. Guidance
+/// makes no second request before the handover tick of the first; if the place is still taken then, the request is
+/// dropped, and its plan counts as late.
 pub struct Planning<S: 'static> {
     orders: Sender<'static, Mutex, Order>,
     plans: zerocopy_channel::Receiver<'static, Mutex, Planned<S>>,
-    /// An order has no answer yet that was taken.
+    /// The answer to the last request has not been taken yet.
     is_ordered: bool,
-    /// The next answer is to a flight that has ended.
+    /// The next answer belongs to a flight that has ended.
     is_stale: bool,
 }
 
-/// The planner's own end.
+/// The planner's side.
 pub struct Desk<S: 'static> {
     orders: zerocopy_channel::Receiver<'static, Mutex, Order>,
     plans: Sender<'static, Mutex, Planned<S>>,
 }
 
-/// An order to the planner.
+/// A request to the planner.
 #[derive(Clone, Debug)]
 struct Order {
-    /// With these.
+    /// The systems to use.
     systems: Systems,
-    /// Answer this.
+    /// The request.
     request: PlanRequest,
-    /// Around these.
+    /// The known obstacles.
     known: Vec<Disc, CIRCLES_MAX>,
 }
 
-/// Both ends of the planner. To be called once.
+/// Both sides of the planner. Call it once.
 ///
 /// # Errors
 /// The field of the built-in configuration that is refused.
@@ -91,7 +91,7 @@ pub fn planning<S: Samples>(shared: &'static Shared<S>) -> Result<(Planning<S>, 
 }
 
 impl<S: Samples> Planning<S> {
-    /// The answer that waits, if one does.
+    /// The answer, if one waits.
     pub(super) fn answer<B: Board>(&mut self) -> Option<&Planned<S>> {
         if self.is_stale && self.plans.try_receive().is_some() {
             self.take::<B>();
@@ -108,13 +108,13 @@ impl<S: Samples> Planning<S> {
         }
     }
 
-    /// What was ordered before is of no use any more.
+    /// Earlier requests are of no use any more.
     pub(super) fn begin_anew<B: Board>(&mut self) {
         self.take::<B>();
         self.is_stale = self.is_ordered;
     }
 
-    /// Orders a plan; false where the planner takes no order.
+    /// Requests a plan; false if the planner is busy.
     #[inline(never)]
     pub(super) fn order(&mut self, flight: &Flight<'_>) -> bool {
         let Some(order) = self.orders.try_send() else { return false };
@@ -122,7 +122,7 @@ impl<S: Samples> Planning<S> {
         order.request.clone_from(flight.state.request());
         order.known.clear();
         for disc in flight.state.map().discs() {
-            // There are as many places.
+            // The capacity is the number of circles.
             let _ = order.known.push(disc);
         }
         self.orders.send_done();
@@ -138,7 +138,7 @@ impl<S: Samples> Planning<S> {
     }
 }
 
-/// The planner: answers orders, and may be pre-empted at any moment. To be called by the thread when all is set up.
+/// The planner: answers requests, and may be pre-empted at any moment. The thread calls it when everything is set up.
 pub fn plan<B: Board>(desk: Desk<Kept<B>>) -> ! {
     static SCRATCH: ConstStaticCell<Workspace> = ConstStaticCell::new(Workspace::new());
     let workspace = SCRATCH.take();
@@ -149,13 +149,14 @@ pub fn plan<B: Board>(desk: Desk<Kept<B>>) -> ! {
             continue;
         };
         replan::<B>(workspace, order, planned);
-        // In this order: the plan wakes guidance, which may go on for many steps before we do, and order the next one.
+        // In this order: the plan wakes guidance, which may run many steps before this task, and make the next
+        // request.
         orders.receive_done();
         plans.send_done();
     }
 }
 
-/// Answers one order.
+/// Answers one request.
 #[inline(never)]
 fn replan<B: Board>(workspace: &mut Workspace, order: &Order, planned: &mut Planned<Kept<B>>) {
     let begin = B::ticks();

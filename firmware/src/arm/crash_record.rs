@@ -1,8 +1,9 @@
-//! What the program writes down before it ends: a panic, a fault of the processor, a board that cannot go on.
+//! The record that the program writes before it ends: after a panic, a fault of the processor, or a board that cannot
+//! continue.
 //!
-//! The record lies in memory that neither a reset nor the start-up code touches (`.uninit`); after the restart it is told
-//! to the pilot and taken away. Whatever ends the program ends in a reset, and the computer comes up in standby. The
-//! autopilot, left without setpoints, stops by itself meanwhile.
+//! The record is in memory that neither a reset nor the start-up code writes (`.uninit`); after the restart it is
+//! reported to the pilot and erased. Every end of the program is a reset, and the computer comes up in standby.
+//! Without setpoints the autopilot stops by itself meanwhile.
 
 use core::cell::UnsafeCell;
 use core::fmt::{self, Write};
@@ -16,15 +17,15 @@ use foxhound_computer::restart::{self, End, Record, TEXT_BYTES, WORDS};
 
 use crate::board::Board;
 
-/// A board that says why a program ends, and knows where its registers may lie.
-pub(crate) trait LastWords: Board {
+/// A board that can print why the program ends, and knows its data memory.
+pub(crate) trait CrashOutput: Board {
     /// Data memory.
     const MEMORY: Range<u32>;
-    /// Says why it ends, to whoever listens.
-    fn last_words(words: fmt::Arguments<'_>);
+    /// Prints why the program ends, to a debugger or simulator.
+    fn print_end(words: fmt::Arguments<'_>);
 }
 
-/// Words that a reset leaves alone.
+/// Words that a reset does not clear.
 struct Kept(UnsafeCell<MaybeUninit<[u32; WORDS]>>);
 
 // SAFETY: touched at the start, before anything else runs, and at the end, when nothing else runs any more.
@@ -34,7 +35,7 @@ unsafe impl Sync for Kept {}
 #[unsafe(link_section = ".uninit.foxhound_kept")]
 static KEPT: Kept = Kept(UnsafeCell::new(MaybeUninit::uninit()));
 
-/// What the last run left, if it did. To be called once, at the start.
+/// The record of the last run, if any. Call it once, at the start.
 pub(crate) fn take() -> Option<Record> {
     let kept = KEPT.0.get().cast::<[u32; WORDS]>();
     // SAFETY: aligned and ours, see `Kept`. Any words are valid ones, and volatile access does not care who wrote them.
@@ -45,8 +46,8 @@ pub(crate) fn take() -> Option<Record> {
     record
 }
 
-/// Whether the program has been running in this memory before; from now on it has. After the power was away for long
-/// enough memory holds anything.
+/// Whether the program has been running in this memory before; from now on it has. After a long loss of power memory
+/// holds anything.
 pub(crate) fn was_running() -> bool {
     /// Set since the program has begun.
     // SAFETY: as for `KEPT`; any bits are a valid one.
@@ -56,7 +57,7 @@ pub(crate) fn was_running() -> bool {
     WARM.swap(IS_WARM, Ordering::Relaxed) == IS_WARM
 }
 
-/// Writes down why, and restarts.
+/// Writes the record, and restarts.
 pub(crate) fn end<B: Board>(end: End, address: u32, status: u32, text: &[u8]) -> ! {
     cortex_m::interrupt::disable();
     let record = Record::new(end, address, status, B::uptime_s(), text);
@@ -65,13 +66,13 @@ pub(crate) fn end<B: Board>(end: End, address: u32, status: u32, text: &[u8]) ->
     SCB::sys_reset()
 }
 
-/// Somebody wants a restart.
+/// A requested restart.
 pub(crate) fn restart<B: Board>() -> ! {
     end::<B>(End::Wanted, 0, 0, b"")
 }
 
 /// The end of a panic.
-pub(crate) fn panicked<B: LastWords>(info: &PanicInfo<'_>) -> ! {
+pub(crate) fn panicked<B: CrashOutput>(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
     let mut text = Tail { bytes: [0; TEXT_BYTES], length: 0 };
     if let Some(location) = info.location() {
@@ -80,19 +81,19 @@ pub(crate) fn panicked<B: LastWords>(info: &PanicInfo<'_>) -> ! {
         let mut digits = [0; 10];
         let _ = text.write_str(decimal(location.line(), &mut digits));
     }
-    B::last_words(format_args!("panic at {}", text.text()));
+    B::print_end(format_args!("panic at {}", text.text()));
     end::<B>(End::Panic, 0, 0, text.text().as_bytes())
 }
 
 /// The end of a fault: `frame` is where the processor has stacked its registers, or would have.
-pub(crate) extern "C" fn fault<B: LastWords>(frame: u32) -> ! {
+pub(crate) extern "C" fn fault<B: CrashOutput>(frame: u32) -> ! {
     // SAFETY: reading this register has no effect.
     let status = unsafe { (*SCB::PTR).cfsr.read() };
-    B::last_words(format_args!("fault"));
+    B::print_end(format_args!("fault"));
     end::<B>(End::Fault, interrupted(frame, &B::MEMORY), status, b"")
 }
 
-/// Where the program was, where its registers are in memory.
+/// Where the program was, if its registers are in memory.
 pub(crate) fn interrupted(frame: u32, memory: &Range<u32>) -> u32 {
     if !(memory.start..memory.end - 32).contains(&frame) {
         return 0;
@@ -101,7 +102,7 @@ pub(crate) fn interrupted(frame: u32, memory: &Range<u32>) -> u32 {
     unsafe { ((frame & !3) as *const u32).wrapping_add(6).read_volatile() }
 }
 
-/// The last bytes of what was written.
+/// The last bytes of a text.
 struct Tail {
     bytes: [u8; TEXT_BYTES],
     length: usize,
@@ -130,7 +131,7 @@ impl fmt::Write for Tail {
     }
 }
 
-/// A number without the formatting of numbers.
+/// A number without the standard formatting.
 fn decimal(mut number: u32, digits: &mut [u8; 10]) -> &str {
     let mut from = digits.len();
     for (at, digit) in digits.iter_mut().enumerate().rev() {

@@ -1,8 +1,8 @@
-//! The stack: what guards it, and how much of it was ever used.
+//! The stack: its guard, and a measurement of its use.
 //!
-//! It lies at the bottom of the memory and grows down towards its end (`memory.x`), so that one that overflows changes no
-//! variables; the memory protection unit makes a fault of it, the 32 KB below being nobody's. At the start all of it is
-//! painted; a word that has lost its paint has been used. Each step looks at a few words only.
+//! It is at the bottom of the memory and grows down towards its end (`memory.x`), so that an overflow changes no
+//! variables; the memory protection unit turns it into a fault, since the 32 KB below are unused. At the start all of
+//! it is painted; a word that has lost its paint has been used. Each step checks only a few words.
 
 use core::ptr;
 
@@ -11,9 +11,9 @@ use cortex_m::peripheral::MPU;
 use crate::register_values::region_size;
 
 const PAINT: u32 = 0x5AFE_57AC;
-/// Words that one look looks at.
+/// Words per check.
 const WORDS: u32 = 64;
-/// So much below the stack pointer is not painted: what is painting uses it.
+/// The first bytes below the stack pointer are not painted: the painting itself uses them.
 const GAP_BYTES: u32 = 256;
 
 unsafe extern "C" {
@@ -36,7 +36,7 @@ pub(crate) fn guard(mpu: &mut MPU) {
     const SIZE: u32 = region_size(BYTES);
     const EXECUTE_NEVER: u32 = 1 << 28;
     const ENABLE: u32 = 1;
-    /// What no region names is as without the unit.
+    /// Memory without a region is accessible as without the unit.
     const BACKGROUND: u32 = 1 << 2;
     // SAFETY: nothing uses the memory of this region, and everything else stays as it was.
     unsafe {
@@ -49,7 +49,7 @@ pub(crate) fn guard(mpu: &mut MPU) {
     cortex_m::asm::isb();
 }
 
-/// Paints what is free of the stack. To be called once, early.
+/// Paints the free part of the stack. Call it once, early.
 pub(crate) fn paint() {
     let until = cortex_m::register::msp::read().saturating_sub(GAP_BYTES);
     let mut at = bottom();
@@ -60,22 +60,22 @@ pub(crate) fn paint() {
     }
 }
 
-/// Looks for the deepest word that has lost its paint, a few words at a time.
+/// Searches for the deepest word that has lost its paint, a few words at a time.
 #[derive(Debug)]
 pub struct Watermark {
-    /// The deepest one that is known.
+    /// The deepest one found.
     deepest: u32,
-    /// Where the next look begins; below `deepest`.
+    /// Where the next check begins; below `deepest`.
     at: u32,
 }
 
 impl Watermark {
-    /// Nothing is known yet.
+    /// Before the first check.
     pub(crate) fn new() -> Self {
         Self { deepest: top(), at: bottom() }
     }
 
-    /// One look; how many bytes of the stack have been used, as far as is known.
+    /// One check; returns the number of bytes of the stack used, as found so far.
     pub fn look(&mut self) -> u32 {
         for _ in 0..WORDS {
             if self.at >= self.deepest {
@@ -94,7 +94,7 @@ impl Watermark {
         self.bytes()
     }
 
-    /// How many bytes of the stack have been used, as far as is known.
+    /// The number of bytes of the stack used, as found so far.
     pub fn bytes(&self) -> u32 {
         top() - self.deepest
     }

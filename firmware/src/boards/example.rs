@@ -1,8 +1,8 @@
-//! A made-up board, to begin a new one from: a bare Cortex-M4F at 100 MHz, with nothing but what is in every one of them. It is
-//! built by `cargo xtask test` and was never flashed; nothing of it is proven.
+//! A made-up board, as a template for a new one: a bare Cortex-M4F at 100 MHz, with only the peripherals that every
+//! one of them has. `cargo xtask test` builds it; it was never flashed, and nothing of it is proven.
 //!
-//! It comes up, steps every 20 ms without a frame, restarts by itself after a fault, and says nothing to anybody. Where
-//! hardware belongs stands "HERE". `docs/contributing.md` goes through it.
+//! It starts, steps every 20 ms without a frame, restarts by itself after a fault, and communicates with nothing.
+//! "HERE" marks each place for hardware code. `docs/contributing.md` explains the steps.
 
 #![expect(unsafe_code, reason = "vectors, interrupt handlers")]
 
@@ -29,14 +29,14 @@ use foxhound_core::guidance::FrontEnd;
 use foxhound_core::planning::rollout::Trajectory;
 
 use crate::arm;
-use crate::arm::crash_record::{self, LastWords};
+use crate::arm::crash_record::{self, CrashOutput};
 use crate::arm::stack::{self, Watermark};
 use crate::board::{self, Board, Call, Done, NoLine, Parts, Read, Step, Write};
 
 const CLOCK_MHZ: u32 = 100;
 /// From one interrupt of the system timer to the next.
 const TICK_US: u32 = 1_000;
-/// Those of a step.
+/// Interrupts per step.
 const TICKS_PER_STEP: u32 = 20;
 
 static GUIDANCE: InterruptExecutor = InterruptExecutor::new();
@@ -78,7 +78,7 @@ impl Board for Machine {
         stack::guard(&mut core.MPU);
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
-        // HERE: clocks, and the watchdog before anything is waited for.
+        // HERE: clocks, and the watchdog before any wait.
         core.SYST.set_clock_source(SystClkSource::Core);
         core.SYST.set_reload(CLOCK_MHZ * TICK_US - 1);
         core.SYST.clear_current();
@@ -88,7 +88,7 @@ impl Board for Machine {
             // SAFETY: neither is unmasked yet, and no critical section counts on priorities.
             unsafe { core.NVIC.set_priority(interrupt, level) };
         }
-        // HERE: what the chip says of its last reset.
+        // HERE: the chip's report of its last reset.
         let cause = if crash_record::was_running() { Cause::Other } else { Cause::Power };
         Parts {
             guidance: GUIDANCE.start(Interrupt::Guidance),
@@ -126,11 +126,11 @@ impl Board for Machine {
     }
 }
 
-impl LastWords for Machine {
+impl CrashOutput for Machine {
     const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
 
     /// HERE: a debugger's line, where there is one.
-    fn last_words(_words: fmt::Arguments<'_>) {}
+    fn print_end(_words: fmt::Arguments<'_>) {}
 }
 
 /// HERE: a serial line's receiver.
@@ -165,7 +165,7 @@ impl Write for Transmitter {
     async fn write(&mut self, _bytes: &[u8]) {}
 }
 
-/// A step every 20 ms. HERE: as soon as a frame is there, with that.
+/// A step every 20 ms. HERE: with a frame, as soon as there is one.
 #[derive(Debug)]
 pub struct Pacer {
     stack: Watermark,
@@ -203,8 +203,8 @@ impl board::Watchdog for Watchdog {
     fn feed(&mut self) {}
 }
 
-/// HERE: eight pages of the chip's flash, in words of eight bytes. One that refuses everything lets the vehicle come up as one
-/// whose store is lost.
+/// HERE: eight pages of the chip's flash, in words of eight bytes. With one that refuses everything the vehicle comes
+/// up as one whose store is lost.
 #[derive(Debug)]
 pub struct Flash;
 
@@ -242,7 +242,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     crash_record::panicked::<Machine>(info)
 }
 
-/// A fault of the processor; every other fault comes through it. The stack may be what is broken: it is begun anew.
+/// A fault of the processor; every other fault comes through it. The stack may be corrupt: it is started anew.
 // SAFETY: the name is that of the vector, and the main stack is the only one in use. Nothing returns from here.
 #[unsafe(no_mangle)]
 #[unsafe(naked)]
@@ -266,8 +266,7 @@ fn SysTick() {
     }
 }
 
-/// HERE: the chip's interrupts; two of those to which nothing is wired run the executors. A crate that has the chip's names has
-/// the table, too.
+/// HERE: the chip's interrupts; two unused ones run the executors. A crate with the chip's names has the table, too.
 #[derive(Clone, Copy, Debug)]
 #[repr(u16)]
 enum Interrupt {

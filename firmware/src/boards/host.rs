@@ -1,15 +1,15 @@
-//! A board without hardware, for tests: it runs on the machine that builds it. What surrounds it is [`WORLD`].
+//! A board without hardware, for tests: it runs on the machine that builds it. Its surroundings are [`WORLD`].
 //!
-//! | what | here |
+//! | part | here |
 //! |---|---|
 //! | autopilot, lidar, maintenance port | pipes: [`Wire`] |
 //! | frames | orders, a step each, in lock-step: [`World::order`] |
-//! | what is kept | memory: [`Flash`] |
-//! | time | the world's own; it stands still during a step |
+//! | flash | memory: [`Flash`] |
+//! | time | the world's own; constant during a step |
 //! | watchdog | counts how often it is fed |
 //!
-//! The application lies in statics, so a process is one board that is started once. No executor runs here: who starts the board
-//! polls the tasks.
+//! The application is in statics, so a process is one board that is started once. There is no executor here: the code
+//! that starts the board polls the tasks.
 
 use core::fmt;
 use core::future::poll_fn;
@@ -41,12 +41,12 @@ use foxhound_core::planning::rollout::Trajectory;
 
 use crate::board::{self, Board, Call, Done, LockStep, Parts, Planned, Read, Step, Write};
 
-/// What the process ends with when the program wants a restart.
+/// Exit status of the process for a requested restart.
 pub const RESTARTED: i32 = 75;
 
 const PAGE_BYTES: usize = 2048;
 const FLASH_BYTES: u32 = PAGES * PAGE_BYTES as u32;
-/// How long the thread sleeps before it looks again: here nothing interrupts it.
+/// How long the thread sleeps before it checks again: here nothing interrupts it.
 const NAP: Duration = Duration::from_micros(50);
 
 /// What surrounds the board.
@@ -72,7 +72,7 @@ pub struct World {
     pub console: Wire,
     orders: Mutex<VecDeque<Order>>,
     answers: Mutex<VecDeque<Answer>>,
-    /// Its flash, every bit turned round: nothing at first, which is a blank one.
+    /// Its flash, stored inverted; empty at first, which is a blank one.
     flash: Mutex<Vec<u8>>,
     /// The flash refuses everything.
     pub refuses_flash: AtomicBool,
@@ -86,12 +86,12 @@ pub struct World {
 pub struct Wire {
     coming: Mutex<VecDeque<u8>>,
     gone: Mutex<Vec<u8>>,
-    /// Bytes that were ever said to the board.
+    /// Bytes sent to the board since the start.
     said: AtomicU32,
     waker: AtomicWaker,
 }
 
-/// What the board is to do next.
+/// An order to the board.
 #[derive(Clone, Debug)]
 pub enum Order {
     /// Begin anew with this configuration.
@@ -100,14 +100,14 @@ pub enum Order {
     Step {
         /// Its time.
         now: Instant,
-        /// What the antennas bring.
+        /// The measurement of the antennas.
         frame: Option<Box<AdcFrame<N>>>,
         /// Obstacles as circles.
         circles: Option<Vec<Circle>>,
     },
 }
 
-/// How that went.
+/// The result of an order.
 #[derive(Clone, Debug)]
 #[expect(clippy::large_enum_variant, reason = "one at a time, in a test")]
 pub enum Answer {
@@ -115,20 +115,20 @@ pub enum Answer {
     Setup(Result<(), ConfigError>),
     /// A step.
     Step {
-        /// What guidance said.
+        /// Output of guidance.
         output: guidance::Output,
         /// A plan that was finished in it.
         plan: Option<Planned<[Trajectory; SAMPLES]>>,
     },
 }
 
-/// A thread that panics fails its test, and spoils nothing of this.
+/// A thread that panics fails its test, and does no harm here.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl World {
-    /// Tells the board what to do next; the time of a step is the world's from then on.
+    /// Gives the board an order; the time of a step is the world's from then on.
     pub fn order(&self, order: Order) {
         if let Order::Step { now, .. } = &order {
             self.now_us.store(now.0, Ordering::Relaxed);
@@ -136,7 +136,7 @@ impl World {
         lock(&self.orders).push_back(order);
     }
 
-    /// How the oldest order went that has been carried out.
+    /// The result of the oldest order that has been carried out.
     pub fn answer(&self) -> Option<Answer> {
         lock(&self.answers).pop_front()
     }
@@ -152,14 +152,14 @@ impl Wire {
         }
     }
 
-    /// Says something to the board.
+    /// Sends bytes to the board.
     pub fn say(&self, bytes: &[u8]) {
         lock(&self.coming).extend(bytes);
         self.said.fetch_add(bytes.len() as u32, Ordering::Relaxed);
         self.waker.wake();
     }
 
-    /// What the board has said since the last call.
+    /// The bytes that the board has sent since the last call.
     pub fn heard(&self) -> Vec<u8> {
         core::mem::take(&mut lock(&self.gone))
     }
@@ -275,7 +275,7 @@ impl Write for Transmitter {
     }
 }
 
-/// Does what the world orders.
+/// Carries out the world's orders.
 #[derive(Debug)]
 pub struct Pacer {
     order: Order,
@@ -285,7 +285,7 @@ impl board::Pacer for Pacer {
     type Samples = [Trajectory; SAMPLES];
 
     async fn next(&mut self) -> Call<'_> {
-        // Who polls the tasks does so without end, and needs no waker.
+        // The tasks are polled without end, and need no waker.
         self.order = poll_fn(|_| lock(&WORLD.orders).pop_front().map_or(Poll::Pending, Poll::Ready)).await;
         match &self.order {
             Order::Setup(config) => Call::Setup(config),
@@ -338,7 +338,7 @@ impl board::Watchdog for Watchdog {
 #[derive(Debug)]
 pub struct Flash;
 
-/// The words of some bytes of the flash, turned round as they lie there.
+/// The words of some bytes of the flash, inverted as they are stored.
 fn words(flash: &mut Vec<u8>, from: u32, bytes: usize) -> Result<&mut [[u8; 8]], Refused> {
     if WORLD.refuses_flash.load(Ordering::Relaxed) {
         return Err(Refused::Failed);
@@ -386,7 +386,7 @@ impl NorFlash for Flash {
         let mut flash = lock(&WORLD.flash);
         for (word, wanted) in words(&mut flash, offset, bytes.len())?.iter_mut().zip(bytes.as_chunks::<8>().0) {
             let taken = part::program(!u64::from_le_bytes(*word), u64::from_le_bytes(*wanted));
-            // A word that is not blank is struck out by anything else.
+            // A word that is not blank is struck out by any other value.
             *word = taken.map_or([0xff; 8], |()| wanted.map(|byte| !byte));
             taken?;
         }

@@ -1,19 +1,19 @@
-//! The twin: Arm's MPS2 board with the AN386 image (Cortex-M4F) as QEMU has it.
+//! The twin: Arm's MPS2 board with the AN386 image (Cortex-M4F), as QEMU emulates it.
 //!
-//! | what | where |
+//! | function | where |
 //! |---|---|
 //! | MAVLink | UART0, or from the autopilot by the memory: see `line` |
 //! | lidar | the memory only: see `line` |
 //! | doorbell of the simulator | UART1 |
 //! | maintenance port | UART2 |
 //! | frames and reports | the shared memory at `0x2100_0000`, layout in `foxhound_computer::twin` |
-//! | what is kept | the memory behind it: see `flash` |
+//! | flash | the memory behind it: see `flash` |
 //! | time | timers 0 and 1 |
 //!
-//! It runs freely from its own time, 50 steps a second with no frames, until the simulator sends a setup. From then on
-//! it is in lock-step: a step is made when the bell rings, its time is the simulator's, and the answer goes out when
-//! everything that the step has set off is finished. When the bell stays silent for 5 s the twin runs freely again,
-//! from the time where it stood, so that the autopilot is not left alone; it then wants a new setup.
+//! It runs freely on its own time, 50 steps a second without frames, until the simulator sends a setup. From then on
+//! it is in lock-step: a step is made when the doorbell rings, its time is the simulator's, and the answer is sent
+//! when everything that the step has started is finished. If the doorbell is silent for 5 s the twin runs freely
+//! again, from the time at which it stopped, so that the autopilot is not left alone; it then needs a new setup.
 
 #![expect(unsafe_code, reason = "registers, vectors and the shared memory")]
 
@@ -152,7 +152,7 @@ fn start() -> Parts<Machine> {
     }
 }
 
-/// Why we are here: the power came, or somebody reset the machine, or we did.
+/// Why the computer has started: power-up, a reset from outside, or our own restart.
 fn why() -> Restart {
     let record = crash_record::take();
     let is_warm = crash_record::was_running();
@@ -165,7 +165,7 @@ fn why() -> Restart {
     Restart { cause, record }
 }
 
-/// Says what to do next.
+/// Triggers the steps.
 pub struct Pacer {
     doorbell: Doorbell,
     block: &'static mut Block,
@@ -185,7 +185,7 @@ enum Pace {
 }
 
 impl board::Pacer for Pacer {
-    /// The simulator looks at all of them.
+    /// The simulator shows all of them.
     type Samples = [Trajectory; SAMPLES];
 
     fn stack_bytes(&self) -> u32 {
@@ -196,7 +196,7 @@ impl board::Pacer for Pacer {
         Clock::Simulated
     }
 
-    /// Waits for the bell or, running freely, for the next period.
+    /// Waits for the doorbell or, running freely, for the next period.
     async fn next(&mut self) -> Call<'_> {
         loop {
             let (Pace::Free { next: alarm } | Pace::LockStep { alarm }) = self.pace;
@@ -328,7 +328,7 @@ impl Pacer {
 const PSRAM: usize = 0x2100_0000;
 const _: () = assert!(twin::BLOCK_BYTES.is_multiple_of(4));
 
-/// Takes a block out of the memory that we share with the simulator.
+/// Reads a block from the memory shared with the simulator.
 fn read(from: usize, block: &mut Block) {
     fence(Ordering::Acquire);
     let words = (PSRAM + from) as *const u32;
@@ -339,7 +339,7 @@ fn read(from: usize, block: &mut Block) {
     }
 }
 
-/// Puts a block into the memory that we share with the simulator.
+/// Writes a block to the memory shared with the simulator.
 fn write(to: usize, block: &Block) {
     let words = (PSRAM + to) as *mut u32;
     for (index, bytes) in block.as_chunks().0.iter().enumerate() {

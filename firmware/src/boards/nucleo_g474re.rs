@@ -1,20 +1,20 @@
 //! NUCLEO-G474RE (MB1367): STM32G474RET6, Cortex-M4F at 170 MHz from the 24 MHz crystal: see `clocks`.
 //!
-//! | what | where |
+//! | function | where |
 //! |---|---|
 //! | MAVLink, 921 600 baud, 8N1 | USART1: TX PA9 (CN5-1, D8), RX PA10 (CN9-3, D2): see `serial` |
 //! | maintenance port, 921 600 baud, 8N1 | LPUART1, to the ST-LINK's virtual COM port: TX PA2, RX PA3: see `serial` |
 //! | lidar, 230 400 baud, 8N1 | USART3: RX PC11 (CN7-2): see `serial` |
 //! | antennas | PA0, PA1, PB0, PB12: see `acquisition` |
-//! | what is kept | the last 16 KB of the flash: see `flash` |
+//! | storage | the last 16 KB of the flash: see `flash` |
 //! | test tone | PA4: see `tone` |
 //! | log | defmt over RTT, through the ST-LINK |
 //! | time | TIM15, 1 MHz ticks |
 //!
 //! Priorities, most urgent first: DMA and time (embassy's), guidance, link; the planner is the thread.
 //!
-//! The independent watchdog runs before anything is waited for, on its own oscillator and stops while a debugger holds the core. The supply
-//! is watched by the brown-out reset, whose level stands in the option bytes (`docs/hardware.md`).
+//! The independent watchdog is started before any wait, runs on its own oscillator and stops while a debugger holds
+//! the core. The brown-out reset monitors the supply; its level is in the option bytes (`docs/hardware.md`).
 
 #![expect(unsafe_code, reason = "registers, interrupt handlers and the memory that DMA writes")]
 
@@ -112,9 +112,9 @@ impl Board for Machine {
 fn start() -> Parts<Machine> {
     stack::paint();
     let restart = Restart { cause: cause(), record: crash_record::take() };
-    // Before anything is waited for.
+    // Before any wait.
     DBGMCU.apb1lfzr().modify(|w| w.set_iwdg(true));
-    // SAFETY: nobody else takes it from what embassy hands out.
+    // Nothing else takes it from embassy's peripherals.
     let mut watchdog =
         IndependentWatchdog::new(unsafe { peripherals::IWDG::steal() }, <Watchdog as board::Watchdog>::PERIOD_US);
     watchdog.unleash();
@@ -125,7 +125,7 @@ fn start() -> Parts<Machine> {
     let (board, clock) = clocks::start();
     let ([(receiver, transmitter), (console_receiver, console_transmitter)], lidar) = serial::start();
 
-    // Two vectors whose peripherals are off.
+    // Two vectors of unused peripherals.
     interrupt::CORDIC.set_priority(Priority::P6);
     interrupt::FMAC.set_priority(Priority::P8);
     Parts {
@@ -152,11 +152,13 @@ fn start() -> Parts<Machine> {
     }
 }
 
-/// What the chip says of its last reset (RM0440, `RCC_CSR`); the flags are cleared, so that they speak of one reset only.
+/// The chip's report of its last reset (RM0440, `RCC_CSR`); the flags are cleared, so that they describe only one
+/// reset.
 fn cause() -> Cause {
     let flags = RCC.csr().read();
     RCC.csr().modify(|w| w.set_rmvf(true));
-    // A brown-out shows at every power-up, too: it is one where memory has not been lost. The pin shows at every reset.
+    // The brown-out flag is set at every power-up, too: it is a brown-out if memory was kept. The pin flag is set at
+    // every reset.
     let power = if crash_record::was_running() { Cause::BrownOut } else { Cause::Power };
     let causes = [
         (flags.iwdgrstf() || flags.wwdgrstf(), Cause::Watchdog),
@@ -180,15 +182,15 @@ impl board::Watchdog for Watchdog {
     }
 }
 
-/// Says what to do next: a step for every frame.
+/// Triggers the steps: one for every frame.
 pub struct Pacer {
     acquisition: Acquisition,
     tone: Tone,
     snapshot: &'static mut AdcFrame<N>,
     stack: Watermark,
-    /// Frames that did not come or could not be used.
+    /// Frames that were missing or unusable.
     lost: u32,
-    /// What is wrong has been told.
+    /// The error has been reported.
     told: bool,
     clock: Clock,
     clock_told: bool,
@@ -219,7 +221,7 @@ impl board::Pacer for Pacer {
         self.tone.sound(sounds);
     }
 
-    /// What is wrong for good, once each.
+    /// Permanent errors, each reported once.
     fn trouble(&mut self) -> Option<&'static str> {
         if self.clock == Clock::Internal && !core::mem::replace(&mut self.clock_told, true) {
             defmt::warn!("the crystal does not start: HSI");
@@ -230,7 +232,7 @@ impl board::Pacer for Pacer {
         Some(trouble.words())
     }
 
-    /// Waits for the next frame; after two that did not come, the link goes on without.
+    /// Waits for the next frame; after two missing ones, the link continues without.
     async fn next(&mut self) -> Call<'_> {
         let patience = self.acquisition.patience();
         let fresh = match with_timeout(patience, self.acquisition.ready()).await {
@@ -252,7 +254,7 @@ impl board::Pacer for Pacer {
         })
     }
 
-    /// Logs what a step took.
+    /// Logs the time of a step.
     async fn done(&mut self, done: Done<'_, Self::Samples>) {
         let stack_bytes = self.stack.look();
         defmt::trace!(

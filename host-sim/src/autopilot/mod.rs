@@ -1,7 +1,6 @@
-//! The other end of the MAVLink line: models of ArduPilot Copter and PX4, the line itself, and logs of what passed on
-//! it.
+//! The other end of the MAVLink line: models of ArduPilot Copter and PX4, the line itself, and logs of its traffic.
 //!
-//! | module | what it is |
+//! | module | content |
 //! |---|---|
 //! | [`model`] | the autopilots, rule by rule |
 //! | [`transport`] | the line in real time: TCP, UDP, a serial port |

@@ -1,7 +1,7 @@
-//! Telemetry logs: MAVLink frames, each behind the time at which it passed, as ground stations write them.
+//! Telemetry logs: MAVLink frames, each with the time of its transmission, as ground stations write them.
 //!
-//! A record is 8 bytes of big-endian microseconds and one frame. Frames of MAVLink 1 are read as well: an autopilot may begin with
-//! those, and a ground station writes what it hears.
+//! A record is 8 bytes of big-endian microseconds and one frame. Frames of MAVLink 1 are read as well: an autopilot
+//! may begin with those, and a ground station writes everything that it receives.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -19,7 +19,7 @@ pub struct Writer {
     framers: [Framer; 2],
 }
 
-/// Which way bytes went.
+/// Direction of the bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// From the autopilot to the companion.
@@ -37,7 +37,7 @@ impl Writer {
         Ok(Self { file: BufWriter::new(File::create(path)?), framers: [Framer::new(), Framer::new()] })
     }
 
-    /// Takes in bytes of one direction; whole frames are written as they complete, but for those that carry a key.
+    /// Takes bytes of one direction; whole frames are written as they complete, except those that carry a key.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -65,7 +65,7 @@ impl Writer {
     }
 }
 
-/// What a log holds.
+/// Content of a log.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Summary {
     /// Frames whose checksum is right.
@@ -89,10 +89,10 @@ const fn is_zero(count: &u64) -> bool {
 const STAMP_BYTES: usize = 8;
 const MAGIC: u8 = 0xFD;
 const MAGIC_1: u8 = 0xFE;
-/// Fewer frames of MAVLink 1 in a stream may be bytes that happen to look so.
+/// Fewer frames of MAVLink 1 in a stream may be chance.
 const MAVLINK_1_MIN: u64 = 3;
 
-/// Counts the frames of a plain byte stream; those of MAVLink 1 only where there are more than chance makes of noise.
+/// Counts the frames of a plain byte stream; those of MAVLink 1 only if there are more than chance makes of noise.
 #[must_use]
 pub fn read_raw(bytes: &[u8]) -> Summary {
     let both = read_versions(bytes, true);
@@ -118,8 +118,8 @@ fn read_versions(mut bytes: &[u8], accept_v1: bool) -> Summary {
 
 /// Counts the frames of a log with time stamps, which are not skipped bytes.
 ///
-/// A record is trusted while a frame with a right checksum stands behind its time stamp. Elsewhere bytes are
-/// skipped one by one until that holds again, as the framer does.
+/// A record is valid while a frame with a right checksum follows its time stamp. Elsewhere bytes are skipped one by
+/// one until that is true again, as in the framer.
 #[must_use]
 pub fn read_stamped(bytes: &[u8]) -> Summary {
     let mut summary = Summary::default();
@@ -135,7 +135,7 @@ pub fn read_stamped(bytes: &[u8]) -> Summary {
             // Cut off by the end of the log.
             Frame::Cut => return summary,
             Frame::Damaged { length } if starts_record(&bytes[(at + STAMP_BYTES + length).min(bytes.len())..]) => {
-                // The next record stands where this one's length says: its stamp is a stamp, its frame is damaged.
+                // The next record is where this one's length says: its stamp is valid, its frame is damaged.
                 summary.bad_crc += 1;
                 summary.skipped_bytes += length as u64;
                 at += STAMP_BYTES + length;
@@ -166,7 +166,7 @@ fn starts_record(bytes: &[u8]) -> bool {
     bytes.len() <= STAMP_BYTES || [MAGIC, MAGIC_1].contains(&bytes[STAMP_BYTES])
 }
 
-/// The frame that stands at the start of `bytes`.
+/// The frame at the start of `bytes`.
 fn whole_frame(bytes: &[u8]) -> Frame {
     let (Some(payload), Some(flags)) = (bytes.get(1), bytes.get(2)) else {
         return if [MAGIC, MAGIC_1].contains(&bytes[0]) { Frame::Cut } else { Frame::None };

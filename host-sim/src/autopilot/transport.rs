@@ -1,18 +1,19 @@
 //! The line between companion and autopilot in real time: TCP, UDP, a serial port or a pseudo-terminal.
 //!
-//! Nothing here ever waits. A line that breaks is opened again by itself, for as long as it takes; until then what is
-//! written is lost, as on a wire. What a line cannot take at once is dropped by whole frames: on a link of setpoints a newer
-//! frame is worth more than an older one, and a queue of old ones is dangerous.
+//! Nothing here ever waits. A line that breaks is reopened, for as long as it takes; until then written bytes are
+//! lost, as on a wire. Bytes that a line cannot take at once are dropped by whole frames: for setpoints a newer frame
+//! is worth more than an older one, and a queue of old ones is dangerous.
 //!
 //! | address | the other end |
 //! |---|---|
-//! | `tcp:HOST:PORT` | listens there; called again when it hangs up |
-//! | `udp:HOST:PORT`, `udpin:` | sends to this port of ours; whoever speaks first is answered, and nobody else is heard |
+//! | `tcp:HOST:PORT` | listens there; is called again when it hangs up |
+//! | `udp:HOST:PORT`, `udpin:` | sends to this local port; the first sender is answered, and all others are ignored |
 //! | `udpout:HOST:PORT` | listens there; the answers may come from another port of it |
 //! | `serial:DEVICE:BAUD` | is wired to a serial port: 8 data bits, no parity, no flow control |
 //!
-//! The schemes mean what pymavlink, MAVSDK and `QGroundControl` mean by them. Where `udp:` names a host that is not this machine,
-//! or a port at which somebody listens already, it can only be meant as `udpout:`, and is taken for that ([`Line::turned`]).
+//! The schemes have the meaning that they have in pymavlink, MAVSDK and `QGroundControl`. If `udp:` names a host that
+//! is not this machine, or a port at which another program listens, it can only mean `udpout:`, and is read as that
+//! ([`Line::turned`]).
 
 use std::fmt;
 use std::io;
@@ -30,7 +31,7 @@ use endpoint::endpoint;
 use tcp::Tcp;
 use udp::Udp;
 
-/// Where the autopilot is.
+/// Address of the autopilot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Address {
     /// It listens for TCP.
@@ -48,7 +49,7 @@ pub enum Address {
     },
 }
 
-/// Where a modelled autopilot can be reached.
+/// Address at which a modelled autopilot serves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Listen {
     /// By TCP; port 0 is any free one.
@@ -60,7 +61,7 @@ pub enum Listen {
 }
 
 const SCHEMES: [&str; 5] = ["tcp", "udp", "udpin", "udpout", "serial"];
-/// Bits a second of a serial port.
+/// Baud rates of a serial port.
 pub const BAUDS: std::ops::RangeInclusive<u32> = 1_200..=12_000_000;
 
 impl FromStr for Address {
@@ -81,7 +82,7 @@ impl FromStr for Address {
                 if device.is_empty() {
                     return Err("expected serial:DEVICE:BAUD".to_owned());
                 }
-                let baud = baud.parse().map_err(|_| format!("baud rate `{baud}` is no number"))?;
+                let baud = baud.parse().map_err(|_| format!("baud rate `{baud}` is not a number"))?;
                 if !BAUDS.contains(&baud) {
                     return Err(format!("baud rate {baud} is outside {}..={}", BAUDS.start(), BAUDS.end()));
                 }
@@ -106,7 +107,7 @@ impl FromStr for Listen {
     }
 }
 
-/// What is meant by a form that others know, and we do not.
+/// The address meant by a form that other programs accept.
 fn meant(text: &str) -> Option<String> {
     let (scheme, rest) = text.split_once(':').unwrap_or((text, ""));
     if text.starts_with("/dev/") {
@@ -133,8 +134,8 @@ fn unknown_scheme(scheme: &str, known: &[&str]) -> String {
         .min_by_key(|(distance, _)| *distance)
         .filter(|(distance, _)| *distance <= 2);
     match nearest {
-        Some((_, name)) => format!("there is no scheme `{scheme}`; did you mean `{name}`?"),
-        None => format!("there is no scheme `{scheme}`; known: {}", known.join(", ")),
+        Some((_, name)) => format!("unknown scheme `{scheme}`; did you mean `{name}`?"),
+        None => format!("unknown scheme `{scheme}`; valid: {}", known.join(", ")),
     }
 }
 
@@ -161,10 +162,10 @@ enum Kind {
 }
 
 impl Line {
-    /// The companion's end. A peer that is not there yet is no error.
+    /// The companion's end. A peer that is not there yet is not an error.
     ///
     /// # Errors
-    /// A host that cannot be found, a port that is taken, a device that is missing or no serial port.
+    /// A host that cannot be found, a port that is taken, a device that is missing or is not a serial port.
     pub fn open(address: &Address) -> io::Result<Self> {
         Ok(Self(match address {
             Address::Tcp(endpoint) => Kind::Tcp(Tcp::call(endpoint)?),
@@ -177,7 +178,7 @@ impl Line {
     /// The autopilot's end, and the address by which a companion reaches it.
     ///
     /// # Errors
-    /// A host that is not here, a port that is taken, no pseudo-terminal.
+    /// A host that is not this machine, a port that is taken, no pseudo-terminal.
     pub fn listen(listen: &Listen) -> io::Result<(Self, Address)> {
         let at = |endpoint: &Endpoint, port| Endpoint { port, ..endpoint.clone() };
         Ok(match listen {
@@ -198,7 +199,7 @@ impl Line {
         })
     }
 
-    /// Where a line was to listen and could not, and so calls: what to call it by.
+    /// If a line could not listen and calls instead: the address that it calls.
     #[must_use]
     pub fn turned(&self) -> Option<String> {
         match &self.0 {
@@ -207,7 +208,7 @@ impl Line {
         }
     }
 
-    /// Whether a peer is there to write to, as far as can be known. Opens again what broke.
+    /// Whether there is a peer to write to, as far as can be known. Reopens a broken line.
     pub fn is_open(&mut self) -> bool {
         match &mut self.0 {
             Kind::Tcp(tcp) => tcp.is_open(),

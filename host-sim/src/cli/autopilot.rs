@@ -1,4 +1,4 @@
-//! `foxhound autopilot`: a modelled autopilot and its vehicle, in real time, for whoever has none at hand.
+//! `foxhound autopilot`: a modelled autopilot and its vehicle, in real time, for trials without a real one.
 
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
@@ -27,17 +27,17 @@ const AUTOPILOT_HELP: &str = "Examples:
   foxhound companion --autopilot tcp:127.0.0.1:5760 --source 8,0,-5
 
 It begins armed, in the air, in GUIDED (PX4: enters OFFBOARD as soon as a companion's stream lets it); a ground station may \
-change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line tells the address for \
+change the mode, arm and take off as usual. It ends with Ctrl-C. With --json the first line has the address for \
 `companion --autopilot`, the last one where the vehicle ended and which setpoints it received.";
 
 /// Physics go on in steps of this length.
 const STEP_US: u64 = 10_000;
-/// More than this is not caught up with when the machine stalls.
+/// After a stall of the machine longer than this, the lost time is not made up.
 const STALL_MAX_US: u64 = 1_000_000;
-/// As `fly` has it.
+/// As in `fly`.
 const A_MAX_MPS2: f64 = 2.0;
 
-/// From one try to enter the companion's mode to the next.
+/// From one attempt to enter the companion's mode to the next.
 const PILOT_PERIOD_US: u64 = 500_000;
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -59,23 +59,23 @@ enum Begin {
 #[derive(Args, Debug)]
 #[command(after_help = AUTOPILOT_HELP)]
 pub(super) struct AutopilotCommand {
-    /// Where it can be reached: tcp:HOST:PORT, udp:HOST:PORT (port 0: any that is free) or pty. One companion after
-    /// another is served.
+    /// Address to serve: tcp:HOST:PORT, udp:HOST:PORT (port 0: any free one) or pty. Serves one companion after
+    /// another.
     #[arg(long, value_name = "ADDRESS")]
     listen: Listen,
-    /// Which autopilot.
+    /// Software of the autopilot.
     #[arg(long, value_enum, default_value_t = SoftwareName::Arducopter)]
     software: SoftwareName,
-    /// How it begins.
+    /// State at the start.
     #[arg(long, value_enum, default_value_t = Begin::InControl)]
     begin: Begin,
-    /// Where the vehicle starts: north, east and altitude, in metres; on the ground the altitude is zero.
+    /// Start of the vehicle: north, east and altitude, in metres; on the ground the altitude is zero.
     #[arg(long, value_name = "N,E,ALT", value_parser = triple, allow_hyphen_values = true, default_value = "0,0,5")]
     start: [f64; 3],
-    /// Damages that share of the bytes in both directions, as a bad line does.
+    /// Damages this share of the bytes in both directions, as a bad line does.
     #[arg(long, value_name = "SEED:RATE", value_parser = noise)]
     noise: Option<(u64, f64)>,
-    /// Ends after so many seconds [default: never].
+    /// Ends after this many seconds [default: never].
     #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
     max_time: Option<f64>,
 }
@@ -92,7 +92,7 @@ struct Listening {
     autopilot: String,
 }
 
-/// The last line with `--json`: what the vehicle did and was told.
+/// The last line with `--json`: what the vehicle did and which setpoints it received.
 #[derive(Default, Serialize)]
 struct Ended {
     time_s: f64,
@@ -180,7 +180,8 @@ pub(super) fn autopilot(cli: &Cli, args: &AutopilotCommand) -> Result<ExitCode, 
     Ok(ExitCode::SUCCESS)
 }
 
-/// The model, and when its pilot gives control where it cannot begin with that: PX4 needs the companion's stream first.
+/// The model, and when its pilot gives control if it cannot start in control: PX4 needs the companion's stream
+/// first.
 fn model_at_start(args: &AutopilotCommand) -> (Autopilot, Option<u64>) {
     let (software, start) = match (args.software, args.begin) {
         (SoftwareName::Arducopter, Begin::InControl) => (Software::ArduCopter, Start::InControl),

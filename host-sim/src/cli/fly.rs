@@ -38,32 +38,33 @@ const FLY_HELP: &str = "Examples:
 A scenario is JSON: x east, y north, metres, seconds, degrees; every key has a default, an unknown one is an error:
   name, bounds [x0,y0,x1,y1], drone_radius (0.15),
   start [x,y], goal [x,y], goal_velocity [vx,vy],
-  obstacles [{x,y,r,vx,vy,turns_s: there and back}],
-  people [{route [[x,y],...], heading_deg, track [[t,x,y],...] in place of
+  obstacles [{x,y,r,vx,vy,turns_s: to and fro}],
+  people [{route [[x,y],...], heading_deg, track [[t,x,y],...] instead of
     both, speed (1.67), r (0.3), sway_m, sway_s (4), stop_every_s,
     stop_s (2), turn_every_s, turn_deg (60), group (1), group_gap (0.7),
     steps_aside}],
-  people_csv: a file of tracks, time_s,person,x,y,
+  people_csv: a file of tracks with time_s,person,x,y,
   random {count, radius [r0,r1], gap, clear}: pillars by the seed,
   walls [{x0,y0,x1,y1,r,reflection_db,passage_db}],
-  explore_s: how long a signal is searched for,
-  sensor {fov_deg (90), range_m (3), occlusion (true), model circles|scan},
-  bearing {only (true; false: the planner is told where the beacon is),
+  explore_s: how long to search for a signal,
+  sensor {fov_deg (90), range_m (3), occlusion (true), rays (72), turn_s,
+    model circles|scan|lidar},
+  bearing {only (true; false: the planner knows where the beacon is),
     model rf|noise, sigma_deg, snr_db, outlier {rate, offset_deg},
     dropout [t0,t1], pulses {period_s, length_s}, tone_known},
   other_beacons [{x,y,offset_hz,level_db}],
   antenna {single, exponent, front_to_back_db, boresight_deg,
     turn_deg_per_s},
   wind {vx, vy, gust_mps, gust_s (2)},
-  position {noise_m, drift_m, drift_s (20)}: how the autopilot's is off,
+  position {noise_m, drift_m, drift_s (20)}: errors of the autopilot's,
   limits {v_max (1.0), a_max (2.0)},
   vehicle {model point|arducopter, lag_s (0.15), autopilot arducopter|px4},
-  goal_tolerance (0.5: within so many metres of the beacon it is reached),
+  goal_tolerance (0.5: the beacon is reached within this many metres),
   max_time_s (90),
   faults {nan_bearing [t0,t1], stale_obstacles [t0,t1], clock_back_s,
     stale_ownship [t0,t1], dead_channels [4 of [t0,t1] or null]}
 
-`foxhound schema` prints all of it for an editor; scenarios/ has one of each kind.";
+`foxhound schema` prints the JSON schema for an editor; scenarios/ has examples of every kind.";
 
 #[derive(Args, Debug, Default)]
 #[command(after_help = FLY_HELP)]
@@ -71,21 +72,21 @@ pub(super) struct Fly {
     /// Scenario file [default: the built-in pillar forest].
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
-    /// Planner: `foxhound`, ours; `paper`, the main paper's, and `standard`, its baseline, with variants; the others are the baseline
-    /// in the potential field of that name.
+    /// Planner: `foxhound`, ours; `paper`, the main paper's, and `standard`, its baseline, with variants; the
+    /// others are the baseline with the potential field of that name.
     #[arg(long, value_parser = planner_parser(), default_value = "foxhound", value_name = "PLANNER")]
     planner: planner::Config,
-    /// Which angle-of-arrival estimator.
+    /// Angle-of-arrival estimator.
     #[arg(long, value_enum, default_value_t)]
     estimator: EstimatorName,
-    /// Which computer flies: `host`, `qemu:ELF` for a firmware image in QEMU, `g474:ELF` for that of the NUCLEO-G474RE
-    /// in an instruction emulator (docs/contributing.md).
+    /// Flight computer: `host`; `qemu:ELF`, a firmware image in QEMU; `g474:ELF`, the image of the NUCLEO-G474RE in
+    /// an instruction emulator (docs/contributing.md).
     #[arg(long, value_name = "COMPUTER", default_value = "host")]
     via: Via,
-    /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrules the scenario.
+    /// Signal-to-noise ratio per sample of the antenna waveforms, in dB; overrides the scenario.
     #[arg(long, value_name = "DB", value_parser = number(SNR_DB), allow_negative_numbers = true)]
     snr_db: Option<f64>,
-    /// Parameters, as `foxhound params` checks them; they overrule the scenario.
+    /// File of parameters, as for `foxhound params`; they override the scenario.
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
     /// Picture of the flight, .svg or .png [default: flight.svg in the output folder].
@@ -112,7 +113,7 @@ pub(super) struct Fly {
     /// Telemetry log of every MAVLink frame in both directions, with simulated time.
     #[arg(long, value_name = "FILE")]
     tlog: Option<PathBuf>,
-    /// Flight log, which `foxhound replay` flies again: with `qemu:ELF` what the firmware's maintenance port sent.
+    /// Flight log, for `foxhound replay`; with `qemu:ELF` the log that the firmware's maintenance port sent.
     #[arg(long, value_name = "FILE")]
     flight_log: Option<PathBuf>,
 }
@@ -122,19 +123,19 @@ pub(super) enum EstimatorName {
     /// Cross-spectra and least squares.
     #[default]
     Cross,
-    /// The main paper's algorithm to the letter.
+    /// The main paper's algorithm, literally.
     Paper,
-    /// The same with the half-plane by the magnitudes of its angles.
+    /// The same, with the half-plane chosen by the magnitudes of its angles.
     PaperRepaired,
-    /// The same with the half-plane by cross-correlation.
+    /// The same, with the half-plane chosen by cross-correlation.
     PaperCorrelated,
-    /// The main paper's arcsine of one pair, its side by cross-correlation.
+    /// The main paper's arcsine of one pair, with its side chosen by cross-correlation.
     Pair,
-    /// The main paper's crossing of two pairs' directions.
+    /// The main paper's intersection of two pairs' directions.
     TwoArray,
-    /// The main paper's crossing of two pairs that share an antenna.
+    /// The main paper's intersection of two pairs that share an antenna.
     ThreeAntenna,
-    /// The main paper's least-squares crossing of all neighbours' directions.
+    /// The main paper's least-squares intersection of all neighbours' directions.
     NArray,
 }
 
@@ -225,7 +226,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
         }
         Via::G474(elf) => {
             if mission.scenario.sensor.model == SensorModel::Circles {
-                cli.note("the sensor's circles travel to the board as scans");
+                cli.note("the sensor's circles are sent to the board as scans");
             }
             let needs = Needs::of(&mut mission, &config)?;
             let options = g474::Options { seed: mission.seed, ..g474::Options::default() };
@@ -300,7 +301,7 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     Ok(if record.report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// How the end of a flight looks.
+/// Style of the text for an ending.
 pub(super) fn look(ending: Ending) -> Style {
     match ending {
         Ending::Reached => GOOD,

@@ -1,4 +1,4 @@
-//! `foxhound link-state`: the link state's classifier, trained and examined.
+//! `foxhound link-state`: trains and tests the classifier of direct and reflected waves.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -20,7 +20,7 @@ const LINK_STATE_HELP: &str = "Examples:
 #[derive(Args, Debug)]
 #[command(after_help = LINK_STATE_HELP)]
 pub(super) struct LinkState {
-    /// Scenes to examine it with [default: 500].
+    /// Number of scenes to test it with [default: 500].
     #[arg(
         long,
         value_name = "N",
@@ -29,13 +29,13 @@ pub(super) struct LinkState {
         conflicts_with_all = ["train", "check"]
     )]
     scenes: Option<u32>,
-    /// Trains it and writes its weights and what they are worth.
+    /// Trains it, and writes its weights and their accuracy.
     #[arg(long, conflicts_with = "check")]
     train: bool,
-    /// Trains it and compares the weights with those in the repository.
+    /// Trains it, and compares the weights with those in the repository.
     #[arg(long)]
     check: bool,
-    /// The repository.
+    /// Folder of the repository.
     #[arg(long, value_name = "DIR", default_value = ".")]
     repository: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! Who is shown a flight: a file gets its report at the end, browsers get it as it runs.
+//! Readers of a flight's report: a file gets it at the end, browsers get it as the flight runs.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -14,13 +14,13 @@ use super::Cli;
 use super::terminal::warn;
 use super::value::whole;
 
-/// Where the page is when no port is given.
+/// Port of the page by default.
 const PORT: u16 = 8868;
 
 #[derive(Args, Debug, Default)]
 pub(super) struct LiveArgs {
-    /// Serves the page of the report to browsers on this machine while the flight runs, in real time, and afterwards until
-    /// Ctrl-C.
+    /// Serves the report as a live page to browsers on this machine, while the flight runs in real time, and
+    /// afterwards until Ctrl-C.
     #[arg(long)]
     live: bool,
     /// Port of the live page; 0: any free one [default: 8868].
@@ -29,13 +29,13 @@ pub(super) struct LiveArgs {
 }
 
 impl LiveArgs {
-    /// Whether anybody asked for it.
+    /// Whether the live page is on.
     pub(super) const fn is_on(&self) -> bool {
         self.live
     }
 }
 
-/// A flight on record, and who reads it.
+/// The record of a flight, and its readers.
 pub(super) struct Watched {
     recorder: Recorder,
     lines: Vec<String>,
@@ -44,7 +44,7 @@ pub(super) struct Watched {
 }
 
 impl Watched {
-    /// None where nobody wants to see the flight. Says where the page is, `--quiet` or not: nobody else does.
+    /// `None` if there is no reader. Prints the address of the page even with `--quiet`.
     ///
     /// # Errors
     /// The page cannot be served.
@@ -81,7 +81,7 @@ impl Watched {
         self.file.as_ref().map_or(Ok(()), |path| report::write(path, &self.lines))
     }
 
-    /// Goes on serving until told to stop.
+    /// Keeps serving until Ctrl-C.
     pub(super) fn linger(&self, cli: &Cli, stop: &AtomicBool) {
         if let Some(live) = &self.live {
             cli.note(&format!("live: {} stays until Ctrl-C", live.address()));
@@ -97,19 +97,19 @@ impl Watched {
     }
 }
 
-/// Keeps simulated time from running ahead of the clock. Where the machine is slower, so is the flight.
+/// Keeps simulated time from running ahead of real time. On a slower machine the flight is slower.
 pub(super) struct Pace {
     since: Instant,
     speed: f64,
 }
 
 impl Pace {
-    /// Begins now.
+    /// Starts now.
     pub(super) fn new(speed: f64) -> Self {
         Self { since: Instant::now(), speed }
     }
 
-    /// Waits until it is that late.
+    /// Waits until real time has reached `time_s`.
     pub(super) fn wait(&self, time_s: f64) {
         let due = Duration::from_secs_f64(time_s / self.speed);
         sleep(due.saturating_sub(self.since.elapsed()));

@@ -18,7 +18,7 @@ use super::{Cli, json_line, write_text};
 const MAPS_HELP: &str =
     "Density is the area of all pillars in a unit square over that of the square; mean and variance are over all unit \
 squares and are reached within 0.0005. Starts and goals are at least 4 m apart and can be joined by a planner that \
-knows the map and keeps 0.05 m from every pillar; the suite file holds the length of the shortest such way. \
+knows the map and keeps 0.05 m from every pillar; the suite file holds the length of the shortest such path. \
 Without --row or --mean: the five maps of the main paper's Table I, four of each.
 
 Examples:
@@ -52,7 +52,7 @@ pub(super) struct MapsCommand {
         requires = "mean"
     )]
     variance: Option<f64>,
-    /// Dense on one side of a line, sparse on the other, as row 5 is.
+    /// Dense on one side of a line, sparse on the other, as in row 5.
     #[arg(long, requires = "mean")]
     step: bool,
     /// Edges of the map, metres.
@@ -148,7 +148,7 @@ pub(super) fn draw_maps(cli: &Cli, args: &MapsCommand) -> Result<ExitCode, Input
     } else {
         show(&report.table());
     }
-    // What is described has its file already.
+    // The suite that is described exists already.
     let folder = cli.out.clone().or_else(|| (!cli.json && args.describe.is_none()).then(|| PathBuf::from("out")));
     if let Some(folder) = folder {
         let picture = folder.join("maps.svg");

@@ -1,4 +1,4 @@
-//! `foxhound merge`: the shards of a suite, put together.
+//! `foxhound merge`: joins the shards of a suite.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

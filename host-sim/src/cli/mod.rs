@@ -1,4 +1,4 @@
-//! The command line. Results go to stdout; notes, progress and errors to stderr. Exit status: 0 done as asked, 1 flown
+//! The command line. Results go to stdout; notes, progress and errors to stderr. Exit status: 0 success, 1 flown
 //! but the goal was not reached, 2 bad usage or input.
 
 mod autopilot;
@@ -47,19 +47,19 @@ use terminal::{say, show, warn};
 use value::whole;
 
 /// Lets a small drone find a radio beacon by itself: direction finding with four antennas, planning among unknown
-/// obstacles, velocity setpoints for the autopilot. Without a command, flies the built-in mission.
+/// obstacles, velocity setpoints for the autopilot. Without a command, it flies the built-in mission.
 #[derive(Debug, Parser)]
 #[command(name = "foxhound", version, after_help = EXAMPLES)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Prints JSON on stdout and nothing else there.
+    /// Prints JSON on stdout and nothing else.
     #[arg(long, global = true)]
     json: bool,
     /// Prints no progress and no notes: results, warnings and errors only.
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Seed of everything random; the same seed gives the same flight.
+    /// Seed of all random numbers; the same seed gives the same flight.
     #[arg(
         long,
         global = true,
@@ -68,7 +68,7 @@ struct Cli {
         allow_negative_numbers = true
     )]
     seed: u64,
-    /// Folder for the files that are written [default: out; with --json nothing is written unless asked for].
+    /// Folder for output files [default: out; with --json nothing is written unless requested].
     #[arg(long, global = true, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -95,7 +95,7 @@ enum Command {
     Fly(Fly),
     /// Flies a real or modelled autopilot over MAVLink, in real time.
     Companion(CompanionCommand),
-    /// Runs a modelled autopilot in real time, to try `companion` with.
+    /// Runs a modelled autopilot in real time, for use with `companion`.
     Autopilot(AutopilotCommand),
     /// Finds the bearings in a recording.
     Bearing(BearingCommand),
@@ -107,11 +107,11 @@ enum Command {
     Replay(ReplayCommand),
     /// Talks to a flight computer over its maintenance port, and records its flight log.
     Port(PortCommand),
-    /// Draws maps of given obstacle density and start/goal pairs on them, or describes those of a suite file.
+    /// Makes maps of given obstacle density with start/goal pairs, or describes those of a suite file.
     Maps(MapsCommand),
     /// Flies all pairs of a suite file, many at a time.
     Suite(SuiteCommand),
-    /// Puts the shards of a suite together.
+    /// Joins the shards of a suite.
     Merge(MergeCommand),
     /// Lists the parameters, or checks values for them.
     Params(ParamsCommand),
@@ -122,9 +122,9 @@ enum Command {
     Reproduce(Reproduce),
     /// Looks for the landing pad in a picture.
     Pad(PadCommand),
-    /// Examines or trains the network that tells a reflected wave from a direct one.
+    /// Tests or trains the network that distinguishes a reflected wave from a direct one.
     LinkState(LinkState),
-    /// Prints the completions of commands and options for a shell.
+    /// Prints the manual page, or writes the pages of all commands.
     Completions(CompletionsCommand),
     /// Prints the manual page, or writes those of all commands.
     Man(ManCommand),
@@ -144,14 +144,14 @@ A scenario names the schema in its key $schema, as the files in scenarios/ do; w
 #[derive(Args, Debug)]
 #[command(after_help = TLOG_HELP)]
 struct TlogCommand {
-    /// The log.
+    /// The log file.
     file: PathBuf,
     /// The file is a plain byte stream without time stamps.
     #[arg(long)]
     raw: bool,
 }
 
-/// Runs the command that was given.
+/// Runs the command.
 pub(crate) fn run() -> ExitCode {
     let cli = Cli::parse();
     let done = match &cli.command {
@@ -190,7 +190,7 @@ fn json_line(value: &impl Serialize) -> Result<String, InputError> {
     Ok(line)
 }
 
-/// The command line as it was given.
+/// The command line as given.
 fn command_line() -> String {
     let mut text = "foxhound".to_owned();
     for argument in std::env::args().skip(1) {
@@ -216,7 +216,7 @@ fn write_text(path: &Path, text: &str) -> Result<(), InputError> {
     std::fs::write(path, text).map_err(failed)
 }
 
-/// Finds out before the work whether its result can be written: makes the file, unless it is there.
+/// Checks before the work that its result can be written: creates the file, unless it exists.
 fn check_writable(option: &str, path: Option<&PathBuf>) -> Result<(), InputError> {
     let Some(path) = path else { return Ok(()) };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());

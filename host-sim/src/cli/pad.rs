@@ -1,4 +1,4 @@
-//! `foxhound pad`: what the pad detector sees in a picture, and the training of its weights.
+//! `foxhound pad`: runs the pad detector on a picture, or trains its weights.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -36,19 +36,19 @@ Exit status: 0 the pad is there; 1 it is not; 2 bad usage or input.";
 #[derive(Args, Debug)]
 #[command(after_help = PAD_HELP)]
 pub(super) struct PadCommand {
-    /// The picture.
+    /// The picture, a PNG file.
     #[arg(long, value_name = "FILE", required_unless_present_any = ["render", "train"])]
     image: Option<PathBuf>,
-    /// Draws a scene by --seed instead, with a pad.
+    /// Draws a scene with a pad by --seed instead.
     #[arg(long, conflicts_with_all = ["image", "height"])]
     render: bool,
-    /// Trains new weights by --seed, and compares them with those that fly, on drawn pictures that neither has seen.
+    /// Trains new weights by --seed, and compares them with the current ones on drawn pictures new to both.
     #[arg(long, conflicts_with_all = ["image", "render", "height", "size", "grey", "focal", "radius"])]
     train: bool,
     /// Height of the camera above the pad, in metres.
     #[arg(long, value_name = "M", value_parser = number(HEIGHT_M), allow_negative_numbers = true)]
     height: Option<f64>,
-    /// Columns and lines that the detector gets.
+    /// Columns and lines for the detector.
     #[arg(long, value_name = "WxH")]
     size: Option<String>,
     /// Converts the picture to grey.
@@ -69,14 +69,14 @@ const RADIUS_M: std::ops::RangeInclusive<f64> = 0.02..=5.0;
 #[derive(Serialize)]
 struct Report {
     seen: &'static str,
-    /// Why not, where it is not.
+    /// The reason, if there was no detection.
     reason: Option<String>,
     forward: Option<f32>,
     right: Option<f32>,
     radius: Option<f32>,
     confidence: Option<f32>,
     is_cut: Option<bool>,
-    /// The centre in pixels of what the detector got.
+    /// The centre, in pixels of the scaled picture.
     column_px: Option<f32>,
     row_px: Option<f32>,
     width_px: u16,

@@ -1,4 +1,5 @@
-//! `foxhound completions` and `foxhound man`: what a shell and a manual know of the command line, made from its definition.
+//! `foxhound completions` and `foxhound man`: shell completions and manual pages, made from the definition of the
+//! command line.
 
 use std::io;
 use std::path::Path;
@@ -25,7 +26,7 @@ const MAN_HELP: &str = "Examples:
 #[derive(Args, Debug)]
 #[command(after_help = COMPLETIONS_HELP)]
 pub(super) struct CompletionsCommand {
-    /// Which shell.
+    /// Name of the shell.
     #[arg(value_enum)]
     shell: Shell,
 }
@@ -33,7 +34,7 @@ pub(super) struct CompletionsCommand {
 #[derive(Args, Debug)]
 #[command(after_help = MAN_HELP)]
 pub(super) struct ManCommand {
-    /// Of which command [default: of foxhound itself].
+    /// Name of the command [default: foxhound itself].
     #[arg(value_name = "COMMAND")]
     of: Option<String>,
 }
@@ -49,7 +50,7 @@ pub(super) fn completions(cli: &Cli, args: &CompletionsCommand) -> Result<ExitCo
 pub(super) fn manual(cli: &Cli, args: &ManCommand) -> Result<ExitCode, InputError> {
     refuse_json(cli, "a page of the manual")?;
     let mut all = Cli::command();
-    // Gives every command the options that all have, and its whole name.
+    // Adds the global options and the full name to every command.
     all.build();
     if let Some(folder) = &cli.out {
         if args.of.is_some() {
@@ -74,7 +75,7 @@ pub(super) fn manual(cli: &Cli, args: &ManCommand) -> Result<ExitCode, InputErro
 }
 
 fn refuse_json(cli: &Cli, what: &str) -> Result<(), InputError> {
-    if cli.json { Err(InputError::new(format!("--json: {what} is no JSON"))) } else { Ok(()) }
+    if cli.json { Err(InputError::new(format!("--json: {what} is not JSON"))) } else { Ok(()) }
 }
 
 fn write_page(cli: &Cli, folder: &Path, command: &Command) -> Result<(), InputError> {
@@ -88,7 +89,7 @@ fn whole_name(command: &Command) -> &str {
     command.get_display_name().unwrap_or_else(|| command.get_name())
 }
 
-/// A page in roff. What stands behind the options in `--help` keeps its lines: examples are no running text.
+/// A page in roff. The text after the options in `--help` keeps its lines, since examples must not be reflowed.
 fn page(command: &Command) -> Result<String, InputError> {
     let man = Man::new(command.clone());
     let mut page = Vec::new();

@@ -1,4 +1,4 @@
-//! `foxhound params`: the table of parameters, and whether some values are accepted.
+//! `foxhound params`: prints the table of parameters, or checks values.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -13,8 +13,8 @@ use serde::Serialize;
 use super::terminal::{say, show};
 use super::{Cli, json_line};
 
-const PARAMS_HELP: &str = "A file has one NAME = VALUE in a line, as in `FH_SPD_MAX = 2.0`. Values are checked one by one and all together, as a \
-vehicle would check them; what is refused is named, with what would be accepted.
+const PARAMS_HELP: &str = "A file has one NAME = VALUE per line, as in `FH_SPD_MAX = 2.0`. Values are checked one by one and all together, as a \
+vehicle would check them; an error names the parameter and what would be accepted.
 
 Examples:
   foxhound params
@@ -26,7 +26,7 @@ Examples:
 #[derive(Args, Debug)]
 #[command(after_help = PARAMS_HELP)]
 pub(super) struct ParamsCommand {
-    /// Prints the manual's page.
+    /// Prints the page of the manual.
     #[arg(long, conflicts_with_all = ["set", "file", "json"])]
     markdown: bool,
     /// Sets a value, after those of the file.

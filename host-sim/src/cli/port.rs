@@ -1,4 +1,4 @@
-//! `foxhound port`: the maintenance port from the other end of the cable.
+//! `foxhound port`: the maintenance port, seen from the other end of the cable.
 
 use std::fs::File;
 use std::io::Write as _;
@@ -30,11 +30,11 @@ const PORT_HELP: &str = "Examples:
   foxhound port --serial /dev/ttyACM0 dump 64 --out F.npy
   foxhound port --serial /dev/ttyACM0 bringup
 
-Exit status: 0 done as asked; 1 nobody answered, frames are missing, or a check has failed; 2 bad usage, or no such port.";
+Exit status: 0 done as asked; 1 no answer, frames are missing, or a check has failed; 2 bad usage, or no such port.";
 
-/// So long an answer, or the next frame, is waited for.
+/// Time to wait for an answer, or for the next frame.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// After the last word of an answer so much silence.
+/// An answer has ended after a silence of this length.
 const SILENCE: Duration = Duration::from_millis(300);
 const BAUD_MIN: u64 = *BAUDS.start() as u64;
 const BAUD_MAX: u64 = *BAUDS.end() as u64;
@@ -43,10 +43,10 @@ const READ_EVERY: Duration = Duration::from_millis(2);
 #[derive(Args, Debug)]
 #[command(after_help = PORT_HELP)]
 pub(super) struct PortCommand {
-    /// The serial port: of a NUCLEO board the one of its ST-LINK.
+    /// The serial port; of a NUCLEO board, that of its ST-LINK.
     #[arg(long, value_name = "DEVICE")]
     serial: PathBuf,
-    /// Bits a second.
+    /// Baud rate, bits per second.
     #[arg(
         long,
         value_name = "N",
@@ -58,13 +58,13 @@ pub(super) struct PortCommand {
     /// Records everything that is received.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// Ends after that many seconds at the latest [default: 3 with a command, else never].
+    /// Ends after this many seconds at the latest [default: 3 with a command, else never].
     #[arg(long, value_name = "S", value_parser = number(MAX_TIME_S), allow_negative_numbers = true)]
     seconds: Option<f64>,
-    /// Where `dump` puts the frames, and `bringup` those that it has looked at: int16, shape (frames, 4, 256).
+    /// File for the frames of `dump` or `bringup`: int16, shape (frames, 4, 256).
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Command for the flight computer, or `bringup`; `help` lists them. Without one it only listens.
+    /// Command for the flight computer, or `bringup`; `help` lists them. Without one, only listens.
     command: Vec<String>,
 }
 
@@ -86,7 +86,7 @@ struct Cable {
     deframer: Box<LogDeframer>,
 }
 
-/// What comes by it.
+/// Something received over it.
 enum Reply {
     Text(String),
     Frame(Box<AdcFrame<SAMPLES_PER_CHANNEL>>),
@@ -100,12 +100,12 @@ impl Cable {
         Ok(Self { line, log, deframer: Box::new(LogDeframer::new()) })
     }
 
-    /// Types a line. Whatever was begun before is ended by the first line feed.
+    /// Types a line. The first line feed ends whatever was typed before.
     fn say(&mut self, command: &str) {
         self.line.write(format!("\n{command}\n").as_bytes());
     }
 
-    /// Takes what has come.
+    /// Takes what has been received.
     fn hear(&mut self) -> Result<Vec<Reply>, InputError> {
         let bytes = self.line.read();
         if let Some(log) = &mut self.log {
@@ -123,7 +123,8 @@ impl Cable {
         Ok(heard)
     }
 
-    /// Asks, and hands each line of the answer on as it comes; whether there was one. It has ended after [`SILENCE`].
+    /// Sends a command, and passes each line of the answer on as it comes; returns whether there was one. It has
+    /// ended after [`SILENCE`].
     fn ask(&mut self, command: &str, patience: Duration, mut answer: impl FnMut(String)) -> Result<bool, InputError> {
         self.say(command);
         let (begin, mut heard_at) = (Instant::now(), None::<Instant>);
@@ -139,7 +140,7 @@ impl Cable {
         Ok(heard_at.is_some())
     }
 
-    /// Has the codes of so many frames sent, and asks again for those that were lost on the way; fewer where none come.
+    /// Requests the samples of that many frames, and requests lost ones again; fewer where none come.
     ///
     /// # Errors
     /// The computer refuses it.
@@ -201,11 +202,11 @@ pub(super) fn port(cli: &Cli, args: &PortCommand) -> Result<ExitCode, InputError
 
 fn dump(cli: &Cli, args: &PortCommand, frames: &str, out: &Path) -> Result<ExitCode, InputError> {
     let wanted = frames.parse().ok().filter(|wanted| (1..=FRAMES_MAX).contains(wanted));
-    let wanted =
-        wanted.ok_or_else(|| InputError::new(format!("dump {frames}: how many frames, 1 to {FRAMES_MAX}?")))?;
+    let wanted = wanted
+        .ok_or_else(|| InputError::new(format!("dump {frames}: expected a number of frames, 1 to {FRAMES_MAX}")))?;
     let snapshots = Cable::open(args)?.dump(wanted)?;
     if snapshots.is_empty() {
-        warn("no frames came");
+        warn("no frames received");
         return Ok(ExitCode::from(1));
     }
     Recording::of(&snapshots).write(out)?;
@@ -218,7 +219,7 @@ fn dump(cli: &Cli, args: &PortCommand, frames: &str, out: &Path) -> Result<ExitC
     Ok(ExitCode::from(u8::from(frames < usize::from(wanted))))
 }
 
-/// Says what there is to say, if anything, and prints the texts that come.
+/// Sends the command, if there is one, and prints the texts that come.
 fn listen(cli: &Cli, args: &PortCommand, command: &str) -> Result<ExitCode, InputError> {
     let mut cable = Cable::open(args)?;
     let asks = !command.is_empty();
@@ -241,7 +242,7 @@ fn listen(cli: &Cli, args: &PortCommand, command: &str) -> Result<ExitCode, Inpu
         }
         if patience_s.is_some_and(|patience_s| begin.elapsed().as_secs_f64() > patience_s) {
             if asks && heard_at.is_none() {
-                warn("nobody answered");
+                warn("no answer");
                 return Ok(ExitCode::from(1));
             }
             return Ok(ExitCode::SUCCESS);

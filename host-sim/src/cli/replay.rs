@@ -1,4 +1,4 @@
-//! `foxhound replay`: a flight log flown again.
+//! `foxhound replay`: flies a flight log again.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -22,7 +22,7 @@ Exit status: 0 every step is the same, bit for bit; 1 one is not, or frames are 
 #[derive(Args, Debug)]
 #[command(after_help = REPLAY_HELP)]
 pub(super) struct ReplayCommand {
-    /// The log.
+    /// The log file.
     file: PathBuf,
 }
 
@@ -46,12 +46,12 @@ fn words(summary: &Summary) -> String {
         (Some(step), Some(flight), Some(time_s)) => {
             format!("differs from step {step} of flight {flight} on, at {time_s:.2} s")
         }
-        _ if *gaps > 0 => "identical, as far as it is there".to_owned(),
+        _ if *gaps > 0 => "identical, as far as it is complete".to_owned(),
         _ => "identical".to_owned(),
     };
     format!(
         "{verdict}\n  flights          {flights}, {steps} steps, {late_steps} late\n  frames           {frames}, {frames_missing} \
-         missing in {gaps} gaps, {rubbish} pieces of something else\n  front end        {codes_checked} frames checked, \
+         missing in {gaps} gaps, {rubbish} pieces of other data\n  front end        {codes_checked} frames checked, \
          {codes_off} off\n  trace            {}\n",
         summary.trace_hash
     )

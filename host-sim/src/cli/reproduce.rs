@@ -26,7 +26,7 @@ const REPRODUCE_HELP: &str = "Examples:
 #[derive(Args, Debug)]
 #[command(after_help = REPRODUCE_HELP)]
 pub(super) struct Reproduce {
-    /// Which one.
+    /// Name of the experiment.
     #[arg(value_enum)]
     experiment: Name,
     /// apf-density: start/goal pairs of each row of Table I [default: 100].
@@ -53,15 +53,17 @@ enum Name {
     AoaCrb,
     /// Planners on maps of growing obstacle density (main paper, Table I, fig. 9 and 10).
     ApfDensity,
-    /// The closed loop among walls that reflect, with and without the filters behind the bearing.
+    /// The closed loop among reflecting walls, with and without the filters that follow the bearing.
     Multipath,
-    /// Filters in sight and behind walls, paths on which bearings tell more (mmWave paper, fig. 2 to 4 and Table 2).
+    /// Filters in line of sight and behind walls; paths on which bearings give more information (mmWave paper, fig.
+    /// 2 to 4 and Table 2).
     Localize,
-    /// Agents that look for a transmitter indoors by its angle of arrival (belief-space paper, Table 3, fig. 5 and 6).
+    /// Agents that search for a transmitter indoors by its angle of arrival (belief-space paper, Table 3, fig. 5
+    /// and 6).
     Mmwave,
     /// Four potential fields in four scenes with local minima (variants paper, Table I).
     ApfVariants,
-    /// Excess travel behind a turning antenna over outliers and noise (rotating vehicle's paper, fig. 3 and 4).
+    /// Excess travel with a turning antenna over outliers and noise (rotating vehicle's paper, fig. 3 and 4).
     Stretch,
 }
 
@@ -98,7 +100,7 @@ fn progress(cli: &Cli, experiment: Experiment, settings: &Settings) -> ProgressB
 pub(super) fn reproduce(cli: &Cli, args: &Reproduce) -> Result<ExitCode, InputError> {
     let settings = args.settings(cli.seed)?;
     let name = args.experiment.to_possible_value();
-    // All of them are no experiment of that name.
+    // `all` is not the name of an experiment.
     let Some(experiment) = name.and_then(|name| Experiment::named(name.get_name())) else { return all(cli, settings) };
     let folder = cli.out.clone().or_else(|| (!cli.json).then(|| PathBuf::from("out")));
     let progress = progress(cli, experiment, &settings);
@@ -131,7 +133,7 @@ fn all(cli: &Cli, settings: Settings) -> Result<ExitCode, InputError> {
             progress.finish_and_clear();
             made?;
         }
-        // So that there is something to look at before the last is done.
+        // So that there is a page before the last experiment is done.
         gallery.write_page(&command_line())?;
         if let Some(shown) = gallery.shown().last() {
             let how = if shown.kept { "there already".to_owned() } else { format!("{:.1} s", shown.seconds) };

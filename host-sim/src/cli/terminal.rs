@@ -1,7 +1,7 @@
-//! What goes to the terminal: results to stdout; notes, progress and errors to stderr. And what comes from it: Ctrl-C.
+//! Output to the terminal: results to stdout; notes, progress and errors to stderr. Input from it: Ctrl-C.
 //!
-//! Colours and bars are for terminals: a text that goes into a pipe or a file is plain, and so is everything with
-//! `NO_COLOR` set. Nothing is said by a colour alone.
+//! Colours and bars are for terminals: text that goes into a pipe or a file is plain, and so is all text if
+//! `NO_COLOR` is set. No information is in a colour alone.
 
 use std::io::{self, Write as _};
 use std::sync::Arc;
@@ -14,29 +14,29 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Cli;
 
-/// How a heading looks.
+/// Style of a heading.
 pub(super) const HEADING: Style = Style::new().bold();
-/// How it looks that something came to a good end.
+/// Style of a success.
 pub(super) const GOOD: Style = AnsiColor::Green.on_default().bold();
-/// That something has stopped halfway.
+/// Style of a partial success.
 pub(super) const HALF: Style = AnsiColor::Yellow.on_default().bold();
-/// That something has gone wrong.
+/// Style of a failure.
 pub(super) const BAD: Style = AnsiColor::Red.on_default().bold();
 
-/// From one picture of a line without an end to the next.
+/// Time between two updates of a progress line.
 const TICK: Duration = Duration::from_millis(120);
 
-/// Writes to stdout as it is; a reader that has gone away is not our error.
+/// Writes to stdout; a reader that has closed the pipe is not our error.
 pub(super) fn say(text: &str) {
     let _ = io::stdout().lock().write_all(text.as_bytes());
 }
 
-/// Writes a text for people to stdout, the first line of each of its parts as a heading.
+/// Writes a text for people to stdout, with the first line of each part as a heading.
 pub(super) fn show(text: &str) {
     show_as(HEADING, text);
 }
 
-/// The same, with another look of the very first line.
+/// The same, with another style for the very first line.
 pub(super) fn show_as(first: Style, text: &str) {
     let mut styled = String::with_capacity(text.len() + 64);
     let mut style = Some(first);
@@ -51,7 +51,7 @@ pub(super) fn show_as(first: Style, text: &str) {
     let _ = anstream::stdout().lock().write_all(styled.as_bytes());
 }
 
-/// Writes a line to stderr, `--quiet` or not: a warning, or half of an answer.
+/// Writes a line to stderr even with `--quiet`: a warning, or half of an answer.
 pub(super) fn warn(text: &str) {
     let (label, rest) = match text.split_once(": ") {
         Some(("warning", rest)) => (format!("{HALF}warning:{HALF:#} "), rest),
@@ -61,7 +61,7 @@ pub(super) fn warn(text: &str) {
     let _ = writeln!(anstream::stderr(), "{label}{rest}");
 }
 
-/// A flag that Ctrl-C, or whoever ends the program, sets.
+/// A flag that is set by Ctrl-C or by a signal to end.
 pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
     let flag = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
@@ -71,21 +71,21 @@ pub(super) fn stop_flag() -> Result<Arc<AtomicBool>, InputError> {
 }
 
 impl Cli {
-    /// Writes a line to stderr, of which a script may do without.
+    /// Writes a note to stderr; `--quiet` suppresses it.
     pub(super) fn note(&self, text: &str) {
         if !self.quiet {
             warn(text);
         }
     }
 
-    /// How far something is that ends after `length` of `unit`, and how long the rest takes.
+    /// A progress bar for `length` of `unit`, with the remaining time.
     pub(super) fn bar(&self, doing: &str, length: u64, unit: &str) -> ProgressBar {
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         let template = format!("{doing} {{bar:40.green/dim}} {{pos}} of {{len}}{unit}, {{eta}} left{{msg}}");
         styled(ProgressBar::with_draw_target(Some(length), self.target()), &template)
     }
 
-    /// That something is in progress, for an unknown time.
+    /// A sign of progress for an unknown time.
     pub(super) fn spinner(&self, doing: &str) -> ProgressBar {
         let template = format!("{{spinner:.green}} {doing}, {{elapsed}} so far");
         let spinner = styled(ProgressBar::with_draw_target(None, self.target()), &template);
@@ -95,7 +95,7 @@ impl Cli {
         spinner
     }
 
-    /// Hidden by itself where stderr is no terminal.
+    /// Hidden where stderr is not a terminal.
     fn target(&self) -> ProgressDrawTarget {
         if self.json || self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() }
     }

@@ -1,12 +1,12 @@
-//! Values of options: what is refused is named with the range that would be accepted.
+//! Values of options: an error names the accepted range.
 
 use std::ops::RangeInclusive;
 
 use clap::builder::{StringValueParser, TypedValueParser};
 use foxhound_sim::scenario::input::InputError;
 
-/// A number. Whether it is inside its range is checked where it is used, and said in the same words as of a file's; here
-/// only what is no number is refused.
+/// A number. Its range is checked where it is used, with the same error text as for a value in a file; here only
+/// what is not a number is refused.
 pub(super) fn number(range: RangeInclusive<f64>) -> impl TypedValueParser<Value = f64> {
     StringValueParser::new().try_map(move |text| {
         let refused = || InputError::new(format!("expected a number in {}..={}", range.start(), range.end()));

@@ -1,20 +1,22 @@
-//! The firmware in QEMU with everything going wrong, some hundred missions long.
+//! The firmware in QEMU with all kinds of faults, over some hundred missions.
 //!
-//! The vehicle flies to and fro between two places past pillars, beside a modelled autopilot. Every few seconds one fault
-//! happens, by a seed: from outside (noise and cuts on the line, an autopilot that restarts, converters that freeze) or
-//! inside ([`Fault`](foxhound_computer::twin::Fault): power cuts at any instruction, panics, faults of the processor, a stolen processor, a starved
-//! planner, spoiled flash). Then the pilot takes over and enters the mode afresh, and the vehicle must fly on, or stand
-//! still and say why. What is asked of every fault:
+//! The vehicle flies to and fro between two places past pillars, with a modelled autopilot. Every few seconds one
+//! fault happens, by a seed: from outside (noise and cuts on the line, an autopilot that restarts, converters that
+//! freeze) or inside ([`Fault`](foxhound_computer::twin::Fault): power cuts at any instruction, panics, faults of the
+//! processor, processor time taken away, a planner without time, damaged flash). Then the pilot takes over and enters
+//! the mode again, and the vehicle must fly on, or hold and report why. Requirements for every fault:
 //!
 //! - no setpoint outside the limits, and no moving setpoint while the autopilot reports that it does not obey;
-//! - no pillar touched under our control. What the autopilot flies on by itself after the computer went away is counted
-//!   apart: with `GUID_TIMEOUT` as `docs/hardware/autopilot.md` has it that is a second;
-//! - the computer restarts where the fault ends the program, and nowhere else, and the pilot gets, for every restart, the
-//!   text that belongs to it;
-//! - a stolen processor makes late steps.
+//! - no collision with a pillar under our control. Collisions while the autopilot flies on by itself after the
+//!   computer has failed are counted separately: with `GUID_TIMEOUT` as in `docs/hardware/autopilot.md` that is a
+//!   second;
+//! - the computer restarts if the fault ends the program, and only then, and the pilot gets the right text for every
+//!   restart;
+//! - processor time taken away makes late steps.
 //!
-//! A mission can be flown again by its seed: the faults are the same, at the same steps. A power cut counts the firmware's time
-//! inside its steps, which differs by the odd interrupt: it then comes some instructions earlier or later.
+//! A mission can be repeated by its seed: the faults are the same, at the same steps. A power cut is timed by the
+//! firmware's clock inside its steps, which varies slightly by interrupts: it may then come some instructions earlier
+//! or later.
 
 mod flight;
 mod kind;
@@ -36,7 +38,7 @@ use crate::world::Horizontal;
 use crate::world::random::Random;
 use flight::{Flight, SECOND_US, Twin};
 
-/// Flies one mission with so many faults; their kinds take turns, through all missions with seeds from 1 on.
+/// Flies one mission with this many faults; their kinds alternate, through all missions with seeds from 1 on.
 ///
 /// # Errors
 /// The firmware does not start.
@@ -80,7 +82,7 @@ pub fn fly_with(elf: &Path, seed: u64, kinds: &[Kind]) -> Result<Report, QemuErr
     Ok(report)
 }
 
-/// Eight pillars between two places, far enough from each other to fly between.
+/// Eight pillars between two places, far enough from each other to pass between.
 fn forest(seed: u64) -> Scenario {
     let mut random = Random::new(seed, 0xf0e5);
     let mut obstacles: Vec<Obstacle> = Vec::new();

@@ -1,4 +1,4 @@
-//! The companion computer that is being flown: in this process, or the firmware in QEMU.
+//! The companion computer in a flight: in this process, or the firmware in QEMU.
 //!
 //! Both drive the same [`foxhound_computer::flight`], so that their traces are equal bit for bit.
 
@@ -34,13 +34,13 @@ use store::Store;
 /// Samples per channel of one frame.
 pub const BLOCK: usize = foxhound_computer::SAMPLES_PER_CHANNEL;
 
-/// Room for what the link may want to say in one step.
+/// Buffer for the bytes that the link sends in one step.
 const TRANSMIT_BYTES: usize = 4096;
 
-/// What one step came to.
+/// The result of one step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepReport {
-    /// What guidance said.
+    /// Output of guidance.
     pub output: Output,
     /// A plan that was finished in this step.
     pub plan: Option<Planned>,
@@ -48,14 +48,14 @@ pub struct StepReport {
     pub tx: Vec<u8>,
 }
 
-/// What the planner went by and considered for a plan.
+/// The planner's input and samples of a plan.
 #[derive(Clone, Copy, Debug)]
 pub struct Considered<'a> {
     /// The obstacles that it knew.
     pub known: &'a [Disc],
-    /// What it answered.
+    /// Its answer.
     pub plan: &'a Plan,
-    /// What it drew, where this plan needed it; what it drew before, where not.
+    /// Its samples, if this plan needed any; otherwise the earlier ones.
     pub workspace: &'a Workspace,
 }
 
@@ -73,7 +73,7 @@ impl std::error::Error for ComputerError {}
 
 /// A companion computer.
 pub trait Computer {
-    /// Does one step: the frame and the autopilot's bytes in, what happened and the bytes for the autopilot out.
+    /// Does one step, with the frame and the autopilot's bytes; returns the result and the bytes for the autopilot.
     ///
     /// # Errors
     /// The computer does not answer as it should.
@@ -85,29 +85,29 @@ pub trait Computer {
         rx: &[u8],
     ) -> Result<StepReport, ComputerError>;
 
-    /// Lets its camera see: bytes of frames, as they come in at the maintenance port ahead of the next step.
+    /// Passes bytes of camera frames to it, as they arrive at the maintenance port before the next step.
     ///
     /// # Errors
-    /// The computer does not take them.
+    /// The computer does not accept them.
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError>;
 
-    /// Lets its lidar turn: bytes of frames, as they come in on its line ahead of the next step.
+    /// Passes bytes of lidar frames to it, as they arrive on its line before the next step.
     ///
     /// # Errors
-    /// The computer has no such line, or does not take them.
+    /// The computer has no such line, or does not accept them.
     fn turn(&mut self, bytes: &[u8]) -> Result<(), ComputerError>;
 
-    /// When its next step will be, in seconds since its start, where it keeps its own time: the simulation follows.
+    /// When its next step will be, in seconds since its start, if it keeps its own time: the simulation follows it.
     fn next_step_s(&self) -> Option<f64> {
         None
     }
 
-    /// Whether the mode that gives it control has to be entered after its start.
+    /// Whether the mode has to be entered after its start before it has control.
     fn needs_entry(&self) -> bool {
         false
     }
 
-    /// Keeps its flight log from now on, where it has one.
+    /// Records its flight log from now on, if it has one.
     fn log_flight(&mut self) {}
 
     /// The flight log since the last call.
@@ -115,32 +115,32 @@ pub trait Computer {
         Vec::new()
     }
 
-    /// Tells the pilot something, in 50 bytes; false where it has no way to be made to.
+    /// Sends a text of up to 50 bytes to the pilot; false if that is not possible.
     fn tell(&mut self, _text: &str) -> bool {
         false
     }
 
-    /// What it spent its time on since its start, for people, where it counts that.
+    /// The use of its time since its start, as text, if it is measured.
     fn time_spent(&mut self) -> Option<String> {
         None
     }
 
-    /// The obstacles that it remembers, where one can look into it.
+    /// The circles of its obstacle map, if its state can be read.
     fn remembered(&self) -> Vec<Circle> {
         Vec::new()
     }
 
-    /// The objects that it tracks, where its state can be read.
+    /// The objects that it tracks, if its state can be read.
     fn followed(&self) -> Vec<Track> {
         Vec::new()
     }
 
-    /// The velocity with which it gives way to what moves, where it does and one can look into it.
+    /// The velocity with which it gives way to moving obstacles, if it does and its state can be read.
     fn evasion(&self) -> Option<Horizontal> {
         None
     }
 
-    /// What the plan of the last step was made from, where there is one and one can look into it.
+    /// The input and samples of the plan of the last step, if there is one and its state can be read.
     fn considered(&self) -> Option<Considered<'_>> {
         None
     }
@@ -156,7 +156,7 @@ pub struct HostComputer {
     systems: AllSystems,
     workspace: Workspace,
     finished: Option<Plan>,
-    /// What it was made around.
+    /// The obstacles of that plan.
     known: Vec<Disc>,
     store: Option<Store>,
     recording: Option<Recording>,
@@ -169,7 +169,7 @@ pub struct HostComputer {
 }
 
 impl HostComputer {
-    /// A computer that was just switched on.
+    /// A computer that has just been switched on.
     ///
     /// # Errors
     /// The field of the configuration that is refused.
@@ -194,29 +194,29 @@ impl HostComputer {
         })
     }
 
-    /// Signs what the link says from now on, and believes what is signed.
+    /// Signs the link's messages from now on, and requires signatures.
     pub fn sign_with(&mut self, signing: Signing) {
         self.companion.sign_with(Some(signing));
     }
 
-    /// The configuration that holds.
+    /// The configuration in use.
     #[must_use]
     pub const fn config(&self) -> &guidance::Config {
         &self.config
     }
 
-    /// What the last examination of the receiver came to.
+    /// The result of the last test of the receiver.
     #[must_use]
     pub const fn examined(&self) -> Option<&Report> {
         self.receiver.test().report()
     }
 
-    /// The calibration that was found since the last call.
+    /// The calibration measured since the last call.
     pub fn take_calibration(&mut self) -> Option<Calibration> {
         self.parts().0.take_calibration()
     }
 
-    /// What is flown, and where its parameters are kept.
+    /// The flight's parts, and the storage of its parameters.
     fn parts(&mut self) -> (Flight<'_, AllSystems>, &mut Option<Store>) {
         let Self { config, guidance, state, systems, companion, store, receiver, lidar, .. } = self;
         (Flight { config, guidance, state, systems, companion, receiver, lidar }, store)
@@ -244,7 +244,7 @@ impl Computer for HostComputer {
                 if is_turned {
                     log.hear_lidar(&turned);
                 }
-                flight.serve(&mut log.mapper(store))
+                flight.serve(&mut log.parameter_store(store))
             }),
             None => flight.serve(store),
         };
@@ -276,7 +276,7 @@ impl Computer for HostComputer {
 
     fn see(&mut self, bytes: &[u8]) -> Result<(), ComputerError> {
         let height_m = self.state.height_m();
-        // As the firmware does: with the parameters that hold now.
+        // As the firmware does: with the parameters in use now.
         let detector = camera::detector(&self.config).map_err(|error| ComputerError(error.to_string()))?;
         self.camera.set_detector(detector);
         for byte in bytes {

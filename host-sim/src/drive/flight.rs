@@ -1,12 +1,12 @@
-//! One closed-loop flight at a fixed step of 20 ms: world, sensor, autopilot, computer, autopilot, vehicle, and again. A
-//! computer that keeps its own time ([`Computer::next_step_s`]) says when the steps are.
+//! One closed-loop flight at a fixed step of 20 ms: world, sensor, autopilot, computer, autopilot, vehicle, and
+//! again. A computer that keeps its own time ([`Computer::next_step_s`]) decides when the steps are.
 //!
-//! The truth decides what the flight came to: *reached* within the goal tolerance (horizontally), *collision* when the
-//! hull meets a pillar, *hold* when the vehicle stands still and says why, *timeout* otherwise. Simulated time is the only
-//! time.
+//! The result is decided by the truth: *reached* within the goal tolerance (horizontally), *collision* when the hull
+//! touches a pillar, *hold* when the vehicle stands still with a reason, *timeout* otherwise. Simulated time is the
+//! only time.
 //!
-//! Where the scenario has a landing the flight goes on until the vehicle has landed, or hovers and hands over: *reached* then
-//! is the ground within the pad, or the air within the goal tolerance of the beacon.
+//! If the scenario has a landing the flight goes on until the vehicle has landed, or hovers and hands over: *reached*
+//! then means on the ground within the pad, or in the air within the goal tolerance of the beacon.
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::vehicle_model;
@@ -25,21 +25,21 @@ use crate::world::{Horizontal, Pose, World, from_core, horizontal, wrap_pi};
 
 #[cfg(test)]
 mod disturbed;
-mod ears;
+mod receiver;
 mod record;
 
 pub use super::landing::{Landing, Picture};
 pub use super::rig::TICK_S;
 use super::rig::{Answer, Rig, When};
-use ears::Ears;
+use receiver::Receiver;
 pub use record::{Ending, FlightError, Moment, Record, Replan, Report, Sample};
 
 const TICK_US: u64 = 20_000;
 /// Parts of a step after which the hull is checked.
 const CHECKS_PER_TICK: u32 = 4;
-/// Steps from one try of the pilot to give control to the next.
+/// Steps between the pilot's attempts to give control.
 const PILOT_TICKS: u64 = 25;
-/// Steps that a computer hears of another mode, where the mode that gives it control has to be entered after its start.
+/// Steps in another mode, for a computer that needs the mode to be entered after its start.
 const ENTRY_TICKS: u64 = 100;
 /// A vehicle that moved less than this within the last while stands still.
 const STILL_M: f64 = 0.1;
@@ -53,16 +53,16 @@ const EXPLORE_MARGIN_M: f64 = 0.05;
 /// Sigma of a bearing that is known exactly, so that no weight is infinite.
 const SIGMA_FLOOR_RAD: f64 = 1e-3;
 
-/// What is flown.
+/// A flight to be flown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mission {
     /// The world and the vehicle.
     pub scenario: Scenario,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Which planner.
+    /// The planner.
     pub planner: planner::Config,
-    /// Which estimator.
+    /// The estimator.
     pub estimator: Estimator,
 }
 
@@ -85,7 +85,7 @@ impl Mission {
             config.goal.known_source_ned_m = Some(foxhound_core::base::ned::Horizontal { north, east });
         }
         config.guard.coverage.range_m = scenario.sensor.range_m as f32;
-        // The others are flown as they are.
+        // The other planners are flown unchanged.
         if scenario.explore_s > 0.0 && self.planner.kind == planner::Kind::Foxhound {
             config.planner.explore = Some(explore::Config {
                 limit_s: scenario.explore_s as f32,
@@ -139,7 +139,7 @@ pub fn fly(
     fly_watched(mission, computer, log, |moment| watch(moment.sample.time_s))
 }
 
-/// The same; `watch` is shown every step.
+/// The same; `watch` gets every step.
 ///
 /// # Errors
 /// The computer fails, or the log cannot be written.
@@ -157,7 +157,7 @@ pub fn fly_watched(
     let entry_tick = if computer.needs_entry() { ENTRY_TICKS } else { 0 };
     let mut control_is_due = autopilot.custom_mode != autopilot.companion_mode();
     let mut rig = Rig::new(scenario, world, autopilot, pose, CHECKS_PER_TICK).disturbed(mission.seed);
-    let mut ears = Ears::new(mission);
+    let mut receiver = Receiver::new(mission);
     let mut path: Vec<Sample> = Vec::new();
     let mut replans = Vec::new();
     let mut bearing_errors = (0.0, 0_u32);
@@ -171,7 +171,7 @@ pub fn fly_watched(
     while clock.time_s < scenario.max_time_s && tick < ticks && ending.is_none() {
         let Clock { now_us, time_s } = clock;
 
-        // The pilot gives control as soon as the autopilot lets him, once.
+        // The pilot gives control as soon as the autopilot allows it, once.
         if control_is_due && tick >= entry_tick && tick % PILOT_TICKS == 0 {
             control_is_due = !rig.autopilot.select_mode(now_us, rig.autopilot.companion_mode());
         }
@@ -196,7 +196,7 @@ pub fn fly_watched(
                 _ => now_us,
             });
             let motion = &sensed.motion;
-            let heard = ears.hear(&rig.world, &motion.pose, now, time_s);
+            let heard = receiver.receive(&rig.world, &motion.pose, now, time_s);
             let report = computer.step(now, heard.front_end(), sensed.circles.as_deref(), &sensed.rx)?;
             if let Some(log) = log.as_deref_mut() {
                 log.bytes(now_us, tlog::Direction::ToCompanion, &sensed.rx)?;
@@ -248,7 +248,7 @@ pub fn fly_watched(
     let time_s = if computer.next_step_s().is_some() { clock.time_s } else { tick as f64 * TICK_US as f64 / 1e6 };
     let last_outcome = path.last().map_or(Outcome::Nominal, |sample| sample.outcome);
     let (result, reason) = match ending {
-        // What the last step was about explains nothing where the mission is done.
+        // The last step's outcome explains nothing when the mission is done.
         Some(Ending::Reached) => (Ending::Reached, Outcome::Nominal),
         Some(ending) => (ending, last_outcome),
         None => match why_still(&path) {
@@ -279,7 +279,7 @@ pub fn fly_watched(
     Ok(Record { scenario: scenario.clone(), report, path, replans, remembered, world: rig.world })
 }
 
-/// When a step is.
+/// Time of a step.
 #[derive(Clone, Copy)]
 struct Clock {
     now_us: u64,
@@ -318,7 +318,7 @@ fn is_still(path: &[Sample]) -> bool {
     recent.iter().all(|sample| sample.position.minus(recent[0].position).norm() < STILL_M)
 }
 
-/// The latest outcome that explains why the vehicle stands still.
+/// The latest outcome that explains why the vehicle holds.
 fn why_still(path: &[Sample]) -> Option<Outcome> {
     let recent = is_still(path).then(|| &path[path.len() - STILL_TICKS..])?;
     recent.iter().rev().map(|sample| sample.outcome).find(|outcome| *outcome != Outcome::Nominal)

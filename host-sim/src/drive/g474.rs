@@ -1,10 +1,10 @@
-//! The shipped image for the NUCLEO-G474RE, flown as it is: it runs in an instruction emulator with a model of the part's
-//! registers, `tests/g474`, which is a Python program of the tests and a process of its own.
+//! The shipped image for the NUCLEO-G474RE, flown unchanged: it runs in an instruction emulator with a model of the
+//! chip's registers, `tests/g474`, a Python program in its own process.
 //!
-//! The board keeps its own time and takes its own samples; the simulation follows it, a step for every frame that it hands to
-//! guidance. What the image makes of a step is read from its flight log, as it leaves by the maintenance port. Beside it
-//! flies this process's own computer ([`super::replay`]), on the bytes that the log says were heard and on the codes that
-//! the converters were given; the trace hashes have to be equal at every step.
+//! The board keeps its own time and takes its own samples; the simulation follows it, one step for every frame that
+//! it passes to guidance. The image's results are read from its flight log on the maintenance port. This process's
+//! own computer ([`super::replay`]) repeats every step, with the bytes that the log contains and the samples that the
+//! converters were given; the trace hashes must be equal at every step.
 
 use std::fmt;
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
@@ -26,30 +26,30 @@ pub use mission::Needs;
 
 use super::computer::BLOCK;
 
-/// The name that an image of this board carries in its `.foxhound_board` section.
+/// The board's name in the `.foxhound_board` section of an image.
 const BOARD: &str = "nucleo_g474re";
 const BOARD_SECTION: &str = ".foxhound_board";
-/// Where the model lies in the repository.
+/// Path of the model in the repository.
 const MODEL: &str = "tests/g474/serve.py";
-/// Names the Python that runs it.
+/// Environment variable that names the Python to run it.
 const PYTHON: &str = "FOXHOUND_PYTHON";
-/// The one that `cargo xtask test` makes.
+/// The Python environment that `cargo xtask test` makes.
 const OWN_PYTHON: &str = "target/venv/bin/python";
-/// Half of the converters' scale, which the firmware takes off.
+/// Half of the converters' scale, which the firmware subtracts.
 const HALF_SCALE: i16 = 2048;
 
-/// Why the board does not run, or does not go on.
+/// Why the board does not run, or does not continue.
 #[derive(Debug)]
 pub enum G474Error {
-    /// The file is no image for this board.
+    /// The file is not an image for this board.
     Image(String),
     /// The model does not start.
     Start(String),
-    /// The image did what the part does not allow: the rule's name, and a sentence.
+    /// The image violated a rule of the chip: the rule's name, and a sentence.
     Broken {
         /// The rule, by its name in `tests/g474/rules.py`.
         rule: String,
-        /// What it says, and where it was broken.
+        /// Its text, and where it was violated.
         sentence: String,
     },
     /// The model has ended.
@@ -60,7 +60,7 @@ impl fmt::Display for G474Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Image(why) | Self::Start(why) => f.write_str(why),
-            Self::Broken { sentence, .. } => write!(f, "the image breaks a rule of the part: {sentence}"),
+            Self::Broken { sentence, .. } => write!(f, "the image violates a rule of the chip: {sentence}"),
             Self::Lost(why) => write!(f, "the model of the board has ended: {why}"),
         }
     }
@@ -74,10 +74,10 @@ impl From<io::Error> for G474Error {
     }
 }
 
-/// How a board is started.
+/// Options at the start of a board.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// What its memory holds at power-on.
+    /// Seed of the memory's content at power-on.
     pub seed: u64,
     /// Its crystal does not start.
     pub no_crystal: bool,
@@ -86,28 +86,28 @@ pub struct Options {
 /// A restart of the board.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Restarted {
-    /// When, since power-on.
+    /// Time since power-on.
     #[serde(rename = "us")]
     pub time_us: f64,
-    /// What by: `watchdog`, `software`, `pin`, `brown-out`, `cut`, `power`.
+    /// Its cause: `watchdog`, `software`, `pin`, `brown-out`, `cut`, `power`.
     pub cause: String,
 }
 
-/// What the board did since the last report.
+/// The board's activity since the last report.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Report {
     /// Time since power-on.
     pub now_us: f64,
-    /// When the frame is handed over that the next step's codes are for.
+    /// When the frame of the next step's samples is passed on.
     pub frame_us: f64,
     /// Whether its converters run.
     pub is_sampling: bool,
     /// When the firmware's own time began.
     pub origin_us: f64,
-    /// Bytes that left by USART1.
+    /// Bytes sent on USART1.
     #[serde(deserialize_with = "hexadecimal")]
     pub tx: Vec<u8>,
-    /// Bytes that left by LPUART1.
+    /// Bytes sent on LPUART1.
     #[serde(deserialize_with = "hexadecimal")]
     pub log: Vec<u8>,
     /// Restarts.
@@ -125,7 +125,7 @@ fn in_hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// A board that runs.
+/// A running board.
 #[derive(Debug)]
 pub struct Board {
     child: Child,
@@ -134,16 +134,14 @@ pub struct Board {
 }
 
 impl Board {
-    /// Switches a board on, and lets it run up to its first frame.
+    /// Switches a board on, and runs it up to its first frame.
     ///
     /// # Errors
-    /// The file is no image for this board, there is no Python with `unicorn`, or the image breaks a rule.
+    /// The file is not an image for this board, there is no Python with `unicorn`, or the image violates a rule.
     pub fn start(elf: &Path, options: Options) -> Result<(Self, Report), G474Error> {
         check_image(elf)?;
         let model = find(Path::new(MODEL)).ok_or_else(|| {
-            G474Error::Start(format!(
-                "{MODEL} is not there: start this inside Foxhound's repository, whose tests have it"
-            ))
+            G474Error::Start(format!("{MODEL} is missing: start this inside Foxhound's repository, which has it"))
         })?;
         let python = std::env::var_os(PYTHON).map(PathBuf::from).or_else(|| find(Path::new(OWN_PYTHON)));
         let python = python.unwrap_or_else(|| PathBuf::from("python3"));
@@ -171,10 +169,11 @@ impl Board {
         }
     }
 
-    /// Runs to shortly before the next frame: with bytes for the serial lines from now on, and codes for the converters.
+    /// Runs to shortly before the next frame: with bytes for the serial lines from now on, and samples for the
+    /// converters.
     ///
     /// # Errors
-    /// The image breaks a rule, or the model has ended.
+    /// The image violates a rule, or the model has ended.
     pub fn step(
         &mut self,
         rx: &[u8],
@@ -190,7 +189,7 @@ impl Board {
         self.ask(&json!({ "do": "step", "rx": rx, "port": port, "lidar": lidar, "codes": codes }))
     }
 
-    /// Runs for so long, with bytes for the lines of autopilot and port from now on.
+    /// Runs for `us` microseconds, with bytes for the lines of autopilot and port from now on.
     ///
     /// # Errors
     /// As of [`step`](Self::step).
@@ -198,7 +197,7 @@ impl Board {
         self.ask(&json!({ "do": "run", "us": us, "rx": in_hexadecimal(rx), "port": in_hexadecimal(port) }))
     }
 
-    /// Lets something go wrong; `tests/g474/serve.py` says what can.
+    /// Injects a fault; `tests/g474/serve.py` lists them.
     ///
     /// # Errors
     /// As of [`step`](Self::step).
@@ -208,7 +207,7 @@ impl Board {
         self.ask(&line)
     }
 
-    /// What time was spent on.
+    /// The use of the board's time.
     ///
     /// # Errors
     /// The model has ended.
@@ -257,14 +256,14 @@ fn read_report(answer: Value) -> Result<Report, G474Error> {
     Ok(serde_json::from_value(answer).map_err(io::Error::from)?)
 }
 
-/// A file of the repository: above the current folder, or above this program.
+/// A file of the repository: in a folder above the current one, or above this program.
 fn find(name: &Path) -> Option<PathBuf> {
     let places = [std::env::current_dir().ok(), std::env::current_exe().ok()];
     let folders = places.iter().flatten().flat_map(|place| place.ancestors());
     folders.map(|folder| folder.join(name)).find(|path| path.exists())
 }
 
-/// Refuses every file that is not an image for this board, and says what it is.
+/// Refuses every file that is not an image for this board, and reports what it is.
 fn check_image(path: &Path) -> Result<(), G474Error> {
     let refuse = |why: String| G474Error::Image(format!("{}: {why}", path.display()));
     let bytes = std::fs::read(path).map_err(|error| refuse(format!("it cannot be read ({error})")))?;
@@ -273,6 +272,6 @@ fn check_image(path: &Path) -> Result<(), G474Error> {
     match section.as_ref().and_then(|section| section.data().ok()) {
         Some(name) if name == BOARD.as_bytes() => Ok(()),
         Some(name) => Err(refuse(format!("it is for the board {}, not for {BOARD}", String::from_utf8_lossy(name)))),
-        None => Err(refuse(format!("it is no image of Foxhound (no {BOARD_SECTION} section)"))),
+        None => Err(refuse(format!("it is not an image of Foxhound (no {BOARD_SECTION} section)"))),
     }
 }

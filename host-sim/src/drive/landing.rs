@@ -1,4 +1,5 @@
-//! The last metres: the camera that looks down, the range finder, and how the flight ends on the ground or above it.
+//! The last metres: the camera that looks down, the range finder, and the end of the flight on the ground or above
+//! it.
 
 use std::collections::VecDeque;
 use std::f32::consts::TAU;
@@ -24,38 +25,38 @@ const RANGE_MIN_M: f64 = 0.1;
 const RANGE_MAX_M: f64 = 12.0;
 /// Noise of the range finder.
 const RANGE_SIGMA_M: f64 = 0.02;
-/// It hovers and hands over for so long before the flight counts as ended.
+/// How long it hovers after handing over before the flight counts as ended.
 const HANDED_OVER_S: f64 = 3.0;
-/// On the ground for so long, so that an autopilot that is asked to disarm has done so.
+/// How long it must be on the ground, so that an autopilot that is asked to disarm has done so.
 const LANDED_S: f64 = 1.0;
-/// From one picture that is shown to the next.
+/// Time between pictures in the report.
 const PICTURE_EVERY_S: f64 = 0.5;
-/// Red things are this far from the pad, and from one another's middles.
+/// Distance of red objects from the pad, and between their centres.
 const DISTRACTOR_M: [f32; 2] = [0.9, 5.0];
 const DISTRACTORS: usize = 6;
 
-/// What the end of a flight came to.
+/// The result of a landing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Landing {
-    /// The stage in which the flight was over: `landed` and `handed_over` are ends, the others are not.
+    /// The last stage: `landed` and `handed_over` are ends, the others are not.
     pub stage: Stage,
-    /// Why.
+    /// The reason.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<&'static str>,
-    /// From the middle of the pad to the vehicle, horizontally; `None` where there is no pad.
+    /// Horizontal distance from the centre of the pad; `None` without a pad.
     pub pad_distance_m: Option<f64>,
-    /// From the beacon to the vehicle, horizontally.
+    /// Horizontal distance from the beacon.
     pub beacon_distance_m: f64,
     /// Height over the ground.
     pub height_m: f64,
-    /// How fast it came down onto the ground.
+    /// Speed of the touchdown.
     pub touchdown_mps: Option<f64>,
-    /// Frames that the camera made.
+    /// Number of the camera's frames.
     pub frames: u32,
 }
 
 impl Landing {
-    /// Whether the vehicle is where it was to come: on the pad, or over the beacon and handed over.
+    /// Whether the vehicle is where it should be: on the pad, or over the beacon after handing over.
     pub(super) fn is_there(&self, scenario: &scenario::Scenario, to_goal_m: f64) -> bool {
         let pad_radius_m = scenario.landing.map_or(0.0, |landing| landing.pad_radius);
         match self.stage {
@@ -71,31 +72,31 @@ impl Landing {
 pub struct Picture {
     /// When.
     pub time_s: f64,
-    /// From how high.
+    /// Height of the camera.
     pub height_m: f64,
     /// The frame.
     pub frame: Frame,
 }
 
-/// What looks down.
+/// The sensors that look down.
 #[derive(Debug)]
 pub(super) struct Downward {
     landing: scenario::Landing,
     random: Random,
     pad: Option<Horizontal>,
     view: Option<View>,
-    /// Frames on their way, with the time at which they arrive.
+    /// Frames in transmission, with the time of their arrival.
     underway: VecDeque<(u64, Vec<u8>)>,
     exposure_us: u64,
     frames: u32,
     picture: Option<Picture>,
-    /// Since when the flight is over, and how fast it came down.
+    /// When the flight ended, and the speed of the touchdown.
     over_s: Option<f64>,
     touchdown_mps: Option<f64>,
     last: Option<landing::Output>,
 }
 
-/// What the camera sees, and how.
+/// Scene and camera.
 #[derive(Debug)]
 struct View {
     camera: scenario::Camera,
@@ -128,7 +129,7 @@ impl Downward {
         })
     }
 
-    /// The range finder's reading; `None` where it sees no ground.
+    /// The range finder's reading; `None` without ground in view.
     pub(super) fn range(&mut self, pose: &Pose) -> Option<DISTANCE_SENSOR_DATA> {
         let level = libm::cos(pose.roll_rad) * libm::cos(pose.pitch_rad);
         let slant_m = -pose.position_ned_m[2] / level + RANGE_SIGMA_M * self.random.gaussian();
@@ -142,7 +143,7 @@ impl Downward {
         })
     }
 
-    /// The bytes of the camera that arrive now; a new frame is exposed when it is time.
+    /// The camera's bytes that arrive now; a new frame is exposed when it is due.
     pub(super) fn look(&mut self, now_us: u64, motion: &Motion) -> Option<Vec<u8>> {
         if let Some(view) = &self.view
             && now_us >= self.exposure_us
@@ -166,24 +167,24 @@ impl Downward {
         self.underway.pop_front_if(|(at_us, _)| *at_us <= now_us).map(|(_, bytes)| bytes)
     }
 
-    /// Keeps a picture to be shown, now and then.
+    /// Stores a picture for the report, now and then.
     fn keep(&mut self, time_s: f64, height_m: f64, frame: Frame) {
         if self.picture.as_ref().is_none_or(|last| time_s - last.time_s >= PICTURE_EVERY_S) {
             self.picture = Some(Picture { time_s, height_m, frame });
         }
     }
 
-    /// The picture that was taken in this step, if it is to be shown.
+    /// The picture of this step, if it is for the report.
     pub(super) fn fresh(&self, time_s: f64) -> Option<&Picture> {
         self.picture.as_ref().filter(|picture| picture.time_s >= time_s)
     }
 
-    /// Takes note of how fast it touched the ground, the first time.
+    /// Records the speed of the first touchdown.
     pub(super) fn touch(&mut self, down_mps: Option<f64>) {
         self.touchdown_mps = self.touchdown_mps.or(down_mps);
     }
 
-    /// Takes note of a step; true where the flight is over.
+    /// Records a step; true if the flight is over.
     pub(super) fn follow(&mut self, time_s: f64, output: &Output) -> bool {
         let Some(advice) = output.landing else { return false };
         self.last = Some(advice);
@@ -198,7 +199,7 @@ impl Downward {
         time_s - *self.over_s.get_or_insert(time_s) >= waits_s
     }
 
-    /// What it came to.
+    /// The result.
     pub(super) fn ended(&self, world: &World, time_s: f64, pose: &Pose) -> Landing {
         let here = horizontal(pose);
         Landing {
@@ -301,7 +302,7 @@ impl View {
             format: if camera.grey { Format::Grey } else { Format::Rgb565 },
         };
         let lens = camera::Camera { focal_widths: camera.focal_widths() as f32 };
-        // The grain of the ground stays, that of the sensor does not.
+        // The texture of the ground is constant, the noise of the sensor is not.
         camera::render(scene, &lens, &pose, lighting, size, *seed ^ u64::from(number) << 40)
     }
 }

@@ -1,14 +1,14 @@
-//! Maps of pillars with a given obstacle density, and start/goal pairs on them: what the main paper flies over.
+//! Maps of pillars with a given obstacle density, and start/goal pairs on them, as in the main paper.
 //!
-//! The paper compares its planners on five maps of which it prints the mean and the variance of the obstacle density over
-//! the unit squares (Table I, [`TABLE_I`]), but not the maps. [`generate`] draws such maps: pillars at random, without
-//! overlap, then annealed - moved and resized one at a time, accepted after Metropolis - until both numbers are met. About
-//! one pillar a square metre, of 0.1 to 0.33 m, is what these densities come to. The fifth map's density changes
+//! The paper compares its planners on five maps of which it prints the mean and the variance of the obstacle density
+//! over the unit squares (Table I, [`TABLE_I`]), but not the maps. [`generate`] draws such maps: pillars at random,
+//! without overlap, then annealed - moved and resized one at a time, accepted after Metropolis - until both numbers
+//! are met. These densities need about one pillar per square metre, of 0.1 to 0.33 m. The fifth map's density changes
 //! drastically in space: its pillars are denser on one side of a line than on the other.
 //!
-//! [`pairs`] draws starts and goals that a planner which knows the whole map can join, with the length of its way. A map
-//! depends on its seed alone, on every machine: nothing of the platform's mathematics library is used, not even by a
-//! Gaussian draw.
+//! [`pairs`] draws starts and goals that a planner which knows the whole map can connect, with the length of its
+//! path. A map depends only on its seed, on every machine: nothing of the platform's mathematics library is used, not
+//! even by a Gaussian draw.
 
 mod density;
 mod parts;
@@ -35,10 +35,10 @@ pub const TABLE_I: [Density; 5] = [
     Density { mean: 0.1520, variance: 0.0011 },
     Density { mean: 0.1552, variance: 0.0152 },
 ];
-/// The row of [`TABLE_I`], from 1, of which the density changes in space.
+/// The row of [`TABLE_I`], from 1, whose density changes in space.
 pub const STEP_ROW: u32 = 5;
 
-/// How near mean and variance come to what was asked.
+/// Largest difference of mean and variance from the requested ones.
 pub const TOLERANCE: f64 = 0.0005;
 /// Where annealing stops: a tenth of that, so that rounding and another definition of variance do not matter.
 const CLOSE: f64 = TOLERANCE / 10.0;
@@ -57,19 +57,19 @@ const COLD: f64 = 0.05;
 /// Moves of one annealing, and annealings before the density counts as out of reach.
 const MOVES: usize = 60_000;
 const ATTEMPTS: u64 = 8;
-/// Share of the standard deviation that is between the sides of a step, the rest is within them.
+/// Share of the standard deviation between the sides of a step; the rest is within them.
 const STEP_SHARE: f64 = 0.7;
 /// Coordinates and radii are whole tenths of a millimetre, so that a file holds them exactly.
 const GRAINS_A_M: f64 = 10_000.0;
 
 /// Starts and goals are at least this far apart.
 pub const PAIR_APART_M: f64 = 4.0;
-/// What the reference way keeps from every pillar in addition to the vehicle's radius.
+/// Clearance of the reference path from every pillar in addition to the vehicle's radius.
 pub const REFERENCE_CLEARANCE_M: f64 = 0.05;
 /// Draws a pair, or a pillar's place, before a map counts as too full.
 const DRAWS: usize = 200;
 
-/// What a map should be.
+/// Requirements for a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recipe {
     /// West, south, east, north.
@@ -80,11 +80,11 @@ pub struct Recipe {
     pub step: bool,
 }
 
-/// Where an edge of a map may be.
+/// Range of a map's edges.
 pub const EDGE_M: RangeInclusive<f64> = -1000.0..=1000.0;
-/// Mean densities that can be drawn.
+/// Range of mean densities.
 pub const MEAN: RangeInclusive<f64> = 0.005..=0.22;
-/// And their variances.
+/// Range of their variances.
 pub const VARIANCE: RangeInclusive<f64> = 0.0..=0.05;
 
 impl Default for Recipe {
@@ -116,7 +116,7 @@ impl Recipe {
 /// Draws a map.
 ///
 /// # Errors
-/// The field out of range; or that annealing did not reach mean and variance.
+/// The field out of range; or annealing did not reach mean and variance.
 pub fn generate(recipe: &Recipe, seed: u64) -> Result<Vec<Pillar>, InputError> {
     recipe.check()?;
     let mut nearest: Option<(f64, Density)> = None;
@@ -140,7 +140,7 @@ pub fn generate(recipe: &Recipe, seed: u64) -> Result<Vec<Pillar>, InputError> {
     Err(InputError::new(format!("no map of mean = {mean} and variance = {variance} was found{found}")))
 }
 
-/// A map on its way to the density that was asked.
+/// A map during annealing.
 struct Annealing<'a> {
     recipe: &'a Recipe,
     random: Random,
@@ -185,7 +185,7 @@ impl<'a> Annealing<'a> {
         }
     }
 
-    /// Pillars anywhere, of radii whose mean area is what the mean density needs.
+    /// Pillars at random places, with radii whose mean area gives the mean density.
     fn plant(&mut self) {
         let [west, south, east, north] = self.recipe.bounds;
         let area_m2 = (east - west) * (north - south);
@@ -195,7 +195,7 @@ impl<'a> Annealing<'a> {
         let mean_square = covered_m2 / count / PI;
         let a = THINNEST_M.min(libm::sqrt(mean_square));
         let b = (libm::sqrt((12.0 * mean_square - 3.0 * a * a).max(0.0)) - a) / 2.0;
-        // Thick ones first: they still find room.
+        // Thick ones first, while there is space for them.
         let mut radii: Vec<f64> = (0..count as usize).map(|_| a + (b - a) * self.random.uniform()).collect();
         radii.sort_by(|a, b| b.total_cmp(a));
         for radius in radii {
@@ -232,7 +232,7 @@ impl<'a> Annealing<'a> {
         }
     }
 
-    /// How far mean, variance and step are from what was asked, in units of [`CLOSE`].
+    /// Difference of mean, variance and step from the requested ones, in units of [`CLOSE`].
     fn miss(&self) -> f64 {
         let reached = Density::of(&self.shares);
         let asked = self.recipe.density;
@@ -240,7 +240,7 @@ impl<'a> Annealing<'a> {
         if self.recipe.step {
             let rise: f64 = self.shares.iter().zip(&self.side).map(|(share, side)| share * side).sum();
             let rise = rise / self.shares.len() as f64;
-            // A step need not be met so closely.
+            // A step need not be met as closely.
             miss += 0.5 * (rise - STEP_SHARE * libm::sqrt(asked.variance)).abs();
         }
         miss / CLOSE
@@ -273,7 +273,7 @@ impl<'a> Annealing<'a> {
         }
     }
 
-    /// Somewhere else, or thicker or thinner.
+    /// A change: another place, or another radius.
     fn neighbour(&mut self, [x, y, r]: Pillar, reach: f64) -> Pillar {
         let mut draw = || self.random.uniform() - self.random.uniform();
         let (by_x, by_y, by_r) = (draw(), draw(), draw());
@@ -290,16 +290,16 @@ fn grained<const N: usize>(values: [f64; N]) -> [f64; N] {
     values.map(|value| libm::rint(value * GRAINS_A_M) / GRAINS_A_M)
 }
 
-/// The pairs of a map and how hard they were to find.
+/// The pairs of a map, and how hard they were to find.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pairs {
-    /// Start, goal and length of the shortest way.
+    /// Start, goal and length of the shortest path.
     pub pairs: Vec<Pair>,
-    /// Share of the pairs that were clear and far enough apart between which there is a way.
+    /// Share of the pairs, clear and far enough apart, that are connected by a path.
     pub reachable_share: f64,
 }
 
-/// Draws pairs: clear, at least [`PAIR_APART_M`] apart, and with a way between them that keeps [`REFERENCE_CLEARANCE_M`].
+/// Draws pairs: clear, at least [`PAIR_APART_M`] apart, and connected by a path that keeps [`REFERENCE_CLEARANCE_M`].
 ///
 /// # Errors
 /// The map is too closed to find them.
@@ -384,7 +384,8 @@ mod tests {
 
     #[test]
     fn the_fifth_map_is_denser_on_one_side_of_a_line_and_the_others_are_not() {
-        // The best straight line through the middle parts the fifth map's squares into means far apart.
+        // The best straight line through the middle divides the fifth map's squares into parts with very different
+        // means.
         let parted = |row: u32| {
             let recipe = Recipe::of_row(row).unwrap();
             let cells = densities(recipe.bounds, &generate(&recipe, 1).unwrap());

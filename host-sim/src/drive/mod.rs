@@ -1,16 +1,16 @@
-//! What flies: the flight computer, and the loops that join it with world and autopilot, for one flight or for many.
+//! The flight computer, and the loops that connect it with world and autopilot, for one flight or for many.
 //!
-//! | module | what it runs |
+//! | module | content |
 //! |---|---|
 //! | [`computer`] | the flight computer, in this process |
 //! | [`qemu`], [`g474`] | the same as a firmware image: in QEMU, or in an instruction emulator |
 //! | [`flight`] | one closed-loop flight |
 //! | [`suite`], [`maps`] | many flights in parallel, and the maps that they are flown on |
-//! | [`rig`] | one step of vehicle, autopilot and world: what [`flight`] and [`trial`] drive |
+//! | [`rig`] | one step of vehicle, autopilot and world, used by [`flight`] and [`trial`] |
 //! | [`trial`] | the loop step by step, for callers that inject faults |
 //! | [`soak`], [`campaign`] | days of the link, and hundreds of missions, with faults |
-//! | [`companion`] | the loop in real time, beside an autopilot at the end of a line |
-//! | [`replay`] | a flight log once more |
+//! | [`companion`] | the loop in real time, with a real or modelled autopilot |
+//! | [`replay`] | repeats a flight from its log |
 
 pub mod campaign;
 pub mod companion;

@@ -1,16 +1,17 @@
-//! The flight computer in QEMU: starts the firmware's twin, hands it frames, takes back what it says.
+//! The flight computer in QEMU: starts the firmware's twin, passes frames to it, and reads its answers.
 //!
-//! Every step is in lock-step: the step's inputs are laid into the memory that both sides share (layout in
-//! [`foxhound_computer::twin`]), a byte on the second serial line rings the bell, and the answer is awaited. The first
-//! serial line carries the very bytes of MAVLink that the firmware would send and take. The result does not depend on
-//! how fast either side runs.
+//! Every step is in lock-step: the step's input is written into the memory that both sides share (layout in
+//! [`foxhound_computer::twin`]), a byte on the second serial line rings the doorbell, and the answer is awaited. The
+//! first serial line carries the MAVLink bytes of the firmware unchanged. The result does not depend on the speed of
+//! either side.
 //!
-//! The third serial line, the maintenance port, is a pair of pipes: QEMU writes byte by byte, and of those a pipe holds 64 KB,
-//! a socket fewer than 300. They are emptied at every step, so that the firmware never waits for us.
+//! The third serial line, the maintenance port, is a pair of pipes: QEMU writes byte by byte, and of such writes a
+//! pipe holds 64 KB, a socket fewer than 300 bytes. They are emptied at every step, so that the firmware never waits
+//! for us.
 //!
-//! `-icount shift=8` lets the twin's clock move 256 ns an instruction, which makes instruction counts exact. Its idle
-//! time passes as fast as ours (`sleep=on`, the default): with `sleep=off` it would pass at once, and while we compute
-//! the twin would believe that we were gone.
+//! `-icount shift=8` advances the twin's clock by 256 ns an instruction, which makes instruction counts exact. Its
+//! idle time passes in real time (`sleep=on`, the default): with `sleep=off` it would pass at once, and while we
+//! compute the twin would assume that we were gone.
 
 use std::fs::File;
 use std::io::{self, Read as _, Write as _};
@@ -37,12 +38,12 @@ use folder::Folder;
 use image::check_image;
 use port::Port;
 
-/// Samples of one channel in one snapshot, as the firmware has it.
+/// Samples of one channel in one frame of the firmware.
 pub const SAMPLES_PER_CHANNEL: usize = 256;
 
-/// How long one answer may take. A replan takes a fraction of a second.
+/// Time limit of one answer. A replan takes a fraction of a second.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// How long it may take before we see whether the firmware waits for us.
+/// Time until we check whether the firmware waits for us.
 const LOOK_ROUND: Duration = Duration::from_millis(20);
 
 /// The firmware, running in QEMU.
@@ -53,29 +54,29 @@ pub struct QemuComputer {
     memory: File,
     mavlink: UnixStream,
     bell: UnixStream,
-    /// What the autopilot says goes by the memory.
+    /// The autopilot's bytes go through the memory.
     is_quick: bool,
     sequence: u32,
     rx_total: u32,
     tx_total: u32,
-    /// Bytes of camera frames since its last start, and of those that went by the memory.
+    /// Bytes of camera frames since its last start, and of those that went through the memory.
     camera_total: u32,
     camera_laid: u32,
     /// Bytes of the lidar since its last start.
     lidar_total: u32,
-    /// Frames travel on the serial line, byte by byte, as they do on a board.
+    /// Frames are sent on the serial line, byte by byte, as on a board.
     camera_by_line: bool,
-    /// MAVLink bytes that were taken out of the socket ahead of their step's end.
+    /// MAVLink bytes that were read from the socket before the end of their step.
     drained: Vec<u8>,
     /// Late steps since its last start.
     late_steps: u32,
-    /// What is to go wrong in the next step.
+    /// The fault of the next step.
     fault: Option<Fault>,
     worst: Worst,
     port: Port,
 }
 
-/// The worst that a firmware has shown.
+/// The worst values of a firmware.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Worst {
     /// Instructions of a step of guidance.
@@ -89,7 +90,7 @@ pub struct Worst {
 }
 
 impl Worst {
-    /// The worse of both, in everything.
+    /// The larger of both, in every value.
     pub fn add(&mut self, other: Self) {
         self.fast_instructions = self.fast_instructions.max(other.fast_instructions);
         self.plan_instructions = self.plan_instructions.max(other.plan_instructions);
@@ -98,10 +99,10 @@ impl Worst {
     }
 }
 
-/// What one step came to.
+/// The result of one step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepReport {
-    /// What guidance said.
+    /// Output of guidance.
     pub output: Output,
     /// MAVLink bytes that the firmware sent in this step.
     pub tx: Vec<u8>,
@@ -113,14 +114,15 @@ impl QemuComputer {
     /// Boots an image and sets it up.
     ///
     /// # Errors
-    /// [`QemuError::Image`] for a file that is no image of this board; [`QemuError::Refused`] for a configuration that
+    /// [`QemuError::Image`] for a file that is not an image of this board; [`QemuError::Refused`] for a configuration
+    /// that
     /// does not build.
     pub fn start(elf: &Path, setup: &Setup) -> Result<Self, QemuError> {
         Self::boot(elf, setup, false)
     }
 
-    /// The same for long flights, several times faster: what the autopilot says comes by the memory instead of UART0, and the
-    /// maintenance port leads nowhere.
+    /// The same for long flights, several times faster: the autopilot's bytes go through the memory instead of UART0,
+    /// and the maintenance port is not connected.
     ///
     /// # Errors
     /// As of [`start`](Self::start).
@@ -202,30 +204,31 @@ impl QemuComputer {
         Ok(computer)
     }
 
-    /// Lets something go wrong inside the next step.
+    /// Injects a fault into the next step.
     pub fn inject(&mut self, fault: Fault) {
         self.fault = Some(fault);
     }
 
-    /// The worst that it has shown since it was started.
+    /// The worst values since it was started.
     #[must_use]
     pub const fn worst(&self) -> Worst {
         self.worst
     }
 
-    /// Steps that it has been late with since it started last.
+    /// Late steps since its last start.
     #[must_use]
     pub const fn late_steps(&self) -> u32 {
         self.late_steps
     }
 
-    /// The memory that the firmware shares with us, which outlives its resets.
+    /// The memory shared with the firmware, which survives its resets.
     #[must_use]
     pub const fn memory(&self) -> &File {
         &self.memory
     }
 
-    /// After [`QemuError::Restarted`]: sets it up again. What it had sent meanwhile is lost, and so is what was under way.
+    /// After [`QemuError::Restarted`]: sets it up again. Bytes that it had sent meanwhile are lost, and so are those
+    /// in transmission.
     ///
     /// # Errors
     /// As of [`set_up`](Self::set_up).
@@ -244,7 +247,7 @@ impl QemuComputer {
     fn await_boot(&mut self) -> Result<(), QemuError> {
         match self.answer()? {
             twin::BOOTED => Ok(()),
-            other => Err(self.lost(format!("the firmware begins with {other:#04x}"))),
+            other => Err(self.lost(format!("the firmware's first byte is {other:#04x}"))),
         }
     }
 
@@ -256,7 +259,7 @@ impl QemuComputer {
         self.write_setup(setup)?;
         let block = self.ring(twin::SETUP)?;
         let ready = Ready::decode(&block).map_err(|error| self.lost(format!("the answer to the setup: {error}")))?;
-        // What it sent while it ran freely belongs to no step.
+        // Bytes that it sent while it ran freely belong to no step.
         self.take_sent(ready.tx_total)?;
         self.sequence = 0;
         Ok(())
@@ -308,7 +311,7 @@ impl QemuComputer {
         self.port.drain()?;
         self.late_steps = report.late;
         self.worst.add(Worst {
-            // A storm's instructions are not guidance's.
+            // The instructions of a storm are not guidance's.
             fast_instructions: if is_stolen { 0 } else { twin::instructions(report.fast_ticks) },
             plan_instructions: report.plan.as_ref().map_or(0, |plan| twin::instructions(plan.ticks)),
             stack_bytes: report.stack_bytes,
@@ -317,13 +320,13 @@ impl QemuComputer {
         Ok(StepReport { output: report.output, tx, plan: report.plan })
     }
 
-    /// Lets the frames of its camera travel on the maintenance port's serial line from now on, not by the shared memory: that
-    /// takes QEMU a second a frame.
+    /// Sends camera frames on the maintenance port's serial line from now on, not through the shared memory: that
+    /// takes QEMU a second per frame.
     pub fn put_camera_on_line(&mut self) {
         self.camera_by_line = true;
     }
 
-    /// Lets its camera see: bytes of frames, which it will have looked at before the next step.
+    /// Passes bytes of camera frames to it, which it will have processed before the next step.
     ///
     /// # Errors
     /// They are more than fit, or QEMU is gone.
@@ -338,7 +341,7 @@ impl QemuComputer {
         Ok(self.write_camera_total()?)
     }
 
-    /// Lets its lidar turn: bytes of frames, which it will have taken in before the next step.
+    /// Passes bytes of lidar frames to it, which it will have received before the next step.
     ///
     /// # Errors
     /// They are more than fit, or QEMU is gone.
@@ -349,7 +352,7 @@ impl QemuComputer {
         Ok(self.write_lidar_total()?)
     }
 
-    /// Lets it hear what the autopilot says.
+    /// Passes the autopilot's bytes to it.
     fn say(&mut self, rx: &[u8]) -> Result<(), QemuError> {
         let at = self.rx_total;
         self.rx_total = self.rx_total.wrapping_add(rx.len() as u32);
@@ -360,7 +363,7 @@ impl QemuComputer {
         Ok(self.write_rx_total()?)
     }
 
-    /// Lays bytes into a ring of the shared memory, behind so many before them.
+    /// Writes bytes into a ring of the shared memory, after `laid` bytes before them.
     fn lay(&mut self, bytes: &[u8], laid: u32, ring_at: usize, ring_bytes: usize) -> Result<(), QemuError> {
         if bytes.len() > ring_bytes {
             return Err(self.lost(format!("{} bytes are more than a step can take", bytes.len())));
@@ -384,7 +387,7 @@ impl QemuComputer {
         self.memory.write_all_at(&self.camera_laid.to_le_bytes(), twin::PORT_TOTAL_AT as u64)
     }
 
-    /// Rings the bell, waits for the answer, and fetches the report block.
+    /// Rings the doorbell, waits for the answer, and reads the report block.
     fn ring(&mut self, bell: u8) -> Result<twin::Block, QemuError> {
         self.bell.write_all(&[bell])?;
         let answer = self.answer()?;
@@ -401,7 +404,7 @@ impl QemuComputer {
         }
     }
 
-    /// Waits for a byte on the bell's line.
+    /// Waits for a byte on the doorbell's line.
     fn answer(&mut self) -> Result<u8, QemuError> {
         let mut answer = [0];
         let begin = WallInstant::now();
@@ -410,14 +413,14 @@ impl QemuComputer {
             if !waits || begin.elapsed() > PATIENCE {
                 return Err(self.lost(format!("the firmware does not answer ({error})")));
             }
-            // QEMU sends byte by byte, and a socket holds fewer than 300 of such: make room, or it waits for us.
+            // QEMU sends byte by byte, and a socket holds fewer than 300 such writes: make space, or it waits for us.
             self.drain()?;
             self.port.drain()?;
         }
         Ok(answer[0])
     }
 
-    /// Takes out of the MAVLink socket what is there.
+    /// Reads what is in the MAVLink socket.
     fn drain(&mut self) -> io::Result<()> {
         let mut bytes = [0; 1024];
         self.mavlink.set_nonblocking(true)?;
@@ -433,7 +436,7 @@ impl QemuComputer {
         outcome
     }
 
-    /// What the firmware has sent since the last call, up to its own count.
+    /// The firmware's bytes since the last call, up to its own count.
     fn take_sent(&mut self, tx_total: u32) -> Result<Vec<u8>, QemuError> {
         let mut sent = std::mem::take(&mut self.drained);
         let drained = sent.len();
@@ -462,8 +465,8 @@ impl Drop for QemuComputer {
     }
 }
 
-/// Keeps QEMU's threads on the processor where we are. They work strictly in turn, and waking a thread on the same
-/// processor takes a sixth of the time that it takes on another one that sleeps.
+/// Keeps QEMU's threads on our processor. They work strictly in turn, and waking a thread on the same processor takes
+/// a sixth of the time that it takes on another one that sleeps.
 fn keep_together(qemu: &Child) {
     use rustix::thread::{CpuSet, Pid, sched_getcpu, sched_setaffinity};
     let mut here = CpuSet::new();

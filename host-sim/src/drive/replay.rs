@@ -1,17 +1,18 @@
-//! Flies a flight log again: everything that went into the flight computer goes into one in this process, step by step, and
-//! the trace hashes are compared. Where they part, the flight was not what the log says, or the program is another one.
+//! Repeats a flight from its log: all input of the flight computer goes into one in this process, step by step, and
+//! the trace hashes are compared. If they differ, the flight did not happen as logged, or the program is another
+//! version.
 //!
-//! | what | checked |
+//! | part | comparison |
 //! |---|---|
 //! | link, parameters, guidance, planner | to the last bit, every step |
-//! | front end, frames whose codes are there | afresh, without what it had learned of tone and noise before: where both are valid, azimuths within three standard deviations |
-//! | front end, the other frames | not: their bearings are taken as they are |
+//! | front end, frames whose samples are logged | anew, without its earlier knowledge of tone and noise: if both bearings are valid, azimuths within three standard deviations |
+//! | front end, the other frames | none: their bearings are used as they are |
 //!
-//! A gap in the log ends what can be said of a flight; the next one that begins is flown again.
+//! A gap in the log ends the comparison of a flight; the next one that begins is repeated.
 
 use std::collections::VecDeque;
 
-use foxhound_computer::flight::{Flight, Mapper, Receiver, Step};
+use foxhound_computer::flight::{Flight, ParameterStore, Receiver, Step};
 use foxhound_computer::lidar::{self, Lidar};
 use foxhound_computer::log::frame::{Frame, LogDeframer};
 use foxhound_computer::log::{self, Begin, Beginning, LAYOUT, Record};
@@ -33,52 +34,52 @@ use serde::Serialize;
 use super::computer::BLOCK;
 use crate::scenario::input::InputError;
 
-/// Plans that may wait: one that is not wanted any more, and the next.
+/// Plans that may wait: one that is obsolete, and the next.
 const PLANS: usize = 2;
 const SIGMAS: f32 = 3.0;
-/// A frame is known by the time of its middle; from one to the next are 20 ms.
+/// A frame is identified by the time of its middle; frames are 20 ms apart.
 const MIDDLE_OFF_MAX_US: u64 = 1_000;
 
-/// What came of it.
+/// Result of a replay.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
     /// Frames of the log.
     pub frames: u64,
-    /// Pieces of the file that are no frames.
+    /// Pieces of the file that are not frames.
     pub rubbish: u64,
-    /// Places where frames are missing.
+    /// Number of gaps.
     pub gaps: u64,
-    /// How many are.
+    /// Number of missing frames.
     pub frames_missing: u64,
     /// Flights that begin in the log.
     pub flights: u64,
-    /// Steps that were flown again.
+    /// Steps that were repeated.
     pub steps: u64,
     /// Steps that missed their deadline in flight.
     pub late_steps: u32,
-    /// Frames whose codes went through the front end again.
+    /// Frames whose samples went through the front end again.
     pub codes_checked: u64,
-    /// Those that came to something else.
+    /// Those with a different result.
     pub codes_off: u64,
-    /// The hash at the end, of what was flown again.
+    /// The hash at the end of the replay.
     pub trace_hash: String,
-    /// The first step that came to something else, counted from 0 at the beginning of its flight.
+    /// The first step with a different result, counted from 0 at the beginning of its flight.
     pub first_difference: Option<u64>,
-    /// The flight that it is in, counted from 1.
+    /// Its flight, counted from 1.
     pub first_difference_flight: Option<u64>,
     /// Time of that step.
     pub first_difference_s: Option<f64>,
 }
 
 impl Summary {
-    /// Whether all of it was there and came to the same.
+    /// Whether the log is complete and every result the same.
     #[must_use]
     pub fn is_identical(&self) -> bool {
         self.gaps == 0 && self.first_difference.is_none() && self.codes_off == 0
     }
 }
 
-/// Flies all of a log again: a file, or what was captured from the port, with anything before it and in it.
+/// Repeats all of a log: a file, or a capture of the port, with anything before it and in it.
 ///
 /// # Errors
 /// No flight begins in it, or it was written by another version.
@@ -93,32 +94,30 @@ pub fn replay(bytes: &[u8]) -> Result<Summary, InputError> {
     let mut summary = replay.summary;
     summary.rubbish = deframer.rubbish();
     match (summary.flights, summary.frames) {
-        (0, 0) => Err(InputError::new("there is no flight log in it")),
-        (0, _) => {
-            Err(InputError::new("the flight log has no beginning: it was cut in later than the computer started"))
-        }
+        (0, 0) => Err(InputError::new("no flight log found")),
+        (0, _) => Err(InputError::new("the flight log has no beginning: the capture started later than the computer")),
         _ => Ok(summary),
     }
 }
 
-/// A step of a log that is flown along with.
+/// A step of a log that is followed.
 #[derive(Clone, Debug)]
 pub(crate) struct Followed {
     /// Counted from 0 at the beginning of its flight.
     pub(crate) number: u64,
-    /// What it came to here.
+    /// Its result here.
     pub(crate) output: Output,
-    /// The hash that the log has.
+    /// The hash in the log.
     pub(crate) trace_hash: u64,
-    /// A plan that was ordered in it.
+    /// A plan that was requested in it.
     pub(crate) plan: Option<Planned>,
-    /// Bytes of the autopilot that were heard before it.
+    /// Bytes of the autopilot that were received before it.
     pub(crate) bytes: Vec<u8>,
-    /// The frame that it took.
+    /// Its frame.
     pub(crate) snapshot: Option<Box<AdcFrame<BLOCK>>>,
 }
 
-/// Flies along with a log while it is written, the front end included: the codes of its frames are at hand.
+/// Repeats a flight while its log is written, including the front end: the samples of its frames are available.
 #[derive(Default)]
 pub(crate) struct Follower {
     replay: Replay,
@@ -131,10 +130,10 @@ impl Follower {
         self.replay.offered.push_back(snapshot);
     }
 
-    /// Takes in bytes of the log; the steps that they end.
+    /// Takes bytes of the log; returns the steps that they complete.
     ///
     /// # Errors
-    /// The log is one of another version, has a gap, or takes a frame that was not offered.
+    /// The log is of another version, has a gap, or uses a frame that was not offered.
     pub(crate) fn hear(&mut self, bytes: &[u8]) -> Result<Vec<Followed>, InputError> {
         self.replay.follows = true;
         for byte in bytes {
@@ -148,12 +147,12 @@ impl Follower {
         }
     }
 
-    /// The parameters that hold.
+    /// The parameters in use.
     pub(crate) fn parameters(&self) -> Option<&Values> {
         self.replay.flown.as_ref().map(|flown| flown.companion.parameters())
     }
 
-    /// The configuration with which the flight began.
+    /// The configuration at the beginning of the flight.
     pub(crate) fn begun_with(&self) -> Option<&guidance::Config> {
         self.replay.flown.as_ref().map(|flown| &flown.begun_with)
     }
@@ -164,9 +163,9 @@ struct Replay {
     summary: Summary,
     next: Option<u32>,
     flown: Option<Box<Flown>>,
-    /// The planner's memory outlives a flight, as in the firmware.
+    /// The planner's memory is kept from flight to flight, as in the firmware.
     workspace: Box<Workspace>,
-    /// Its steps are wanted, made from the codes that were offered.
+    /// Its steps are returned, made from the samples that were offered.
     follows: bool,
     offered: VecDeque<AdcFrame<BLOCK>>,
     followed: Vec<Followed>,
@@ -180,7 +179,7 @@ impl Replay {
         record.map_or(Ok(()), |record| self.take(record))
     }
 
-    /// The frame that was offered and whose middle is at this time.
+    /// The offered frame whose middle is at this time.
     fn offered_at(&mut self, time: Instant) -> Result<Box<AdcFrame<BLOCK>>, InputError> {
         while let Some(mut snapshot) = self.offered.pop_front() {
             if snapshot.time.0.abs_diff(time.0) < MIDDLE_OFF_MAX_US {
@@ -188,10 +187,10 @@ impl Replay {
                 return Ok(Box::new(snapshot));
             }
         }
-        Err(InputError::new(format!("the frame of {:.6} s is none that was given", time.0 as f64 * 1e-6)))
+        Err(InputError::new(format!("the frame of {:.6} s was not among the given frames", time.0 as f64 * 1e-6)))
     }
 
-    /// Follows the numbers of the frames; a gap ends the flight, which nobody knows any more.
+    /// Follows the numbers of the frames; a gap ends the flight, whose state is then unknown.
     fn follow(&mut self, number: u32, is_beginning: bool) {
         let expected = self.next.replace(number.wrapping_add(1));
         if number == 0 && is_beginning {
@@ -201,7 +200,7 @@ impl Replay {
         }
         if let Some(missing) = expected.map(|expected| number.wrapping_sub(expected)).filter(|missing| *missing != 0) {
             self.summary.gaps += 1;
-            // Numbers that run backwards are those of another log.
+            // Numbers that run backwards belong to another log.
             self.summary.frames_missing += u64::from(if missing < 1 << 31 { missing } else { 0 });
             self.flown = None;
         }
@@ -238,7 +237,7 @@ impl Replay {
     }
 }
 
-/// A flight that is flown again.
+/// A flight that is repeated.
 struct Flown {
     begun_with: guidance::Config,
     config: guidance::Config,
@@ -251,9 +250,9 @@ struct Flown {
     plans: VecDeque<Plan>,
     steps: u64,
     has_differed: bool,
-    /// What was heard last.
+    /// The last measurement.
     heard: Option<Measurement>,
-    /// What belongs to the next step.
+    /// Input of the next step.
     bytes: Vec<Vec<u8>>,
     turned: Vec<Vec<u8>>,
     circles: Option<Vec<Circle>>,
@@ -270,7 +269,7 @@ impl Flown {
             )));
         }
         let values = begin.values.as_slice().try_into().map(|values| Values::restore(values).0);
-        let Ok(values) = values else { return Err(InputError::new("the flight log's parameters are not all there")) };
+        let Ok(values) = values else { return Err(InputError::new("the flight log's parameters are incomplete")) };
         let guidance = AllSystems::guidance(&begin.config)?;
         let mut companion = companion::Config::default().build_with(values)?;
         if begin.needs_entry {
@@ -317,7 +316,7 @@ impl Flown {
         }
     }
 
-    /// One step, by what was made of its frame, or by the frame itself.
+    /// One step, with the measurement of its frame, or with the frame itself.
     fn step(
         &mut self,
         step: &log::Step<Measurement>,
@@ -342,7 +341,7 @@ impl Flown {
         let front_end = snapshot.map_or(heard, FrontEnd::Frame);
         let now = Step { now: step.now, front_end, circles: circles.as_deref(), look, plan: plan.as_ref() };
         let output = flight.step(&now, || 0).output;
-        // What it says goes nowhere.
+        // Its output is discarded.
         while self.companion.transmit(&mut [0; 512]) > 0 {}
         let mut planned = None;
         if step.ordered {
@@ -378,7 +377,7 @@ impl Flown {
         Flight { config, guidance, state, systems, companion, receiver, lidar }
     }
 
-    /// Whether the codes come to what was heard, as far as that can be said.
+    /// Whether the samples give the logged measurement, as far as that can be compared.
     fn is_heard_in(&self, heard: &Measurement, snapshot: &AdcFrame<BLOCK>) -> bool {
         let mut fresh = self.guidance.start();
         let (then, now) = (&heard.bearing, &self.guidance.bearing(&mut fresh, &self.systems, snapshot));
@@ -387,14 +386,14 @@ impl Flown {
     }
 }
 
-/// What the store answered in flight.
+/// Results of the storage in flight.
 #[derive(Default)]
 struct Answers {
     saved: VecDeque<bool>,
     loaded: VecDeque<Option<Values>>,
 }
 
-impl Mapper for Answers {
+impl ParameterStore for Answers {
     fn save(&mut self, _values: &Values) -> bool {
         self.saved.pop_front().unwrap_or(false)
     }

@@ -1,8 +1,8 @@
-//! The vehicle under its autopilot, in its world: what every simulated flight steps.
+//! The vehicle with its autopilot in its world: the part that all simulated flights share.
 //!
-//! In a step the sensors measure, the autopilot sends, the computer answers, the autopilot receives that, and the vehicle flies
-//! until the next step. What is done with a step, and when the flight ends, is for the caller: [`super::flight`] judges a
-//! mission, [`super::trial`] injects faults.
+//! In a step the sensors measure, the autopilot sends, the computer answers, the autopilot receives that, and the
+//! vehicle flies until the next step. The caller uses the step and decides when the flight ends: [`super::flight`]
+//! judges a mission, [`super::trial`] injects faults.
 
 use foxhound_core::base::obstacle::Circle;
 
@@ -21,7 +21,7 @@ pub const TICK_S: f64 = 0.02;
 /// Steps from one scan of the obstacle sensor to the next: 10 Hz.
 const SENSOR_TICKS: u64 = 5;
 
-/// When a step is, and what is silent in it.
+/// Time of a step, and silent sensors.
 #[derive(Clone, Copy, Debug)]
 pub struct When {
     /// The number of the step.
@@ -36,10 +36,10 @@ pub struct When {
     pub obstacles_are_silent: bool,
 }
 
-/// What a step brings to the computer.
+/// The computer's input of a step.
 #[derive(Clone, Debug)]
 pub struct Sensed {
-    /// How the vehicle really moves at the beginning of the step.
+    /// True motion of the vehicle at the beginning of the step.
     pub motion: Motion,
     /// The bytes of the autopilot.
     pub rx: Vec<u8>,
@@ -51,7 +51,7 @@ pub struct Sensed {
     pub camera: Option<Vec<u8>>,
 }
 
-/// What the computer makes of a step.
+/// The computer's answer to a step.
 #[derive(Clone, Debug)]
 pub struct Answer {
     /// The bytes to the autopilot.
@@ -60,14 +60,14 @@ pub struct Answer {
     pub step_s: f64,
 }
 
-/// A flight under way.
+/// A flight in progress.
 #[derive(Debug)]
 pub struct Rig {
     /// The autopilot, for its faults and its pilot.
     pub autopilot: Autopilot,
     /// The beacon and the pillars.
     pub world: World,
-    /// The hull has met a pillar or a person.
+    /// The hull has touched a pillar or a person.
     pub collided: bool,
     pub(super) vehicle: Vehicle,
     pub(super) hull: Hull,
@@ -76,13 +76,13 @@ pub struct Rig {
     air: Option<Air>,
     drift: Option<Drift>,
     lidar: Option<Lidar>,
-    /// Parts of a step after each of which the hull is checked.
+    /// Parts of a step; the hull is checked after each of them.
     checks: u32,
 }
 
 impl Rig {
-    /// A vehicle at rest at a pose, in calm air and with an exact position. The hull is checked after each of so many parts of a
-    /// step.
+    /// A vehicle at rest at a pose, in calm air and with an exact position. The hull is checked after each of
+    /// `checks` parts of a step.
     #[must_use]
     pub fn new(scenario: &Scenario, world: World, autopilot: Autopilot, pose: Pose, checks: u32) -> Self {
         Self {
@@ -112,8 +112,8 @@ impl Rig {
         }
     }
 
-    /// Flies on for one step; `exchange` takes to the computer what was sensed, and brings back what it answers,
-    /// and what the caller wants to keep.
+    /// Flies for one step; `exchange` passes the sensors' data to the computer, and returns its answer and a value
+    /// for the caller.
     ///
     /// # Errors
     /// That of `exchange`; the vehicle stays where it is.
@@ -130,13 +130,13 @@ impl Rig {
         Ok(result)
     }
 
-    /// What the end of the flight came to, where the scenario has a landing.
+    /// The result of the landing, if the scenario has one.
     pub(super) fn landing(&self, time_s: f64) -> Option<Landing> {
         let downward = self.downward.as_ref()?;
         Some(downward.ended(&self.world, time_s, &self.vehicle.motion.pose))
     }
 
-    /// What the autopilot, which is wrong about its position by `error`, and the sensors send.
+    /// The data of the autopilot, whose position has this `error`, and of the sensors.
     fn sense(&mut self, when: &When, error: Horizontal) -> Sensed {
         let When { tick, now_us, time_s, .. } = *when;
         let (motion, sensor) = (self.vehicle.motion, self.scenario.sensor);
@@ -168,7 +168,7 @@ impl Rig {
         Sensed { motion, rx: self.autopilot.transmit(), circles, lidar, camera }
     }
 
-    /// What the vehicle does until the next step. It ends where the hull meets something.
+    /// Flies the vehicle until the next step. It ends where the hull touches something.
     fn fly(&mut self, when: &When, motion: &Motion, step_s: f64) {
         let When { now_us, time_s, .. } = *when;
         if let Some(air) = &mut self.air {
@@ -196,7 +196,7 @@ impl Rig {
     }
 }
 
-/// Circles where they are for an autopilot that is wrong about its position.
+/// Circles in the frame of an autopilot with an error of its position.
 fn on_the_map(mut circles: Vec<Circle>, error: Horizontal) -> Vec<Circle> {
     let error = error.to_core();
     for circle in &mut circles {

@@ -1,17 +1,17 @@
-//! The link for days: one end of it beside a modelled autopilot, in simulated time, with everything going wrong in turn.
+//! The link for days: one end of it with a modelled autopilot, in simulated time, with alternating faults.
 //!
-//! Guidance is a constant here, so that hours pass in seconds; [`fly_laps`] has all of it. Every few seconds one of these
-//! happens, by a seed, and then nothing for a while:
+//! Guidance is constant here, so that hours pass in seconds; [`fly_laps`] has the whole computer. Every few seconds
+//! one of these happens, by a seed, and then nothing for a while:
 //!
 //! - bytes are lost, or changed, in bursts;
 //! - heartbeats do not come, or nothing does;
 //! - the autopilot restarts;
-//! - guidance stands still;
-//! - its place or its heading jumps;
+//! - guidance stops;
+//! - the autopilot's position or heading jumps;
 //! - the pilot changes the mode to and fro;
-//! - a ground station asks for the time, for all parameters, or for its own rates of all streams, as `MAVProxy` does.
+//! - a ground station requests the time, all parameters, or its own rates of all streams, as `MAVProxy` does.
 //!
-//! After each the pilot enters the mode afresh, and the stream must be guidance's again.
+//! After each the pilot enters the mode again, and the stream must be guidance's again.
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::ned::Ned;
@@ -37,44 +37,44 @@ use crate::world::vehicle::{Motion, Vehicle};
 const GRID_US: u64 = 50_000;
 const SECOND_US: u64 = 1_000_000;
 const GROUND_STATION: (u8, u8) = (255, 190);
-/// So much the vehicle's telemetry may be old when nothing is wrong: a step on each side, and a millisecond of stamps.
+/// Largest age of the vehicle's telemetry without a fault: a step on each side, and a millisecond of stamps.
 const TELEMETRY_AGE_MAX_S: f32 = 0.05;
 const SPEED_MPS: f32 = 0.5;
 const TRANSMIT_BYTES: usize = 4096;
 const KINDS: usize = 13;
 const LAP_KINDS: usize = 8;
-/// Steps after which the number in a setpoint begins anew; over so many the yaw rate stays below 1 rad/s.
+/// Steps after which the number in a setpoint starts over; over this many the yaw rate stays below 1 rad/s.
 const NUMBERS: u64 = 4096;
 
-/// How long, and beside what.
+/// Duration and conditions.
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
-    /// Which autopilot.
+    /// The autopilot.
     pub software: Software,
     /// Simulated time.
     pub hours: f64,
-    /// From one step to the next; a divisor of 50 ms.
+    /// Length of a step; a divisor of 50 ms.
     pub step_us: u64,
-    /// What the clocks show at the beginning.
+    /// The clocks at the beginning.
     pub clocks: Clocks,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
-/// What came of it.
+/// Results.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Report {
     /// Simulated seconds.
     pub seconds: u64,
     /// Heartbeats that we sent.
     pub heartbeats: u64,
-    /// The farthest that one of them was off its second, microseconds.
+    /// Largest deviation of one of them from its second, microseconds.
     pub heartbeat_off_us: u64,
     /// Setpoints that we sent.
     pub setpoints: u64,
-    /// Those that did not leave in the first step of their period.
+    /// Those that were not sent in the first step of their period.
     pub setpoints_off_grid: u64,
-    /// Those that say neither what guidance does nor nothing.
+    /// Those that are neither guidance's nor zero.
     pub setpoints_wrong: u64,
     /// The longest time from guidance's output to the setpoint that repeats it, microseconds.
     pub setpoint_oldest_us: u64,
@@ -86,27 +86,27 @@ pub struct Report {
     pub parameters: u64,
     /// Faults, by kind.
     pub faults: [u64; KINDS],
-    /// Faults after which a fresh entry did not give guidance's stream again.
+    /// Faults after which guidance's stream was not restored by entering the mode again.
     pub not_recovered: u64,
-    /// Moments without a fault at which telemetry was taken for older than it was, or for younger than now.
+    /// Moments without a fault at which telemetry was taken for older than it was, or for newer than now.
     pub telemetry_off: u64,
     /// The oldest telemetry in such a moment, seconds.
     pub telemetry_oldest_s: f32,
-    /// Restarts of the autopilot, in truth.
+    /// True restarts of the autopilot.
     pub restarts: u64,
-    /// Restarts of the autopilot, as the link counted them.
+    /// Restarts of the autopilot counted by the link.
     pub restarts_counted: u32,
     /// Frames that the link took.
     pub frames: u32,
     /// Frames that it found damaged.
     pub damaged: u32,
-    /// Answers and telemetry that did not fit.
+    /// Answers and telemetry that were dropped.
     pub dropped: u32,
-    /// Bytes of the link's state, all of it.
+    /// Bytes of the link's state.
     pub state_bytes: usize,
 }
 
-/// Keeps the link up for as long as `config` says; `watch` is called with the hours as they pass.
+/// Runs the link for the time of `config`; `watch` is called with the hours as they pass.
 ///
 /// # Errors
 /// The field of the link's configuration that is refused.
@@ -137,7 +137,7 @@ struct Soak {
     ground: Vec<u8>,
     sequence: u8,
     report: Report,
-    /// Setpoints of the last while: whether each is guidance's.
+    /// Recent setpoints: whether each is guidance's.
     latest: Vec<bool>,
 }
 
@@ -203,7 +203,7 @@ impl Soak {
         self.time_us += self.config.step_us;
     }
 
-    /// To and fro, so that the vehicle stays near; the yaw rate is the number of the step.
+    /// To and fro, so that the vehicle stays near; the yaw rate encodes the number of the step.
     fn setpoint(&self) -> Setpoint {
         let step = self.time_us / self.config.step_us;
         let sign = if (self.time_us / GRID_US).is_multiple_of(2) { 1.0 } else { -1.0 };
@@ -227,7 +227,7 @@ impl Soak {
                         self.report.setpoints += 1;
                         self.report.setpoints_off_grid += u64::from(now.0 % GRID_US >= self.config.step_us);
                         let speed_mps = libm::hypotf(target.vx, target.vy);
-                        // The link may have turned it.
+                        // The link may have rotated it.
                         let is_ours = (speed_mps - SPEED_MPS).abs() < 1e-4;
                         self.report.setpoints_wrong += u64::from(!is_ours && speed_mps != 0.0);
                         if is_ours {
@@ -280,7 +280,7 @@ impl Soak {
                     self.run(SECOND_US / 20);
                 }
             }
-            // Longer makes us unfit for good.
+            // A longer stop makes us unfit permanently.
             10 => {
                 self.guidance_stands_still = true;
                 self.run(long_us as u64 / 5 / self.config.step_us * self.config.step_us);
@@ -297,7 +297,7 @@ impl Soak {
         self.run(long_us as u64 / self.config.step_us * self.config.step_us);
     }
 
-    /// Nothing is wrong any more, and the pilot enters the mode afresh.
+    /// Ends the fault, and the pilot enters the mode again.
     fn recover(&mut self) {
         self.wire = None;
         let faults = &mut self.autopilot.faults;
@@ -310,7 +310,7 @@ impl Soak {
             self.autopilot.arm(theirs_us);
         }
         self.give_control();
-        // A heartbeat, and what the noise of the last while may be held against us.
+        // Time for a heartbeat, and for the window in which damaged frames are counted.
         self.run(3 * SECOND_US);
         self.latest.clear();
         self.run(SECOND_US);
@@ -337,7 +337,7 @@ impl Soak {
         self.autopilot.select_mode(theirs_us, mode);
     }
 
-    /// As `MAVProxy` does by itself, to the autopilot.
+    /// As `MAVProxy` does by itself, towards the autopilot.
     fn ask_for_streams(&mut self, rate_hz: u16) {
         let request = REQUEST_DATA_STREAM_DATA {
             req_message_rate: rate_hz,
@@ -378,7 +378,7 @@ impl Soak {
     }
 }
 
-/// The mode in which the pilot flies.
+/// The pilot's own mode.
 #[must_use]
 pub const fn manual_mode(software: Software) -> u32 {
     match software {
@@ -387,7 +387,7 @@ pub const fn manual_mode(software: Software) -> u32 {
     }
 }
 
-/// A guidance that always has its way.
+/// A guidance that always flies its demand.
 fn constant_output() -> Result<Output, ConfigError> {
     let guidance = guidance::Config::default().build::<BLOCK>()?;
     let input = Input {
@@ -407,26 +407,26 @@ fn constant_output() -> Result<Output, ConfigError> {
     Ok(Output { outcome: Outcome::Nominal, ..output })
 }
 
-/// What the whole computer came to.
+/// Results of the whole computer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Laps {
     /// Simulated seconds.
     pub seconds: u64,
-    /// Times that the vehicle came to the beacon, which was at the other end of the field then.
+    /// Number of times that the vehicle reached the beacon, which was then at the other end of the field.
     pub laps: u64,
-    /// Times that it did not come there within three minutes, and was carried on by its pilot's fresh entry.
+    /// Number of times that it did not reach it within three minutes, and was continued by entering the mode again.
     pub missed: u64,
     /// Faults, by kind.
     pub faults: [u64; LAP_KINDS],
     /// The last one.
     pub last_fault: usize,
-    /// Whether a pillar was touched.
+    /// Whether there was a collision.
     pub collided: bool,
     /// The least distance of the hull to a pillar, metres.
     pub min_clearance_m: f64,
     /// Heartbeats that we sent.
     pub heartbeats: u64,
-    /// Setpoints that did not leave in the first step of their period.
+    /// Setpoints that were not sent in the first step of their period.
     pub setpoints_off_grid: u64,
 }
 
@@ -444,7 +444,7 @@ pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)
     let mut run = |trial: &mut Trial, laps: &mut Laps, seconds: f64| {
         for _ in 0..(seconds * 50.0) as u32 {
             let step = trial.step();
-            // What waited while the computer stood still leaves at once.
+            // Setpoints that waited while the computer stood still are sent at once.
             let is_late = step.time_us % GRID_US >= crate::drive::trial::STEP_US && !stood_still;
             stood_still = step.output.is_none();
             laps.setpoints_off_grid += u64::from(is_late) * step.setpoints().count() as u64;
@@ -489,7 +489,7 @@ pub fn fly_laps(scenario: &Scenario, config: &Config, mut watch: impl FnMut(f64)
         }
         laps.missed += u64::from(trial.to_source_m() > 1.0);
         laps.laps += u64::from(trial.to_source_m() <= 1.0);
-        // The search for the next place of the beacon begins anew.
+        // The search for the next place of the beacon starts over.
         let now_us = trial.autopilot_us();
         trial.rig.autopilot.select_mode(now_us, mode);
         run(&mut trial, &mut laps, 3.0);

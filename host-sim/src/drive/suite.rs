@@ -1,10 +1,10 @@
-//! Many flights in parallel: a suite file holds maps and start/goal pairs; every pair is flown as [`flight::fly`] flies
-//! it, with a seed of its own, and the flights are summed up by row.
+//! Many flights in parallel: a suite file holds maps and start/goal pairs; every pair is flown by [`flight::fly`],
+//! with a seed of its own, and the flights are summed up by row.
 //!
-//! A flight is over within the goal tolerance of the beacon, while the reference way leads to the beacon itself: the length
-//! ratio is therefore given as flown, and once more with the tolerance added to the path.
+//! A flight ends within the goal tolerance of the beacon, while the reference path leads to the beacon itself: the
+//! length ratio is therefore given as flown, and once more with the tolerance added to the path.
 //!
-//! The numbers do not depend on how many flights are flown at a time: every flight has its own world, computer and random
+//! The results do not depend on the number of parallel flights: every flight has its own world, computer and random
 //! numbers, and the sums are taken in the order of the file.
 
 use std::path::Path;
@@ -32,11 +32,11 @@ use shard::Shard;
 /// Stack of a worker: a computer is some hundred kilobytes.
 const STACK_BYTES: usize = 16 << 20;
 
-/// Maps and pairs, and what is the same for all flights.
+/// Maps and pairs, and the common settings of all flights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Suite {
-    /// Descriptive: what it is called.
+    /// Descriptive: its name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<Value>,
     /// Descriptive: why it exists.
@@ -84,7 +84,7 @@ pub struct Map {
     /// Descriptive: the variance of the density.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variance: Option<Value>,
-    /// Descriptive: what it is called.
+    /// Descriptive: its name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<Value>,
     /// Descriptive: the seed from which it was drawn.
@@ -92,12 +92,12 @@ pub struct Map {
     pub seed: Option<Value>,
     /// The pillars: x, y, r.
     pub obstacles: Vec<Pillar>,
-    /// Starts and goals and the length of the reference way: x0, y0, x1, y1, length.
+    /// Starts and goals and the length of the reference path: x0, y0, x1, y1, length.
     pub pairs: Vec<Pair>,
 }
 
 impl Map {
-    /// A map with nothing descriptive about it.
+    /// A map without descriptive keys.
     #[must_use]
     pub fn new(row: u32, instance: u32, obstacles: Vec<Pillar>, pairs: Vec<Pair>) -> Self {
         Self { row, instance, mean: None, variance: None, name: None, seed: None, obstacles, pairs }
@@ -154,7 +154,7 @@ impl Suite {
     /// # Errors
     /// The path of the first key that is unknown, of the wrong type or out of range.
     pub fn parse(text: &str) -> Result<Self, InputError> {
-        // What is no JSON at all is refused below, where the path is known.
+        // Invalid JSON is refused below, where the path is known.
         if let Ok(value) = serde_json::from_str::<Value>(text) {
             refuse_lists_for_objects(&value)?;
         }
@@ -201,7 +201,7 @@ impl Suite {
         }
     }
 
-    /// The flights of this suite that are asked for, in the order of the file.
+    /// The selected flights of this suite, in the order of the file.
     #[must_use]
     pub fn flights(&self, seed: u64, selection: &Selection) -> Vec<Flight> {
         let base = self.scenario_without_map();
@@ -213,7 +213,7 @@ impl Suite {
             for (index, [x0, y0, x1, y1, reference_m]) in (0..).zip(&map.pairs) {
                 let place = Place { row: map.row, instance: map.instance, pair: index };
                 let is_selected = selection.takes_pair(index);
-                // Those of other shards are never built: a large suite is large in memory.
+                // Those of other shards are never built: a large suite needs much memory.
                 if is_selected && selection.shard.is_none_or(|shard| shard.takes(number)) {
                     let scenario = Scenario {
                         name: format!("row {}, map {}, pair {}", map.row, map.instance, index),
@@ -240,7 +240,7 @@ impl Suite {
     }
 }
 
-/// A derived reader would take a list for an object, field after field.
+/// A derived reader would accept a list for an object, field by field.
 fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
     let mut places = vec![("suite".to_owned(), Some(value))];
     for name in ["sensor", "bearing", "limits", "vehicle"] {
@@ -257,7 +257,7 @@ fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
     }
 }
 
-/// Where in a suite a flight belongs.
+/// Position of a flight in a suite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Place {
     /// The map's row.
@@ -279,14 +279,14 @@ impl Place {
     }
 }
 
-/// Which flights of a suite to fly.
+/// Selection of a suite's flights.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Selection {
-    /// Row, instance and pair, as far as they are given.
+    /// Row, instance and pair, if given.
     pub only: Vec<u32>,
-    /// At most so many pairs of each map.
+    /// Largest number of pairs of each map.
     pub pairs: Option<u32>,
-    /// Of all these only the flights of one shard.
+    /// Only the flights of one shard.
     pub shard: Option<Shard>,
 }
 
@@ -303,18 +303,18 @@ impl Selection {
 /// A flight to be flown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flight {
-    /// Where it belongs.
+    /// Its position in the suite.
     pub place: Place,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// The world and the vehicle.
     pub scenario: Scenario,
-    /// Length of the reference way.
+    /// Length of the reference path.
     pub reference_length_m: f64,
 }
 
 impl Flight {
-    /// What `fly` is given.
+    /// The mission for `fly`.
     #[must_use]
     pub fn mission(&self, planner: planner::Config, estimator: Estimator) -> Mission {
         Mission { scenario: self.scenario.clone(), seed: self.seed, planner, estimator }
@@ -333,10 +333,10 @@ impl Flight {
     }
 }
 
-/// What a flight came to.
+/// The result of a flight.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Flown {
-    /// Where it belongs.
+    /// Its position in the suite.
     #[serde(flatten)]
     pub place: Place,
     /// Its seed.
@@ -349,11 +349,11 @@ pub struct Flown {
     pub time_s: f64,
     /// Length of the path flown.
     pub path_length_m: f64,
-    /// Length of the reference way.
+    /// Length of the reference path.
     pub reference_length_m: f64,
-    /// The one over the other; `None` without a reference.
+    /// Path flown over reference path; `None` without a reference.
     pub length_ratio: Option<f64>,
-    /// The same with what was left to the beacon, the goal tolerance.
+    /// The same with the goal tolerance added to the path.
     pub whole_length_ratio: Option<f64>,
     /// Smallest distance between hull and pillars; `None` in a world without pillars.
     pub min_clearance_m: Option<f64>,
@@ -386,7 +386,7 @@ impl Flown {
         }
     }
 
-    /// Its end in a word or two.
+    /// Its result as text.
     #[must_use]
     pub fn outcome(&self) -> String {
         match self.result {
@@ -398,7 +398,7 @@ impl Flown {
     }
 }
 
-/// Flies many flights, `jobs` at a time; `watch` is called for each when it is done, in no order.
+/// Flies many flights, `jobs` at a time; `watch` is called for each when it is done, in any order.
 ///
 /// # Errors
 /// The configuration is refused, or a computer fails.

@@ -1,9 +1,9 @@
-//! The whole companion beside a modelled autopilot, step by step, with everything known: where the vehicle really is, what
-//! guidance published, what was sent, and in which mode it was then.
+//! The whole companion with a modelled autopilot, step by step, with all data accessible: the true motion of the
+//! vehicle, guidance's output, the messages sent, and the mode at that time.
 //!
-//! Unlike [`super::flight`] nothing here ends, fails or reports by itself: whoever drives it makes things go wrong
-//! between the steps. The waves come from where the beacon is and the obstacles are seen from where the vehicle is, whatever the
-//! autopilot believes.
+//! Unlike in [`super::flight`] nothing here ends, fails or reports by itself: the caller injects faults between the
+//! steps. Waves come from the beacon's true position and obstacles are seen from the vehicle's true position,
+//! whatever the autopilot reports.
 
 use std::convert::Infallible;
 
@@ -46,18 +46,18 @@ pub struct Clocks {
     pub theirs_us: u64,
 }
 
-/// What one step came to.
+/// The result of one step.
 #[derive(Clone, Debug)]
 pub struct Step {
-    /// Since the beginning, microseconds.
+    /// Time since the beginning, microseconds.
     pub time_us: u64,
-    /// How the vehicle really moved at its beginning.
+    /// True motion at its beginning.
     pub motion: Motion,
     /// Whether the autopilot obeyed us then: in the mode and armed.
     pub obeyed: bool,
     /// What guidance published; `None` while the computer stood still.
     pub output: Option<Output>,
-    /// What we sent.
+    /// The messages that we sent.
     pub sent: Vec<(Header, MavMessage)>,
 }
 
@@ -83,43 +83,43 @@ impl Step {
         libm::hypot(north, east)
     }
 
-    /// True place.
+    /// True position.
     #[must_use]
     pub const fn place(&self) -> Horizontal {
         place(&self.motion)
     }
 }
 
-/// What the antennas' converters do.
+/// State of the antennas' converters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Converters {
-    /// What they should.
+    /// They work.
     #[default]
     Work,
-    /// They bring the same codes again and again.
+    /// They deliver the same samples again and again.
     Freeze,
-    /// They bring nothing.
+    /// They deliver nothing.
     Stop,
 }
 
-/// A flight under way.
+/// A flight in progress.
 #[derive(Debug)]
 pub struct Trial<C = HostComputer> {
     /// The vehicle, its autopilot and the world.
     pub rig: Rig,
-    /// What the bytes of both ways go through.
+    /// The line that the bytes of both directions pass.
     pub wire: Option<Wire>,
-    /// Position and attitude are not said.
+    /// Position and attitude are not sent.
     pub ownship_is_silent: bool,
-    /// The obstacle sensor says nothing.
+    /// The obstacle sensor sends nothing.
     pub obstacles_are_silent: bool,
-    /// The computer does nothing; what is said to it waits.
+    /// The computer does nothing; its input waits.
     pub computer_stands_still: bool,
-    /// What the frames do.
+    /// State of the converters.
     pub converters: Converters,
-    /// Our clock is so far off, microseconds.
+    /// Error of our clock, microseconds.
     pub clock_off_us: i64,
-    /// The computer that flies.
+    /// The computer.
     pub computer: C,
     antennas: Antennas,
     frame: AdcFrame<BLOCK>,
@@ -157,7 +157,7 @@ impl Trial {
 }
 
 impl<C: Computer> Trial<C> {
-    /// The same with a computer that is there already.
+    /// The same with an existing computer.
     #[must_use]
     pub fn with(computer: C, scenario: &Scenario, software: Software, start: Start, clocks: Clocks, seed: u64) -> Self {
         let scenario = Scenario {
@@ -199,13 +199,13 @@ impl<C: Computer> Trial<C> {
         self.time_us
     }
 
-    /// Time on the clock of the autopilot's model, for what is asked of it.
+    /// Time on the clock of the autopilot's model, for calls to it.
     #[must_use]
     pub const fn autopilot_us(&self) -> u64 {
         self.clocks.theirs_us + self.time_us
     }
 
-    /// How the vehicle really moves.
+    /// True motion of the vehicle.
     #[must_use]
     pub const fn motion(&self) -> Motion {
         self.rig.vehicle.motion
@@ -223,13 +223,13 @@ impl<C: Computer> Trial<C> {
         self.rig.hull.min_clearance_m
     }
 
-    /// The pilot chooses the mode in which a companion is obeyed; false where the autopilot refuses.
+    /// The pilot chooses the mode in which a companion is obeyed; false if the autopilot refuses.
     pub fn give_control(&mut self) -> bool {
         let (now_us, mode) = (self.autopilot_us(), self.rig.autopilot.companion_mode());
         self.rig.autopilot.select_mode(now_us, mode)
     }
 
-    /// A ground station says something, to us.
+    /// A ground station sends a message to us.
     pub fn say<D: MessageData>(&mut self, data: &D) {
         let (system_id, component_id) = GROUND_STATION;
         let header = Header { system_id, component_id, sequence: self.sequence };
@@ -239,7 +239,7 @@ impl<C: Computer> Trial<C> {
         self.waiting.extend_from_slice(&frame[..length]);
     }
 
-    /// Any bytes come in on our line.
+    /// Any bytes arrive on our line.
     pub fn pour(&mut self, bytes: &[u8]) {
         self.waiting.extend_from_slice(bytes);
     }
@@ -265,7 +265,7 @@ impl<C: Computer> Trial<C> {
         self.say(&wish);
     }
 
-    /// Flies on for one step.
+    /// Flies for one step.
     pub fn step(&mut self) -> Step {
         let time_us = self.time_us;
         let when = When {
@@ -302,7 +302,7 @@ impl<C: Computer> Trial<C> {
                 if *converters == Converters::Work {
                     *frame = antennas.frame(now, &motion.pose, source, random);
                 }
-                // The codes are stamped when they are brought, however old they are.
+                // Samples are stamped when they are delivered, however old they are.
                 frame.time = now;
                 let front_end = match converters {
                     Converters::Stop => FrontEnd::Nothing,
@@ -324,7 +324,7 @@ impl<C: Computer> Trial<C> {
     }
 }
 
-/// The messages in what we sent.
+/// The messages in the bytes that we sent.
 fn read(framer: &mut Framer, mut bytes: &[u8]) -> Vec<(Header, MavMessage)> {
     let mut sent = Vec::new();
     while !bytes.is_empty() {
@@ -338,7 +338,7 @@ fn read(framer: &mut Framer, mut bytes: &[u8]) -> Vec<(Header, MavMessage)> {
     sent
 }
 
-/// The value of a parameter in what was sent, if it was.
+/// The value of a parameter in the messages sent, if it is there.
 #[must_use]
 pub fn parameter(step: &Step, name: &str) -> Option<f32> {
     step.sent.iter().find_map(|(_, message)| match message {
@@ -349,7 +349,7 @@ pub fn parameter(step: &Step, name: &str) -> Option<f32> {
     })
 }
 
-/// It responds as an autopilot does, and guidance is configured for that.
+/// The vehicle's response is that of an autopilot, and guidance is configured for it.
 const fn vehicle(scenario: &Scenario) -> scenario::Vehicle {
     scenario::Vehicle { model: VehicleModel::Arducopter, ..scenario.vehicle }
 }

@@ -1,4 +1,5 @@
-//! The picture of a suite: its maps side by side, a row of the table a line, every unit square shaded by its density.
+//! The picture of a suite: its maps side by side, one line per row of the table, every unit square shaded by its
+//! density.
 
 use std::path::Path;
 
@@ -12,7 +13,7 @@ use crate::drive::maps::{Cells, Density, Pair, Pillar, densities};
 use crate::drive::suite::{Map, Suite};
 use crate::scenario::input::InputError;
 
-/// Side of a map and what is around it, in points.
+/// Side of a map with its margin, in points.
 const MAP: f64 = 300.0;
 const GAP: f64 = 28.0;
 const TITLE: f64 = 30.0;

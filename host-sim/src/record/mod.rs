@@ -1,8 +1,8 @@
-//! What is left of a flight for people and their tools: pictures, tables, the report, files for Foxglove.
+//! Records of a flight for people and their tools: pictures, tables, the report, files for Foxglove.
 //!
-//! | module | what it writes |
+//! | module | output |
 //! |---|---|
-//! | [`report`] | one HTML page, to look around in or live |
+//! | [`report`] | one interactive HTML page, or a live page |
 //! | [`mcap`] | MCAP files |
 //! | [`maps`] | the picture of a suite's maps |
 //! | [`plot`] | the picture of a flight |

@@ -1,4 +1,4 @@
-//! The picture of a flight: what the world was, what the computer knew of it, what it considered and what it flew.
+//! The picture of a flight: the world, the obstacle map, the sampled trajectories and the path flown.
 //!
 //! SVG or PNG, by the ending of the file. Lengths on the page are in points of a 1280 x 960 page. A PNG is
 //! averaged down from the oversize page to half of it.
@@ -51,7 +51,7 @@ const SPEED: [RGBColor; 5] = [
 const MAP: [f64; 4] = [64.0, 40.0, 868.0, 868.0];
 const LEGEND_LEFT: f64 = 968.0;
 const MARGIN_M: f64 = 0.35;
-/// From one place to the next of the way that somebody walked.
+/// Time between two points of a person's path.
 const WALK_STEP_S: f64 = 0.2;
 
 /// Draws a flight into a file.
@@ -168,7 +168,7 @@ fn page<B: DrawingBackend>(area: &DrawingArea<B, Shift>, record: &Record) -> Dra
     trajectories(&page, record)?;
     ends(&page, record)?;
     flown(&page, record)?;
-    // What reaches beyond the map is covered again.
+    // Drawings beyond the map are covered again.
     for cover in [
         [0.0, 0.0, f64::from(PAGE.0), map[1]],
         [0.0, map[1] + map[3], f64::from(PAGE.0), f64::from(PAGE.1) - map[1] - map[3]],
@@ -244,7 +244,7 @@ fn axes<B: DrawingBackend>(page: &Page<'_, B>, [left, top, width, height]: [f64;
     page.text("y north, m", (left - 9.0, top - 12.0), 13.0, FAINT_INK, (HPos::Left, VPos::Bottom))
 }
 
-/// What the obstacle sensor overlooked at the start and twice on the way.
+/// The sensor's field of view at the start and twice later.
 fn views<B: DrawingBackend>(page: &Page<'_, B>, record: &Record) -> Drawn<B> {
     let sensor = &record.scenario.sensor;
     for share in [0.0, 1.0 / 3.0, 2.0 / 3.0] {
@@ -420,9 +420,9 @@ fn keys<B: DrawingBackend>(page: &Page<'_, B>, left: f64, mut y: f64) -> Drawn<B
     let names = [
         "start",
         "radio beacon and goal tolerance",
-        "pillar, as it is",
-        "pillar, as remembered",
-        "field of view on the way",
+        "pillar, true",
+        "pillar, in the map",
+        "field of view during the flight",
         "temporary target",
         "sampled trajectories",
         "chosen trajectories",

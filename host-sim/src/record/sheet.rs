@@ -30,10 +30,10 @@ pub(crate) const FAINT_INK: RGBColor = RGBColor(107, 114, 128);
 
 pub(crate) type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
-/// Where an anchor is in a text.
+/// Position of the anchor in a text.
 pub(crate) type Anchor = (HPos, VPos);
 
-/// Makes room for a picture: its font, and its folder.
+/// Prepares a picture: loads the font, and creates the folder.
 pub(crate) fn prepare(path: &Path) -> Result<(), InputError> {
     register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
         .map_err(|_| InputError::new("the built-in font cannot be read"))?;
@@ -43,7 +43,7 @@ pub(crate) fn prepare(path: &Path) -> Result<(), InputError> {
     Ok(())
 }
 
-/// What is wrong with a picture's file.
+/// An error about a picture's file.
 pub(crate) fn failed(path: &Path, error: &dyn fmt::Display) -> InputError {
     InputError::new(error.to_string()).in_file(path)
 }

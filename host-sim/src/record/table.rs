@@ -1,7 +1,8 @@
-//! The flights of a suite as a table, a row each: CSV, and Parquet for pandas, polars and their kin (`docs/simulator.md`).
+//! The flights of a suite as a table, one row each: CSV, and Parquet for pandas, polars and others
+//! (`docs/simulator.md`).
 //!
-//! Parquet is written by Apache's own crate without its Arrow half and without compression: a flight takes about a hundred
-//! bytes. A number that there is not is an empty field, and a null.
+//! Parquet is written by Apache's own crate without its Arrow half and without compression: a flight takes about a
+//! hundred bytes. A missing number is an empty field, and a null.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -22,12 +23,12 @@ use crate::drive::suite::Flown;
 pub struct Column {
     /// Its name.
     pub name: &'static str,
-    /// What is in it.
+    /// Its description.
     pub what: &'static str,
     of: Of,
 }
 
-/// How a flight's value is had.
+/// How a value is read from a flight.
 #[derive(Clone, Copy, Debug)]
 enum Of {
     Whole(fn(&Flown) -> u64),
@@ -49,17 +50,21 @@ pub const COLUMNS: [Column; 14] = [
     column("reason", "the outcome that explains it", Of::Text(|flown| &flown.reason)),
     column("time_s", "duration of the flight", Of::Number(|flown| Some(flown.time_s))),
     column("path_length_m", "length of the path flown", Of::Number(|flown| Some(flown.path_length_m))),
-    column("reference_length_m", "length of the reference way", Of::Number(|flown| Some(flown.reference_length_m))),
-    column("length_ratio", "path over reference way; none without a reference", Of::Number(|flown| flown.length_ratio)),
+    column("reference_length_m", "length of the reference path", Of::Number(|flown| Some(flown.reference_length_m))),
+    column(
+        "length_ratio",
+        "path flown over reference path; empty without a reference",
+        Of::Number(|flown| flown.length_ratio),
+    ),
     column(
         "min_clearance_m",
-        "least distance between hull and pillars; none without pillars",
+        "least distance between hull and pillars; empty without pillars",
         Of::Number(|flown| flown.min_clearance_m),
     ),
     column("replans", "plans made", Of::Whole(|flown| flown.replans.into())),
     column(
         "bearing_rms_deg",
-        "error of the valid bearings, rms; none without any",
+        "error of the valid bearings, rms; empty without any",
         Of::Number(|flown| flown.bearing_rms_deg),
     ),
     column("trace_hash", "hash over every bearing, plan and setpoint", Of::Text(|flown| &flown.trace_hash)),

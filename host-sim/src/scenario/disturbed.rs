@@ -1,17 +1,17 @@
-//! What the outside adds to a flight: wind, a position that is off, beacons that are not ours, one that sounds in pulses.
+//! Disturbances of a flight: wind, a position with errors, other beacons, a beacon that transmits in pulses.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::input::{InputError, check};
 
-/// Offsets at which another beacon's tone is within what the receiver lets through.
+/// Frequency offsets at which another beacon's tone is within the receiver's band.
 const OFFSET_MIN_HZ: f64 = -12_000.0;
 const OFFSET_MAX_HZ: f64 = 30_000.0;
 /// Farthest coordinate.
 const FAR_M: f64 = 10_000.0;
 
-/// A beacon that sounds now and then, from the start of the flight on.
+/// The beacon transmits in pulses, from the start of the flight on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Pulses {
@@ -30,7 +30,7 @@ impl Pulses {
     }
 }
 
-/// A beacon that is not ours.
+/// Another beacon.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct OtherBeacon {
@@ -40,10 +40,10 @@ pub struct OtherBeacon {
     /// North.
     #[schemars(range(min = -10000.0, max = 10000.0))]
     pub y: f64,
-    /// Its frequency over ours.
+    /// Its frequency minus that of our beacon.
     #[schemars(range(min = -12000.0, max = 30000.0))]
     pub offset_hz: f64,
-    /// Its power over ours, wherever the vehicle is.
+    /// Its power relative to our beacon, wherever the vehicle is.
     #[serde(default)]
     #[schemars(range(min = -60.0, max = 40.0))]
     pub level_db: f64,
@@ -60,26 +60,26 @@ pub struct Wind {
     /// To the north.
     #[schemars(range(min = -20.0, max = 20.0))]
     pub vy: f64,
-    /// Standard deviation of the gusts, in each of both directions.
+    /// Standard deviation of the gusts, along each axis.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub gust_mps: f64,
-    /// How long a gust lasts, about.
+    /// Approximate duration of a gust.
     #[schemars(range(min = 0.1, max = 100.0))]
     pub gust_s: f64,
 }
 
-/// How the position that the autopilot reports is off.
+/// Errors of the position that the autopilot reports.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct Position {
-    /// Standard deviation from report to report, in each of both directions.
+    /// Standard deviation from report to report, along each axis.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub noise_m: f64,
-    /// Standard deviation of what comes and goes slowly.
+    /// Standard deviation of a slow drift.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub drift_m: f64,
-    /// How slowly.
+    /// Time constant of the drift.
     #[schemars(range(min = 1.0, max = 3600.0))]
     pub drift_s: f64,
 }

@@ -1,7 +1,7 @@
-//! Scenario files: where the vehicle starts, where the beacon is, what stands between, and how everything behaves.
+//! Scenario files: start of the vehicle, place of the beacon, obstacles between them, and how everything behaves.
 //!
-//! Map axes: x east, y north, metres; degrees, seconds. Every key may be missing; a key that is not known, or a value out
-//! of range, is refused with its full path.
+//! Map axes: x east, y north, metres; degrees, seconds. Every key is optional; an unknown key, or a value out of
+//! range, is refused with its full path.
 
 use std::path::PathBuf;
 
@@ -34,44 +34,45 @@ pub struct Scenario {
     /// For editors: where the schema of these files is.
     #[serde(rename = "$schema", skip_serializing_if = "Option::is_none")]
     pub schema: Option<String>,
-    /// What it is called.
+    /// Name of the scenario.
     pub name: String,
-    /// The map that is drawn: west, south, east, north.
+    /// Area of the map that is drawn: west, south, east, north.
     #[schemars(inner(range(min = -10000.0, max = 10000.0)))]
     pub bounds: [f64; 4],
     /// Radius of the vehicle's hull.
     #[schemars(range(min = 0.01, max = 5.0))]
     pub drone_radius: f64,
-    /// Where the vehicle starts, facing the goal.
+    /// Start of the vehicle, which faces the goal.
     #[schemars(inner(range(min = -10000.0, max = 10000.0)))]
     pub start: [f64; 2],
-    /// Where the beacon is at time zero.
+    /// Place of the beacon at time zero.
     #[schemars(inner(range(min = -10000.0, max = 10000.0)))]
     pub goal: [f64; 2],
-    /// How the beacon moves.
+    /// Velocity of the beacon.
     #[schemars(inner(range(min = -20.0, max = 20.0)))]
     pub goal_velocity: [f64; 2],
     /// The pillars.
     pub obstacles: Vec<Obstacle>,
-    /// People who walk about; the flight's seed is how.
+    /// People who walk about; their random motion depends on the flight's seed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub people: Vec<Person>,
-    /// A file of tracks of more people: CSV, in a line `time_s,person,x,y`; a relative path begins where this file is.
+    /// A CSV file of tracks of more people, with lines `time_s,person,x,y`; a relative path starts at this file's
+    /// folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub people_csv: Option<PathBuf>,
-    /// Pillars besides, which the flight's seed throws.
+    /// Random pillars, placed by the flight's seed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<RandomPillars>,
-    /// Walls, which reflect the beacon's waves and are in their way.
+    /// Walls, which reflect the beacon's waves and are obstacles.
     pub walls: Vec<Wall>,
     /// The obstacle sensor.
     pub sensor: Sensor,
     /// The direction finding.
     pub bearing: Bearing,
-    /// What kind of antennas there are; without it four that hear the same all round.
+    /// Directional antennas; without this there are four that receive equally from all directions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub antenna: Option<Antenna>,
-    /// Beacons that are not ours, on frequencies of their own.
+    /// Other beacons, on frequencies of their own.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub other_beacons: Vec<OtherBeacon>,
     /// Limits of the vehicle.
@@ -81,19 +82,19 @@ pub struct Scenario {
     /// The wind; none by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wind: Option<Wind>,
-    /// How well the autopilot knows its position; exactly by default.
+    /// Errors of the autopilot's position; exact by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position: Option<Position>,
-    /// How it ends beyond that; without this it ends within the goal tolerance.
+    /// How the flight ends after arrival; without this it ends within the goal tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub landing: Option<Landing>,
     /// Horizontal distance to the beacon that counts as reached.
     #[schemars(range(min = 0.01, max = 100.0))]
     pub goal_tolerance: f64,
-    /// When the flight is given up.
+    /// Time limit of the flight.
     #[schemars(range(min = 0.1, max = 3600.0))]
     pub max_time_s: f64,
-    /// For how long a signal is searched for when there is none; zero: not at all.
+    /// How long to search while there is no signal; zero: no search.
     #[schemars(range(min = 0.0, max = 3600.0))]
     pub explore_s: f64,
     /// Faults to inject.
@@ -166,8 +167,8 @@ const FOREST: [[f64; 3]; 13] = [
 ];
 
 impl Scenario {
-    /// The mission that is flown when no file is given: a pillar forest, a beacon at 20 dB, a scanning sensor and a
-    /// vehicle as slow as a real autopilot.
+    /// The mission that is flown without a scenario file: a pillar forest, a beacon at 20 dB, a scanning sensor and
+    /// a vehicle with the delays of a real autopilot.
     #[must_use]
     pub fn built_in() -> Self {
         Self {
@@ -185,7 +186,7 @@ impl Scenario {
     /// # Errors
     /// The path of the first key that is unknown, of the wrong type or out of range.
     pub fn parse(text: &str) -> Result<Self, InputError> {
-        // What is no JSON at all is refused below, where the path is known.
+        // Invalid JSON is refused below, where the path is known.
         if let Ok(value) = serde_json::from_str::<Value>(text) {
             refuse_lists_for_objects(&value)?;
         }
@@ -309,7 +310,7 @@ impl Scenario {
         Ok(self)
     }
 
-    /// The same with the people of its file among the others.
+    /// The same, with the people of its CSV file added.
     pub(crate) fn with_tracks(mut self) -> Result<Self, InputError> {
         let Some(path) = self.people_csv.take() else { return Ok(self) };
         for (name, person) in tracks::read(&path)? {
@@ -319,23 +320,23 @@ impl Scenario {
         Ok(self)
     }
 
-    /// Refuses what the noise model knows nothing of.
+    /// Refuses keys that need waveforms where bearings are simulated.
     fn needs_waveforms(&self, field: &str) -> Result<(), InputError> {
         match self.bearing_model() {
             BearingModel::Rf => Ok(()),
             BearingModel::Noise => {
-                Err(InputError::new(format!("{field}: there are channels only where bearing.model is `rf`")))
+                Err(InputError::new(format!("{field}: needs bearing.model `rf`; other models have no channels")))
             }
         }
     }
 
-    /// The height of the flight, in the local frame.
+    /// Down coordinate of the flight, in the local frame.
     #[must_use]
     pub fn flight_down_m(&self) -> f64 {
         self.landing.map_or(FLIGHT_DOWN_M, |landing| -landing.height)
     }
 
-    /// Where bearings come from: antenna waveforms when a signal-to-noise ratio is given and nothing else is asked.
+    /// Source of the bearings: antenna waveforms if a signal-to-noise ratio is given and the model is not.
     #[must_use]
     pub fn bearing_model(&self) -> BearingModel {
         let default = if self.bearing.snr_db.is_some() { BearingModel::Rf } else { BearingModel::Noise };
@@ -343,7 +344,7 @@ impl Scenario {
     }
 }
 
-/// A derived reader would take a list for an object, field after field.
+/// A derived reader would accept a list for an object, field by field.
 fn refuse_lists_for_objects(value: &Value) -> Result<(), InputError> {
     let mut places = vec![("scenario".to_owned(), Some(value))];
     for name in ["sensor", "bearing", "limits", "vehicle", "faults"] {

@@ -1,4 +1,4 @@
-//! Reading what users wrote: a refused input names the file, the field, the value and what would have been accepted.
+//! Reading users' input: an error names the file, the field, the value and what would be accepted.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -6,25 +6,25 @@ use std::path::Path;
 
 use serde::de::{DeserializeOwned, Deserializer};
 
-/// Radius of a vehicle, of an option.
+/// Range of an option: radius of a vehicle.
 pub const DRONE_RADIUS_M: RangeInclusive<f64> = 0.01..=5.0;
-/// Signal-to-noise ratio per sample, of an option.
+/// Range of an option: signal-to-noise ratio per sample.
 pub const SNR_DB: RangeInclusive<f64> = -30.0..=80.0;
-/// Noise of a bearing, of an option.
+/// Range of an option: noise of a bearing.
 pub const SIGMA_DEG: RangeInclusive<f64> = 0.0..=180.0;
-/// Horizontal speed of the fastest setpoint, of an option.
+/// Range of an option: horizontal speed of the fastest setpoint.
 pub const V_MAX_MPS: RangeInclusive<f64> = 0.1..=20.0;
-/// After how long a program in real time ends, of an option.
+/// Range of an option: after how long a program in real time ends.
 pub const MAX_TIME_S: RangeInclusive<f64> = 0.1..=1e6;
-/// How many times as fast as in reality a flight is shown, of an option.
+/// Range of an option: speed of a flight as a multiple of real time.
 pub const SPEED: RangeInclusive<f64> = 0.05..=1000.0;
-/// Where a known source is, of an option.
+/// Range of an option: azimuth of a known source.
 pub const AZIMUTH_DEG: RangeInclusive<f64> = -360.0..=360.0;
-/// And its elevation.
+/// Range of an option: its elevation.
 pub const ELEVATION_DEG: RangeInclusive<f64> = -85.0..=85.0;
-/// And its distance.
+/// Range of an option: its distance.
 pub const RANGE_M: RangeInclusive<f64> = 0.1..=1e6;
-/// Temperature of a receiver, of an option.
+/// Range of an option: temperature of a receiver.
 pub const TEMPERATURE_C: RangeInclusive<f64> = -100.0..=200.0;
 
 /// A refused input. Its text is meant for the user and names the field.
@@ -66,8 +66,8 @@ pub fn read_text(path: &Path) -> Result<String, InputError> {
     std::fs::read_to_string(path).map_err(|error| InputError::new(error.to_string()).in_file(path))
 }
 
-/// Reads a document, refusing unknown keys at every level; `known` lists every key that there is, with its path, where
-/// `[]` stands for any element of a list.
+/// Reads a document, refusing unknown keys at every level; `known` lists every valid key with its path, where `[]`
+/// stands for any element of a list.
 ///
 /// # Errors
 /// The path of the first key that is unknown or has a value of the wrong type.
@@ -144,7 +144,7 @@ pub fn check(field: &str, value: f64, min: f64, max: f64) -> Result<(), InputErr
     if value.is_finite() && value >= min && value <= max {
         return Ok(());
     }
-    // Not in three hundred digits.
+    // Without hundreds of digits.
     let shown = if value.abs() < 1e16 { value.to_string() } else { format!("{value:e}") };
     Err(InputError::new(format!("{field} = {shown} is outside {min}..={max}")))
 }

@@ -1,25 +1,26 @@
-//! The end of a flight that goes on beyond the beacon's reach: the pad, the camera that looks down, the range finder.
+//! A flight that goes on after arrival: the pad, the camera that looks down, the range finder.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::input::{InputError, check};
 
-/// The flight ends where the vehicle has landed, or hovers and hands over; without this it ends within the goal tolerance.
+/// The flight ends when the vehicle has landed, or hovers and hands over; without this it ends within the goal
+/// tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct Landing {
-    /// Height over the ground at which it is flown. The beacon lies on the ground.
+    /// Height of the flight over the ground. The beacon lies on the ground.
     #[schemars(range(min = 1.0, max = 12.0))]
     pub height: f64,
-    /// Where the middle of the pad is from the beacon: east, north.
+    /// Centre of the pad relative to the beacon: east, north.
     #[schemars(inner(range(min = -10.0, max = 10.0)))]
     pub pad: [f64; 2],
     /// Its radius.
     #[schemars(range(min = 0.05, max = 2.0))]
     pub pad_radius: f64,
-    /// There is no pad, whatever the vehicle was told.
+    /// There is no pad, although the vehicle expects one.
     pub pad_missing: bool,
     /// The camera; null where there is none.
     pub camera: Option<Camera>,
@@ -51,12 +52,12 @@ pub struct Camera {
     pub latency_s: f64,
     /// It sees no colours.
     pub grey: bool,
-    /// Red things that are no pad lie about.
+    /// Red objects that are not the pad lie about.
     pub distractors: bool,
-    /// From when to when its frames are cut off in the middle.
+    /// Time span in which its frames are cut off in the middle.
     #[schemars(inner(range(min = 0.0, max = 1e6)))]
     pub cut: Option<[f64; 2]>,
-    /// From when to when it sees nothing: all of one colour.
+    /// Time span in which its frames are all of one colour.
     #[schemars(inner(range(min = 0.0, max = 1e6)))]
     pub blind: Option<[f64; 2]>,
 }

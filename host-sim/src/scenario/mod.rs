@@ -1,12 +1,12 @@
-//! What a flight is to be, as users write it down: scenario files and parameters, read strictly and checked.
+//! Input files of a flight: scenario files and parameters, read strictly and checked.
 //!
-//! | module | what it reads |
+//! | module | content |
 //! |---|---|
 //! | `file` | the scenario file, with its parts in `disturbed`, `landing`, `people` and `random` |
-//! | `tracks` | the file of tracks of real people that it may name |
-//! | `schema` | the same as a JSON schema |
+//! | `tracks` | the file of tracks of real people that a scenario may name |
+//! | `schema` | the JSON schema of scenario files |
 //! | [`params`] | parameters of the flight computer |
-//! | [`input`] | any input: how it is read, and how it is refused |
+//! | [`input`] | reading any input, and errors about it |
 
 mod disturbed;
 mod file;

@@ -1,5 +1,5 @@
-//! Parameters as a user writes them: assignments on the command line and flat TOML files, checked like everything else
-//! before it is flown; and the manual's page about them.
+//! Parameters as a user gives them: assignments on the command line and flat TOML files, checked like all input
+//! before a flight; and the manual's page about them.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -10,10 +10,10 @@ use foxhound_link::companion;
 
 use super::input::{InputError, read_text};
 
-/// Samples in a frame, which decide how fine a tone's band can be.
+/// Samples in a frame; they limit how narrow a tone's band can be.
 const SAMPLES: usize = 256;
 
-/// The parameters that were given, and all values that follow.
+/// The given parameters, and the full set with them.
 #[derive(Clone, Debug, Default)]
 pub struct Given {
     values: Values,
@@ -65,18 +65,18 @@ impl Given {
         Ok(())
     }
 
-    /// All values: those given, and the defaults.
+    /// All values: the given ones, and the defaults.
     #[must_use]
     pub fn values(&self) -> &Values {
         &self.values
     }
 
-    /// Puts what was given, and nothing else, into a configuration of guidance.
+    /// Writes only the given parameters into a configuration of guidance.
     pub fn apply(&self, config: &mut guidance::Config) {
         self.ids.iter().for_each(|id| self.values.apply_one(*id, config));
     }
 
-    /// Puts what was given, and nothing else, in the place of other values.
+    /// Writes only the given parameters over other values.
     pub fn overrule(&self, values: &mut Values) {
         for id in &self.ids {
             // It was accepted when it was given.
@@ -95,7 +95,8 @@ impl Given {
         self.check_link()
     }
 
-    /// Checks whether those of the link fit together; those of guidance are checked with what else it is given.
+    /// Checks whether those of the link fit together; those of guidance are checked with the rest of its
+    /// configuration.
     ///
     /// # Errors
     /// The field that does not.
@@ -111,7 +112,7 @@ impl Given {
     }
 }
 
-/// Writes all values to a file, at once or not at all.
+/// Writes all values to a file, completely or not at all.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -135,7 +136,7 @@ fn unknown(name: &str) -> InputError {
     })
 }
 
-/// The range of a row as people write it.
+/// The range of a row as text.
 #[must_use]
 pub fn range(row: &Param) -> String {
     match (row.kind, row.min, row.max) {

@@ -1,58 +1,58 @@
-//! People who walk about: where to, how fast, and how they behave on the way.
+//! People who walk about: their route, speed and behaviour.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::input::{InputError, check};
 
-/// People are farther away than this when the vehicle starts.
+/// People must be at least this far from the vehicle's start.
 const START_FREE_M: f64 = 1.5;
 
-/// Somebody, or some side by side, who walk. They go where `route` and `heading_deg` say, or where `track` says that they were.
+/// A person, or several side by side, who walk along `route` and `heading_deg`, or along a recorded `track`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct Person {
-    /// Where he starts, and the places that he walks to, one after the other, x and y. After the last he walks straight on.
+    /// Start, and the points to walk to, one after the other, x and y. Straight on after the last.
     #[schemars(inner(inner(range(min = -10000.0, max = 10000.0))))]
     pub route: Vec<[f64; 2]>,
-    /// Where he walks to from a route of one place, from north, clockwise.
+    /// Walking direction with a route of one point, from north, clockwise.
     #[schemars(range(min = -360.0, max = 360.0))]
     pub heading_deg: Option<f64>,
-    /// In place of a route where he was when: time, x, y. In between he walks straight on, before and after he is not there.
+    /// Instead of a route, a recorded track: time, x, y. Straight on in between; absent before and after it.
     #[schemars(inner(inner(range(min = -10000.0, max = 10000.0))))]
     pub track: Vec<[f64; 3]>,
-    /// How fast he walks. The default is the median of those in a hurry.
+    /// Walking speed. The default is the median of people in a hurry.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub speed: f64,
     /// Radius.
     #[schemars(range(min = 0.05, max = 5.0))]
     pub r: f64,
-    /// He sways to either side of his way by so much.
+    /// Amplitude of the sway to either side of the route.
     #[schemars(range(min = 0.0, max = 2.0))]
     pub sway_m: f64,
-    /// How long he takes from one side to the other and back.
+    /// Period of the sway.
     #[schemars(range(min = 0.2, max = 60.0))]
     pub sway_s: f64,
-    /// He stops, on average so long after he last did; zero: never.
+    /// Mean time from one stop to the next; zero: never stops.
     #[schemars(range(min = 0.0, max = 3600.0))]
     pub stop_every_s: f64,
-    /// For how long, on average.
+    /// Mean duration of a stop.
     #[schemars(range(min = 0.1, max = 600.0))]
     pub stop_s: f64,
-    /// He turns, on average so long after he last did; zero: never.
+    /// Mean time from one turn to the next; zero: never turns.
     #[schemars(range(min = 0.0, max = 3600.0))]
     pub turn_every_s: f64,
-    /// By how much at most, to either side.
+    /// Largest turn to either side.
     #[schemars(range(min = 0.0, max = 180.0))]
     pub turn_deg: f64,
-    /// So many walk together, side by side.
+    /// Number of people who walk together, side by side.
     #[schemars(range(min = 1, max = 10))]
     pub group: u32,
-    /// From one of them to the next.
+    /// Distance from one of them to the next.
     #[schemars(range(min = 0.3, max = 5.0))]
     pub group_gap: f64,
-    /// He gives way to the vehicle; others do not look out for it.
+    /// Gives way to the vehicle; others ignore it.
     pub steps_aside: bool,
 }
 
@@ -78,7 +78,7 @@ impl Default for Person {
 }
 
 impl Person {
-    /// Checks the numbers of all people, and that no person starts where the vehicle does.
+    /// Checks the numbers of all people, and that nobody starts too close to the vehicle.
     pub(super) fn check(&self, name: &str, start: [f64; 2]) -> Result<(), InputError> {
         let path = |key: &str| format!("{name}.{key}");
         for (index, place) in self.route.iter().enumerate() {
@@ -110,7 +110,8 @@ impl Person {
         self.check_way(name)?;
         let gap_m = |[x, y]: [f64; 2]| libm::hypot(x - start[0], y - start[1]);
         if let Some(gap_m) = self.starts().into_iter().map(gap_m).find(|gap_m| *gap_m < START_FREE_M) {
-            let text = format!("{name}: starts {gap_m:.2} m from where the vehicle does; {START_FREE_M} m at least");
+            let text =
+                format!("{name}: starts {gap_m:.2} m from the vehicle's start; at least {START_FREE_M} m is required");
             return Err(InputError::new(text));
         }
         Ok(())
@@ -120,24 +121,28 @@ impl Person {
     fn check_way(&self, name: &str) -> Result<(), InputError> {
         let wrong = match (self.route.len(), self.track.len()) {
             (0, 0) => "needs a route or a track",
-            (0, 1) => "a track has two points at least",
-            (0, _) if self.track.windows(2).any(|pair| pair[1][0] <= pair[0][0]) => "the times of a track increase",
-            (0, _) if self.heading_deg.is_some() || self.turn_every_s != 0.0 || self.stop_every_s != 0.0 => {
-                "who has a track does nothing but to follow it"
+            (0, 1) => "a track needs at least two points",
+            (0, _) if self.track.windows(2).any(|pair| pair[1][0] <= pair[0][0]) => {
+                "the times of a track must increase"
             }
-            (0, _) if self.sway_m != 0.0 || self.group != 1 => "who has a track does nothing but to follow it",
+            (0, _) if self.heading_deg.is_some() || self.turn_every_s != 0.0 || self.stop_every_s != 0.0 => {
+                "a person with a track can only follow it"
+            }
+            (0, _) if self.sway_m != 0.0 || self.group != 1 => "a person with a track can only follow it",
             (0, _) => return Ok(()),
             (_, 1..) => "has both a route and a track",
-            (1, 0) if self.heading_deg.is_none() => "needs a heading_deg, or a second place of its route",
-            (2.., 0) if self.heading_deg.is_some() => "heading_deg is for a route of one place",
-            (2.., 0) if self.turn_every_s != 0.0 => "turn_every_s is for a route of one place",
-            (2.., 0) if self.route.windows(2).any(|pair| pair[0] == pair[1]) => "two places of its route are the same",
+            (1, 0) if self.heading_deg.is_none() => "needs a heading_deg, or a second point in its route",
+            (2.., 0) if self.heading_deg.is_some() => "heading_deg needs a route of one point",
+            (2.., 0) if self.turn_every_s != 0.0 => "turn_every_s needs a route of one point",
+            (2.., 0) if self.route.windows(2).any(|pair| pair[0] == pair[1]) => {
+                "two successive points of its route are the same"
+            }
             _ => return Ok(()),
         };
         Err(InputError::new(format!("{name}: {wrong}")))
     }
 
-    /// Where he looks at first, x and y, as a unit vector.
+    /// Initial direction, x and y, as a unit vector.
     pub(crate) fn first_heading(&self) -> [f64; 2] {
         match (&self.route[..], self.heading_deg) {
             ([from, to, ..], _) => {
@@ -152,7 +157,7 @@ impl Person {
         }
     }
 
-    /// Where those who walk together are beside the middle one: the same all the way.
+    /// Offsets of the people of a group from the middle one, constant over the route.
     pub(crate) fn abreast(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
         let ([x, y], middle, gap_m) = (self.first_heading(), 0.5 * f64::from(self.group - 1), self.group_gap);
         (0..self.group).map(move |k| {
@@ -161,7 +166,7 @@ impl Person {
         })
     }
 
-    /// Where everybody is at time zero, who is there then.
+    /// Positions at time zero of those who are present then.
     fn starts(&self) -> Vec<[f64; 2]> {
         if let Some([x, y]) = self.route.first() {
             return self.abreast().map(|[aside_x, aside_y]| [x + aside_x, y + aside_y]).collect();

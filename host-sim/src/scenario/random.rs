@@ -1,25 +1,25 @@
-//! How many pillars a random world has, and what they leave free.
+//! Random pillars: how many, and the space that they leave free.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::input::{InputError, check};
 
-/// Pillars that are thrown into the map; another seed of the flight is another world.
+/// Pillars at random places on the map; each seed of the flight gives another world.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct RandomPillars {
-    /// How many.
+    /// Number of pillars.
     #[schemars(range(min = 0, max = 1000))]
     pub count: u32,
     /// Least and greatest radius, m.
     #[schemars(inner(range(min = 0.02, max = 10.0)))]
     pub radius: [f64; 2],
-    /// What is free between any two at least, m.
+    /// Least free space between any two, m.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub gap: f64,
-    /// What is free around start and goal at least, m.
+    /// Least free space around start and goal, m.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub clear: f64,
 }

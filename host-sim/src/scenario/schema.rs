@@ -1,8 +1,8 @@
-//! The schema of scenario files, by which an editor completes keys, shows what they mean and marks what is wrong.
+//! The JSON schema of scenario files, with which an editor completes keys, explains them and marks errors.
 //!
-//! It comes from the types that the files are read into, with their comments, defaults and ranges. What one number has to
-//! do with another is not in it: that a pulse is no longer than its period, say. `scenarios/scenario.schema.json` is what
-//! `foxhound schema` prints; `tests/flight/scenarios.rs` holds it to that.
+//! It is made from the types that the files are read into, with their comments, defaults and ranges. Relations
+//! between two numbers are not in it, for example that a pulse is no longer than its period. `foxhound schema`
+//! prints `scenarios/scenario.schema.json`; `tests/flight/scenarios.rs` checks that.
 
 use schemars::generate::SchemaSettings;
 use serde_json::Value;
@@ -24,13 +24,13 @@ mod tests {
     use super::*;
     use crate::scenario::file::{FLIGHT_KEYS, KEYS};
 
-    /// A number of the schema: the way to it, and its limits.
+    /// A number of the schema: its path, and its limits.
     struct Number {
         path: Vec<String>,
         limits: [f64; 2],
     }
 
-    /// What a part of the schema stands for.
+    /// The definition that a part of the schema refers to.
     fn resolved<'a>(root: &'a Value, part: &'a Value) -> &'a Value {
         let part = part.get("anyOf").and_then(|choices| choices.get(0)).unwrap_or(part);
         match part.get("$ref").and_then(Value::as_str) {
@@ -62,7 +62,7 @@ mod tests {
         }
     }
 
-    /// A scenario in which there is everything.
+    /// A scenario with every key.
     fn full() -> Value {
         json!({
             "bounds": [0, 0, 10, 10], "start": [1, 1], "goal": [9, 9], "goal_velocity": [0, 0],
@@ -108,12 +108,12 @@ mod tests {
             let off = 1.0_f64.max(1e-3 * (high - low));
             for beyond in [low - off, high + off] {
                 let error = parsed(&path, beyond).expect_err(&format!("{path:?} = {beyond}"));
-                // Below zero there is no count at all.
+                // Below zero it is not a count at all.
                 let is_told = error.contains("is outside") || error.contains("expected u32");
                 assert!(is_told && error.contains(path.last().unwrap()), "{path:?} = {beyond}: {error}");
             }
             for limit in [low, high] {
-                // What is refused then, is refused for what another number is.
+                // Any error at the limit must be about another number.
                 if let Err(error) = parsed(&path, limit) {
                     let about = [
                         "bounds",

@@ -1,7 +1,8 @@
-//! A file of real tracks: who was where, when.
+//! Files of real people's tracks.
 //!
-//! CSV with a line of names. Of the columns `time_s`, `person`, `x`, `y` are read, in whatever order; others are passed over. A
-//! person is any text; his times increase, in between there may be lines of others. Somebody with one line is never there.
+//! CSV with a line of column names. The columns `time_s`, `person`, `x`, `y` are read, in any order; others are
+//! ignored. A person is any text; the times of a person must increase, with lines of others in between allowed. A
+//! person with one line never appears.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -13,7 +14,7 @@ use super::people::Person;
 
 const COLUMNS: [&str; 4] = ["time_s", "person", "x", "y"];
 
-/// Those in the file, in the order in which they come, with the names that they have there.
+/// The people in the file, in order of appearance, with their names.
 ///
 /// # Errors
 /// The file, and the line and the column that are wrong.
@@ -29,9 +30,8 @@ fn parse(text: &str) -> Result<Vec<(String, Person)>, InputError> {
     let mut columns = [0; COLUMNS.len()];
     for (at, name) in columns.iter_mut().zip(COLUMNS) {
         let found = names.iter().position(|column| column == name);
-        *at = found.ok_or_else(|| {
-            InputError::new(format!("line 1: there is no column {name}; needed are {}", COLUMNS.join(", ")))
-        })?;
+        *at = found
+            .ok_or_else(|| InputError::new(format!("line 1: no column {name}; required: {}", COLUMNS.join(", "))))?;
     }
     let mut people: Vec<(String, Person)> = Vec::new();
     let mut known: HashMap<String, usize> = HashMap::new();
@@ -76,7 +76,7 @@ impl Row<'_> {
     }
 
     fn field(&self, at: usize, column: &str) -> Result<&str, InputError> {
-        self.row.get(at).filter(|text| !text.is_empty()).ok_or_else(|| self.wrong(column, "there is nothing"))
+        self.row.get(at).filter(|text| !text.is_empty()).ok_or_else(|| self.wrong(column, "empty"))
     }
 
     fn number(&self, at: usize, column: &str) -> Result<f64, InputError> {
@@ -106,10 +106,10 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named_by_its_line_and_column() {
         for (text, named) in [
-            ("time_s,person,x\n0,a,1\n", "line 1: there is no column y; needed are time_s, person, x, y"),
+            ("time_s,person,x\n0,a,1\n", "line 1: no column y; required: time_s, person, x, y"),
             ("time_s,person,x,y\n0,a,1,2\n1,a,one,2\n", "line 3, column x: expected a number, not `one`"),
-            ("time_s,person,x,y\n0,a,1,2\n\n1,a,1\n", "line 4, column y: there is nothing"),
-            ("time_s,person,x,y\n0,,1,2\n", "line 2, column person: there is nothing"),
+            ("time_s,person,x,y\n0,a,1,2\n\n1,a,1\n", "line 4, column y: empty"),
+            ("time_s,person,x,y\n0,,1,2\n", "line 2, column person: empty"),
             ("time_s,person,x,y\n0,a,NaN,2\n", "line 2, column x: NaN is outside"),
             ("time_s,person,x,y\n0,a,1,1e9\n", "line 2, column y: 1000000000 is outside"),
             ("time_s,person,x,y\n1,a,1,2\n2,b,1,1\n1,a,1,3\n", "line 4, column time_s: 1 of a is not after 1"),

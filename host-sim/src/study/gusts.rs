@@ -50,7 +50,7 @@ pub const SCENES: [Scene; 8] = [
             {"x":8.4,"y":5.2,"r":0.3}],"sensor":{"model":"scan"},"bearing":{"snr_db":20},
             "vehicle":{"model":"arducopter","autopilot":"px4"}}"#,
     ),
-    // Every seed plants its own.
+    // Every seed places its own.
     scene(
         "forest, scan",
         r#"{"random":{"count":24},"sensor":{"model":"scan"},"bearing":{"snr_db":20},
@@ -60,7 +60,7 @@ pub const SCENES: [Scene; 8] = [
         "forest, circles",
         r#"{"random":{"count":24},"bearing":{"snr_db":20},"vehicle":{"model":"arducopter"},"max_time_s":120}"#,
     ),
-    // Two walls of 2 to 5 m across the way, to fly around.
+    // Two walls of 2 to 5 m across the route, to fly around.
     Scene { rows: Some(WALLS), ..scene("walls, scan", NORTH) },
     // Two walls of 10 m, each with a gap of 1.5 to 2.5 m.
     Scene { rows: Some(GAPS), ..scene("gaps, scan", NORTH) },
@@ -122,7 +122,7 @@ pub const WEATHERS: [Weather; 7] = [
     gusts("gusts, sigma 3 m/s", 3.0),
 ];
 
-/// What the flights of one scene in one weather came to.
+/// Results of the flights of one scene in one weather.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Row {
     /// The scene.
@@ -131,7 +131,7 @@ pub struct Row {
     pub weather: &'static str,
     /// How many.
     pub flights: u32,
-    /// Those that touched something, by their seeds.
+    /// Those with a collision, by their seeds.
     pub collided: Vec<u64>,
     /// Those that reached the beacon.
     pub reached: u32,

@@ -1,6 +1,6 @@
-//! Many flights to their very end, scene by scene: how many come down on the pad, and what became of the others.
+//! Many complete flights, scene by scene: how many land on the pad, and how the others ended.
 //!
-//! All fly with the whole chain from the antennas' codes on, at 20 dB, through pillars that every seed plants anew, with a
+//! All fly with the whole chain from the antennas' codes on, at 20 dB, through pillars placed by the seed, with a
 //! vehicle as slow as a real autopilot, to a beacon on the ground with a pad within half a metre of it. A camera of 160 by 120
 //! pixels sees the ground ten times a second, 80 ms late.
 
@@ -23,7 +23,7 @@ pub const ON_PAD_M: f64 = 0.15;
 /// From the beacon to the pad.
 const PAD_M: f64 = 0.5;
 
-/// A way of arriving.
+/// A scene: sensors, weather and autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Scene {
     /// Its name.
@@ -68,24 +68,24 @@ pub const SCENES: [Scene; 10] = [
     Scene::calm("camera, calm", "{}"),
     Scene::gusty("camera, gusts of 3 m/s", "{}"),
     Scene::gusty("camera, gusts of 3 m/s, red things about", r#"{"camera":{"distractors":true}}"#),
-    Scene::gusty("camera, gusts of 3 m/s, PX4, no range estimator", r#"{"range_finder":false}"#).with(BEARING, PX4),
+    Scene::gusty("camera, gusts of 3 m/s, PX4, no range finder", r#"{"range_finder":false}"#).with(BEARING, PX4),
     Scene::gusty("camera, from 6 m, gusts of 3 m/s", r#"{"height":6}"#),
     Scene::gusty("camera that fails on the last metres", r#"{"camera":{"cut":[16,300]}}"#),
     Scene::gusty("camera, no pad there", r#"{"pad_missing":true}"#),
     Scene::calm("no camera, calm", r#"{"camera":null}"#),
     Scene::gusty("no camera, gusts of 3 m/s", r#"{"camera":null}"#),
-    Scene::gusty("no camera, no range estimator, bearings to 10 deg only", r#"{"camera":null,"range_finder":false}"#)
+    Scene::gusty("no camera, no range finder, bearings to 10 deg only", r#"{"camera":null,"range_finder":false}"#)
         .with(r#"{"sigma_deg":10}"#, ARDUCOPTER),
 ];
 
-/// What the flights of one scene came to.
+/// Results of the flights of one scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Row {
     /// The scene.
     pub scene: &'static str,
     /// How many.
     pub flights: u32,
-    /// Those that touched something, by their seeds.
+    /// Those with a collision, by their seeds.
     pub collided: Vec<u64>,
     /// Those that came down within [`ON_PAD_M`] of the pad's middle.
     pub on_pad: u32,
@@ -93,7 +93,7 @@ pub struct Row {
     pub beside: Vec<u64>,
     /// Those that hover and have handed over, by their reasons; of these, how many within the tolerance of the beacon.
     pub handed_over: BTreeMap<&'static str, [u32; 2]>,
-    /// Those that were still under way at the end of the time, or had given up, by their seeds.
+    /// Those still flying at the time limit, or that had given up, by their seeds.
     pub unfinished: Vec<u64>,
     /// From the pad's middle to the touchdown: the median, 99 of 100, the farthest; `None` where nothing came down.
     pub pad_m: Option<[f64; 3]>,

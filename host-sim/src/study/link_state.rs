@@ -128,7 +128,7 @@ impl Contender {
 /// All features, and as many neurons as the core has.
 const ALL: Contender = Contender { name: "all of them", without: &[], music: false, hidden: HIDDEN };
 
-/// Trains the weights of the repository, and others beside them where it is asked what the features are worth.
+/// Trains the weights of the repository, and others beside them where the features are compared.
 ///
 /// # Errors
 /// None in practice: the chain's own configuration.

@@ -132,7 +132,7 @@ impl Setting {
     }
 }
 
-/// What the flights in one setting came to.
+/// Results of the flights in one setting.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
     /// Flights.

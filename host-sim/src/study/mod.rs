@@ -1,4 +1,4 @@
-//! What many flights or many frames come to: the papers' experiments, and campaigns that answer one question each.
+//! Results of many flights or many frames: the papers' experiments, and campaigns that answer one question each.
 //!
 //! | module | the question |
 //! |---|---|
@@ -28,7 +28,7 @@ pub mod seeds;
 
 mod network;
 
-/// Hears how much of a study is done.
+/// Called with how much of a study is done.
 pub type Watch<'a> = &'a (dyn Fn(u64) + Sync);
 
 /// How much of a campaign is flown.
@@ -38,7 +38,7 @@ pub struct Campaign {
     pub flights: u64,
     /// Whether on development seeds.
     pub is_development: bool,
-    /// Hears what is flown next, or has been.
+    /// Called with what is flown next, or has been.
     pub tell: fn(&str),
 }
 
@@ -66,14 +66,14 @@ pub trait Study: Serialize + Sized {
         None
     }
 
-    /// Runs it on all cores; the result does not depend on how many there are. `watch` hears how much is done of
+    /// Runs it on all cores; the result does not depend on how many there are. `watch` is called with how much is done of
     /// [`Self::length`].
     ///
     /// # Errors
     /// The built-in configurations cause no error.
     fn run(settings: &Self::Settings, watch: Watch<'_>) -> Result<Self, InputError>;
 
-    /// The rows for people.
+    /// The table as text.
     fn table(&self) -> String;
 
     /// Draws its pictures and says which files these are.
@@ -84,7 +84,7 @@ pub trait Study: Serialize + Sized {
         Ok(Vec::new())
     }
 
-    /// What was published, and what became of it here.
+    /// What was published, and what was measured here.
     fn verdict(&self) -> Vec<Beside> {
         Vec::new()
     }

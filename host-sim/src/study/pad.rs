@@ -2,7 +2,7 @@
 //! `foxhound pad --train` does.
 //!
 //! The pictures are those of [`shot`]. Their seeds lie in three ranges that do not meet: [`EXAMINATION`] for what is published,
-//! and two more for the training. Each picture is shown twice to a new detector, since the first look tells it the light.
+//! and two more for the training. Each picture is shown twice to a new detector, since it measures the light on the first.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -27,9 +27,9 @@ const TRAINING: [(Recipe, Range<u64>); 4] = [
     (Recipe::CLUTTER, 100_000..152_000),
     (Recipe::CLUTTER, 300_000..347_000),
 ];
-/// Seeds of the pictures without a pad by which it is said where the score is zero.
+/// Seeds of the pictures without a pad that set the score's zero.
 const THRESHOLD: Range<u64> = 400_000..430_000;
-/// Of those pictures so many may show a pad.
+/// In at most this many of those pictures a pad may be reported.
 const INVENTED: f64 = 0.000_8;
 /// The border cuts most of these.
 const NEAR: Recipe = Recipe { is_whole: false, height_m: [0.4, 1.2], ..Recipe::PAD };
@@ -39,23 +39,23 @@ const EPOCHS: usize = 300;
 const DECAY: f64 = 3e-4;
 /// Networks that are trained from other random weights each; the one that finds most pads is taken.
 const STARTS: u64 = 8;
-/// Where a network is trained on two seeds of so many, the others say how good it is.
+/// A network is trained on two of this many seeds; the others measure how good it is.
 const PARTS: u64 = 3;
 /// The largest weight of a unit in the tables, and the largest count.
 const LARGEST: f64 = 126.0;
-/// How often a picture is shown; the last look counts.
+/// How often a picture is shown; the last time counts.
 const LOOKS: u32 = 2;
-/// Smaller pads are not asked for.
+/// Smaller pads do not count.
 const WIDE_PX: f32 = 12.0;
 /// More of a pad may not be covered.
 const HIDDEN: f32 = 0.3;
 
-/// What became of many pictures.
+/// Results of many pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Tally {
     /// Pictures that count.
     pub due: u32,
-    /// In so many a pad was seen where it is, or where there is no pad.
+    /// Of these, pictures with a pad reported: at its place, or where there is none.
     pub found: u32,
     /// Sum of the squares of the centres' errors over the picture's width.
     pub square: f64,
@@ -120,7 +120,7 @@ pub fn examine(weights: &Weights, recipe: &Recipe, seeds: Range<u64>, inside: [f
     Ok(tallies.into_iter().fold(Tally::default(), Tally::and))
 }
 
-/// What is seen in a picture by a score, which is told whether it is the look that counts.
+/// What a score finds in a picture; it is given whether this time counts.
 fn see(detector: &Detector, shot: &Shot, mut score: impl FnMut(bool, &Candidate) -> f32) -> Seen {
     let score = |look, candidate: &Candidate| score(look + 1 == LOOKS, candidate);
     alone_by(detector, &shot.frame, Some(shot.pose.height_m), LOOKS, score).seen
@@ -130,7 +130,7 @@ fn apart(pad: &Pad, truth: &Truth) -> f32 {
     (pad.forward - truth.forward).hypot(pad.right - truth.right)
 }
 
-/// What weights come to on [`EXAMINATION`].
+/// Results of weights on [`EXAMINATION`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Pads that are wholly in the picture.
@@ -287,7 +287,7 @@ pub fn source(weights: &Weights, seed: u64) -> String {
     text
 }
 
-/// Weights beside those that fly, for people.
+/// Weights beside those in the product, as text.
 #[must_use]
 pub fn table(rows: &[(&str, Report)]) -> String {
     let mut text =

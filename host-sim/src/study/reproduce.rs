@@ -2,17 +2,17 @@
 //!
 //! - [`circle`], `aoa-circle`: the main paper's angle-of-arrival experiment (fig. 8), a source on a circle of 5 m without
 //!   noise. The paper reports a mean error of 1.48 deg and neither heights nor frequencies.
-//! - [`crb`], `aoa-crb`: the rms error of whole frames, frequency not told, over the Cramer-Rao bound of the square array,
+//! - [`crb`], `aoa-crb`: the rms error of whole frames, frequency unknown, over the Cramer-Rao bound of the square array,
 //!   `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`.
 //! - [`density`], `apf-density`: the main paper's planners on maps of growing obstacle density (Table I, fig. 9 and 10).
 //! - [`localize`]: the mmWave paper's filters in line of sight and behind walls (fig. 2 and 3).
 //! - [`variants`], `apf-variants`: the variants paper's four potential fields in its four scenes (Table I).
-//! - [`mmwave`], `mmwave`: agents that look for a transmitter indoors (belief-space paper, Table 3, fig. 5 and 6).
+//! - [`mmwave`], `mmwave`: agents that search for a transmitter indoors (belief-space paper, Table 3, fig. 5 and 6).
 //! - [`multipath`], `multipath`: the closed loop among walls that reflect, with and without filters.
-//! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among what it hears (fig. 3
+//! - [`stretch`], `stretch`: excess travel of a vehicle that follows its turning antenna, outliers among its measurements (fig. 3
 //!   and 4 of the rotating vehicle's paper), the discs of its lemmas, and a source that moves.
 //!
-//! Each experiment is a [`Study`](super::Study): a serialisable report with a table for people and pictures. [`Experiment`]
+//! Each experiment is a [`Study`](super::Study): a serialisable report with a table as text and pictures. [`Experiment`]
 //! runs any of them by its name; [`gallery`] keeps all of them in a folder with a page.
 
 pub mod circle;
@@ -61,7 +61,7 @@ const CONTENDERS: [Contender; 4] = [
     Contender { name: "cross", label: "Foxhound", estimator: Estimator::CrossSpectrum },
 ];
 
-/// A estimator of the default array for each contender.
+/// The default array's estimator for each contender.
 fn estimators() -> Result<[AnyBearingEstimator; CONTENDERS.len()], ConfigError> {
     let array = array::Config::default().build()?;
     let build = |contender: Contender| {

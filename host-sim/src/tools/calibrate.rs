@@ -1,9 +1,10 @@
-//! Frames of a known source in, a calibration in the array file out: what `foxhound calibrate` does.
+//! `foxhound calibrate`: from frames of a known source to a calibration in the array file.
 //!
-//! The source's direction is known, or it feeds all channels through a splitter. The other keys of the array file and its
-//! comments stay as they are. With a yaw for each frame the vehicle turned on the spot before one source: then the order of the
-//! channels is checked as well, and once the circle is closed the deviation is fitted to what the calibrated array makes
-//! of the frames. A frame that tells nothing about some channel is refused, and nothing is written.
+//! The source's direction is known, or it feeds all channels through a splitter. The other keys of the array file
+//! and its comments are kept. If each frame has a yaw, the vehicle turned on the spot before one source: then the
+//! order of the channels is checked too, and if the yaws cover the whole circle, the deviation is fitted to the
+//! bearings of the calibrated array. A frame without information about some channel is refused, and nothing is
+//! written.
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS};
 use foxhound_core::base::time::Instant;
@@ -21,29 +22,29 @@ use super::frames::{ArrayDescription, Recording};
 use crate::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, check_within};
 use crate::world::wrap_pi;
 
-/// Two frequencies closer than this, as a part of them, are the same entry.
+/// Two frequencies closer than this, relative to their value, are the same entry.
 const SAME_FREQUENCY: f32 = 0.02;
 
-/// What is known about the frames.
+/// What is known about the source.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Where the source is, at yaw zero, from the nose and clockwise; `None` is a splitter.
+    /// Azimuth of the source at yaw zero, from the nose and clockwise; `None` for a splitter.
     pub azimuth_deg: Option<f64>,
     /// Its elevation.
     pub elevation_deg: f64,
-    /// Its distance; `None` is a plane wave.
+    /// Its distance; `None` for a plane wave.
     pub range_m: Option<f64>,
-    /// Yaw of each frame, rad; empty when the array did not turn.
+    /// Yaw of each frame, rad; empty if the array did not turn.
     pub yaw_rad: Vec<f64>,
     /// Temperature of the receiver.
     pub temperature_c: Option<f64>,
     /// Add this frequency to the table instead of replacing it.
     pub add: bool,
-    /// Take sampling delays out of the table, of two frequencies or more.
+    /// Determine sampling delays from the table, which needs two frequencies or more.
     pub skew: bool,
 }
 
-/// What was found.
+/// The result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Frames used.
@@ -56,21 +57,21 @@ pub struct Report {
     pub gain: [f64; CHANNELS],
     /// Phase of each channel relative to their common phase.
     pub phase_deg: [f64; CHANNELS],
-    /// Standard deviation of a channel's phase that is left.
+    /// Remaining standard deviation of a channel's phase.
     pub residual_deg: f64,
     /// All frequencies of the table.
     pub table_hz: Vec<f64>,
-    /// Sampling delays, when they were asked for.
+    /// Sampling delays, if requested.
     pub skew_s: Option<[f64; CHANNELS]>,
-    /// Largest deviation over the circle, when the frames go all around it.
+    /// Largest deviation over the circle, if the frames cover all of it.
     pub deviation_max_deg: Option<f64>,
-    /// Frames in which another line stands within 10 dB of the tone.
+    /// Frames in which another line is within 10 dB of the tone.
     pub interferer_frames: usize,
     /// Check sum of the table.
     pub crc: String,
 }
 
-/// Measures the calibration; gives the new text of the array file.
+/// Measures the calibration; returns the new text of the array file.
 ///
 /// # Errors
 /// A field of the array file or an option, or a frame that cannot be used, with its number and what is wrong with it.
@@ -106,11 +107,11 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
                 order.step(&bare, *source, phasors);
                 continue;
             }
-            Taken::NoTone => "holds no tone".to_owned(),
+            Taken::NoTone => "contains no tone".to_owned(),
             Taken::Clipped => "is clipped".to_owned(),
             Taken::Dead(channel) => format!("channel {} is dead (dead_{})", channel + 1, channel + 1),
             Taken::OtherFrequency => {
-                format!("the tone is at {:.0} Hz, elsewhere than in the frames before", phasors.frequency_hz)
+                format!("the tone is at {:.0} Hz, not where it was in the frames before", phasors.frequency_hz)
             }
         };
         return Err(InputError::new(format!("--adc: frame {frame}: {why}")));
@@ -143,7 +144,7 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
         None
     };
     for entry in &mut entries {
-        // The file has degrees.
+        // The file uses degrees.
         entry.residual_rad = entry.residual_rad.to_degrees().to_radians();
     }
     let table = Table::new(wavelength_m, &entries)?;
@@ -169,10 +170,10 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
 
     let calibration = Calibration { table, deviation };
     let text = write(text, &calibration, skew_s)?;
-    // What will be read is what was meant.
+    // Reading the file back must give what was written.
     let read = ArrayDescription::parse(&text)?;
     if read.array.calibration != Some(table) || read.deviation != deviation {
-        return Err(InputError::new("[calibration]: the array file does not take the table"));
+        return Err(InputError::new("[calibration]: the array file would be invalid with this table"));
     }
     let snr_db = looks.iter().map(|(phasors, _)| f64::from(phasors.snr_db)).sum::<f64>() / looks.len() as f64;
     let report = Report {
@@ -191,7 +192,7 @@ pub fn calibrate(recording: &Recording, text: &str, options: &Options) -> Result
     Ok((text, report))
 }
 
-/// Where the source is at each frame.
+/// Direction of the source for each frame.
 fn sources(options: &Options, frames: usize) -> Result<Vec<Source>, InputError> {
     if let Some(temperature_c) = options.temperature_c {
         check_within("--temperature-c", temperature_c, &TEMPERATURE_C)?;
@@ -240,7 +241,7 @@ fn listen_in<const N: usize>(
         for (row, source) in snapshot.codes.iter_mut().zip(codes.chunks_exact(codes.len() / CHANNELS)) {
             row.copy_from_slice(source);
         }
-        // The frames may be from anywhere.
+        // Frames need not follow each other.
         state.reset();
         let phasors = extractor.step(&mut state, &snapshot);
         let most = snapshot.clip_count().into_iter().enumerate().max_by_key(|(_, rails)| *rails);
@@ -249,7 +250,7 @@ fn listen_in<const N: usize>(
     Ok(looks.collect())
 }
 
-/// The array file with this calibration in it, all else as it was.
+/// The array file with this calibration in it, otherwise unchanged.
 fn write(text: &str, calibration: &Calibration, skew_s: Option<[f32; CHANNELS]>) -> Result<String, InputError> {
     let mut document: DocumentMut =
         text.parse().map_err(|error: toml_edit::TomlError| InputError::new(error.to_string()))?;
@@ -300,7 +301,7 @@ fn set_entry(table: &mut toml_edit::Table, entry: &Entry) {
     set(table, "temperature_c", entry.temperature_c.map(number));
 }
 
-/// Sets or removes a key; the comments about it stay.
+/// Sets or removes a key; comments about it are kept.
 fn set(table: &mut toml_edit::Table, key: &str, value: Option<Value>) {
     match (value, table.get_mut(key).and_then(Item::as_value_mut)) {
         (Some(mut value), Some(old)) => {
@@ -316,7 +317,7 @@ fn set(table: &mut toml_edit::Table, key: &str, value: Option<Value>) {
     }
 }
 
-/// The shortest decimal number that is read back as the same single.
+/// The shortest decimal number that reads back as the same `f32`.
 fn number(value: f32) -> Value {
     Value::from(value.to_string().parse::<f64>().unwrap_or(f64::from(value)))
 }
@@ -358,7 +359,7 @@ mod tests {
         ] {
             for before in [FILE, "wavelength_m = 0.345\nside_m = 0.138\nsample_rate_hz = 102400.0"] {
                 let text = write(before, &calibration, None).unwrap();
-                // Written over itself it stays the same.
+                // Written again it stays the same.
                 assert_eq!(write(&text, &calibration, None).unwrap(), text);
                 let read = ArrayDescription::parse(&text).unwrap();
                 assert_eq!(read.array.calibration, Some(calibration.table), "{text}");
@@ -401,7 +402,7 @@ mod tests {
                 Err(error) => panic!("{from}: {error}"),
             }
         }
-        // Without a check sum it is taken as it is.
+        // Without a checksum it is accepted as it is.
         let crc = text.lines().find(|line| line.starts_with("crc")).unwrap();
         let read = ArrayDescription::parse(&text.replace(crc, "")).unwrap();
         assert_eq!(read.array.calibration, Some(calibration(&[entry(14_800.0)]).table));

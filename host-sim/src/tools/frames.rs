@@ -4,7 +4,7 @@
 //!
 //! ```toml
 //! [calibration]
-//! wavelength_m = 0.345          # the carrier that it holds for
+//! wavelength_m = 0.345          # the carrier's wavelength that it is valid for
 //! frequency_hz = 14800.0        # the tone's frequency in the samples that it holds for
 //! gain = [1.0, 0.9, 1.1, 1.0]   # relative to their mean
 //! phase_rad = [0.1, -0.4, 0.2, 0.1]
@@ -21,8 +21,8 @@
 //! sigma_rad = 0.001
 //! ```
 //!
-//! Written by hand, `gain` and `phase_rad` are enough and then hold at all frequencies. A table whose `crc` does not match
-//! holds nowhere.
+//! A calibration written by hand needs only `gain` and `phase_rad`, which are then valid at all frequencies. A
+//! table whose `crc` does not match is valid nowhere.
 
 use std::fs::File;
 use std::io::{BufWriter, Cursor};
@@ -38,10 +38,10 @@ use serde::Deserialize;
 
 use crate::scenario::input::{InputError, check, parse_strictly, read_text};
 
-/// Block lengths that the core is built for.
+/// Block lengths that the core is compiled for.
 pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];
 
-/// Frames of four channels of signed 12-bit codes.
+/// Frames of four channels of signed 12-bit samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recording {
     /// Samples per channel and frame.
@@ -60,13 +60,13 @@ impl Recording {
         Self::parse(&bytes).map_err(|error| error.in_file(path))
     }
 
-    /// Frames as the flight computer has them.
+    /// Frames of the flight computer's type.
     #[must_use]
     pub fn of<const N: usize>(frames: &[AdcFrame<N>]) -> Self {
         Self { block_length: N, codes: frames.iter().flat_map(|frame| frame.codes.as_flattened().to_vec()).collect() }
     }
 
-    /// Writes what [`read`](Self::read) reads.
+    /// Writes a file that [`read`](Self::read) reads.
     ///
     /// # Errors
     /// Names the file and what is wrong with it.
@@ -109,13 +109,13 @@ impl Recording {
         Ok(Self { block_length, codes })
     }
 
-    /// The frames in order, each four rows of `block_length` codes.
+    /// The frames in order, each four rows of `block_length` samples.
     pub fn frames(&self) -> impl ExactSizeIterator<Item = &[i16]> {
         self.codes.chunks_exact(CHANNELS * self.block_length)
     }
 }
 
-/// Reads one float64 yaw a frame, rad.
+/// Reads one float64 yaw per frame, rad.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
@@ -161,7 +161,7 @@ pub(super) fn read_npy<T: npyz::Deserialize>(bytes: &[u8], dtype: &str) -> Resul
     Ok((shape, values))
 }
 
-/// The header's reader multiplies the shape without looking; a shape that no file can hold is caught before.
+/// The header's reader multiplies the shape unchecked; a shape that no file can hold is refused before.
 fn refuse_absurd_shape(bytes: &[u8]) -> Result<(), InputError> {
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(4096)]);
     let shape =
@@ -221,7 +221,7 @@ struct ArrayFile {
     calibration: Option<CalibrationTable>,
 }
 
-/// Gain and phase of each channel relative to their mean; at which frequency, and with what else was measured.
+/// Gain and phase of each channel relative to their mean, the frequency, and other measurements.
 #[derive(Clone, Debug, Deserialize)]
 struct CalibrationTable {
     gain: [f64; CHANNELS],
@@ -276,11 +276,11 @@ impl CalibrationTable {
         self.deviation.as_ref().map_or(Ok(Deviation::default()), DeviationTable::checked)
     }
 
-    /// The table by frequency; an empty one when it is damaged, none when it is for all frequencies.
+    /// The table by frequency: empty if it is damaged, `None` if it is valid at all frequencies.
     fn table(&self, wavelength_m: f64) -> Result<Option<Table>, InputError> {
         let Some(frequency_hz) = self.frequency_hz else {
             if self.further.is_empty() {
-                // Without a frequency, the check sum has nothing to stand for.
+                // Without a frequency, the checksum covers nothing.
                 return Ok(self.crc.map(|_| Table::EMPTY));
             }
             return Err(InputError::new("calibration.frequency_hz: missing, though there are further frequencies"));
@@ -309,14 +309,14 @@ impl CalibrationTable {
     }
 }
 
-/// What an array file says, as the core wants it.
+/// The content of an array file, as configurations of the core.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArrayDescription {
     /// Geometry and calibration.
     pub array: array::Config,
-    /// Sampling and where the tone is.
+    /// Sampling, and where the tone is.
     pub phase: phase::Config,
-    /// What the airframe turns bearings by; the default, which turns nothing, when it has not been measured.
+    /// Deviation of bearings by the airframe; the default, zero, if it has not been measured.
     pub deviation: Deviation,
 }
 
@@ -349,7 +349,7 @@ impl ArrayDescription {
                 antennas_m: antennas_m.map(|xy| xy.map(|coordinate| coordinate as f32)),
                 ..array::Config::default()
             },
-            (Some(_), Some(_)) => return Err(InputError::new("side_m and antennas_m: give one of the two")),
+            (Some(_), Some(_)) => return Err(InputError::new("side_m and antennas_m: give only one of the two")),
             (None, None) => return Err(InputError::new("side_m or antennas_m: one of the two is missing")),
         };
         array.require_calibration = file.require_calibration;
@@ -373,7 +373,7 @@ impl ArrayDescription {
 
         let nyquist_hz = file.sample_rate_hz / 2.0;
         let mut phase = phase::Config { sample_rate_hz: file.sample_rate_hz as f32, ..phase::Config::default() };
-        // Nothing is known of the tone: it may be anywhere that the spectrum can tell it from its own image.
+        // The tone is unknown: it may be anywhere in the spectrum where it is distinct from its own image.
         phase.tone_band_hz = [0.0, phase.sample_rate_hz / 2.0];
         if let Some(tone_hz) = file.tone_hz {
             check("tone_hz", tone_hz, 0.0, nyquist_hz)?;
@@ -382,7 +382,7 @@ impl ArrayDescription {
         if let Some([low_hz, high_hz]) = file.tone_band_hz {
             check("tone_band_hz[0]", low_hz, 0.0, nyquist_hz)?;
             check("tone_band_hz[1]", high_hz, low_hz, nyquist_hz)?;
-            // A band says that the tone may be elsewhere in it.
+            // A given band means that the tone may be elsewhere in it.
             phase.tone_hz = None;
             phase.tone_band_hz = [low_hz as f32, high_hz as f32];
         }
@@ -398,7 +398,7 @@ impl ArrayDescription {
 mod tests {
     use super::*;
 
-    /// A .npy file of format version 1.0 as NumPy's format specification lays it out, not made by the crate under test.
+    /// A .npy file of format version 1.0 after NumPy's format specification, not made by the crate under test.
     fn npy(descr: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
         let mut header = format!("{{'descr': '{descr}', 'fortran_order': {fortran}, 'shape': {shape}, }}");
         while (10 + header.len() + 1) % 64 != 0 {

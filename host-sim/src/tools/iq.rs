@@ -1,7 +1,7 @@
-//! Recorded complex samples of several coherent channels in, bearings out: what `foxhound bearing --iq` does.
+//! `foxhound bearing --iq`: from recorded complex samples of several coherent channels to bearings.
 //!
-//! A frame's spectrum inside the occupied band gives the covariance, bin by bin; without a band its samples do. Whatever is
-//! outside of the band is kept out by a window whose first and last tenth are tapered.
+//! The covariance comes from the bins of a frame's spectrum in the occupied band; without a band, from its samples.
+//! A window whose first and last tenth are tapered keeps out signals outside the band.
 
 use std::path::Path;
 
@@ -22,7 +22,7 @@ use crate::scenario::input::InputError;
 const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 /// Share of a frame at either end that the window tapers.
 const TAPER: f64 = 0.1;
-/// A tone without a band: this many bins either side.
+/// Half-width, in bins, for a tone without a band.
 const TONE_BINS: f64 = 4.0;
 
 /// Frames of complex samples, channel after channel.
@@ -56,7 +56,7 @@ impl Frames {
         Ok(Self { channels, samples, values })
     }
 
-    /// How many.
+    /// Number of frames.
     #[must_use]
     pub fn count(&self) -> usize {
         self.values.len() / (self.channels * self.samples)
@@ -76,13 +76,15 @@ fn read_frames(path: &Path) -> Result<(usize, usize, Vec<Complex32>), InputError
     parse().map_err(|error: InputError| error.in_file(path))
 }
 
-/// The answers, one for each `looks` frames.
+/// The results, one for each `looks` frames.
 ///
 /// # Errors
 /// A key of the array file that is missing or that the core refuses.
 pub fn find(frames: &Frames, array: &RadioArray, looks: usize) -> Result<Vec<ArrayLine>, InputError> {
     if array.switch.is_some() {
-        return Err(InputError::new("switch: channels of --iq are heard at the same instants; take --switched"));
+        return Err(InputError::new(
+            "switch: the channels of --iq must be sampled at the same instants; use --switched",
+        ));
     }
     let beam = array.beam.build()?;
     let source = Source { floor_rad: array.sigma_floor_rad.unwrap_or(0.0) }.build()?;
@@ -113,11 +115,11 @@ impl Centre {
     }
 }
 
-/// The bins of a frame that are in the occupied band; none where all of it is.
+/// The bins of a frame in the occupied band; `None` if the whole spectrum is occupied.
 struct Band {
     bins: Option<Vec<(usize, f64)>>,
     window: Vec<f32>,
-    /// Independent samples that a bin is worth.
+    /// Number of independent samples that a bin stands for.
     worth: f32,
     fft: std::sync::Arc<dyn rustfft::Fft<f32>>,
 }

@@ -1,10 +1,10 @@
-//! What works on recorded frames, without a flight: bearings from them, and a calibration.
+//! Tools for recorded frames, without a flight: bearings from them, and a calibration.
 //!
 //! | module | what it does |
 //! |---|---|
 //! | [`frames`] | reads recorded frames and the description of the array |
 //! | [`bearings`] | `foxhound bearing` |
-//! | [`radio_array`] | the description of an array heard by another receiver: behind a switch, or complex samples |
+//! | [`radio_array`] | the description of the array of another receiver: behind a switch, or with complex samples |
 //! | [`switched`] | `foxhound bearing --switched` |
 //! | [`iq`] | `foxhound bearing --iq` |
 //! | [`sigmf`] | reads SigMF recordings |

@@ -1,4 +1,4 @@
-//! The description of an array of 2 to 8 antennas that is heard by another receiver than our own converters (TOML).
+//! The description (TOML) of an array of 2 to 8 antennas with another receiver than our own AD converters.
 //!
 //! ```toml
 //! wavelength_m = 0.1229
@@ -6,7 +6,7 @@
 //! sample_rate_hz = 2e6
 //! tone_hz = 250e3             # --switched: of the tone at base band
 //! tone_band_hz = [-5e4, 5e4]  # --iq: the occupied band
-//! sigma_floor_deg = 4.0       # optional: no bearing is better
+//! sigma_floor_deg = 4.0       # optional: smallest sigma of a bearing
 //!
 //! [switch]                    # --switched
 //! slot_s = 4e-6               # from the beginning of a slot to that of the next
@@ -54,16 +54,16 @@ struct Switch {
     pattern: Vec<i64>,
 }
 
-/// What such a file says, as the core wants it.
+/// The content of such a file, as configurations of the core.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RadioArray {
     /// Geometry.
     pub beam: beam::Config,
     /// Rate of the complex samples.
     pub sample_rate_hz: f64,
-    /// The tone's frequency in them.
+    /// The tone's frequency in the samples.
     pub tone_hz: Option<f64>,
-    /// The occupied band in them.
+    /// The occupied band in the samples.
     pub band_hz: Option<[f64; 2]>,
     /// Least sigma.
     pub sigma_floor_rad: Option<f32>,
@@ -123,7 +123,7 @@ impl File {
                 array::Config::square(wavelength_m, side_m as f32).antennas_m.to_vec()
             }
             (None, Some(antennas_m)) => antennas_m.iter().map(|xy| xy.map(|coordinate| coordinate as f32)).collect(),
-            (Some(_), Some(_)) => return Err(InputError::new("side_m and antennas_m: give one of the two")),
+            (Some(_), Some(_)) => return Err(InputError::new("side_m and antennas_m: give only one of the two")),
             (None, None) => return Err(InputError::new("side_m or antennas_m: one of the two is missing")),
         };
         if !(2..=ANTENNAS_MAX).contains(&given.len()) {

@@ -1,6 +1,8 @@
-//! SigMF recordings: `NAME.sigmf-meta` (JSON) describes `NAME.sigmf-data`, samples of all channels in turn.
+//! SigMF recordings: `NAME.sigmf-meta` (JSON) describes `NAME.sigmf-data`, with interleaved samples of all
+//! channels.
 //!
-//! Read are `core:datatype` `ci16_le`, `ci8`, `cu8` and `cf32_le`, `core:num_channels` and `core:sample_rate` of `global`.
+//! It reads `core:datatype` `ci16_le`, `ci8`, `cu8` and `cf32_le`, `core:num_channels` and `core:sample_rate` of
+//! `global`.
 
 use std::path::Path;
 
@@ -66,14 +68,14 @@ impl Meta {
         }
         for key in ["core:metadata_only", "core:dataset", "core:trailing_bytes"] {
             if global.get(key).is_some_and(|value| *value != false && *value != 0) {
-                return refuse(key, "not read here");
+                return refuse(key, "not supported");
             }
         }
         let captures = document["captures"].as_array().map_or(&[][..], Vec::as_slice);
         for (at, capture) in captures.iter().enumerate() {
             if capture["core:header_bytes"].as_u64().unwrap_or(0) > 0 {
                 let bytes = &capture["core:header_bytes"];
-                return Err(InputError::new(format!("captures[{at}].core:header_bytes = {bytes}: not read here")));
+                return Err(InputError::new(format!("captures[{at}].core:header_bytes = {bytes}: not supported")));
             }
         }
         Ok(Self { datatype, channels })

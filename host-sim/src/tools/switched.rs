@@ -1,4 +1,4 @@
-//! Recorded packets of an array behind a switch in, bearings out: what `foxhound bearing --switched` does.
+//! `foxhound bearing --switched`: from recorded packets of an array behind a switch to bearings.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -37,7 +37,7 @@ impl Packets {
         Ok(read)
     }
 
-    /// How many.
+    /// Number of packets.
     #[must_use]
     pub fn count(&self) -> usize {
         self.values.len() / (self.slots * self.samples)
@@ -76,7 +76,7 @@ fn parse_emitters(bytes: &[u8], packets: usize) -> Result<Vec<i32>, InputError> 
     Ok(emitters)
 }
 
-/// The answers, and how many packets made no whole group.
+/// The results, and how many packets were left over from the last group.
 ///
 /// # Errors
 /// A key of the array file that is missing or that the core refuses.

@@ -1,21 +1,21 @@
 //! Wind: a mean, and gusts on top of it, which push the vehicle.
 //!
-//! Gusts are a first-order process in each of both directions, `dg = -g dt / T + sigma sqrt(2 dt / T) n`: the longitudinal
-//! one of Dryden's turbulence. Air that moves by `w` pushes with `d w`; `d` of 0.3 1/s, a small multicopter's drag, is an
-//! assumption. The autopilot has countered the mean when the flight begins; what it does about the rest says
+//! Gusts are a first-order process along each axis, `dg = -g dt / T + sigma sqrt(2 dt / T) n`: the longitudinal one
+//! of Dryden's turbulence. Air that moves by `w` pushes with `d w`; `d` of 0.3 1/s, a small multicopter's drag, is an
+//! assumption. The autopilot has countered the mean when the flight begins; its reaction to the rest is in
 //! [`super::deviation`].
 
 use super::geometry::Horizontal;
 use super::random::Random;
 use crate::scenario;
 
-/// Acceleration by a metre a second of wind.
+/// Acceleration per metre a second of wind.
 const DRAG_PER_S: f64 = 0.3;
 
-/// What the air does to the vehicle, NED, m/s^2.
+/// The acceleration of the vehicle by the air, NED, m/s^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Push {
-    /// All of it.
+    /// Mean and gusts.
     pub whole: Horizontal,
     /// The gusts, without the mean.
     pub gust: Horizontal,
@@ -30,7 +30,7 @@ pub struct Air {
 }
 
 impl Air {
-    /// The air at the start of a flight: a gust as likely as any other.
+    /// The air at the start of a flight, with a random gust.
     #[must_use]
     pub fn new(wind: scenario::Wind, mut random: Random) -> Self {
         let (north, east) = (random.gaussian(), random.gaussian());
@@ -38,7 +38,7 @@ impl Air {
         Self { wind, random, gust_mps }
     }
 
-    /// What it does for the next while.
+    /// The push over the next step.
     pub fn step(&mut self, step_s: f64) -> Push {
         let stays = libm::exp(-step_s / self.wind.gust_s);
         let fresh_mps = self.wind.gust_mps * libm::sqrt(1.0 - stays * stays);
@@ -50,7 +50,7 @@ impl Air {
     }
 }
 
-/// How far the position that the autopilot reports is off: noise from report to report, and a drift that comes and goes.
+/// The error of the position that the autopilot reports: noise from report to report, and a slow drift.
 #[derive(Clone, Debug)]
 pub struct Drift {
     position: scenario::Position,
@@ -59,13 +59,13 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// None at the start: that is where the map begins.
+    /// Zero at the start, where the map's origin is.
     #[must_use]
     pub fn new(position: scenario::Position, random: Random) -> Self {
         Self { position, random, drift_m: Horizontal::default() }
     }
 
-    /// The error after the next while.
+    /// The error after the next step.
     pub fn step(&mut self, step_s: f64) -> Horizontal {
         let Self { position, random, drift_m } = self;
         let stays = libm::exp(-step_s / position.drift_s);
@@ -83,7 +83,7 @@ mod tests {
 
     const STEP_S: f64 = 0.02;
 
-    /// Standard deviation, and correlation of a value with the one so many steps later.
+    /// Standard deviation, and correlation of a value with the one `later` steps after it.
     fn moments(values: &[f64], later: usize) -> (f64, f64) {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
@@ -103,7 +103,7 @@ mod tests {
             let wind_mps: Vec<f64> =
                 pushes.iter().map(|push| [push.whole.north, push.whole.east][axis] / DRAG_PER_S).collect();
             let (sigma_mps, after_2_s) = moments(&wind_mps, 100);
-            // 10 000 s of gusts of 2 s: some thousand that know nothing of one another.
+            // 10 000 s of gusts of 2 s: some thousand independent ones.
             assert!((sigma_mps - 1.5).abs() < 0.06, "{sigma_mps}");
             assert!((after_2_s - (-1.0_f64).exp()).abs() < 0.05, "{after_2_s}");
             let mean = wind_mps.iter().sum::<f64>() / wind_mps.len() as f64;

@@ -1,18 +1,17 @@
-//! What the four antennas receive: a spherical wave, mixed down, noisy, sampled to 12-bit codes.
+//! The signals of the four antennas: a spherical wave, mixed down, noisy, sampled to 12 bits.
 //!
-//! The beacon radiates an *outgoing* wave: antenna `i` at distance `d_i` (main paper, eq. 49) sees
-//! `A_i cos(w t - k d_i + phi)`, so that the antenna nearer the beacon leads in phase. (Eq. 48 as printed,
-//! `+k d_i + w t`, is a wave that converges on the beacon; it would mirror every bearing.) Mixing to the intermediate
-//! frequency keeps the phase: the four channels share one oscillator, whose phase is random from frame to frame.
+//! The beacon radiates an *outgoing* wave: antenna `i` at distance `d_i` (main paper, eq. 49) receives `A_i cos(w t -
+//! k d_i + phi)`, so that the antenna nearer the beacon leads in phase. (Eq. 48 as printed, `+k d_i + w t`, is a wave
+//! that converges on the beacon; it would mirror every bearing.) Mixing to the intermediate frequency keeps the
+//! phase: the four channels share one oscillator, whose phase is random from frame to frame.
 //!
-//! Signal-to-noise ratio is per sample, `A^2 / (2 sigma^2)`. Distances are three-dimensional, so that a source above or
-//! below is heard as such; the array tilts and turns with the vehicle. Angles in rad, lengths in m, amplitudes in ADC
-//! codes.
+//! Signal-to-noise ratio is per sample, `A^2 / (2 sigma^2)`. Distances are three-dimensional, which includes sources
+//! above or below; the array tilts and turns with the vehicle. Angles in rad, lengths in m, amplitudes in ADC units.
 //!
-//! The antennas hear the same all round unless they have a [`Pattern`].
+//! The antennas receive equally from all directions unless they have a [`Pattern`].
 //!
-//! [`Impairments`] are what reality adds. A reflection is a second source, the mirror image of the first: it sounds at the
-//! same time, and its phase follows from its distance. Without gain control a loud tone clips.
+//! [`Impairments`] are the imperfections of reality. A reflection is a second source, the mirror image of the first:
+//! it transmits at the same time, and its phase follows from its distance. Without gain control a loud tone clips.
 
 use std::f64::consts::TAU;
 
@@ -36,9 +35,9 @@ pub struct Antennas {
     pub tone_hz: f64,
     /// Amplitude, at any distance or at `fall_off_from_m`.
     pub amplitude_codes: f64,
-    /// With a distance, the amplitude falls as 1/d and `amplitude_codes` and `snr_db` hold at that distance.
+    /// With a distance, the amplitude falls as 1/d, and `amplitude_codes` and `snr_db` are those at that distance.
     pub fall_off_from_m: Option<f64>,
-    /// Signal-to-noise ratio per sample; `None` is a silent world without noise.
+    /// Signal-to-noise ratio per sample; `None` for no noise.
     pub snr_db: Option<f64>,
     /// Lowers the gain so that the tone and four sigmas of noise fit the converter, as a receiver's gain control does.
     pub gain_control: bool,
@@ -48,26 +47,27 @@ pub struct Antennas {
     pub channel_phase_rad: [f64; CHANNELS],
     /// Offset of each channel.
     pub offset_codes: [f64; CHANNELS],
-    /// How the antennas' gain depends on direction; `None`: not at all.
+    /// Dependence of the antennas' gain on direction; `None` for none.
     pub pattern: Option<Pattern>,
-    /// What else is wrong; nothing by default.
+    /// Other imperfections; none by default.
     pub impairments: Impairments,
 }
 
-/// Gain of directional antennas, in power: `((1 + cos d) / 2)^n + 10^(-F / 10)` in a direction that is off the boresight by
-/// `d`. The boresights lie in the plane of the array.
+/// Gain of directional antennas, in power: `((1 + cos d) / 2)^n + 10^(-F / 10)` at an angle `d` from the boresight.
+/// The boresights are in the plane of the array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pattern {
     /// `n`: 2 for a cardioid.
     pub exponent: f64,
-    /// `F`: gain to the front over that to the back.
+    /// `F`: gain to the front relative to the back.
     pub front_to_back_db: f64,
-    /// Where each antenna points, from the nose, clockwise.
+    /// Direction of each antenna, from the nose, clockwise.
     pub boresights_rad: [f64; CHANNELS],
 }
 
 impl Pattern {
-    /// Amplitude of a wave from a direction (NED, of any length), over that of one from boresight but for the back lobe.
+    /// Amplitude of a wave from a direction (NED, of any length), relative to one from boresight without the back
+    /// lobe.
     fn amplitude(&self, channel: usize, vehicle: &Pose, towards_ned: [f64; 3]) -> f64 {
         let boresight_rad = self.boresights_rad[channel];
         let boresight_ned = vehicle.to_ned([libm::cos(boresight_rad), libm::sin(boresight_rad), 0.0]);
@@ -78,50 +78,50 @@ impl Pattern {
     }
 }
 
-/// What reality adds to one tone in white noise. The default adds nothing.
+/// Imperfections beside one tone in white noise. The default has none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Impairments {
-    /// Each channel is sampled that much later than its time stamp says.
+    /// Each channel is sampled this much later than its time stamp.
     pub skew_s: [f64; CHANNELS],
     /// Broken channels.
     pub faults: [Fault; CHANNELS],
     /// Other transmitters.
     pub interferers: Vec<Interferer>,
-    /// Power of the direct wave over that of a free one: below zero behind a wall.
+    /// Power of the direct wave relative to a free one: below zero behind a wall.
     pub direct_level_db: f64,
     /// Reflections of the beacon.
     pub reflections: Vec<Reflection>,
-    /// The beacon sounds in pulses.
+    /// The beacon transmits in pulses.
     pub pulses: Option<Pulses>,
-    /// Rate at which the tone's frequency rises; `tone_hz` holds at time zero.
+    /// Rate at which the tone's frequency rises; `tone_hz` is the frequency at time zero.
     pub drift_hz_per_s: f64,
-    /// Correlation of the noise from sample to sample, -1..1: above zero it is louder at low frequencies, below at high
-    /// ones. Its power stays.
+    /// Correlation of the noise from sample to sample, -1..1: above zero it is louder at low frequencies, below zero
+    /// at high ones. Its power is the same.
     pub noise_correlation: f64,
 }
 
-/// How a channel is broken. (One that still makes noise but hears nothing has a `channel_gain` of zero.)
+/// The fault of a channel. (One with noise but without a signal has a `channel_gain` of zero.)
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fault {
-    /// It is not.
+    /// No fault.
     #[default]
     None,
-    /// All codes are zero.
+    /// All samples are zero.
     Dead,
-    /// All codes are this one.
+    /// All samples have this value.
     Stuck(i16),
 }
 
-/// Another transmitter, far away, whose phase has nothing to do with ours.
+/// Another transmitter, far away, with an independent phase.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interferer {
     /// Its intermediate frequency.
     pub tone_hz: f64,
-    /// Where it comes from: from north, clockwise.
+    /// Its azimuth: from north, clockwise.
     pub azimuth_ned_rad: f64,
-    /// Where it comes from: above the horizon.
+    /// Its elevation above the horizon.
     pub elevation_rad: f64,
-    /// Its power over that of the tone at `amplitude_codes`.
+    /// Its power relative to the tone at `amplitude_codes`.
     pub level_db: f64,
 }
 
@@ -137,25 +137,25 @@ impl Interferer {
 /// A reflection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflection {
-    /// Where the beacon's mirror image is.
+    /// Position of the beacon's mirror image.
     pub image_ned_m: [f64; 3],
-    /// The image's power over the beacon's, at the same distance.
+    /// The image's power relative to the beacon's, at the same distance.
     pub level_db: f64,
 }
 
-/// A beacon that sounds now and then.
+/// A beacon that transmits in pulses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pulses {
     /// From the start of one pulse to that of the next.
     pub period_s: f64,
-    /// Length of a pulse: the period times the duty.
+    /// Length of a pulse: the period times the duty cycle.
     pub length_s: f64,
     /// Start of a pulse.
     pub start_s: f64,
 }
 
 impl scenario::Pulses {
-    /// As the antennas have them.
+    /// The pulses for the antennas.
     #[must_use]
     pub const fn at_antennas(self) -> Pulses {
         Pulses { period_s: self.period_s, length_s: self.length_s, start_s: 0.0 }
@@ -163,7 +163,7 @@ impl scenario::Pulses {
 }
 
 impl Pulses {
-    /// Whether it does at a time.
+    /// Whether it transmits at a time.
     #[must_use]
     pub fn sounds(&self, time_s: f64) -> bool {
         let since = (time_s - self.start_s) / self.period_s;
@@ -177,22 +177,22 @@ struct Arrival {
     amplitude_codes: f64,
     /// At the first sample.
     phase_rad: f64,
-    /// Phase a sample, at the first sample.
+    /// Phase per sample, at the first sample.
     step_rad: f64,
-    /// Growth of the phase a sample from sample to sample.
+    /// Increase of the phase step per sample.
     bend_rad: f64,
 }
 
-/// Adds a wave to all channels, where `sounds` says so for a channel and a sample.
+/// Adds a wave to all channels, for the channels and samples for which `sounds` is true.
 ///
-/// The channels go side by side: each is a chain of rotations, every one of which waits for the one before, so that four
-/// chains take hardly longer than one.
+/// The channels are processed side by side: each is a chain of rotations, each of which waits for the one before, so
+/// that four chains take hardly longer than one.
 fn add_wave<const N: usize>(
     arrivals: &[Arrival; CHANNELS],
     rows: &mut [[f64; CHANNELS]; N],
     sounds: impl Fn(usize, usize) -> bool,
 ) {
-    // One rotation a sample instead of a cosine a sample: exact to 1e-13 over a frame.
+    // One rotation per sample instead of a cosine: exact to 1e-13 over a frame.
     let mut re = arrivals.map(|wave| wave.amplitude_codes * libm::cos(wave.phase_rad));
     let mut im = arrivals.map(|wave| wave.amplitude_codes * libm::sin(wave.phase_rad));
     let (mut step_cos, mut step_sin) =
@@ -360,7 +360,7 @@ impl Antennas {
         if self.gain_control && peak > full_scale { full_scale / peak } else { 1.0 }
     }
 
-    /// By how much an antenna leads the middle of the array in an interferer's plane wave.
+    /// How much an antenna leads the middle of the array in an interferer's plane wave.
     fn lead_rad(&self, interferer: &Interferer, [north, east, down]: [f64; 3]) -> f64 {
         let (sine, cosine) = (libm::sin(interferer.azimuth_ned_rad), libm::cos(interferer.azimuth_ned_rad));
         let level = libm::cos(interferer.elevation_rad);
@@ -373,10 +373,10 @@ fn amplitude_ratio(level_db: f64) -> f64 {
     libm::pow(10.0, level_db / 20.0)
 }
 
-/// The nearest code of a 12-bit converter, even where two are as near, clipped at its rails.
+/// The nearest value of a 12-bit converter, with ties to even, clipped at its rails.
 #[must_use]
 pub fn quantise(value_codes: f64) -> i16 {
-    // Where this is added there are no fractions: it rounds without a call, and what is added comes off exactly.
+    // Adding this removes all fractions: it rounds without a call, and subtracting it again is exact.
     const NO_FRACTIONS: f64 = 1.5 * (1_u64 << 52) as f64;
     let within = value_codes.clamp(f64::from(CODE_MIN), f64::from(CODE_MAX));
     (within + NO_FRACTIONS - NO_FRACTIONS) as i16

@@ -1,28 +1,28 @@
-//! How a person steps aside for the vehicle: a social force after Helbing and Molnar (1995), of where the two will be nearest,
-//! and a pull back to his own way.
+//! How a person steps aside for the vehicle: a social force after Helbing and Molnar (1995), from the predicted
+//! closest approach, and a pull back to the route.
 
 use super::course::Course;
 use super::geometry::Horizontal;
 
-/// How far ahead he looks.
+/// Prediction time of a person.
 const AHEAD_S: f64 = 3.0;
-/// The distance that a person wants to the vehicle's hull.
+/// The distance that a person keeps from the vehicle's hull.
 const ROOM_M: f64 = 0.5;
-/// The force at no distance at all.
+/// The force at zero distance.
 const PUSH_MPS2: f64 = 4.0;
-/// He is back on his way after about so long.
+/// Time to return to the route, approximately.
 const BACK_S: f64 = 1.0;
 /// Largest speed of stepping aside.
 const ASIDE_MPS: f64 = 1.2;
 
-/// How far off his own way he is, up to now.
+/// A person's offset from the route, up to now.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Aside {
     offsets: Course,
     velocity_mps: Horizontal,
 }
 
-/// What he sees of the vehicle: from there to him, how that changes, and the two radii.
+/// The vehicle relative to the person: the vector from the vehicle, its rate of change, and the sum of the radii.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Meeting {
     pub(super) apart_m: Horizontal,
@@ -31,20 +31,20 @@ pub(super) struct Meeting {
 }
 
 impl Aside {
-    /// On his own way, at time zero.
+    /// On the route, at time zero.
     pub(super) fn new() -> Self {
         let mut offsets = Course::default();
         offsets.push(0.0, Horizontal::default());
         Self { offsets, velocity_mps: Horizontal::default() }
     }
 
-    /// How far off he is at a time, and how that changes. After the last step he stands where that has taken him.
+    /// The offset at a time, and its rate of change. After the last step it is constant.
     pub(super) fn at(&self, time_s: f64) -> (Horizontal, Horizontal) {
         let now = || (self.offsets.last().unwrap_or_default(), Horizontal::default());
         self.offsets.at(time_s).unwrap_or_else(now)
     }
 
-    /// Goes on to a time.
+    /// Simulates to a time.
     pub(super) fn step(&mut self, meeting: Option<Meeting>, from_s: f64, until_s: f64) {
         let (dt_s, offset) = (until_s - from_s, self.offsets.last().unwrap_or_default());
         if dt_s <= 0.0 {
@@ -61,7 +61,7 @@ impl Aside {
     }
 }
 
-/// Away from where the vehicle will be when it is nearest; stronger the smaller the distance will be, and the sooner.
+/// Away from the point where the vehicle will be nearest; stronger for a smaller distance and a shorter time.
 fn push_mps2(Meeting { apart_m, closing_mps, reach_m }: Meeting) -> Horizontal {
     let square = closing_mps.dot(closing_mps);
     let nearest_s = if square > 1e-9 { (-apart_m.dot(closing_mps) / square).clamp(0.0, AHEAD_S) } else { 0.0 };
@@ -70,7 +70,7 @@ fn push_mps2(Meeting { apart_m, closing_mps, reach_m }: Meeting) -> Horizontal {
     if room_m >= ROOM_M {
         return Horizontal::default();
     }
-    // Head on: to his right.
+    // Head on: to the person's right.
     let away =
         if nearest.norm() > 1e-3 { nearest } else { Horizontal { north: -closing_mps.east, east: closing_mps.north } };
     let norm = away.norm().max(1e-9);

@@ -1,4 +1,4 @@
-//! Frames of a camera as they travel on the maintenance port: the layout is in [`foxhound_computer::camera`].
+//! Frames of a camera as sent to the maintenance port: the layout is in [`foxhound_computer::camera`].
 
 use foxhound_computer::camera::{BEGIN, END, LINE};
 use foxhound_core::doa::calibration::record::crc32;
@@ -58,7 +58,7 @@ mod tests {
         Camera::new(detector(&Config::default()).unwrap())
     }
 
-    /// What is typed, and what the frames come to.
+    /// The typed bytes, and the results of the frames.
     fn taken(camera: &mut Camera, bytes: &[u8]) -> (Vec<u8>, Vec<Sighted>) {
         let (mut typed, mut looks) = (Vec::new(), Vec::new());
         for byte in bytes {
@@ -158,7 +158,7 @@ mod tests {
             let seen: Vec<_> = looks.iter().map(|sighted| sighted.seen).collect();
             assert_eq!(seen, [Seen::Bad(bad)]);
         }
-        // Nothing that began: nothing is said.
+        // Without a begin there is no result.
         assert_eq!(taken(&mut camera(), &[line(0, 160), end].concat()), (Vec::new(), Vec::new()));
     }
 

@@ -1,25 +1,25 @@
-//! A way through time: where something is when, and straight on in between.
+//! A path in time: positions at given times, and straight motion in between.
 
 use super::geometry::Horizontal;
 
-/// Places in the order of their times.
+/// Positions in the order of their times.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Course {
     points: Vec<(f64, Horizontal)>,
 }
 
 impl Course {
-    /// Adds a place, after all others.
+    /// Adds a position, after all others.
     pub(super) fn push(&mut self, time_s: f64, place: Horizontal) {
         self.points.push((time_s, place));
     }
 
-    /// The last place.
+    /// The last position.
     pub(super) fn last(&self) -> Option<Horizontal> {
         self.points.last().map(|(_, place)| *place)
     }
 
-    /// Place and velocity at a time; `None` before the first and after the last place.
+    /// Position and velocity at a time; `None` before the first and after the last position.
     pub(super) fn at(&self, time_s: f64) -> Option<(Horizontal, Horizontal)> {
         let later = self.points.partition_point(|(at_s, _)| *at_s <= time_s);
         let is_last = self.points.last().is_some_and(|(at_s, _)| *at_s == time_s);

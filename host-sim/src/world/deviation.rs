@@ -1,24 +1,25 @@
-//! How far the wind moves a vehicle from where it would have flown without, and what its autopilot does about it.
+//! How far the wind moves a vehicle from its undisturbed path, and the reaction of its autopilot.
 //!
-//! The answer to setpoints is measured ([`super::vehicle`]) and stays as it is; the deviation from it is added, with the
-//! controller that the real autopilots close around it, at the gains that they come with:
+//! The response to setpoints is measured ([`super::vehicle`]) and unchanged; the deviation from it is added, with the
+//! controllers of the real autopilots at their default gains:
 //!
-//! - *ArduCopter* in GUIDED under velocity setpoints holds a **position**: `ModeGuided::velaccel_control_run` gives the velocity
-//!   to `AC_PosControl::input_vel_accel_NE_cm`, whose `update_pos_vel_accel_xy` integrates the shaped velocity into the
-//!   position that is wanted, and `update_NE_controller` corrects `P_pos (wanted - estimated)`, then a PID on the velocity.
-//!   (Bits of `GUID_OPTIONS`, `DoNotStabilizePositionXY`, would turn that off; they come cleared.) `PSC_POSXY_P` 1.0;
-//!   `PSC_VELXY_P`, `I`, `D` 2.0, 1.0, 0.5; error and derivative filtered at 5 Hz.
-//! - *PX4* in OFFBOARD holds no position when it is told a velocity only: a position setpoint that is not a number has no
-//!   influence (`PositionControl::_positionControl`), and `_velocityControl` is what is left: `MPC_XY_VEL_P_ACC`, `I`, `D` 1.8,
-//!   0.4, 0.2, the derivative that of the velocity.
+//! - *ArduCopter* in GUIDED under velocity setpoints holds a **position**: `ModeGuided::velaccel_control_run` gives
+//!   the velocity to `AC_PosControl::input_vel_accel_NE_cm`, whose `update_pos_vel_accel_xy` integrates the shaped
+//!   velocity into the wanted position, and `update_NE_controller` corrects `P_pos (wanted - estimated)`, then a PID
+//!   on the velocity. (The bit `DoNotStabilizePositionXY` of `GUID_OPTIONS` would turn that off; it is clear by
+//!   default.) `PSC_POSXY_P` 1.0; `PSC_VELXY_P`, `I`, `D` 2.0, 1.0, 0.5; error and derivative filtered at 5 Hz.
+//! - *PX4* in OFFBOARD holds no position with a velocity setpoint only: a position setpoint of NaN has no effect
+//!   (`PositionControl::_positionControl`), so only `_velocityControl` acts: `MPC_XY_VEL_P_ACC`, `I`, `D` 1.8, 0.4,
+//!   0.2, with the derivative of the velocity.
 //!
-//! Between what the controller wants and the thrust's lean there is a first-order lag of 0.2 s, an assumption (`ATC_ANG_RLL_P` is
-//! 4.5, `ATC_INPUT_TC` 0.15). The lean has no limit here: gusts of 3 m/s sigma want half of what 30 degrees give.
+//! Between the controller's output and the thrust's lean there is a first-order lag of 0.2 s, an assumption
+//! (`ATC_ANG_RLL_P` is 4.5, `ATC_INPUT_TC` 0.15). The lean has no limit here: gusts of 3 m/s sigma need half of what
+//! 30 degrees give.
 
 use super::geometry::Horizontal;
 use crate::scenario::Software;
 
-/// Lag of the lean behind what the controller wants.
+/// Lag of the lean behind the controller's output.
 const LEAN_LAG_S: f64 = 0.2;
 
 /// The controller's gains; all act on metres and seconds.
@@ -41,7 +42,7 @@ const fn gains(software: Software) -> Gains {
     }
 }
 
-/// In one direction, metres and seconds.
+/// One axis, metres and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Axis {
     position_m: f64,
@@ -78,7 +79,8 @@ pub struct Deviation {
 }
 
 impl Deviation {
-    /// A while later, under a push that the controller has not countered yet; how the deviation accelerates meanwhile.
+    /// Simulates a step under a push that the controller has not countered yet; returns the acceleration of the
+    /// deviation.
     pub fn step(&mut self, software: Software, push_mps2: Horizontal, dt: f64) -> Horizontal {
         let gains = gains(software);
         Horizontal {
@@ -93,7 +95,7 @@ impl Deviation {
         Horizontal { north: self.north.velocity_mps, east: self.east.velocity_mps }
     }
 
-    /// What the thrust leans for, m/s^2.
+    /// The acceleration that the thrust's lean makes, m/s^2.
     #[must_use]
     pub fn lean_mps2(&self) -> Horizontal {
         Horizontal { north: self.north.lean_mps2, east: self.east.lean_mps2 }
@@ -106,7 +108,7 @@ mod tests {
 
     const DT_S: f64 = 0.002;
 
-    /// How far it is off while it is pushed north with 1 m/s^2, every 2 ms.
+    /// The deviation while it is pushed north with 1 m/s^2, every 2 ms.
     fn pushed(software: Software, duration_s: f64) -> Vec<f64> {
         let mut deviation = Deviation::default();
         let push_mps2 = Horizontal { north: 1.0, east: 0.0 };
@@ -121,7 +123,8 @@ mod tests {
 
     #[test]
     fn arducopter_comes_back_to_where_it_was_and_px4_stays_where_it_was_pushed_to() {
-        // Final values: with a position loop 0; without, what it takes the integrator to make up for the push: 1 / I.
+        // Final values: 0 with a position loop; without one, the path that the integrator needs to counter the push:
+        // 1 / I.
         for (software, expected_m) in [(Software::ArduCopter, 0.0), (Software::Px4, 1.0 / 0.4)] {
             let last_m = pushed(software, 60.0).pop().unwrap();
             assert!((last_m - expected_m).abs() < 1e-3, "{software:?}: {last_m}");
@@ -130,20 +133,21 @@ mod tests {
 
     #[test]
     fn a_step_of_wind_moves_it_as_far_as_the_transfer_function_says() {
-        // Without the lags, from push to place: s / ((1 + D) s^3 + (P + D K) s^2 + (P K + I) s + I K), K the position's gain: the
-        // answer to a step is that of 1 / (1.5 s^3 + 2.5 s^2 + 3 s + 1), here by its own integration.
+        // Without the lags, from push to position: s / ((1 + D) s^3 + (P + D K) s^2 + (P K + I) s + I K), K the
+        // position's gain: the response to a step is that of 1 / (1.5 s^3 + 2.5 s^2 + 3 s + 1), here integrated
+        // separately.
         let (mut x, mut v, mut a, mut most) = (0.0, 0.0, 0.0, 0.0_f64);
         for _ in 0..10_000 {
             let jerk = (-2.5 * a - 3.0 * v - x) / 1.5;
             (x, v, a) = (x + DT_S * v, v + DT_S * a, a + DT_S * jerk);
-            // From rest a step in the push is one in a, of 1 / 1.5.
+            // From rest, a step in the push is a step of 1 / 1.5 in a.
             if most == 0.0 {
                 (a, most) = (1.0 / 1.5, 1e-9);
             }
             most = most.max(x);
         }
         let flown = pushed(Software::ArduCopter, 20.0).into_iter().fold(0.0, f64::max);
-        // The lags of filters and lean, a quarter of a second together, let it go farther.
+        // The lags of filters and lean, together a quarter of a second, increase it.
         assert!(flown > most && flown < 1.4 * most, "{flown} m, without lags {most} m");
         assert!((0.3..0.4).contains(&most), "{most}");
     }

@@ -1,4 +1,4 @@
-//! Worlds out of files and at random: people on recorded tracks; pillars thrown anywhere, where they leave room.
+//! Builds worlds from files and at random: people on recorded tracks; pillars at random places where there is space.
 
 use std::path::Path;
 
@@ -6,14 +6,15 @@ use super::random::Random;
 use crate::scenario::input::{InputError, read_text};
 use crate::scenario::{Obstacle, Scenario};
 
-/// Throws for a pillar before the map counts as full.
+/// Attempts to place a pillar before the map counts as full.
 const THROWS: usize = 1000;
 
 impl Scenario {
-    /// Reads a scenario and what it names: [`Self::parse`], and [`Self::drawn`]. A file that it names lies beside it.
+    /// Reads a scenario and the files that it names: [`Self::parse`], and [`Self::drawn`]. Relative paths start at
+    /// its folder.
     ///
     /// # Errors
-    /// Names the file, and what is wrong in it.
+    /// Names the file and the error in it.
     pub fn read(path: &Path, seed: u64) -> Result<Self, InputError> {
         let parsed = Self::parse(&read_text(path)?).and_then(|mut scenario| {
             if let (Some(tracks), Some(folder)) = (&mut scenario.people_csv, path.parent()) {
@@ -24,10 +25,10 @@ impl Scenario {
         parsed.map_err(|error| error.in_file(path))
     }
 
-    /// The same with its random pillars and the people of its file among the others.
+    /// The same with its random pillars, and the people of its file added.
     ///
     /// # Errors
-    /// So many do not fit, or the file cannot be read.
+    /// The pillars do not fit, or the file cannot be read.
     pub fn drawn(mut self, seed: u64) -> Result<Self, InputError> {
         self = self.with_tracks()?;
         let Some(wanted) = self.random.take() else { return Ok(self) };
@@ -45,7 +46,7 @@ impl Scenario {
                     && [self.start, self.goal].into_iter().all(|place| free(place, 0.0) >= wanted.clear)
             };
             let Some(pillar) = (0..THROWS).map(|_| throw()).find(fits) else {
-                let text = format!("random.count = {}: there is room for {number} only", wanted.count);
+                let text = format!("random.count = {}: there is space for only {number}", wanted.count);
                 return Err(InputError::new(text));
             };
             self.obstacles.push(pillar);
@@ -80,6 +81,6 @@ mod tests {
     #[test]
     fn a_map_that_is_full_says_how_many_it_holds() {
         let error = parsed(r#"{"random":{"count":500}}"#).drawn(1).unwrap_err().to_string();
-        assert!(error.starts_with("random.count = 500: there is room for "), "{error}");
+        assert!(error.starts_with("random.count = 500: there is space for only "), "{error}");
     }
 }

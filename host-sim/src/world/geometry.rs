@@ -1,4 +1,4 @@
-//! Places, directions and attitudes: NED and body forward-right-down, metres, radians, in `f64`.
+//! Positions, directions and attitudes: NED and body forward-right-down, metres, radians, in `f64`.
 
 /// A horizontal vector of the NED frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -73,7 +73,7 @@ pub fn wrap_pi(angle_rad: f64) -> f64 {
     if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }
 
-/// Where the vehicle is on the map, of a pose.
+/// Horizontal position of a pose.
 #[must_use]
 pub fn horizontal(pose: &Pose) -> Horizontal {
     Horizontal { north: pose.position_ned_m[0], east: pose.position_ned_m[1] }
@@ -85,7 +85,7 @@ pub fn from_core(vector: foxhound_core::base::ned::Horizontal) -> Horizontal {
     Horizontal { north: f64::from(vector.north), east: f64::from(vector.east) }
 }
 
-/// Where the vehicle is and how it is turned.
+/// Position and attitude of the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Position, NED, metres.
@@ -106,7 +106,7 @@ impl Pose {
         ned
     }
 
-    /// The same for many: the sines are worked out once.
+    /// The same for many: the sines are computed once.
     #[must_use]
     pub fn all_to_ned<const COUNT: usize>(&self, body: [[f64; 3]; COUNT]) -> [[f64; 3]; COUNT] {
         let (sr, cr) = (libm::sin(self.roll_rad), libm::cos(self.roll_rad));

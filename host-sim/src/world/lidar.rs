@@ -1,8 +1,9 @@
-//! A lidar on a line of its own, as the LDROBOT LD06 and LD19 are: 4500 points a second, ten turns of 360 degrees a second, in
-//! frames of twelve points ([`foxhound_computer::lidar`] reads them).
+//! A lidar on a serial line of its own, like the LDROBOT LD06 and LD19: 4500 points a second, ten turns of 360
+//! degrees a second, in frames of twelve points ([`foxhound_computer::lidar`] reads them).
 //!
-//! It stands upright, its arrow along the nose. Each point is cast from where the vehicle is at its time, a straight motion long
-//! before the step. Where nothing is within its range it says 0. Outside the field of view it sees the vehicle itself.
+//! It is mounted upright, its arrow along the nose. Each point is measured from the vehicle's position at its time,
+//! by straight motion before the step. Without an object within its range it reports 0. Outside the field of view it
+//! sees the vehicle itself.
 
 use foxhound_computer::lidar::{FRAME_BYTES, POINTS, crc8};
 
@@ -13,14 +14,14 @@ const POINTS_PER_S: u64 = 4500;
 const SPEED_DEG_PER_S: u16 = 3600;
 const STEP_CDEG: u64 = 80;
 const TURN_CDEG: u64 = 36_000;
-/// Milliseconds of its clock.
+/// Period of its millisecond clock.
 const CLOCK_MS: u64 = 30_000;
-/// What it says of the vehicle.
+/// Distance that it reports for the vehicle itself.
 const VEHICLE_MM: u16 = 50;
 const CONFIDENCE: u8 = 200;
 const _: () = assert!(TURN_CDEG / STEP_CDEG * SPEED_DEG_PER_S as u64 / 360 == POINTS_PER_S);
 
-/// A lidar that turns.
+/// A rotating lidar.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lidar {
     /// Frames since the start.
@@ -28,7 +29,8 @@ pub struct Lidar {
 }
 
 impl Lidar {
-    /// The frames that are complete by the time of this view and were not before. A blind one says nothing, and turns on.
+    /// The frames that are complete by the time of this view and were not before. A blind one sends nothing, but
+    /// keeps turning.
     pub fn turn(&mut self, view: &View<'_>, motion: &Motion, is_blind: bool) -> Vec<u8> {
         let complete = (view.time_s * POINTS_PER_S as f64 + 1e-6) as u64 / POINTS as u64;
         let frames = self.frames..complete.max(self.frames);
@@ -44,7 +46,7 @@ fn angle_cdeg(point: u64) -> u64 {
     point * STEP_CDEG % TURN_CDEG
 }
 
-/// What a point says, counted from the start: millimetres and confidence.
+/// A point, counted from the start: millimetres and confidence.
 fn see(view: &View<'_>, motion: &Motion, point: u64) -> (u16, u8) {
     let ago_s = view.time_s - point as f64 / POINTS_PER_S as f64;
     let azimuth_deg = (angle_cdeg(point) as f64 / 100.0 + 180.0) % 360.0 - 180.0;
@@ -86,7 +88,7 @@ mod tests {
 
     const STEP_S: f64 = 0.02;
 
-    /// What the computer's lidar makes of some steps in a world: its last scan.
+    /// The flight computer's result after some steps in a world: its last scan.
     fn scan(obstacles: &[[f64; 3]], yaw_deg: f64, fov_deg: f64, steps: u64) -> foxhound_core::mapping::scan::Scan {
         let obstacles = obstacles.iter().map(|[x, y, r]| Obstacle { x: *x, y: *y, r: *r, ..Default::default() });
         let world = Scenario { obstacles: obstacles.collect(), ..Scenario::default() }.world();

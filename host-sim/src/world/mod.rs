@@ -1,15 +1,15 @@
-//! What is physically there: a beacon, pillars, walls and people, the vehicle in the wind, and what its antennas, its obstacle
-//! sensor and its camera measure.
+//! The physical world: a beacon, pillars, walls and people, the vehicle in the wind, and the measurements of its
+//! antennas, its obstacle sensor and its camera.
 //!
 //! | module | what it simulates |
 //! |---|---|
-//! | `geometry` | places, directions and attitudes |
-//! | `pillar`, `truth` | a pillar; the beacon, the pillars, and which clearance is a collision |
-//! | `draw` | pillars thrown at random, by the seed |
-//! | `person`, `people` | who walks about: `walk` is the path, `aside` how a person gives way, `course` either in time |
+//! | `geometry` | positions, directions and attitudes |
+//! | `pillar`, `truth` | a pillar; the beacon, the pillars, and which clearance counts as a collision |
+//! | `draw` | random pillars, by the seed |
+//! | `person`, `people` | people: `walk` is the route, `aside` how a person gives way, `course` either in time |
 //! | [`rays`] | radio paths among walls |
 //! | [`antennas`] | the samples of the four channels |
-//! | [`air`], [`deviation`] | the wind, and how far it moves the vehicle off its course |
+//! | [`air`], [`deviation`] | the wind, and how far it moves the vehicle off its path |
 //! | [`vehicle`] | the motion that follows from commands |
 //! | [`sensor`] | the obstacle sensor |
 //! | [`camera`], [`camera_line`] | the camera that looks down, and its frames on a serial line |

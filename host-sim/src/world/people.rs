@@ -1,4 +1,4 @@
-//! The people of a world: how they come to walk there, and what those who give way see of the vehicle.
+//! The people of a world: their walks, and the vehicle relative to those who give way.
 
 use super::aside::{Aside, Meeting};
 use super::course::Course;
@@ -8,11 +8,11 @@ use super::truth::World;
 use super::walk;
 use crate::scenario::Scenario;
 
-/// Ways go on for so long after the end of the flight.
+/// Walks last this much longer than the flight.
 const BEYOND_S: f64 = 1.0;
 
 impl World {
-    /// Lets those who step aside see the vehicle, and go on from a time to another.
+    /// Updates the people who step aside with the vehicle's motion, from one time to another.
     pub fn step_aside(&mut self, hull_m: f64, place: Horizontal, velocity_mps: Horizontal, from_s: f64, until_s: f64) {
         for person in &mut self.people {
             let seen = person.at(from_s).map(|body| Meeting {
@@ -28,7 +28,7 @@ impl World {
 }
 
 impl Scenario {
-    /// [`Self::world`] with its people in it, as they walk with a seed.
+    /// [`Self::world`] with its people, who walk by a seed.
     #[must_use]
     pub fn peopled(&self, seed: u64) -> World {
         let courses = self.people.iter().enumerate().flat_map(|(index, person)| {
@@ -67,7 +67,7 @@ mod tests {
         assert_eq!((body.center.xy(), body.velocity_mps.xy(), body.radius_m), ((6.0, 5.0), (1.0, 0.0), 0.3));
     }
 
-    /// How near somebody comes who walks up to a hull that stands, and how far off his way he is in the end.
+    /// The least distance of a person who walks towards a hull that stands, and the final offset from the route.
     fn passes_m(steps_aside: bool, off_m: f64) -> (f64, f64) {
         let text = format!(
             r#"{{"people":[{{"route":[[{off_m},8]],"heading_deg":180,"steps_aside":{steps_aside}}}],"start":[0,-9],"bounds":[-9,-9,9,9]}}"#

@@ -1,4 +1,4 @@
-//! One person of a world: where he is at a time, beside his course where he gives way.
+//! One person of a world: the position at a time, with the offset of one who gives way.
 
 use super::aside::Aside;
 use super::course::Course;

@@ -11,7 +11,7 @@ pub struct Pillar {
     pub radius_m: f64,
     /// Its velocity.
     pub velocity_mps: Horizontal,
-    /// It turns back after so many seconds, and again; zero: never.
+    /// It reverses after this many seconds, again and again; zero: never.
     pub turns_s: f64,
 }
 

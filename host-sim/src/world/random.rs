@@ -1,4 +1,5 @@
-//! Seeded randomness of the simulated world: one generator a purpose, so that adding draws to one leaves the others alone.
+//! Seeded random numbers of the simulated world: one generator per purpose, so that more draws for one do not change
+//! the others.
 
 use rand_core::{Rng as _, SeedableRng as _};
 use rand_distr::{Distribution as _, StandardNormal};
@@ -29,7 +30,7 @@ impl Random {
 
     /// As many draws, each `sigma` times a standard normal one.
     pub fn fill_gaussian(&mut self, sigma: f64, values: &mut [f64]) {
-        // A generator of its own for the while stays in registers.
+        // A local copy of the generator stays in registers.
         let mut source = self.source.clone();
         for value in values {
             let draw: f64 = StandardNormal.sample(&mut source);

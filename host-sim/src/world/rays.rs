@@ -1,9 +1,9 @@
-//! How a wave gets from the beacon to a listener among walls: straight on, and by mirrors.
+//! How a wave travels from the beacon to a receiver among walls: directly, and by reflections.
 //!
-//! Geometrical optics in the horizontal plane by the image method (Allen and Berkley 1979): mirrored in one wall after
-//! another, the beacon has an image for every order of reflections, and the path to it is straight. A path counts when
-//! every reflection point lies on its wall; each reflection costs what the wall takes, each wall in the way what it lets
-//! through less.
+//! Geometrical optics in the horizontal plane by the image method (Allen and Berkley 1979): mirrored in one wall
+//! after another, the beacon has an image for every order of reflections, and the path to it is straight. A path
+//! exists if every reflection point is on its wall; each reflection costs the wall's reflection loss, each wall in
+//! the way its passage loss.
 
 use super::geometry::Horizontal;
 
@@ -14,23 +14,23 @@ pub struct Wall {
     pub from: Horizontal,
     /// The other.
     pub to: Horizontal,
-    /// What a reflection loses.
+    /// Loss of a reflection.
     pub reflection_db: f64,
-    /// What a passage loses.
+    /// Loss of a passage.
     pub passage_db: f64,
 }
 
 /// Most reflections of a path.
 pub const ORDER_MAX: usize = 3;
 
-/// A way from the beacon to the listener.
+/// A path from the beacon to the receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Path {
-    /// Where the beacon seems to be: its image, or itself.
+    /// Apparent position of the beacon: its image, or itself.
     pub image: Horizontal,
-    /// Reflections on the way.
+    /// Number of reflections.
     pub order: usize,
-    /// What they and the walls in the way take. What distance takes is not in it.
+    /// Loss by reflections and walls in the way, without that by distance.
     pub loss_db: f64,
     /// Length.
     pub length_m: f64,
@@ -45,7 +45,7 @@ impl Path {
         self.image.minus(listener).bearing_rad()
     }
 
-    /// Power at the listener, over that of the free wave at one metre.
+    /// Power at the receiver, relative to the free wave at one metre.
     #[must_use]
     pub fn gain_db(&self) -> f64 {
         -self.loss_db - 20.0 * libm::log10(self.length_m.max(0.1))
@@ -65,7 +65,7 @@ impl Wall {
         foot.along(foot.minus(point), 1.0)
     }
 
-    /// Where a leg from `a` to `b` crosses the wall, as a part of the leg.
+    /// Where a leg from `a` to `b` crosses the wall, as a share of the leg.
     #[must_use]
     pub fn crossing(&self, a: Horizontal, b: Horizontal) -> Option<f64> {
         let (leg, wall, gap) = (b.minus(a), self.to.minus(self.from), self.from.minus(a));
@@ -79,7 +79,8 @@ impl Wall {
     }
 }
 
-/// All ways of up to `order_max` reflections that lose no more than `loss_max_db`, the strongest at the listener first.
+/// All paths of up to `order_max` reflections with a loss of at most `loss_max_db`, the strongest at the receiver
+/// first.
 #[must_use]
 pub fn paths(
     walls: &[Wall],
@@ -103,7 +104,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Tries the images so far, and one mirror more. `mirrors` are the indices of the walls, `loss_db` what they take.
+    /// Tries the images so far, and one more mirror. `mirrors` are the indices of the walls, `loss_db` their loss.
     fn extend(&self, images: &mut Vec<Horizontal>, mirrors: &mut Vec<usize>, loss_db: f64, found: &mut Vec<Path>) {
         if let Some(path) = self.trace(images, mirrors, loss_db) {
             found.push(path);
@@ -125,7 +126,7 @@ impl Search<'_> {
         }
     }
 
-    /// The path back from the listener through all mirrors, if it exists.
+    /// The path back from the receiver through all mirrors, if it exists.
     fn trace(&self, images: &[Horizontal], mirrors: &[usize], reflections_db: f64) -> Option<Path> {
         let image = *images.last()?;
         let (mut at, mut loss_db, mut last_bounce) = (self.listener, reflections_db, None);
@@ -143,7 +144,7 @@ impl Search<'_> {
         (loss_db <= self.loss_max_db).then_some(Path { image, order: mirrors.len(), loss_db, length_m, last_bounce })
     }
 
-    /// What the walls between two points take, but for those that the leg begins and ends at.
+    /// Loss of the walls between two points, except those at which the leg begins and ends.
     fn passages_db(&self, a: Horizontal, b: Horizontal, ends: [Option<usize>; 2]) -> f64 {
         let between = self.walls.iter().enumerate().filter(|(index, _)| !ends.contains(&Some(*index)));
         between.filter(|(_, wall)| wall.crossing(a, b).is_some()).map(|(_, wall)| wall.passage_db).sum()

@@ -1,14 +1,14 @@
 //! The obstacle sensor on the nose: rays against pillars, inside a cone.
 //!
-//! It reaches [`Sensor::range_m`](crate::scenario::Sensor) within a field of view centred on the nose. With occlusion a
-//! pillar hides what is behind it. Two deliveries:
+//! Its range is [`Sensor::range_m`](crate::scenario::Sensor) within a field of view centred on the nose. With
+//! occlusion a pillar hides others behind it. It delivers one of two forms:
 //!
-//! - circles: every pillar that some ray sees, exactly as it is, velocity included;
-//! - scan: sectors that share the field of view, 72 or as many as [`Sensor::rays`](crate::scenario::Sensor) says, in an
-//!   `OBSTACLE_DISTANCE` message for each 72 of them. A sector's distance is that of its centre ray, as a scanning lidar's;
-//!   sectors wider than 1.25 deg take the nearest of several rays evenly spread, so that a wide field of view has no gaps
-//!   between its rays. The rays of a sensor that takes time to turn are cast one after another, each from where the vehicle
-//!   is by then, and each message is sent when its last ray is.
+//! - circles: every visible pillar, exactly, including its velocity;
+//! - scan: sectors that share the field of view, 72 or as many as [`Sensor::rays`](crate::scenario::Sensor), in an
+//!   `OBSTACLE_DISTANCE` message for each 72 of them. A sector's distance is that of its centre ray, as a scanning
+//!   lidar's; sectors wider than 1.25 deg use the nearest of several rays evenly spread, so that a wide field of view
+//!   has no gaps between its rays. If a scan takes time, its rays are cast one after another, each from the vehicle's
+//!   position at that time, and each message is sent when its last ray is cast.
 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::mapping::map::DELIVERY_MAX;
@@ -27,31 +27,31 @@ const RAY_STEP_DEG: f64 = 1.25;
 /// Nearest distance that a scan reports: 0 would mean "no reading" to ArduPilot.
 const NEAREST_CM: u16 = 1;
 const UNKNOWN_CM: u16 = u16::MAX;
-/// Rays by which pillars are found for the circles model, per degree.
+/// Rays per degree by which pillars are found for the circles model.
 const CIRCLE_RAYS_PER_DEG: f64 = 2.0;
 
-/// A look at the world from a place, along a yaw.
+/// A view of the world from a position, along a yaw.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     /// The pillars.
     pub world: &'a World,
-    /// When.
+    /// The time.
     pub time_s: f64,
-    /// From where.
+    /// The position.
     pub position: Horizontal,
-    /// Where the nose points.
+    /// Direction of the nose.
     pub yaw_rad: f64,
     /// The sensor.
     pub sensor: scenario::Sensor,
 }
 
-/// A pillar within range, with what all rays need to know of it.
+/// A pillar within range, with values that all rays need.
 #[derive(Clone, Copy, Debug)]
 struct Near {
     index: usize,
     pillar: Pillar,
     to_center: Horizontal,
-    /// Squared distance to the axis less the squared radius: not above zero from inside.
+    /// Squared distance to the axis minus the squared radius: zero or less from inside.
     outside_m2: f64,
 }
 
@@ -68,7 +68,7 @@ impl Near {
 }
 
 impl View<'_> {
-    /// Pillars that any part of could be seen.
+    /// Pillars that may be visible.
     fn in_range(&self) -> Vec<Near> {
         let near = |(index, pillar): (usize, Pillar)| {
             let to_center = pillar.center.minus(self.position);
@@ -88,7 +88,7 @@ impl View<'_> {
             .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// The visible pillars as the core takes them: the nearest ones, as many as fit.
+    /// The visible pillars in the core's type: the nearest ones, as many as fit.
     #[must_use]
     pub fn circles(&self) -> Vec<Circle> {
         let pillars = self.in_range();
@@ -123,12 +123,12 @@ impl View<'_> {
             .collect()
     }
 
-    /// One sweep at once, as `OBSTACLE_DISTANCE` messages in the body frame.
+    /// One scan at once, as `OBSTACLE_DISTANCE` messages in the body frame.
     pub fn scan(&self, time_us: u64) -> impl Iterator<Item = OBSTACLE_DISTANCE_DATA> {
         (0..self.messages()).map(move |message| self.message(message, time_us, None))
     }
 
-    /// What is sent of sweeps that begin every `period` ticks, so many ticks after one has begun.
+    /// The messages of scans that begin every `period` ticks, a number of ticks after one has begun.
     pub fn scan_in_turn(
         &self,
         ticks: u64,
@@ -154,12 +154,12 @@ impl View<'_> {
         self.sectors().div_ceil(SECTORS)
     }
 
-    /// How far the nearest pillar is along an azimuth, where one is within range.
+    /// Distance of the nearest pillar along an azimuth, if one is within range.
     pub(super) fn nearest_m(&self, azimuth_deg: f64) -> Option<f64> {
         self.hit(&self.in_range(), azimuth_deg).map(|(_, distance_m)| distance_m)
     }
 
-    /// The same view some time ago, by a motion.
+    /// The same view some time ago, from a motion.
     pub(super) fn before(&self, ago_s: f64, motion: &Motion) -> Self {
         let [north_mps, east_mps, _] = motion.velocity_ned_mps;
         Self {
@@ -170,7 +170,7 @@ impl View<'_> {
         }
     }
 
-    /// One of the messages of a sweep; its last ray is cast now, the others before, where a motion is given.
+    /// One message of a scan; its last ray is cast now, the others earlier, if a motion is given.
     fn message(&self, message: usize, time_us: u64, motion: Option<&Motion>) -> OBSTACLE_DISTANCE_DATA {
         let pillars = self.in_range();
         let sectors = self.sectors();
@@ -334,7 +334,7 @@ mod tests {
 
     #[test]
     fn a_sensor_that_turns_sees_each_way_from_where_the_vehicle_is_by_then() {
-        // A wall of pillars at one metre all round would do; one dead astern, which the first and the last ray see, is enough.
+        // One pillar astern, which the first and the last ray see, is enough.
         let world = world(&[[0.0, -2.0, 0.3]]);
         let mut look = view(&world, 0.0, 360.0, true);
         (look.sensor.rays, look.sensor.turn_s) = (360, 0.1);

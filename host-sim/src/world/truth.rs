@@ -1,4 +1,4 @@
-//! The true world: a beacon and vertical pillars, standing or moving, on a horizontal plane.
+//! The true world: a beacon and vertical pillars, standing or moving, in a horizontal plane.
 //!
 //! Everything here is in the NED frame, metres and seconds, in `f64`: it is the truth that the core never sees.
 
@@ -8,12 +8,12 @@ use super::pillar::Pillar;
 use super::rays::{self, Wall};
 use crate::scenario::{self, Scenario};
 
-/// The beacon and the pillars at time zero, and people on their ways. The beacon moves straight on; pillars do, or go to and fro.
+/// The beacon and the pillars at time zero, and the people. The beacon moves straight on; pillars too, or to and fro.
 #[derive(Clone, Debug, PartialEq)]
 pub struct World {
     /// Pillars at time zero.
     pub pillars: Vec<Pillar>,
-    /// Who walks about.
+    /// The people.
     pub people: Vec<Person>,
     /// The beacon at time zero.
     pub source: Horizontal,
@@ -21,23 +21,23 @@ pub struct World {
     pub source_velocity_mps: Horizontal,
     /// The beacon's height in the NED frame: down is positive.
     pub source_down_m: f64,
-    /// Walls, as radio waves meet them; as obstacles they are rows of pillars.
+    /// Walls for radio waves; as obstacles they are rows of pillars.
     pub walls: Vec<Wall>,
 }
 
 impl World {
-    /// The pillars at a time, and the people who are there then.
+    /// The pillars at a time, and the people who are present then.
     pub fn pillars_at(&self, time_s: f64) -> impl Iterator<Item = Pillar> + '_ {
         self.all_at(time_s).flatten()
     }
 
-    /// The same, always as many in the same order: `None` for a person who is not there.
+    /// The same, always as many in the same order: `None` for a person who is absent.
     pub fn all_at(&self, time_s: f64) -> impl Iterator<Item = Option<Pillar>> + '_ {
         let pillars = self.pillars.iter().map(move |pillar| Some(pillar.after(time_s)));
         pillars.chain(self.people.iter().map(move |person| person.at(time_s)))
     }
 
-    /// The people who are there at a time, without the pillars.
+    /// The people who are present at a time, without the pillars.
     pub fn people_at(&self, time_s: f64) -> impl Iterator<Item = Pillar> + '_ {
         self.people.iter().filter_map(move |person| person.at(time_s))
     }
@@ -51,7 +51,7 @@ impl World {
 
 /// Height of the beacon: a third of a metre below the flight, so that elevation is not exactly zero.
 const SOURCE_DOWN_M: f64 = -1.7;
-/// The beacon where there is something to land on: on the ground, less its own height.
+/// The beacon in scenarios with a landing: on the ground, plus its own height.
 const PAD_SOURCE_DOWN_M: f64 = -0.05;
 
 impl Scenario {
@@ -82,7 +82,7 @@ impl Scenario {
 }
 
 impl scenario::Wall {
-    /// The row of pillars that it is: so near to one another that nothing gets through.
+    /// The row of pillars that makes the wall, without gaps.
     fn pillars(self) -> impl Iterator<Item = Pillar> {
         let (from, to) = (Horizontal::from_xy([self.x0, self.y0]), Horizontal::from_xy([self.x1, self.y1]));
         let gaps = libm::ceil(to.minus(from).norm() / (1.5 * self.r)).max(1.0);
@@ -95,23 +95,23 @@ impl scenario::Wall {
     }
 }
 
-/// Clearance between the vehicle's hull and pillars and people, and what counts as a collision.
+/// Clearance between the vehicle's hull and pillars and people, and which counts as a collision.
 ///
 /// A hull that overlaps a pillar at the start has not collided while that overlap grows by no more than 1 mm; once out,
 /// the pillar is one like any other.
 #[derive(Clone, Debug)]
 pub struct Hull {
     radius_m: f64,
-    /// Per pillar: the smallest clearance that is no collision yet.
+    /// Per pillar: the smallest clearance that is not a collision yet.
     allowed_m: Vec<f64>,
     /// Smallest clearance so far; infinite in a world without pillars.
     pub min_clearance_m: f64,
 }
 
-/// By how much an overlap at the start may grow.
+/// How much an overlap at the start may grow.
 const START_OVERLAP_GROWTH_M: f64 = 1e-3;
 
-/// Above any error of rounding in a distance.
+/// Larger than any rounding error of a distance.
 const ROOT_MARGIN: f64 = 1.0 + 1e-9;
 
 impl Hull {
@@ -136,7 +136,7 @@ impl Hull {
                 *allowed_m = 0.0;
                 continue;
             };
-            // Most pillars are further off than the nearest ever was: seen without a root.
+            // Most pillars are farther away than the nearest ever was: decided without a root.
             let to_center = pillar.center.minus(position);
             let counts_m = (self.min_clearance_m.max(0.0) + pillar.radius_m + self.radius_m) * ROOT_MARGIN;
             if to_center.dot(to_center) > counts_m * counts_m {

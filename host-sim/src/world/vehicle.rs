@@ -7,7 +7,7 @@
 //!   1 m/s, 85 % were left 0.24 s and 15 % 0.95 s after the time-out, which is 0.06 s and 3.8 rad/s. The yaw rate's lag
 //!   of 0.15 s is an assumption. It tilts with its acceleration.
 //!
-//! The wind moves either away from that; the autopilot counters it ([`super::deviation`]).
+//! The wind moves either away from that path; the autopilot counters it ([`super::deviation`]).
 
 use std::collections::VecDeque;
 
@@ -23,11 +23,11 @@ pub struct Command {
     pub velocity_ned_mps: [f64; 3],
     /// Yaw rate, clockwise positive.
     pub yaw_rate_radps: f64,
-    /// The autopilot's own brake, not a setpoint.
+    /// Whether this is the autopilot's own brake, not a setpoint.
     pub is_brake: bool,
 }
 
-/// Where the vehicle is and how it moves.
+/// Position and motion of the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Position and attitude.
@@ -41,7 +41,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// The same motion elsewhere.
+    /// The same motion at another position.
     #[must_use]
     pub fn displaced(mut self, by: Horizontal) -> Self {
         self.pose.position_ned_m[0] += by.north;
@@ -57,14 +57,14 @@ pub struct Vehicle {
     a_max_mps2: f64,
     /// Where it is now.
     pub motion: Motion,
-    /// What the air does to it.
+    /// The push of the air.
     pub push: Push,
-    /// Where it stands on the ground.
+    /// Where it stands on the ground, if it does.
     touched_m: Option<[f64; 2]>,
-    /// What that has made of the motion.
+    /// The deviation by the push.
     deviation: Deviation,
     time_s: f64,
-    /// Setpoints on their way, with the time at which they take effect.
+    /// Setpoints that have not taken effect yet, with their times.
     underway: VecDeque<(f64, Command)>,
     command: Command,
 }
@@ -78,7 +78,7 @@ const YAW_LAG_S: f64 = 0.15;
 const POINT_YAW_LAG_S: f64 = 0.05;
 const YAW_RATE_MAX_RADPS: f64 = 3.5;
 const SUBSTEP_S: f64 = 0.002;
-/// Told to go up faster than this, it leaves the ground.
+/// Commanded to climb faster than this, it leaves the ground.
 const RISING_MPS: f64 = 0.02;
 const GRAVITY_MPS2: f64 = 9.81;
 
@@ -118,7 +118,8 @@ impl Vehicle {
         self.time_s = end_s;
     }
 
-    /// The ground at height zero is hard, and nothing slides on it. How fast the vehicle has come down onto it, if it has.
+    /// The ground at height zero is hard, and the vehicle does not slide on it. Returns the speed of a touchdown, if
+    /// there is one.
     pub fn touch_ground(&mut self) -> Option<f64> {
         let motion = &mut self.motion;
         let [north_m, east_m, down_m] = motion.pose.position_ned_m;
@@ -175,7 +176,7 @@ impl Vehicle {
         self.tilt();
     }
 
-    /// How fast it would be without wind.
+    /// Its velocity without wind.
     fn calm_ned_mps(&self) -> [f64; 3] {
         let (blown, [north, east, down]) = (self.deviation.velocity_mps(), self.motion.velocity_ned_mps);
         [north - blown.north, east - blown.east, down]
@@ -198,7 +199,7 @@ impl Vehicle {
     fn tilt(&mut self) {
         let motion = &mut self.motion;
         let [north, east, _] = motion.acceleration_ned_mps2;
-        // The mean is leant against from the beginning.
+        // The lean against the mean is there from the beginning.
         let steady = self.push.whole.minus(self.push.gust);
         let lean_mps2 = self.deviation.lean_mps2();
         let (north, east) = (north - steady.north + lean_mps2.north, east - steady.east + lean_mps2.east);
@@ -229,7 +230,7 @@ mod tests {
         Command { velocity_ned_mps: [speed, 0.0, 0.0], ..Command::default() }
     }
 
-    /// First time at which `reached` holds, flying under `command`.
+    /// First time at which `reached` is true, flying under `command`.
     fn time_until(vehicle: &mut Vehicle, command: Command, reached: impl Fn(&Motion) -> bool) -> f64 {
         let start_s = vehicle.time_s;
         while !reached(&vehicle.motion) {
@@ -313,7 +314,7 @@ mod tests {
         vehicle.push.gust = whole;
         vehicle.step(Command::default(), 0.1);
         assert!(vehicle.motion.velocity_ned_mps[0] < -0.1);
-        // It leans against that as well, after a while, and goes back to where it was.
+        // It leans against that as well, after a while, and returns to where it was.
         for _ in 0..1500 {
             vehicle.step(Command::default(), 0.02);
         }

@@ -5,40 +5,40 @@ use super::geometry::Horizontal;
 use super::random::Random;
 use crate::scenario;
 
-/// From one place of a walk to the next.
+/// Time between two positions of a walk.
 const STEP_S: f64 = 0.1;
-/// How quickly he gets going and comes to a stop.
+/// Acceleration at the start and at a stop.
 const STARTS_MPS2: f64 = 2.0;
-/// How quickly he turns, of his own accord; at the places of a route he turns on the spot.
+/// Rate of random turns; at the points of a route a person turns on the spot.
 const TURNS_DEGPS: f64 = 150.0;
 /// Purpose of the random numbers of the first in a scenario; those of the others follow.
 const PURPOSE: u64 = 0x3a1c_0000;
 
-/// A step of the walk of those who walk together.
+/// A step of the walk of a group.
 struct Step {
     time_s: f64,
     place: Horizontal,
     /// A unit vector.
     heading: Horizontal,
-    /// How long he has walked so far, without the time that he stood.
+    /// The time walked so far, without stops.
     walked_s: f64,
 }
 
-/// The ways of those who walk together, number `index` of a scenario.
+/// The walks of a group, number `index` of a scenario.
 pub(super) fn walks(person: &scenario::Person, index: usize, seed: u64, lasts_s: f64) -> Vec<Course> {
     let mut random = Random::new(seed, PURPOSE + index as u64);
     let steps = steps(person, &mut random, lasts_s);
     person.abreast().map(|aside| sway(person, Horizontal::from_xy(aside), &steps, random.uniform())).collect()
 }
 
-/// The way of one of them: beside the others, and to and fro across.
+/// The walk of one of the group: with the offset to the others, and the sway.
 fn sway(person: &scenario::Person, aside: Horizontal, steps: &[Step], phase: f64) -> Course {
     let across_m =
         |walked_s: f64| person.sway_m * libm::sin(std::f64::consts::TAU * (walked_s / person.sway_s + phase));
     let (mut course, mut offset, mut before_m) = (Course::default(), aside, across_m(0.0));
     for step in steps {
         let now_m = across_m(step.walked_s);
-        // Across where he is heading now: no turn makes him jump.
+        // Across the present heading, so that a turn causes no jump.
         let right = Horizontal { north: -step.heading.east, east: step.heading.north };
         offset = offset.along(right, now_m - before_m);
         before_m = now_m;
@@ -90,7 +90,7 @@ fn steps(person: &scenario::Person, random: &mut Random, lasts_s: f64) -> Vec<St
     steps
 }
 
-/// How long until something happens that happens so often on average, whenever it last did; zero: never.
+/// Random time until an event with this mean interval, independent of the last one; zero: never.
 fn after(random: &mut Random, mean_s: f64) -> f64 {
     if mean_s > 0.0 { -mean_s * libm::log(1.0 - random.uniform()) } else { f64::INFINITY }
 }
@@ -151,7 +151,7 @@ mod tests {
             stops += speeds.windows(2).filter(|pair| pair[0] >= 1e-9 && pair[1] < 1e-9).count();
             assert!(speeds.windows(2).all(|pair| (pair[1] - pair[0]).abs() < 0.2 + 1e-9));
         }
-        // 120 s hold 13.3 times 9 s; the stop and the start take 0.8 s each, so that the shortest stops are none.
+        // 120 s are 13.3 times 9 s; the stop and the start take 0.8 s each, so that the shortest stops do not count.
         assert!((9.0..14.0).contains(&(stops as f64 / 50.0)), "{stops}");
         assert!((0.18..0.34).contains(&(stands as f64 / (50.0 * 1200.0))), "{stands}");
         assert_ne!(walk(&person, 1), walk(&person, 2));

@@ -1,4 +1,4 @@
-//! What time does to what was heard: it grows too old, and it must not look fresh when the clock runs backwards.
+//! What happens to received data as time passes: it expires, and it must not look fresh when the clock runs backwards.
 
 use foxhound_core::base::ownship::Ownship;
 use foxhound_core::base::time::Instant;
@@ -15,7 +15,7 @@ const NOISE_WINDOW_US: u64 = 2_000_000;
 const NOISE_FRAMES_MIN: u32 = 20;
 
 impl Companion {
-    /// Lets go of what is too old, and notes what is not.
+    /// Drops what is too old, and records what is still usable.
     #[inline(never)]
     pub(super) fn age(&mut self) {
         let now = self.now;

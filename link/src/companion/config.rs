@@ -1,4 +1,4 @@
-//! What can be set about the link.
+//! Configuration of the link.
 
 use foxhound_core::base::error::{ConfigError, Why, check};
 use foxhound_core::guidance::param::{self, Values};
@@ -31,7 +31,7 @@ pub enum Yaw {
 /// Configuration of the link.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Our system id until an autopilot is heard, whose system we join.
+    /// Our system id until an autopilot is found, whose system id we take over.
     pub system_id: u8,
     /// Our component id.
     pub component_id: u8,
@@ -41,7 +41,8 @@ pub struct Config {
     pub attitude_hz: f32,
     /// Wanted rate of `OBSTACLE_DISTANCE` and `DISTANCE_SENSOR`; 0 leaves them to the autopilot.
     pub obstacle_hz: f32,
-    /// Wanted rate of `EXTENDED_SYS_STATE` and of what tells the vehicle's health; 0 leaves them to the autopilot.
+    /// Wanted rate of `EXTENDED_SYS_STATE` and of the messages about the vehicle's health; 0 leaves them to the
+    /// autopilot.
     pub landed_hz: f32,
     /// Time from setpoint to setpoint.
     pub setpoint_period_ms: u16,
@@ -63,22 +64,23 @@ pub struct Config {
     pub prestream: bool,
     /// What the angles of `OBSTACLE_DISTANCE` count from.
     pub obstacle_frame: ObstacleFrame,
-    /// A scan, or points, that nobody took for this long are dropped.
+    /// A scan, or points, that were not fetched for this long are dropped.
     pub obstacle_age_max_s: f32,
-    /// With less of the battery left, in percent, nothing is flown; 0 leaves it to what the autopilot calls critical.
+    /// Below this battery level, in percent, the vehicle is not flown; 0 leaves it to what the autopilot calls
+    /// critical.
     pub battery_min_percent: f32,
-    /// The channel of the pilot's transmitter, from 1, that must be on for us to fly; 0 asks for none.
+    /// The channel of the pilot's transmitter, from 1, that must be on for us to fly; 0 requires none.
     pub switch_channel: u8,
     /// Whether `LANDING_TARGET` is sent while the source is known.
     pub landing_target: bool,
-    /// Whether what is remembered of the obstacles is sent as `OBSTACLE_DISTANCE`.
+    /// Whether the obstacle map is sent as `OBSTACLE_DISTANCE`.
     pub surroundings: bool,
     /// Whether MAVLink 1 is understood.
     pub accept_v1: bool,
-    /// Which unsigned messages are believed where there is a key.
+    /// Which unsigned messages are accepted once there is a key.
     pub unsigned: Unsigned,
-    /// Whether a key may come over this link while the vehicle is disarmed: it is a local one, and somebody is at the
-    /// vehicle.
+    /// Whether a key may be set over this link while the vehicle is disarmed: only for a local link, with somebody at
+    /// the vehicle.
     pub provisioning: bool,
 }
 
@@ -114,7 +116,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// The same, with the parameters of the link as the table has them.
+    /// This configuration, with the link's parameters taken from `values`.
     #[must_use]
     #[inline(never)]
     pub fn with(&self, values: &Values) -> Self {
@@ -154,7 +156,8 @@ impl Config {
         Ok(Companion::from_checked(self, Values::DEFAULT))
     }
 
-    /// The same, with the parameters with which the application runs: the link takes its own from them, and serves them.
+    /// As [`Self::build`], with the parameters that the application runs with: the link takes its own from them, and
+    /// serves all of them to ground stations.
     ///
     /// # Errors
     /// The field that is out of range.
@@ -163,8 +166,8 @@ impl Config {
         Ok(Companion::from_checked(&self.checked_with(&values)?, values))
     }
 
-    /// As [`Self::build_with`], in the place of another, which stays where that fails: a second one on the stack is more than
-    /// a microcontroller has room for.
+    /// As [`Self::build_with`], written over an existing companion, which is unchanged if that fails. A second one on
+    /// the stack would not fit a microcontroller.
     ///
     /// # Errors
     /// The field that is out of range.

@@ -10,7 +10,7 @@ use crate::health::Charge;
 
 /// Without a usable ownship for this long, setpoints end.
 const OWNSHIP_LOST_S: f32 = 2.0;
-/// Setpoints that are not sane for this long, and a guidance that is silent for this long, make us unfit.
+/// Setpoints that are not sane for this long, or a guidance that publishes nothing for this long, make us unfit.
 const INSANE_MAX_S: f32 = 0.5;
 const GUIDANCE_SILENT_MAX_S: f32 = 2.0;
 /// With more damaged frames than this the vehicle is not moved.

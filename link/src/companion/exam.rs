@@ -1,20 +1,20 @@
-//! The commands that have the receiver examined or calibrated.
+//! The commands that test or calibrate the receiver.
 //!
-//! No command of the common set is about a receiver: `MAV_CMD_PREFLIGHT_CALIBRATION` (241) names the autopilot's sensors one
-//! by one, `MAV_CMD_RUN_PREARM_CHECKS` (401) is answered by `SYS_STATUS`. So these are commands of the user's own, which
-//! ground stations can send with numbers for parameters, as `COMMAND_LONG` or `COMMAND_INT`:
+//! No command of the common set is about a receiver: `MAV_CMD_PREFLIGHT_CALIBRATION` (241) names the autopilot's
+//! sensors one by one, and `MAV_CMD_RUN_PREARM_CHECKS` (401) is answered by `SYS_STATUS`. So user commands are used,
+//! which ground stations can send with numbers for parameters, as `COMMAND_LONG` or `COMMAND_INT`:
 //!
 //! | command | param1 | param2 |
 //! |---|---|---|
-//! | `MAV_CMD_USER_1` (31010), examine | azimuth of a known source, degrees from the nose | 0 a splitter, 1 the known source, 2 the board's own tone |
+//! | `MAV_CMD_USER_1` (31010), test | azimuth of a known source, degrees from the nose | 0 a splitter, 1 the known source, 2 the board's own tone |
 //! | `MAV_CMD_USER_2` (31011), calibrate | the same | 0 a splitter, 1 the known source |
 //!
-//! What a station leaves out it sends as zero or as NaN: for the azimuth these are a direction and none. So a direction holds
-//! only where param2 says so, and with nothing said it is a splitter. The board's own tone calibrates nothing: it does not
-//! go through the receiver.
+//! A station sends zero or NaN for what it leaves out, and zero is a valid azimuth. So an azimuth counts only where
+//! param2 is 1, and a command without parameters means a splitter. The board's own tone calibrates nothing, since it
+//! does not pass through the receiver.
 //!
-//! The answer comes twice: `IN_PROGRESS` at once, and what it came to; `TEMPORARILY_REJECTED` while the vehicle is armed, in
-//! control, or examined already; `DENIED` where the parameters say nothing known.
+//! There are two answers: `IN_PROGRESS` at once, and the result later. It is `TEMPORARILY_REJECTED` while the vehicle
+//! is armed, in control, or already being tested, and `DENIED` where the parameters are unknown.
 
 use foxhound_core::base::units::{DEG_PER_RAD, wrap_pi};
 use foxhound_core::guidance::mission::Control;
@@ -23,24 +23,24 @@ use super::Companion;
 use crate::dialect::{COMMAND_ACK_DATA, MavCmd, MavResult};
 use crate::framer::Header;
 
-/// What is to be done with the receiver.
+/// A test or calibration of the receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Exam {
-    /// See whether it works.
+    /// Test whether it works.
     SelfTest(Tone),
-    /// Measure gains and phases of the channels, and go by them.
+    /// Measure gains and phases of the channels, and use them from then on.
     Calibrate {
-        /// Where the source is, from the nose; none is a splitter.
+        /// Azimuth of the source, from the nose; `None` for a splitter.
         azimuth_rad: Option<f32>,
     },
 }
 
-/// What the receiver is to hear.
+/// The signal that the receiver gets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tone {
-    /// The same in all channels.
+    /// The same signal in all channels.
     Splitter,
-    /// The same, made by the board.
+    /// The same signal in all channels, made by the board.
     Board,
     /// A source in a known direction.
     Ahead {
@@ -49,18 +49,18 @@ pub enum Tone {
     },
 }
 
-/// What an examination came to, as far as the link is concerned.
+/// The result of a test or calibration, as far as the link is concerned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Examined {
-    /// All was well.
+    /// It passed.
     Passed,
-    /// Something was not.
+    /// It failed.
     Failed,
-    /// It could not be begun.
+    /// It could not be started.
     Refused,
 }
 
-/// An examination that a station wants.
+/// A test or calibration that a station has requested.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
     exam: Exam,
@@ -76,7 +76,7 @@ impl Companion {
         self.control(self.now) != Control::Granted && self.autopilot.is_none_or(|autopilot| !autopilot.armed)
     }
 
-    /// What is to be examined; told once, and then waits for [`examined`](Self::examined).
+    /// The test or calibration to run; returned once, then the link waits for [`examined`](Self::examined).
     #[inline(never)]
     pub fn take_exam(&mut self) -> Option<Exam> {
         let wanted = self.exam.as_mut().filter(|wanted| !wanted.is_taken)?;
@@ -84,7 +84,7 @@ impl Companion {
         Some(wanted.exam)
     }
 
-    /// An examination has ended, whoever wanted it.
+    /// A test or calibration has ended, whoever requested it.
     #[inline(never)]
     pub fn examined(&mut self, examined: Examined) {
         let Some(Wanted { exam, station, .. }) = self.exam.take_if(|wanted| wanted.is_taken) else { return };
@@ -117,7 +117,7 @@ impl Companion {
         let Some(exam) = exam(command, params) else { return MavResult::MAV_RESULT_DENIED };
         let station = (from.system_id, from.component_id);
         match self.exam {
-            // Asked again, for want of patience.
+            // A station that repeats its request.
             Some(wanted) if wanted.station == station && wanted.exam == exam => MavResult::MAV_RESULT_IN_PROGRESS,
             Some(_) => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
             None if !self.may_examine() => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
@@ -129,7 +129,7 @@ impl Companion {
     }
 }
 
-/// What is meant; `None` where nothing known is.
+/// What the parameters mean; `None` where they are unknown.
 fn exam(command: u16, [azimuth_deg, from]: [f32; 2]) -> Option<Exam> {
     let calibrates = command == MavCmd::MAV_CMD_USER_2 as u16;
     let azimuth_rad = libm::fabsf(azimuth_deg).le(&360.0).then(|| wrap_pi(azimuth_deg / DEG_PER_RAD));

@@ -1,26 +1,26 @@
-//! How Foxhound behaves on the link: it listens to one autopilot, and commands it only where its pilot says so.
+//! How Foxhound behaves on the link: it follows one autopilot, and commands it only where the pilot has given control.
 //!
-//! In GUIDED or OFFBOARD and armed the newest published setpoint leaves at 20 Hz, and zero velocity if that is older than
-//! 0.25 s; everything else is a row of the table in [`crate::failsafe`]. A setpoint is `SET_POSITION_TARGET_LOCAL_NED` with
-//! frame `LOCAL_NED` and type mask 0x05C7 (velocity and yaw rate), the one form that every version of both autopilots takes
-//! the same way, or 0x09C7 (velocity and yaw) where [`Config::yaw`] says so. The mode is never asked for, nor arming, nor
-//! take-off.
+//! In GUIDED or OFFBOARD, armed, the newest published setpoint is sent at 20 Hz, and zero velocity if that setpoint is
+//! older than 0.25 s; all other cases are in [`crate::failsafe`]. A setpoint is `SET_POSITION_TARGET_LOCAL_NED` with
+//! frame `LOCAL_NED` and type mask 0x05C7 (velocity and yaw rate), the one form that every version of both autopilots
+//! understands in the same way, or 0x09C7 (velocity and yaw) where [`Config::yaw`] says so. Foxhound never requests a
+//! mode, arming or take-off.
 //!
-//! The autopilot is the first one that is heard; it stays so until restart, and we join its system. What it says of the
-//! vehicle's place is told to guidance in a frame that does not jump when the autopilot's does. Sources: ArduPilot's *Copter
-//! Commands in Guided Mode*, PX4's *Offboard Mode*, the MAVLink guide on heartbeats, message intervals and time
-//! synchronisation.
+//! The autopilot is the first one whose heartbeat arrives; it stays so until restart, and we join its system. Its
+//! position estimate is passed to guidance in a frame that does not jump when the autopilot's does. Sources:
+//! ArduPilot's *Copter Commands in Guided Mode*, PX4's *Offboard Mode*, the MAVLink guide on heartbeats, message
+//! intervals and time synchronisation.
 //!
-//! `hear` and `speak` are the two halves of it; `control` says whether guidance may move the vehicle; `exam` is about
-//! examining the receiver.
+//! `receive` and `send` are its two halves; `control` decides whether guidance may move the vehicle; `exam` tests the
+//! receiver.
 
 mod aging;
 mod config;
 mod control;
 mod exam;
-mod hear;
 mod parameters;
-mod speak;
+mod receive;
+mod send;
 
 use foxhound_core::base::obstacle::Circle;
 use foxhound_core::base::ownship::Ownship;
@@ -52,7 +52,7 @@ use crate::turns::Turns;
 
 pub use self::config::{Config, ObstacleFrame, Yaw};
 pub use self::exam::{Exam, Examined, Tone};
-pub use self::speak::NOTICE_BYTES;
+pub use self::send::NOTICE_BYTES;
 pub use crate::autopilot::{Autopilot, Software};
 pub use crate::params::Storage;
 pub use crate::sources::Source;
@@ -64,9 +64,9 @@ pub const TYPE_MASK_YAW: u16 = 0x09C7;
 
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 const TIMESYNC_PERIOD_US: u32 = 1_000_000;
-/// After a jump of the autopilot's estimate guidance gets no ownship for this long, and so holds.
+/// After a jump of the autopilot's estimate guidance gets no ownship for this long, and therefore holds.
 const UNSETTLED_US: u64 = 500_000;
-/// A range finder's word that is older says nothing of the height.
+/// An older range finder reading is not used for the height.
 const GROUND_AGE_MAX_S: f32 = 0.5;
 
 /// How the application keeps time.
@@ -76,40 +76,40 @@ pub struct Pace {
     pub longest_us: u32,
     /// Steps that were late since the start.
     pub late: u32,
-    /// Frames of the antennas that did not come when they should or were no use, since the start.
+    /// Antenna frames that did not arrive in time or could not be used, since the start.
     pub lost: u32,
-    /// Frames of the lidar that were damaged, since its setup, where there is one.
+    /// Damaged frames of the lidar since its setup, where there is one.
     pub lidar_bad: Option<u32>,
 }
 
-/// What went wrong, and what went through, since the start.
+/// Counts of errors and of traffic since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// What the framer saw.
+    /// Counts of the framer.
     pub framer: framer::Counters,
-    /// Messages with numbers that are not finite, absurd or mean nothing.
+    /// Messages with numbers that are not finite, absurd or undefined.
     pub rejected: u32,
     /// Published setpoints that were not finite or too fast.
     pub setpoint_faults: u32,
-    /// Setpoints that a newer one replaced before they reached the wire.
+    /// Setpoints that a newer one replaced before they were sent.
     pub setpoints_replaced: u32,
-    /// Times that no setpoint got onto the wire for more than 0.2 s.
+    /// Times that no setpoint was sent for more than 0.2 s.
     pub setpoints_late: u32,
-    /// Answers and requests for which there was no room.
+    /// Answers and requests that were dropped because the queue was full.
     pub errands_dropped: u32,
-    /// Telemetry for which there was no room.
+    /// Telemetry that was dropped because the queue was full.
     pub telemetry_dropped: u32,
-    /// Points of obstacles for which there was no room.
+    /// Points of obstacles that were dropped because the list was full.
     pub points_dropped: u32,
     /// Restarts of the autopilot.
     pub reboots: u32,
-    /// Jumps of the autopilot's place or heading.
+    /// Jumps of the autopilot's position or heading.
     pub jumps: u32,
     /// Heartbeats of autopilots other than ours.
     pub foreign_heartbeats: u32,
     /// Messages that were not signed and should have been.
     pub unsigned: u32,
-    /// Messages whose signature was wrong, old or played back.
+    /// Messages whose signature was wrong, old or replayed.
     pub forged: u32,
 }
 
@@ -121,7 +121,7 @@ struct Published {
     wants_land: bool,
 }
 
-/// How many frames of the last while were damaged.
+/// The share of damaged frames in the last two seconds.
 #[derive(Clone, Copy, Debug)]
 struct Noise {
     since: Instant,
@@ -132,70 +132,70 @@ struct Noise {
 
 /// Our end of the link. See the [module](self).
 #[derive(Clone, Debug)]
-// In this order, for the sake of the flash.
+// In this order because it takes the least flash.
 #[repr(C)]
 pub struct Companion {
     config: Config,
     clock: PeerClock,
     continuity: Continuity,
     health: Health,
-    /// Whether a right signature was ever seen.
+    /// Whether a valid signature was ever received.
     signed_heard: bool,
-    /// Whether the key is another one since the application last asked.
+    /// Whether the key has changed since the application last asked.
     key_changed: bool,
     counters: Counters,
-    /// The latest time that was mentioned.
+    /// The latest time that was passed in.
     now: Instant,
 
     autopilot: Option<Autopilot>,
     store_damaged: bool,
     entry_needed: bool,
     paused: bool,
-    /// Another component of the vehicle asked for it, which tells the pilot why.
+    /// Another component of the vehicle asked for the pause; the pilot is told so.
     paused_aboard: bool,
     failed: bool,
     boot_ms: Option<u32>,
-    /// The autopilot has restarted, and the application does not know yet.
+    /// The autopilot has restarted, and the application has not been informed yet.
     world_is_lost: bool,
-    /// As the autopilot says it.
+    /// As the autopilot reports it.
     position: Option<Position>,
-    /// What its jumps of the last second add up to.
+    /// Sum of its jumps in the last second.
     jumped_m: f32,
     attitude: Option<Attitude>,
     origin: Option<[i32; 3]>,
     reset_counter: Option<u8>,
     /// Guidance gets no ownship until then.
     settled_at: Instant,
-    /// When there was a usable one last.
+    /// When the last usable ownship arrived.
     usable_at: Option<Instant>,
     landed_state: u8,
-    /// How far the ground is, along the vehicle's own axis, and when it was heard.
+    /// Distance to the ground along the vehicle's own axis, and when it was received.
     ground: Option<(Instant, f32)>,
     noise: Noise,
     advice: Advice,
     sources: Sources,
     beams: Beams,
-    /// The component whose scan was taken last.
+    /// The component whose scan was accepted last.
     last_scan_of: u8,
 
     published: Option<Published>,
     /// Asks the autopilot to land.
     landing: landing::Request,
-    /// Since when what guidance publishes is not sane.
+    /// Since when guidance has published setpoints that are not sane.
     insane_since: Option<Instant>,
-    /// Whether guidance was flying when last looked at.
+    /// Whether guidance was flying at the last check.
     seeking: bool,
-    /// Whether setpoints do not get onto the wire.
+    /// Whether setpoints are not being sent.
     was_late: bool,
     yaw_rad: Option<f32>,
     heartbeat_due: Instant,
     timesync_due: Instant,
-    /// Number of the grid period that was polled last.
+    /// Number of the period of the setpoint grid that was polled last.
     setpoint_slot: Option<u64>,
-    telemetry: speak::Telemetry,
+    telemetry: send::Telemetry,
     pace: Option<Pace>,
     exam: Option<exam::Wanted>,
-    // The large ones last: what is near is cheaper to reach.
+    // The large ones last: the first fields are cheaper to access.
     framer: Framer,
     outbox: Outbox,
     requests: Requests,
@@ -257,7 +257,7 @@ impl Companion {
             heartbeat_due: Instant::default(),
             timesync_due: Instant::default(),
             setpoint_slot: None,
-            telemetry: speak::Telemetry::new(),
+            telemetry: send::Telemetry::new(),
             pace: None,
             exam: None,
         }
@@ -273,7 +273,7 @@ impl Companion {
             rest = rest.get(taken..).unwrap_or_default();
             while let Some(frame) = self.framer.next_frame() {
                 let header = frame.header;
-                // Nothing is done about the others, so their signatures are not looked at either.
+                // Other messages are not used, so their signatures are not checked either.
                 let Some(content) = Content::of(&frame) else { continue };
                 let verdict = self.signing.as_mut().map(|signing| signing.check(now, frame.bytes));
                 if self.believes(verdict, content.message_id()) {
@@ -283,8 +283,8 @@ impl Companion {
         }
     }
 
-    /// Whether a message is believed for its signature. An unsigned heartbeat only says that somebody is there, and by
-    /// itself gives no control.
+    /// Whether a message is accepted by its signature. An unsigned heartbeat only says that somebody is there, and
+    /// gives no control by itself.
     #[inline(never)]
     fn believes(&mut self, verdict: Option<Verdict>, message_id: u32) -> bool {
         let policy = self.config.unsigned;
@@ -315,14 +315,14 @@ impl Companion {
         }
     }
 
-    /// The autopilot that we listen to; `None` before its first heartbeat.
+    /// The autopilot that we follow; `None` before its first heartbeat.
     #[must_use]
     pub const fn autopilot(&self) -> Option<Autopilot> {
         self.autopilot
     }
 
-    /// Our vehicle as last heard, in a frame that does not jump; `None` until position and attitude were both heard, while
-    /// the autopilot's estimator says that it does not know them, and for half a second after a jump.
+    /// Our vehicle as last received, in a frame that does not jump; `None` until both position and attitude have
+    /// arrived, while the autopilot's estimator reports that they are invalid, and for half a second after a jump.
     #[must_use]
     #[inline(never)]
     pub fn ownship(&self) -> Option<Ownship> {
@@ -347,14 +347,14 @@ impl Companion {
         })
     }
 
-    /// Whether the vehicle stands on the ground; `None` while nobody said.
+    /// Whether the vehicle is on the ground; `None` until that has been reported.
     #[must_use]
     #[inline(never)]
     pub fn landed(&self) -> Option<bool> {
-        hear::landed(self.landed_state)
+        receive::landed(self.landed_state)
     }
 
-    /// How high the vehicle is over the ground by its range finder, if it has one and that reads; its tilt is taken off.
+    /// Height of the vehicle over the ground by its range finder, corrected for tilt; `None` without a current reading.
     #[must_use]
     #[inline(never)]
     pub fn height_m(&self, now: Instant) -> Option<f32> {
@@ -370,14 +370,14 @@ impl Companion {
         self.turns.scan()
     }
 
-    /// The single points, from beams and points alike, until [`Self::drop_obstacles`]; empty where sensors measured and found
-    /// nothing.
+    /// The single points, from `OBSTACLE_DISTANCE_3D` and single beams, until [`Self::drop_obstacles`]; empty where
+    /// sensors measured and found nothing.
     #[must_use]
     pub const fn points(&self) -> Option<&Points> {
         self.points.as_ref()
     }
 
-    /// Forgets scan and points, which have been used by reference: a copy of them takes 1.2 KB.
+    /// Forgets scan and points after they have been used by reference: a copy of them takes 1.2 KB.
     #[inline(never)]
     pub fn drop_obstacles(&mut self) {
         self.last_scan_of = self.turns.component_id();
@@ -390,14 +390,14 @@ impl Companion {
         self.sources.ages(now)
     }
 
-    /// Signs what is sent from now on, and looks at the signatures of what is heard; or neither.
+    /// Signs what is sent from now on, and checks the signatures of what is received; with `None`, neither.
     #[inline(never)]
     pub fn sign_with(&mut self, signing: Option<Signing>) {
         self.signing = signing;
         self.signed_heard = false;
     }
 
-    /// The key, the clock and the timestamps of signing, for whoever stores the first and knows the second.
+    /// The key, the clock and the timestamps of signing, for the code that stores the key and sets the clock.
     pub const fn signing(&mut self) -> Option<&mut Signing> {
         self.signing.as_mut()
     }
@@ -413,17 +413,17 @@ impl Companion {
         core::mem::take(&mut self.world_is_lost)
     }
 
-    /// We have been restarted in flight: the mode gives control only when it is entered afresh.
+    /// We have been restarted in flight: control is given only when the mode is left and entered again.
     pub fn require_entry(&mut self) {
         self.entry_needed = true;
     }
 
-    /// Whether the newest record of something that the application had stored is damaged: then the vehicle is not moved.
+    /// Whether the newest stored record is damaged: then the vehicle is not moved.
     pub const fn note_store(&mut self, is_damaged: bool) {
         self.store_damaged = is_damaged;
     }
 
-    /// The application has found itself unfit to fly: no setpoints and no heartbeats from now on, until a restart.
+    /// The application is unfit to fly: no setpoints and no heartbeats from now on, until a restart.
     pub fn fail(&mut self) {
         self.failed = true;
     }
@@ -445,21 +445,21 @@ impl Companion {
         self.report(output);
     }
 
-    /// Whether what is remembered of the obstacles is wanted now.
+    /// Whether the obstacle map is to be sent now.
     #[must_use]
     #[inline(never)]
     pub fn wants_surroundings(&self, now: Instant) -> bool {
         self.config.surroundings && self.telemetry.wants_surroundings(now)
     }
 
-    /// Takes what is remembered of the obstacles, for whoever wants to see it.
+    /// Takes the obstacle map, to be sent as `OBSTACLE_DISTANCE`.
     pub fn publish_surroundings(&mut self, now: Instant, mut circles: impl Iterator<Item = Circle>) {
         if let Some(ownship) = self.ownship() {
             self.report_surroundings(now, &ownship, &mut circles);
         }
     }
 
-    /// Does what is due: heartbeats, requests, setpoints. To be called at least every 10 ms or so.
+    /// Does what is due: heartbeats, requests, setpoints. Call it at least every 10 ms.
     #[inline(never)]
     pub fn poll(&mut self, now: Instant) {
         self.follow_clock(now);
@@ -468,7 +468,7 @@ impl Companion {
         if now >= self.heartbeat_due {
             let next = self.heartbeat_due.plus_micros(HEARTBEAT_PERIOD_US);
             self.heartbeat_due = if next > now { next } else { now.plus_micros(HEARTBEAT_PERIOD_US) };
-            // A heartbeat says that we are well.
+            // A heartbeat says that we are fit.
             if cause != Cause::Unfit {
                 let heartbeat = self.heartbeat(cause);
                 self.outbox.post_heartbeat(&heartbeat);
@@ -494,7 +494,7 @@ impl Companion {
         self.stream(&autopilot, cause);
     }
 
-    /// Fills `sink` with the bytes that wait to be sent, setpoints first, and says how far.
+    /// Fills `sink` with the bytes that wait to be sent, setpoints first, and returns how many.
     #[inline(never)]
     pub fn transmit(&mut self, sink: &mut [u8]) -> usize {
         let address = (self.system_id(), self.config.component_id);
@@ -505,7 +505,7 @@ impl Companion {
         })
     }
 
-    /// What was counted so far.
+    /// The counts so far.
     #[must_use]
     #[inline(never)]
     pub const fn counters(&self) -> Counters {

@@ -30,14 +30,14 @@ impl Companion {
         Ok(())
     }
 
-    /// The parameters that hold.
+    /// The parameters in use.
     #[must_use]
     pub const fn parameters(&self) -> &Values {
         self.params.values()
     }
 
-    /// A parameter that somebody wants changed, and all of them with it: for the application to try. To be answered by
-    /// [`settle`](Self::settle) before anything else.
+    /// A parameter that a station wants changed, and the full set with that change, for the application to try. Answer
+    /// it by [`settle`](Self::settle) before anything else.
     #[inline(never)]
     pub fn proposal(&mut self) -> Option<(Id, Values)> {
         let is_seeking = self.control(self.now) == Control::Granted;
@@ -50,7 +50,7 @@ impl Companion {
         }
     }
 
-    /// The application's answer: from now on it runs with the proposal, or it cannot.
+    /// The application's answer to the proposal: it runs with it from now on, or it cannot.
     #[inline(never)]
     pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
         self.params.settle(verdict);
@@ -58,19 +58,19 @@ impl Companion {
         self.reconfigure(config);
     }
 
-    /// What the application is to do with its storage of parameters; to be answered by [`stored`](Self::stored).
+    /// What the application is to do with its stored parameters; answer it by [`stored`](Self::stored).
     #[inline(never)]
     pub fn take_storage(&mut self) -> Option<Storage> {
         let storage = self.params.take_storage()?;
         if self.control(self.now) == Control::Granted {
-            // It was asked for before. To write a flash stops the processor.
+            // It was requested before. Writing the flash stops the processor.
             self.params.stored(false);
             return None;
         }
         Some(storage)
     }
 
-    /// The application has done it, or could not. Values that were loaded or reset have been
+    /// The application has done it, or could not. Values that were loaded or reset must have been
     /// [set](Self::set_parameters) before.
     #[inline(never)]
     pub fn stored(&mut self, is_done: bool) {

@@ -1,4 +1,4 @@
-//! What a byte 0xFD starts: a frame, or nothing.
+//! Whether a start byte begins a frame.
 
 use mavlink_core::{MavlinkVersion, calculate_crc};
 
@@ -10,14 +10,14 @@ const SIGNED: u8 = 0x01;
 
 /// What the first waiting bytes are.
 pub(super) enum Candidate {
-    /// Perhaps the start of a frame: this many bytes decide, or take the next decision.
+    /// Perhaps the start of a frame: decided, or tested further, once this many bytes are there.
     Undecided {
         /// How many, from the first.
         until: usize,
     },
-    /// No start of a frame, by its header.
+    /// Not a frame, by its header.
     Noise,
-    /// A frame, but for its checksum.
+    /// A frame with a wrong checksum.
     Damaged,
     /// A frame of this length.
     Whole {

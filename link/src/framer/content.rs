@@ -1,14 +1,14 @@
-//! What a frame carries, to be read as the one message that it is.
+//! The payload of a frame, to be read as one message type.
 
 use mavlink_core::{MavlinkVersion, Message as _, MessageData};
 
 use super::{Frame, PAYLOAD_MAX};
 use crate::dialect::MavMessage;
 
-/// The payload of a frame with the zeros that its sender cut off.
+/// The payload of a frame, with the trailing zeros restored that its sender cut off.
 ///
-/// [`Frame::message`] can be any message, and so brings the decoders of all of them along; this only those that are asked
-/// for.
+/// [`Frame::message`] can return any message, and so links the decoders of all of them; this links only those that are
+/// used.
 #[derive(Clone, Copy, Debug)]
 pub struct Content {
     message_id: u32,
@@ -16,7 +16,7 @@ pub struct Content {
 }
 
 impl Content {
-    /// What a frame carries, if that is a message of our dialect.
+    /// The payload of a frame, if it is a message of our dialect.
     #[must_use]
     #[inline(never)]
     pub fn of(frame: &Frame<'_>) -> Option<Self> {
@@ -34,10 +34,10 @@ impl Content {
         self.message_id
     }
 
-    /// The message; which one it is [`Self::message_id`] has to say.
+    /// The message, as type `D`; check with [`Self::message_id`] that it is one.
     #[must_use]
     pub fn read<D: MessageData + Default>(&self) -> D {
-        // Nothing is too short, and our dialect has no numbers that mean nothing.
+        // No payload is too short, and our dialect has no undefined values that fail to parse.
         D::deser(MavlinkVersion::V2, &self.payload).unwrap_or_default()
     }
 }

@@ -1,8 +1,8 @@
-//! The published messages: what decides whether a frame is one.
+//! The published messages, by which the framer recognises a frame.
 
 use super::table;
 
-/// How a published message looks on the wire.
+/// Layout of a published message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Known {
     /// `CRC_EXTRA`, the byte that fixes the layout.

@@ -8,30 +8,29 @@
 //! After <https://mavlink.io/en/guide/serialization.html>. The checksum is CRC-16/MCRF4XX over everything from the
 //! length to the end of the payload and one more byte, `CRC_EXTRA`, which fixes the layout of the message.
 //!
-//! A stream is read by candidates: each 0xFD that was not consumed may start a frame. A candidate is judged as soon as
-//! can be: by its flags when 3 bytes are there, by its message id when 10 are, by its checksum when all are. One that
-//! fails gives back all its bytes but the first, so a false start never costs a true frame behind it; and as random
-//! bytes rarely hold a published id (of three of them one in 43 000 is one), it hardly ever delays one.
+//! The framer tests candidates: each 0xFD outside a frame may start one. A candidate is tested as early as possible:
+//! its flags when 3 bytes are there, its message id when 10 are, its checksum when all are. One that fails gives back
+//! all its bytes but the first, so a false start never costs a true frame behind it. Random bytes rarely contain a
+//! published id (one in 43 000), so a false start hardly ever delays a frame.
 //!
-//! Messages outside our [`dialect`](crate::dialect) must still be consumed whole, or a message that carries another
-//! frame in its payload (a tunnel, a file transfer, a log download) would have its cargo taken for traffic. So the
-//! framer knows the `CRC_EXTRA` of every published message ([`known`]): common, ardupilotmega, development and the
-//! vendors' dialects. A frame may be longer than its message was when the table was made, if its checksum is right:
-//! that is how MAVLink 2 extends messages.
+//! Messages outside our [`dialect`](crate::dialect) must be consumed whole too. Otherwise a frame inside the payload of
+//! another (a tunnel, a file transfer, a log download) would be taken for traffic. So the framer knows the `CRC_EXTRA`
+//! of every published message ([`known`]): common, ardupilotmega, development and the vendors' dialects. A frame may be
+//! longer than its message was when the table was made, if its checksum is right: that is how MAVLink 2 extends
+//! messages.
 //!
-//! Signed frames are accepted and their signature is not looked at. Frames with 32-bit system ids and other
-//! incompatibility flags are not understood and skipped byte by byte. So is MAVLink 1, unless [`Framer::accept_v1`]
-//! switches it on: in noise its short header passes over 10 000 times as often, and it cannot be signed.
+//! Signed frames are accepted without a check of their signature. Frames with 32-bit system ids or other
+//! incompatibility flags are skipped byte by byte. So is MAVLink 1, unless [`Framer::accept_v1`] enables it: in noise
+//! its short header passes over 10 000 times as often, and it cannot be signed.
 //!
 //! # What this does not protect from
 //!
-//! * Messages that nobody published, or published under another's id: their frames are noise to us, and a whole frame
-//!   in their payload is heard as traffic.
+//! * Messages that are not published, or that use another's id: their frames count as noise, and a whole frame in their
+//!   payload is taken for traffic.
 //! * Forgery: a checksum is no signature.
 //! * Chance: a damaged or false frame with a published id passes one time in 65 536.
-//! * Delay: a false start that does look like a frame holds back what is behind it until as many bytes came as it
-//!   claims, at most [`FRAME_MAX`]. On a line that has gone quiet, or at the end of a recording,
-//!   [`Framer::give_up`] lets them go.
+//! * Delay: a false start that looks like a frame holds back the bytes behind it until it is complete, at most
+//!   [`FRAME_MAX`]. On a line that has gone quiet, or at the end of a recording, [`Framer::give_up`] releases them.
 //! * Load: bytes made to look like the start of a long frame every 5 bytes cost 56 bytes of checksum each.
 
 mod candidate;
@@ -65,7 +64,7 @@ const PAYLOAD_MAX: usize = 255;
 const CHECKSUM: usize = 2;
 const SIGNATURE: usize = 13;
 
-/// Who sent a frame, and as which of its frames.
+/// The sender of a frame, and its sequence number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Header {
     /// The sender's system.
@@ -85,7 +84,7 @@ pub struct Frame<'a> {
     pub version: MavlinkVersion,
     /// Which message it carries, in or out of our dialect.
     pub message_id: u32,
-    /// Whether it carries a signature (which nobody has checked).
+    /// Whether it carries a signature (which has not been checked).
     pub signed: bool,
     /// The message, in MAVLink 2 with trailing zeros cut off by the sender.
     pub payload: &'a [u8],
@@ -108,7 +107,7 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// What a framer has seen. No count overflows: each stays at its greatest.
+/// Counts of a framer. No count overflows: each stays at its greatest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Frames of messages of our dialect.
@@ -162,7 +161,7 @@ impl Default for Framer {
 }
 
 impl Framer {
-    /// A framer for MAVLink 2 that has seen nothing.
+    /// A framer for MAVLink 2 with all counts zero.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -176,15 +175,15 @@ impl Framer {
         }
     }
 
-    /// From here on also takes MAVLink 1, or no longer. Of its frames only those of the length without extensions.
+    /// Accepts MAVLink 1 too from now on, or no longer. Only frames of the length without extensions are taken.
     pub const fn accept_v1(&mut self, accept: bool) {
         self.v1 = accept;
-        // What waits is judged anew.
+        // The waiting bytes are tested again.
         self.until = 0;
     }
 
-    /// Takes as many bytes as there is room for and says how many. At least one, if the frames were fetched with
-    /// [`Self::next_frame`] until there was none.
+    /// Takes as many bytes as fit and returns how many: at least one, if frames were fetched with [`Self::next_frame`]
+    /// until there was none.
     #[inline(never)]
     pub fn push(&mut self, bytes: &[u8]) -> usize {
         let is_crowded = bytes.len() > self.buffer.len() - self.end;
@@ -224,26 +223,26 @@ impl Framer {
         }
     }
 
-    /// Bytes that were pushed and neither skipped nor part of a frame yet: the start of a candidate, and what is behind
-    /// it. Fewer than [`FRAME_MAX`] once [`Self::next_frame`] says `None`.
+    /// Bytes that were pushed and are neither skipped nor part of a frame yet: the start of a candidate, and what
+    /// follows it. Fewer than [`FRAME_MAX`] once [`Self::next_frame`] has returned `None`.
     #[must_use]
     pub const fn waiting(&self) -> usize {
         self.end - self.start
     }
 
     /// Gives up the candidate that waits for more bytes, as if its checksum had failed. For a line that has gone quiet
-    /// and for the end of a recording: call it and fetch frames, while any bytes are [waiting](Self::waiting).
+    /// and for the end of a recording: call it and fetch frames while any bytes are [waiting](Self::waiting).
     pub fn give_up(&mut self) {
         self.skip(self.waiting().min(1));
     }
 
-    /// What was seen so far.
+    /// The counts so far.
     #[must_use]
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// The eight senders that were heard last, the latest first.
+    /// The eight most recent senders, the latest first.
     #[must_use]
     pub fn senders(&self) -> &[Sender] {
         self.senders.all()
@@ -282,7 +281,7 @@ impl Framer {
     }
 }
 
-/// Copies as much as there is and as there is room for, and says how much.
+/// Copies as many bytes as fit, and returns how many.
 pub(crate) fn fill(room: &mut [u8], bytes: &[u8]) -> usize {
     let length = room.len().min(bytes.len());
     if let (Some(room), Some(bytes)) = (room.get_mut(..length), bytes.get(..length)) {

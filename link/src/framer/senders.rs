@@ -1,4 +1,4 @@
-//! Who was heard, and how many of their frames are missing.
+//! The senders of frames, and how many of their frames are missing.
 
 use super::Header;
 
@@ -20,7 +20,7 @@ impl Sender {
     const NOBODY: Self = Self { latest: Header { system_id: 0, component_id: 0, sequence: 0 }, received: 0, lost: 0 };
 }
 
-/// Those heard last, the latest first.
+/// The most recent senders, the latest first.
 #[derive(Clone, Debug)]
 pub(super) struct Senders {
     senders: [Sender; SENDERS],
@@ -34,8 +34,8 @@ impl Senders {
         self.senders.get(..self.count).unwrap_or_default()
     }
 
-    /// Takes a frame into account and says how many are missing before it. A sender too many takes the place of the
-    /// one that was silent longest.
+    /// Takes a frame into account and returns how many are missing before it. A new sender replaces the one that has
+    /// been silent longest.
     #[inline(never)]
     pub(super) fn hear(&mut self, latest: Header) -> u32 {
         let is_it = |(_, sender): &(usize, Sender)| {

@@ -1,4 +1,4 @@
-//! Frames out.
+//! Encodes frames.
 
 use mavlink_core::utils::remove_trailing_zeroes;
 use mavlink_core::{MavlinkVersion, Message as _, MessageData, calculate_crc};
@@ -6,7 +6,7 @@ use mavlink_core::{MavlinkVersion, Message as _, MessageData, calculate_crc};
 use super::{CHECKSUM, HEADER, Header, PAYLOAD_MAX, STX};
 use crate::dialect::MavMessage;
 
-/// A message that waits to be sent: all of its frame but the header, which only the moment of sending knows.
+/// A message that waits to be sent: its frame without the header, which is made at the moment of sending.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Packed<Payload: ?Sized = [u8]> {
     message_id: u16,
@@ -31,14 +31,14 @@ impl<Payload: ?Sized> Packed<Payload> {
 }
 
 impl Packed {
-    /// Writes its frame into `sink` and says how long it is; 0 when it does not fit.
+    /// Writes its frame into `sink` and returns its length; 0 when it does not fit.
     #[inline(never)]
     pub(crate) fn write(&self, header: Header, sink: &mut [u8]) -> usize {
         write(header, u32::from(self.message_id), self.extra, &self.payload, sink)
     }
 }
 
-/// Writes one frame into `sink` and says how long it is; 0 when it does not fit. [`FRAME_MAX`](super::FRAME_MAX) bytes
+/// Writes one frame into `sink` and returns its length; 0 when it does not fit. [`FRAME_MAX`](super::FRAME_MAX) bytes
 /// always suffice.
 pub fn encode(header: Header, message: &MavMessage, sink: &mut [u8]) -> usize {
     let mut payload = [0; PAYLOAD_MAX];

@@ -1,25 +1,26 @@
 //! The parameter protocol: a ground station lists, reads and sets the parameters of [`foxhound_core::guidance::param`].
 //!
 //! After <https://mavlink.io/en/services/parameter.html>. Messages go in by [`Params::hear`], answers come out of
-//! [`Params::next`], one every 50 ms at most: they can wait, setpoints cannot. What waits is not an answer but a mark that the
-//! parameter is to be told, so that the answer is the value of the moment in which it leaves, that many requests for one
-//! parameter are one answer, and that a list needs no more memory than a single read. Where a list and single answers
-//! wait, they take turns.
+//! [`Params::next`], one every 50 ms at most: they can wait, setpoints cannot. What is queued is not an answer but a
+//! mark on the parameter to be sent. So an answer has the value of the moment in which it is sent, many requests for
+//! one parameter get one answer, and a list needs no more memory than a single read. A list and single answers take
+//! turns.
 //!
 //! # Setting
 //!
-//! A value that its own row refuses goes no further. Any other is a proposal: only whoever builds the configuration of
-//! guidance can say whether it fits the rest, so the application fetches it ([`Params::proposal`]), tries, and answers
-//! ([`Params::settle`]); no value takes effect before. Every set is answered by the value that holds then, the old one if it
-//! was refused; a refusal is also told in words. While the vehicle seeks, nothing is set.
+//! A value that is out of its own range is refused at once. Any other is a proposal: only the code that builds the
+//! configuration of guidance can say whether it fits the other parameters, so the application fetches it
+//! ([`Params::proposal`]), tries it, and answers ([`Params::settle`]); no value takes effect before. Every set is
+//! answered by the value then in use, the old one if it was refused; a refusal also sends a text. While the vehicle
+//! seeks, nothing is set.
 //!
-//! The answer to a set carries the true number of the parameter, as every other `PARAM_VALUE` does, and as PX4 does it.
-//! `ArduPilot` sends 65535 there. Ground stations go by the name when they wait for a set, so both are understood; but
-//! `QGroundControl` throws 65535 away while it waits for its list to begin, and `MAVProxy` once took it for a parameter of
-//! its own (its pull request 110).
+//! The answer to a set carries the true number of the parameter, as every other `PARAM_VALUE` does, and as in PX4.
+//! `ArduPilot` sends 65535 there. Ground stations match the answer to a set by name, so both work; but `QGroundControl`
+//! discards 65535 while it waits for its list to begin, and `MAVProxy` once took it for a parameter of its own (its
+//! pull request 110).
 //!
-//! All parameters are `REAL32`. Another type is refused: integers are packed into the float in one of two ways, and nobody
-//! says which.
+//! All parameters are `REAL32`. Another type is refused: integers are packed into the float in one of two ways, and the
+//! message does not say which.
 
 use foxhound_core::base::error::ConfigError;
 use foxhound_core::base::time::Instant;
@@ -39,7 +40,7 @@ use text::{Trouble, Worded};
 
 /// From answer to answer.
 const PERIOD_US: u64 = 50_000;
-/// So many sets may wait for the application; a station repeats what is not answered.
+/// How many sets may wait for the application; a station repeats what is not answered.
 const SETS: usize = 4;
 const LAST: u8 = (COUNT - 1) as u8;
 
@@ -47,7 +48,7 @@ const LAST: u8 = (COUNT - 1) as u8;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Storage {
-    /// Store the values that hold.
+    /// Store the values in use.
     Save,
     /// Go back to the stored ones.
     Load,
@@ -62,19 +63,19 @@ pub enum Reply {
     Value(PARAM_VALUE_DATA),
     /// What was refused and why.
     Text(STATUSTEXT_DATA),
-    /// What became of a command about the storage.
+    /// The result of a command about the storage.
     Ack(COMMAND_ACK_DATA),
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Errand {
     storage: Storage,
-    /// Who is to be answered; nobody where all components were addressed, since the station takes one answer only.
+    /// The station to be answered; `None` where all components were addressed, since the station takes one answer only.
     station: Option<(u8, u8)>,
     is_taken: bool,
 }
 
-/// A set of parameters out of which one is taken after the other, round and round, so that none is always last.
+/// A set of parameters that are taken one after the other, in a ring, so that none is always last.
 #[derive(Clone, Copy, Debug)]
 struct Marks {
     /// One bit for each.
@@ -85,7 +86,7 @@ struct Marks {
 
 impl Marks {
     const NONE: Self = Self { marked: 0, last: LAST };
-    /// From the first one on.
+    /// Starts with the first one.
     const ALL: Self = Self { marked: u64::MAX >> (64 - COUNT), last: LAST };
 
     #[inline(never)]
@@ -109,13 +110,13 @@ impl Marks {
     }
 }
 
-/// The parameters as they are, and who waits for which.
+/// The parameters, and which are to be sent.
 #[derive(Clone, Debug)]
 pub struct Params {
     values: Values,
-    /// Parameters to be told because somebody asked for them or set them.
+    /// Parameters to be sent because a station requested or set them.
     asked: Marks,
-    /// Parameters of a list that are still to be told.
+    /// Parameters of a list that are still to be sent.
     listed: Marks,
     /// Whether it is the list's turn.
     is_lists_turn: bool,
@@ -145,7 +146,7 @@ impl Params {
         }
     }
 
-    /// The values that hold.
+    /// The values in use.
     #[must_use]
     pub const fn values(&self) -> &Values {
         &self.values
@@ -165,7 +166,8 @@ impl Params {
         )
     }
 
-    /// Takes in a message for us, the system and component `us`; false if it is none about parameters, or for another.
+    /// Takes in a message; `us` is our system and component. False if it is not about parameters, or for another
+    /// component.
     #[inline(never)]
     pub fn hear(&mut self, us: (u8, u8), from: Header, content: &Content, is_seeking: bool) -> bool {
         let for_us = |system, component| system == us.0 && (component == us.1 || component == 0);
@@ -212,7 +214,8 @@ impl Params {
         }
     }
 
-    /// What is to be sent next, if it is time for it. To be called when nothing else waits to be sent, and what it gave before
+    /// What is to be sent next, if it is due. Call it when nothing else waits to be sent, and what it returned before
+    /// has been sent.
     /// has left.
     #[inline(never)]
     pub fn next(&mut self, now: Instant) -> Option<Reply> {
@@ -224,8 +227,8 @@ impl Params {
         Some(reply)
     }
 
-    /// The values as a station wants them, and has waited longest for; `None` where nothing is proposed. What was not settled
-    /// before the vehicle began to seek is refused.
+    /// The values as a station wants them, the oldest request first; `None` where nothing is proposed. What was not
+    /// settled before the vehicle began to seek is refused.
     #[must_use]
     pub fn proposal(&mut self, is_seeking: bool) -> Option<Values> {
         while is_seeking && let Some((id, _)) = self.sets.pop_front() {
@@ -234,7 +237,7 @@ impl Params {
         }
         let (id, value) = self.sets.front()?;
         let mut values = self.values;
-        // Was checked when it was heard.
+        // Was checked when it was received.
         values.set(*id, *value).ok()?;
         Some(values)
     }
@@ -245,7 +248,7 @@ impl Params {
         self.sets.front().map(|(id, _)| *id)
     }
 
-    /// The application's answer to the [proposal](Self::proposal): from now on it runs with it, or it does not.
+    /// The application's answer to the [proposal](Self::proposal): it runs with it from now on, or it does not.
     pub fn settle(&mut self, verdict: Result<(), ConfigError>) {
         let Some((id, value)) = self.sets.pop_front() else { return };
         match verdict {
@@ -257,15 +260,15 @@ impl Params {
         self.asked.add(id);
     }
 
-    /// What the application is to do with its storage; told once, and then waits for [`stored`](Self::stored).
+    /// What the application is to do with its storage; returned once, then waits for [`stored`](Self::stored).
     pub fn take_storage(&mut self) -> Option<Storage> {
         let errand = self.errand.as_mut().filter(|errand| !errand.is_taken)?;
         errand.is_taken = true;
         Some(errand.storage)
     }
 
-    /// The application has done it, or could not. Values that were loaded or reset have been [replaced](Self::replace)
-    /// before.
+    /// The application has done it, or could not. Values that were loaded or reset must have been
+    /// [replaced](Self::replace) before.
     pub fn stored(&mut self, is_done: bool) {
         let Some(errand) = self.errand.take() else { return };
         if is_done {
@@ -277,7 +280,7 @@ impl Params {
         );
     }
 
-    /// The application runs with other values from now on. The stations are told all of them.
+    /// The application runs with other values from now on. All of them are sent to the stations.
     pub fn replace(&mut self, values: Values) {
         self.values = values;
         self.sets.clear();
@@ -292,7 +295,7 @@ impl Params {
     #[inline(never)]
     fn set(&mut self, set: &PARAM_SET_DATA, is_for_us_alone: bool, is_seeking: bool) {
         let Some(id) = Id::named(&set.param_id[..]) else {
-            // Among all components it is another's.
+            // Addressed to all components, it is another's parameter.
             if is_for_us_alone {
                 self.object(Trouble::Unknown(set.param_id.into()));
             }
@@ -308,12 +311,12 @@ impl Params {
         } else {
             None
         };
-        // Nothing changes, or only by the way of an earlier set that still waits.
+        // Nothing changes, or only because an earlier set still waits.
         let is_settled = value == self.values.get(id) && self.sets.iter().all(|(other, _)| *other != id);
         match trouble {
             Some(trouble) => self.object(trouble),
             None if is_settled => {}
-            // Answered when it is settled. Without room it is as if it had not been heard.
+            // Answered when it is settled. If the queue is full, it is as if it had not been received.
             None => {
                 self.sets.push_back((id, value)).ok();
                 return;
@@ -334,9 +337,9 @@ impl Params {
             return self.answer(MavResult::MAV_RESULT_DENIED, station);
         };
         match self.errand {
-            // Asked again, for want of patience.
+            // A station that repeats its request.
             Some(errand) if errand.station == station && errand.storage == storage => {}
-            // Writing the flash stops the processor for a while, so it is not for a flight either.
+            // Writing the flash stops the processor for a while, so it is not done in flight either.
             _ if is_seeking => self.answer(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, station),
             Some(_) => self.answer(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, station),
             None => self.errand = Some(Errand { storage, station, is_taken: false }),
@@ -350,7 +353,8 @@ impl Params {
         }
     }
 
-    /// What is being told is told to its end first. A station that floods us with nonsense hears of some of it.
+    /// A text that is being sent is finished first. A station that floods us with invalid requests gets an answer to
+    /// some of them.
     #[inline(never)]
     fn object(&mut self, trouble: Trouble) {
         if self.trouble.is_none() {
@@ -380,7 +384,7 @@ impl Params {
         let from_list = if list_first { self.listed.take() } else { None };
         let id = from_list.or_else(|| self.asked.take())?;
         self.is_lists_turn = from_list.is_none();
-        // Everybody hears it.
+        // The answer reaches all stations.
         self.asked.remove(id);
         self.listed.remove(id);
         Some(Reply::Value(PARAM_VALUE_DATA {

@@ -1,4 +1,4 @@
-//! What was refused, in words, and numbers in at most three decimals: the formatter of the standard library prints any
+//! Texts for refused requests. Numbers have at most three decimals: the formatter of the standard library prints any
 //! float to the last digit and costs 17 KB of flash.
 
 use foxhound_core::base::error::{ConfigError, Why};
@@ -10,27 +10,27 @@ use crate::framer::fill;
 
 /// Characters of one `STATUSTEXT`.
 const PIECE: usize = 50;
-/// Longest text; what is longer is cut off.
+/// Longest text; the rest is cut off.
 const TEXT_MAX: usize = 4 * PIECE - 1;
-/// Beyond this a number is only said to be large.
+/// A number above this is shown as larger than it.
 const LARGE: f32 = 1e9;
 
-/// Something that a station wanted and does not get.
+/// A request that is refused, and why.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Trouble {
     /// A parameter that does not exist.
     Unknown([u8; NAME_MAX]),
     /// Not a `REAL32`.
     Type(Id),
-    /// Not now.
+    /// The vehicle is seeking.
     Seeking(Id),
-    /// Not in its row's range, or in it and not whole.
+    /// Out of its range, or not a whole number.
     Refused(Id, f32, bool),
     /// It does not fit the other parameters.
     Config(Id, f32, ConfigError),
 }
 
-/// A trouble on its way to the station.
+/// A text on its way to the station.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Worded {
     trouble: Trouble,
@@ -42,8 +42,8 @@ impl Worded {
         Self { trouble, told: 0 }
     }
 
-    /// The next piece of the text, and whether it is the last one. A text that fits is a single piece; one of several ends with
-    /// the first that is not full.
+    /// The next piece of the text, and whether it is the last one. A text that fits is a single piece; a longer one
+    /// ends with the first piece that is not full.
     #[inline(never)]
     pub(super) fn next_piece(&mut self) -> (STATUSTEXT_DATA, bool) {
         let text = self.trouble.text();
@@ -66,7 +66,8 @@ impl Worded {
 }
 
 impl Trouble {
-    /// A number for texts of several pieces, other for each parameter; two in a row about the same one are alike but for their
+    /// The id of a text in several pieces, different for each parameter; two texts in a row about the same one differ
+    /// only in their values.
     /// values.
     #[inline(never)]
     fn number(&self) -> u16 {

@@ -1,37 +1,39 @@
-//! What is believed of frames that are not signed, where there is a key.
+//! Which unsigned frames are accepted once there is a key.
 
 /// HEARTBEAT, `RADIO_STATUS`, `ADSB_VEHICLE`, COLLISION: what PX4 takes unsigned, from senders that cannot sign.
 const OPEN: [u32; 4] = [0, 109, 246, 247];
-/// `PARAM_REQUEST_READ`, `PARAM_REQUEST_LIST`, `COMMAND_ACK`, `AUTOPILOT_VERSION`, STATUSTEXT: nothing moves for these.
+/// `PARAM_REQUEST_READ`, `PARAM_REQUEST_LIST`, `COMMAND_ACK`, `AUTOPILOT_VERSION`, STATUSTEXT: none of them can move
+/// the vehicle.
 const IDLE: [u32; 5] = [20, 21, 77, 148, 253];
 const HEARTBEAT: u32 = 0;
 const RADIO_STATUS: u32 = 109;
 const SETUP_SIGNING: u32 = 256;
 
-/// Which unsigned frames are taken where there is a key. (Where there is none, all are, signed ones included.)
+/// Which unsigned frames are accepted once there is a key. (Without a key all frames are, signed or not.)
 ///
-/// | | HEARTBEAT, `RADIO_STATUS` | `ADSB_VEHICLE`, COLLISION | what moves nothing | all others |
+/// | | HEARTBEAT, `RADIO_STATUS` | `ADSB_VEHICLE`, COLLISION | harmless messages | all others |
 /// |---|---|---|---|---|
 /// | `Always` | yes | yes | yes | yes |
-/// | `UntilFirstSigned` | yes | yes | until a signed frame was heard | no |
+/// | `UntilFirstSigned` | yes | yes | until a signed frame was received | no |
 /// | `HeartbeatAndRadioStatusOnly` | yes | no | no | no |
 ///
-/// What moves nothing: requests for parameters, acknowledgements, texts, the autopilot's version. So except by `Always`
-/// no unsigned position, attitude, obstacle, command or parameter counts, from the start. An unsigned heartbeat says
-/// that somebody is there; by itself it must not give control.
+/// Harmless messages: requests for parameters, acknowledgements, texts, the autopilot's version. So except by `Always`
+/// no unsigned position, attitude, obstacle, command or parameter is accepted, from the start. An unsigned heartbeat
+/// says that somebody is there; it must not give control by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Unsigned {
-    /// All of them: to sign for a peer that demands it and cannot sign itself.
+    /// All of them: for a peer that requires signatures and cannot sign itself.
     Always,
-    /// What cannot move us, until somebody signs.
+    /// Those that cannot move the vehicle, until the first signed frame.
     #[default]
     UntilFirstSigned,
-    /// Signs of life only.
+    /// Heartbeats and radio status only.
     HeartbeatAndRadioStatusOnly,
 }
 
 impl Unsigned {
-    /// Whether an unsigned frame of this message is taken; `signed_heard` once there was a frame with a right signature.
+    /// Whether an unsigned frame of this message is accepted; `signed_heard` once there was a frame with a valid
+    /// signature.
     #[must_use]
     pub fn takes(self, message_id: u32, signed_heard: bool) -> bool {
         match self {

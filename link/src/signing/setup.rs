@@ -1,16 +1,16 @@
-//! Keys that come over the link.
+//! Keys that are set over the link.
 
 use foxhound_core::base::time::Instant;
 
 use super::{Key, Signing, TIMESTAMP_MAX};
 use crate::dialect::SETUP_SIGNING_DATA;
 
-/// What a `SETUP_SIGNING` comes to.
+/// The result of a `SETUP_SIGNING`.
 #[derive(Clone, Debug)]
 pub enum Setup {
     /// It is for somebody else.
     NotOurs,
-    /// Keys are not taken now, or its timestamp is none.
+    /// Keys are not accepted now, or its timestamp is invalid.
     Refused,
     /// No signing from now on: forget the key.
     Off,
@@ -18,11 +18,12 @@ pub enum Setup {
     On(Signing),
 }
 
-/// Judges a key that came over the link. It is taken, signed or not, only while `provisioning`: somebody is at the
-/// vehicle, which is disarmed, has said so by other means than the link, and the link is a local one. `us` are our system
-/// and component.
+/// Checks a key that came over the link. It is accepted, signed or not, only while `provisioning`: somebody is at the
+/// vehicle, which is disarmed, has said so by other means than the link, and the link is a local one. `us` are our
+/// system and component.
 ///
-/// The key that we have already goes on with its streams and timestamps, so that sending it again opens no door.
+/// The key that is already in use keeps its streams and timestamps, so that sending it again gives no attacker an
+/// advantage.
 #[must_use]
 #[inline(never)]
 pub fn set_up(

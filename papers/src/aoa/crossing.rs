@@ -7,7 +7,7 @@ use foxhound_core::base::adc::CHANNELS;
 
 /// Directions closer than this are parallel, `det A = 0`: what rounding makes of parallel ones.
 const PARALLEL: f32 = 4e-6;
-/// Parallel directions this close to the line between the midpoints, as a sine, lie on it.
+/// Parallel directions this close to the line between the midpoints, as a sine, count as on it.
 const COLLINEAR: f32 = 1e-3;
 
 impl Antennas<'_> {
@@ -22,11 +22,11 @@ impl Antennas<'_> {
     pub(super) fn three_antennas(&self) -> Option<Outcome> {
         let left_out = self.living.iter().position(|lives| !lives).unwrap_or(CHANNELS - 1);
         let [first, corner, last] = [1, 2, 3].map(|n| (left_out + n) % CHANNELS);
-        // The lag of A4 after A1, whose side is too long for eq. 3, goes by way of the corner.
+        // The lag of A4 after A1, whose side is too long for eq. 3, is measured via the corner.
         crossing(self.ray([first, corner], &[[corner, last]])?, self.ray([corner, last], &[[first, corner]])?)
     }
 
-    /// Every pair of living neighbours is a linear array; those beside it tell its side.
+    /// Every pair of working neighbours is a linear array; those beside it decide its side.
     pub(super) fn all_neighbours(&self) -> Option<Outcome> {
         let rays: [Option<Ray>; CHANNELS] = core::array::from_fn(|n| {
             let [a, b, c, d] = [0, 1, 2, 3].map(|k| (n + k) % CHANNELS);

@@ -1,18 +1,18 @@
-//! The estimators of the main paper, to the letter: the baselines that ours is measured against.
+//! The estimators of the main paper, literally: the baselines that ours is compared with.
 //!
-//! Equation numbers are the main paper's. Its frame is used inside: `x` forward, `y` left, angles anticlockwise, antennas
-//! A1 `(d, -d)`, A2 `(d, d)`, A3 `(-d, d)`, A4 `(-d, -d)` on the square (eq. 18-19), in metres from their centroid. What
-//! comes out is ours: azimuth clockwise from the nose.
+//! Equation numbers are the main paper's. Its frame is used inside: `x` forward, `y` left, angles anticlockwise,
+//! antennas A1 `(d, -d)`, A2 `(d, d)`, A3 `(-d, d)`, A4 `(-d, -d)` on the square (eq. 18-19), in metres from their
+//! centroid. The output is in our frame: azimuth clockwise from the nose.
 //!
-//! | [`Estimator`] | after | what it is |
+//! | [`Estimator`] | source | method |
 //! |---|---|---|
 //! | `Pair` | eq. 2 | the arcsine of A1A2; its side by cross-correlation with A4 and A3 |
 //! | `PaperSquare` | eq. 29-30, Algorithm 1 | the cotangent rule; half-plane where `theta1 > theta2`, as printed |
 //! | `PaperRepaired` | the same | half-plane where `abs theta1 > abs theta2`, as meant |
 //! | `PaperCorrelated` | the same | half-plane by cross-correlation, the alternative that section II-B names |
 //! | `TwoArray` | eq. 6-17, 50, appendix B | where the directions of A1A2 and A3A4 cross; any positions |
+//! | `TwoArray` | eq. 6-17, 50, appendix B | the intersection of the directions of A1A2 and A3A4; any positions |
 //! | `ThreeAntenna` | eq. 51 | the same with A2 = A3 |
-//! | `NArray` | appendix C, end | the least-squares crossing of all neighbouring pairs |
 //!
 //! **Eq. 2.** A pair `i j` hears `sin theta = phi lambda / (2 pi |r_j - r_i|)`, where `phi` is the lead of `j` over `i` and
 //! `theta` is seen from the pair's normal. Outside its domain the sine is clamped to 1. The arcsine cannot tell the two
@@ -124,7 +124,7 @@ impl AnyEstimator {
         let needs_square =
             matches!(config.estimator, Estimator::PaperSquare | Estimator::PaperRepaired | Estimator::PaperCorrelated);
         if needs_square && !is_square(array) {
-            let why = Why::Inconsistent("the cotangent rule holds for the square A1 A2 A3 A4 only");
+            let why = Why::Inconsistent("the cotangent rule is valid for the square A1 A2 A3 A4 only");
             return Err(ConfigError { field: "bearing.estimator", value: array.side_wavelengths, why });
         }
         Ok(Self(config.estimator))

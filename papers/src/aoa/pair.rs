@@ -1,4 +1,5 @@
-//! What a pair of antennas hears (eq. 2), its side by cross-correlation, and the door into the paper's frame.
+//! The measurement of a pair of antennas (eq. 2), its side by cross-correlation, and the conversion into the paper's
+//! frame.
 
 use super::{Outcome, PAIR_MIN_RAD, azimuth, dot, length, subtract};
 use foxhound_core::base::adc::CHANNELS;
@@ -6,10 +7,10 @@ use foxhound_core::base::math::sqrt;
 use foxhound_core::doa::array::Array;
 use foxhound_core::signal::phase::Complex;
 
-/// The lags that tell the side of A1A2, and of A3A4.
+/// The lags that decide the side of A1A2, and of A3A4.
 pub(super) const ACROSS: [[usize; 2]; 2] = [[0, 3], [1, 2]];
 
-/// The antennas and what they hear, in the paper's frame.
+/// The antennas and their phasors, in the paper's frame.
 pub(super) struct Antennas<'a> {
     pub(super) position_m: [[f32; 2]; CHANNELS],
     pub(super) wavenumber: f32,
@@ -17,7 +18,7 @@ pub(super) struct Antennas<'a> {
     pub(super) living: [bool; CHANNELS],
 }
 
-/// What one pair hears, eq. 2.
+/// The measurement of one pair, eq. 2.
 #[derive(Clone, Copy)]
 pub(super) struct Angle {
     /// Eq. 6-7.
@@ -48,7 +49,7 @@ pub(super) struct Ray {
 }
 
 impl<'a> Antennas<'a> {
-    /// The door: from our frame, `[forward, right]` times the wavenumber, into the paper's.
+    /// From our frame, `[forward, right]` times the wavenumber, into the paper's.
     pub(super) fn new(array: &Array, z: &'a [Complex; CHANNELS], living: [bool; CHANNELS]) -> Self {
         let position_m = array.steering.map(|p| [p[0] / array.wavenumber, -p[1] / array.wavenumber]);
         Self { position_m, wavenumber: array.wavenumber, z, living }
@@ -75,7 +76,7 @@ impl<'a> Antennas<'a> {
         })
     }
 
-    /// Whether the source is on the side of the pair's normal, by the lags of others; `None` when none is heard.
+    /// Whether the source is on the side of the pair's normal, by the lags of others; `None` without one.
     pub(super) fn is_ahead(&self, angle: &Angle, lags: &[[usize; 2]]) -> Option<bool> {
         let normal = angle.normal();
         let mut sum = None;
@@ -83,14 +84,15 @@ impl<'a> Antennas<'a> {
             let Some(lead_m) = self.lead_m(*i, *j) else { continue };
             let (Some(first), Some(second)) = (self.position_m.get(*i), self.position_m.get(*j)) else { continue };
             let baseline = subtract(*second, *first);
-            // What theta says is taken out; the rest is cos theta times the baseline's part across the pair.
+            // The part explained by theta is removed; the rest is cos theta times the baseline's part across the
+            // pair.
             let rest = lead_m - angle.sine * dot(angle.axis, baseline);
             sum = Some(sum.unwrap_or(0.0) + dot(normal, baseline) * rest);
         }
         sum.map(|sum| sum >= 0.0)
     }
 
-    /// The direction of a pair, on the side that others tell.
+    /// The direction of a pair, on the side given by others.
     pub(super) fn ray(&self, pair: [usize; 2], lags: &[[usize; 2]]) -> Option<Ray> {
         let angle = self.angle(pair)?;
         let cosine = if self.is_ahead(&angle, lags)? { angle.cosine() } else { -angle.cosine() };

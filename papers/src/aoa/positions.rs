@@ -1,4 +1,4 @@
-//! Where the antennas are: the constraints of eq. 3-5, and the square of eq. 18-19.
+//! The antennas' positions: the constraints of eq. 3-5, and the square of eq. 18-19.
 
 use super::{cross, length, subtract};
 use foxhound_core::doa::array::{self, Array};
@@ -6,7 +6,7 @@ use foxhound_core::doa::array::{self, Array};
 /// Pairs this close to parallel, as a sine, violate eq. 5.
 const PAIRS_PARALLEL: f32 = 1e-3;
 
-/// A constraint on the positions of the antennas that is not met.
+/// A violated constraint on the positions of the antennas.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -30,8 +30,8 @@ pub enum Violation {
 
 /// Checks arbitrary positions against eq. 3, 4 and 5, in this order, for the pairs A1A2 and A3A4.
 ///
-/// The paper's estimators work without: eq. 4 is about the vehicle's balance, and parallel pairs cross at a near source all
-/// the same.
+/// The paper's estimators work without them: eq. 4 is about the vehicle's balance, and the directions of parallel
+/// pairs still intersect at a near source.
 pub fn constraints(config: &array::Config) -> [Result<(), Violation>; 3] {
     let r = &config.antennas_m;
     let pairs = [subtract(r[1], r[0]), subtract(r[3], r[2])];

@@ -44,14 +44,14 @@ use foxhound_core::planning::planner::baseline::{Kind, Law};
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Field {
-    /// How it repels.
+    /// Its law of repulsion.
     pub law: Law,
-    /// How strongly.
+    /// Its gains.
     pub gains: Gains,
 }
 
 impl Field {
-    /// The field that flies, where it is that one.
+    /// The core's field with the same law, if there is one.
     #[must_use]
     pub(super) fn flown(&self) -> Option<field::Field> {
         (self.law.kind == Kind::Logarithmic).then_some(field::Field { gains: self.gains })

@@ -1,4 +1,4 @@
-//! How the fields repel: equations in the documentation of [`super::field`].
+//! The laws of repulsion; their equations are in the documentation of [`super::field`].
 
 use foxhound_core::base::error::{ConfigError, check};
 use foxhound_core::base::math::sqrt;
@@ -6,7 +6,7 @@ use foxhound_core::base::ned::Horizontal;
 use foxhound_core::planning::field::{DISTANCE_MIN_M, Gains};
 use foxhound_core::planning::planner::baseline::{Exponent, Kind, Law};
 
-/// What a law does.
+/// A law of repulsion.
 pub(super) trait Repels {
     /// Checks the parameters.
     ///
@@ -17,10 +17,10 @@ pub(super) trait Repels {
     /// Where the force stops growing.
     fn floor(&self, gains: &Gains) -> f32;
 
-    /// Force of one obstacle along the line from it, before [`Repels::complete`]; and its share in what acts across.
+    /// Force of one obstacle along the line from it, before [`Repels::complete`]; and its share of the force across.
     fn strength(&self, gains: &Gains, distance: f32, norm: f32) -> (f32, f32);
 
-    /// What becomes of the sums over the obstacles: the repulsion, and what does not act along the lines from them.
+    /// Completes the sums over the obstacles: the repulsion, and the force that is not along the lines from them.
     fn complete(&self, gains: &Gains, push: Horizontal, shares: f32, to_target: Horizontal)
     -> (Horizontal, Horizontal);
 

@@ -1,13 +1,14 @@
-//! The main paper's planner (section III-B, Algorithm 2) and what it is compared with: the initial trajectory alone, in the
+//! The main paper's planner (section III-B, Algorithm 2) and its baselines: the initial trajectory alone, in the
 //! paper's field and in those of the variants paper.
 //!
-//! Gains are drawn inside limits (eq. 38-40), each set's trajectory is costed (eq. 41-45) and weighed (eq. 46), the weighted
-//! offsets make an average (eq. 47), and the sampled trajectory nearest to that is followed. Neither checks anything: the
-//! paper holds that sampled trajectories cannot cross obstacles, but with finite steps they do.
+//! Gains are drawn inside limits (eq. 38-40), each set's trajectory gets a cost (eq. 41-45) and a weight (eq. 46),
+//! the weighted offsets make an average (eq. 47), and the sampled trajectory nearest to that is followed. Neither
+//! planner checks for collisions: the paper argues that sampled trajectories cannot cross obstacles, but with finite
+//! steps they do.
 //!
-//! Line 1 of Algorithm 2 puts the temporary target on the goal, the text puts it two metres along the bearing. The latter is
-//! built: the request brings it. When it comes within range of a goal whose place is known, or would lie behind it, it
-//! becomes the goal.
+//! Line 1 of Algorithm 2 puts the temporary target on the goal, the text puts it two metres along the bearing. The
+//! latter is implemented, with the target from the request. If the target comes within range of a goal whose position
+//! is known, or would be behind it, it is the goal.
 
 use foxhound_core::base::error::{ConfigError, Why};
 use foxhound_core::base::ned::Horizontal;
@@ -133,7 +134,7 @@ impl AnyPlanner {
         plan
     }
 
-    /// The answer that says to stay where the request starts.
+    /// The answer to stay where the request starts.
     #[must_use]
     pub fn brake(&self, request: &PlanRequest) -> Plan {
         self.own.brake(request)
@@ -225,7 +226,7 @@ impl Stride for Steps {
     }
 }
 
-/// The temporary target, or the goal at the end of the way.
+/// The temporary target, or the goal at the end of the path.
 fn target(request: &PlanRequest) -> Horizontal {
     let (start, temporary) = (request.start_ned_m, request.target_ned_m);
     match request.known_source_ned_m {

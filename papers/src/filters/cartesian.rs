@@ -7,14 +7,14 @@
 //!     z = [cos, sin],   h(p) = p / |p|                                                  (3)
 //! ```
 //!
-//! the direction from the transponder to the robot: ours, turned round. Eq. 16 and 17 update it (`kalman`). The paper prints
-//! neither `W` nor `V`; here both are isotropic.
+//! the direction from the transponder to the robot, opposite to ours. Eq. 16 and 17 update it (`kalman`). The paper
+//! prints neither `W` nor `V`; here both are isotropic.
 //!
-//! Each update looks along the bearing of an estimate that the noise has moved, so their differences add up to range that
-//! nobody measured. After 6 m of a straight run at a source about 12 m away, bearing sigma 1.86 deg, from a guess that is 5 m
-//! off along each axis, its squared error is 19 m^2 and its claim 4.0 m^2, and its range is within two of its sigmas in 54 %
-//! of 500 runs; begun with the first bearing and a range instead, in 91 %; [`polar`](foxhound_core::localize::source::polar), the filter to use, in 99 %
-//! (a test repeats it).
+//! Each update uses the direction of an estimate that noise has moved, so that the differences add up to range
+//! information that was never measured. After 6 m of a straight run at a source about 12 m away, bearing sigma 1.86
+//! deg, from a guess that is 5 m off along each axis, its squared error is 19 m^2 but its variance 4.0 m^2, and its
+//! range is within two of its sigmas in 54 % of 500 runs; started with the first bearing and a range instead, in 91
+//! %; [`polar`](foxhound_core::localize::source::polar), the filter to use, in 99 % (a test repeats it).
 
 use super::kalman::{self, Predicted};
 use super::{Estimate, Sighting, Update};
@@ -24,17 +24,17 @@ use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::units::between;
 use foxhound_core::localize::source::covariance::keep_positive;
 
-/// What the filter needs to know.
+/// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Range that the first bearing is taken to mean, without [`Filter::begin`].
+    /// Range assumed with the first bearing, without [`Filter::begin`].
     pub range_m: f32,
     /// Its standard deviation.
     pub range_sigma_m: f32,
-    /// Nearer than this the vehicle is at the source.
+    /// Nearer than this the vehicle counts as at the source.
     pub range_min_m: f32,
-    /// Sightings are not believed to be better than this.
+    /// Smallest sigma assumed for a sighting.
     pub sigma_floor_rad: f32,
     /// Process noise `W`: a random walk with this variance a second, along each axis.
     pub walk_m2_per_s: f32,
@@ -71,7 +71,7 @@ pub struct Filter {
     config: Config,
 }
 
-/// What it knows.
+/// State of the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// `p`, x east and y north.
@@ -82,13 +82,13 @@ pub struct State {
 }
 
 impl State {
-    /// Nothing is known.
+    /// Before the first sighting.
     #[must_use]
     pub const fn new() -> Self {
         Self { x: [0.0; 2], p: [[0.0; 2]; 2], place_ned_m: Horizontal { north: 0.0, east: 0.0 }, started: false }
     }
 
-    /// What is known, as of the last sighting; `None` before the first.
+    /// The estimate, as of the last sighting; `None` before the first.
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
         let [x, y] = self.x;
@@ -112,7 +112,7 @@ impl Filter {
         keep_positive(&mut state.p);
     }
 
-    /// Takes in a sighting.
+    /// Updates with a sighting.
     pub fn step(&self, state: &mut State, sighting: &Sighting) -> Update {
         if !sighting.is_plausible() {
             return Update::Refused;

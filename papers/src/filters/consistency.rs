@@ -1,4 +1,4 @@
-//! Whether a filter errs as much as it says: the mean of normalised squares against its chi-square band.
+//! Checks whether a filter's errors match its covariance: the mean of normalised squares against its chi-square band.
 //!
 //! The squared innovation over its variance (NIS) of one bearing has one degree of freedom, the squared error of a state
 //! over its covariance (NEES) as many as the state. Sums of independent ones are chi-square of all their degrees, whose
@@ -14,12 +14,12 @@ use foxhound_core::base::math::sqrt;
 
 /// Two-sided 95 % of a normal distribution.
 const Z_95: f32 = 1.959_964;
-/// Below this many degrees of freedom the band says nothing.
+/// Below this many degrees of freedom there is no verdict.
 const DOF_MIN: u32 = 10;
 /// Above this many the rounding of the sum is as wide as the band.
 const DOF_MAX: u32 = 1_000_000;
 
-/// Normalised squares, gathered.
+/// Collected normalised squares.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -29,7 +29,7 @@ pub struct Consistency {
     dof: u32,
 }
 
-/// What the mean says of the filter.
+/// The verdict of the mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -37,11 +37,11 @@ pub struct Consistency {
 pub enum Verdict {
     /// Within the band.
     Consistent,
-    /// It errs more than it says.
+    /// Its errors are larger than its covariance.
     Optimistic,
-    /// It errs less than it says.
+    /// Its errors are smaller than its covariance.
     Pessimistic,
-    /// Not enough to tell.
+    /// Not enough data.
     TooFew,
 }
 
@@ -52,7 +52,7 @@ impl Consistency {
         Self { sum: 0.0, count: 0, dof: 0 }
     }
 
-    /// Adds a normalised square of `dof` degrees of freedom; one that is none, or one too many, is left out.
+    /// Adds a normalised square of `dof` degrees of freedom; one that is NaN, or one too many, is ignored.
     pub fn add(&mut self, square: f32, dof: u32) {
         if (0.0..1e12).contains(&square) && dof > 0 && dof <= DOF_MAX - self.dof {
             self.sum += square;
@@ -61,19 +61,19 @@ impl Consistency {
         }
     }
 
-    /// How many were added.
+    /// Number of squares added.
     #[must_use]
     pub fn count(&self) -> u32 {
         self.count
     }
 
-    /// Their mean; zero of none.
+    /// Their mean; zero without any.
     #[must_use]
     pub fn mean(&self) -> f32 {
         if self.count == 0 { 0.0 } else { self.sum / self.count as f32 }
     }
 
-    /// Where 95 % of such means are when the filter is consistent; zeros of none.
+    /// The band of 95 % of such means for a consistent filter; zeros without any.
     #[must_use]
     pub fn band(&self) -> [f32; 2] {
         if self.count == 0 {
@@ -88,7 +88,7 @@ impl Consistency {
         })
     }
 
-    /// What the mean says.
+    /// The verdict of the mean.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         let ([low, high], mean) = (self.band(), self.mean());

@@ -5,8 +5,8 @@
 //! 2x2 update is therefore one along `t`, of the innovation `t . z` (the sine of the angle's error), with the gradient `g`:
 //! the component along `h` has no gain. The tests hold that against the matrices of eq. 16 and 17.
 //!
-//! Joseph's form, `(I - k g') P (I - k g')' + r k k'`, in place of the paper's `(I - K H) P`, keeps the covariance positive
-//! but for the last digits; for those its pivots are looked at.
+//! Joseph's form, `(I - k g') P (I - k g')' + r k k'`, instead of the paper's `(I - K H) P`, keeps the covariance
+//! positive except in the last digits; those are checked by its pivots.
 
 use super::Estimate;
 use foxhound_core::base::math::sqrt;
@@ -22,7 +22,7 @@ pub(super) struct Predicted<const S: usize> {
     pub(super) gradient: [f32; S],
 }
 
-/// What came of an update.
+/// The result of an update.
 #[derive(Clone, Copy)]
 pub(super) struct Weighed {
     /// Normalised innovation squared.
@@ -93,13 +93,13 @@ pub(super) fn dot<const S: usize>(a: &[f32; S], b: &[f32; S]) -> f32 {
     sum
 }
 
-/// The covariance of what depends on a state by two rows of derivatives.
+/// The covariance of two functions of a state, by two rows of derivatives.
 pub(super) fn projected<const S: usize>(p: &[[f32; S]; S], rows: [&[f32; S]; 2]) -> [f32; 3] {
     let (a, b) = (times(p, rows[0]), times(p, rows[1]));
     [dot(rows[0], &a), dot(rows[0], &b), dot(rows[1], &b)]
 }
 
-/// What is known of a source at rest from a vehicle, when its place and the covariance of that are.
+/// The estimate of a source at rest from a vehicle, from its position and covariance.
 pub(super) fn seen(
     vehicle_ned_m: Horizontal,
     place_ned_m: Horizontal,

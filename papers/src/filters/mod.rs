@@ -1,10 +1,10 @@
-//! The filters of the mmWave paper behind the bearing: as printed, and for a reflection off one wall.
+//! The mmWave paper's filters for bearings: as printed, and for a reflection off one wall.
 //!
-//! What flies is [`foxhound_core::localize::source`]: the filter in modified polar coordinates and the bank of them.
+//! The filters that fly are in [`foxhound_core::localize::source`]: modified polar coordinates, and a bank of them.
 //!
 //! - [`cartesian`] and [`reflected::literal`]: the paper's filters, as printed.
-//! - [`reflected`]: the polar filter behind walls, known or not quite, one or several.
-//! - [`consistency`]: whether a filter errs as much as it says.
+//! - [`reflected`]: the polar filter behind walls, known or uncertain, one or several.
+//! - [`consistency`]: whether a filter's errors match its covariance.
 
 use foxhound_core::localize::source::{Estimate, Sighting, Update};
 

@@ -11,8 +11,8 @@
 //!
 //! The responsibilities of a point are used at once and never stored. A test holds a round against scikit-learn's.
 //!
-//! Left alone, two components on one wall need many rounds until one has starved the other. So after every few rounds two
-//! components that are one thin line together are joined, and those without points are dropped.
+//! Without intervention, two components on one wall need many rounds until one has absorbed the other. So after every
+//! few rounds two components that together are one thin line are joined, and those without points are dropped.
 
 use heapless::Vec;
 
@@ -21,7 +21,7 @@ use foxhound_core::base::ned::Horizontal;
 use foxhound_core::mapping::walls::POINTS_MAX;
 use foxhound_core::mapping::walls::fit::Moments;
 
-/// Where the sticks are truncated.
+/// Truncation of the stick-breaking.
 pub(super) const COMPONENTS: usize = 12;
 /// A component with less than this share of a point in it vanishes.
 const VANISHED: f32 = 0.5;
@@ -38,7 +38,7 @@ const POINT_WORK: u32 = 6;
 /// The mixture has settled when no component gained or lost more points than this in a round.
 const SETTLED: f32 = 0.05;
 
-/// What is known before a point is seen, and when to stop.
+/// Prior, and stopping rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Prior {
     /// Concentration of the Dirichlet process, `alpha`.
@@ -53,7 +53,7 @@ pub(super) struct Prior {
     pub(super) work_max: u32,
 }
 
-/// A component's posterior.
+/// Posterior of a component.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Component {
     /// Its points, weighted by how much they are its own.
@@ -70,7 +70,7 @@ pub(super) struct Component {
     second_m2: [f32; 3],
 }
 
-/// The mixture in the making.
+/// State of the computation.
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
     pub(super) components: Vec<Component, COMPONENTS>,
@@ -78,7 +78,7 @@ pub(super) struct Mixture {
     prior_mean_ned_m: Horizontal,
     /// The squared distance of each point from the nearest seed.
     nearest_m2: [f32; POINTS_MAX],
-    /// How much was done, see [`Prior::work_max`].
+    /// Work done so far, see [`Prior::work_max`].
     pub(super) work: u32,
 }
 

@@ -1,7 +1,7 @@
 //! Walls among points in any order: the mmWave paper's mixture of Gaussians.
 //!
-//! The mixture makes the clusters, and what follows is what follows the split and merge of a scan ([`walls`], which flies):
-//! lines through the clusters, pieces, walls.
+//! The mixture makes the clusters; the rest is the same as after the split and merge of a scan ([`walls`], which
+//! flies): lines through the clusters, pieces, walls.
 //!
 //! Memory: a [`Workspace`] of 3.2 KB, fixed. The work is bounded by [`Config::work_max`].
 
@@ -17,11 +17,11 @@ mod scenes;
 
 use bayes::{Mixture, Prior};
 
-/// What a wall is, and what is expected of the points of one.
+/// Configuration of walls, and of their points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// What a wall is.
+    /// Definition of a wall.
     pub walls: walls::Config,
     /// Concentration of the mixture's Dirichlet process: more of it, more components.
     pub concentration: f32,
@@ -73,12 +73,12 @@ pub struct Extractor {
     prior: Prior,
 }
 
-/// Memory for one call; nothing in it lasts.
+/// Memory for one call; nothing in it is kept.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     walls: walls::Workspace,
     mixture: Mixture,
-    /// Which seed a point is nearest to.
+    /// The nearest seed of a point.
     owners: [u8; POINTS_MAX],
 }
 
@@ -89,7 +89,7 @@ impl Default for Workspace {
 }
 
 impl Workspace {
-    /// Empty. All bits are zero, so that it takes no room in flash.
+    /// Empty. All bits are zero, so that it takes no flash.
     #[must_use]
     pub const fn new() -> Self {
         Self { walls: walls::Workspace::new(), mixture: Mixture::new(), owners: [0; POINTS_MAX] }
@@ -97,7 +97,7 @@ impl Workspace {
 }
 
 impl Extractor {
-    /// The walls among points in any order, the longest first. Points that are no numbers, or absurd, are not looked at.
+    /// The walls among points in any order, the longest first. Points that are not finite, or absurd, are ignored.
     pub fn find(&self, workspace: &mut Workspace, points_ned_m: &[Horizontal]) -> Vec<Wall, WALLS_MAX> {
         let Workspace { walls, mixture, owners } = workspace;
         self.lines.find_among(walls, points_ned_m, |points, proposals| {

@@ -1,4 +1,4 @@
-//! What the answer looks like.
+//! The result of several looks.
 
 use heapless::Deque;
 
@@ -7,7 +7,7 @@ use foxhound_core::base::math::sqrt;
 use foxhound_core::base::units::wrap_pi;
 use foxhound_core::doa::bearing::{Bearing, Flags, Quality};
 
-/// A bearing worse than this says nothing.
+/// A bearing with a larger sigma is useless.
 const SIGMA_USELESS_RAD: f32 = 0.6;
 
 /// The weaker of two paths.
@@ -20,23 +20,23 @@ pub struct Reflection {
     pub relative_power: f32,
 }
 
-/// What several looks tell.
+/// The result of several looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Arrival {
-    /// The stronger path, as seen from the last look, in the body frame. `quality.closure_chi2` is the mean residual of
-    /// a look over its variance: near 1 when the model holds, thousands when it does not. Signal-to-noise ratio and
-    /// frequency are the last look's; the flags are those of all looks. `MULTIPATH` says that there are two paths.
+    /// The stronger path, as seen from the last look, in the body frame. `quality.closure_chi2` is the mean residual
+    /// of a look over its variance: near 1 if the model is right, thousands if not. Signal-to-noise ratio and
+    /// frequency are the last look's; the flags are those of all looks. `MULTIPATH` means that there are two paths.
     pub bearing: Bearing,
     /// The same direction from north.
     pub azimuth_ned_rad: f32,
-    /// The weaker path, if there is one. (Nothing says that the direct path is the stronger one.)
+    /// The weaker path, if there is one. (The direct path need not be the stronger one.)
     pub reflection: Option<Reflection>,
-    /// Check: the direction of most Bartlett power, or the mean of the bearings.
+    /// For comparison: the direction of largest Bartlett power, or the mean of the bearings.
     pub bartlett_ned_rad: f32,
-    /// How it was found.
+    /// The method used.
     pub method: Method,
-    /// From how many looks.
+    /// Number of looks used.
     pub looks: u8,
 }
 
@@ -58,13 +58,13 @@ impl Found {
         wavenumber: f32,
     ) -> Arrival {
         let sigma_rad = sqrt(self.variance);
-        // Not a number is as useless as can be.
+        // NaN is treated as useless.
         let sigma_rad = if sigma_rad < core::f32::consts::PI { sigma_rad.max(1e-6) } else { core::f32::consts::PI };
         let azimuth_ned_rad = wrap_pi(self.azimuth_ned_rad);
         let finite = azimuth_ned_rad.is_finite();
         let mut flags = Flags::default();
         for look in looks {
-            // One look's evidence of reflections, and its doubts, are what this stage is there to resolve.
+            // One look's signs of reflections, and its ambiguity, are resolved by this stage.
             flags = flags.with(Flags(look.bearing.flags.0 & !(Flags::MULTIPATH.0 | Flags::AMBIGUOUS.0)));
         }
         if self.reflection.is_some() || (method == Method::Mean && last.bearing.flags.contains(Flags::MULTIPATH)) {

@@ -1,4 +1,5 @@
-//! Angle of arrival over several looks, in reflections. After [`foxhound_core::doa::bearing`], which knows one look and one path.
+//! Angle of arrival from several looks, with reflections. (A look is a frame with its yaw and position.) It extends
+//! [`foxhound_core::doa::bearing`], which uses one look and one path.
 //!
 //! A reflection at -6 dB pulls a single bearing by several degrees, and averaging bearings hardly helps. But while the
 //! antennas move by a quarter of a wavelength and more from look to look, the two paths change their relative phase and
@@ -81,22 +82,22 @@ const NOISE_FLOOR: f32 = 1e-7;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Method {
-    /// Forward-backward MUSIC, then the fit. Asked for with a changing yaw, `Projection` takes its place.
+    /// Forward-backward MUSIC, then the fit. With a changing yaw, `Projection` replaces it.
     #[default]
     Music,
     /// Projection on pairs of directions, then the fit.
     Projection,
     /// One path explains all looks.
     OnePath,
-    /// Mean of the single bearings: asked for, or the array has no opposite pairs, or a channel is dead.
+    /// Mean of the single bearings: requested, or the array has no opposite pairs, or a channel is dead.
     Mean,
 }
 
-/// What the resolution needs to know.
+/// Configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
 pub struct Config {
-    /// No answer with fewer looks, 2..=8.
+    /// No result with fewer looks, 2..=8.
     pub looks_min: u8,
     /// Older looks are dropped beyond this many, `looks_min`..=8.
     pub looks_max: u8,
@@ -135,7 +136,7 @@ impl Config {
         check("multipath.age_max_s", self.age_max_s, 1e-3, 3600.0)?;
         check("multipath.channel_sigma_rad", self.channel_sigma_rad, 0.002, 0.3)?;
         if self.method == Method::OnePath {
-            let why = Why::Inconsistent("one path is an answer, not a way to look for two");
+            let why = Why::Inconsistent("`one path` is a result, not a method to find two");
             return Err(ConfigError { field: "multipath.method", value: 0.0, why });
         }
         Ok(Looks { config: *self, array: *array, pairs: opposite_pairs(&array.steering) })
@@ -170,11 +171,11 @@ pub struct Frame<'a> {
     pub bearing: &'a Bearing,
     /// Yaw at the look, from north.
     pub yaw_rad: f32,
-    /// Position at the look. Without one the look is taken whatever the movement: the caller vouches for it.
+    /// Position at the look. Without one the look is used regardless of the movement, on the caller's responsibility.
     pub position_ned_m: Option<Ned>,
 }
 
-/// Whether a look was taken.
+/// Whether a look was used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Taken {

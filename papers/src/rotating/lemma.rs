@@ -1,5 +1,5 @@
-//! What the rotating vehicle's paper proves of flying towards the loudest direction, as functions that say when they do not
-//! apply, section III of its paper; equation numbers are that paper's.
+//! Proven properties of flying towards the loudest direction, from section III of the rotating vehicle's paper, as
+//! functions that report when they do not apply; equation numbers are that paper's.
 //!
 //! ```text
 //!     psi = (1 - s) (theta + n) + s w        eq. 2: heard direction, s = 1 with the outlier rate p
@@ -7,10 +7,10 @@
 //!     eta = E[cos n]                         eq. 5: exp(-sigma^2 / 2) for Gaussian noise
 //! ```
 //!
-//! Lemma 1: with outliers that point anywhere alike, the vehicle returns for ever to the disc of radius
-//! `h / (2 (1 - p) eta)` around the source. Lemma 2: whatever the outliers are, to `h / (2 (eta - p eta - p sqrt 2))`, if
-//! `p < eta / (sqrt 2 + eta)` (eq. 6). The square root of two bounds `|x| + |y|` by `sqrt 2 r`; the worst outlier points
-//! straight away from the source and takes `r` only, so both hold with 1 in its place: [`Bound::Sharp`].
+//! Lemma 1: with outliers of uniform direction, the vehicle always returns to the disc of radius
+//! `h / (2 (1 - p) eta)` around the source. Lemma 2: with any outliers, to `h / (2 (eta - p eta - p sqrt 2))`, if
+//! `p < eta / (sqrt 2 + eta)` (eq. 6). The square root of two bounds `|x| + |y|` by `sqrt 2 r`; the worst outlier
+//! points straight away from the source and costs only `r`, so both hold with 1 instead: [`Bound::Sharp`].
 //!
 //! Frames: the paper's angles run anticlockwise from `x`, ours clockwise from north. The model has no preferred direction,
 //! so only the names change; a test pins it.
@@ -37,7 +37,7 @@ pub fn mean_cosine(sigma_rad: f32) -> f32 {
     libm::expf(-0.5 * sigma_rad * sigma_rad)
 }
 
-/// How much the worst outlier is made of.
+/// The effect assumed for the worst outlier.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Bound {
     /// The paper's: `|x| + |y| <= sqrt 2 r`.
@@ -56,15 +56,15 @@ impl Bound {
     }
 }
 
-/// Why a lemma says nothing.
+/// Why a lemma does not apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Silent {
-    /// `E[cos n] > 0` does not hold: on average the noise turns the vehicle around.
+    /// `E[cos n] > 0` is false: on average the noise turns the vehicle around.
     NoiseTurnsAround,
     /// More outliers than eq. 6 allows.
     TooManyOutliers {
-        /// What it allows: less than that.
+        /// The largest rate allowed.
         threshold: f32,
     },
 }

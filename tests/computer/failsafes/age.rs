@@ -1,4 +1,4 @@
-//! A setpoint on the wire is never older than its limit, and there is none that moves after the mode was left.
+//! A setpoint on the line is never older than its limit, and no setpoint moves after the mode was left.
 
 use std::collections::VecDeque;
 
@@ -14,8 +14,8 @@ use super::stand::{BOTH, STANDS_MPS, Stand, is_zero, manual};
 const OLDEST_US: u64 = 250_000 + 50_000;
 const HEARTBEAT_US: u64 = 1_000_000;
 
-/// What is left of a setpoint when nobody knows how the autopilot's north is turned against ours: how fast, how fast down,
-/// how fast round. A restart and a jump may turn it.
+/// Properties of a setpoint that do not depend on the rotation between the autopilot's frame and ours: horizontal
+/// speed, vertical speed, yaw rate. A restart and a jump may rotate it.
 fn parts(setpoint: &SET_POSITION_TARGET_LOCAL_NED_DATA) -> [f32; 3] {
     [setpoint.vx.hypot(setpoint.vy), setpoint.vz, setpoint.yaw_rate]
 }
@@ -24,7 +24,7 @@ fn are_same(a: [f32; 3], b: [f32; 3]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6)
 }
 
-/// How many setpoints that move there are; each is one that guidance published lately.
+/// Number of moving setpoints; each is one that guidance published recently.
 fn count_checked(steps: &[Step]) -> usize {
     let mut published: VecDeque<(u64, [f32; 3])> = VecDeque::new();
     let mut moving = 0;

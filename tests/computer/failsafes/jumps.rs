@@ -1,4 +1,4 @@
-//! Jumps of the autopilot's estimate: the vehicle's true way is that of the same flight without them.
+//! Jumps of the autopilot's estimate: the vehicle's true path is that of the same flight without them.
 
 use foxhound_sim::autopilot::Start;
 use foxhound_sim::drive::trial::{Clocks, Step, Trial};
@@ -9,11 +9,11 @@ use super::stand::{BOTH, Stand, Stream, scenario};
 const SEEDS: u64 = 4;
 const TURN_RAD: f64 = 30.0 * std::f64::consts::PI / 180.0;
 
-/// By so much more the true way may be longer than without a jump, for each.
+/// How much longer the true path may be than without a jump, for each.
 const EXTRA_M: f64 = 0.5;
-/// The hull keeps so far from every pillar.
+/// Least clearance of the hull from every pillar.
 const CLEAR_M: f64 = 0.02;
-/// The height is kept that well.
+/// Largest error of the height.
 const HEIGHT_M: f64 = 0.1;
 
 /// What happens when the vehicle has come that far north.
@@ -122,7 +122,7 @@ fn several_jumps_in_a_row_add_nothing_up() {
 /// A heading that is wrong by 30 degrees and corrected in flight leads to no collision among the pillars behind.
 #[test]
 fn a_wrong_heading_that_the_filter_puts_right_in_flight_is_right_among_the_pillars_that_follow() {
-    // Until it is put right, what is seen and heard is turned, and what is flown is not: no place for pillars.
+    // Until it is corrected, obstacles and bearings are rotated, but the motion is not: no place for pillars.
     for turned_rad in [-TURN_RAD, TURN_RAD] {
         let jump = Jump { at_north_m: 8.0, turn_rad: -turned_rad, ..NONE };
         let field = Field { pillars_from_m: 11.0, turned_rad, ..ALL };
@@ -136,8 +136,8 @@ fn a_heading_that_is_right_and_becomes_wrong_bends_the_way_to_the_beacon() {
     for turn_rad in [-TURN_RAD, TURN_RAD] {
         let jump = Jump { at_north_m: 14.5, turn_rad, ..NONE };
         let field = Field { pillars_to_m: 14.0, ..ALL };
-        // A spiral towards the beacon, 30 degrees off all the way, is longer by 15 %, here 2 m; and it overshoots, once more in one
-        // of 16 flights (6.3 m in all; the others 2.6 to 5.0 m).
+        // A spiral towards the beacon, 30 degrees off all the way, is longer by 15 %, here 2 m; and it overshoots,
+        // once more in one of 16 flights (6.3 m in all; the others 2.6 to 5.0 m).
         assert_no_worse(field, &[jump], 7.0, "heading put wrong");
     }
 }

@@ -1,8 +1,8 @@
-//! The whole companion, guidance and link, beside both modelled autopilots, with a vehicle that moves: what goes wrong, what
-//! the vehicle does about it, and that it goes on afterwards.
+//! The whole companion, guidance and link, with both modelled autopilots and a vehicle that moves: faults, the
+//! vehicle's reaction, and that it continues afterwards.
 //!
-//! What is asserted is the truth of the vehicle and of the autopilot, and the bytes that went over the wire; never what the
-//! companion says about itself.
+//! The assertions are about the true state of the vehicle and of the autopilot, and the bytes on the line; never
+//! about the companion's own reports.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 

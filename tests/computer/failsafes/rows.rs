@@ -1,4 +1,4 @@
-//! The rows of the table in `foxhound_link::failsafe` that an autopilot, a pilot or a wire can bring about.
+//! The rows of the table in `foxhound_link::failsafe` that an autopilot, a pilot or a line can cause.
 
 use foxhound_link::dialect::MavMessage;
 use foxhound_sim::autopilot::{Battery, Start, Wire};
@@ -386,7 +386,7 @@ fn stale_obstacles_stop_it_until_something_is_seen_again() {
     }
 }
 
-/// What the pilot was told since a step, of ownship.
+/// The texts about ownship that the pilot got since a step.
 fn told(stand: &Stand, from: usize) -> Vec<String> {
     let messages = stand.steps[from..].iter().flat_map(|step| &step.sent);
     let texts = messages.filter_map(|(_, message)| match message {
@@ -413,7 +413,7 @@ fn stale_ownship_a_position_that_stands_still_and_a_velocity_that_contradicts_it
             assert_eq!((stand.stream_now(), stand.status()), (Stream::Zero, Some(CRITICAL)));
             let why = if is_frozen { "position stands still" } else { "velocity contradicts position" };
             assert_eq!(told(&stand, from), [format!("Foxhound: {why}, holds")]);
-            // What was found holds until the mode is entered afresh, in which time it may have been mended.
+            // A contradiction is kept until the mode is entered again, by which time it may have ended.
             let faults = &mut stand.trial.rig.autopilot.faults;
             (faults.position_ned_m, faults.velocity_is_backwards) = (None, false);
             stand.run(2.0);

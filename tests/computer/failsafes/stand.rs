@@ -1,4 +1,4 @@
-//! A flight towards the beacon past some pillars, in which something goes wrong, and what is asked of it.
+//! A flight towards the beacon past some pillars, with a fault, and its requirements.
 
 use foxhound_link::dialect::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use foxhound_sim::autopilot::Start;
@@ -8,7 +8,7 @@ use foxhound_sim::scenario::{self, Obstacle, Scenario, SensorModel, Software};
 pub(crate) use foxhound_sim::drive::soak::manual_mode as manual;
 
 pub(crate) const BOTH: [Software; 2] = [Software::ArduCopter, Software::Px4];
-/// Whoever is slower than this stands.
+/// A vehicle slower than this stands.
 pub(crate) const STANDS_MPS: f64 = 0.15;
 /// From a setpoint of zero to standing, at 1 m/s: 0.05 s to the next setpoint, 0.22 s of dead time, and 1.09 s of a
 /// critically damped second order of 3.1 rad/s to 15 %; and how far it gets: 0.27 m, and 2/3.1 m.
@@ -134,7 +134,7 @@ impl Stand {
         }
     }
 
-    /// From now on the vehicle is standing within a time and a way, and stays where it is until `until_s`.
+    /// Requires that the vehicle stops within a time and a distance from now, and stays there until `until_s`.
     pub(crate) fn expect_stand(&mut self, within_s: f64, way_m: f64, until_s: f64, why: &str) {
         let from = self.steps.len();
         self.run(until_s);
@@ -150,7 +150,7 @@ impl Stand {
         assert!(moved_m <= way_m, "{why}, {:?}: moves {moved_m} m", self.software);
     }
 
-    /// The autopilot's word on each setpoint of the last while.
+    /// The autopilot's verdict on each recent setpoint.
     pub(crate) fn stream_now(&self) -> Stream {
         let recent = &self.steps[self.steps.len() - 25..];
         let setpoints: Vec<_> = recent.iter().flat_map(Step::setpoints).collect();

@@ -238,7 +238,7 @@ pub fn powers([before, here, after]: [u32; 3], [mirror_before, mirror_here, mirr
     [first, second]
 }
 
-/// Sum, energy and clipped samples of 12-bit codes.
+/// Sum, energy and clipped samples of 12-bit samples.
 #[must_use]
 pub fn moments(row: &[i16]) -> Moments {
     if row.is_empty() || !row.len().is_multiple_of(8) || !row.as_ptr().cast::<u32>().is_aligned() {
@@ -284,7 +284,7 @@ pub fn moments(row: &[i16]) -> Moments {
     Moments { sum, energy, clipped: (clipped & 0xffff) + (clipped >> 16) }
 }
 
-/// Sum of the codes, and a word whose highest set bit `h` says that all codes are within `2^h`.
+/// Sum of the samples, and a word whose highest set bit `h` means that all samples are within `2^h`.
 #[must_use]
 pub fn sum_and_reach<const N: usize>(row: &[i16; N]) -> (i32, u32) {
     const { assert!(N >= 32 && N.is_multiple_of(32)) };
@@ -372,7 +372,7 @@ unsafe extern "C" fn lock_in_rows(row: *const i16, table: *const i16, length: us
     )
 }
 
-/// What a reference table holds: sums of squared cosines, of cosines times sines, of squared sines.
+/// Energies of a reference table: sums of squared cosines, of cosines times sines, of squared sines.
 #[must_use]
 pub fn table_energies<const N: usize>(table: &[i16; N]) -> [i64; 3] {
     const { assert!(N >= 16 && N.is_multiple_of(16)) };
@@ -410,8 +410,8 @@ pub fn table_energies<const N: usize>(table: &[i16; N]) -> [i64; 3] {
     [(cc_high << 32 | cc_low) as i64, (cs_high << 32 | cs_low) as i64, (ss_high << 32 | ss_low) as i64]
 }
 
-/// The portable functions, for what does not start at a multiple of four, which double-word loads insist on. Apart, or
-/// the compiler unrolls them into their callers.
+/// The portable functions, for arrays that do not start at a multiple of four, as double-word loads require. A module
+/// of its own, or the compiler unrolls them into their callers.
 mod unaligned {
     use super::super::portable;
     use super::Moments;

@@ -1,12 +1,12 @@
-//! Kernels: the few functions that are worth the target's own instructions, each with a portable twin of the same bits. And
-//! a quick inverse root.
+//! The few inner loops that are worth the target's own instructions, each with a portable twin of the same bits; and
+//! a fast inverse root.
 //!
-//! [`portable`] is what runs everywhere but on the target; the target's are in `armv7em`, which exists there only. The
-//! bench compares the two word for word before it measures anything.
+//! [`portable`] is used everywhere but on the target; the target's functions are in `armv7em`, which is compiled
+//! there only. The bench compares the two word for word before it measures anything.
 
 pub mod portable;
-// The instructions are those of ARMv7E-M with the single precision unit; stable Rust does not show
-// `target_feature = "dsp"`, and this core has no other bare-metal target.
+// The instructions are those of ARMv7E-M with the single precision unit; stable Rust does not expose `target_feature
+// = "dsp"`, and this core has no other bare-metal target.
 #[cfg(all(target_arch = "arm", target_os = "none"))]
 pub mod armv7em;
 

@@ -1,8 +1,8 @@
-//! The inner loops in plain Rust: what runs everywhere but on the target, and what the target's must agree with.
+//! The inner loops in plain Rust: used everywhere but on the target, whose functions must give the same bits.
 //!
-//! A word holds two i16 lanes, the lower one first in memory; of a complex number the lower lane is the real part. The
-//! small functions are the target's dual 16-bit instructions, named in their docs, and wrap like them; the others are what
-//! the transform and the lock-in spend their time in.
+//! A word holds two i16 lanes, the lower one first in memory; of a complex number the lower lane is the real part.
+//! The small functions are the target's dual 16-bit instructions, named in their docs, and wrap like them; the others
+//! are the loops that take most of the time of the transform and the lock-in.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -193,18 +193,18 @@ pub fn powers([before, here, after]: [u32; 3], [mirror_before, mirror_here, mirr
     [pack(low(sum), high(difference)), pack(low(difference), high(sum))].map(|x| dot(x, x, 0) as u32)
 }
 
-/// Sums over a run of codes.
+/// Sums over a row of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Moments {
-    /// Sum of the codes.
+    /// Sum of the samples.
     pub sum: i32,
-    /// Sum of the squared codes.
+    /// Sum of the squared samples.
     pub energy: i64,
     /// Samples at a rail.
     pub clipped: u32,
 }
 
-/// Sum, energy and clipped samples of 12-bit codes.
+/// Sum, energy and clipped samples of 12-bit samples.
 #[must_use]
 pub fn moments(row: &[i16]) -> Moments {
     // The rails, -2048 and 2047, are the neighbours of zero once 2048 is added and only 12 bits are kept.
@@ -218,7 +218,7 @@ pub fn moments(row: &[i16]) -> Moments {
     moments
 }
 
-/// Sum of the codes, and a word whose highest set bit `h` says that all codes are within `2^h`: their reach.
+/// Sum of the samples, and a word whose highest set bit `h` means that all samples are within `2^h`: their reach.
 #[must_use]
 pub fn sum_and_reach(row: &[i16]) -> (i32, u32) {
     let (mut sum, mut differing) = (0, 0);
@@ -230,7 +230,7 @@ pub fn sum_and_reach(row: &[i16]) -> (i32, u32) {
     (sum, u32::from(differing) | 1)
 }
 
-/// Products of the two halves of a block with a reference table: cosine and sine of the first half, of the second.
+/// Products of the two halves of a frame with a reference table: cosine and sine of the first half, of the second.
 ///
 /// The table holds `c0 c1 s0 s1 c2 c3 s2 s3 ..` from the middle outwards, so the first half runs backwards. Exact as
 /// long as the table's sum of magnitudes times 2^11 is below 2^31.
@@ -252,7 +252,7 @@ pub fn lock_in(row: &[i16], table: &[i16]) -> [i32; 4] {
     sums
 }
 
-/// What a reference table holds: sums of squared cosines, of cosines times sines, of squared sines.
+/// Energies of a reference table: sums of squared cosines, of cosines times sines, of squared sines.
 #[must_use]
 pub fn table_energies(table: &[i16]) -> [i64; 3] {
     let mut sums = [0_i64; 3];
@@ -283,12 +283,12 @@ mod tests {
         (0..count).map(move |_| [0; 3].map(|_| pack(lane(), lane())))
     }
 
-    /// Complex numbers of plenty of bits.
+    /// Complex numbers of enough bits.
     fn wide(word: u32) -> [i64; 2] {
         [i64::from(low(word)), i64::from(high(word))]
     }
 
-    /// To 16 bits a lane, as the instructions wrap.
+    /// Wraps to 16 bits a lane, as the instructions do.
     fn narrow([re, im]: [i64; 2]) -> u32 {
         pack(re as i16, im as i16)
     }
@@ -328,7 +328,7 @@ mod tests {
             let expected = [[1, 1, 1, 1], [1, -1, 1, -1], [1, 0, -1, 0], [0, 1, 0, -1]].map(combine);
             assert_eq!(first_butterfly(x, 0, u32::MAX, 0), expected);
         }
-        // Shifted by three, lanes stay apart.
+        // Shifted by three, the lanes do not mix.
         let bins = first_butterfly([pack(-5, 7), 0, 0, 0], 3, 0xfff8_fff8, pack(8, -8));
         assert_eq!(bins, [pack(-48, 64), pack(-40, 56), pack(-40, 56), 0]);
     }

@@ -1,10 +1,10 @@
-//! The inverse of a square root, where its last bit does not count.
+//! A fast inverse square root whose last bits are inexact.
 
 use micromath::F32;
 
-/// `1 / sqrt(x)` of a number that is not negative, within a millionth of it: `micromath`'s guess and two steps of Newton's
-/// method, a fifth of what `libm`'s root and a division take on the target. The error of a plain step has one sign; the
-/// constants here are that much larger that it has both and half the size. Finite at zero.
+/// `1 / sqrt(x)` of a non-negative number, within a millionth of it: `micromath`'s first guess and two steps of
+/// Newton's method, in a fifth of the time of `libm`'s root and a division on the target. The error of a plain step
+/// has one sign; the constants here are a little larger, so that it has both signs and half the size. Finite at zero.
 #[inline(always)]
 pub(crate) fn inverse_root(x: f32) -> f32 {
     let F32(y) = F32(x).invsqrt();

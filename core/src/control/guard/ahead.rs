@@ -1,4 +1,5 @@
-//! Where a command leads: whether that is clear of every circle and inside the fence, and whether the sensor has seen it.
+//! Where a command leads: whether that path is clear of every circle and inside the fence, and whether the sensor has
+//! seen it.
 
 use super::{Guard, GuardInput};
 use crate::base::ned::Horizontal;
@@ -6,15 +7,15 @@ use crate::base::obstacle::Neighbour;
 use crate::base::units::sin_cos;
 use crate::mapping::coverage::{Cover, Coverage};
 
-/// How far ahead the straight line from the vehicle to where the command leads must be clear.
+/// Time for which the straight line from the vehicle to where the command leads must be clear.
 const CORNER_S: f32 = 0.2;
-/// Slower than this nothing need have been seen.
+/// At a lower speed the path need not have been seen.
 const CREEP_MPS: f32 = 0.001;
-/// Half a path shorter than this is not checked by itself: the cover of a place holds for 7 cm around it.
+/// Half a path shorter than this is not checked by itself: the coverage of a place is valid for 7 cm around it.
 const SHORT_M: f32 = 0.06;
 
-/// Cosine and sine of the directions, off that of travel, in which the hull's front comes nearer to something: up to 75
-/// degrees. At 90 it would pass it.
+/// Cosine and sine of the directions, off the direction of travel, in which the hull's front approaches an obstacle:
+/// up to 75 degrees. At 90 degrees it would pass it.
 const FRONT: [(f32, f32); 9] = [
     (1.0, 0.0),
     (0.946_930, 0.321_439),
@@ -27,26 +28,26 @@ const FRONT: [(f32, f32); 9] = [
     (0.258_819, -0.965_926),
 ];
 
-/// The cover of the path that a command leads along.
+/// The coverage of the path that a command leads along.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum PathCover {
     Seen,
     Hidden,
-    /// Towards the place to see first.
+    /// Not seen, with the direction of the place to see first.
     Unseen(Horizontal),
 }
 
 impl Guard {
-    /// Where a command leads until it is braked away, at least a little ahead.
+    /// The point that a command leads to before it is braked, at least a little ahead.
     fn ahead(&self, velocity: Horizontal, rest: Horizontal) -> (Horizontal, f32) {
         let brake_s = 0.5 * velocity.norm() / self.config.a_max_mps2;
         let ahead_s = if brake_s > CORNER_S { brake_s } else { CORNER_S };
         (rest.plus(velocity.times(ahead_s)), ahead_s)
     }
 
-    /// Whether a command keeps the vehicle out of every circle: on the path to its rest point, from there until the command
-    /// is braked away, and on the straight line to where it leads next. What touches a circle already may move if it does
-    /// not go deeper.
+    /// Whether a command keeps the vehicle out of every circle: on the path to its rest point, from there until the
+    /// command is braked, and on the straight line to where it leads next. A vehicle that already touches a circle
+    /// may move if it does not go deeper.
     pub(super) fn is_clear(&self, velocity: Horizontal, input: &GuardInput, near: &[Neighbour]) -> bool {
         let (position, rest) = (input.position_ned_m, input.rest_ned_m);
         let (ahead, ahead_s) = self.ahead(velocity, rest);
@@ -67,7 +68,8 @@ impl Guard {
             if on_way >= 0.5 * self.config.margin_m && is_still {
                 return true;
             }
-            // The path to the rest point cannot be changed any more: it is no reason to refuse a command that leads away.
+            // The path to the rest point cannot be changed any more, so it is no reason to refuse a command that
+            // leads away.
             let at_rest = Horizontal::distance_to_segment(center, position, rest) - obstacle.reach_m;
             let later = center.plus(obstacle.velocity_ned_mps.times(input.delay_s + ahead_s));
             let later_ahead = ahead.minus(later).norm() - obstacle.reach_m;
@@ -84,7 +86,7 @@ impl Guard {
         self.config.fence.sides(ahead).zip(now).all(|((_, then_m), (_, now_m))| then_m >= 0.0 || then_m >= now_m - 1e-4)
     }
 
-    /// What has been seen of the places where an obstacle would touch the hull on its path.
+    /// Which part of the path, of the places where an obstacle would touch the hull, has been seen.
     pub(super) fn path_coverage(
         &self,
         coverage: &Coverage,
@@ -116,7 +118,7 @@ impl Guard {
                     continue;
                 }
                 let cover = self.surveyor.cover(coverage, place);
-                // What could stand there unseen is inside of what is known, but for the margin that is kept from it.
+                // An unseen obstacle there would lie inside a known one, except for the margin around it.
                 let is_known = |obstacle: &Neighbour| {
                     let limit_m = obstacle.reach_m - reach_m + self.config.margin_m;
                     limit_m > 0.0 && obstacle.center_ned_m.minus(place).norm_squared() < limit_m * limit_m
@@ -124,7 +126,7 @@ impl Guard {
                 if cover == Cover::Seen || near.iter().any(is_known) {
                     continue;
                 }
-                // What was hidden from elsewhere can be seen by now, unless something known stands before it.
+                // A place that was hidden from elsewhere can be seen by now, unless something known stands before it.
                 let is_before = |obstacle: &Neighbour| {
                     let place_m = Horizontal::distance_to_segment(obstacle.center_ned_m, input.position_ned_m, place);
                     place_m < obstacle.reach_m - radius_m

@@ -9,15 +9,15 @@ use crate::base::ned::Horizontal;
 use crate::base::obstacle::Neighbour;
 use crate::base::units::between;
 
-/// So many obstacles are considered in one step. Among more the vehicle is slower, so that fewer can matter.
+/// The number of obstacles considered in one step. Among more the vehicle is slowed, so that fewer can matter.
 pub const CLOSE_MAX: usize = 18;
-/// How often its speed is halved for that; where there are still more it brakes.
+/// How often its speed is halved for that; if there are still too many it brakes.
 const HALVED_MAX: u8 = 3;
-/// Fastest that what is too close is moved away from, where it stands still.
+/// Largest speed of moving away from a standing obstacle that is too close.
 const OUT_MPS: f32 = 0.3;
-/// So many times as fast in gusts.
+/// The factor on that speed in gusts.
 const GUSTY_OUT: f32 = 2.0;
-/// What comes at the vehicle slower than this is no threat.
+/// An obstacle that approaches the vehicle slower than this is no threat.
 const STILL_MPS: f32 = 0.02;
 /// Half-planes beyond this many times the speed limit cannot matter.
 const SLACK: f32 = 1.5;
@@ -26,8 +26,8 @@ const SLACK: f32 = 1.5;
 pub(super) type Near = Vec<Neighbour, CLOSE_MAX>;
 
 impl Guard {
-    /// The obstacles that can matter, those that the vehicle could come to in the time that it takes to stop, and the speed up to
-    /// which these are all; `None` where there are too many for any speed.
+    /// The obstacles that the vehicle could reach in the time that it takes to stop, and the speed up to which the
+    /// list is complete; `None` if there are too many at any speed.
     pub(super) fn gather_near(
         &self,
         command_ned_mps: Horizontal,
@@ -60,15 +60,15 @@ impl Guard {
         None
     }
 
-    /// The distance from which a speed of approach is allowed: the inverse of the bound in the guard's documentation.
+    /// The distance from which a speed of approach is allowed: the inverse of the bound in the module's documentation.
     fn range_m(&self, speed_mps: f32) -> f32 {
         let c = &self.config;
         let (by_rate, by_brake) = (speed_mps / c.approach_rate_per_s, speed_mps * speed_mps / (1.4 * c.a_max_mps2));
         if by_rate > by_brake { by_rate } else { by_brake }
     }
 
-    /// Fastest approach at a clearance; negative, a speed of retreat, inside the margin: in gusts twice as fast, since they push as
-    /// fast as that.
+    /// Largest speed of approach at a clearance; negative, a speed of retreat, inside the margin. The retreat is
+    /// twice as fast in gusts, since they push as fast.
     fn approach_mps(&self, h: f32, gust_m: f32) -> f32 {
         if !(h > 0.0) {
             let out_mps = between(-h, 0.0, OUT_MPS + gust_m);
@@ -79,7 +79,8 @@ impl Guard {
         if by_rate < by_brake { by_rate } else { by_brake }
     }
 
-    /// Which velocities circles and fence allow, and whether something comes at the vehicle so that it cannot just stay.
+    /// The velocities allowed by circles and fence, and whether an obstacle approaches the vehicle so that it cannot
+    /// just stay.
     pub(super) fn bound(
         &self,
         input: &GuardInput,
@@ -93,14 +94,14 @@ impl Guard {
         let beyond = -SLACK * v_max_mps;
         for obstacle in near {
             let mut drift = obstacle.velocity_ned_mps;
-            // Gusts falsify the measured velocity of obstacles, too: one that seems to go away is assumed to stand.
+            // Gusts also falsify the measured velocity of obstacles: one that seems to move away is assumed to stand.
             if input.gust_margin_m > 0.0 && rest.minus(obstacle.center_ned_m).dot(drift) < 0.0 {
                 drift = Horizontal::default();
             }
             let away = rest.minus(obstacle.center_ned_m.plus(drift.times(delay_s)));
             let norm = away.norm();
             let outwards = if norm > 1e-6 { away.times(1.0 / norm) } else { Horizontal { north: 1.0, east: 0.0 } };
-            // Moving obstacles are evaded as in calm air, so that the vehicle does not run into the next one.
+            // Moving obstacles are evaded as in calm air, so that the vehicle does not hit the next one.
             let gust_m = if drift == Horizontal::default() { input.gust_margin_m } else { 0.0 };
             let h = norm - obstacle.reach_m - c.margin_m - gust_m - 0.2 * drift.norm();
             let oncoming = outwards.dot(drift);
@@ -114,7 +115,7 @@ impl Guard {
             let gust_m = input.gust_margin_m;
             let least_mps = -self.approach_mps(depth_m - c.fence_margin_m - gust_m, gust_m);
             if least_mps > beyond {
-                // Cannot fail: the capacity is the most that are gathered.
+                // Cannot fail: the capacity is the largest number that is gathered.
                 let _ = half_spaces.push(HalfSpace { outwards: inwards, least_mps, oncoming_mps: 0.0 });
             }
         }

@@ -14,27 +14,27 @@ pub struct Config {
     pub v_down_max_mps: f32,
     /// Largest change of the horizontal, and of the vertical, command.
     pub a_max_mps2: f32,
-    /// Largest change of that change while the speed grows.
+    /// Largest change of the acceleration while the speed grows.
     pub jerk_max_mps3: f32,
     /// Largest yaw rate.
     pub yaw_rate_max_radps: f32,
     /// Radius of the vehicle.
     pub vehicle_radius_m: f32,
-    /// Clearance that the half-spaces keep.
+    /// Clearance that the half-spaces keep from every obstacle (`FH_MARGIN_GRD`).
     pub margin_m: f32,
-    /// Share of the remaining clearance that may be used up a second.
+    /// Share of the remaining clearance that may be used up per second.
     pub approach_rate_per_s: f32,
     /// Full angle of the obstacle sensor's view, centred on the nose; 2 pi when it covers the full circle.
     pub fov_rad: f32,
-    /// Share of the speed that is granted outside the field of view, into what has been seen.
+    /// Share of the speed that is allowed outside the field of view, into places that have been seen.
     pub out_of_view_share: f32,
     /// Which places the sensor has seen.
     pub coverage: coverage::Config,
-    /// Largest deviation from the altitude that is held, either way.
+    /// Largest deviation from the held altitude, in either direction.
     pub altitude_band_m: f32,
-    /// Highest place, local NED.
+    /// Highest position, local NED.
     pub down_min_m: f32,
-    /// Lowest place, local NED.
+    /// Lowest position, local NED.
     pub down_max_m: f32,
     /// Where the vehicle may be.
     pub fence: Fence,

@@ -23,9 +23,9 @@ pub enum Fence {
     },
     /// In a convex polygon.
     Polygon {
-        /// Its corners, one after the other, in either direction; those past `count` do not matter.
+        /// Its corners in order, in either direction; those past `count` are ignored.
         corners_ned_m: [Horizontal; CORNERS_MAX],
-        /// How many there are, at least three.
+        /// Number of corners, at least three.
         count: u8,
     },
 }
@@ -61,14 +61,14 @@ impl Fence {
                     check("guard.fence.corners_ned_m", corner.north, -1e5, 1e5)?;
                     check("guard.fence.corners_ned_m", corner.east, -1e5, 1e5)?;
                 }
-                // Every corner on the same side of every edge, and off it but for the edge's own two.
+                // Every corner is on the same side of every edge, and off it except the edge's own two.
                 let sense = twice_area(corners);
                 let inside = edges(corners).all(|(a, b)| {
                     let apart = |p: &&Horizontal| **p != a && **p != b;
                     corners.iter().filter(apart).all(|p| turn(a, b, *p) * sense > 0.0)
                 });
                 if !inside || !(libm::fabsf(sense) > 1.0) {
-                    let why = Why::Inconsistent("the corners of a fence are those of a convex polygon, in order");
+                    let why = Why::Inconsistent("the corners of a fence must form a convex polygon, in order");
                     return Err(ConfigError { field: "guard.fence.corners_ned_m", value: sense, why });
                 }
             }
@@ -76,7 +76,7 @@ impl Fence {
         Ok(*self)
     }
 
-    /// The half-planes that make it up, as seen from a place: the direction inwards, and how far inside the place is.
+    /// The half-planes that make it up, as seen from a place: the inward direction, and how far inside the place is.
     pub(super) fn sides(&self, place: Horizontal) -> impl Iterator<Item = (Horizontal, f32)> {
         let (corners, circle) = match self {
             Self::Off => (&[] as &[Horizontal], None),

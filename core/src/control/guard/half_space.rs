@@ -5,14 +5,14 @@ use heapless::Vec;
 use super::CORNERS_MAX;
 use crate::base::ned::Horizontal;
 
-/// A half-space counts as kept when it is missed by no more than this.
+/// A half-space counts as kept when it is violated by no more than this.
 const AGREED_MPS: f32 = 1e-4;
-/// So many half-spaces may decide.
+/// The largest number of half-spaces that may determine the answer.
 const DECISIVE_MAX: usize = 12;
-/// So many obstacles bound the velocity in gusts, where those as far away as the gust margin do, whatever the speed. Of more than that
-/// the least demanding are left out.
+/// The largest number of obstacles that bound the velocity in gusts, where all within the gust margin do, whatever
+/// the speed. Of more, the least demanding are left out.
 const GUSTY_MAX: usize = 64;
-/// Halvings of the shortfall where gusts need more space than there is.
+/// Halvings of the shortfall when gusts need more space than there is.
 const EVENED_MAX: u8 = 4;
 
 /// A half-plane of velocities: `outwards . v >= least`.
@@ -20,14 +20,14 @@ const EVENED_MAX: u8 = 4;
 pub(super) struct HalfSpace {
     pub(super) outwards: Horizontal,
     pub(super) least_mps: f32,
-    /// The least that keeps the distance.
+    /// The smallest value of `least` that keeps the distance.
     pub(super) oncoming_mps: f32,
 }
 
 /// Half-spaces of all obstacles and of the fence.
 pub(super) type HalfSpaces = Vec<HalfSpace, { GUSTY_MAX + CORNERS_MAX }>;
 
-/// Adds an obstacle's half-space, or puts it in the place of the least demanding one.
+/// Adds an obstacle's half-space; if the list is full it replaces the least demanding one.
 pub(super) fn add(half_spaces: &mut HalfSpaces, half_space: HalfSpace) {
     if half_spaces.len() < GUSTY_MAX {
         // Cannot fail.
@@ -40,9 +40,10 @@ pub(super) fn add(half_spaces: &mut HalfSpaces, half_space: HalfSpace) {
     }
 }
 
-/// Where gusts need more space than there is: the same shortfall from all that stands, so that the vehicle keeps to the middle.
+/// When gusts need more space than there is: the same shortfall for all standing obstacles, so that the vehicle keeps
+/// to the middle.
 pub(super) fn evened_out(wanted: Horizontal, half_spaces: &mut HalfSpaces) -> Option<Horizontal> {
-    // By the largest of them, no distance is required any more.
+    // With the largest of them, no distance is required any more.
     let most_mps = half_spaces
         .iter()
         .fold(0.0, |most, half_space| if half_space.least_mps > most { half_space.least_mps } else { most });
@@ -70,10 +71,10 @@ pub(super) fn evened_out(wanted: Horizontal, half_spaces: &mut HalfSpaces) -> Op
 
 /// The velocity nearest to the wanted one that all half-spaces allow; `None` if no velocity is.
 ///
-/// The half-space that the answer so far breaks most is added: the new answer lies on its edge, within what those added
-/// before leave of that line (the incremental linear programme of de Berg et al., Computational Geometry, section 4.3, with a
-/// distance for its objective). Exact; two or three of them mostly decide, and where more than [`DECISIVE_MAX`] have to, the
-/// answer is `None`.
+/// Adds, one by one, the half-space that the current answer violates most: the new answer lies on its edge, within
+/// the part of that line that the earlier ones allow (the incremental linear programme of de Berg et al.,
+/// Computational Geometry, section 4.3, with a distance for its objective). Exact; mostly two or three half-spaces
+/// determine the answer, and if it needs more than [`DECISIVE_MAX`] the answer is `None`.
 pub(super) fn nearest_allowed(wanted: Horizontal, half_spaces: &[HalfSpace]) -> Option<Horizontal> {
     let mut velocity = wanted;
     let mut decisive: Vec<HalfSpace, DECISIVE_MAX> = Vec::new();

@@ -1,28 +1,29 @@
-//! The guard: the last safety filter. Every command passes it, from whichever stage, and it trusts none.
+//! The guard: the last safety filter. Every command passes through it, whichever stage it comes from, and it trusts
+//! none of them.
 //!
-//! In this order:
+//! Its steps, in order:
 //!
 //! 1. Numbers that are not finite become a brake; speeds, horizontal and vertical, and the yaw rate are limited.
-//! 2. Motion towards each known circle and each side of the geofence is limited to what can still be stopped: half-spaces of
-//!    a control barrier function `h = distance - reach - margin - 0.2 |v_obstacle|`, with the bound
-//!    `-dh/dt <= min(rate h, sqrt(1.4 a h))` on the speed relative to the circle. The command becomes the nearest one that
-//!    all of them allow. What is too close is moved away from, also from a standstill. If they contradict one
-//!    another, standing obstacles need only not come nearer; if they still do, it brakes.
-//!    Where gusts push the vehicle about ([`crate::control::wind`]) the margin to standing obstacles grows by as much; where
-//!    there is no space for that, all margins shrink by the same, which leads to the middle.
+//! 2. Motion towards each known circle and each side of the geofence is limited so that the vehicle can still stop:
+//!    half-spaces of a control barrier function `h = distance - reach - margin - 0.2 |v_obstacle|`, with the bound
+//!    `-dh/dt <= min(rate h, sqrt(1.4 a h))` on the speed relative to the circle. The command is replaced by the
+//!    nearest one that all of them allow. If an obstacle is too close the vehicle moves away from it, also from a
+//!    standstill. If the half-spaces contradict one another, the distance to standing obstacles need only not shrink;
+//!    if they still do, the vehicle brakes. In gusts ([`crate::control::wind`]) the margin to standing obstacles
+//!    grows by the gust margin; if there is no space for that, all margins shrink equally, which leads to the middle.
 //! 3. The change from the last command is limited: by the acceleration limit always, by the jerk limit when the speed
-//!    grows. Slowing down is never limited by jerk, nor is evading: a brake must not be late. The jerk limit bounds how
-//!    fast an acceleration builds up or turns round; it may end at once.
-//! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must not
-//!    touch a circle or leave the fence, or the command is cut down, in the end to a brake.
-//! 5. The vehicle's hull at the place where the command leads must not touch a place that the sensor has not seen
-//!    ([`crate::mapping::coverage`]). Otherwise it is cut down or held, and the output says where to turn the sensor first. Behind
-//!    something that the latest scan has seen, where turning does not help, it goes slowly. Two threats are worse than what
-//!    might be there: an obstacle that comes at the vehicle, and gusts that push it towards one. It keeps away from them
-//!    while the nose turns, and does no more. Demands of the evader do not wait until the nose has turned either.
+//!    grows. Braking and evading are never limited by jerk, so that they are not late. The jerk limit bounds how fast
+//!    an acceleration builds up or reverses; it may end at once.
+//! 4. An exact check: the segments from the vehicle to its rest point and on to where this command would lead must
+//!    not touch a circle or leave the fence; otherwise the command is reduced, if necessary to a brake.
+//! 5. The vehicle's hull, at the place where the command leads, must not touch a place that the sensor has not seen
+//!    ([`crate::mapping::coverage`]). Otherwise the command is reduced or held, and the output says where to turn the
+//!    sensor first. Behind an obstacle of the latest scan, where turning does not help, the vehicle goes slowly. Two
+//!    threats outweigh an unseen obstacle: an obstacle that approaches the vehicle, and gusts that push it towards
+//!    one. Then it moves away while the nose turns, and does no more. Nor do demands of the evader wait for the nose.
 //!
-//! Within limits a brake is always granted. Everything is counted, and the count of steps shows that the guard is alive.
-//! Cost: at most 11 000 instructions among 64 obstacles (bench row `guard_64`).
+//! Within the limits a brake is always allowed. Everything is counted; the count of steps shows that the guard is
+//! running. Cost: at most 11 000 instructions among 64 obstacles (bench row `guard_64`).
 
 use crate::base::ned::{Horizontal, Ned};
 use crate::base::obstacle::{Circle, Neighbour};
@@ -45,9 +46,9 @@ pub use config::Config;
 pub use fence::{CORNERS_MAX, Fence};
 use half_space::{HalfSpaces, evened_out, nearest_allowed};
 
-/// Fastest towards what is hidden behind something.
+/// Largest speed towards places hidden behind an obstacle.
 const HIDDEN_MPS: f32 = 0.4;
-/// Share of the altitude that is left to a limit that may be used up a second.
+/// Share of the remaining distance to an altitude limit that may be used up per second.
 const ALTITUDE_RATE_PER_S: f32 = 0.5;
 
 /// The one command that leaves the core.
@@ -61,18 +62,18 @@ pub struct Setpoint {
     pub yaw_rate_radps: f32,
 }
 
-/// What the guard did to a command.
+/// What the guard did with a command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Action {
-    /// Nothing but what the limits of acceleration and jerk ask for.
+    /// Passed with nothing but the limits of acceleration and jerk.
     #[default]
     Passed,
-    /// Slowed, or bent away from an obstacle or the fence.
+    /// Slowed, or deflected from an obstacle or the fence.
     Limited,
-    /// Held until the nose has turned to what the sensor has not seen.
+    /// Held until the nose has turned to a place that the sensor has not seen.
     Looking,
     /// Replaced by a brake.
     Braked,
@@ -84,13 +85,13 @@ pub enum Action {
 pub struct GuardOutput {
     /// The command.
     pub setpoint: Setpoint,
-    /// What it did with the demand.
+    /// What the guard did with the demand.
     pub action: Action,
     /// Where to turn the sensor before going on, from north, clockwise.
     pub look_ned_rad: Option<f32>,
 }
 
-/// Where the vehicle is and where it would come to rest.
+/// The vehicle's state and the conditions of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GuardInput {
     /// Position, local NED.
@@ -99,34 +100,34 @@ pub struct GuardInput {
     pub rest_ned_m: Horizontal,
     /// Yaw.
     pub yaw_rad: f32,
-    /// How long the vehicle takes to come to its rest point: what moves has moved on by then.
+    /// Time that the vehicle takes to reach its rest point; moving obstacles have moved on by then.
     pub delay_s: f32,
-    /// How far gusts push the vehicle: so much more is kept from standing obstacles.
+    /// The gust margin: the additional distance from standing obstacles.
     pub gust_margin_m: f32,
-    /// The demand is the evader's: evading does not wait until the nose has turned.
+    /// The demand is the evader's: it does not wait until the nose has turned.
     pub is_evading: bool,
     /// Vertical position, local NED, if known.
     pub down_m: Option<f32>,
-    /// The altitude that is held, local NED, if any.
+    /// The held altitude, local NED, if any.
     pub held_down_m: Option<f32>,
 }
 
-/// What the guard has done so far.
+/// Counts since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Counts {
-    /// Steps: grows as long as the guard is alive, in control or not. Wraps.
+    /// Steps: grows as long as the guard runs, in control or not. Wraps.
     pub beats: u32,
     /// Commands that passed.
     pub passed: u32,
-    /// Commands that were slowed or bent.
+    /// Commands that were slowed or deflected.
     pub limited: u32,
-    /// Commands held until the nose has come round.
+    /// Commands held until the nose has turned.
     pub looking: u32,
-    /// Commands that became a brake.
+    /// Commands replaced by a brake.
     pub braked: u32,
-    /// Those of them that did so because the half-spaces contradict one another.
+    /// Of those, the brakes because the half-spaces contradict one another.
     pub not_converged: u32,
 }
 
@@ -137,7 +138,7 @@ pub struct Guard {
     surveyor: Surveyor,
 }
 
-/// The last command, from which the next may differ by the limits, what has been seen, and the counts.
+/// The last command, from which the next may differ only within the limits; the coverage; and the counts.
 #[derive(Clone, Debug, Default)]
 pub struct State {
     command_ned_mps: Horizontal,
@@ -155,19 +156,19 @@ impl State {
         self.command_ned_mps
     }
 
-    /// Which places the sensor has seen.
+    /// The coverage: which places the sensor has seen.
     #[must_use]
     pub fn coverage(&self) -> &Coverage {
         &self.coverage
     }
 
-    /// What the guard has done so far.
+    /// Counts since the start.
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.counts
     }
 
-    /// A step out of control: the next command starts from rest; what has been seen stays, and the guard is alive.
+    /// A step out of control: the next command starts from rest; the coverage is kept, and the step is counted.
     pub fn release(&mut self) {
         self.command_ned_mps = Horizontal::default();
         self.change_ned_mps = Horizontal::default();
@@ -178,23 +179,23 @@ impl State {
 }
 
 impl Guard {
-    /// The obstacle that a known circle is to this vehicle.
+    /// A known circle as an obstacle for this vehicle.
     #[must_use]
     pub fn obstacle(&self, circle: &Circle) -> Neighbour {
         Neighbour::of(circle, self.config.vehicle_radius_m)
     }
 
-    /// Takes in what a scan has seen.
+    /// Adds a scan to the coverage.
     pub fn note_scan(&self, state: &mut State, scan: &Scan, pose: &Pose) {
         self.surveyor.note_scan(&mut state.coverage, scan, pose);
     }
 
-    /// Takes in that a sensor has delivered circles; `obstacles` are all that are known near the vehicle.
+    /// Adds circles delivered by a sensor to the coverage; `obstacles` are all that are known near the vehicle.
     pub fn note_circles(&self, state: &mut State, obstacles: &[Neighbour], pose: &Pose) {
         self.surveyor.note_circles(&mut state.coverage, obstacles, self.config.vehicle_radius_m, pose);
     }
 
-    /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits whatever comes in.
+    /// Passes, limits or replaces one demand. The setpoint is finite and inside the limits for any input.
     pub fn step(
         &self,
         state: &mut State,
@@ -243,7 +244,7 @@ impl Guard {
     ) -> Option<(Horizontal, Action, Option<f32>)> {
         let c = &self.config;
         self.surveyor.stand(&mut state.coverage, input.position_ned_m, c.vehicle_radius_m);
-        // Filled in place: to return them would copy them.
+        // Filled in place: returning them would copy them.
         let (mut near, mut half_spaces) = (Near::new(), HalfSpaces::new());
         let v_max_mps = self.gather_near(state.command_ned_mps, input, obstacles, &mut near)?;
         let near = &near;
@@ -270,7 +271,7 @@ impl Guard {
         };
         let safe = safe.clamped(v_max_mps);
 
-        // Without any scan so far there is no such sensor: whether one is required is the mission's decision.
+        // Without any scan so far there is no such sensor; whether one is required is decided by the mission.
         let has_sensor = state.coverage.has_scanned() && !is_threatened;
         let mut unseen = None;
         for (trial, share) in [1.0, 0.5, 0.25].into_iter().enumerate() {
@@ -301,7 +302,7 @@ impl Guard {
             return Some((tried, action, unseen));
         }
         let action = if unseen.is_some() { Action::Looking } else { Action::Limited };
-        // Gusts do not wait until the nose has turned.
+        // With gusts, do not wait until the nose has turned.
         if input.gust_margin_m > 0.0 {
             let still = Horizontal::default();
             let retreat = nearest_allowed(still, &half_spaces).or_else(|| evened_out(still, &mut half_spaces));
@@ -314,7 +315,7 @@ impl Guard {
         unseen.map(|bearing_rad| (brake, action, Some(bearing_rad)))
     }
 
-    /// The next command from the last towards `to`, inside the limits of acceleration and jerk.
+    /// The next command, from the last towards `to`, inside the limits of acceleration and jerk.
     fn approach(&self, state: &State, to: Horizontal, is_urgent: bool, dt_s: f32) -> Horizontal {
         let c = &self.config;
         let (from, a_max) = (state.command_ned_mps, c.a_max_mps2 * dt_s);
@@ -329,7 +330,7 @@ impl Guard {
         from.plus(change.clamped(most))
     }
 
-    /// Share of the speed that is granted in a direction that the sensor does not cover at the moment.
+    /// Share of the speed that is allowed in a direction that the sensor does not cover at the moment.
     fn view_share(&self, velocity: Horizontal, yaw_rad: f32) -> f32 {
         let half_rad = 0.5 * self.config.fov_rad;
         if half_rad >= 3.1 || velocity.norm_squared() < 1e-6 {
@@ -340,14 +341,14 @@ impl Guard {
         between((half_rad - off_rad) / (0.4 * half_rad), self.config.out_of_view_share, 1.0)
     }
 
-    /// The vertical command: towards the demand, inside the band and the limits of altitude.
+    /// The vertical command: towards the demand, inside the altitude band and limits.
     fn vertical(&self, last_mps: f32, wanted_mps: f32, input: &GuardInput, dt_s: f32) -> f32 {
         let c = &self.config;
         let mut wanted_mps = between(wanted_mps, -c.v_down_max_mps, c.v_down_max_mps);
         if let Some(down_m) = input.down_m.filter(|down_m| down_m.is_finite()) {
             let (mut top_m, mut bottom_m) = (c.down_min_m, c.down_max_m);
             if let Some(held_m) = input.held_down_m.filter(|held_m| held_m.is_finite()) {
-                // The configured limits win if the altitude held is not inside them.
+                // The configured limits win if the held altitude is outside them.
                 top_m = between(held_m - c.altitude_band_m, c.down_min_m, c.down_max_m - 0.1);
                 bottom_m = between(held_m + c.altitude_band_m, top_m + 0.1, c.down_max_m);
             }
@@ -365,7 +366,7 @@ fn finite(value: f32) -> f32 {
     if value.is_finite() { value } else { 0.0 }
 }
 
-/// `to`, or as far towards it from `from` as `most` allows.
+/// `to`, or the point on the way from `from` that is `most` away.
 fn limited(from: Horizontal, to: Horizontal, most: f32) -> Horizontal {
     from.plus(to.minus(from).clamped(most))
 }

@@ -110,11 +110,11 @@ fn gusts_keep_it_farther_away_and_let_it_go_away_by_itself() {
     let calm = ends(Horizontal::default(), demand(1.0, 0.0), 0.0, &[wall]);
     let gusty = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[wall]);
     assert!((calm.north - gusty.north - 0.4).abs() < 0.01, "{calm:?} {gusty:?}");
-    // In gusts what seems to go away is no farther than it is.
+    // In gusts an obstacle that seems to move away is treated as standing.
     let leaving = Neighbour { velocity_ned_mps: at(0.2, 0.1), ..wall };
     let near = ends(Horizontal::default(), demand(1.0, 0.0), 0.4, &[leaving]);
     assert!((near.north - gusty.north).abs() < 0.01, "{near:?} {gusty:?}");
-    // A vehicle that holds where gusts could carry it into the wall does not stay.
+    // A vehicle that holds where gusts could push it into the wall moves away.
     let left = ends(Horizontal { north: 2.9, east: 0.0 }, demand(0.0, 0.0), 0.4, &[wall]);
     assert!((wall.clearance_m(left) - 0.43).abs() < 0.02, "{left:?}");
 }
@@ -127,12 +127,12 @@ fn where_gusts_want_more_room_than_there_is_it_keeps_to_the_middle() {
         let end = ends(at(0.0, off_m), demand(0.0, 0.0), 0.5, &sides);
         assert!(sides.iter().all(|side| side.clearance_m(end) > 0.06), "from {off_m}: {end:?}");
     }
-    // Calm, it stays where it is.
+    // In calm air it stays where it is.
     assert_eq!(ends(at(0.0, 0.05), demand(0.0, 0.0), 0.0, &sides), at(0.0, 0.05));
 }
 
-/// A wind of that speed blows north for ten seconds, against what stands there; nothing behind the vehicle has been looked at, and
-/// its nose does not turn. The smallest clearance and the last.
+/// A wind of that speed blows north for ten seconds, against the obstacles; nothing behind the vehicle has been seen,
+/// and its nose does not turn. Returns the smallest clearance and the last.
 fn blown(wind_mps: f32, gust_margin_m: f32, obstacles: &[Neighbour]) -> (f32, f32) {
     let (guard, mut state) = (Config::default().build().unwrap(), State::default());
     let (mut position, mut closest_m, mut clearance_m) = (Horizontal::default(), f32::INFINITY, 0.0);
@@ -184,7 +184,7 @@ fn pillar(north: f32, east: f32, radius_m: f32) -> Neighbour {
     Neighbour { center_ned_m: at(north, east), reach_m: radius_m + 0.15, ..Neighbour::default() }
 }
 
-/// What the guard is told of a vehicle.
+/// The guard's input for a vehicle.
 fn input(vehicle: &Vehicle) -> GuardInput {
     let commands = vehicle.pending.iter().map(|setpoint| setpoint.velocity_ned_mps.horizontal());
     let pending = commands.fold(Horizontal::default(), Horizontal::plus);
@@ -197,8 +197,8 @@ fn input(vehicle: &Vehicle) -> GuardInput {
     }
 }
 
-/// The monitor: distance in f64 from a braking path to an obstacle's boundary, by the distance of a point to a segment
-/// written apart from the guard's.
+/// An independent monitor: distance in f64 from a braking path to an obstacle's boundary, by a point-to-segment
+/// distance written separately from the guard's.
 fn monitored_clearance_m(rest: Horizontal, command: Horizontal, a_max_mps2: f32, obstacle: &Neighbour) -> f64 {
     let f = |v: Horizontal| (f64::from(v.north), f64::from(v.east));
     let ((x, y), (vx, vy), (cx, cy)) = (f(rest), f(command), f(obstacle.center_ned_m));
@@ -262,12 +262,12 @@ fn visible(pillars: &[Neighbour], from: Horizontal, yaw_rad: f32) -> Vec<usize> 
     (-45..=45).filter_map(first_hit).collect()
 }
 
-/// Sets off among pillars that it does not know, in a direction that has nothing to do with where the nose points; returns
-/// the smallest clearance and how far it came.
+/// Sets off among unknown pillars, in a random direction relative to the nose; returns the smallest clearance and the
+/// distance covered.
 fn set_off(seed: u64, looks: bool) -> (f32, f32) {
     let guard = Config::default().build().unwrap();
     let mut rng = Rng::new(seed, 4);
-    // Close pillars all round, some of them touching the way.
+    // Close pillars all round, some of them touching the path.
     let mut pillars: Vec<Neighbour> = Vec::new();
     for _ in 0..100 {
         if pillars.len() == 5 {
@@ -317,13 +317,14 @@ fn it_does_not_set_off_into_what_it_has_not_looked_at_and_yet_sets_off() {
     }
     let blind: Vec<_> = (0..200).map(|seed| set_off(seed, false)).collect();
     assert!(blind.iter().filter(|(closest_m, _)| *closest_m < 0.0).count() > 10, "the test must be able to fail");
-    // Where one who does not look gets away unharmed, so does one who looks.
+    // If a vehicle that does not look gets away unharmed, so does one that looks.
     let pairs = || flights.iter().zip(&blind).filter(|(_, blind)| blind.0 > 0.02 && blind.1 > 2.0);
     let stuck = pairs().filter(|(flight, _)| flight.1 < 1.0).count();
     assert!(pairs().count() > 30 && stuck == 0, "{stuck} of {} are stuck", pairs().count());
 }
 
-/// What a pillar hid from where it was first seen stands in the open beside it. The nose looks elsewhere when the vehicle gets there.
+/// A pillar hidden behind another from the start is in the open from beside it. The nose points elsewhere when the
+/// vehicle gets there.
 #[test]
 fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
     let guard = Config::default().build().unwrap();
@@ -338,7 +339,7 @@ fn what_was_hidden_from_elsewhere_is_looked_at_before_it_is_approached() {
     };
     look(&mut state, Horizontal::default(), 0.0);
     rule(&mut state, Horizontal::default(), 0.0);
-    // Behind the screen as seen from the start; from beside it nothing is in between.
+    // Behind the screen as seen from the start; from the side nothing is in between.
     let beside = at(1.3, -0.25);
     look(&mut state, beside, 3.1);
     let ruling = rule(&mut state, beside, 3.1);

@@ -4,14 +4,15 @@
 //! with the phase `phi_0 + k u . p_m`: the antenna nearer the source leads. (Eq. 48 of the main paper as printed is a
 //! converging wave, which mirrors every bearing; the outgoing one is meant.)
 //!
-//! - [`Estimator::CrossSpectrum`], the default: the cross-spectra of the two pairs along each axis of the square give `u`
-//!   directly and over the whole circle, `arg(z1 z4* + z2 z3*)` and so on; then one weighted least-squares step over the
-//!   phases of all living channels, which also yields the covariance and the residual. It reaches the Cramer-Rao bound
-//!   `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`. Any array of three or more antennas off one line works, so a dead
-//!   channel costs precision and no more.
-//! - The main paper's, the baselines, are in the crate `foxhound-papers`, literal and repaired. [`Estimator::PaperSquare`] is its Algorithm 1
-//!   (eq. 2 and 30, half-plane by `theta1 > theta2`) with its flaws: the half-plane rule is wrong for half of all
-//!   directions, the cotangent is singular ahead, the arcsine leaves its domain to the sides, elevation biases it.
+//! - [`Estimator::CrossSpectrum`], the default: the cross-spectra of the two pairs along each axis of the square give
+//!   `u` directly and over the whole circle, `arg(z1 z4* + z2 z3*)` and so on; then one weighted least-squares step
+//!   over the phases of all working channels, which also gives the covariance and the residual. It reaches the
+//!   Cramer-Rao bound `sigma = lambda / (2 pi s cos(el) sqrt(N SNR))`. Any array of three or more antennas off one
+//!   line works, so a dead channel only costs precision.
+//! - The main paper's estimators, the baselines, are in the crate `foxhound-papers`, literal and repaired.
+//!   [`Estimator::PaperSquare`] is its Algorithm 1 (eq. 2 and 30, half-plane by `theta1 > theta2`) with its flaws:
+//!   the half-plane rule is wrong for half of all directions, the cotangent is singular ahead, the arcsine leaves its
+//!   domain to the sides, elevation biases it.
 //!
 //! Cost: about 2 000 instructions.
 
@@ -25,21 +26,21 @@ use crate::signal::phase::{Complex, Phasors, Tone};
 
 /// Chi-square with one degree of freedom that a clean frame exceeds once in a thousand.
 const CLOSURE_LIMIT: f32 = 10.83;
-/// The same beside another line, for the whole of [`MULTIPATH_SIGMA_RAD`]: no clean frame exceeds it. The frame is marked
-/// already, and a few standard deviations in it widen sigma by as much as they stand out.
+/// The same beside another line, for the whole of [`MULTIPATH_SIGMA_RAD`]: no clean frame exceeds it. The frame is
+/// flagged already, and smaller excesses widen sigma in proportion.
 const CLOSURE_SURE: f32 = 30.0;
-/// Gains that channels may have beside each other: 1.3 dB. More is a reflection, or a calibration that is missing.
+/// Allowed difference of the channels' gains: 1.3 dB. More means a reflection, or a missing calibration.
 const GAIN_TOLERANCE: f32 = 0.16;
-/// What a reflection that shows in the closure does to a bearing, rms: -10 dB gives 5 deg.
+/// Effect of a reflection that shows in the closure on a bearing, rms: -10 dB gives 5 deg.
 const MULTIPATH_SIGMA_RAD: f32 = 5.0 / 57.295_78;
-/// A bearing worse than this says nothing.
+/// A bearing with a larger sigma is useless.
 pub const SIGMA_USELESS_RAD: f32 = 0.6;
-/// Nearest source whose curved wavefront is taken for what it is, and not for a reflection.
+/// Nearest source whose curved wavefront is not taken for a reflection.
 const NEAR_FIELD_M: f32 = 2.0;
-/// A wavefront is called curved when its curvature is this many standard deviations from none.
+/// A wavefront counts as curved when its curvature is this many standard deviations from zero.
 const CURVED_SIGMAS: f32 = 3.0;
-/// Phase error that no channel is free of, such as the curvature of the wavefront at 10 m: below it, a channel that is
-/// quieter than another is not trusted more.
+/// Phase error of every channel, such as by the curvature of the wavefront at 10 m: below it, a channel with less
+/// noise than another gets no more weight.
 const MODEL_SIGMA_RAD: f32 = 0.005;
 /// A channel this much below the strongest, in power, is dead.
 const DEAD_POWER_RATIO: f32 = 0.01;
@@ -69,13 +70,13 @@ pub enum Estimator {
     NArray,
 }
 
-/// What the estimation needs to know.
+/// Configuration of the estimation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Which estimator.
+    /// The estimator.
     pub estimator: Estimator,
-    /// Phase error left in each channel after calibration, rms; added to what noise gives.
+    /// Phase error left in each channel after calibration, rms; added to that from noise.
     pub channel_sigma_rad: f32,
 }
 
@@ -113,9 +114,9 @@ impl Flags {
     pub const DEAD_1: Self = Self(1 << 1);
     /// Another line in the spectrum.
     pub const INTERFERER: Self = Self(1 << 5);
-    /// The phases do not fit one plane wave: a reflection, or a calibration that is off.
+    /// The phases do not fit one plane wave: a reflection, or a wrong calibration.
     pub const MULTIPATH: Self = Self(1 << 6);
-    /// Directions cannot be told apart: the source is overhead, or buried in noise.
+    /// The direction is ambiguous: the source is overhead, or buried in noise.
     pub const AMBIGUOUS: Self = Self(1 << 7);
     /// A calibration is required and missing.
     pub const UNCALIBRATED: Self = Self(1 << 8);
@@ -139,14 +140,14 @@ impl Flags {
         self.0 & other.0 == other.0
     }
 
-    /// Both.
+    /// The flags of both.
     #[must_use]
     pub fn with(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 }
 
-/// How good a bearing is, beyond its sigma.
+/// Quality of a bearing, beyond its sigma.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -160,17 +161,19 @@ pub struct Quality {
     pub closure_chi2: f32,
     /// Horizontal wavenumber over the free-space one: the cosine of the elevation, 1 for a source at our height.
     pub wavenumber: f32,
-    /// Forward-backward coherence, 0..=1: `|sum z_m z_(m+2)| / sum |z_m|^2` over the antennas of the square, opposite ones
-    /// multiplied. A plane wave turns them by as much either way and has 1; two waves have not, by phase or by amplitude.
-    /// Elsewhere than on the square the `z` are those less the plane wave, which on it cancels. None with a dead channel.
+    /// Forward-backward coherence, 0..=1: `|sum z_m z_(m+2)| / sum |z_m|^2` over the antennas of the square, opposite
+    /// ones multiplied. A plane wave rotates them by opposite angles and has 1; two waves differ, by phase or by
+    /// amplitude. Off the square the `z` have the plane wave removed, which on the square cancels. `None` with a dead
+    /// channel.
     pub coherence: Option<f32>,
-    /// A hint of the range of a near source, from the curvature of its wavefront: none when that is less than three standard
-    /// deviations from a plane wave's, as it is for every far source and along the axes of the square, nor without a
-    /// calibration that is demanded.
+    /// An estimate of the range of a near source, from the curvature of its wavefront: `None` when the curvature is
+    /// less than three standard deviations from zero, as for every far source and along the axes of the square, and
+    /// without a required calibration.
     ///
-    /// A reflection bends the wavefront as well. Below 2 m, where the two are alike, the bearing is flagged
-    /// [`Flags::MULTIPATH`]; less than a wavelength is taken for a reflection. The standard deviation of `1 / R` is that of
-    /// the closure over the bend: at 40 dB, N = 256, 868 MHz and 5 m, 4 % of the range on a diagonal.
+    /// A reflection bends the wavefront as well. Below 2 m, where the two cannot be distinguished, the bearing is
+    /// flagged [`Flags::MULTIPATH`]; a range below a wavelength is taken for a reflection. The standard deviation of
+    /// `1 / R` is that of the closure over the bend: at 40 dB, N = 256, 868 MHz and 5 m, 4 % of the range on a
+    /// diagonal.
     pub range_hint_m: Option<f32>,
 }
 
@@ -198,7 +201,7 @@ pub struct Bearing {
 }
 
 impl Bearing {
-    /// One that says nothing of the direction.
+    /// A bearing without a direction.
     #[must_use]
     pub const fn without(time: Instant, quality: Quality, flags: Flags) -> Self {
         Self {
@@ -214,10 +217,10 @@ impl Bearing {
     }
 }
 
-/// What another estimator makes of a set of phasors.
+/// The result of another estimator for a set of phasors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Direction {
-    /// Azimuth from the nose, clockwise positive; `None` where there is none.
+    /// Azimuth from the nose, clockwise positive; `None` without one.
     pub azimuth_rad: Option<f32>,
     /// Whether it may be used.
     pub is_usable: bool,
@@ -239,7 +242,7 @@ struct Symmetric {
 }
 
 impl Symmetric {
-    /// The inverse; `None` when there is none to speak of.
+    /// The inverse; `None` if it is singular.
     fn inverse(self) -> Option<Self> {
         let determinant = self.a * self.c - self.b * self.b;
         let scale = self.a + self.c;
@@ -269,7 +272,7 @@ impl Symmetric {
     }
 }
 
-/// What the wavefront fit yields: direction `u`, its covariance, what is left of the phases.
+/// Result of the wavefront fit: direction `u`, its covariance, the remaining phases.
 struct Wavefront {
     u: [f32; 2],
     covariance: Symmetric,
@@ -277,7 +280,7 @@ struct Wavefront {
     coherence: Option<f32>,
 }
 
-/// The one residual that a plane wave leaves in four phases.
+/// The one residual of a plane wave in four phases.
 ///
 /// A source at the range `R` delays an antenna that lies `q` off its line of sight by a further `q^2 / 2R`, with
 /// `q^2 = |p|^2 - (u . p)^2`. On the square this does not turn the bearing, but 5 m off it shows here, by
@@ -286,16 +289,16 @@ struct Wavefront {
 struct Residual {
     closure_rad: f32,
     variance: f32,
-    /// What a source at 1 m would add to the closure; in inverse proportion to the range.
+    /// Contribution of a source at 1 m to the closure; inversely proportional to the range.
     bend_rad_m: f32,
 }
 
 impl Residual {
-    /// The squared closure over its variance, less the part that the curvature of a near wavefront explains: any between
-    /// none and that of [`NEAR_FIELD_M`].
+    /// The squared closure over its variance, minus the part explained by the curvature of a near wavefront, which
+    /// may be anything from zero to that of [`NEAR_FIELD_M`].
     fn chi2(self) -> f32 {
         let (closure, near) = (self.closure_rad, self.bend_rad_m / NEAR_FIELD_M);
-        // As much of the bend as the closure has of its sign, up to that of the nearest source.
+        // The part of the bend with the closure's sign, up to that of the nearest source.
         let explained = if closure * near <= 0.0 {
             0.0
         } else if libm::fabsf(closure) < libm::fabsf(near) {
@@ -306,7 +309,7 @@ impl Residual {
         (closure - explained) * (closure - explained) / self.variance
     }
 
-    /// The range whose curvature is the closure, when that is [`CURVED_SIGMAS`] from none and of the right sign.
+    /// The range whose curvature explains the closure, if that is [`CURVED_SIGMAS`] from zero and of the right sign.
     fn range_m(self) -> Option<f32> {
         let curved = self.closure_rad * self.closure_rad > CURVED_SIGMAS * CURVED_SIGMAS * self.variance;
         (curved && self.closure_rad * self.bend_rad_m > 0.0).then(|| self.bend_rad_m / self.closure_rad)
@@ -314,20 +317,21 @@ impl Residual {
 }
 
 impl BearingEstimator {
-    /// The array that this estimator listens with.
+    /// The array of this estimator.
     #[must_use]
     pub fn array(&self) -> &Array {
         &self.array
     }
 
-    /// The bearing that a set of phasors tells; never NaN, `valid` only when it may be used.
+    /// The bearing for a set of phasors; never NaN, `valid` only when it may be used.
     #[must_use]
     pub fn estimate(&self, phasors: &Phasors) -> Bearing {
         self.tuned(phasors).as_ref().unwrap_or(self).find_here(phasors, |_, _, _| None)
     }
 
-    /// The same with the azimuth of another estimator, which gets the array, the phasors corrected for their channels, and
-    /// which channels live. It is asked where there is a wavefront; standard deviations, quality and flags are the wavefront's.
+    /// The same with the azimuth of another estimator. It gets the array, the phasors corrected for their channels,
+    /// and which channels work, and is called if there is a wavefront; standard deviations, quality and flags are the
+    /// wavefront's.
     #[must_use]
     pub fn find_with(
         &self,
@@ -371,7 +375,7 @@ impl BearingEstimator {
         };
 
         let wavenumber = sqrt(fit.u[0] * fit.u[0] + fit.u[1] * fit.u[1]);
-        // Overhead the direction of u is noise, and any will do.
+        // Overhead the direction of u is noise, and any is as good.
         let (length, along) = if wavenumber > 1e-3 {
             (wavenumber, [fit.u[0] / wavenumber, fit.u[1] / wavenumber])
         } else {
@@ -381,7 +385,7 @@ impl BearingEstimator {
         let mut sigma_rad = sqrt(fit.covariance.quadratic(across)) / length;
         let wavenumber_sigma = sqrt(fit.covariance.quadratic(along));
 
-        // More than free space allows is as impossible as a residual that does not close.
+        // A wavenumber above that of free space is as impossible as a residual that does not close.
         let chi2 = fit.residual.map_or(0.0, Residual::chi2);
         let impossible = wavenumber > 1.03 + 4.0 * wavenumber_sigma;
         let sure = if phasors.interferer { CLOSURE_SURE } else { CLOSURE_LIMIT };
@@ -392,7 +396,7 @@ impl BearingEstimator {
             flags = flags.with(Flags::MULTIPATH);
             sigma_rad *= sqrt(chi2 / CLOSURE_LIMIT);
         }
-        // A variance that is not a number knows nothing.
+        // A variance that is NaN means no information.
         let sigma_rad = if sigma_rad.is_finite() { sigma_rad } else { core::f32::consts::PI };
         let sigma_rad = sigma_rad.clamp(1e-6, core::f32::consts::PI);
         if sigma_rad > SIGMA_USELESS_RAD {
@@ -429,14 +433,14 @@ impl BearingEstimator {
         }
     }
 
-    /// The range that a residual tells, unless the channels are not known or a source that near is none.
+    /// The range from a residual, unless the channels are not calibrated or the range is too short.
     fn range_hint_m(&self, residual: Residual) -> Option<f32> {
         let far_enough = |range_m: &f32| *range_m * self.array.wavenumber > core::f32::consts::TAU;
         residual.range_m().filter(far_enough).filter(|_| !self.array.is_uncalibrated())
     }
 
-    /// Whether the amplitudes of four living channels differ by more than noise and [`GAIN_TOLERANCE`] explain: a plane
-    /// wave is equally strong everywhere, two make fringes.
+    /// Whether the amplitudes of four working channels differ by more than noise and [`GAIN_TOLERANCE`] explain: a
+    /// plane wave is equally strong everywhere, two waves make fringes.
     fn is_uneven(&self, z: &[Complex; CHANNELS], phasors: &Phasors) -> bool {
         let (mut least, mut most, mut noise) = (f32::MAX, 0.0_f32, 0.0_f32);
         for (m, channel) in z.iter().enumerate() {
@@ -452,7 +456,7 @@ impl BearingEstimator {
         sqrt(most / least) > 1.0 + GAIN_TOLERANCE + 4.0 * sqrt(noise / least)
     }
 
-    /// This estimator with the channels as they are at the tone's frequency, where a calibration depends on it.
+    /// This estimator with the channels corrected for the tone's frequency, if a calibration depends on it.
     fn tuned(&self, phasors: &Phasors) -> Option<Self> {
         let depends = phasors.tone == Tone::Present && self.array.depends_on_frequency();
         depends.then(|| Self { array: self.array.at(phasors.frequency_hz), config: self.config })
@@ -472,7 +476,7 @@ impl BearingEstimator {
         })
     }
 
-    /// Fits one plane wave to the phases; `None` when fewer than three channels live or the fit is singular.
+    /// Fits one plane wave to the phases; `None` when fewer than three channels work or the fit is singular.
     fn wavefront(&self, z: &[Complex; CHANNELS], variances: &[Option<f32>; CHANNELS]) -> Option<Wavefront> {
         let weights = &variances.map(|v| v.map_or(0.0, |v| 1.0 / (v + MODEL_SIGMA_RAD * MODEL_SIGMA_RAD)));
         let mut u = self.cross_spectrum(z, weights)?;
@@ -500,7 +504,7 @@ impl BearingEstimator {
         for m in 0..CHANNELS {
             let (x, y) = (p[m][0] - x0, p[m][1] - y0);
             normal.add(weights[m], x, y);
-            // What the noise does to a fit with weights that are not exactly its own.
+            // The effect of noise on a fit whose weights are not exactly its inverse variances.
             spread.add(weights[m] * weights[m] * variances[m].unwrap_or(0.0), x, y);
             right[0] += weights[m] * x * (phase[m] - phase0);
             right[1] += weights[m] * y * (phase[m] - phase0);
@@ -514,7 +518,7 @@ impl BearingEstimator {
         (u[0].is_finite() && u[1].is_finite()).then_some(Wavefront { u, covariance, residual, coherence })
     }
 
-    /// What the fit leaves over; `None` with a dead channel.
+    /// The residual of the fit; `None` with a dead channel.
     fn residual(&self, u: &[f32; 2], phase: &[f32; CHANNELS], variances: &[Option<f32>; CHANNELS]) -> Option<Residual> {
         let p = &self.array.steering;
         let (mut closure_rad, mut bend, mut variance) = (0.0_f32, 0.0_f32, 0.0_f32);
@@ -524,14 +528,14 @@ impl BearingEstimator {
             bend += c * (p[m][0] * p[m][0] + p[m][1] * p[m][1] - along * along);
             variance += c * c * variances[m]?;
         }
-        // Positions are times the wavenumber, and it takes one of the two for a phase.
+        // Positions are multiplied by the wavenumber; one factor of it makes a phase.
         Some(Residual { closure_rad, variance, bend_rad_m: -0.5 * bend / self.array.wavenumber })
     }
 
     /// The direction from the cross-spectra of neighbours around the array.
     ///
-    /// On the square this is `cx = z1 z4* + z2 z3*`, `cy = z1 z2* + z4 z3*`: opposite sides, which are parallel, share one
-    /// sum, so that a weak side counts for little. Pairs with a dead channel are left out.
+    /// On the square this is `cx = z1 z4* + z2 z3*`, `cy = z1 z2* + z4 z3*`: opposite sides, which are parallel,
+    /// share one sum, so that a weak side has little weight. Pairs with a dead channel are left out.
     fn cross_spectrum(&self, z: &[Complex; CHANNELS], weights: &[f32; CHANNELS]) -> Option<[f32; 2]> {
         let p = &self.array.steering;
         let living = |m: usize| weights[m] > 0.0;
@@ -561,12 +565,12 @@ impl BearingEstimator {
     }
 }
 
-/// Forward-backward coherence of phasors that are less the plane wave: see [`Quality::coherence`].
+/// Forward-backward coherence of phasors with the plane wave removed: see [`Quality::coherence`].
 fn coherence(y: &[Complex; CHANNELS]) -> Option<f32> {
     let opposite = |a: usize, b: usize| y[a].times(y[b]);
     let power = y.iter().fold(0.0, |sum, y| sum + y.norm_squared());
     let gamma = 2.0 * sqrt(opposite(0, 2).plus(opposite(1, 3)).norm_squared()) / power;
-    // Rounding may exceed 1. What is not a number is none.
+    // Rounding may exceed 1. NaN gives `None`.
     (gamma >= 0.0).then_some(gamma.min(1.0))
 }
 

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 const SIDE: f64 = 0.40;
 
-/// Phasors of a spherical outgoing wave at the default array, computed in f64: the truth the estimator does not know.
+/// Phasors of a spherical outgoing wave at the default array, computed in f64, independently of the estimator.
 fn wave(azimuth: f64, range_m: f64, height_m: f64) -> [Complex; 4] {
     let config = array::Config::default();
     let k = 2.0 * PI / f64::from(config.wavelength_m);
@@ -87,7 +87,7 @@ fn noise_gives_the_predicted_sigma_and_reaches_the_bound() {
     let efficiency = (squares / runs).sqrt() / bound;
     assert!((0.95..1.05).contains(&efficiency), "rms over bound {efficiency}");
     assert!((0.9..1.1).contains(&(nees / runs)), "NEES {}", nees / runs);
-    // One degree of freedom, of which the curvature may take up half the time what has its sign.
+    // One degree of freedom, of which the curvature may explain the half with its sign.
     assert!((0.4..1.1).contains(&(chi2 / runs)), "chi2 {}", chi2 / runs);
     assert!(flagged < 20, "{flagged} of {runs} clean frames called multipath");
 }
@@ -198,11 +198,11 @@ fn the_range_hint_is_right_within_its_noise_from_one_to_five_metres_and_none_far
         for run in 0..3600 {
             let truth = f64::from(run) * 0.1_f64.to_radians();
             let z = noisy(wave(truth, range, height), libm::sqrtf(noise / 2.0), &mut rng);
-            // What the curvature of a sphere leaves in the closure, and the noise of four phases in it.
+            // The curvature of a sphere in the closure, and the noise of four phases in it.
             let bend = PI / 0.345 * (steering_m * range / distance).powi(2) * (2.0 * truth).sin().abs();
             let sigma = (4.0 * 0.5 * f64::from(noise) / 1e6).sqrt() / bend;
             let hint = estimator.estimate(&phasors(z, noise)).quality.range_hint_m;
-            // Significant at three of its own sigma: there beyond seven, elsewhere no matter.
+            // Significant at three of its own sigma: always beyond seven, below that it does not matter.
             assert!(hint.is_some() || 1.0 / distance < 7.0 * sigma, "{run} at {range} m: none");
             if let Some(hint) = hint.filter(|_| 1.0 / distance > 7.0 * sigma) {
                 let error = 1.0 / f64::from(hint) - 1.0 / distance;
@@ -293,8 +293,8 @@ fn a_closure_that_is_in_doubt_beside_another_line_is_flagged_and_widens_sigma_by
         let flagged = bearing.flags.contains(Flags::MULTIPATH);
         (bearing.sigma_rad.to_degrees(), bearing.quality.closure_chi2, flagged)
     };
-    // Phases of variance 2e-4, so that the closure's sigma is 0.0283 rad. Clean, in doubt, sure; alone and beside a line.
-    // In doubt chi-square is 16 (the wrong phase costs the fit some): sqrt(16 / 10.83) more.
+    // Phases of variance 2e-4, so that the closure's sigma is 0.0283 rad. Clean, doubtful, certain; alone and beside
+    // a line. Doubtful means chi-square 16 (the wrong phase costs the fit some): sqrt(16 / 10.83) more.
     for (turn, alone, beside) in [(0.05, 0.323, 0.323), (0.12, 5.0, 0.392), (0.2, 5.0, 5.0)] {
         for (interferer, expected) in [(false, alone), (true, beside)] {
             let (sigma_deg, chi2, flagged) = sigma_of(turn, interferer);

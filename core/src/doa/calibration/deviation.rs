@@ -1,9 +1,9 @@
-//! Deviation: what airframe and coupling between the antennas turn a bearing by, as a function of where it points.
+//! Deviation: the error of a bearing due to airframe and antenna coupling, as a function of its direction.
 //!
-//! Hover, yaw once around before a source whose direction is known, and fit `estimate - truth` as a Fourier series of order 4 in the
-//! estimated body azimuth, the only one known in flight:
-//! `d(b) = c_0 + sum_k c_k cos k b + s_k sin k b`, by least squares (nine normal equations, Cholesky). As a ship's compass is
-//! swung; the constant is the mounting of the array.
+//! Hover, yaw once around in front of a source whose direction is known, and fit `estimate - truth` as a Fourier
+//! series of order 4 in the estimated body azimuth, the only one known in flight: `d(b) = c_0 + sum_k c_k cos k b +
+//! s_k sin k b`, by least squares (nine normal equations, Cholesky). This is how a ship's compass is swung; the
+//! constant is the mounting of the array.
 
 use crate::base::math::sqrt;
 use crate::base::units::{sin_cos, wrap_pi};
@@ -15,11 +15,11 @@ const TERMS: usize = 1 + 2 * ORDER;
 /// Sectors of the circle, each of which must have been seen.
 const SECTORS: usize = 12;
 
-/// A deviation table; the default turns nothing.
+/// A deviation table; the default is zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Deviation {
-    /// The same in all directions.
+    /// Constant part.
     pub constant_rad: f32,
     /// Of `cos k b`, from `k = 1`.
     pub cosine_rad: [f32; ORDER],
@@ -30,7 +30,7 @@ pub struct Deviation {
 }
 
 impl Deviation {
-    /// By how much an estimate at this body azimuth is too large.
+    /// The deviation at this estimated body azimuth, to be subtracted.
     #[must_use]
     pub fn at(&self, azimuth_rad: f32) -> f32 {
         let terms = terms(azimuth_rad);
@@ -42,7 +42,7 @@ impl Deviation {
     /// The bearing without the deviation.
     #[must_use]
     pub fn apply(&self, bearing: &Bearing) -> Bearing {
-        // Not one bit of a bearing changes where nothing was measured.
+        // Without a measured deviation the bearing is unchanged to the bit.
         if *self == Self::default() {
             return *bearing;
         }
@@ -68,7 +68,7 @@ fn terms(azimuth_rad: f32) -> [f32; TERMS] {
     terms
 }
 
-/// The looks of a turn on the spot.
+/// Measurements during a turn on the spot.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Spin {
     normal: [[f32; TERMS]; TERMS],
@@ -79,7 +79,7 @@ pub struct Spin {
 }
 
 impl Spin {
-    /// Takes a bearing and the body azimuth that it should have had; one that is not valid changes nothing.
+    /// Takes a bearing and its true body azimuth; an invalid one changes nothing.
     pub fn step(&mut self, bearing: &Bearing, truth_rad: f32) {
         let error_rad = wrap_pi(bearing.azimuth_rad - truth_rad);
         if !bearing.valid || !error_rad.is_finite() {
@@ -98,7 +98,7 @@ impl Spin {
         self.seen |= 1 << ((turn * SECTORS as f32) as usize).min(SECTORS - 1);
     }
 
-    /// The deviation; `None` while some twelfth of the circle has not been seen or there are too few looks.
+    /// The deviation; `None` while some twelfth of the circle is missing or there are too few measurements.
     #[must_use]
     pub fn deviation(&self) -> Option<Deviation> {
         if self.seen != (1 << SECTORS) - 1 || self.looks < 2 * TERMS as u32 {
@@ -191,7 +191,7 @@ mod tests {
         }
         let (before, after) = (before.sqrt().to_degrees(), after.sqrt().to_degrees());
         assert!(before > 3.5, "{before}");
-        // The harmonics above the fourth stay; as a function of the estimate there are some more of them.
+        // The harmonics above the fourth remain; as a function of the estimate there are some more of them.
         assert!(after < 0.30, "{after}");
     }
 

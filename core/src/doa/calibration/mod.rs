@@ -1,20 +1,21 @@
 //! Calibration: how the [`crate::doa::array::Table`] of the channels' gains and phases, their sampling delays and the
 //! airframe's deviation are measured, checked and stored.
 //!
-//! **Channels.** A source whose direction is known, or a splitter, gives the phasors that the channels should show,
-//! `a_m = e^{j k u . p_m}` or all the same. With `y_m = z_m / a_m`, every look is `y_m = c g_m + noise`: its own amplitude and
-//! phase `c`, and the gains `g_m` that are looked for. A look's `c = sum g* y / sum |g|^2` and its share `|c|^2 / noise` in the
-//! weighted mean of `y / c`, look by look (B. P. Welford, Technometrics 4, 1962): looks count by their signal-to-noise ratio.
-//! What is left, `sum |y - c g|^2 / noise` with three complex degrees of freedom a look but the first, widens the standard
-//! deviation of the mean when it is more than noise. One look of 256 samples at 40 dB leaves 0.036 deg a channel, a tenth
-//! of the noise of a look at 20 dB.
+//! **Channels.** A source in a known direction, or a splitter, defines the phasors that the channels should have,
+//! `a_m = e^{j k u . p_m}` or all equal. With `y_m = z_m / a_m`, every frame gives `y_m = c g_m + noise`: its own
+//! amplitude and phase `c`, and the unknown gains `g_m`. Each frame has `c = sum g* y / sum |g|^2` and the weight
+//! `|c|^2 / noise` in the weighted mean of `y / c`, updated frame by frame (B. P. Welford, Technometrics 4, 1962), so
+//! that frames are weighted by their signal-to-noise ratio. The residual, `sum |y - c g|^2 / noise` with three
+//! complex degrees of freedom per frame except the first, widens the standard deviation of the mean if it exceeds the
+//! noise. One frame of 256 samples at 40 dB leaves 0.036 deg per channel, a tenth of the noise of a frame at 20 dB.
 //!
-//! **Sampling delays** turn the phases in proportion to the frequency: two entries or more, in one carrier, give them as the
-//! slope `2 pi tau_m`, relative to their mean. The steps of the phases from one entry to the next must stay below half a turn.
+//! **Sampling delays** rotate the phases in proportion to the frequency: two entries or more, at one carrier, give
+//! them as the slope `2 pi tau_m`, relative to their mean. The steps of the phases from one entry to the next must
+//! stay below half a turn.
 //!
 //! **Order of the channels**: [`order`]. **Deviation**: [`deviation`]. **Storage**: [`record`].
 //!
-//! Which frequency: that of the tone in the converters' samples, and the carrier by its wavelength; see
+//! Frequencies: that of the tone in the converters' samples, and the carrier by its wavelength; see
 //! [`crate::doa::array`].
 
 pub mod deviation;
@@ -29,12 +30,12 @@ use crate::signal::phase::{Complex, Phasors, Tone};
 
 /// A channel this much below the strongest, in power, is dead.
 const DEAD_POWER_RATIO: f32 = 0.01;
-/// A look whose frequency is further from the others', as a part of it, does not belong to the same entry.
+/// A frame whose frequency differs more from the others', relative to it, does not belong to the same entry.
 const SAME_FREQUENCY: f32 = 0.02;
-/// Complex degrees of freedom of a look: its channels but for their common amplitude and phase.
+/// Complex degrees of freedom of a frame: its channels without their common amplitude and phase.
 const LOOK_FREEDOM: f32 = CHANNELS as f32 - 1.0;
 
-/// Where the known signal comes from.
+/// The origin of the known signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Source {
     /// The same signal in all channels.
@@ -57,7 +58,7 @@ impl Source {
         Self::Direction { azimuth_rad, elevation_rad: 0.0, range_m: None }
     }
 
-    /// What the array's channels show of it when they are all alike, each of magnitude one.
+    /// The phasors of the array for this source if all channels are equal, each of magnitude one.
     #[must_use]
     pub fn phasors(&self, array: &Array) -> [Complex; CHANNELS] {
         let Self::Direction { azimuth_rad, elevation_rad, range_m } = *self else {
@@ -83,37 +84,37 @@ impl Source {
     }
 }
 
-/// What became of a look.
+/// Whether a frame was used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Taken {
-    /// It counts.
+    /// It was used.
     Yes,
-    /// There is no tone in it.
+    /// It has no tone.
     NoTone,
     /// A channel is clipped.
     Clipped,
     /// This channel, 0..4, is dead.
     Dead(usize),
-    /// Its tone is at another frequency than those of the looks before.
+    /// Its tone has another frequency than those of the frames before.
     OtherFrequency,
 }
 
-/// The weighted mean of looks, up to the amplitude and phase of each.
+/// The weighted mean of frames, without the amplitude and phase of each.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mean {
     gain: [Complex; CHANNELS],
     weight: f32,
-    /// What the gains do not explain, in units of the noise.
+    /// Residual of the gains, in units of the noise.
     scatter: f32,
     looks: u32,
 }
 
 impl Mean {
-    /// Gains that are known.
+    /// Known, equal gains.
     const EQUAL: Self = Self { gain: [Complex { re: 1.0, im: 0.0 }; CHANNELS], weight: 0.0, scatter: 0.0, looks: 0 };
 
-    /// Splits a look into its own amplitude and what the gains do not explain of it.
+    /// Splits a frame into its own amplitude and the residual of the gains.
     fn split(&self, y: &[Complex; CHANNELS]) -> (Complex, [Complex; CHANNELS]) {
         let power: f32 = self.gain.iter().map(|g| g.norm_squared()).sum();
         let sum = y.iter().zip(self.gain).fold(Complex::default(), |sum, (y, g)| sum.plus(y.times_conj(g)));
@@ -126,7 +127,7 @@ impl Mean {
         (c, rest)
     }
 
-    /// Takes a look into the mean.
+    /// Adds a frame to the mean.
     fn learn(&mut self, y: &[Complex; CHANNELS], noise: f32) {
         if self.looks == 0 {
             let power = 0.25 * y.iter().map(|y| y.norm_squared()).sum::<f32>();
@@ -151,7 +152,7 @@ impl Mean {
         self.looks += 1;
     }
 
-    /// Compares a look with the gains as they are.
+    /// Compares a frame with the present gains.
     fn compare(&mut self, y: &[Complex; CHANNELS], noise: f32) {
         let (c, rest) = self.split(y);
         self.weight += c.norm_squared() / noise;
@@ -160,7 +161,7 @@ impl Mean {
     }
 }
 
-/// Measures the channels at one frequency, look by look.
+/// Measures the channels at one frequency, frame by frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Calibrator {
     mean: Mean,
@@ -168,7 +169,7 @@ pub struct Calibrator {
 }
 
 impl Calibrator {
-    /// Takes a look, whose phasors are as the extractor made them. A refused look changes nothing.
+    /// Adds a frame, given by the extractor's phasors. A refused frame changes nothing.
     pub fn step(&mut self, array: &Array, source: Source, phasors: &Phasors) -> Taken {
         let refused = usable(phasors);
         if refused != Taken::Yes {
@@ -186,7 +187,7 @@ impl Calibrator {
         Taken::Yes
     }
 
-    /// What the looks say, and how well; `None` before the first.
+    /// The gains and phases from all frames, with their accuracy; `None` before the first.
     #[must_use]
     pub fn entry(&self, temperature_c: Option<f32>) -> Option<Entry> {
         let mean = &self.mean;
@@ -197,12 +198,12 @@ impl Calibrator {
         let scale = CHANNELS as f32 / magnitude.iter().sum::<f32>();
         let gain = magnitude.map(|magnitude| magnitude * scale);
         let sum = mean.gain.iter().fold(Complex::default(), |sum, g| sum.plus(*g));
-        // Channels that cancel each other have no common phase: then that of the first.
+        // Channels that cancel each other have no common phase: then the first one's is used.
         let common = if sum.norm_squared() > 0.01 { sum } else { mean.gain[0] };
         let phase_rad = mean.gain.map(|g| g.times_conj(common).arg());
         let freedom = LOOK_FREEDOM * (mean.looks - 1) as f32;
         let widening = if freedom > 0.0 { (mean.scatter / freedom).max(1.0) } else { 1.0 };
-        // A weak channel's phase is the more uncertain.
+        // A weak channel's phase is less certain.
         let weakness = gain.iter().map(|gain| 1.0 / (gain * gain)).sum::<f32>() / CHANNELS as f32;
         let residual_rad = sqrt(0.5 * widening * weakness / mean.weight);
         Some(Entry { frequency_hz: self.frequency_hz, gain, phase_rad, residual_rad, temperature_c })
@@ -214,7 +215,7 @@ fn mean_noise(phasors: &Phasors) -> f32 {
     (0.25 * phasors.noise.iter().sum::<f32>()).max(1e-12)
 }
 
-/// Whether all four channels of a look can be used.
+/// Whether all four channels of a frame can be used.
 fn usable(phasors: &Phasors) -> Taken {
     if phasors.tone == Tone::Absent {
         return Taken::NoTone;
@@ -228,14 +229,15 @@ fn usable(phasors: &Phasors) -> Taken {
     (0..CHANNELS).find(|m| !lives(*m)).map_or(Taken::Yes, Taken::Dead)
 }
 
-/// The channels' sampling delays relative to their mean, from entries by rising frequency and of one carrier, whose phases
-/// are rid of them; add them to [`crate::signal::phase::Config::skew_s`]. `None` with fewer than two entries.
+/// The channels' sampling delays relative to their mean, from entries of one carrier by rising frequency, whose
+/// phases are corrected for them; add them to [`crate::signal::phase::Config::skew_s`]. `None` with fewer than two
+/// entries.
 pub fn take_skew(entries: &mut [Entry]) -> Option<[f32; CHANNELS]> {
     let [first, .., last] = entries else { return None };
     if !(last.frequency_hz > first.frequency_hz) {
         return None;
     }
-    // Least squares of the phases, made continuous, over the frequency.
+    // Least squares of the unwrapped phases over the frequency.
     let origin = *first;
     let n = entries.len() as f32;
     let (mut phases, mut before) = ([0.0_f32; CHANNELS], origin);
@@ -392,8 +394,9 @@ pub(crate) mod tests {
         let receiver = Receiver::uneven();
         let at_20_db = rms_over_bound(&receiver, 20.0, 1, 1);
         assert!(at_20_db <= 1.30, "{at_20_db} of the bound at 20 dB");
-        // The bound of these channels themselves, two of which are weak, is 1.15 of that of equal ones: reached at 20 dB. At
-        // 30 dB one frame's own noise, a third of the look's, begins to show (1.23); 16 frames take it away (1.15).
+        // The bound of these channels themselves, two of which are weak, is 1.15 of that of equal ones: reached at 20
+        // dB. At 30 dB one frame's own noise, a third of the other's, begins to show (1.23); 16 frames remove it
+        // (1.15).
         let at_30_db = rms_over_bound(&receiver, 30.0, 1, 2);
         assert!(at_30_db <= 1.30, "{at_30_db} of the bound at 30 dB");
         let averaged = rms_over_bound(&receiver, 30.0, 16, 3);
@@ -456,7 +459,7 @@ pub(crate) mod tests {
         let mut rng = Rng::new(7, 1);
         let mut calibrator = Calibrator::default();
         for k in 0..20 {
-            // The direction is not what it is said to be, by 3 deg rms.
+            // The true direction differs from the assumed one, by 3 deg rms.
             let truth = 0.05 * f64::from(rng.gaussian());
             let phasors = Receiver::uneven().at_snr(40.0).phasors(Some(truth), &mut rng);
             assert_eq!(calibrator.step(&array(), Source::ahead_at(0.0), &phasors), Taken::Yes, "{k}");

@@ -1,13 +1,13 @@
 //! Channel order: which antenna is on which channel.
 //!
-//! A plane wave that turns around the array, its direction known at each look, moves the phases as only one assignment of
-//! antennas to channels explains. For each of the 24, the looks' phasors are compared with the directions, and what is left
-//! over the noise decides. With channels that are not calibrated yet, their gains are learned along the way from the looks
-//! themselves ([`Check::over_a_spin`]): constant gains cannot imitate another order while the direction changes. With
-//! calibrated channels one known bearing may do ([`Check::of_calibrated`]), unless antennas are symmetric about it.
+//! A plane wave from changing, known directions changes the phases in a way that only one assignment of antennas to
+//! channels explains. For each of the 24, the frames' phasors are compared with the directions, and the residual over
+//! the noise decides. With uncalibrated channels, their gains are estimated from the same frames
+//! ([`Check::over_a_spin`]): constant gains cannot imitate another order while the direction changes. With calibrated
+//! channels one known bearing may suffice ([`Check::of_calibrated`]), unless antennas are symmetric about it.
 //!
-//! The direction is needed: closure and wavenumber alone, over a spin of unknown direction, tell 3 classes of orders apart,
-//! but not a square array from its rotations and mirror images, of which each class has eight.
+//! The direction is needed: closure and wavenumber alone, over a spin of unknown direction, distinguish 3 classes of
+//! orders, but not a square array from its rotations and mirror images, of which each class has eight.
 
 use core::fmt;
 
@@ -16,24 +16,24 @@ use crate::base::adc::CHANNELS;
 use crate::doa::array::Array;
 use crate::signal::phase::{Complex, Phasors};
 
-/// Orders that there are.
+/// Number of orders.
 const ORDERS: usize = 24;
-/// The best order must leave this many times less than the next.
+/// The best order's residual must be smaller than the next by this factor.
 const CLEARLY: f32 = 4.0;
-/// Phases that are off by more than this, in rad squared, fit no array: 30 deg.
+/// Phase errors larger than this, in rad squared, fit no array: 30 deg.
 const POOR: f32 = 0.27;
 
-/// What the looks say about the order of the channels.
+/// The order of the channels by the measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Order {
-    /// Nothing speaks against the order as it is.
+    /// The configured order fits.
     AsConfigured,
     /// Two channels, 0..4, are swapped.
     Swapped(usize, usize),
     /// Antenna `m` is on channel `order[m]`.
     Permuted([usize; CHANNELS]),
-    /// The order as it is does not fit, and no other does clearly.
+    /// The configured order does not fit, and no other is clearly better.
     Undecided,
 }
 
@@ -55,7 +55,7 @@ fn order(k: usize) -> [usize; CHANNELS] {
     let mut order = [0, 1, 2, 3];
     let mut rest = k;
     for (m, choices) in [6, 2, 1].into_iter().enumerate() {
-        // The one that is picked moves before those that are left.
+        // The picked one is moved before the remaining ones.
         for picked in (m..m + rest / choices).rev() {
             if let Some([before, after]) = order.get_mut(picked..picked + 2) {
                 core::mem::swap(before, after);
@@ -66,7 +66,7 @@ fn order(k: usize) -> [usize; CHANNELS] {
     order
 }
 
-/// Compares all orders, look by look.
+/// Compares all orders, frame by frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Check {
     fits: [Mean; ORDERS],
@@ -74,19 +74,19 @@ pub struct Check {
 }
 
 impl Check {
-    /// For channels of unknown gains; needs looks from all around, and is undecided or content before.
+    /// For channels of unknown gains; needs frames from all around, and is undecided or content before.
     #[must_use]
     pub fn over_a_spin() -> Self {
         Self { fits: [Mean::default(); ORDERS], learns: true }
     }
 
-    /// For channels whose gains the array's table knows.
+    /// For channels whose gains are in the array's table.
     #[must_use]
     pub fn of_calibrated() -> Self {
         Self { fits: [Mean::EQUAL; ORDERS], learns: false }
     }
 
-    /// Takes a look; a refused one changes nothing.
+    /// Takes a frame; a refused one changes nothing.
     pub fn step(&mut self, array: &Array, source: Source, phasors: &Phasors) -> Taken {
         let taken = usable(phasors);
         if taken != Taken::Yes {
@@ -107,10 +107,10 @@ impl Check {
         Taken::Yes
     }
 
-    /// The verdict on the looks so far.
+    /// The verdict so far.
     #[must_use]
     pub fn order(&self) -> Order {
-        // Less than the noise is as good as the noise.
+        // A residual below the noise counts as the noise.
         let left = |fit: &Mean| {
             let freedom = LOOK_FREEDOM * (fit.looks - u32::from(self.learns && fit.looks > 0)) as f32;
             (fit.scatter / freedom.max(1.0)).max(1.0)
@@ -156,7 +156,7 @@ mod tests {
         square().build().unwrap()
     }
 
-    /// The looks of a spin, or one, with the channels in some order.
+    /// The frames of a spin, or one, with the channels in some order.
     fn verdict(mut check: Check, receiver: &Receiver, on: [usize; 4], azimuths: &[f64], seed: u64) -> Order {
         let mut rng = Rng::new(seed, 1);
         for azimuth in azimuths {
@@ -213,7 +213,7 @@ mod tests {
             assert_eq!(verdict(Check::of_calibrated(), &receiver, on, &[0.5], 3), Order::Swapped(a, b));
         }
         assert_eq!(verdict(Check::of_calibrated(), &receiver, [0, 1, 2, 3], &[0.5], 3), Order::AsConfigured);
-        // Straight ahead the two front antennas hear the same: their swap cannot be told, and is not claimed.
+        // Straight ahead the two front antennas receive the same: their swap cannot be detected, and is not reported.
         assert_eq!(verdict(Check::of_calibrated(), &receiver, [1, 0, 2, 3], &[0.0], 3), Order::AsConfigured);
     }
 

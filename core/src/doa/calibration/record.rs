@@ -1,6 +1,6 @@
-//! A calibration as it is stored: a record of fixed size with a check sum.
+//! The stored form of a calibration: a record of fixed size with a checksum.
 //!
-//! | bytes | what (little-endian, floats as IEEE 754 single precision) |
+//! | bytes | content (little-endian, floats as IEEE 754 single precision) |
 //! |---|---|
 //! | 0..4 | `FXC1`; the digit is the version of the layout |
 //! | 4..8 | number of entries in use, `u32` |
@@ -18,7 +18,7 @@ pub const RECORD_BYTES: usize = 232;
 const MAGIC: [u8; 4] = *b"FXC1";
 const CRC_AT: usize = RECORD_BYTES - 4;
 
-/// What is stored of an array's calibration.
+/// The stored calibration of an array.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Calibration {
@@ -53,13 +53,13 @@ impl Calibration {
         record
     }
 
-    /// The check sum of the record.
+    /// The checksum of the record.
     #[must_use]
     pub fn crc(&self) -> u32 {
         crc32(&self.encode()[..CRC_AT])
     }
 
-    /// Reads a record; `None` when it is damaged, of another version, or holds a table that could not be.
+    /// Reads a record; `None` when it is damaged, of another version, or contains an invalid table.
     #[must_use]
     pub fn decode(record: &[u8; RECORD_BYTES]) -> Option<Self> {
         let (words, _) = record.as_chunks::<4>();

@@ -4,12 +4,12 @@
 //!     Q[b] <- a Q[b] + (1 - a) P
 //! ```
 //!
-//! for every reading `P` while the antenna points into bin `b`. The first reading of a bin is taken as it is: an average
-//! that started at 0 dB would be drawn there for as long as it remembers. A bin without a reading in a rotation keeps its
-//! average for `KEPT` rotations, then it is empty again.
+//! for every reading `P` while the antenna points into bin `b`. The first reading of a bin is used as it is: an
+//! average that started at 0 dB would be biased for as long as its memory lasts. A bin without a reading in a
+//! rotation keeps its average for `KEPT` rotations, then it is empty again.
 //!
-//! Of several readings in one bin the last weighs most, so that the averages stand for a direction that is ahead of the
-//! bin's middle in the sense of the turn, by degrees. How far is averaged along ([`Bins::ahead_rad`]).
+//! Of several readings in one bin the last has the largest weight, so that the averages belong to a direction ahead
+//! of the bin's middle in the sense of the turn, by degrees. This offset is averaged too ([`Bins::ahead_rad`]).
 
 use core::f32::consts::TAU;
 
@@ -22,37 +22,37 @@ pub const BIN_RAD: f32 = TAU / BINS as f32;
 /// Rotations after which a bin without a reading is empty.
 const KEPT: u8 = 2;
 
-/// The bin that a direction falls into.
+/// The bin of a direction.
 #[must_use]
 pub fn index(direction_rad: f32) -> usize {
     let wrapped = wrap_pi(direction_rad);
     let positive = if wrapped < 0.0 { wrapped + TAU } else { wrapped };
-    // The conversion takes what is no number to 0; a sum that rounds up to a full turn is in the last bin.
+    // The conversion maps NaN to 0; a sum that rounds up to a full turn is in the last bin.
     ((positive / BIN_RAD) as usize).min(BINS - 1)
 }
 
 /// The direction of a bin's middle, (-pi, pi].
 ///
-/// The paper flies along `2 pi b / B` for the bin that spans `2 pi (b - 1) / B` to `2 pi b / B`: its edge, which is off by
+/// The paper uses `2 pi b / B` for the bin that spans `2 pi (b - 1) / B` to `2 pi b / B`: its edge, which is off by
 /// half a bin on average.
 #[must_use]
 pub fn middle_rad(bin: usize) -> f32 {
     wrap_pi((bin as f32 + 0.5) * BIN_RAD)
 }
 
-/// Average power a bin.
+/// Average power per bin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bins {
     average_db: [f32; BINS],
-    /// Rotations for which the average stands; 0 for an empty bin.
+    /// Rotations for which the average is kept; 0 for an empty bin.
     fresh: [u8; BINS],
     /// Readings in this rotation.
     readings: u16,
-    /// Bins entered in this rotation, the one where the last reading was, and how far ahead of its middle its average is.
+    /// Bins entered in this rotation, the bin of the last reading, and how far ahead of its middle its average is.
     entered: u16,
     bin: u16,
     offset_rad: f32,
-    /// Sum of that over the bins that were left, and its mean in the rotation before.
+    /// Sum of that over the completed bins, and its mean in the rotation before.
     offsets_rad: f32,
     before_rad: f32,
 }
@@ -79,7 +79,7 @@ impl Bins {
         }
     }
 
-    /// Takes in a reading.
+    /// Adds a reading.
     pub fn add(&mut self, direction_rad: f32, power_db: f32, memory: f32) {
         let bin = index(direction_rad);
         let (Some(average), Some(fresh)) = (self.average_db.get_mut(bin), self.fresh.get_mut(bin)) else { return };
@@ -98,13 +98,13 @@ impl Bins {
         self.readings = self.readings.saturating_add(1);
     }
 
-    /// Readings since the last turn of the page.
+    /// Readings in this rotation.
     #[must_use]
     pub fn readings(&self) -> u16 {
         self.readings
     }
 
-    /// How far ahead of the bins' middles the averages are, clockwise, on average.
+    /// Mean distance of the averages ahead of the bins' middles, clockwise.
     #[must_use]
     pub fn ahead_rad(&self) -> f32 {
         if self.entered > 0 { (self.offsets_rad + self.offset_rad) / f32::from(self.entered) } else { 0.0 }

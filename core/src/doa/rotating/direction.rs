@@ -1,20 +1,21 @@
-//! The direction of the source from one rotation after the other, without a position.
+//! Estimates the source's direction from successive rotations, without a position.
 //!
-//! The posterior of the direction, as weights of [`BINS`] directions, twice: once for a direction that hardly moves, as it
-//! does far from the source, and once for one that moves fast or leaps, as it does beside it. Each rotation the weights of both
-//! spread by a random walk and some change sides (an interacting pair of paces, after Blom and Bar-Shalom 1988); then they
-//! are multiplied by what the heard bearing says, which may be an outlier with the rate `p` (eq. 2):
+//! The posterior of the direction, as weights of [`BINS`] directions, twice: once for a direction that hardly moves,
+//! as it does far from the source, and once for one that moves fast or jumps, as it does near it. Each rotation the
+//! weights of both are spread by a random walk, and a share is exchanged between them (an interacting multiple model,
+//! after Blom and Bar-Shalom 1988); then they are multiplied by the likelihood of the measured bearing, which may be
+//! an outlier with the rate `p` (eq. 2):
 //!
 //! ```text
-//!     w(b) <- w(b) (p / (2 pi) + (1 - p) N(heard - b; sigma))
+//!     w(b) <- w(b) (p / (2 pi) + (1 - p) N(measured - b; sigma))
 //! ```
 //!
-//! An outlier costs as much as its surprise, and several from the same reflector remain a second hill. The answer is the
-//! circular mean of all weights: of all directions it is the one along which a step gains the most on average, which is
-//! what the greedy rule would be if it had a memory.
+//! An outlier has a limited effect, and several from the same reflector remain a second maximum. The answer is the
+//! circular mean of all weights: of all directions it is the one along which a step gains the most on average, the
+//! greedy rule with a memory.
 //!
-//! Weights on a grid stand for a density exactly enough while that is no narrower than half a bin; bearings are therefore
-//! never taken for better than [`SIGMA_MIN_RAD`].
+//! Weights on a grid are accurate enough for a density that is no narrower than half a bin; therefore the sigma of a
+//! bearing is never taken to be less than [`SIGMA_MIN_RAD`].
 
 use crate::base::error::{ConfigError, check};
 use crate::base::math::sqrt;
@@ -24,17 +25,17 @@ use crate::base::units::wrap_pi;
 use super::bins::{BIN_RAD, BINS};
 use super::pattern::table;
 
-/// Bearings are never taken for better than this.
+/// The smallest sigma assumed for a bearing.
 pub const SIGMA_MIN_RAD: f32 = 0.7 * BIN_RAD;
-/// Half the squared deviation beyond which a Gaussian is nothing.
+/// Half the squared deviation beyond which a Gaussian counts as zero.
 const TAIL: f32 = 12.0;
-/// Probability that the direction moves fast when the source is first heard.
+/// Probability that the direction moves fast when the signal is first received.
 const FAST_FIRST: f32 = 0.05;
-/// Passes of the random walk at most, and the share that each gives to either neighbour at most.
+/// Largest number of passes of the random walk, and the largest share that each gives to either neighbour.
 const PASSES_MAX: usize = 4;
 const SHARE_MAX: f32 = 1.0 / 3.0;
 
-/// What the joining needs to know.
+/// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -44,9 +45,9 @@ pub struct Config {
     pub slow_rad: f32,
     /// Random walk of a direction that moves fast, standard deviation after a second.
     pub fast_rad: f32,
-    /// Rate at which that one turns to anywhere, as it does when the vehicle flies past the source.
+    /// Rate at which the fast one jumps to any direction, as it does when the vehicle passes the source.
     pub renewal_per_s: f32,
-    /// Rate at which one becomes the other.
+    /// Rate of changes between the two.
     pub change_per_s: f32,
 }
 
@@ -94,22 +95,22 @@ impl Default for Weights {
     }
 }
 
-/// What is known of the direction.
+/// The estimate of the direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Estimate {
     /// Circular mean, from north, clockwise, (-pi, pi].
     pub bearing_ned_rad: f32,
-    /// Circular standard deviation; large when there are two hills.
+    /// Circular standard deviation; large with two maxima.
     pub sigma_rad: f32,
-    /// Probability that the bearing just heard was an outlier.
+    /// Probability that the last bearing was an outlier.
     pub outlier: f32,
     /// Probability that the direction moves fast.
     pub fast: f32,
 }
 
 impl State {
-    /// Nothing heard. All bits are zero.
+    /// Without a measurement. All bits are zero.
     #[must_use]
     pub const fn new() -> Self {
         Self { updated: None, slow: Weights::new(), fast: Weights::new() }
@@ -121,7 +122,7 @@ impl Weights {
         Self([0.0; BINS])
     }
 
-    /// Some of the weight, up to all of it, goes anywhere.
+    /// Spreads a share of the weight, up to all of it, over all directions.
     fn renew(&mut self, share: f32) {
         let share = if share < 1.0 { share } else { 1.0 };
         let each = share * self.0.iter().sum::<f32>() / BINS as f32;
@@ -154,7 +155,7 @@ impl Weights {
 }
 
 impl Filter {
-    /// Takes in a bearing from north, clockwise, with its standard deviation; `None` if they are no numbers.
+    /// Takes a bearing from north, clockwise, with its standard deviation; `None` if they are NaN.
     pub fn step(&self, state: &mut State, time: Instant, bearing_ned_rad: f32, sigma_rad: f32) -> Option<Estimate> {
         if !(libm::fabsf(bearing_ned_rad) < 1e3 && sigma_rad >= 0.0) {
             return None;
@@ -173,7 +174,7 @@ impl Filter {
             north += both * cosine;
             east += both * sine;
         }
-        // The outliers' part is never nothing, so neither is the total.
+        // The outliers' part is never zero, so neither is the total.
         let scale = 1.0 / total;
         for weight in state.slow.0.iter_mut().chain(&mut state.fast.0) {
             *weight *= scale;
@@ -188,7 +189,7 @@ impl Filter {
         })
     }
 
-    /// Carries the weights to an instant; all alike before the first.
+    /// Predicts the weights to an instant; all equal before the first.
     fn predict(&self, state: &mut State, time: Instant) {
         let Some(updated) = state.updated.replace(time) else {
             let alike = 1.0 / BINS as f32;
@@ -209,7 +210,7 @@ impl Filter {
         state.fast.renew(self.config.renewal_per_s * elapsed_s);
     }
 
-    /// What a bearing says of each direction, times the width of a bin.
+    /// Likelihood of each direction for a bearing, times the width of a bin.
     fn likelihood(&self, bearing_ned_rad: f32, sigma_rad: f32) -> [f32; BINS] {
         let sigma_rad = crate::base::units::between(sigma_rad, SIGMA_MIN_RAD, core::f32::consts::PI);
         let scale = 0.5 / (sigma_rad * sigma_rad);
@@ -257,7 +258,8 @@ mod tests {
             }
             let (rms, claimed) = (sqrt(squares / 1900.0), sqrt(claimed / 1900.0));
             assert!(rms < 0.13, "{truth}: {rms}");
-            // The truth stands still and the filter expects it to move: it may be better than it says, not much worse.
+            // The truth stands still while the filter expects motion: the estimate may be better than its sigma, not
+            // much worse.
             assert!(rms < 1.1 * claimed && claimed < 3.0 * rms, "{truth}: {rms} said {claimed}");
         }
     }

@@ -1,13 +1,13 @@
 //! Seeking with one directional antenna that turns with the vehicle.
 //!
-//! The received power is averaged in angular bins as the antenna sweeps by ([`bins`], eq. 1). At the end of each rotation
-//! ([`turn`]) the loudest bin is the direction of the source, says the paper; ours is where the antenna's known pattern fits
-//! best ([`pattern`]), between the bins and with a standard deviation. [`direction`] joins rotations, outliers among them,
-//! without a position; with one, each rotation is a bearing like any other. What can be proven of the greedy rule is in
-//! the crate `foxhound-papers`.
+//! The received power is averaged in angular bins as the antenna sweeps past them ([`bins`], eq. 1). At the end of
+//! each rotation ([`turn`]) the paper takes the loudest bin as the direction of the source; ours is where the
+//! antenna's known pattern fits best ([`pattern`]), between the bins and with a standard deviation. [`direction`]
+//! combines rotations, including outliers, without a position; with a position, each rotation is a bearing like any
+//! other. Proven properties of the greedy rule are in the crate `foxhound-papers`.
 //!
-//! Power is in dB: fading multiplies, so that its errors are additive and alike in every bin; the range is an offset
-//! instead of a factor; a burst weighs as one reading and not as a thousand. What receivers report is in dB already.
+//! Power is in dB: fading multiplies, so that its errors are additive and equal in every bin; the range is an offset
+//! instead of a factor; a burst has the weight of one reading, not of a thousand. Receivers report dB already.
 //!
 //! Source (its equation numbers in this module): the paper on RF source seeking with a single-wing rotating micro air vehicle
 //! and its directional antenna. Cost, counted on the host: about 400 instructions a reading; some 14 000 a rotation, and 7 000 to
@@ -29,22 +29,23 @@ use bins::{BINS, Bins};
 use pattern::{Fit, Pattern};
 use turn::{Turn, Turned};
 
-/// Significance above which a rotation has a direction: noise alone is there once in a thousand rotations or less.
+/// Significance above which a rotation has a direction: noise alone exceeds it in at most one of a thousand
+/// rotations.
 const SIGNIFICANT: f32 = 20.0;
-/// The same for a shape that is not the pattern's: it has more ways to be there by chance.
+/// The same for a shape other than the pattern's, which is more likely to occur by chance.
 const ROUGH: f32 = 30.0;
-/// A second hill that stands out by this share of the whole range makes the first one ambiguous.
+/// A second maximum that stands out by this share of the whole range makes the first one ambiguous.
 const SECOND_MAX: f32 = 0.3;
 /// Bins without a reading, in a row, that are bridged: an eighth of a turn.
 const GAP_MAX: usize = BINS / 8;
-/// No receiver reports more.
+/// A larger power is not a valid reading.
 const POWER_MAX_DB: f32 = 300.0;
-/// No vehicle has wound itself up more.
+/// A larger yaw is not a valid reading.
 const YAW_MAX_RAD: f32 = 1e3;
 /// Largest turn from reading to reading.
 const LEAP_MAX_RAD: f32 = core::f32::consts::FRAC_PI_2;
 
-/// What the seeking needs to know.
+/// Configuration of the seeking.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
@@ -54,11 +55,11 @@ pub struct Config {
     pub pattern: pattern::Config,
     /// `a` of eq. 1, a reading.
     pub memory: f32,
-    /// Power of silence: whatever is below, such as no packet at all, is taken for this.
+    /// Power of silence: lower readings, or no packet at all, are replaced by it.
     pub silence_db: f32,
     /// Standard deviation of a bearing that no averaging removes: magnetometer, pattern, frame.
     pub sigma_min_rad: f32,
-    /// A rotation that takes longer is none.
+    /// A rotation that takes longer is discarded.
     pub rotation_max_s: f32,
 }
 
@@ -100,7 +101,7 @@ pub struct Seeker {
     log_memory: f32,
 }
 
-/// The rotation so far, and the averages.
+/// State: the rotation so far, and the averages.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     turn: Turn,
@@ -108,7 +109,7 @@ pub struct State {
 }
 
 impl State {
-    /// Nothing heard. All bits are zero.
+    /// Without a measurement. All bits are zero.
     #[must_use]
     pub const fn new() -> Self {
         Self { turn: Turn::new(), bins: Bins::new() }
@@ -121,23 +122,23 @@ impl State {
     }
 }
 
-/// What a rotation came to.
+/// The result of a rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
-    /// A direction.
+    /// A direction was found.
     Rotation(Rotation),
     /// No direction is louder than the others by more than noise explains.
     NoSignal {
         /// Power of the loudest bin.
         peak_db: f32,
     },
-    /// Too few readings for this turn rate: so many bins were without, in a row.
+    /// Too few readings for this turn rate: this many bins in a row had none.
     Sparse {
         /// The longest row.
         gap: usize,
     },
-    /// The antenna does not get around in [`Config::rotation_max_s`], or its yaw leaps.
+    /// The antenna does not complete a turn in [`Config::rotation_max_s`], or its yaw jumps.
     NotTurning,
 }
 
@@ -157,29 +158,30 @@ pub struct Rotation {
     pub loudest_ned_rad: f32,
     /// Power of the loudest bin.
     pub peak_db: f32,
-    /// From the lowest to the highest of the pattern that fits.
+    /// From the lowest to the highest value of the fitted pattern.
     pub contrast_db: f32,
-    /// What the pattern leaves, rms.
+    /// Residual of the fit, rms.
     pub residual_db: f32,
-    /// How far the next hill stands out of the valleys around it, over the whole range of heights, 0..=1.
+    /// How far the second maximum stands out of the minima around it, relative to the whole range, 0..=1.
     pub second: f32,
-    /// Whether that is too high to tell them apart.
+    /// Whether that is too high to distinguish them.
     pub ambiguous: bool,
-    /// Share of the averages that is left from earlier rotations: how much this bearing repeats the one before.
+    /// Share of the averages that is left from earlier rotations: how strongly this bearing depends on the one
+    /// before.
     pub retained: f32,
 }
 
 impl Rotation {
-    /// Standard deviation for those who take one rotation after the other for independent: errors that repeat themselves
-    /// by `r` from one to the next average as slowly as independent ones of `sqrt((1 + r) / (1 - r))` times the size.
+    /// Standard deviation for filters that assume independent rotations: errors with a correlation of `r` from one to
+    /// the next average as slowly as independent ones of `sqrt((1 + r) / (1 - r))` times the size.
     #[must_use]
     pub fn independent_sigma_rad(&self) -> f32 {
         let retained = crate::base::units::between(self.retained, 0.0, 0.99);
         self.sigma_rad * sqrt((1.0 + retained) / (1.0 - retained))
     }
 
-    /// This direction as a bearing in the body frame, as of now: [`Ownship::bearing_ned_rad`] takes it back to the same
-    /// direction from north, with the same depression of the source below the horizon.
+    /// This direction as a bearing in the body frame, at present: [`Ownship::bearing_ned_rad`] converts it back to
+    /// the same direction from north, with the same depression of the source below the horizon.
     #[must_use]
     pub fn bearing(&self, ownship: &Ownship, depression_rad: f32) -> Bearing {
         let time = ownship.attitude_time;
@@ -193,7 +195,8 @@ impl Rotation {
             sigma_rad: if useful { sigma_rad } else { core::f32::consts::PI },
             elevation_rad: 0.0,
             elevation_sigma_rad: core::f32::consts::FRAC_PI_2,
-            // One antenna has neither closure nor coherence; no wavenumber says that the elevation is not known.
+            // One antenna has neither closure nor coherence; a wavenumber of zero means that the elevation is
+            // unknown.
             quality: Quality { snr_db: self.contrast_db, ..Quality::default() },
             flags: if self.ambiguous { Flags::AMBIGUOUS } else { Flags::default() },
         }
@@ -201,9 +204,9 @@ impl Rotation {
 }
 
 impl Seeker {
-    /// Takes in a reading and the vehicle's yaw at it; says what the rotation came to when that ends one.
+    /// Takes a reading and the vehicle's yaw at that time; returns the result of a rotation that ends with it.
     ///
-    /// Readings that are no number are left out, as are those whose yaw is none.
+    /// Readings that are NaN are ignored, as are those whose yaw is NaN.
     pub fn step(&self, state: &mut State, time: Instant, yaw_rad: f32, power_db: f32) -> Option<Outcome> {
         if !(libm::fabsf(yaw_rad) <= YAW_MAX_RAD) {
             return None;
@@ -237,7 +240,7 @@ impl Seeker {
             return Outcome::NoSignal { peak_db };
         };
         let ambiguous = fit.second > SECOND_MAX;
-        // Between two hills, where one pattern fits both of them least badly, there is nothing.
+        // The fit between two maxima, where one pattern fits both of them least badly, is wrong.
         let direction_rad = if ambiguous { fit.hill_rad } else { fit.direction_rad };
         let least = self.config.sigma_min_rad;
         let readings_a_bin = f32::from(bins.readings()) / BINS as f32;
@@ -263,7 +266,8 @@ fn is_signal(fit: &Fit) -> bool {
     fit.significance > SIGNIFICANT || fit.second > SECOND_MAX && fit.roughness > ROUGH
 }
 
-/// The averages with straight lines over empty bins, how many bins had a reading, and the longest row of those without.
+/// The averages with straight lines over empty bins, the number of bins with a reading, and the longest row of empty
+/// ones.
 fn bridged(bins: &Bins) -> ([f32; BINS], usize, usize) {
     let mut average_db = [0.0; BINS];
     let first = bins.iter().enumerate().find_map(|(bin, average)| average.map(|average| (bin, average)));

@@ -1,6 +1,6 @@
-//! The antenna's gain pattern, and where it fits a rotation best.
+//! The antenna's gain pattern, and its best fit to a rotation.
 //!
-//! The gain is a raised cosine over what leaks in from everywhere, in dB
+//! The gain is a raised cosine over a constant leakage from all directions, in dB
 //!
 //! ```text
 //!     G(d) = 10 log10( ((1 + cos d) / 2)^n + 10^(-F / 10) )        n = 2: a cardioid, F: front to back
@@ -24,16 +24,16 @@ use crate::base::units::{sin_cos, wrap_pi};
 
 use super::bins::{BIN_RAD, BINS};
 
-/// Harmonics that are looked at.
+/// Harmonics that are used.
 const HARMONICS: usize = 3;
-/// Places around the circle where sums of them are looked at: every other bin is fine enough for three.
+/// Positions around the circle where sums of them are evaluated: every other bin is fine enough for three.
 const PLACES: usize = BINS / 2;
 /// From one to the next.
 const PLACE_RAD: f32 = 2.0 * BIN_RAD;
-/// Standard deviation that a bin has at least: readings come in steps of 1 dB or half of one.
+/// Smallest standard deviation of a bin: readings come in steps of 1 dB or half of one.
 const BIN_SIGMA_MIN_DB: f32 = 0.3;
-/// So much more than white noise would leave in the first harmonics is something else: chi-square with four degrees of
-/// freedom is there once in 25.
+/// Excess over white noise in the first harmonics that means something else: chi-square with four degrees of freedom
+/// exceeds it once in 25.
 const MISSED: f32 = 2.5;
 /// `10 / ln 10`.
 const DB: f32 = 4.342_945;
@@ -66,7 +66,7 @@ const COSINES: [f32; BINS] = {
     all
 };
 
-/// Cosine and sine of so many bins, less than [`BINS`].
+/// Cosine and sine of `index` bins, less than [`BINS`].
 pub(super) fn table(index: usize) -> (f32, f32) {
     let behind = if index < BINS / 4 { index + BINS - BINS / 4 } else { index - BINS / 4 };
     (COSINES.get(index).copied().unwrap_or(0.0), COSINES.get(behind).copied().unwrap_or(0.0))
@@ -78,7 +78,7 @@ pub(super) fn table(index: usize) -> (f32, f32) {
 pub struct Config {
     /// `n` of the raised cosine: 2 for a cardioid, more for a narrower lobe.
     pub exponent: f32,
-    /// Gain to the front over that to the back.
+    /// Gain to the front relative to the back.
     pub front_to_back_db: f32,
 }
 
@@ -89,7 +89,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Checks the configuration and takes the harmonics of the pattern.
+    /// Checks the configuration and computes the harmonics of the pattern.
     ///
     /// # Errors
     /// The field that is out of range.
@@ -105,7 +105,7 @@ impl Config {
         Ok(Pattern { gains, power, slope, variance: harmonics.variance, span_db })
     }
 
-    /// Gain that far from the boresight.
+    /// Gain at an angle off the boresight.
     #[must_use]
     pub fn gain_db(&self, off_rad: f32) -> f32 {
         let lobe = 0.5 * (1.0 + sin_cos(off_rad).1);
@@ -162,30 +162,30 @@ impl Harmonics {
     }
 }
 
-/// Where the pattern fits.
+/// The best fit of the pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
     /// Direction from the middle of the first bin, (-pi, pi].
     pub direction_rad: f32,
-    /// Its standard deviation, from what the fit leaves.
+    /// Its standard deviation, from the residual.
     pub sigma_rad: f32,
-    /// From the fitted pattern's lowest to its highest.
+    /// From the fitted pattern's lowest value to its highest.
     pub contrast_db: f32,
-    /// What the fit leaves, rms.
+    /// Residual of the fit, rms.
     pub residual_db: f32,
-    /// Square of the fitted pattern over its variance: what noise alone exceeds rarely is a signal.
+    /// Square of the fitted pattern over its variance: noise alone rarely exceeds it.
     pub significance: f32,
-    /// How far the next hill of the rotation's harmonics stands out, over their range; 0 when there is one only.
+    /// How far the second maximum of the rotation's harmonics stands out, over their range; 0 with only one.
     pub second: f32,
-    /// Direction of the highest hill.
+    /// Direction of the highest maximum.
     pub hill_rad: f32,
-    /// Square of the harmonics, of whatever shape, over the variance of the rest.
+    /// Square of the harmonics, of any shape, over the variance of the rest.
     pub roughness: f32,
 }
 
 impl Pattern {
-    /// Fits the pattern to a rotation's averages, in so many of which there was a reading; `None` where no direction is
-    /// louder than another.
+    /// Fits the pattern to a rotation's averages, `filled` of which have a reading; `None` if all directions are
+    /// equal.
     #[must_use]
     pub fn fit(&self, average_db: &[f32; BINS], filled: usize) -> Option<Fit> {
         let heard = Harmonics::of(average_db);
@@ -211,8 +211,8 @@ impl Pattern {
         let residual = if left > least { left } else { least } * filled / (filled - 3.0);
         let energy = 0.5 * shape.as_flattened().iter().map(|part| part * part).sum::<f32>();
         let rest = heard.variance - energy;
-        // Variance of a harmonic's part: of white noise, and as the first harmonics miss the pattern's, two of which the fit
-        // could not bend. A reflection is there and not in the rest.
+        // Variance of a harmonic's part: of white noise, and of the first harmonics' difference from the pattern's,
+        // two of which the fit could not change. A reflection is in that difference, not in the rest.
         let white = 2.0 * residual / filled;
         let missed = (energy - 0.5 * scale * scale * self.power) / (HARMONICS as f32 - 1.0);
         let part = if missed > MISSED * white { missed } else { white };
@@ -245,13 +245,13 @@ fn sampled(terms: &[[f32; 2]; HARMONICS]) -> [f32; PLACES] {
     })
 }
 
-/// The place with the largest value, and that.
+/// The position of the largest value, and that value.
 fn highest(values: &[f32; PLACES]) -> (usize, f32) {
     let pick = |best: (usize, f32), (place, value): (usize, &f32)| if *value > best.1 { (place, *value) } else { best };
     values.iter().enumerate().fold((0, f32::NEG_INFINITY), pick)
 }
 
-/// How far the next hill stands out of the valleys that part it from the highest one, over the whole range of heights.
+/// How far the second maximum stands out of the minima that separate it from the highest one, over the whole range.
 fn second_hill(values: &[f32; PLACES], top: usize) -> f32 {
     let at = |steps: usize| values.get((top + steps) % PLACES).copied().unwrap_or(0.0);
     let mut out = [0.0; PLACES];
@@ -272,7 +272,7 @@ fn second_hill(values: &[f32; PLACES], top: usize) -> f32 {
     if range > 0.0 { best / range } else { 0.0 }
 }
 
-/// From the place to the top, by Newton's steps; the direction and the correlation there.
+/// From the position to the maximum, by Newton's steps; returns the direction and the correlation there.
 fn climb(terms: &[[f32; 2]; HARMONICS], start_rad: f32) -> (f32, f32) {
     let value = |angle_rad: f32| {
         let (sine, cosine) = sin_cos(angle_rad);

@@ -5,7 +5,7 @@ use crate::base::units::sin_cos;
 use core::f32::consts::TAU;
 use std::vec::Vec;
 
-/// A vehicle on the spot, its antenna, and what it hears.
+/// A vehicle on the spot, its antenna, and the received signal.
 struct Scene {
     config: Config,
     source_rad: f32,
@@ -126,7 +126,7 @@ fn a_reflection_pulls_the_fit_and_widens_its_sigma() {
             }
         }
     }
-    // What is pulled without a trace is not seen: a reflection 45 degrees aside looks like a source between the two.
+    // A small pull is not detected: a reflection 45 degrees aside looks like a source between the two.
     assert!(worst < 8.0, "{worst}");
 }
 
@@ -166,7 +166,7 @@ fn silence_behind_is_information_and_no_readings_at_all_are_none() {
     for k in 0..3000_u64 {
         let yaw_rad = wrap_pi(0.02 * k as f32);
         let power_db = -45.0 + scene.power_db(yaw_rad, &mut rng);
-        // The receiver hears nothing below -112 dB.
+        // The receiver detects nothing below -112 dB.
         let power_db = if power_db < -112.0 { f32::NEG_INFINITY } else { power_db };
         if let Some(Outcome::Rotation(rotation)) = seeker.step(&mut state, Instant(k * 20_000), yaw_rad, power_db) {
             heard.push(rotation);

@@ -1,8 +1,8 @@
-//! When the antenna has looked into every direction: full turns from yaw alone.
+//! Detects full turns of the antenna, from yaw alone.
 //!
-//! The yaw is unwrapped, and a rotation is over once the unwrapped yaw has covered a full turn between its lowest and its
-//! highest, whichever way it went. So jitter back and forth counts once, a pause costs nothing but time, and a vehicle that
-//! sweeps there and back has looked around once a sweep.
+//! The yaw is unwrapped, and a rotation is complete once the unwrapped yaw has covered a full turn between its lowest
+//! and its highest value, in either direction. So jitter back and forth counts once, a pause only costs time, and a
+//! vehicle that sweeps back and forth completes one rotation per sweep.
 
 use core::f32::consts::TAU;
 
@@ -20,21 +20,21 @@ pub struct Turn {
     high_rad: f32,
 }
 
-/// What a yaw came to.
+/// The result of a yaw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Turned {
     /// Not around yet.
     Partly,
     /// Around, since that instant. The next rotation starts here.
     Full(Instant),
-    /// Not around in the time that there is; started afresh.
+    /// Not around within the time limit; started afresh.
     TooSlow,
-    /// The yaw leapt so far that nobody can say which way; started afresh.
+    /// The yaw jumped so far that its direction is unknown; started afresh.
     Leapt,
 }
 
 impl Turn {
-    /// Nothing heard.
+    /// Without a measurement.
     #[must_use]
     pub const fn new() -> Self {
         Self { started: None, yaw_rad: 0.0, turned_rad: 0.0, low_rad: 0.0, high_rad: 0.0 }
@@ -82,7 +82,7 @@ mod tests {
     use crate::base::rng::Rng;
     use std::vec::Vec;
 
-    /// Full turns of a yaw that is heard every 20 ms.
+    /// Full turns of a yaw that arrives every 20 ms.
     fn turns(yaws: impl IntoIterator<Item = f32>) -> usize {
         let mut turn = Turn::new();
         let heard = yaws.into_iter().enumerate();

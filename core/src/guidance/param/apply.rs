@@ -1,4 +1,4 @@
-//! From parameters into the configuration of guidance, and back.
+//! Writes parameters into the configuration of guidance, and reads them back.
 
 use core::f32::consts::PI;
 
@@ -11,21 +11,21 @@ use crate::landing;
 use crate::mapping::lidar;
 use crate::planning::explore;
 
-/// Beyond this the cells of a search grow with its radius.
+/// Beyond this radius the cells of a search grow.
 const SEARCH_R_M: f32 = 15.0;
 /// Cells from the middle of the search's grid to its edge, and a little less, for rounding.
 const SEARCH_CELLS: f32 = 14.9;
 
-/// Back: what the configuration has for each parameter.
+/// From the configuration to parameters.
 impl Values {
-    /// The parameters that a configuration of guidance comes to. What the table cannot say is its default, and so are the
-    /// parameters of the link.
+    /// The parameters that correspond to a configuration of guidance. A value that the table cannot express gets its
+    /// default, and so do the parameters of the link.
     #[must_use]
     pub fn of(config: &guidance::Config) -> Self {
         let mut values = Self::DEFAULT;
         for id in Id::all() {
             if let Some(value) = read_one(id, config) {
-                // Refused, it stays the default.
+                // If refused, it stays the default.
                 let _ = values.set(id, value);
             }
         }
@@ -105,17 +105,17 @@ fn read_one(id: Id, config: &guidance::Config) -> Option<f32> {
     })
 }
 
-/// There.
+/// From parameters to the configuration.
 impl Values {
-    /// Puts every parameter of guidance into its configuration. The antennas become the square of `FH_ARR_SIDE`; what no
-    /// parameter says stays as it is.
+    /// Writes every parameter of guidance into its configuration. The antennas become the square of `FH_ARR_SIDE`;
+    /// fields without a parameter are unchanged.
     pub fn apply(&self, config: &mut guidance::Config) {
         for id in Id::all() {
             self.apply_one(id, config);
         }
     }
 
-    /// Puts one parameter into the configuration; those of the link have no place there.
+    /// Writes one parameter into the configuration; parameters of the link have no field there.
     pub fn apply_one(&self, id: Id, config: &mut guidance::Config) {
         let value = self.get(id);
         let is_on = self.is_on(id);
@@ -131,7 +131,7 @@ impl Values {
             param::FH_RADIUS => config.set_vehicle_radius_m(value),
             param::FH_MARGIN => {
                 planner.margin_m = value;
-                // A search keeps it as well.
+                // A search uses it too.
                 config.set_vehicle_radius_m(config.guard.vehicle_radius_m);
             }
             param::FH_MARGIN_TGT => planner.tight_margin_m = value,

@@ -1,4 +1,4 @@
-//! The parameters by name, for those who read them.
+//! The parameters by name, as constants.
 #![expect(missing_docs, reason = "the table says it")]
 
 use super::Id;

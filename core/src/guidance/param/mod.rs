@@ -1,15 +1,14 @@
-//! The parameters: what an operator tunes, each with its name, unit, range, default and a sentence about it.
+//! The parameters that an operator tunes, each with its name, unit, range, default and a sentence of description.
 //!
-//! There is one [`TABLE`]. The ground station's list, the checks of what it sets, the manual's page and the command
-//! `foxhound params` all come from it. Every value is a float of 32 bits, so that nobody has to guess how an integer is
-//! packed; a [`Kind::Whole`] takes whole numbers only.
+//! There is one [`TABLE`]. The ground station's list, the checks of values, the manual's page and the command
+//! `foxhound params` all come from it. Every value is a 32-bit float, so that the packing of integers is never
+//! ambiguous; a [`Kind::Whole`] accepts whole numbers only.
 //!
-//! The rows are constants. What a firmware carries of them is computed from them when it is compiled: name, range, default
-//! and kind, 32 bytes each. The units and the sentences stay behind.
+//! The rows are constants. The firmware contains only a compact form, computed at compile time: name, range, default
+//! and kind, 32 bytes each. Units and descriptions are not linked.
 //!
-//! Parameters of guidance go into its configuration ([`Values::apply`]); the link reads those of its own by their
-//! [`Id`]. Each value is checked here by itself; whether all of them fit together only `guidance::Config::build` can
-//! say.
+//! Parameters of guidance go into its configuration ([`Values::apply`]); the link reads its own by their [`Id`]. Here
+//! each value is checked by itself; only `guidance::Config::build` can tell whether all of them fit together.
 
 mod apply;
 mod id;
@@ -20,39 +19,39 @@ pub use table::TABLE;
 
 /// Longest name, as MAVLink has it.
 pub const NAME_MAX: usize = 16;
-/// How many parameters there are.
+/// Number of parameters.
 pub const COUNT: usize = TABLE.len();
 
-/// What values a parameter takes.
+/// The kind of values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Kind {
     /// Any in its range.
     Real,
-    /// Whole numbers: counts, choices, and switches, which are 0 or 1.
+    /// Whole numbers: counts, choices, and switches (0 or 1).
     Whole,
 }
 
 /// One row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Param {
-    /// Name, in capitals.
+    /// Name, in upper case.
     pub name: &'static str,
     /// Unit as ground stations print it; empty where there is none.
     pub unit: &'static str,
-    /// Value before anybody set another.
+    /// Default value.
     pub default: f32,
     /// Smallest value.
     pub min: f32,
     /// Largest value.
     pub max: f32,
-    /// Which values.
+    /// Kind of values.
     pub kind: Kind,
-    /// What it does.
+    /// Description.
     pub doc: &'static str,
 }
 
-/// What a firmware carries of a row.
+/// The compact form of a row in the firmware.
 #[derive(Clone, Copy, Debug)]
 struct Wire {
     name: [u8; NAME_MAX],
@@ -92,8 +91,8 @@ const DEFAULTS: [f32; COUNT] = {
     defaults
 };
 
-/// Tells tables with other names, or the same in another order, apart: stored values belong to one table. FNV-1a over the
-/// names.
+/// Distinguishes tables with other names, or with the same names in another order: stored values belong to one table.
+/// FNV-1a over the names.
 pub const LAYOUT: u32 = {
     let mut hash = 0x811C_9DC5_u32;
     let mut row = 0;
@@ -126,13 +125,13 @@ impl Id {
         Self(row as u8)
     }
 
-    /// The parameter of that number.
+    /// The parameter with that number.
     #[must_use]
     pub fn at(index: usize) -> Option<Self> {
         (index < COUNT).then_some(Self(index as u8))
     }
 
-    /// The parameter of that name, which ends at its first zero or with the slice.
+    /// The parameter with that name, which ends at its first zero or with the slice.
     #[must_use]
     pub fn named(name: &[u8]) -> Option<Self> {
         let name = name.split(|byte| *byte == 0).next().unwrap_or_default();
@@ -154,7 +153,7 @@ impl Id {
         self.0 as usize
     }
 
-    /// Its name, filled up with zeros.
+    /// Its name, padded with zeros.
     #[must_use]
     pub fn padded_name(self) -> &'static [u8; NAME_MAX] {
         &self.wire().name
@@ -168,7 +167,7 @@ impl Id {
         name.get(..length).and_then(|name| core::str::from_utf8(name).ok()).unwrap_or_default()
     }
 
-    /// Its value before anybody set another.
+    /// Its default value.
     #[must_use]
     pub fn default(self) -> f32 {
         self.wire().default
@@ -180,7 +179,7 @@ impl Id {
         (self.wire().min, self.wire().max)
     }
 
-    /// Whether it may have this value, all others aside.
+    /// Whether it may have this value, regardless of all others.
     ///
     /// # Errors
     /// Why it may not.
@@ -199,7 +198,7 @@ impl Id {
     }
 
     fn wire(self) -> &'static Wire {
-        // Every constructor looks that it is inside, so the first never stands in for another.
+        // Every constructor checks the range, so the first row is never returned for another.
         WIRE.get(self.index()).unwrap_or(&WIRE[0])
     }
 }
@@ -234,7 +233,7 @@ pub enum Refusal {
 impl core::fmt::Display for Refusal {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Unknown => f.write_str("there is no such parameter"),
+            Self::Unknown => f.write_str("is not a known parameter"),
             Self::NotFinite => f.write_str("is not a finite number"),
             Self::OutOfRange { min, max } => write!(f, "is outside {min}..={max}"),
             Self::NotWhole => f.write_str("is not a whole number"),
@@ -258,8 +257,8 @@ impl Values {
     /// The default of every parameter.
     pub const DEFAULT: Self = Self(DEFAULTS);
 
-    /// Takes in what was stored, by [`LAYOUT`] of this very table. A value that is refused by now is its default; the number of
-    /// these is told.
+    /// Restores stored values, of this table's [`LAYOUT`]. A value that is refused by now gets its default; returns
+    /// how many.
     #[must_use]
     pub fn restore(stored: &[f32; COUNT]) -> (Self, usize) {
         let (mut values, mut refused) = (Self::DEFAULT, 0);
@@ -269,7 +268,7 @@ impl Values {
         (values, refused)
     }
 
-    /// What is to be stored.
+    /// The values to store.
     #[must_use]
     pub const fn as_array(&self) -> &[f32; COUNT] {
         &self.0
@@ -296,20 +295,20 @@ impl Values {
     /// Sets a value.
     ///
     /// # Errors
-    /// Why it is refused; then the old one stays.
+    /// Why it is refused; then the old value is kept.
     pub fn set(&mut self, id: Id, value: f32) -> Result<(), Refusal> {
         id.check(value)?;
-        // There are no two zeros: -0 would be another one on the wire.
+        // There is only one zero: -0 would be another value on the link.
         if let Some(slot) = self.0.get_mut(id.index()) {
             *slot = value + 0.0;
         }
         Ok(())
     }
 
-    /// Sets the value of a name.
+    /// Sets the value of a parameter by name.
     ///
     /// # Errors
-    /// Why it is refused; then the old one stays.
+    /// Why it is refused; then the old value is kept.
     pub fn set_named(&mut self, name: &str, value: f32) -> Result<(), Refusal> {
         self.set(Id::named(name.as_bytes()).ok_or(Refusal::Unknown)?, value)
     }

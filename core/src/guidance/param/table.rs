@@ -1,4 +1,4 @@
-//! The table itself.
+//! The table of parameters.
 
 use super::{Kind, Param};
 
@@ -14,34 +14,34 @@ const fn switch(name: &'static str, default: f32, doc: &'static str) -> Param {
     whole(name, default, [0.0, 1.0], doc)
 }
 
-/// All parameters, in the order in which they are listed.
+/// All parameters, in the order of the list.
 pub const TABLE: &[Param] = &[
-    // How it moves.
+    // Motion.
     real("FH_SPD_MAX", "m/s", 1.0, [0.05, 20.0], "Largest horizontal speed."),
     real("FH_SPD_Z_MAX", "m/s", 0.5, [0.0, 5.0], "Largest vertical speed."),
     real("FH_ACC_MAX", "m/s/s", 2.0, [0.1, 20.0], "Largest change of the commanded velocity."),
-    real("FH_JERK_MAX", "m/s/s/s", 20.0, [1.0, 1000.0], "Largest change of that change while the speed grows."),
+    real("FH_JERK_MAX", "m/s/s/s", 20.0, [1.0, 1000.0], "Largest change of the acceleration while the speed grows."),
     real("FH_YAWR_MAX", "rad/s", 2.5, [0.1, 6.3], "Largest yaw rate."),
     real("FH_DEAD_TIME", "s", 0.32, [0.0, 1.12], "Time from a setpoint to the vehicle's first motion."),
     real("FH_LAG", "s", 0.5, [0.0, 5.0], "Time constant of the vehicle's velocity after that."),
-    // What it keeps away from.
+    // Distances to keep.
     real("FH_RADIUS", "m", 0.15, [0.0, 5.0], "Radius of the vehicle with its propellers."),
     real("FH_MARGIN", "m", 0.05, [0.0, 5.0], "Clearance that a plan keeps from every known obstacle."),
+    real("FH_MARGIN_TGT", "m", 0.02, [0.0, 5.0], "Clearance that a plan keeps in narrow gaps; at most FH_MARGIN."),
     real(
-        "FH_MARGIN_TGT",
+        "FH_MARGIN_GRD",
         "m",
-        0.02,
+        0.03,
         [0.0, 5.0],
-        "Clearance that a plan keeps where there is no room for more; at most FH_MARGIN.",
+        "Clearance that the guard keeps from every obstacle, whatever the plan.",
     ),
-    real("FH_MARGIN_GRD", "m", 0.03, [0.0, 5.0], "Clearance that the guard keeps whatever the plan says."),
-    real("FH_APPR_RATE", "1/s", 2.0, [0.1, 20.0], "Share of the remaining clearance that may be used up a second."),
+    real("FH_APPR_RATE", "1/s", 2.0, [0.1, 20.0], "Share of the remaining clearance that may be used up per second."),
     real(
         "FH_ALT_BAND",
         "m",
         2.0,
         [0.1, 1000.0],
-        "Largest deviation from the altitude at which control was given, either way.",
+        "Largest deviation from the altitude at which control was given, up or down.",
     ),
     real(
         "FH_FENCE_R",
@@ -51,7 +51,7 @@ pub const TABLE: &[Param] = &[
         "Farthest from the origin of the autopilot's local frame, horizontally, 1 m at least; 0: anywhere.",
     ),
     real("FH_FENCE_MRG", "m", 0.5, [0.0, 100.0], "Distance that is kept from the fence, on its inside."),
-    // What it sees.
+    // Obstacle sensor.
     real("FH_OBS_FOV", "deg", 90.0, [5.73, 360.0], "Full angle of the obstacle sensor's view, centred on the nose."),
     real("FH_OBS_RANGE", "m", 3.0, [0.1, 100.0], "How far the obstacle sensor sees."),
     real("FH_OBS_MIN", "m", 0.075, [0.05, 1.0], "Radius of the smallest obstacle that must not be overlooked."),
@@ -60,47 +60,47 @@ pub const TABLE: &[Param] = &[
         "",
         0.5,
         [0.0, 1.0],
-        "Share of the speed that is granted out of the sensor's view, into what has been seen.",
+        "Share of the speed that is allowed outside the sensor's view, into places that it has seen.",
     ),
     real(
         "FH_START_CLR",
         "m",
         0.03,
         [0.0, 1.0],
-        "Nothing unseen is closer to the vehicle than this where it is first asked to move.",
+        "Distance from the vehicle within which nothing unseen is assumed at the start.",
     ),
     whole(
         "FH_OBS_SRC",
         0.0,
         [0.0, 2.0],
-        "Where obstacles are taken from: 0 the autopilot's messages, 1 the lidar on the computer's own line and nothing else, 2 the same, where it hangs upside down.",
+        "Source of obstacles: 0 MAVLink messages, 1 only the lidar on the computer's own serial line, 2 the same with the lidar mounted upside down.",
     ),
-    real("FH_LDR_YAW", "deg", 0.0, [-180.0, 180.0], "Where the arrow of that lidar points, from the nose, clockwise."),
-    // Where it goes.
+    real("FH_LDR_YAW", "deg", 0.0, [-180.0, 180.0], "Direction of that lidar's arrow, from the nose, clockwise."),
+    // Planning and search.
     real("FH_TGT_DIST", "m", 2.0, [0.5, 20.0], "Distance of the temporary target along the bearing."),
-    real("FH_RPL_TIME", "s", 0.7, [0.1, 60.0], "A new plan is asked for after this long at the latest."),
-    whole("FH_RPL_WPT", 5.0, [1.0, 15.0], "A new plan is asked for when this many of its 15 waypoints are passed."),
-    switch("FH_BENDS", 1.0, "1: bends the way to learn the range of the beacon where nothing is near."),
-    switch("FH_REFLECT", 1.0, "1: looks for reflections and follows them to the beacon."),
+    real("FH_RPL_TIME", "s", 0.7, [0.1, 60.0], "A new plan is requested after this long at the latest."),
+    whole("FH_RPL_WPT", 5.0, [1.0, 15.0], "A new plan is requested when this many of its 15 waypoints are passed."),
+    switch("FH_BENDS", 1.0, "1: bends the path to measure the beacon's range where no obstacle is near."),
+    switch("FH_REFLECT", 1.0, "1: recognises reflections and traces them back to the beacon."),
     real(
         "FH_SRCH_TIME",
         "s",
         0.0,
         [0.0, 3600.0],
-        "How long it searches while nothing is heard, 1 s at least; 0: it holds instead.",
+        "How long it searches while there is no signal, 1 s at least; 0: it holds instead.",
     ),
     real(
         "FH_SRCH_R",
         "m",
         15.0,
         [1.0, 200.0],
-        "How far from where a search began it goes; beyond 15 m the map of the search gets coarser.",
+        "Largest distance from the start of a search; beyond 15 m the map of the search gets coarser.",
     ),
-    // How long it trusts.
+    // Time limits.
     real("FH_POS_AGE", "s", 0.3, [0.02, 5.0], "It holds when the position is older than this."),
     real("FH_ATT_AGE", "s", 0.2, [0.02, 5.0], "It holds when the attitude is older than this."),
     real("FH_OBS_AGE", "s", 0.5, [0.05, 10.0], "It holds when no obstacle sensor has reported for this long."),
-    switch("FH_OBS_REQ", 1.0, "1: there must be an obstacle sensor. 0: flies without one, and blind."),
+    switch("FH_OBS_REQ", 1.0, "1: requires an obstacle sensor. 0: flies without one, blind."),
     real(
         "FH_BRG_AGE",
         "s",
@@ -110,8 +110,8 @@ pub const TABLE: &[Param] = &[
     ),
     real("FH_NOPATH_T", "s", 15.0, [0.5, 600.0], "It gives up after this long without a path."),
     real("FH_STALL_T", "s", 20.0, [1.0, 600.0], "It gives up after this long without progress."),
-    real("FH_STALL_R", "m", 1.0, [0.1, 100.0], "Progress: having come this far from where the time started."),
-    // The antennas.
+    real("FH_STALL_R", "m", 1.0, [0.1, 100.0], "Progress means having moved this far since the time started."),
+    // Antennas.
     real("FH_WAVELEN", "m", 0.345, [0.001, 10.0], "Wavelength of the beacon's carrier."),
     real(
         "FH_ARR_SIDE",
@@ -128,7 +128,7 @@ pub const TABLE: &[Param] = &[
         "Hz",
         0.0,
         [0.0, 4.9e6],
-        "Frequency of the tone where it is known; 0: it is looked for in the band.",
+        "Frequency of the tone if it is known; 0: it is searched for in the band.",
     ),
     real("FH_TONE_LO", "Hz", 2_000.0, [0.0, 4.8e6], "Lower end of the tone's band."),
     real("FH_TONE_HI", "Hz", 49_000.0, [12.0, 5e6], "Upper end of the tone's band; at most half of FH_SMP_RATE."),
@@ -136,22 +136,22 @@ pub const TABLE: &[Param] = &[
         "FH_TURN",
         0.0,
         [0.0, 2.0],
-        "Finding the beacon by turning the vehicle: 0 never, 1 while fewer than three channels live, 2 always, with one antenna.",
+        "Finding the beacon by turning the vehicle: 0 never, 1 while fewer than three channels work, 2 always, with one antenna.",
     ),
     real(
         "FH_TURN_RATE",
         "rad/s",
         1.2,
         [-6.3, 6.3],
-        "How fast it turns then; negative to the left; 0.4 at least, at most FH_YAWR_MAX.",
+        "Turn rate for that; negative to the left; 0.4 at least, at most FH_YAWR_MAX.",
     ),
     whole("FH_TURN_CH", 0.0, [0.0, 3.0], "Channel of the one antenna, 0 to 3."),
-    // How it arrives.
+    // Arrival.
     whole(
         "FH_LND_MODE",
         0.0,
         [0.0, 2.0],
-        "What it does where it arrives: 0 goes on seeking, 1 hovers above the beacon and hands over, 2 lands on the pad that its camera sees.",
+        "On arrival: 0 goes on seeking, 1 hovers above the beacon and hands over, 2 lands on the pad that its camera sees.",
     ),
     switch(
         "FH_LND_REQ",
@@ -164,9 +164,9 @@ pub const TABLE: &[Param] = &[
         "",
         0.866,
         [0.2, 5.0],
-        "Focal length of the camera over the width of its picture; 0.866 is 60 degrees from left to right.",
+        "Focal length of the camera divided by the width of its picture; 0.866 is 60 degrees from left to right.",
     ),
-    // The link.
+    // Link.
     real("FH_SP_AGE", "s", 0.25, [0.05, 1.0], "A setpoint older than this is replaced by zero velocity."),
     real(
         "FH_HB_TMO",
@@ -187,7 +187,7 @@ pub const TABLE: &[Param] = &[
         "FH_OBS_FRAME",
         0.0,
         [0.0, 2.0],
-        "What the angles of OBSTACLE_DISTANCE count from: 0 the nose for ArduPilot, else as the message says; 1 as the message says; 2 the nose.",
+        "Zero of the angles of OBSTACLE_DISTANCE: 0 the nose for ArduPilot, else as the message says; 1 as the message says; 2 the nose.",
     ),
     Param {
         unit: "%",
@@ -195,7 +195,7 @@ pub const TABLE: &[Param] = &[
             "FH_BAT_MIN",
             0.0,
             [0.0, 100.0],
-            "It holds below this charge of the battery; 0: goes by the autopilot's warnings only.",
+            "It holds below this charge of the battery; 0: only on the autopilot's warnings.",
         )
     },
     whole("FH_RC_CH", 0.0, [0.0, 18.0], "RC channel that must be high for it to move; 0: none."),

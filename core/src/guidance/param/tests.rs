@@ -8,7 +8,7 @@ use crate::guidance::{self, turning};
 
 type Place = fn(&guidance::Config) -> f32;
 
-/// Where each parameter of guidance ends up, written down a second time; in degrees where the table is.
+/// The field of each parameter of guidance, written a second time; in degrees where the table is.
 const PLACES: &[(Id, Place)] = &[
     (FH_SPD_MAX, |c| c.guard.v_max_mps),
     (FH_SPD_Z_MAX, |c| c.guard.v_down_max_mps),
@@ -84,7 +84,7 @@ fn applied(values: &Values) -> guidance::Config {
     config
 }
 
-/// Others that must change along with a parameter for it to take effect, or to use its whole range.
+/// Other parameters that must change along with a parameter for it to take effect, or to use its whole range.
 fn company(id: Id, value: f32) -> Vec<(Id, f32)> {
     match id {
         FH_MARGIN => vec![(FH_MARGIN_TGT, 0.0)],
@@ -120,7 +120,7 @@ fn the_defaults_of_the_table_are_those_of_guidance() {
     for (id, place) in PLACES.iter().filter(|(id, _)| !matches!(*id, FH_OBS_FOV | FH_ARR_SIDE)) {
         assert_eq!(id.default().to_bits(), place(&default).to_bits(), "{}", id.name());
     }
-    // Those of the whole configuration, bit for bit, also where the table counts in degrees.
+    // The values of the whole configuration, bit for bit, also where the table is in degrees.
     assert_eq!(applied(&Values::DEFAULT), default);
 }
 
@@ -181,8 +181,8 @@ fn both_ends_of_every_range_build() {
 
 #[test]
 fn nothing_beyond_a_range_would_build() {
-    // Switches and choices have nothing beyond. The others end before guidance does: where antennas can be
-    // built, where a search's grid is fine enough, and where the widest band that fits into the highest rate ends.
+    // Switches and choices have no wider range. The others end before guidance does: where antennas can be built,
+    // where a search's grid is fine enough, and where the widest band that fits into the highest rate ends.
     let narrower = [
         (FH_ARR_SIDE, 0),
         (FH_ARR_SIDE, 1),
@@ -257,7 +257,7 @@ fn rows_are_what_a_ground_station_can_show() {
         assert!(param.doc.ends_with('.') && param.doc.is_ascii() && !param.doc.contains('|'), "{name}");
         assert_eq!((id.name(), id.default(), id.range()), (name, param.default, (param.min, param.max)));
     }
-    // A set of waiting answers is one word.
+    // A set of waiting answers is one machine word.
     const { assert!(COUNT <= 64) };
 }
 

@@ -7,7 +7,7 @@ use crate::base::rng::Rng;
 use crate::base::units::wrap_pi;
 use crate::doa::bearing::{Flags, Quality};
 
-/// Bearings of a beacon from where the vehicle hovers, 2 m above it, for some seconds.
+/// Bearings of a beacon from a vehicle that hovers 2 m above it, for some seconds.
 fn hovering(beacon: Horizontal, yaw_rad: f32, roll_rad: f32, flags: Flags) -> Option<Fix> {
     let arrival = arrival::Config::default().build().unwrap();
     let mut state = arrival::State::default();

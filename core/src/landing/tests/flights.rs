@@ -4,7 +4,7 @@ use super::super::*;
 use super::model::{Answer, Flight, World, restless, towards_beacon};
 use crate::base::rng::Rng;
 
-/// How near to the pad's middle it must come down, and to the beacon without a camera.
+/// How near to the pad's middle it must land, and how near to the beacon it must hover without a camera.
 const ON_PAD_M: f32 = 0.15;
 const ABOVE_BEACON_M: f32 = 1.5;
 
@@ -12,7 +12,7 @@ fn camera() -> Lander {
     Config { has_camera: true, ..Config::default() }.build().unwrap()
 }
 
-/// A beacon with a pad near it; one look in ten shows something else, one nothing.
+/// A beacon with a pad near it; one detection in ten is of something else, one is missing.
 pub(super) fn landing(seed: u64) -> World {
     let mut rng = Rng::new(seed, 5);
     let at = |rng: &mut Rng, metres: f32| metres * (2.0 * rng.uniform() - 1.0);
@@ -27,7 +27,7 @@ pub(super) fn landing(seed: u64) -> World {
     }
 }
 
-/// Of so many flights: how many came down, how many of those on the pad's middle, and the farthest from it.
+/// Of this many flights: how many landed, how many of those on the pad's middle, and the farthest from it.
 fn land(flights: u64, world: impl Fn(u64) -> World) -> (u32, u32, f32) {
     let lander = camera();
     let (mut down, mut on_pad, mut farthest_m) = (0, 0, 0.0_f32);
@@ -89,7 +89,7 @@ fn late_and_rare_looks_do_no_harm() {
     assert!(down >= 58 && on_pad == down, "{down} {on_pad} {farthest_m}");
 }
 
-/// Flights without a camera: each hovers within reach of the beacon, or says why not. The number that arrived.
+/// Flights without a camera: each hovers within reach of the beacon, or gives a reason. Returns how many arrived.
 fn seek(name: &str, flights: u64, row: World) -> u32 {
     let lander = Config::default().build().unwrap();
     let mut arrived = 0;
@@ -159,7 +159,7 @@ fn a_jump_of_the_autopilots_position_leads_nowhere_else() {
 
 #[test]
 fn the_position_loop_amplifies_no_disturbance_by_more_than_2_1() {
-    // Of the loop with the autopilot's answer and everything that is late, at all frequencies: 1 / |1 + L|.
+    // Of the loop with the autopilot's response and all delays, at all frequencies: 1 / |1 + L|.
     let c = centring::Config::default();
     let [kp, ki, kd] = [c.kp_per_s, c.ki_per_s2, c.kd].map(f64::from);
     let amplifies = |late_s: f64, answer: &dyn Fn([f64; 2]) -> [f64; 2]| {

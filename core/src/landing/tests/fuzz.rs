@@ -1,4 +1,4 @@
-//! Whatever the input are: demands are finite, inside the limits, and change no faster than they may.
+//! For any input, demands are finite, inside the limits, and change no faster than allowed.
 
 use super::super::observation::{Bad, Nothing, Pad, PadObservation, Seen};
 use super::super::*;
@@ -21,7 +21,7 @@ const WILD: [f32; 12] = [
     1e6,
 ];
 
-/// Mostly a number of that scale, sometimes anything.
+/// Mostly a number of that scale, sometimes any bit pattern.
 fn some(rng: &mut Rng, scale: f32, wildness: f32) -> f32 {
     if rng.uniform() < wildness { WILD[(rng.uniform() * 11.99) as usize] } else { scale * rng.gaussian() }
 }
@@ -152,7 +152,7 @@ fn no_facts_lead_to_a_demand_outside_of_the_limits() {
             }
         }
     }
-    // Noise does not come down on a pad; the flights of the model do, with the same checks.
+    // Noise does not land on a pad; the flights of the model do, with the same checks.
     let [seeking, approaching, _, for_pad, centring, descending, recovering, ..] = stages;
     let reached = [seeking, approaching, for_pad, centring, descending, recovering];
     assert!(reached.iter().all(|count| *count > 0), "{stages:?}");

@@ -48,12 +48,13 @@ fn the_state_is_small() {
     assert!(size_of::<Option<Output>>() <= 64, "{}", size_of::<Option<Output>>());
 }
 
-/// Flies a lander with a hovering vehicle to which the pad is shown from the first step on, for so long; the last output.
+/// Flies a lander with a hovering vehicle that sees the pad from the first step on, for `seconds`; returns the last
+/// output.
 fn shown(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32) -> Output {
     shown_late(place, yaw_rad, seen, seconds, 0)
 }
 
-/// The same with looks that are so old.
+/// The same with delayed detections.
 fn shown_late(place: Ned, yaw_rad: f32, seen: impl Fn(u64) -> Option<Seen>, seconds: f32, late_us: u64) -> Output {
     let lander = Config { has_camera: true, ..Config::default() }.build().unwrap();
     let estimate = Estimate { covariance_m2: [0.1, 0.0, 0.1], ..Estimate::default() };

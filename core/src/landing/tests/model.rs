@@ -1,4 +1,4 @@
-//! A vehicle, the air, a camera and a beacon, as simple as they can be.
+//! A simple model of a vehicle, the air, a camera and a beacon.
 
 use std::collections::VecDeque;
 use std::vec::Vec;
@@ -12,16 +12,16 @@ use crate::landing::pose::Axes;
 
 const TICK_S: f32 = 0.02;
 const GRAVITY_MPS2: f32 = 9.81;
-/// The gust's push by a metre a second, and how long a gust is.
+/// The gust's acceleration per metre a second, and the duration of a gust.
 const DRAG_PER_S: f32 = 0.3;
 const GUST_S: f32 = 2.0;
 /// Filter of the autopilot's velocity controller, and the lag of the lean behind it.
 const FILTER_S: f32 = 0.032;
 const LEAN_S: f32 = 0.2;
-/// Telemetry is so old when it is heard.
+/// Age of telemetry on arrival.
 const HEARD_LATE_TICKS: usize = 2;
 
-/// How the vehicle answers.
+/// Response of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Answer {
     /// 0.22 s, then a critically damped second order of 3.1 rad/s.
@@ -38,7 +38,7 @@ pub(super) enum Camera {
     Dead,
 }
 
-/// A time without something: from when, until when.
+/// A time span: begin and end.
 pub(super) type Span = (f32, f32);
 pub(super) const NEVER: Span = (1e9, 1e9);
 
@@ -46,7 +46,7 @@ fn inside((from_s, to_s): Span, time_s: f32) -> bool {
     time_s >= from_s && time_s < to_s
 }
 
-/// What a flight is like.
+/// Conditions of a flight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct World {
     pub(super) seed: u64,
@@ -54,35 +54,35 @@ pub(super) struct World {
     pub(super) start_ned_m: Ned,
     pub(super) pad_ned_m: Option<Horizontal>,
     pub(super) beacon_ned_m: Ned,
-    /// Standard deviation of the gusts along each axis, and how fast the beacon goes north.
+    /// Standard deviation of the gusts along each axis, and the beacon's speed to the north.
     pub(super) gust_mps: f32,
     pub(super) beacon_mps: f32,
     pub(super) has_finder: bool,
     pub(super) look_period_ticks: u64,
     pub(super) look_late_ticks: usize,
     pub(super) tangent_sigma: f32,
-    /// Shares of looks that show something else, and nothing.
+    /// Shares of detections of something else, and of missing ones.
     pub(super) false_share: f32,
     pub(super) missed_share: f32,
-    /// Bearings: sigma, a bias that changes from place to place, outliers; whether their elevation is known.
+    /// Bearings: sigma, a bias that varies with the position, outliers; whether their elevation is known.
     pub(super) bearing_sigma_rad: f32,
     pub(super) bias_rad: f32,
     pub(super) outlier_share: f32,
     pub(super) has_elevation: bool,
     pub(super) deaf_s: Span,
-    /// What the bank believes, if anything.
+    /// The bank's estimate, if any.
     pub(super) believed_ned_m: Option<Horizontal>,
-    /// The autopilot says that it has landed.
+    /// The autopilot reports that it has landed.
     pub(super) says_landed: bool,
     pub(super) camera: Camera,
-    /// When the pad is covered, the guard brakes, nothing is heard of the own vehicle, and its attitude is no number.
+    /// When the pad is covered, the guard brakes, no ownship arrives, and its attitude is NaN.
     pub(super) covered_s: Span,
     pub(super) blocked_s: Span,
     pub(super) silent_s: Span,
     pub(super) nan_s: Span,
     /// The pad's apparent radius is not known.
     pub(super) lacks_radius: bool,
-    /// The ground is higher than the pad's place says, so that the vehicle stands before it is there.
+    /// The ground is higher than the pad's position, so that the vehicle stands before it reaches it.
     pub(super) ground_down_m: f32,
 }
 
@@ -120,8 +120,8 @@ impl World {
     }
 }
 
-/// How far a gust moves the vehicle from where it would have flown without, in one direction, and what the autopilot's controller
-/// does about it: ArduCopter in GUIDED holds the position that its setpoints lead to, PX4 in OFFBOARD the velocity only.
+/// How far a gust moves the vehicle from its undisturbed path, along one axis, and the reaction of the autopilot's
+/// controller: ArduCopter in GUIDED holds the position that its setpoints lead to, PX4 in OFFBOARD only the velocity.
 #[derive(Clone, Copy, Debug, Default)]
 struct Deviation {
     position_m: f32,
@@ -150,7 +150,7 @@ impl Deviation {
     }
 }
 
-/// A flight under way.
+/// A flight in progress.
 pub(super) struct Flight {
     pub(super) world: World,
     rng: Rng,
@@ -161,17 +161,17 @@ pub(super) struct Flight {
     underway: VecDeque<[f32; 3]>,
     gust_mps: [f32; 2],
     deviations: [Deviation; 2],
-    /// The velocity without it.
+    /// The undisturbed velocity.
     calm_ned_mps: [f32; 3],
     yaw_rad: f32,
     roll_rad: f32,
     pitch_rad: f32,
     told: VecDeque<Ownship>,
     looks: VecDeque<Option<PadObservation>>,
-    /// Phases of the bias over the place.
+    /// Phases of the bias over the position.
     phases: [f32; 4],
     pub(super) lands_at: Option<Horizontal>,
-    /// How far off the position is that the autopilot reports.
+    /// Error of the position that the autopilot reports.
     pub(super) reported_off_m: Horizontal,
 }
 
@@ -250,7 +250,7 @@ impl Flight {
         [axes.forward, axes.right, axes.down].map(|a| a.north * v[0] + a.east * v[1] + a.down * v[2])
     }
 
-    /// What the camera sees at this moment.
+    /// The detector's result at this moment.
     fn look(&mut self) -> PadObservation {
         let time = self.now();
         let world = self.world;
@@ -280,7 +280,7 @@ impl Flight {
             return empty;
         }
         let is_cut = libm::fabsf(f) + radius > half_f || libm::fabsf(r) + radius > half_r;
-        // What is cut has its middle drawn to the inside.
+        // A cut disc has its centre shifted to the inside.
         let (f, r) = if is_cut { (0.8 * f, 0.8 * r) } else { (f, r) };
         let sigma = world.tangent_sigma;
         let pad = Pad {
@@ -293,7 +293,7 @@ impl Flight {
         PadObservation { time, seen: Seen::Pad(pad) }
     }
 
-    /// What the array hears at this moment.
+    /// The array's bearing at this moment.
     fn bearing(&mut self) -> Bearing {
         let world = self.world;
         let beacon = self.beacon();
@@ -301,7 +301,7 @@ impl Flight {
         let to = [beacon.north - north, beacon.east - east, world.beacon_ned_m.down - down];
         let range = libm::sqrtf(to.iter().map(|x| x * x).sum());
         let [mut forward, mut right, _] = self.to_body(to.map(|x| x / range));
-        // Reflections add what changes from place to place, by a wave of half a metre or so.
+        // Reflections add an error that varies with the position, over half a metre or so.
         let [a, b, c, d] = self.phases;
         forward += world.bias_rad * (libm::sinf(9.0 * north + a) + libm::sinf(11.0 * east + b)) * 0.7;
         right += world.bias_rad * (libm::sinf(10.0 * north + c) + libm::sinf(8.0 * east + d)) * 0.7;
@@ -347,7 +347,7 @@ impl Flight {
         }
     }
 
-    /// One step: input to the lander, its demand, or the planner's, to the vehicle.
+    /// One step: input to the lander, and its demand, or the planner's, to the vehicle.
     pub(super) fn step(&mut self, lander: &Lander, state: &mut State, planner: impl Fn(&Self) -> Horizontal) -> Output {
         self.told.push_back(self.ownship());
         if self.told.len() > HEARD_LATE_TICKS {
@@ -448,7 +448,7 @@ impl Flight {
         self.tick += 1;
     }
 
-    /// Flies until somebody takes over, or it stands; the stages on the way.
+    /// Flies until it has handed over or landed; returns the stages in order.
     pub(super) fn run(
         &mut self,
         lander: &Lander,
@@ -471,7 +471,7 @@ impl Flight {
     }
 }
 
-/// What the demand begins at.
+/// The velocity at which the demand begins.
 fn advice_before(state: &State) -> (Horizontal, f32) {
     (state.velocity_ned_mps, state.down_mps)
 }

@@ -1,4 +1,4 @@
-//! The table of the module's text, row by row.
+//! The table in the module's documentation, row by row.
 
 use std::vec::Vec;
 
@@ -8,7 +8,7 @@ use super::model::{Camera, Flight, NEVER, World, restless, stay, towards_beacon}
 
 const FOR_EVER: f32 = 1e9;
 
-/// A beacon 5 m to the north, a pad half a metre from it, both 2 m below; nothing is disturbed.
+/// A beacon 5 m to the north, a pad half a metre from it, both 2 m below; no disturbances.
 fn quiet() -> World {
     World {
         start_ned_m: Ned { down: -2.0, ..Ned::default() },
@@ -22,7 +22,7 @@ fn camera() -> Config {
     Config { has_camera: true, ..Config::default() }
 }
 
-/// Flies; what it came to, and every stage with its reason on the way.
+/// Flies; returns the last output, and every stage with its reason.
 fn fly(config: Config, world: World) -> (Output, Vec<(Stage, Option<Reason>)>) {
     let lander = config.build().unwrap();
     let (mut flight, mut state) = (Flight::new(world), State::default());
@@ -75,7 +75,7 @@ fn far_away_the_planner_is_followed_whatever_is_heard() {
     ] {
         for seed in 0..10 {
             for planner in [stay as fn(&Flight) -> Horizontal, |flight: &Flight| {
-                // To and fro across the bearing.
+                // Back and forth across the bearing.
                 Horizontal { north: 0.0, east: libm::cosf(0.8 * flight.time_s()) }
             }] {
                 let lander = camera().build().unwrap();
@@ -91,7 +91,7 @@ fn far_away_the_planner_is_followed_whatever_is_heard() {
 
 #[test]
 fn a_bearing_that_swings_from_a_reflection_to_the_source_is_no_arrival() {
-    // Flying north after an image; after 6 s the source itself is heard, behind, 12 m to the south.
+    // Flying north towards a mirror image; after 6 s the source itself is received, 12 m to the south, behind.
     for has_elevation in [false, true] {
         let lander = Config::default().build().unwrap();
         let world = World { has_elevation, beacon_ned_m: Ned { north: 20.0, ..Ned::default() }, ..quiet() };
@@ -119,7 +119,7 @@ fn arrived_it_goes_above_the_beacon_and_hands_over_and_lands_only_if_the_user_wa
 
 #[test]
 fn near_for_long_and_not_known_it_searches_until_it_knows() {
-    // Only where the bank believes it; hovering tells no more.
+    // Only by the bank's estimate; hovering gives no more information.
     let world = World {
         has_elevation: false,
         start_ned_m: Ned { north: 3.5, east: 0.5, down: -2.0 },
@@ -134,7 +134,7 @@ fn near_for_long_and_not_known_it_searches_until_it_knows() {
 
 #[test]
 fn a_beacon_that_is_not_found_is_searched_for_within_limits() {
-    // Believed to be near, and not heard.
+    // Estimated to be near, but no signal.
     let world = World {
         deaf_s: (0.0, FOR_EVER),
         start_ned_m: Ned { north: 4.0, east: 0.5, down: -2.0 },
@@ -293,7 +293,7 @@ fn the_last_part_is_broken_off_when_it_is_pushed_out_or_takes_too_long() {
     let (output, trail) = fly(camera(), World { blocked_s: (from_s, from_s + 12.0), ..quiet() });
     assert!(has(&trail, &[Stage::Committed, Stage::Centring, Stage::Committed]), "{trail:?}");
     assert_eq!(output.stage, Stage::Landed, "{trail:?}");
-    // Dropped, and not down: it goes up again.
+    // Dropped, but not down: it climbs again.
     let from_s = begins(camera(), quiet(), Stage::Landed) - 0.5;
     let (output, trail) = fly(camera(), World { blocked_s: (from_s, from_s + 12.0), ..quiet() });
     assert!(has(&trail, &[Stage::Committed, Stage::Recovering]), "{trail:?}");
@@ -318,7 +318,7 @@ fn without_a_word_of_the_own_vehicle_it_stops_says_so_and_goes_on_afterwards() {
         }
         assert_eq!(state.stage(), Stage::Landed);
     }
-    // Before it has taken over, nothing is its business.
+    // Before it has taken over, it does not act.
     let (mut flight, mut state) = (Flight::new(World { silent_s: (0.0, FOR_EVER), ..quiet() }), State::default());
     let output = flight.step(&camera().build().unwrap(), &mut state, stay);
     assert_eq!((output.demand, output.reason), (None, Some(Reason::NoOwnship)));

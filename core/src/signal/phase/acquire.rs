@@ -1,4 +1,4 @@
-//! The tone, looked for in the whole spectrum.
+//! Searches the whole spectrum for the tone.
 
 use super::fit::{Fit, Level, fit, left_over, tune};
 use super::floor::{MEDIAN_OF_MEAN, hann_gain, median, under_the_tone};
@@ -9,22 +9,22 @@ use crate::base::adc::CHANNELS;
 use crate::signal::spectrum::power_of_two;
 use crate::signal::spectrum::tone::Window;
 
-/// The line in the spectrum that is taken for the tone.
+/// The line in the spectrum that may be the tone.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
-    /// Its frequency as interpolated, phase a sample.
+    /// Its interpolated frequency, as phase per sample.
     pub(super) at: u32,
-    /// Whether it is the one that is tracked, and to within half a bin, so that it can be followed there.
+    /// Whether it is the tracked line, to within half a bin, so that it can be followed there.
     pub(super) is_held: bool,
     pub(super) is_near: bool,
-    /// Whether it stands high enough for a closer look.
+    /// Whether it is high enough for a closer test.
     pub(super) is_worth_it: bool,
-    /// Whether it stands out from what is around it, and not from the floor of the whole spectrum only.
+    /// Whether it stands out from its neighbourhood, not only from the floor of the whole spectrum.
     pub(super) is_line: bool,
 }
 
 impl<const N: usize> Extractor<N> {
-    /// Looks at the whole spectrum: floors, tone, other lines. Nothing when there is no tone.
+    /// Evaluates the whole spectrum: floors, tone, other lines. `None` without a tone.
     pub(super) fn acquire(
         &self,
         state: &mut State<N>,
@@ -62,7 +62,7 @@ impl<const N: usize> Extractor<N> {
         found
     }
 
-    /// The floor of one channel, in the spectrum, the tone not yet accounted for.
+    /// The floor of one channel, in the spectrum, before the correction for the tone.
     pub(super) fn measure_floor(&self, state: &mut State<N>, channel: usize, workspace: &mut [f32; N]) {
         let floor = median(&state.spectrum, channel, workspace) / MEDIAN_OF_MEAN;
         if let Some(slot) = state.floors.get_mut(channel) {
@@ -70,7 +70,8 @@ impl<const N: usize> Extractor<N> {
         }
     }
 
-    /// Chooses the line that is to be the tone and takes over the floors beside it; says whether there are other lines.
+    /// Chooses the line that may be the tone and corrects the floors for it; returns also whether there are other
+    /// lines.
     #[inline(never)]
     pub(super) fn choose(&self, state: &mut State<N>, workspace: &mut [f32; N]) -> Candidate {
         self.statistics(&state.spectrum, &state.floors, workspace);
@@ -86,7 +87,7 @@ impl<const N: usize> Extractor<N> {
         Candidate {
             at,
             is_held: held.is_some(),
-            // Half blocks tell the frequency to within one bin only.
+            // Half blocks determine the frequency to within one bin only.
             is_near: state.tracked.is_some_and(|tracked| bins_between::<N>(tracked.step, at).abs() < 0.5),
             is_worth_it: self.config.tone_hz.is_some() || peak.statistic >= SEARCH_THRESHOLD,
             is_line: stands_out(workspace, &peak),
@@ -101,7 +102,8 @@ impl<const N: usize> Extractor<N> {
         }
     }
 
-    /// Fits beside another line. The half blocks have no window that would keep that out of the frequency.
+    /// Fits the tone beside another line. The half blocks have no window that would keep the other line out of the
+    /// frequency.
     pub(super) fn settle_beside(
         &self,
         state: &mut State<N>,
@@ -116,7 +118,7 @@ impl<const N: usize> Extractor<N> {
         is_tone.then_some(fit)
     }
 
-    /// Moves the reference to a tone that stands alone.
+    /// Moves the reference to a tone without other lines.
     pub(super) fn settle(
         &self,
         state: &mut State<N>,
@@ -130,8 +132,8 @@ impl<const N: usize> Extractor<N> {
     }
 }
 
-/// What the fit leaves over goes with the floor that was measured. Above some 50 dB the floor in the spectrum is that of
-/// its own rounding.
+/// Stores the residual power together with the measured floor. Above some 50 dB the floor in the spectrum is its own
+/// rounding.
 pub(super) fn remember_left_over<const N: usize>(state: &mut State<N>, levels: &[Level; CHANNELS], fit: &Fit) {
     state.left_over = left_over(&state.solver, levels, fit);
     for (variance, left) in state.variance.iter_mut().zip(state.left_over) {

@@ -33,7 +33,7 @@ impl Complex {
         Self { re: self.re + other.re, im: self.im + other.im }
     }
 
-    /// This many times as long.
+    /// This number times a real factor.
     #[must_use]
     pub fn scaled(self, factor: f32) -> Self {
         Self { re: self.re * factor, im: self.im * factor }
@@ -46,7 +46,7 @@ impl Complex {
         Self { re, im }
     }
 
-    /// The same direction with length one; zero where there is no direction.
+    /// The same direction with length one; zero for zero.
     #[must_use]
     pub fn unit(self) -> Self {
         let power = self.norm_squared();

@@ -1,4 +1,4 @@
-//! Least squares of one tone at a given frequency, and what it leaves over.
+//! Least-squares fit of one tone at a given frequency, and its residual power.
 
 use super::{Complex, State};
 use crate::base::adc::CHANNELS;
@@ -22,7 +22,7 @@ impl Solver {
     pub(super) fn new<const N: usize>(reference: &Reference<N>) -> Self {
         let normal = reference.normal();
         let scale = reference.scale() as f32;
-        // In units of the table once: products over these are codes.
+        // Divided by the table's scale once: products over these are in ADC units.
         let [cc, cs, ss] = [normal.cos_cos, normal.cos_sin, normal.sin_sin].map(|sum| sum as f32 / scale);
         let whole = [0.5 / cc, 0.5 / ss];
         let factor = 1.0 / (cc * ss - cs * cs);
@@ -100,7 +100,7 @@ pub(super) fn offset_variance(fit: &Fit) -> f32 {
     0.5 * core::f32::consts::FRAC_1_PI * core::f32::consts::FRAC_1_PI / fit.statistic.max(1.0)
 }
 
-/// What a channel's samples say by themselves.
+/// Level of a channel's samples.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Level {
     /// Energy of the block without the mean of each half.
@@ -117,7 +117,7 @@ pub(super) fn level<const N: usize>(row: &[i16; N]) -> Level {
     Level { energy: (energy[0] + energy[1]) as f32 / half as f32, clipped: halves[0].clipped + halves[1].clipped }
 }
 
-/// Energy that the fit does not explain, per channel. In white noise `N - 4` times its variance: the fit has two
+/// Residual energy of the fit, per channel. In white noise it is `N - 4` times the variance: the fit has two
 /// parameters beside the two means.
 pub(super) fn left_over(solver: &Solver, levels: &[Level; CHANNELS], fit: &Fit) -> [f32; CHANNELS] {
     let mut left = [0.0; CHANNELS];
@@ -127,13 +127,13 @@ pub(super) fn left_over(solver: &Solver, levels: &[Level; CHANNELS], fit: &Fit) 
     left
 }
 
-/// Whether the frame is another than the floor was measured in: by more than six standard deviations of the energy of
-/// white noise, in some channel.
+/// Whether the frame differs from the one in which the floor was measured: by more than six standard deviations of
+/// the energy of white noise, in some channel.
 pub(super) fn left_over_changed<const N: usize>(state: &State<N>, levels: &[Level; CHANNELS], fit: &Fit) -> bool {
     let bound = 1.0 + 6.0 * sqrt(2.0 / N as f32);
     let now = left_over(&state.solver, levels, fit);
     now.iter().zip(state.left_over).zip(levels).any(|((now, then), level)| {
-        // 40 dB below the signal, an error of the frequency within its tolerance shows.
+        // 40 dB below the signal, an error of the frequency within its tolerance is visible.
         let least = 1e-4 * level.energy + 1.0;
         let (now, then) = (now.max(least), then.max(least));
         now > then * bound || then > now * bound

@@ -1,4 +1,4 @@
-//! The noise floor of a channel: the median of its periodogram, less what the tone does to it.
+//! The noise floor of a channel: the median of its periodogram, corrected for the tone.
 
 use super::lines::LINE_THRESHOLD;
 use crate::base::sort::nth;
@@ -23,12 +23,12 @@ pub(super) fn median<const N: usize>(spectrum: &Spectrum<N>, channel: usize, wor
     median * power_of_two(spectrum.exponent(channel))
 }
 
-/// By how much the median overrates the floor because of the bins under the tone, which all lie above it: the factor
-/// that corrects for this. `ratio` is the peak over the floor, `fraction` the tone's distance from that bin.
+/// How much the bins under the tone, which all lie above the floor, raise the median: the factor that corrects for
+/// it. `ratio` is the peak over the floor, `fraction` the tone's distance from that bin.
 ///
-/// Hann's window falls off as `sin^2(pi f) / (pi^2 d^6)`, so `2 d` bins with `d = (ratio sin^2(pi f) / pi^2)^(1/6)` stand
-/// out, and the main lobe does. With `c` of `n` bins out of the way the middle one is the `n / 2 / (n - c)` quantile of the
-/// noise.
+/// Hann's window falls off as `sin^2(pi f) / (pi^2 d^6)`, so `2 d` bins with `d = (ratio sin^2(pi f) / pi^2)^(1/6)`
+/// stand out, and the main lobe does. With `c` of `n` bins excluded the middle one is the `n / 2 / (n - c)` quantile
+/// of the noise.
 pub(super) fn under_the_tone<const N: usize>(ratio: f32, fraction: f32) -> f32 {
     if ratio < LINE_THRESHOLD {
         return 1.0;

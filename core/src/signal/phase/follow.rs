@@ -1,4 +1,4 @@
-//! The frequency, followed from frame to frame by what the phase advances from half block to half block.
+//! Tracks the frequency from frame to frame, by the advance of the phase from half block to half block.
 
 use super::fit::{Fit, fit, offset_variance, tune};
 use super::{Extractor, State};
@@ -8,7 +8,7 @@ use crate::signal::spectrum::tone::Window;
 
 /// Variance by which the tone's frequency may move from frame to frame, in squared bins.
 const DRIFT: f32 = 1e-6;
-/// Squared distance, in variances, beyond which a frequency is believed instead of averaged.
+/// Squared distance, in variances, beyond which a new frequency replaces the old one instead of being averaged.
 const GATE: f32 = 16.0;
 /// The reference is made anew when the frequency is this far from it, in bins, or two standard deviations.
 const RETUNE_BINS: f32 = 1.0 / 256.0;
@@ -27,7 +27,7 @@ pub(super) struct Frequency {
 }
 
 impl<const N: usize> Extractor<N> {
-    /// Fits at the tracked frequency and follows it; nothing when the tone is not there.
+    /// Fits at the tracked frequency and updates it; `None` when the tone is not there.
     pub(super) fn follow(&self, state: &mut State<N>, codes: &[[i16; N]; CHANNELS], rounds: u8) -> Option<Fit> {
         let mut tracked = state.tracked?;
         tracked.variance += DRIFT;
@@ -45,7 +45,7 @@ impl<const N: usize> Extractor<N> {
         let innovation = bins_between::<N>(tracked.step, measured);
         let variance = offset_variance(&fit);
         if innovation * innovation > GATE * (tracked.variance + variance) {
-            // Believed only if the fit is the better for it, and then settled.
+            // Accepted only if the fit is better with it.
             let refined = self.refine(state, codes, measured, rounds)?;
             if refined.statistic < fit.statistic {
                 return None;
@@ -96,7 +96,7 @@ pub(super) fn steps<const N: usize>(bins: f32) -> u32 {
     (bins * Extractor::<N>::STEPS_PER_BIN) as i32 as u32
 }
 
-/// From one frequency to another, in bins.
+/// The distance from one frequency to another, in bins.
 pub(super) fn bins_between<const N: usize>(from: u32, to: u32) -> f32 {
     to.wrapping_sub(from) as i32 as f32 / Extractor::<N>::STEPS_PER_BIN
 }

@@ -1,4 +1,4 @@
-//! Lines in the periodogram: peaks, which of them is the tone, and what the others leave in its phasors.
+//! Lines in the periodogram: peaks, which of them is the tone, and the leakage of the others into its phasors.
 
 use super::Extractor;
 use super::follow::Frequency;
@@ -11,11 +11,11 @@ use crate::signal::spectrum::{Spectrum, power_of_two};
 const COMPARABLE: f32 = 0.1;
 /// A line beside the tone must stand this far above the floor to count.
 pub(super) const LINE_THRESHOLD: f32 = 8.0;
-/// So many other lines are accounted for at most.
+/// The largest number of other lines that are accounted for.
 const LINES_MAX: usize = 12;
 /// A line's own bins either side, in Hann's window.
 const LOBE_BINS: usize = 3;
-/// Bins either side of a line that it has to stand out from, and by how much.
+/// Bins on either side from which a line has to stand out, and by how much.
 const SIDE_BINS: usize = 4;
 const LINE_RATIO: f32 = 6.0;
 /// Squared error of a peak interpolated in the periodogram, in squared bins.
@@ -25,14 +25,13 @@ pub(super) const INTERPOLATION_VARIANCE: f32 = 4e-4;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Peak {
     pub(super) bin: usize,
-    /// Interpolated.
+    /// Interpolated frequency.
     pub(super) bins: f32,
     pub(super) statistic: f32,
 }
 
 impl<const N: usize> Extractor<N> {
-    /// The line that is tracked, when it still is a line of its own and within 10 dB of the strongest: then it stays the
-    /// tone.
+    /// The tracked line, if it still is a line of its own and within 10 dB of the strongest: then it stays the tone.
     pub(super) fn held(&self, values: &[f32; N], tracked: Frequency, strongest: &Peak) -> Option<Peak> {
         let bin = tracked.step as f32 / Self::STEPS_PER_BIN;
         let near = self.peak(values, [bin - 1.0, bin + 1.0]);
@@ -40,7 +39,7 @@ impl<const N: usize> Extractor<N> {
         (apart && near.statistic >= COMPARABLE * strongest.statistic).then_some(near)
     }
 
-    /// Overwrites the working memory by the mean over the channels of power over floor, bin by bin.
+    /// Fills the workspace with the mean over the channels of power over floor, bin by bin.
     pub(super) fn statistics(&self, spectrum: &Spectrum<N>, floors: &[f32; CHANNELS], workspace: &mut [f32; N]) {
         workspace.fill(0.0);
         for (channel, floor) in floors.iter().enumerate() {
@@ -51,7 +50,7 @@ impl<const N: usize> Extractor<N> {
         }
     }
 
-    /// The highest peak between two frequencies in bins, interpolated. What rises to a line outside is none.
+    /// The highest peak between two frequencies in bins, interpolated. A slope towards a line outside does not count.
     pub(super) fn peak(&self, values: &[f32; N], band: [f32; 2]) -> Peak {
         let from = (libm::floorf(band[0]) as usize).clamp(2, N / 2 - 2);
         let to = (libm::ceilf(band[1]) as usize).clamp(from, N / 2 - 2);
@@ -66,7 +65,7 @@ impl<const N: usize> Extractor<N> {
     }
 }
 
-/// What stands either side of a bin; the modulus only spares a bounds check.
+/// The values on either side of a bin; the modulus only avoids a bounds check.
 fn neighbours<const N: usize>(values: &[f32; N], bin: usize) -> [f32; 2] {
     [values[(bin + N - 1) % N], values[(bin + 1) % N]]
 }
@@ -76,8 +75,8 @@ fn is_summit<const N: usize>(values: &[f32; N], bin: usize) -> bool {
     neighbours(values, bin).iter().all(|beside| values[bin % N] >= *beside)
 }
 
-/// Where in a peak of power the tone is, in bins: for Hann's window and the ratio `r` of the larger neighbour's amplitude to
-/// the peak's, `(2 r - 1) / (r + 1)` bins towards that neighbour.
+/// Position of the tone in a peak of power, in bins: for Hann's window and the ratio `r` of the larger neighbour's
+/// amplitude to the peak's, `(2 r - 1) / (r + 1)` bins towards that neighbour.
 fn interpolated<const N: usize>(values: &[f32; N], bin: usize) -> f32 {
     let summit = values[bin % N];
     let [below, above] = neighbours(values, bin);
@@ -86,15 +85,15 @@ fn interpolated<const N: usize>(values: &[f32; N], bin: usize) -> f32 {
     bin as f32 + side * (2.0 * ratio - 1.0) / (ratio + 1.0)
 }
 
-/// Whether another line stands more than three bins from the peak and within 10 dB of it.
+/// Whether there is another line, more than three bins from the peak and within 10 dB of it.
 pub(super) fn other_line<const N: usize>(values: &[f32; N], peak: &Peak) -> bool {
     let bound = (COMPARABLE * peak.statistic).max(LINE_THRESHOLD);
     let lines = values.iter().enumerate().take(N / 2 - 1).skip(2);
     lines.into_iter().any(|(k, value)| *value > bound && k.abs_diff(peak.bin) > LOBE_BINS)
 }
 
-/// Whether a peak is this much above the quieter of its two sides: noise that is louder at some frequencies, as that of
-/// propellers, has summits that are no lines.
+/// Whether a peak is this much above the quieter of its two sides: noise that is louder at some frequencies, as that
+/// of propellers, has maxima that are not lines.
 pub(super) fn stands_out<const N: usize>(values: &[f32; N], peak: &Peak) -> bool {
     let mean = |from: usize| {
         let side = values.iter().take(N / 2 - 1).skip(from.max(2)).take((from + SIDE_BINS).saturating_sub(from.max(2)));
@@ -105,11 +104,11 @@ pub(super) fn stands_out<const N: usize>(values: &[f32; N], peak: &Peak) -> bool
     peak.statistic > LINE_RATIO * quieter
 }
 
-/// What the other lines leave in each channel's phasor behind Hann's window, as a variance in squared codes.
+/// Leakage of the other lines into each channel's phasor with Hann's window, as a variance in squared ADC units.
 ///
-/// The window passes `sin pi d / (pi d (d^2 - 1))` of an amplitude `d` bins away, and both ends of `d` are interpolated. The
-/// constant that is taken out of each half couples lines at `w` and `w'` by up to `4 sqrt 2 / (N^2 sin w/2 sin w'/2)`. The
-/// three bins of a line of amplitude `A` hold `3/32 (N A)^2` together.
+/// The window passes `sin pi d / (pi d (d^2 - 1))` of an amplitude `d` bins away, and both ends of `d` are
+/// interpolated. The constant that is removed from each half couples lines at `w` and `w'` by up to `4 sqrt 2 / (N^2
+/// sin w/2 sin w'/2)`. The three bins of a line of amplitude `A` hold `3/32 (N A)^2` together.
 pub(super) fn leakage<const N: usize>(spectrum: &Spectrum<N>, values: &[f32; N], peak: &Peak) -> [f32; CHANNELS] {
     let squared_amplitude = 32.0 / (3.0 * N as f32 * N as f32);
     let scales: [f32; CHANNELS] =

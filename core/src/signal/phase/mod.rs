@@ -1,10 +1,10 @@
-//! Phasors: one complex amplitude per channel, its noise, and whether there is a tone at all. After
-//! [`crate::signal::spectrum`], before [`crate::doa::bearing`].
+//! Phasors: one complex amplitude per channel, its noise, and whether there is a tone at all. Uses
+//! [`crate::signal::spectrum`]; its output goes to [`crate::doa::bearing`].
 //!
 //! **Fit.** Least squares of `x[n] = a cos w t + b sin w t + d` over the block, `t = n - (N-1)/2`, with the constant
-//! projected out beforehand ([`crate::signal::spectrum::tone`]): the origin in the middle makes cosine and sine orthogonal,
-//! so `a = sum C x / sum C c`, `b = sum S x / sum S s`, `z = a - j b`. Constant and negative-frequency image are gone for
-//! any frequency between bins.
+//! projected out beforehand ([`crate::signal::spectrum::tone`]). The origin in the middle makes cosine and sine
+//! orthogonal, so `a = sum C x / sum C c`, `b = sum S x / sum S s`, `z = a - j b`. Constant and negative-frequency
+//! image are removed for any frequency between bins.
 //!
 //! **Frequency.** The same fit to each half block gives `z1`, `z2`, and `arg sum_m z2 z1* / v_m = pi d` the distance `d` from
 //! the reference in bins, with variance `1 / (2 pi^2 s)` where `s` is the mean of `|z_m|^2 / v_m` over the channels. A
@@ -16,9 +16,9 @@
 //! [`SEARCH_THRESHOLD`] and then, after refinement and the fit, `s` must reach [`CONFIRM_THRESHOLD`]: in noise alone `s`
 //! is the mean of four exponential variables, and exceeds 7 in 3 of 10^9 bins.
 //!
-//! **Other lines.** With another line within 10 dB the fit is weighted by Hann's window: half as much variance again, but
-//! lines more than three bins away are out but for what [`Phasors::noise`] then holds as well: `sin pi d / (pi d (d^2 - 1))`
-//! of their amplitude. Every frame is then acquired anew.
+//! **Other lines.** With another line within 10 dB the fit is weighted by Hann's window: the variance is half as much
+//! again, but lines more than three bins away are suppressed to `sin pi d / (pi d (d^2 - 1))` of their amplitude,
+//! which [`Phasors::noise`] then includes. Every frame is then acquired anew.
 //!
 //! Instructions on a Cortex-M4F, four channels, N = 256 (1024), counted in QEMU:
 //!
@@ -59,7 +59,7 @@ use follow::{Frequency, REFINEMENTS};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Tone {
-    /// The tone stands above the noise floor.
+    /// There is a tone above the noise floor.
     Present,
     /// Nothing above the noise floor.
     Absent,
@@ -72,10 +72,10 @@ pub enum Tone {
 pub struct Phasors {
     /// The middle of the block.
     pub time: Instant,
-    /// Channel `m` carries `Re(z e^{j w (n - (N-1)/2)})`; the magnitude is the amplitude in ADC codes.
+    /// Channel `m` contains `Re(z e^{j w (n - (N-1)/2)})`; the magnitude is the amplitude in ADC units.
     pub z: [Complex; CHANNELS],
-    /// Variance of each phasor, `E|z - truth|^2` in squared codes: `4 sigma^2 / N` in white noise of variance `sigma^2`, and
-    /// what another line leaks into it.
+    /// Variance of each phasor, `E|z - truth|^2` in squared ADC units: `4 sigma^2 / N` in white noise of variance
+    /// `sigma^2`, and the leakage of other lines.
     pub noise: [f32; CHANNELS],
     /// Tone power over noise power, per sample, mean over the channels: `10 lg(A^2 / (2 sigma^2))`.
     pub snr_db: f32,
@@ -85,15 +85,15 @@ pub struct Phasors {
     pub tone: Tone,
     /// More than 1 % of some channel's samples are at a rail.
     pub clipped: bool,
-    /// Another line stands in the spectrum, within 10 dB of the tone.
+    /// There is another line in the spectrum, within 10 dB of the tone.
     pub interferer: bool,
 }
 
-/// A periodogram peak in units of the noise floor that is worth a closer look.
+/// A periodogram peak, in units of the noise floor, that is tested further.
 pub const SEARCH_THRESHOLD: f32 = 4.0;
-/// The tone statistic, after refinement, of a new tone; times what the floor's own uncertainty asks for, `1 + 25 / N`.
+/// The tone statistic, after refinement, required for a new tone; times `1 + 25 / N` for the floor's own uncertainty.
 pub const CONFIRM_THRESHOLD: f32 = 7.0;
-/// The tone statistic, at a known frequency, of a tone that is still there; times the same.
+/// The tone statistic, at a known frequency, required for a tone that is still there; times the same.
 pub const HOLD_THRESHOLD: f32 = 5.5;
 /// The noise floor is measured anew after this many frames.
 pub const REFRESH: u8 = 8;
@@ -101,12 +101,12 @@ pub const REFRESH: u8 = 8;
 /// A tone this far outside the band may still be one at its edge.
 const EDGE_BINS: f32 = 0.05;
 
-/// Variance of the converter's rounding, in squared codes: no channel is quieter.
+/// Variance of the converter's rounding, in squared ADC units: no channel has less noise.
 const QUANTISATION: f32 = 1.0 / 12.0;
-/// The signal-to-noise ratio that stands for none.
+/// The signal-to-noise ratio reported without a tone.
 const SNR_FLOOR_DB: f32 = -60.0;
 
-/// What the extraction needs to know.
+/// Configuration of the extraction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
 pub struct Config {
@@ -114,9 +114,9 @@ pub struct Config {
     pub sample_rate_hz: f32,
     /// The tone lies inside this band.
     pub tone_band_hz: [f32; 2],
-    /// The tone's frequency, when it is known to within one bin: then nothing else is looked for.
+    /// The tone's frequency, if it is known to within one bin: then it is the only one considered.
     pub tone_hz: Option<f32>,
-    /// Sampling delay of each channel: channel `i` is sampled that much later than its time stamp says.
+    /// Sampling delay of each channel: channel `i` is sampled this much later than its time stamp.
     pub skew_s: [f32; CHANNELS],
     /// Which transform the acquisition uses.
     pub backend: Backend,
@@ -171,7 +171,7 @@ pub struct Extractor<const N: usize> {
     band: [f32; 2],
 }
 
-/// What is carried from frame to frame: the tracked frequency and the noise floor; and working memory.
+/// State kept from frame to frame: the tracked frequency and the noise floor; and working memory.
 #[derive(Clone, Debug)]
 pub struct State<const N: usize> {
     spectrum: Spectrum<N>,
@@ -179,16 +179,16 @@ pub struct State<const N: usize> {
     solver: Solver,
     /// The tracked frequency and its variance in squared bins.
     tracked: Option<Frequency>,
-    /// Floor of each channel in the spectrum, as far as it is measured.
+    /// Floor of each channel in the spectrum, if it has been measured.
     floors: [f32; CHANNELS],
-    /// Variance of a sample, per channel, in squared codes.
+    /// Variance of a sample, per channel, in squared ADC units.
     variance: [f32; CHANNELS],
-    /// Power the fit left over when the floor was measured, per channel.
+    /// Residual power of the fit when the floor was measured, per channel.
     left_over: [f32; CHANNELS],
     /// Frames until the floor is due.
     floor_due_in: u8,
     interferer: bool,
-    /// Variance of a phasor that is the interferers', per channel, in squared codes.
+    /// Variance of a phasor due to the interferers, per channel, in squared ADC units.
     leakage: [f32; CHANNELS],
 }
 
@@ -232,7 +232,7 @@ impl<const N: usize> State<N> {
         (*left_over, *leakage) = ([0.0; CHANNELS], [0.0; CHANNELS]);
     }
 
-    /// Forgets the tone: for a frame that has nothing to do with the ones before.
+    /// Forgets the tone: for a frame that does not follow the ones before.
     pub fn reset(&mut self) {
         self.tracked = None;
         self.floor_due_in = 0;
@@ -266,7 +266,7 @@ impl<const N: usize> Extractor<N> {
         self.report(state, frame, &levels, found)
     }
 
-    /// Puts the result into the contract's units.
+    /// Converts the result into the units of the output.
     fn report(&self, state: &State<N>, frame: &AdcFrame<N>, levels: &[Level; CHANNELS], found: Option<Fit>) -> Phasors {
         let rate = self.config.sample_rate_hz;
         let frequency_hz = state.tracked.map_or(0.0, |tracked| tracked.step as f32 * (rate / 4_294_967_296.0));
@@ -283,9 +283,9 @@ impl<const N: usize> Extractor<N> {
         if let Some(fit) = found {
             phasors.tone = Tone::Present;
             phasors.noise = state.variance.map(|variance| variance * state.solver.noise_gain);
-            // No noise gets through where the wave is clipped. What does stands about the zero crossings, where it turns the
-            // phase: with a share c clipped, 1 + sin(pi c) / (pi (1 - c)) times as much as the same power all round. The
-            // harmonics have raised the floor a little too; 1 + 0.85 c makes up for both.
+            // There is no noise where the wave is clipped. The remaining noise is at the zero crossings, where it
+            // turns the phase: with a share c clipped, 1 + sin(pi c) / (pi (1 - c)) times as much as the same power
+            // all round. The harmonics have raised the floor a little too; 1 + 0.85 c makes up for both.
             for (noise, level) in phasors.noise.iter_mut().zip(levels) {
                 *noise *= 1.0 + 0.85 * level.clipped as f32 / N as f32;
             }
@@ -311,7 +311,7 @@ impl<const N: usize> Extractor<N> {
         phasors
     }
 
-    /// Whether a frequency is in the band, but for what noise does to one at its edge.
+    /// Whether a frequency is in the band, with a tolerance for noise at its edge.
     fn in_band(&self, step: u32) -> bool {
         self.is_within(step, EDGE_BINS)
     }

@@ -1,4 +1,4 @@
-//! Scenes for the tests of this room: one tone, what stands beside it, and its truth in `f64`.
+//! Scenes for the tests of this module: one tone, its neighbours in the spectrum, and its truth in `f64`.
 
 use super::{Complex, Config, Extractor, Phasors};
 use crate::base::adc::{AdcFrame, CHANNELS};
@@ -8,7 +8,7 @@ use std::vec::Vec;
 
 const RATE: f32 = 102_400.0;
 
-/// One tone, with a phase per channel at the middle of the block, and what stands beside it.
+/// One tone, with a phase per channel at the middle of the block, and its neighbours in the spectrum.
 #[derive(Clone, Copy)]
 pub(super) struct Scene {
     pub(super) bins: f64,
@@ -32,7 +32,7 @@ impl Scene {
         }
     }
 
-    /// As strong as the converter takes with 4 standard deviations to spare, but not below 60 codes.
+    /// The largest amplitude that leaves 4 standard deviations to the rails, but not below 60 ADC units.
     pub(super) fn at_snr(bins: f64, snr_db: f64) -> Self {
         let ratio = (2.0 * 10_f64.powf(snr_db / 10.0)).sqrt();
         let sigma = 1800.0 / (ratio + 4.0);

@@ -29,7 +29,7 @@ fn the_phasor_is_the_least_squares_fit_at_the_reported_frequency() {
 
 #[test]
 fn a_clean_tone_is_as_good_as_its_twelve_bits() {
-    // Degrees, as in the project's budget: 0.005 at 1 500 codes, 0.065 at 60.
+    // Degrees, as in the project's budget: 0.005 at an amplitude of 1 500, 0.065 at 60.
     for (amplitude, bound) in [(1500.0, 0.005), (60.0, 0.065)] {
         let mut rng = Rng::new(5, 0);
         let mut errors = Vec::new();
@@ -291,7 +291,7 @@ fn another_line_is_flagged_and_kept_out_by_the_window() {
 #[test]
 fn what_another_line_leaks_into_a_phasor_is_in_its_noise() {
     let extractor = Config { tone_band_hz: [35.0 * 400.0, 40.0 * 400.0], ..open_config() }.build::<256>().unwrap();
-    // A tone without noise, so that all but the rounding is leakage.
+    // A tone without noise, so that everything but the rounding is leakage.
     for away in [6.0, 6.25, 6.5, -6.5, 8.0, -8.0, 8.5, -8.5, 10.5, 20.0, -20.0, -20.5] {
         let mut rng = Rng::new(22, 1);
         let (mut errors, mut predicted, mut state) = (vec(), 0.0, State::default());
@@ -409,7 +409,7 @@ fn a_line_outside_the_band_and_the_slope_that_leads_to_it_are_no_tone() {
         let rate_hz = Config::default().sample_rate_hz;
         let band_hz = [16.0 * rate_hz / 256.0, 24.0 * rate_hz / 256.0];
         let extractor = Config { tone_band_hz: band_hz, ..Config::default() }.build::<256>().unwrap();
-        // Another line far off makes it look at the whole spectrum every time.
+        // Another line far away forces an acquisition in every frame.
         for other in [0.0, 300.0] {
             let mut frame = AdcFrame::<256>::zeroed();
             for row in &mut frame.codes {

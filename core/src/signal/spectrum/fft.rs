@@ -2,10 +2,11 @@
 //!
 //! With `z = a + j b` and `Z` its transform, `A[k] = (Z[k] + conj Z[N-k]) / 2` and `B[k] = (Z[k] - conj Z[N-k]) / 2j`.
 //!
-//! Overflow is excluded by magnitudes, not components. The first stage is exact: four 12-bit codes, shifted left as far
-//! as the largest of them allows, and their mean taken off, stay within 2^14, so magnitudes within `R = 2^14 sqrt 2`.
-//! A stage that shifts by two keeps the bound (four terms, each a quarter); a stage that shifts by one doubles it and is
-//! only taken when all components are below 2^13. Rounding adds at most 2 a stage, and `R` is far below 2^15.
+//! Overflow is excluded by magnitudes, not components. The first stage is exact: four 12-bit samples, shifted left as
+//! far as the largest of them allows, with their mean subtracted, stay within 2^14, so magnitudes within `R = 2^14
+//! sqrt 2`. A stage that shifts by two keeps the bound (four terms, each a quarter); a stage that shifts by one
+//! doubles it and is only used when all components are below 2^13. Rounding adds at most 2 a stage, and `R` is far
+//! below 2^15.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -18,7 +19,7 @@ use crate::base::math::active::{
 struct Plan<const N: usize>;
 
 impl<const N: usize> Plan<N> {
-    /// `w^j`, `w^2j`, `w^3j` and a pause for each `j` below `N / 4`, `w = e^{-j 2 pi / N}`, Q15.
+    /// `w^j`, `w^2j`, `w^3j` and padding for each `j` below `N / 4`, `w = e^{-j 2 pi / N}`, Q15.
     const TWIDDLES: [u32; N] = {
         let mut table = [0; N];
         let mut j = 0;
@@ -51,7 +52,7 @@ pub(super) fn pair_powers<const N: usize>(a: &[i16; N], b: &[i16; N], out: &mut 
     pair_powers_any(a, b, out)
 }
 
-/// The length of the flight computer, compiled with this crate and not with the caller, perhaps for size.
+/// The length of the flight computer, compiled with this crate (for speed) and not with the caller.
 #[inline(never)]
 fn pair_powers_256(a: &[i16; 256], b: &[i16; 256], out: &mut [u32; 256]) -> i32 {
     pair_powers_any(a, b, out)
@@ -66,7 +67,7 @@ fn pair_powers_any<const N: usize>(a: &[i16; N], b: &[i16; N], out: &mut [u32; N
 /// The transform of `a + j b` without their means; returns the exponent of the result.
 fn transform<const N: usize>(a: &[i16; N], b: &[i16; N], out: &mut [u32; N]) -> i32 {
     let ((sum_a, reach_a), (sum_b, reach_b)) = (sum_and_reach(a), sum_and_reach(b));
-    // Room to the left of 11 bits and the sign.
+    // The free bits to the left of 11 bits and the sign.
     let up = (reach_a | reach_b).leading_zeros().saturating_sub(31 - 11);
     let mut exponent = -(up as i32);
     let mut reach = 1 << 14;
@@ -86,7 +87,7 @@ fn transform<const N: usize>(a: &[i16; N], b: &[i16; N], out: &mut [u32; N]) -> 
     exponent
 }
 
-/// What the sum of `terms` samples, shifted left by `up`, holds of the channel's mean; in both lanes.
+/// The channel's mean in the sum of `terms` samples, shifted left by `up`; in both lanes.
 fn share_of_mean<const N: usize>(sum: i32, terms: i32, up: u32) -> u32 {
     let mean = (((sum * terms) << up) + (N as i32) / 2) >> N.trailing_zeros();
     pack(mean as i16, mean as i16)
@@ -165,7 +166,7 @@ fn window_and_unpack<const N: usize>(data: &mut [u32; N]) {
     let (mut before, mut here) = (data[0], data[1]);
     let (mut mirror_before, mut mirror_here) = (data[0], data[N - 1]);
     let mut k = 1;
-    // Two bins a turn, so that nothing is moved from register to register.
+    // Two bins per iteration, so that no values are moved between registers.
     while k < N / 2 - 1 {
         let (after, mirror_after) = (data[k + 1], data[N - 1 - k]);
         [data[k], data[N - k]] = powers([before, here, after], [mirror_before, mirror_here, mirror_after]);

@@ -1,6 +1,7 @@
-//! Spectrum: where power stands in the band, in fixed point. After [`crate::base::adc`], before [`crate::signal::phase`].
+//! Spectrum: the distribution of power over the band, in fixed point. After [`crate::base::adc`], before
+//! [`crate::signal::phase`].
 //!
-//! Two instruments over the same four rows of 12-bit codes:
+//! Two methods for the same four rows of 12-bit samples:
 //!
 //! - [`Spectrum`], the Hann periodogram of all channels, to find the tone and the noise floor. Two real channels share
 //!   one complex transform of i16 words with a shared exponent (block floating point); the window is applied to the
@@ -68,13 +69,14 @@ impl<const N: usize> Spectrum<N> {
     const LENGTH_IS_SUPPORTED: () =
         assert!(N.is_power_of_two() && N >= 64 && N <= 1024, "N is 64, 128, 256, 512 or 1024");
 
-    /// Measures all channels. The mean of each channel is taken off first. `workspace` is the twin's.
+    /// Measures all channels. The mean of each channel is subtracted first. `workspace` is used by
+    /// [`Backend::Microfft`].
     pub fn measure(&mut self, backend: Backend, codes: &[[i16; N]; CHANNELS], workspace: &mut [f32; N]) {
         self.measure_pair(backend, Pair::First, codes, workspace);
         self.measure_pair(backend, Pair::Second, codes, workspace);
     }
 
-    /// Measures two channels; the others stay as they were.
+    /// Measures two channels; the others are unchanged.
     #[inline(never)]
     pub fn measure_pair(
         &mut self,
@@ -100,21 +102,21 @@ impl<const N: usize> Spectrum<N> {
         }
     }
 
-    /// Powers of one channel at bins `1..N/2`; times two to [`Self::exponent`].
+    /// Powers of one channel at bins `1..N/2`, to be multiplied by two to [`Self::exponent`].
     pub fn powers(&self, channel: usize) -> impl Iterator<Item = u32> + '_ {
         let pair = &self.pairs[(channel / 2) % 2];
         let second = channel % 2 == 1;
         (1..N / 2).map(move |k| pair[if second { N - k } else { k } % N])
     }
 
-    /// The power of one channel at one bin, `1..N/2`; times two to [`Self::exponent`].
+    /// The power of one channel at one bin, `1..N/2`, to be multiplied by two to [`Self::exponent`].
     #[must_use]
     pub fn power(&self, channel: usize, bin: usize) -> u32 {
         let bin = bin.clamp(1, N / 2 - 1);
         self.pairs[(channel / 2) % 2][if channel % 2 == 1 { N - bin } else { bin }]
     }
 
-    /// The power of two that the powers of a channel are to be multiplied by.
+    /// The exponent of two for the powers of a channel.
     #[must_use]
     pub fn exponent(&self, channel: usize) -> i32 {
         self.exponents[channel % CHANNELS]

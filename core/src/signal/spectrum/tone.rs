@@ -4,11 +4,11 @@
 //! `c_k = cos((k + 1/2) w)`, `s_k = +- sin((k + 1/2) w)`, and half a table serves.
 //!
 //! The mean of each half block must not leak into the products. Instead of measuring it and solving for it, the table
-//! holds what is left of the reference after its projection on a constant: with weights `h_k` (all one, or Hann's),
-//! `C_k = h_k (c_k - c~)`, `c~ = sum h c / sum h`, and `S_k` alike. The products with `C`, `S` are then those of the
-//! least-squares fit of cosine, sine and a constant (the theorem of Frisch and Waugh), for nothing at run time.
+//! holds the reference minus its projection on a constant: with weights `h_k` (all one, or Hann's), `C_k = h_k (c_k -
+//! c~)`, `c~ = sum h c / sum h`, and `S_k` alike. The products with `C`, `S` are then those of the least-squares fit
+//! of cosine, sine and a constant (the theorem of Frisch and Waugh), at no cost at run time.
 //!
-//! Frequencies are phase steps a sample, 2^32 a turn.
+//! Frequencies are phase steps per sample, 2^32 per turn.
 
 #![deny(clippy::float_arithmetic)]
 
@@ -51,7 +51,7 @@ pub struct Normal {
     pub cos_sin: i64,
     /// `sum S s`.
     pub sin_sin: i64,
-    /// `sum C^2`: what white noise makes of the cosine product.
+    /// `sum C^2`: the effect of white noise on the cosine product.
     pub cos_energy: i64,
     /// `sum S^2`.
     pub sin_energy: i64,
@@ -77,8 +77,9 @@ impl<const N: usize> Default for Reference<N> {
 }
 
 impl<const N: usize> Reference<N> {
-    /// Amplitude one in the table. `sum |C| <= N/2 scale` because a projection shortens, so the products of 12-bit codes
-    /// stay below `2^11 N/2 scale <= 2^31`; from N = 256 on the bound is met with equality only by `|c| = 1` throughout.
+    /// Amplitude one in the table. `sum |C| <= N/2 scale` because a projection shortens, so the products of 12-bit
+    /// samples stay below `2^11 N/2 scale <= 2^31`; from N = 256 on the bound is reached only with `|c| = 1`
+    /// throughout.
     const SHIFT: u32 = {
         let bits = 21 - N.trailing_zeros();
         30 - if bits > 14 { 14 } else { bits }
@@ -132,7 +133,7 @@ impl<const N: usize> Reference<N> {
         let mut bell = Oscillator::new(bin / 2, bin);
         let mut normal = Normal::default();
         let round = 1 << (Self::SHIFT - 1);
-        // What rounding one entry leaves goes to the next, so that the sums stay zero to one unit.
+        // The rounding error of one entry is added to the next, so that the sums stay zero to one unit.
         let (mut rest_c, mut rest_s) = (round, round);
         let entry = |value: i32, rest: &mut i32| {
             let exact = value + *rest;
@@ -161,15 +162,15 @@ impl<const N: usize> Reference<N> {
         }
         let [cos_energy, cos_sin, sin_energy] = active::table_energies(&self.table.0);
         if !HANN {
-            // A projection is orthogonal to what it leaves away, so the products with the reference are these: to 2e-4,
-            // and far better but where few different entries repeat, at an eighth of the sample rate and the like.
+            // A projection is orthogonal to its remainder, so the products with the reference are these: to 2e-4, and
+            // far better except where few different entries repeat, at an eighth of the sample rate and the like.
             normal = Normal { cos_cos: cos_energy, cos_sin, sin_sin: sin_energy, ..normal };
         }
         (normal.cos_energy, normal.sin_energy) = (cos_energy, sin_energy);
         self.normal = normal;
     }
 
-    /// The products of all channels with the reference. Exact for 12-bit codes.
+    /// The products of all channels with the reference. Exact for 12-bit samples.
     #[must_use]
     pub fn products(&self, codes: &[[i16; N]; CHANNELS]) -> [Products; CHANNELS] {
         codes.each_ref().map(|row| {
@@ -222,7 +223,7 @@ mod tests {
             for (k, (c, s)) in entries(&reference).into_iter().enumerate() {
                 let exact_c = weight(k) * (angle(k).cos() - mean_c) * scale;
                 let exact_s = weight(k) * (angle(k).sin() - mean_s) * scale;
-                // Rounding carries at most half a unit on.
+                // Rounding carries over at most half a unit.
                 assert!((c - exact_c).abs() < 1.1 && (s - exact_s).abs() < 1.1, "N {N} bins {bins} k {k}");
                 let (cosine, sine) = (scale * angle(k).cos(), scale * angle(k).sin());
                 for (sum, term) in normal.iter_mut().zip([c * cosine, c * sine, s * sine, c * c, s * s]) {
@@ -236,10 +237,10 @@ mod tests {
             for (ours, truth) in ours.iter().zip(normal) {
                 assert!((ours - truth).abs() < 2e-4 * normal[0].max(normal[2]), "N {N} bins {bins}: {ours} {truth}");
             }
-            // No constant gets through: 0.001 codes of a third of full scale.
+            // No constant gets through: 0.001 ADC units of a third of full scale.
             let sums = entries(&reference).into_iter().fold((0.0, 0.0), |sums, (c, s)| (sums.0 + c, sums.1 + s));
             assert!(f64::abs(sums.0) <= 1.0 && f64::abs(sums.1) <= 1.0, "N {N} bins {bins}: {sums:?}");
-            // Nor is there an overflow, whatever the codes.
+            // Nor is there an overflow, whatever the samples.
             assert!(2048.0 * magnitude[0].max(magnitude[1]) < 2_147_483_648.0);
         }
     }

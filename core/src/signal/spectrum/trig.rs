@@ -28,7 +28,7 @@ pub const fn cos_sin(phase: u32) -> (i32, i32) {
     }
 }
 
-/// Reciprocals in Q30 of what each term of the series is divided by.
+/// Reciprocals in Q30 of the divisors of the series' terms.
 const COSINE: [i32; 5] = reciprocals([2, 12, 30, 56, 90]);
 const SINE: [i32; 5] = reciprocals([6, 20, 42, 72, 110]);
 

@@ -1,4 +1,4 @@
-//! The whole fast loop: the middle of the steps of a mission and the worst of them, and the worst that may come in.
+//! The whole fast loop: the median and the worst of the steps of a mission, and the worst possible input.
 
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::hint::black_box;
@@ -24,32 +24,32 @@ use static_cell::{ConstStaticCell, StaticCell};
 use crate::looks::{NOSE, TURN, ranges};
 use crate::{N, receive, row};
 
-/// The ceilings of design, section 6: of the median step of a mission, and of the worst that can be made, 950 000 of the
-/// 3 400 000 cycles of a step.
+/// The ceilings of design, section 6: of the median step of a mission, and of the worst that can be made, 950 000 of
+/// the 3 400 000 cycles of a step.
 const CEILING: u32 = 45_000;
 const CEILING_WORST: u32 = 950_000;
-/// With everything at once it is above that; it is held to where it is.
+/// With everything at once it is above that; this ceiling keeps it where it is.
 const CEILING_EVERYTHING: u32 = 1_100_000;
-/// The obstacle sensor looks at 10 Hz, the antennas are heard at 50 Hz.
+/// The obstacle sensor scans at 10 Hz, the antennas deliver frames at 50 Hz.
 const STEPS_PER_LOOK: usize = 5;
 const STEP_US: u64 = 20_000;
 const STEP_S: f32 = 0.02;
-/// Steps of the flight whose middle is a tracking frame, and those of them that are left out because they acquire.
+/// Steps of the flight whose median is a tracking frame, and those left out because they acquire.
 const STEPS: usize = 112;
 const WARM_UP: usize = 32;
 /// Steps of a mission: as long as the built-in one takes.
 const MISSION_STEPS: usize = 700;
 /// Not on the stack, which the planner needs.
 static COUNTS: ConstStaticCell<[u32; MISSION_STEPS]> = ConstStaticCell::new([0; MISSION_STEPS]);
-/// The beacon falls silent and sounds again.
+/// The beacon is silent during these steps.
 const SILENCE: core::ops::Range<usize> = 300..340;
 const SOURCE_NED_M: Horizontal = Horizontal { north: 12.0, east: 3.0 };
-/// Steps with the worst that may come in.
+/// Steps with the worst possible input.
 const ABSURD_STEPS: usize = 400;
-/// In so many of them, the first, the store is filled.
+/// In the first of them the map is filled.
 const FILLING: usize = 2;
 
-/// The state stays in one place: a second one is more than there is room for.
+/// The state stays in one place: a second one does not fit.
 struct Loop<'a> {
     guidance: &'a Guidance<N>,
     planner: &'a Planner,
@@ -59,7 +59,7 @@ struct Loop<'a> {
     plan: Option<Plan>,
 }
 
-/// What comes in at a step beside the antennas' frame.
+/// Input of a step beside the antennas' frame.
 #[derive(Default)]
 struct Delivered<'a> {
     scan: Option<&'a Scan>,
@@ -128,7 +128,7 @@ fn first_state() -> &'static mut guidance::State<N> {
     STATE.init_with(guidance::State::default)
 }
 
-/// Past circles towards the source: the middle of the steps, and of those in which the sensor has looked.
+/// Past circles towards the source: the median of the steps, and of those with a scan.
 #[inline(never)]
 fn past_circles(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) {
     fast_loop.restart();
@@ -160,7 +160,7 @@ fn past_circles(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop
     row("fast_loop_looking", median(&mut looks), CEILING_WORST);
 }
 
-/// A mission from the first frame on, through pillars that a scanning sensor sees, to a beacon that falls silent once.
+/// A mission from the first frame on, through pillars seen by a scanning sensor, to a beacon that is silent once.
 #[inline(never)]
 fn mission(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) {
     fast_loop.restart();
@@ -201,14 +201,15 @@ fn mission(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>)
     row("fast_loop_mission_worst", counts.last().copied().unwrap_or(0), CEILING_WORST);
 }
 
-/// Puts counts in order and says which is in the middle.
+/// Sorts counts and returns the median.
 fn median(counts: &mut [u32]) -> u32 {
     counts.sort_unstable();
     counts.get(counts.len() / 2).copied().unwrap_or(0)
 }
 
-/// Random ranges in every ray with a full store, at 10 Hz; and all that can come in at once, in every step: a random scan,
-/// random points, as many new circles as a delivery holds, a full store, and a tone that is lost and found again by turns.
+/// Random ranges in every ray with a full map, at 10 Hz; and all possible input at once, in every step: a random
+/// scan, random points, as many new circles as a delivery holds, a full map, and a tone that is alternately lost and
+/// found again.
 #[inline(never)]
 fn absurd(measure: &impl Fn(&mut dyn FnMut()) -> u32, fast_loop: &mut Loop<'_>) {
     let mut rng = Rng::new(14, 14);
@@ -247,7 +248,7 @@ fn scatter(now: Instant, rng: &mut Rng) -> Points {
     let mut points = Points { time: now, frame: Frame::Body, ..Points::default() };
     for _ in 0..POINTS_MAX {
         let range_m = 0.3 + 3.0 * rng.uniform();
-        // There are as many places.
+        // The capacity is as large.
         let _ = points.points_m.push(Horizontal::from_bearing(wrap_pi(TAU * rng.uniform())).times(range_m));
     }
     points

@@ -16,11 +16,12 @@ use foxhound_firmware::boards::mps2_an386::Machine as Twin;
 use crate::row;
 
 const TICK_S: f32 = 0.02;
-/// Five looks a second, each a tenth of a second old.
+/// Five detections a second, each a tenth of a second old.
 const LOOK_TICKS: u32 = 10;
 const STEPS_MAX: u32 = 6_000;
 
-/// A vehicle that obeys at once comes from three metres aside and down onto the pad, with a bearing in each step.
+/// A vehicle that follows commands at once comes from three metres aside and down onto the pad, with a bearing in
+/// each step.
 #[inline(never)]
 pub fn rows(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let config = Config { has_camera: true, ..Config::default() };

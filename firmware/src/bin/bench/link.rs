@@ -1,4 +1,4 @@
-//! The rows of the lines: what it takes to hear one that is full, of the autopilot and of a lidar.
+//! The rows of the serial lines: the cost of receiving from a full one, of the autopilot and of a lidar.
 
 use core::hint::black_box;
 
@@ -83,13 +83,13 @@ fn lidar_frame(number: u32) -> [u8; FRAME_BYTES] {
     frame
 }
 
-/// What guidance takes in its step.
+/// Guidance takes the data in its step.
 fn leave(companion: &mut Companion) {
     black_box((companion.scan(), companion.points()));
     companion.drop_obstacles();
 }
 
-/// Frames one behind the other, cut where a step ends.
+/// Frames in sequence, cut where a step ends.
 struct Stream {
     bytes: [u8; STEP_BYTES],
     length: usize,

@@ -1,4 +1,4 @@
-//! What a scan of the obstacle sensor costs on its way into the map.
+//! The cost of a scan of the obstacle sensor until it is in the map.
 
 use core::f32::consts::{FRAC_PI_2, TAU};
 use core::hint::black_box;
@@ -15,7 +15,7 @@ use foxhound_firmware::board::Board as _;
 
 use crate::{Twin, row};
 
-/// A scan's way into the map, the worst of many looks: past pillars, and at what has no end of circles.
+/// A scan until it is in the map, the worst of many scans: past pillars, and of an endless number of circles.
 #[inline(never)]
 pub(super) fn obstacle_looks(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let (Ok(segmenter), Ok(mapper)) = (scan::Config::default().build(), map::Config::default().build()) else {
@@ -103,7 +103,7 @@ fn root(area: f32) -> f32 {
     side
 }
 
-/// What a sensor of 3 m sees of circles (north, east, radius), to the centimetre; anything, if there are none.
+/// Ranges of a sensor of 3 m to circles (north, east, radius), to the centimetre; random ones, if there are none.
 pub(super) fn ranges(world: &[[f32; 3]], pose: &Pose, (fov_rad, rays): View, noise_m: f32, rng: &mut Rng) -> Scan {
     let step_rad = fov_rad / rays as f32;
     let first_azimuth_rad = 0.5 * (step_rad - fov_rad);

@@ -1,8 +1,8 @@
 //! Instruction counts of the stages, in QEMU: `cargo xtask bench`.
 //!
 //! Under `-icount shift=8` an instruction takes 256 ns of the machine's time, 6.4 ticks of its 25 MHz timer, so the
-//! timer tells single instructions apart. Each row is what lies between two readings of the timer, less what lies
-//! between them around a closure that does nothing. On the semihosting output, a line each:
+//! timer resolves single instructions. Each row is the difference between two readings of the timer, minus that
+//! around a closure that does nothing. On the semihosting output, a line each:
 //!
 //! ```text
 //! count ROW INSTRUCTIONS CEILING      ours; 0 where design, section 6, has no ceiling
@@ -113,8 +113,8 @@ fn peer(name: &str, whose: &str, instructions: u32) {
     semihosting::println!("peer {name} {whose} {instructions}");
 }
 
-/// A command past the guard among 64 obstacles while the nose turns, and what the guard takes in of a delivery of them: the
-/// worst over the forests.
+/// A command through the guard among 64 obstacles while the nose turns, and the guard's update from a delivery of
+/// them: the worst over the forests.
 #[inline(never)]
 fn guard_among_obstacles(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(guard) = guard::Config::default().build() else {

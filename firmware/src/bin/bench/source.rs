@@ -1,4 +1,4 @@
-//! Where the source is: the filters behind the bearing, the walls and the state of the link that they are told, the seeking
+//! The source's position: the filters that use the bearing, the walls and the link state that they get, the seeking
 //! with one antenna, and the search. Each row is the worst of a seeded run.
 
 use core::f32::consts::TAU;
@@ -25,7 +25,7 @@ use super::row;
 
 /// Steps of a run.
 const STEPS: usize = 128;
-/// One bearing in so many comes from anywhere.
+/// One bearing in this many is random.
 const OUTLIER: usize = 16;
 const SIGMA_RAD: f32 = 0.05;
 const SOURCE_NED_M: Horizontal = Horizontal { north: 2.0, east: 9.0 };
@@ -226,7 +226,7 @@ fn one_antenna(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     row("rss_rotation", rotation, 15_000);
 }
 
-/// A room of as many circles as are remembered, with a door, and what lies outside.
+/// A room of as many circles as the map holds, with a door, and obstacles outside.
 #[inline(never)]
 fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     let Ok(explorer) = explore::Config::default().build() else {
@@ -234,7 +234,7 @@ fn search(measure: &impl Fn(&mut dyn FnMut()) -> u32) {
     };
     let (mut state, mut rng) = (explore::State::new(), Rng::new(6, 40));
     let circles = room(&mut rng, 0.1).map(|center_ned_m| Disc { center_ned_m, radius_m: 0.15, ..Disc::default() });
-    // As far as the planner takes its sensor to see, and all around.
+    // The range that the planner assumes for its sensor, and all around.
     let sees_m = planner::Config::default().sees_m;
     let (mut here, mut most) = (Horizontal::default(), 0);
     for k in 0..STEPS {

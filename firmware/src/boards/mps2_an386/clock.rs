@@ -17,8 +17,8 @@ use crate::register_values::{alarm_count, wide_count};
 const TIMER_HZ: u64 = 25_000_000;
 const PER_TICK: u64 = TIMER_HZ / TICK_HZ;
 
-/// Of [`ticks`], to a microsecond of the part that the twin stands for: 170 MHz and 1.5 cycles an instruction are 113
-/// instructions, and an instruction takes 6.4 ticks here.
+/// Ticks of [`ticks`] per microsecond of the chip that the twin stands for: 170 MHz and 1.5 cycles an instruction are
+/// 113 instructions, and an instruction takes 6.4 ticks here.
 pub const TICKS_PER_US: u32 = 725;
 
 const ENABLE: u32 = 1;
@@ -51,14 +51,14 @@ pub fn ticks() -> u32 {
 }
 
 impl Clock {
-    /// Sets the alarm, or says that it is too late for that.
+    /// Sets the alarm; false if it is too late for that.
     fn set_alarm(&self, at: u64) -> bool {
         TIMER1.write(Register::TIMER_CONTROL, 0);
         TIMER1.write(Register::Interrupt, 1);
         if at == u64::MAX {
             return true;
         }
-        // A far alarm rings early, finds nothing to do and is set again.
+        // A distant alarm rings early, finds nothing to do and is set again.
         let Some(wait) = alarm_count(self.now(), at, PER_TICK) else { return false };
         TIMER1.write(Register::TIMER_RELOAD, wait);
         TIMER1.write(Register::TIMER_VALUE, wait);

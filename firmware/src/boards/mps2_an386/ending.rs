@@ -1,7 +1,7 @@
-//! Last words by semihosting, on QEMU's error output.
+//! Prints why the program ends by semihosting, on QEMU's error output.
 //!
 //! Without semihosting a `bkpt 0xab` is a fault. So that the image also runs in a QEMU that was started without it,
-//! the fault handler answers such a breakpoint with "failed" and goes on behind it.
+//! the fault handler answers such a breakpoint with "failed" and continues after it.
 
 use core::fmt;
 use core::ops::Range;
@@ -11,19 +11,19 @@ use defmt_semihosting as _;
 use foxhound_computer::restart::End;
 
 use super::Machine;
-use crate::arm::crash_record::{self, LastWords, fault};
+use crate::arm::crash_record::{self, CrashOutput, fault};
 
-/// The end of a program that cannot even begin.
+/// Ends a program that cannot even begin.
 pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
-    Machine::last_words(reason);
+    Machine::print_end(reason);
     semihosting::process::exit(1)
 }
 
-impl LastWords for Machine {
+impl CrashOutput for Machine {
     const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
 
-    fn last_words(words: fmt::Arguments<'_>) {
+    fn print_end(words: fmt::Arguments<'_>) {
         semihosting::eprintln!("foxhound: {words}");
     }
 }
@@ -68,10 +68,10 @@ unsafe extern "C" fn HardFault() {
     )
 }
 
-/// The end of a program that did not feed the watchdog, which asks first.
+/// Ends a program that did not feed the watchdog, which first raises an interrupt.
 extern "C" fn starved(frame: u32) -> ! {
     let address = crash_record::interrupted(frame, &Machine::MEMORY);
-    Machine::last_words(format_args!("watchdog at {address:#010x}"));
+    Machine::print_end(format_args!("watchdog at {address:#010x}"));
     crash_record::end::<Machine>(End::Watchdog, address, 0, b"")
 }
 

@@ -1,8 +1,8 @@
-//! What goes wrong inside the twin because the simulator wants it so: `cargo xtask qemu faults`.
+//! Faults inside the twin, injected by the simulator: `cargo xtask qemu faults`.
 //!
-//! What comes from outside, the simulator does itself: noise on the line, frames that stand still, an autopilot that
-//! restarts. What has to happen at an instruction is done here, by the first of the two timers of the dual timer (Arm DDI
-//! 0479, chapter 4), the most urgent interrupt.
+//! Faults from outside are made by the simulator itself: noise on the line, frames that stand still, an autopilot
+//! that restarts. A fault that must happen at a certain instruction is made here, by the first of the two timers of
+//! the dual timer (Arm DDI 0479, chapter 4), the most urgent interrupt.
 
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -21,17 +21,18 @@ const SIZE_32: u32 = 1 << 1;
 const ONE_SHOT: u32 = 1;
 /// How far into the measured part of the step an interrupt storm begins: 3 900 instructions, when guidance steps.
 const STORM_AFTER_US: u32 = 1_000;
-/// Instructions from one look at the clock to the next in the storm: QEMU takes as long for a look as for hundreds of them.
+/// Instructions from one reading of the clock to the next in the storm: QEMU takes as long for a reading as for
+/// hundreds of them.
 const STORM_STRIDE: u32 = 500;
 
-/// Ticks that the interrupt takes away; none: it cuts the power.
+/// Ticks that the interrupt takes; 0: it cuts the power.
 static STOLEN_TICKS: AtomicU32 = AtomicU32::new(0);
-/// Ticks that are to be taken away in this step.
+/// Ticks to be taken in this step.
 static WANTED_TICKS: AtomicU32 = AtomicU32::new(0);
-/// What the timer had left when the last step was done; none: it does not run.
+/// The rest of the timer when the last step was done; 0: it does not run.
 static LEFT: AtomicU32 = AtomicU32::new(0);
 
-/// Does it, or sees to it that it comes.
+/// Makes the fault, or starts the timer for it.
 pub(super) fn begin(fault: Fault) {
     match fault {
         Fault::PowerCut { after_us } => arm(after_us, 0),
@@ -63,8 +64,8 @@ fn overflow(depth: u64) -> u64 {
     overflow(depth.wrapping_add(frame[3])).wrapping_add(frame[5])
 }
 
-/// The bytes have been read, and the measured part of the step begins. A storm before it would be nobody's: the time for which
-/// bytes are awaited is the simulator's.
+/// The bytes have been read, and the measured part of the step begins. A storm before it would have no effect: the
+/// wait for bytes is the simulator's time.
 pub(super) fn measured() -> u32 {
     let wanted_ticks = WANTED_TICKS.swap(0, Ordering::Relaxed);
     if wanted_ticks > 0 {
@@ -85,7 +86,8 @@ fn run(for_ticks: u32) {
     DUAL_TIMER.write(Register::DUAL_CONTROL, ENABLE | INTERRUPT_ENABLE | SIZE_32 | ONE_SHOT);
 }
 
-/// The step is done: until the next one only the simulator's time passes, which is not to decide where the power is cut.
+/// The step is done: until the next one only the simulator's time passes, which must not decide when the power is
+/// cut.
 pub(super) fn pause() {
     if DUAL_TIMER.read(Register::DUAL_CONTROL) & ENABLE != 0 {
         DUAL_TIMER.write(Register::DUAL_CONTROL, 0);

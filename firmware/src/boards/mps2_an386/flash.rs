@@ -1,9 +1,9 @@
-//! A flash in the memory that we share with the simulator, behind its blocks: it outlives our resets, and the simulator can
-//! look at it and spoil it.
+//! A flash in the memory shared with the simulator, behind its blocks: it survives our resets, and the simulator can
+//! read it and damage it.
 //!
-//! It behaves as the one of the STM32G4: words of 8 bytes, pages of 2 KB, and a word that is not blank takes zeros only, and
-//! is struck out by anything else. Every bit
-//! lies there turned round, so that a new file, which is full of zeros, is a blank flash.
+//! It behaves as that of the STM32G4: words of 8 bytes, pages of 2 KB; a word that is not blank accepts only zeros,
+//! and is struck out by any other value. Every bit is stored inverted, so that a new file, which is full of zeros, is
+//! a blank flash.
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use foxhound_computer::part::{self, BLANK, Refused};
@@ -13,7 +13,7 @@ use foxhound_computer::twin;
 const PAGE_BYTES: usize = 2048;
 const BYTES: u32 = PAGES * PAGE_BYTES as u32;
 
-/// What is kept while the power is off.
+/// Non-volatile storage.
 #[derive(Debug)]
 pub struct Flash(());
 
@@ -23,7 +23,7 @@ impl Flash {
         Self(())
     }
 
-    /// A word of the shared memory, in two halves; `at` is inside and whole.
+    /// A word of the shared memory, in two halves; `at` is inside and aligned.
     fn halves(at: u32) -> [*mut u32; 2] {
         let low = (super::PSRAM + twin::STORE_AT + at as usize) as *mut u32;
         [low, low.wrapping_add(1)]

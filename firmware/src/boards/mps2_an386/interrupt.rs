@@ -23,9 +23,9 @@ pub enum Interrupt {
     Timer1 = 9,
     /// A fault is due.
     DualTimer = 10,
-    /// Nothing is wired here: the executor of guidance.
+    /// Not connected: the executor of guidance.
     GuidanceExecutor = 30,
-    /// Nothing is wired here: the executor of the link.
+    /// Not connected: the executor of the link.
     LinkExecutor = 31,
 }
 
@@ -36,8 +36,8 @@ unsafe impl InterruptNumber for Interrupt {
     }
 }
 
-/// Sets priorities (lower is more urgent): time and serial lines before guidance before the link before the
-/// maintenance port; the planner has none of this, it is the thread.
+/// Sets priorities (lower is more urgent): time and serial lines, then guidance, then the link, then the maintenance
+/// port; the planner is the thread.
 pub fn prioritise(nvic: &mut NVIC) {
     use Interrupt as I;
     let levels = [
@@ -59,7 +59,7 @@ pub fn prioritise(nvic: &mut NVIC) {
     }
 }
 
-/// Lets an interrupt through.
+/// Enables an interrupt.
 pub fn unmask(interrupt: Interrupt) {
     // SAFETY: every handler takes what it shares from statics that are safe to share; no mask-based critical section
     // is in use.

@@ -12,14 +12,14 @@ pub const UART0: Peripheral = Peripheral { base: 0x4000_4000 };
 pub const UART1: Peripheral = Peripheral { base: 0x4000_5000 };
 /// The maintenance port.
 pub const UART2: Peripheral = Peripheral { base: 0x4000_6000 };
-/// Runs freely: the time.
+/// Free-running: the time.
 pub const TIMER0: Peripheral = Peripheral { base: 0x4000_0000 };
-/// Runs out: the alarm.
+/// Runs down: the alarm.
 pub const TIMER1: Peripheral = Peripheral { base: 0x4000_1000 };
 
 /// Two timers; the first one of them.
 pub const DUAL_TIMER: Peripheral = Peripheral { base: 0x4000_2000 };
-/// Restarts the board when it has run out twice.
+/// Restarts the board when it has run down twice.
 pub const WATCHDOG: Peripheral = Peripheral { base: 0x4000_8000 };
 
 /// A register by its offset.
@@ -36,7 +36,7 @@ pub enum Register {
     Interrupt = 0x0c,
     /// UART: clock divider.
     Divider = 0x10,
-    /// Watchdog: what unlocks it.
+    /// Watchdog: unlocks it.
     Lock = 0xc00,
 }
 
@@ -45,21 +45,21 @@ impl Register {
     pub const TIMER_CONTROL: Self = Self::Data;
     /// Current value of a timer, counting down.
     pub const TIMER_VALUE: Self = Self::State;
-    /// What a timer starts again from after zero.
+    /// Reload value of a timer after zero.
     pub const TIMER_RELOAD: Self = Self::Control;
-    /// What the watchdog starts from; writing starts it anew.
+    /// Start value of the watchdog; writing restarts it.
     pub const WATCHDOG_LOAD: Self = Self::Data;
     /// Control of the watchdog.
     pub const WATCHDOG_CONTROL: Self = Self::Control;
-    /// What the dual timer starts from.
+    /// Start value of the dual timer.
     pub const DUAL_LOAD: Self = Self::Data;
-    /// What the dual timer has left.
+    /// Current value of the dual timer.
     pub const DUAL_VALUE: Self = Self::State;
     /// Control of the dual timer.
     pub const DUAL_CONTROL: Self = Self::Control;
     /// Clears the dual timer's interrupt.
     pub const DUAL_CLEAR: Self = Self::Interrupt;
-    /// Clears the watchdog's interrupt and starts it anew.
+    /// Clears the watchdog's interrupt and restarts it.
     pub const WATCHDOG_CLEAR: Self = Self::Interrupt;
 }
 

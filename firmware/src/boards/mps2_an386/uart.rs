@@ -1,12 +1,13 @@
-//! The serial lines: UART0 to the autopilot, UART1 to the simulator, UART2 to whoever maintains it.
+//! The serial lines: UART0 to the autopilot, UART1 to the simulator, UART2 the maintenance port.
 //!
-//! Bytes come in by interrupt into a ring. When the ring is full the interrupt is masked until somebody reads: the
-//! byte stays in the receiver, where QEMU lets the sender wait.
+//! Bytes are received by interrupt into a ring. When the ring is full the interrupt is masked until the ring is read:
+//! the byte stays in the receiver, and QEMU makes the sender wait.
 //!
-//! Bytes of the autopilot, and of a camera, also come by the memory that we share with the simulator, as by DMA: layout in
-//! `foxhound_computer::twin`. QEMU's serial line costs the simulator's machine a dozen changes of thread for every byte. A simulator
-//! that flies for hours fills the rings before it rings the bell; one that fills nothing has UART0 and UART2. What was written
-//! before the setup of this start was for the last one. Those of a lidar come by the memory only.
+//! Bytes of the autopilot, and of a camera, also come through the memory shared with the simulator, as by DMA: layout
+//! in `foxhound_computer::twin`. QEMU's serial line costs the simulator's machine a dozen thread switches per byte. A
+//! simulator that flies for hours fills the rings before it rings the doorbell; one that does not uses UART0 and
+//! UART2. Bytes written before the setup of this start belong to the last one. Those of a lidar come only through the
+//! memory.
 
 use core::future::{Future as _, poll_fn};
 use core::ops::Range;
@@ -44,12 +45,12 @@ const RX_INTERRUPT: u32 = 1 << 1;
 
 const DIVIDER: u32 = baud_divider(25_000_000, 921_600, 1);
 
-/// What comes in a step of 20 ms at 921 600 baud.
+/// Bytes of a step of 20 ms at 921 600 baud.
 const RING_BYTES: usize = 2048;
 static RING: Pipe<CriticalSectionRawMutex, RING_BYTES> = Pipe::new();
 /// As on the NUCLEO-G474RE.
 const PIECE_BYTES: usize = 128;
-/// What its DMA would reach of the twin: program and data.
+/// Memory of the twin that its DMA would reach: program and data.
 const DMA_REACHES: [Range<usize>; 2] = [0..0x0008_0000, 0x2000_0000..0x2002_0000];
 static IS_SENDING: AtomicBool = AtomicBool::new(false);
 static PORT_IS_SENDING: AtomicBool = AtomicBool::new(false);
@@ -77,7 +78,7 @@ pub fn start() {
 /// From the autopilot.
 #[derive(Debug)]
 pub struct Receiver {
-    /// Bytes that have waited at once, at most.
+    /// The largest number of bytes that waited at once.
     most: u32,
 }
 
@@ -144,7 +145,7 @@ impl Read for Receiver {
 /// From the lidar.
 #[derive(Debug)]
 pub struct LidarReceiver {
-    /// Bytes that have waited at once, at most.
+    /// The largest number of bytes that waited at once.
     most: u32,
 }
 
@@ -195,7 +196,7 @@ impl Write for Transmitter {
     }
 }
 
-/// Stands for a transfer by DMA: what the part refuses ends the program here.
+/// Stands for a DMA transfer: one that the chip would refuse ends the program here.
 struct Transfer(&'static AtomicBool);
 
 impl Transfer {
@@ -253,7 +254,7 @@ impl Write for ConsoleTransmitter {
     }
 }
 
-/// Waits until so many bytes have been sent to the autopilot since the start.
+/// Waits until this many bytes have been sent to the autopilot since the start.
 pub(super) async fn drained(total: u32) {
     poll_fn(|context| {
         DRAINED.register(context.waker());
@@ -263,7 +264,7 @@ pub(super) async fn drained(total: u32) {
 }
 
 impl Doorbell {
-    /// Waits for a ring.
+    /// Waits for the doorbell.
     pub async fn wait(&mut self) -> u8 {
         let mut bell = [0];
         BELL.read(&mut bell).await;
@@ -271,7 +272,7 @@ impl Doorbell {
         bell[0]
     }
 
-    /// Rings. A byte that the line cannot take is dropped: then nobody is there.
+    /// Rings. A byte that the line cannot take is dropped: then there is no simulator.
     pub fn ring(&mut self, bell: u8) {
         if UART1.read(Register::State) & TX_FULL == 0 {
             UART1.write(Register::Data, u32::from(bell));
@@ -287,7 +288,7 @@ fn receive<const N: usize>(uart: Peripheral, interrupt: Interrupt, ring: &Pipe<C
             NVIC::pend(interrupt);
             return;
         }
-        // There is room for one.
+        // There is space for one.
         let _ = ring.try_write(&[uart.read(Register::Data) as u8]);
     }
 }
@@ -343,19 +344,19 @@ impl Line {
         Self { total_at, from, length, waker: AtomicWaker::new(), is_open, taken }
     }
 
-    /// A setup has come: what follows is for us.
+    /// A setup has come: later bytes are for this start.
     pub(super) fn open(&self) {
         if !self.is_open.swap(true, Ordering::Relaxed) {
             self.taken.store(self.total(), Ordering::Relaxed);
         }
     }
 
-    /// The bell has rung.
+    /// The doorbell has rung.
     pub(super) fn wake(&self) {
         self.waker.wake();
     }
 
-    /// Bytes that are there.
+    /// Bytes that are available.
     fn waiting(&self) -> u32 {
         if !self.is_open.load(Ordering::Relaxed) {
             return 0;
@@ -363,7 +364,7 @@ impl Line {
         self.total().wrapping_sub(self.taken.load(Ordering::Relaxed))
     }
 
-    /// Takes what is there; the waker is woken by the bell.
+    /// Takes the available bytes; the doorbell wakes the waker.
     pub(super) fn take(&self, bytes: &mut [u8], waker: &Waker) -> usize {
         self.waker.register(waker);
         if !self.is_open.load(Ordering::Relaxed) {

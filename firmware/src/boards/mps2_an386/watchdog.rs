@@ -1,5 +1,5 @@
-//! The CMSDK watchdog (Arm DDI 0479, chapter 4): counts down at 25 MHz, asks by an interrupt, which nobody answers, when it
-//! comes to zero for the first time, and resets the machine at the second.
+//! The CMSDK watchdog (Arm DDI 0479, chapter 4): counts down at 25 MHz, raises an interrupt, which is not answered,
+//! at the first zero, and resets the machine at the second.
 
 use super::registers::{Register, WATCHDOG};
 use crate::board;
@@ -24,7 +24,7 @@ impl Watchdog {
         Self(())
     }
 
-    /// Ends it, for a program that measures and makes no steps.
+    /// Stops it, for a program that measures and makes no steps.
     pub fn stop(self) {
         WATCHDOG.write(Register::WATCHDOG_CONTROL, 0);
     }

@@ -1,11 +1,12 @@
 //! Four coherent antenna channels: ADC1 to ADC4, triggered together, written to memory by DMA.
 //!
-//! TIM6 counts cycles of 170 MHz, 1660 for the default 102.4 kHz, and its update event (TRGO) starts all four converters at the
-//! same instant. How many follows from the configuration ([`foxhound_computer::sampling`]), in which the rate that they
-//! make, 102 409.6 Hz, stands from then on; a rate that cannot be had is refused there, by name.
+//! TIM6 counts cycles of 170 MHz, 1660 for the default 102.4 kHz, and its update event (TRGO) starts all four
+//! converters at the same instant. The count follows from the configuration ([`foxhound_computer::sampling`]), in
+//! which the actual rate, 102 409.6 Hz, is stored from then on; an impossible rate is refused there, with the name of
+//! the field.
 //! Each converter's results go by its own DMA channel into its own ring of two blocks. DMA interrupts when a half of
 //! the last ring is full; the other half fills in the 2.5 ms that follow, and until then the full one may be read.
-//! Every eighth block is handed to guidance, one a step, or as many as the step's period has.
+//! Every eighth block is passed to guidance, one per step, or as many as the step's period has.
 //!
 //! | channel | converter, input | pin | connector | DMA | request |
 //! |---|---|---|---|---|---|
@@ -18,21 +19,22 @@
 //! `TIM6_TRGO` is input 13 of the regular groups of all five converters; overrun; DMA circular mode) and DMAMUX (its
 //! channels 8 to 15 serve DMA2).
 //!
-//! - **Clock.** Synchronous, HCLK / 4 = 42.5 MHz: below the 52 MHz that are allowed with several converters at work, and
-//!   a trigger from a timer of the same clock then has no jitter. The dividers of the pairs ADC1/2 and ADC3/4 may stand
-//!   up to three HCLK cycles (18 ns) apart; `calibrate` measures what is left, `skew_s` of the array takes it off.
-//! - **Time.** 92.5 cycles of sampling and 12.5 of conversion, 2.5 us of the 9.8 us between two triggers, and a few to
-//!   begin: 432 cycles of 170 MHz are the shortest that is taken.
-//! - **Offset.** The codes are made signed by half scale and nothing else. A constant, whatever it is, is projected out where the
+//! - **Clock.** Synchronous, HCLK / 4 = 42.5 MHz: below the 52 MHz that are allowed with several converters at work,
+//!   and a trigger from a timer of the same clock then has no jitter. The dividers of the pairs ADC1/2 and ADC3/4 may
+//!   be up to three HCLK cycles (18 ns) apart; `calibrate` measures the difference, `skew_s` of the array corrects
+//!   it.
+//! - **Time.** 92.5 cycles of sampling and 12.5 of conversion, 2.5 us of the 9.8 us between two triggers, and a few
+//!   to begin: 432 cycles of 170 MHz are the shortest accepted.
+//! - **Offset.** Half scale is subtracted from the samples and nothing else. Any constant is projected out where the
 //!   tone is fitted (`foxhound_core::signal::phase`).
-//! - **Overrun.** When DMA does not fetch a result in time the converter sets OVR and sends no more requests; the rings
-//!   would then be out of step with each other. It is looked for at every block that is handed over, and everything is
-//!   started anew: timer off, ADSTP until ADSTART is clear, DMAEN off (it may be written then only), channel off, DR read, flags
-//!   cleared; then all registers of the channel, DMAEN, ADSTART, timer. A transfer error stops DMA; no block comes then, and that
-//!   is a start anew, too.
-//! - **Waits.** The hardware gets 1 ms for each thing that is waited for, fifty times what the longest takes. What does not
-//!   come in that time never does: from then on there are no frames, and the pilot is told ([`Trouble`]).
-//! - **A converter that stops without a word** leaves old codes in its ring; they are known by being the same
+//! - **Overrun.** When DMA does not fetch a result in time the converter sets OVR and sends no more requests; the
+//!   rings would then be out of step with each other. Every block that is passed on is checked for that, and
+//!   everything is started anew: timer off, ADSTP until ADSTART is clear, DMAEN off (it may be written then only),
+//!   channel off, DR read, flags cleared; then all registers of the channel, DMAEN, ADSTART, timer. A transfer error
+//!   stops DMA; no block comes then, which also leads to a new start.
+//! - **Waits.** The hardware gets 1 ms for each wait, fifty times the longest. A part that is not ready in that time
+//!   is taken to be broken: from then on there are no frames, and the pilot is informed ([`Trouble`]).
+//! - **A converter that stops silently** leaves old samples in its ring; they are detected because they repeat
 //!   ([`foxhound_computer::frozen`]).
 
 use core::cell::UnsafeCell;
@@ -66,7 +68,7 @@ const CYCLES_PER_CONVERSION: u32 = 4 * (105 + 3);
 const TRIGGER: u8 = 13;
 /// The first DMA multiplexer channel of DMA2.
 const DMAMUX_OF_DMA2: usize = 8;
-/// So long is waited for the hardware at most.
+/// Longest wait for the hardware.
 const WAIT_CYCLES: u32 = 1_000 * CLOCK_MHZ;
 
 struct Channel {
@@ -82,7 +84,7 @@ const CHANNEL: [Channel; CHANNELS] = [
     Channel { converter: ADC4, input: 3, request: 38 },
 ];
 
-/// What DMA writes: a ring of two blocks for each channel.
+/// Written by DMA: a ring of two blocks for each channel.
 struct Rings(UnsafeCell<[[[u16; N]; 2]; CHANNELS]>);
 
 // SAFETY: DMA writes, `Acquisition::take` reads, and there is one of each; see there.
@@ -91,16 +93,16 @@ unsafe impl Sync for Rings {}
 static RINGS: Rings = Rings(UnsafeCell::new([[[0; N]; 2]; CHANNELS]));
 /// Halves that have been filled since the start.
 static FILLED: AtomicU32 = AtomicU32::new(0);
-/// Of this many blocks, one is handed over.
+/// One in this many blocks is passed on.
 static BLOCKS: AtomicU32 = AtomicU32::new(0);
 static READY: Signal<CriticalSectionRawMutex, Block> = Signal::new();
 
 /// A block that is waiting to be read.
 #[derive(Clone, Copy, Debug)]
 pub struct Block {
-    /// `FILLED` when it was full.
+    /// `FILLED` when the block was full.
     count: u32,
-    /// When its last sample had been taken.
+    /// When its last sample was taken.
     end: Instant,
 }
 
@@ -116,7 +118,7 @@ pub enum Trouble {
 }
 
 impl Trouble {
-    /// For the pilot.
+    /// Text for the pilot.
     pub fn words(self) -> &'static str {
         match self {
             Self::Calibration(0) => "Foxhound: ADC1 does not calibrate",
@@ -132,7 +134,7 @@ impl Trouble {
     }
 }
 
-/// Waits for the hardware; false where that is in vain.
+/// Waits for the hardware; false on timeout.
 fn wait(until: impl Fn() -> bool) -> bool {
     let begin = DWT::cycle_count();
     while DWT::cycle_count().wrapping_sub(begin) < WAIT_CYCLES {
@@ -143,7 +145,7 @@ fn wait(until: impl Fn() -> bool) -> bool {
     until()
 }
 
-/// The four channels; running from the first [`sample`](Self::sample) on.
+/// The four channels; they run from the first [`sample`](Self::sample) on.
 #[derive(Debug)]
 pub struct Acquisition {
     sampling: Option<Sampling>,
@@ -152,7 +154,7 @@ pub struct Acquisition {
 }
 
 impl Acquisition {
-    /// Calibrates. To be called once, when the clocks and the cycle counter run; takes some hundred microseconds.
+    /// Calibrates. Call it once, when the clocks and the cycle counter run; takes some hundred microseconds.
     pub fn new() -> Self {
         RCC.ahb1enr().modify(|w| {
             w.set_dma2en(true);
@@ -225,7 +227,7 @@ impl Acquisition {
         Self { sampling: None, trouble, restarts: 0 }
     }
 
-    /// Samples like this from now on.
+    /// Uses this sampling from now on.
     pub fn sample(&mut self, sampling: Sampling) {
         if self.sampling == Some(sampling) {
             return;
@@ -304,13 +306,13 @@ impl Acquisition {
         TIM6.cr1().modify(|w| w.set_cen(true));
     }
 
-    /// Waits for the next block that is to be handed over.
+    /// Waits for the next block that is to be passed on.
     pub async fn ready(&mut self) -> Block {
         READY.wait().await
     }
 
-    /// Copies a block into a snapshot. Says no when it came too late or a result was lost: the snapshot is then not to
-    /// be used, and after a loss everything has been started anew.
+    /// Copies a block into a frame. False if it came too late or a result was lost: the frame must not be used then,
+    /// and after a loss everything has been started anew.
     pub fn take(&mut self, block: Block, snapshot: &mut AdcFrame<N>) -> bool {
         if CHANNEL.iter().any(|channel| channel.converter.isr().read().ovr()) {
             self.restart();
@@ -332,18 +334,19 @@ impl Acquisition {
         FILLED.load(Ordering::Relaxed) == block.count
     }
 
-    /// So long is waited for a frame: for two that do not come, and a twentieth. The autopilot's bytes of that time fit its ring.
+    /// Longest wait for a frame: the time of two missing ones, and a twentieth. The autopilot's bytes of that time
+    /// fit its ring.
     pub fn patience(&self) -> Duration {
         let cycles = self.sampling.map_or(0, |sampling| u64::from(sampling.cycles * sampling.blocks) * N as u64);
         Duration::from_micros(patience_us(cycles, CLOCK_MHZ))
     }
 
-    /// Why there are no frames and will be none.
+    /// Why there are no frames, permanently.
     pub fn trouble(&self) -> Option<Trouble> {
         self.trouble
     }
 
-    /// How often everything had to be started anew.
+    /// Number of new starts.
     pub fn restarts(&self) -> u32 {
         self.restarts
     }

@@ -1,5 +1,5 @@
-//! 170 MHz from the 24 MHz crystal or, where that does not start, from the internal oscillator: what embassy-stm32 0.6.0 has
-//! wrong is done here instead.
+//! 170 MHz from the 24 MHz crystal or, if that does not start, from the internal oscillator; corrects two errors of
+//! embassy-stm32 0.6.0.
 //!
 //! | oscillator | PLL input | VCO | SYSCLK, HCLK, PCLK1, PCLK2 |
 //! |---|---|---|---|
@@ -16,11 +16,11 @@
 //! 4. The system clock is switched to the PLL.
 //! 5. HCLK is divided by 1 again after 1 us at the earliest. embassy writes the switch and the divider in one access.
 //!
-//! embassy is started on the HSI at 16 MHz, which it does right, and keeps that as its table of clocks. Of what it does later
-//! only its time driver asks the table, and gets the right prescaler here; serial lines, converters and timers are the board's
-//! own and go by [`CLOCK_MHZ`].
+//! embassy is started on the HSI at 16 MHz, which it does correctly, and keeps that as its table of clocks.
+//! Afterwards only its time driver uses the table, and its prescaler is corrected here; serial lines, converters and
+//! timers are the board's own and use [`CLOCK_MHZ`].
 //!
-//! embassy also waits for the HSE without end. Here it has [`HSE_WAIT_MS`], with the watchdog running.
+//! embassy also waits for the HSE without a timeout. Here the limit is [`HSE_WAIT_MS`], with the watchdog running.
 
 use cortex_m::asm;
 use cortex_m::peripheral::DWT;
@@ -39,14 +39,14 @@ pub(super) const CLOCK_MHZ: u32 = 170;
 const CLOCK_HZ: u32 = CLOCK_MHZ * 1_000_000;
 const HSE_HZ: u32 = 24_000_000;
 const _: () = assert!(pll_hz(HSE_HZ, 6, 85, 2) == CLOCK_HZ && pll_hz(HSI_MHZ * 1_000_000, 4, 85, 2) == CLOCK_HZ);
-/// Of the core, until it is raised.
+/// Clock of the core, until it is raised.
 const HSI_MHZ: u32 = 16;
 /// The crystal starts in some 2 ms (DS12288, HSE oscillator characteristics).
 const HSE_WAIT_MS: u32 = 100;
 /// `PWR_CR5`: 0 is range 1 boost.
 const R1MODE: u32 = 1 << 8;
 
-/// Starts embassy and raises the clock. To be called once after a reset, with the cycle counter and the watchdog running.
+/// Starts embassy and raises the clock. Call it once after a reset, with the cycle counter and the watchdog running.
 pub(super) fn start() -> (Peripherals, Clock) {
     let clock = wait_for_crystal();
     let mut config = embassy_stm32::Config::default();
@@ -72,7 +72,7 @@ fn wait_for_crystal() -> Clock {
     Clock::Crystal
 }
 
-/// From 16 to 170 MHz. What does not come here, the watchdog ends.
+/// From 16 to 170 MHz. If a wait here never ends, the watchdog resets.
 fn raise(clock: Clock) {
     let (source, divider) = match clock {
         Clock::Crystal => (Pllsrc::HSE, Pllm::DIV6),

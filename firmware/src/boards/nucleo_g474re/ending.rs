@@ -1,4 +1,4 @@
-//! How the program ends; its last words go to a debugger.
+//! The end of the program; its reason goes to a debugger.
 
 use core::fmt;
 use core::ops::Range;
@@ -8,19 +8,19 @@ use defmt_rtt as _;
 use foxhound_computer::restart::End;
 
 use super::Machine;
-use crate::arm::crash_record::{self, LastWords};
+use crate::arm::crash_record::{self, CrashOutput};
 
-/// It cannot go on: says why, and begins anew.
+/// Reports why the program cannot continue, and restarts.
 pub(super) fn halt(reason: fmt::Arguments<'_>) -> ! {
-    Machine::last_words(reason);
+    Machine::print_end(reason);
     crash_record::end::<Machine>(End::Halt, 0, 0, reason.as_str().unwrap_or("halt").as_bytes())
 }
 
-impl LastWords for Machine {
+impl CrashOutput for Machine {
     const MEMORY: Range<u32> = 0x2000_0000..0x2002_0000;
 
-    /// To a debugger.
-    fn last_words(words: fmt::Arguments<'_>) {
+    /// Prints to a debugger.
+    fn print_end(words: fmt::Arguments<'_>) {
         defmt::error!("{}", defmt::Display2Format(&words));
     }
 }
@@ -30,8 +30,8 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     crash_record::panicked::<Machine>(info)
 }
 
-/// A fault of the processor; every other fault comes through it. The stack may be what is broken: it is begun anew, so that
-/// there is room.
+/// A fault of the processor; every other fault comes through it. The stack may be corrupt: it is started anew, so
+/// that there is space.
 // SAFETY: the name is that of the vector, and the main stack is the only one in use. Nothing returns from here.
 #[unsafe(no_mangle)]
 #[unsafe(naked)]

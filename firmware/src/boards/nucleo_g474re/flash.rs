@@ -1,19 +1,21 @@
-//! The last eight pages of the flash, for what is kept while the power is off.
+//! Non-volatile storage in the last eight pages of the flash.
 //!
 //! After RM0440, chapter "Embedded flash memory (FLASH) for category 3 devices":
 //!
-//! - **Banks.** Two of 256 KB, with pages of 2 KB and words of 64 bits, as they come from the factory: the option bytes' production
-//!   value is 0xFFEF F8AA, in which DBANK, bit 22, is set. With DBANK clear the pages are others; embassy-stm32 panics then, so
-//!   it is looked at before, and this flash refuses everything: the vehicle comes up as one whose store is lost.
-//! - **Time.** 8 bytes take about 0.1 ms, a page 25 ms (DS12288, flash memory characteristics), during which whatever is fetched
-//!   from bank 2 waits. `memory.x` says what lies there.
-//! - **Cut-off words.** A word whose programming or erasing the power has ended may have more wrong bits than its code corrects.
-//!   Reading it raises ECCD and the NMI. The handler clears the flag and takes note; the word counts as zeros, and is
-//!   programmed as zeros, which is allowed over anything, so that it reads alike ever after. An NMI of any other source, or
-//!   while nothing is read here, is damage to the program or to its memory: a restart.
-//! - **Cache.** The data cache is off while this is read: what it holds would hide a damaged word.
+//! - **Banks.** Two of 256 KB, with pages of 2 KB and words of 64 bits, as delivered: the option bytes' production
+//!   value is 0xFFEF F8AA, in which DBANK, bit 22, is set. With DBANK clear the pages are different, and
+//!   embassy-stm32 panics; so DBANK is checked first, and this flash then refuses everything: the vehicle comes up as
+//!   one whose store is lost.
+//! - **Time.** 8 bytes take about 0.1 ms, a page 25 ms (DS12288, flash memory characteristics), during which fetches
+//!   from bank 2 wait. `memory.x` defines what is there.
+//! - **Interrupted words.** A word whose programming or erasing was interrupted by a loss of power may have more
+//!   wrong bits than its code corrects. Reading it raises ECCD and the NMI. The handler clears the flag and records
+//!   it; the word counts as zeros, and is programmed as zeros, which is allowed over anything, so that it reads the
+//!   same ever after. An NMI from another source, or while nothing is read here, means damage to the program or to
+//!   its memory: a restart.
+//! - **Cache.** The data cache is off during a read: its content would hide a damaged word.
 //!
-//! Not one of these has happened to a real board yet.
+//! None of this has happened to a real board yet.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -41,7 +43,7 @@ static IS_READING: AtomicBool = AtomicBool::new(false);
 /// It was.
 static IS_DAMAGED: AtomicBool = AtomicBool::new(false);
 
-/// What is kept while the power is off; nothing where the banks are not as they should be.
+/// Non-volatile storage; `None` if the banks are not as required.
 pub struct Flash(Option<flash::Flash<'static, Blocking>>);
 
 impl Flash {
@@ -70,7 +72,7 @@ fn read_word(at: u32) -> Option<[u8; 8]> {
     is_sound.then(|| (u64::from(high) << 32 | u64::from(low)).to_le_bytes())
 }
 
-/// The flash says that it cannot correct what is being read, or something worse has happened.
+/// The flash reports an uncorrectable error in the word being read, or something worse has happened.
 // SAFETY: it touches its two flags and a register that nobody else touches.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
@@ -78,7 +80,7 @@ unsafe fn NonMaskableInt() {
     if !(state.eccd() || state.eccd2()) || !IS_READING.load(Ordering::SeqCst) {
         crash_record::end::<Machine>(End::Halt, 0, 0, b"flash or RAM damaged");
     }
-    // What is set is cleared by writing it.
+    // A set flag is cleared by writing it.
     FLASH.eccr().write_value(state);
     IS_DAMAGED.store(true, Ordering::SeqCst);
 }
@@ -127,7 +129,7 @@ impl NorFlash for Flash {
         let driver = self.driver()?;
         for (at, word) in (offset..).step_by(8).zip(bytes.as_chunks::<8>().0) {
             if driver.blocking_write(FROM + at, word).is_err() {
-                // A word that looks blank and is not: struck out, or it would be tried again and again.
+                // A word that looks blank and is not: it is struck out, or it would be tried again and again.
                 let _ = driver.blocking_write(FROM + at, &[0; 8]);
                 return Err(Refused::Failed);
             }

@@ -1,4 +1,4 @@
-//! The serial lines, 8N1, by DMA: two of 921 600 baud both ways, and one of 230 400 that only listens.
+//! The serial lines, 8N1, by DMA: two of 921 600 baud in both directions, and one of 230 400 that only receives.
 //!
 //! | line | pins | DMA1 | request |
 //! |---|---|---|---|
@@ -8,12 +8,13 @@
 //!
 //! After RM0440, chapters DMA, DMAMUX, USART and LPUART:
 //!
-//! - **Receiving.** A circular transfer fills a ring and never stops ([`foxhound_computer::circular`] reads behind it). With
-//!   DDRE = 0 (`USART_CR3`) a byte with noise or a framing error raises its flag and no DMA request: it is left out, and the
-//!   next good byte is transferred. So after an error nothing is to be restarted; the interrupt clears the flag and counts.
-//!   An overrun (ORE) keeps the byte in the data register, which DMA fetches; what came meanwhile is lost. A channel is never
-//!   disabled and enabled again without new values in its registers ("suspend and resume" is not supported).
-//! - **Sending.** Bytes are copied into a buffer of the line, which DMA reaches and which outlives the transfer.
+//! - **Receiving.** A circular transfer fills a ring and never stops ([`foxhound_computer::circular`] reads behind
+//!   it). With DDRE = 0 (`USART_CR3`) a byte with noise or a framing error raises its flag and no DMA request: it is
+//!   dropped, and the next good byte is transferred. So nothing has to be restarted after an error; the interrupt
+//!   clears the flag and counts. An overrun (ORE) keeps the byte in the data register, which DMA fetches; bytes
+//!   received meanwhile are lost. A channel is never disabled and enabled again without new values in its registers
+//!   ("suspend and resume" is not supported).
+//! - **Sending.** Bytes are copied into a buffer of the line, which DMA can reach and which outlives the transfer.
 //! - **Pull-ups** on the inputs: an open input is an idle line.
 
 use core::future::poll_fn;
@@ -53,7 +54,7 @@ static PORT_RING: Bytes<PORT_RING_BYTES> = [const { AtomicU8::new(0) }; PORT_RIN
 static LIDAR_RING: Bytes<LIDAR_RING_BYTES> = [const { AtomicU8::new(0) }; LIDAR_RING_BYTES];
 static PORT_PIECE: Bytes<PIECE_BYTES> = [const { AtomicU8::new(0) }; PIECE_BYTES];
 
-/// A channel of DMA1, by its index from 0, and what it serves.
+/// A channel of DMA1, by its index from 0, and its request.
 struct Channel {
     index: usize,
     request: u8,
@@ -62,7 +63,7 @@ struct Channel {
 /// A serial line.
 struct Line {
     uart: Usart,
-    /// None where it only listens.
+    /// `None` if it only receives.
     sends: Option<Channel>,
     receives: Channel,
     /// DMA writes it.
@@ -101,7 +102,7 @@ pub struct Receiver {
 /// The sending end of a line.
 pub struct Transmitter(&'static Line);
 
-/// The autopilot's line, then the maintenance port's, and the lidar's. To be called once, when the clocks run.
+/// The lines of the autopilot, the maintenance port and the lidar. Call it once, when the clocks run.
 pub(super) fn start() -> ([(Receiver, Transmitter); 2], Receiver) {
     RCC.ahb1enr().modify(|w| {
         w.set_dma1en(true);
@@ -337,7 +338,7 @@ impl Write for Transmitter {
         let Some(Channel { index: channel, .. }) = line.sends else { return };
         let dma = DMA1.ch(channel);
         for piece in part::pieces(bytes, line.piece.len()) {
-            // One whose future was dropped is still under way.
+            // A transfer whose future was dropped is still in progress.
             line.idle().await;
             for (slot, byte) in line.piece.iter().zip(piece) {
                 slot.store(*byte, Ordering::Relaxed);

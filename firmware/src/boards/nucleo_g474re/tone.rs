@@ -1,14 +1,14 @@
 //! The test tone: DAC1 channel 1 on PA4 (CN8-3, A2), at the pace of the antennas' samples.
 //!
-//! TIM6, which triggers the antennas' converters, triggers this one, too (RM0440, DAC: trigger 7 is `TIM6_TRGO`); DMA2 channel
-//! 5 fetches [`foxhound_computer::tone`]'s table from flash, round and round (DMAMUX: request 6 is DAC1 channel 1), behind the
-//! antennas' channels in priority. So the tone has a fixed ratio to the sample rate, whatever that is: 14.806 kHz by
-//! default.
+//! TIM6, which triggers the antennas' converters, triggers this one, too (RM0440, DAC: trigger 7 is `TIM6_TRGO`);
+//! DMA2 channel 5 fetches [`foxhound_computer::tone`]'s table from flash, in circles (DMAMUX: request 6 is DAC1
+//! channel 1), with a lower priority than the antennas' channels. So the tone has a fixed ratio to the sample rate:
+//! 14.806 kHz by default.
 //!
-//! It sounds during a self-test that asks for it and at no other time: the pin lies between those of the antennas. A step
-//! of the output and the sampling begin at the same trigger: the output still settles while the converters sample. That is the
-//! same in all channels, and so nothing to phases and gains against each other; how much it takes off the amplitude is
-//! one of the things that only a board can show.
+//! It is on only during a self-test that needs it: the pin is between those of the antennas. A step of the output and
+//! the sampling begin at the same trigger, so the output is still settling while the converters sample. That is the
+//! same in all channels, and does not affect relative phases and gains; how much it reduces the amplitude only a
+//! board can show.
 
 use embassy_stm32::pac::bdma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::dac::vals::Mode;
@@ -26,14 +26,14 @@ const DMAMUX: usize = 8 + DMA;
 /// The bus runs faster than 160 MHz.
 const ABOVE_160_MHZ: u8 = 0b10;
 
-/// The output, silent.
+/// The output, off.
 #[derive(Debug)]
 pub struct Tone {
     sounds: bool,
 }
 
 impl Tone {
-    /// Takes the pin. To be called once, when the clocks run.
+    /// Takes the pin. Call it once, when the clocks run.
     pub fn new() -> Self {
         RCC.ahb2enr().modify(|w| {
             w.set_dac1en(true);
@@ -50,7 +50,7 @@ impl Tone {
         Self { sounds: false }
     }
 
-    /// Sounds or does not.
+    /// Switches the tone on or off.
     pub fn sound(&mut self, sounds: bool) {
         if sounds == self.sounds {
             return;
@@ -80,7 +80,7 @@ impl Tone {
             w.set_pl(Pl::LOW);
             w.set_en(true);
         });
-        // Of the last time.
+        // Flags of the last time.
         DAC1.sr().write(|w| w.set_dmaudr(0, true));
         DAC1.cr().modify(|w| {
             w.set_tsel(0, TRIGGER);

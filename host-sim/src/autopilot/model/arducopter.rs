@@ -15,7 +15,7 @@ pub const ALT_HOLD: u32 = 2;
 pub const AUTO: u32 = 3;
 /// Obeys a companion.
 pub const GUIDED: u32 = 4;
-/// Holds its place.
+/// Holds its position.
 pub const LOITER: u32 = 5;
 /// Returns and lands.
 pub const RTL: u32 = 6;
@@ -25,7 +25,7 @@ pub const LAND: u32 = 9;
 pub const BRAKE: u32 = 17;
 
 const MODES: [u32; 8] = [STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE];
-/// Modes that fly without a place.
+/// Modes that fly without a position.
 const BLIND_MODES: [u32; 3] = [STABILIZE, ALT_HOLD, LAND];
 
 /// `MAV_FRAME`: `LOCAL_NED`, `LOCAL_OFFSET_NED`, `BODY_NED`, `BODY_OFFSET_NED`; no other, 12 `BODY_FRD` included \[src\].
@@ -54,9 +54,9 @@ impl Autopilot {
         }
     }
 
-    /// A setpoint: obeyed in GUIDED, armed and in the air; elsewhere dropped silently \[src; run\]. What is no good
-    /// makes it stop in place and stay in GUIDED \[src: `mode_guided.init(true)`\]. One that comes during a take-off ends
-    /// the take-off \[src: `set_vel_accel` leaves the take-off's submode\].
+    /// A setpoint: obeyed in GUIDED, armed and in the air; elsewhere dropped silently \[src; run\]. An invalid one
+    /// makes it stop in place and stay in GUIDED \[src: `mode_guided.init(true)`\]. One during a take-off aborts the
+    /// take-off \[src: `set_vel_accel` leaves the take-off's submode\].
     pub(super) fn arducopter_target(&mut self, now_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
         if self.custom_mode != GUIDED || !self.armed || self.flight.landed {
             return;
@@ -69,8 +69,9 @@ impl Autopilot {
         self.flight.goal = goal(now_us, target, &self.flight.estimate(), default_yaw);
     }
 
-    /// Velocities and accelerations are obeyed for `GUID_TIMEOUT`, then it brakes and stays in GUIDED \[run: 3.24 s to the
-    /// first 15 %; src\]; of a place with a velocity the place stays; a place alone has no time-out \[src\].
+    /// Velocities and accelerations are obeyed for `GUID_TIMEOUT`, then it brakes and stays in GUIDED \[run: 3.24 s
+    /// to the first 15 %; src\]; of a position with a velocity the position is kept; a position alone has no time-out
+    /// \[src\].
     pub(super) fn arducopter_command(&self, now_us: u64) -> Option<Command> {
         let mut goal = self.flight.goal?;
         let timeout_us = (self.parameters.get("GUID_TIMEOUT") * 1e6) as u64;
@@ -84,7 +85,7 @@ impl Autopilot {
         Some(goal.command(&self.flight.estimate()))
     }
 
-    /// Whether a change of mode is taken: the mode must be there, and must have a place where it needs one \[mem\].
+    /// Whether a change of mode is accepted: the mode must exist, and must have a position if it needs one \[mem\].
     pub(super) fn arducopter_may_enter(&mut self, mode: u32) -> bool {
         if !MODES.contains(&mode) {
             self.text(MavSeverity::MAV_SEVERITY_NOTICE, &format!("No such mode {mode}"));
@@ -107,16 +108,17 @@ pub(super) const fn behaviour(mode: u32) -> Behaviour {
     }
 }
 
-/// What a setpoint asks for; `None` where it makes the vehicle stop \[src: `handle_message_set_position_target_local_ned`
-/// of `GCS_MAVLink_Copter.cpp`\]:
+/// The command of a setpoint; `None` if it makes the vehicle stop \[src:
+/// `handle_message_set_position_target_local_ned` of `GCS_MAVLink_Copter.cpp`\]:
 ///
 /// - one ignored axis ignores its whole vector;
-/// - taken are place; place and velocity, with or without acceleration; velocity, with or without acceleration;
-///   acceleration; nothing else, so neither yaw alone nor place and acceleration;
+/// - accepted are position; position and velocity, with or without acceleration; velocity, with or without
+///   acceleration; acceleration; nothing else, so neither yaw alone nor position and acceleration;
 /// - forces are refused, unless the acceleration is ignored;
-/// - a velocity that is not finite or has a component beyond 1000 m/s is refused; nothing else is checked there. (Here
-///   another number that is not finite stops it, too: what it would do is not known.)
-/// - body frames are turned by the yaw alone, down stays down; places in them are offsets, and so they are in frame 7;
+/// - a velocity that is not finite or has a component beyond 1000 m/s is refused; nothing else is checked. (Here any
+///   other number that is not finite stops it, too: the real effect is not known.)
+/// - body frames are rotated by the yaw alone, down stays down; positions in them are offsets, as they are in frame
+///   7;
 /// - yaw in a body frame is relative, and is applied anew with each message.
 fn goal(now_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA, estimate: &Motion, default_yaw: Yaw) -> Option<Goal> {
     let (mask, frame) = (target.type_mask, target.coordinate_frame);

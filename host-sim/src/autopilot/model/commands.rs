@@ -33,8 +33,8 @@ impl Autopilot {
         may
     }
 
-    /// Arms; false where it is refused: without a filter, while returning or landing, and on PX4 in OFFBOARD without its
-    /// stream \[mem\].
+    /// Arms; false if it is refused: without a valid estimator, while returning or landing, and on PX4 in OFFBOARD
+    /// without its stream \[mem\].
     pub fn arm(&mut self, now_us: u64) -> bool {
         let is_leaving = matches!(self.behaviour(), Behaviour::Land | Behaviour::Return);
         let mode_is_fine = self.software != Software::Px4
@@ -53,7 +53,7 @@ impl Autopilot {
     /// PX4 in a mode of its own, and holds afterwards.
     pub fn take_off(&mut self, now_us: u64, height_m: f64) -> bool {
         let may = match self.software {
-            // What is in the air takes off no more [src].
+            // A vehicle in the air does not take off again [src].
             Software::ArduCopter => self.custom_mode == arducopter::GUIDED && self.armed && self.flight.landed,
             Software::Px4 => self.select_mode(now_us, px4::TAKEOFF),
         };
@@ -92,13 +92,13 @@ impl Autopilot {
         }
     }
 
-    /// Everything addressed to it is answered; what is not known with UNSUPPORTED \[src, both\].
+    /// Every command addressed to it is answered; unknown ones with UNSUPPORTED \[src, both\].
     pub(super) fn obey_command(&mut self, now_us: u64, from: Header, command: &COMMAND_LONG_DATA) {
         if !is_for_us(command.target_system, command.target_component) {
             return;
         }
         let or = |is_done: bool, refusal: MavResult| if is_done { MavResult::MAV_RESULT_ACCEPTED } else { refusal };
-        // What each of the two answers when it refuses [mem].
+        // The answer of each of the two to a refused command [mem].
         let refusal = match self.software {
             Software::ArduCopter => MavResult::MAV_RESULT_FAILED,
             Software::Px4 => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,

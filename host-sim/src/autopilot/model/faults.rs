@@ -1,4 +1,4 @@
-//! What can go wrong with an autopilot, on order.
+//! Faults of an autopilot, injected by the caller.
 
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{
@@ -25,32 +25,32 @@ impl Default for Battery {
     }
 }
 
-/// What goes wrong as long as it is set.
+/// Faults, active as long as they are set.
 #[derive(Clone, Copy, Debug)]
 pub struct Faults {
-    /// It says nothing.
+    /// It sends nothing.
     pub is_silent: bool,
-    /// It says all but its heartbeats.
+    /// It sends everything but its heartbeats.
     pub heartbeat_is_silent: bool,
-    /// It hears nothing.
+    /// It receives nothing.
     pub is_deaf: bool,
     /// The battery, as it is reported.
     pub battery: Battery,
     /// The fence was left (ArduPilot).
     pub fence_is_breached: bool,
-    /// The filter has neither place nor velocity; the numbers keep coming.
+    /// The estimator has neither position nor velocity; the numbers keep coming.
     pub filter_is_bad: bool,
-    /// `LOCAL_POSITION_NED` tells this position, metres, whatever the filter has; its velocity goes on.
+    /// `LOCAL_POSITION_NED` reports this position, metres, whatever the estimator has; its velocity is unchanged.
     pub position_ned_m: Option<[f32; 3]>,
-    /// `LOCAL_POSITION_NED` tells the velocity with the other sign.
+    /// `LOCAL_POSITION_NED` reports the velocity with the opposite sign.
     pub velocity_is_backwards: bool,
-    /// The remote control is not heard.
+    /// The remote control is not received.
     pub rc_is_lost: bool,
     /// Pulses of the remote control, microseconds.
     pub rc_us: [u16; 18],
-    /// A key is set: what is not signed is dropped, but for heartbeats. PX4 does so on all links \[src, PR#25284\].
+    /// A key is set: unsigned messages are dropped, except heartbeats. PX4 does so on all links \[src, PR#25284\].
     pub signing_required: bool,
-    /// Checks a signed frame, all its bytes. Without it a signature is believed.
+    /// Checks a signed frame, all its bytes. Without it every signature is accepted.
     pub signature_check: Option<fn(&[u8]) -> bool>,
     /// The heartbeats of another system's autopilot come on this link.
     pub other_system: Option<u8>,
@@ -85,9 +85,9 @@ impl Faults {
 }
 
 impl Autopilot {
-    /// Restarts, silent and deaf for `boot_us`: its clock begins anew, streams, setpoints and sequences are forgotten, the
-    /// mode is the one after power-up \[src: devguide routing.md on `time_boot_ms`; the rest mem\]. It is disarmed; where
-    /// it is in the air it stays there.
+    /// Restarts, without sending or receiving for `boot_us`: its clock starts over, streams, setpoints and sequences
+    /// are forgotten, and the mode is the one after power-up \[src: devguide routing.md on `time_boot_ms`; the rest
+    /// mem\]. It is disarmed; in the air it stays where it is.
     pub fn reboot(&mut self, now_us: u64, boot_us: u64) {
         self.streams = Streams::of(self.software);
         self.flight = Flight::new(self.flight.landed);
@@ -104,9 +104,9 @@ impl Autopilot {
         self.timesync_due_us = self.awake_us;
     }
 
-    /// The filter's place steps, NED in metres; the vehicle stays where it is. PX4 counts it in `ODOMETRY.reset_counter`
-    /// \[src\], ArduPilot tells nobody. Both shift the places that they hold or fly to \[src\]. `tells_origin`: a new
-    /// `GPS_GLOBAL_ORIGIN` is broadcast.
+    /// The estimator's position jumps, NED in metres; the vehicle stays where it is. PX4 counts it in
+    /// `ODOMETRY.reset_counter` \[src\], ArduPilot does not report it. Both shift the positions that they hold or fly
+    /// to \[src\]. `tells_origin`: a new `GPS_GLOBAL_ORIGIN` is broadcast.
     pub fn jump(&mut self, now_us: u64, step_ned_m: [f64; 3], tells_origin: bool) {
         for (axis, step) in step_ned_m.into_iter().enumerate() {
             self.flight.offset_ned_m[axis] += step;
@@ -121,18 +121,18 @@ impl Autopilot {
         }
     }
 
-    /// The filter's yaw steps; the nose stays. Counted as a [jump](Self::jump) is.
+    /// The estimator's yaw jumps; the nose does not turn. Counted as a [jump](Self::jump) is.
     pub fn jump_yaw(&mut self, step_rad: f64) {
         self.flight.yaw_offset_rad += step_rad;
         self.flight.resets = self.flight.resets.wrapping_add(1);
     }
 
-    /// It says that it stands on the ground, or that it does not.
+    /// It reports that it is on the ground, or that it is not.
     pub fn set_landed(&mut self, is_landed: bool) {
         self.flight.landed = is_landed;
     }
 
-    /// Another autopilot's heartbeat, where there is one.
+    /// The heartbeat of another autopilot, if there is one.
     pub(super) fn other_heartbeat(&mut self) {
         let Some(system_id) = self.faults.other_system else { return };
         let heartbeat = HEARTBEAT_DATA {

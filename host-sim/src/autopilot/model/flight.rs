@@ -1,4 +1,4 @@
-//! Commands to the vehicle: goals of a companion, and what the autopilot flies by itself.
+//! Commands to the vehicle: goals of a companion, and the autopilot's own flight.
 
 use super::Autopilot;
 use crate::scenario::Software;
@@ -10,7 +10,7 @@ const LIFTED_M: f64 = 0.3;
 const GROUND_M: f64 = 0.02;
 const TOUCH_RATE: f64 = 1.5;
 const TOUCH_SPEED_MPS: f64 = 0.05;
-/// What it flies by itself. `LAND_SPEED` 0.5 m/s \[src\]; the others are of the order of both autopilots' defaults.
+/// Speeds of its own flight. `LAND_SPEED` 0.5 m/s \[src\]; the others are of the order of both autopilots' defaults.
 const LAND_SPEED_MPS: f64 = 0.5;
 const CLIMB_SPEED_MPS: f64 = 1.0;
 const CRUISE_SPEED_MPS: f64 = 5.0;
@@ -24,10 +24,10 @@ const YAW_RATE_MAX_RADPS: f64 = 1.05;
 /// Slower than this there is no direction of travel.
 const TRAVEL_MPS: f64 = 0.2;
 
-/// What a mode does.
+/// Behaviour of a mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Behaviour {
-    /// Stands where it is: position modes with centred sticks, empty missions.
+    /// Holds its position: position modes with centred sticks, empty missions.
     Hold,
     /// Follows the companion.
     Companion,
@@ -46,11 +46,11 @@ pub(super) enum Yaw {
     Travel,
 }
 
-/// What a companion asked for: each axis by place, velocity, acceleration or not at all.
+/// A companion's request: each axis by position, velocity, acceleration or not at all.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Goal {
     pub(super) since_us: u64,
-    /// In the filter's frame.
+    /// In the estimator's frame.
     pub(super) position_ned_m: [Option<f64>; 3],
     pub(super) velocity_ned_mps: [Option<f64>; 3],
     pub(super) acceleration_ned_mps2: [Option<f64>; 3],
@@ -64,7 +64,7 @@ impl Goal {
         }
     }
 
-    /// How to follow it from where the filter believes to be.
+    /// The command to follow it from the estimated position.
     pub(super) fn command(&self, estimate: &Motion) -> Command {
         let velocity_ned_mps = std::array::from_fn(|axis| {
             let feed_mps = self.velocity_ned_mps[axis].unwrap_or(0.0);
@@ -98,22 +98,22 @@ impl Goal {
 /// The state of the flight.
 #[derive(Clone, Debug)]
 pub(super) struct Flight {
-    /// What it believes, and what it says.
+    /// Its estimate, which is also reported.
     pub(super) landed: bool,
     landed_us: Option<u64>,
     has_flown: bool,
-    /// What the companion asked for last and is obeyed; `None` makes it stop.
+    /// The companion's last request, which is obeyed; `None` makes it stop.
     pub(super) goal: Option<Goal>,
     /// When the last acceptable setpoint came, obeyed or not (PX4).
     pub(super) stream_us: Option<u64>,
     /// When OFFBOARD lost its stream (PX4).
     pub(super) lost_us: Option<u64>,
     pub(super) takeoff_down_m: Option<f64>,
-    /// The mode that all this belongs to.
+    /// The mode of all this.
     pub(super) mode: Option<u32>,
     home_ned_m: Option<[f64; 3]>,
     pub(super) truth: Motion,
-    /// What the filter is off by.
+    /// Errors of the estimator.
     pub(super) offset_ned_m: [f64; 3],
     pub(super) yaw_offset_rad: f64,
     pub(super) resets: u8,
@@ -140,11 +140,11 @@ impl Flight {
         }
     }
 
-    /// Where the filter believes to be.
+    /// The estimated position.
     pub(super) fn estimate(&self) -> Motion {
         let mut motion = self.truth;
         for (place, offset) in motion.pose.position_ned_m.iter_mut().zip(self.offset_ned_m) {
-            // A sum with nothing may still change the sign of a zero.
+            // Adding zero may still change the sign of a zero.
             if offset != 0.0 {
                 *place += offset;
             }
@@ -183,7 +183,7 @@ impl Autopilot {
         let is_landing = self.is_going_down();
         let flight = &mut self.flight;
         if flight.height_m() > LIFTED_M {
-            // What was up there before and says that it landed is a fault on order, and stays.
+            // A vehicle in the air that reports that it has landed is an injected fault, which stays.
             flight.landed &= !self.armed || flight.has_flown;
             flight.has_flown = true;
         } else if flight.height_m() < GROUND_M && is_landing && !flight.landed {
@@ -210,13 +210,13 @@ impl Autopilot {
         }
     }
 
-    /// What the vehicle is to do now.
+    /// The command of the vehicle now.
     #[must_use]
     pub fn command(&self, now_us: u64) -> Command {
         let mut command = self.command_in_the_air(now_us).unwrap_or(Command { is_brake: true, ..Command::default() });
         let height_m = self.flight.height_m();
         if height_m < LIFTED_M && (self.flight.landed || self.is_going_down()) {
-            // The ground is hard: a vehicle that lags would sink into it. What a companion asks for is not slowed before.
+            // The ground is hard: a vehicle that lags would sink into it. A companion's request is not slowed before.
             let slowed_mps = TOUCH_RATE * height_m + TOUCH_SPEED_MPS;
             let is_slowed = self.behaviour() != Behaviour::Companion;
             let limit_mps = if height_m < GROUND_M {
@@ -231,7 +231,7 @@ impl Autopilot {
         command
     }
 
-    /// None where it brakes.
+    /// `None` if it brakes.
     fn command_in_the_air(&self, now_us: u64) -> Option<Command> {
         if !self.armed || self.flight.mode.is_some_and(|mode| mode != self.custom_mode) {
             return None;

@@ -1,4 +1,4 @@
-//! The messages that it says about itself. What the filter believes, not the truth.
+//! The messages about its own state, from the estimate, not the truth.
 
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{
@@ -16,10 +16,10 @@ use crate::world::vehicle::Motion;
 
 const LOCAL_NED: u8 = 1;
 const BODY_FRD: u8 = 12;
-/// Where the local frame begins, in 1e-7 degrees and millimetres: the airfield of ArduPilot's simulation.
+/// Origin of the local frame, in 1e-7 degrees and millimetres: the airfield of ArduPilot's simulation.
 const ORIGIN: (i32, i32, i32) = (-353_632_621, 1_491_652_374, 584_000);
 const ORIGIN_STEP: i32 = 1000;
-/// All well: attitude, velocities, places, and what they are predicted to be (bits 8 and 9).
+/// All valid: attitude, velocities, positions, and their predictions (bits 8 and 9).
 const FILTER_GOOD: u16 = EkfStatusFlags::EKF_ATTITUDE as u16
     | EkfStatusFlags::EKF_VELOCITY_HORIZ as u16
     | EkfStatusFlags::EKF_VELOCITY_VERT as u16
@@ -33,11 +33,11 @@ const FILTER_BAD: u16 = EkfStatusFlags::EKF_ATTITUDE as u16
     | EkfStatusFlags::EKF_CONST_POS_MODE as u16;
 /// Microseconds from 1970 to the boot of the flight.
 const UNIX_AT_BOOT_US: u64 = 1_700_000_000_000_000;
-/// Test ratios, of which one is the limit.
+/// Test ratios, with limit 1.
 const RATIO_GOOD: f32 = 0.05;
 const RATIO_BAD: f32 = 1.5;
 
-/// Messages that say where the vehicle is.
+/// Messages with the vehicle's position.
 pub(super) const fn is_ownship(message_id: u32) -> bool {
     matches!(
         message_id,
@@ -57,7 +57,7 @@ impl Autopilot {
         told
     }
 
-    /// A message now, if it has it.
+    /// A message now, if it exists.
     pub(super) fn message(&self, now_us: u64, message_id: u32) -> Option<MavMessage> {
         let estimate = self.flight.estimate();
         let time_boot_ms = self.boot_ms(now_us);
@@ -214,8 +214,8 @@ impl Autopilot {
         }
     }
 
-    /// What it flies to. ArduCopter: in GUIDED only, always frame 1, with masks of its own and without yaw \[issue:
-    /// ardupilot#13932, #8686, PR#10753\]. PX4: mask zero, what is not controlled is not a number \[mem\].
+    /// Its target. ArduCopter: in GUIDED only, always frame 1, with masks of its own and without yaw \[issue:
+    /// ardupilot#13932, #8686, PR#10753\]. PX4: mask zero, uncontrolled values are NaN \[mem\].
     fn readback(&self, now_us: u64) -> Option<POSITION_TARGET_LOCAL_NED_DATA> {
         let axes = |vector: [Option<f64>; 3], nothing: f32| vector.map(|x| x.map_or(nothing, |x| x as f32));
         let standing = Goal {

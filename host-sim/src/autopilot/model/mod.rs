@@ -1,22 +1,22 @@
-//! The autopilot's side of the link, as a companion computer meets it: ArduPilot Copter or PX4.
+//! The autopilot's side of the link, as a companion computer sees it: ArduPilot Copter or PX4.
 //!
-//! Each rule carries where it is known from: \[run\] measured on ArduCopter in software-in-the-loop, \[src\] read in
-//! the project's source or documentation, \[issue\] a thread of its tracker, \[mem\] general knowledge that nobody read
-//! again, \[inf\] inferred from the source. A model is no proof: what hangs on a rule of the last two kinds is to be
-//! flown on a real autopilot.
+//! Each rule is marked with its origin: \[run\] measured on ArduCopter in software-in-the-loop, \[src\] read in the
+//! project's source or documentation, \[issue\] from its issue tracker, \[mem\] general knowledge that was not
+//! verified, \[inf\] inferred from the source. A model is no proof: anything that depends on a rule of the last two
+//! kinds has to be tried on a real autopilot.
 //!
 //! | | [ArduCopter](arducopter) | [PX4](px4) |
 //! |---|---|---|
 //! | obeys setpoints in | GUIDED, armed, not landed | OFFBOARD, armed |
 //! | enters that mode | always | with a stream of setpoints fresher than `COM_OF_LOSS_T` |
 //! | frames | 1, 7, 8, 9; others stop it | 1, 8; others are refused |
-//! | one axis ignored | the whole vector is | the axis is not controlled |
+//! | one axis ignored | the whole vector is ignored | the axis is not controlled |
 //! | the stream ends | brakes after `GUID_TIMEOUT`, stays | Hold after `COM_OF_LOSS_T`, then `COM_OBL_RC_ACT` |
-//! | streams unasked | heartbeats | much |
+//! | streams without request | heartbeats | many |
 //!
-//! The vehicle itself is [`crate::world::vehicle`]; [`Autopilot::command`] is what it obeys. Not modelled: missions
-//! (AUTO holds), sticks (manual modes hold), obstacle avoidance, falling (a vehicle disarmed in the air stays there), and the limits of
-//! the autopilot's own speed controllers beyond a speed for what it flies by itself.
+//! The vehicle itself is [`crate::world::vehicle`]; [`Autopilot::command`] is its command. Not modelled: missions
+//! (AUTO holds), sticks (manual modes hold), obstacle avoidance, falling (a vehicle disarmed in the air stays there),
+//! and the limits of the autopilot's own speed controllers beyond a speed for its own flight.
 
 pub mod arducopter;
 mod commands;
@@ -57,7 +57,7 @@ const SENSOR: u8 = 158;
 /// 1 Hz on both \[src: devguide heartbeat.md\].
 const HEARTBEAT_PERIOD_US: u64 = 1_000_000;
 
-/// How a model begins.
+/// State of a model at the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Start {
     /// Armed, in the air, in GUIDED or OFFBOARD.
@@ -73,11 +73,11 @@ pub enum Start {
 #[derive(Clone, Debug)]
 pub struct Autopilot {
     software: Software,
-    /// Its mode, in its own numbers. Written to, it changes without being asked.
+    /// Its mode, in its own numbers. Writing it changes the mode without a check.
     pub custom_mode: u32,
     /// Whether the motors are armed.
     pub armed: bool,
-    /// What goes wrong.
+    /// Injected faults.
     pub faults: Faults,
     /// PX4 v1.12: velocities of `BODY_NED` are turned by the full attitude, so that a nose that pitches down to fly
     /// forward makes it descend \[src, fixed by PX4 PR#17958\].
@@ -137,7 +137,7 @@ impl Autopilot {
         }
     }
 
-    /// Which software it runs.
+    /// Its software.
     #[must_use]
     pub const fn software(&self) -> Software {
         self.software
@@ -158,7 +158,7 @@ impl Autopilot {
         self.flight.landed
     }
 
-    /// Says what is due. While `ownship_is_silent`, position and attitude are not.
+    /// Sends what is due. While `ownship_is_silent`, position and attitude are not sent.
     pub fn telemetry(&mut self, now_us: u64, motion: &Motion, ownship_is_silent: bool) {
         self.advance(now_us, motion);
         if self.is_booting || self.faults.is_silent {
@@ -186,17 +186,17 @@ impl Autopilot {
         self.send(SENSOR, scan);
     }
 
-    /// Says what its range finder reads.
+    /// Sends a reading of its range finder.
     pub fn find_range(&mut self, range: &DISTANCE_SENSOR_DATA) {
         self.send(AUTOPILOT, range);
     }
 
-    /// The bytes that were said since the last call.
+    /// The bytes sent since the last call.
     pub fn transmit(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.outgoing)
     }
 
-    /// Takes in bytes from the companion.
+    /// Receives bytes from the companion.
     pub fn receive(&mut self, now_us: u64, motion: &Motion, mut bytes: &[u8]) {
         self.advance(now_us, motion);
         if self.is_booting || self.faults.is_deaf {
@@ -237,7 +237,7 @@ impl Autopilot {
         }
     }
 
-    /// Messages for others are not looked at \[src, both\].
+    /// Messages for others are ignored \[src, both\].
     fn obey_target(&mut self, now_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
         if !is_for_us(target.target_system, target.target_component) {
             return;
@@ -288,7 +288,7 @@ impl Autopilot {
         self.emit(&frame[..length]);
     }
 
-    /// Says a message once, if there is such a message now.
+    /// Sends a message once, if it exists now.
     fn say(&mut self, now_us: u64, message_id: u32) -> bool {
         let Some(message) = self.message(now_us, message_id) else { return false };
         let header = self.header(AUTOPILOT);

@@ -1,7 +1,7 @@
-//! The few parameters that decide about a companion, with the defaults of their software.
+//! The few parameters that matter to a companion, with the defaults of their software.
 //!
-//! ArduPilot casts every value to a float; PX4 puts an integer's bytes into it, which read as a float give a number like
-//! 1.4e-45 \[src\]. Unknown names are not answered \[mem\].
+//! ArduPilot casts every value to a float; PX4 puts an integer's bytes into it, which read as a float give a number
+//! like 1.4e-45 \[src\]. Unknown names are not answered \[mem\].
 
 use foxhound_link::dialect::{PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA};
 
@@ -54,7 +54,7 @@ impl Parameters {
         Self { by_bytes: software == Software::Px4, all }
     }
 
-    /// The value; zero where there is no such parameter.
+    /// The value; zero for an unknown parameter.
     pub(super) fn get(&self, name: &str) -> f64 {
         self.all.iter().find(|parameter| parameter.name == name).map_or(0.0, |parameter| parameter.value)
     }
@@ -87,7 +87,7 @@ impl Parameters {
 }
 
 impl Autopilot {
-    /// Sets a parameter; false where no parameter has that name.
+    /// Sets a parameter; false for an unknown one.
     pub fn set_parameter(&mut self, name: &str, value: f64) -> bool {
         let index = self.parameters.index(name);
         if let Some(index) = index {

@@ -1,9 +1,9 @@
-//! The autopilot's own proximity sensor, and the ways in which it tells a companion of it.
+//! The autopilot's own proximity sensor, and the forms in which it is reported to a companion.
 //!
-//! `ArduPilot` keeps the least distance of each 45 degrees around the vehicle and tells it as eight `DISTANCE_SENSOR` messages,
-//! with ids from 10 on; a sector in which nothing is seen has the sensor's `max_distance`. Since 4.6 or so a sector is not told
-//! before something was seen in it \[src: `GCS_MAVLink`, `send_proximity`\]. What another component sends it as
-//! `OBSTACLE_DISTANCE` it forwards.
+//! `ArduPilot` keeps the least distance of each 45 degrees around the vehicle and reports it as eight
+//! `DISTANCE_SENSOR` messages, with ids from 10 on; a sector in which nothing is seen has the sensor's
+//! `max_distance`. Since about 4.6 a sector is not reported until something has been seen in it \[src: `GCS_MAVLink`,
+//! `send_proximity`\]. `OBSTACLE_DISTANCE` from another component is forwarded.
 
 use std::f64::consts::FRAC_PI_8;
 
@@ -19,18 +19,18 @@ const FIRST_ID: u8 = 10;
 const DIRECTIONS: usize = 8;
 const NEAREST_CM: u16 = 5;
 
-/// How it is told.
+/// The form of the reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Told {
     /// Eight `DISTANCE_SENSOR`.
     Directions,
-    /// The same, each from when something was seen in it on.
+    /// The same, each from the first obstacle in it on.
     DirectionsOnceSeen,
     /// `OBSTACLE_DISTANCE` of 72 sectors.
     Sectors,
 }
 
-/// A sensor that sees all round, and the world that only it sees.
+/// A sensor that covers all directions, and the world that only it sees.
 #[derive(Clone, Debug)]
 pub struct Proximity {
     world: World,
@@ -43,7 +43,7 @@ pub struct Proximity {
 }
 
 impl Proximity {
-    /// A sensor that tells of a world `rate_hz` times a second.
+    /// A sensor that reports a world `rate_hz` times a second.
     #[must_use]
     pub fn new(world: World, told: Told, range_m: f64, rate_hz: f64) -> Self {
         Self { world, told, range_m, period_us: (1e6 / rate_hz) as u64, due_us: 0, seen: 0 }
@@ -56,7 +56,7 @@ impl Proximity {
         View { world: &self.world, time_s: 0.0, position, yaw_rad, sensor }
     }
 
-    /// The least distance in each direction, from the nose on clockwise; `None` where nothing is seen.
+    /// The least distance in each direction, from the nose on clockwise; `None` without an obstacle.
     fn directions(&self, motion: &Motion) -> [Option<u16>; DIRECTIONS] {
         let mut directions = [None; DIRECTIONS];
         // A turn of sectors begins behind the vehicle; turned by half a sector the fourth is the nose's.
@@ -71,7 +71,7 @@ impl Proximity {
 }
 
 impl Autopilot {
-    /// Tells what its own sensor sees, when it is time to.
+    /// Reports the measurements of its own sensor, when they are due.
     pub(super) fn tell_proximity(&mut self, now_us: u64, motion: &Motion) {
         let Some(mut sensor) = self.proximity.take_if(|sensor| now_us >= sensor.due_us) else { return };
         sensor.due_us = (sensor.due_us + sensor.period_us).max(now_us + sensor.period_us / 2);

@@ -8,7 +8,8 @@ use super::Autopilot;
 use super::arducopter::{ACCELERATION_BITS, FORCE_BIT, VELOCITY_BITS, YAW_BIT, YAW_RATE_BIT};
 use super::flight::{Behaviour, Goal, Yaw};
 
-/// Codes a mode as HEARTBEAT does: main mode in the third byte, sub mode in the fourth \[src: `px4_custom_mode.h`; run\].
+/// Encodes a mode as HEARTBEAT does: main mode in the third byte, sub mode in the fourth \[src: `px4_custom_mode.h`;
+/// run\].
 #[must_use]
 pub const fn mode(main: u8, sub: u8) -> u32 {
     (main as u32) << 16 | (sub as u32) << 24
@@ -16,11 +17,11 @@ pub const fn mode(main: u8, sub: u8) -> u32 {
 
 /// Manual flight at a held height.
 pub const ALTITUDE: u32 = mode(2, 0);
-/// Manual flight that holds its place.
+/// Manual flight that holds its position.
 pub const POSITION: u32 = mode(3, 0);
 /// Takes off.
 pub const TAKEOFF: u32 = mode(4, 2);
-/// Holds its place.
+/// Holds its position.
 pub const HOLD: u32 = mode(4, 3);
 /// A mission.
 pub const MISSION: u32 = mode(4, 4);
@@ -34,7 +35,7 @@ pub const OFFBOARD: u32 = mode(6, 0);
 pub const STABILIZED: u32 = mode(7, 0);
 
 const MODES: [u32; 9] = [ALTITUDE, POSITION, TAKEOFF, HOLD, MISSION, RETURN, LAND, OFFBOARD, STABILIZED];
-/// Modes that fly without a place.
+/// Modes that fly without a position.
 const BLIND_MODES: [u32; 3] = [ALTITUDE, LAND, STABILIZED];
 /// The bit of `COM_RCL_EXCEPT` that lets OFFBOARD fly without a remote control: the value 4, not 2 \[issue:
 /// `PX4/PX4-user_guide#1690`\].
@@ -52,9 +53,9 @@ impl Autopilot {
         }
     }
 
-    /// A setpoint: what is acceptable counts as a sign of life in every mode, which is the stream that OFFBOARD needs to
-    /// be entered; in OFFBOARD it is obeyed, too \[src: `handle_message_set_position_target_local_ned`\]. What is not
-    /// acceptable is told as a text and changes nothing: the setpoint before it goes on.
+    /// A setpoint: a valid one counts as a sign of life in every mode, which makes the stream that is needed to enter
+    /// OFFBOARD; in OFFBOARD it is obeyed, too \[src: `handle_message_set_position_target_local_ned`\]. An invalid
+    /// one is reported as a text and changes nothing: the setpoint before it stays in use.
     pub(super) fn px4_target(&mut self, now_us: u64, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
         match goal(now_us, target, &self.flight.estimate(), self.body_ned_by_full_attitude) {
             Ok(goal) => {
@@ -95,8 +96,8 @@ impl Autopilot {
         (self.parameters.get(parameter) * 1e6) as u64
     }
 
-    /// Without a setpoint for `COM_OF_LOSS_T` OFFBOARD is left: Hold for `COM_FAIL_ACT_T`, then what `COM_OBL_RC_ACT`
-    /// says \[src\]. It does not come back by itself \[inf\]; a pilot's choice ends the failsafe \[src\].
+    /// Without a setpoint for `COM_OF_LOSS_T` OFFBOARD is left: Hold for `COM_FAIL_ACT_T`, then the action of
+    /// `COM_OBL_RC_ACT` \[src\]. It does not come back by itself \[inf\]; a pilot's choice ends the failsafe \[src\].
     pub(super) fn px4_watch_the_stream(&mut self, now_us: u64) {
         if self.custom_mode == OFFBOARD && self.armed && !self.stream_is_fresh(now_us) {
             self.change_mode(HOLD);
@@ -109,7 +110,7 @@ impl Autopilot {
         }
         self.flight.lost_us = None;
         match self.parameters.get("COM_OBL_RC_ACT") as u8 {
-            // Position is no place to fall back to without a remote control [issue: PX4 PR#26289].
+            // Position mode is no fallback without a remote control [issue: PX4 PR#26289].
             0 if !self.faults.rc_is_lost => self.change_mode(POSITION),
             1 if !self.faults.rc_is_lost => self.change_mode(ALTITUDE),
             2 if !self.faults.rc_is_lost => self.change_mode(STABILIZED),
@@ -120,8 +121,8 @@ impl Autopilot {
         }
     }
 
-    /// Whether a change of mode is taken: OFFBOARD needs its stream, and the remote control unless `COM_RCL_EXCEPT` says
-    /// otherwise \[src; issue: PX4#27636\]; modes that need a place need one.
+    /// Whether a change of mode is accepted: OFFBOARD needs its stream, and the remote control unless
+    /// `COM_RCL_EXCEPT` excludes it \[src; issue: PX4#27636\]; modes that need a position need one.
     pub(super) fn px4_may_enter(&mut self, now_us: u64, mode: u32) -> bool {
         let without_rc = self.parameters.get("COM_RCL_EXCEPT") as u32 & OFFBOARD_WITHOUT_RC != 0;
         let why = if !MODES.contains(&mode) {
@@ -150,7 +151,7 @@ pub(super) const fn behaviour(mode: u32) -> Behaviour {
     }
 }
 
-/// What a setpoint asks for, or why it is refused \[src\]:
+/// The command of a setpoint, or why it is refused \[src\]:
 ///
 /// - frames `LOCAL_NED` and `BODY_NED` only; in the latter no place, and one ignored axis ignores the whole vector;
 /// - in `LOCAL_NED` each axis counts by itself; ignored or not a number means not controlled;

@@ -3,8 +3,8 @@
 //! - `MAV_CMD_SET_MESSAGE_INTERVAL` sets one message of the link it came on: microseconds, -1 off, 0 the default \[src,
 //!   both\]. What cannot be streamed is answered with FAILED.
 //! - `REQUEST_DATA_STREAM` overwrites the rates of a whole group on ArduPilot \[issue: ardupilot#17046, #19761\]; PX4
-//!   is not moved by it \[mem\].
-//! - A message comes at most once a step of the caller, however often it was asked for.
+//!   ignores it \[mem\].
+//! - A message is sent at most once per step of the caller, however often it was requested.
 
 use foxhound_link::MessageData;
 use foxhound_link::dialect::{
@@ -17,10 +17,10 @@ use foxhound_link::dialect::{
 use super::{AUTOPILOT, Autopilot, is_for_us};
 use crate::scenario::Software;
 
-/// ArduPilot asks for the time soon after its boot, then every 10 s \[src: `GCS_Common.cpp`; one in 3 s, run\].
+/// ArduPilot requests the time soon after its boot, then every 10 s \[src: `GCS_Common.cpp`; one in 3 s, run\].
 pub(super) const TIMESYNC_FIRST_US: u64 = 1_000_000;
 const ARDUPILOT_TIMESYNC_US: u64 = 10_000_000;
-/// PX4 asks at 10 Hz in Onboard mode \[src\].
+/// PX4 requests it at 10 Hz in Onboard mode \[src\].
 const PX4_TIMESYNC_US: u64 = 100_000;
 
 /// Groups of `REQUEST_DATA_STREAM`, by its numbers.
@@ -43,7 +43,7 @@ struct Stream {
     due_us: u64,
 }
 
-/// All that can stream.
+/// All messages that can be streamed.
 #[derive(Clone, Debug)]
 pub(super) struct Streams(Vec<Stream>);
 
@@ -54,7 +54,7 @@ impl Streams {
             Stream { message_id, group, default_us, interval_us: default_us, due_us: 0 }
         };
         Self(match software {
-            // Off until asked for [run; src]. The groups are Copter's [src].
+            // Off until requested [run; src]. The groups are Copter's [src].
             Software::ArduCopter => [
                 (LOCAL_POSITION_NED_DATA::ID, POSITION, 0.0),
                 (ATTITUDE_DATA::ID, EXTRA1, 0.0),
@@ -95,7 +95,7 @@ impl Streams {
         self.0.len()
     }
 
-    /// The message at `index` if it is due, and then it is not any more.
+    /// The message at `index` if it is due; it is then rescheduled.
     pub(super) fn take_due(&mut self, index: usize, now_us: u64) -> Option<u32> {
         let stream = &mut self.0[index];
         let interval_us = stream.interval_us.filter(|_| now_us >= stream.due_us)?;
@@ -134,7 +134,7 @@ impl Autopilot {
         }
     }
 
-    /// Both ask for the time themselves; ArduPilot hides its system id in the last digits \[src\].
+    /// Both request the time themselves; ArduPilot hides its system id in the last digits \[src\].
     pub(super) fn ask_for_time(&mut self, now_us: u64) {
         if now_us < self.timesync_due_us {
             return;

@@ -1,8 +1,8 @@
-//! A wire that loses and changes bytes, both ways.
+//! A line that loses and changes bytes, in both directions.
 
 use crate::world::random::Random;
 
-/// A bad wire. Each way has its own randomness, so the traffic of one leaves the other alone.
+/// A bad line. Each direction has its own random numbers, so that the traffic of one does not affect the other.
 #[derive(Clone, Debug)]
 pub struct Wire {
     to_companion: Random,
@@ -14,20 +14,20 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// A wire with shares of lost and of changed bytes.
+    /// A line with shares of lost and of changed bytes.
     #[must_use]
     pub fn new(seed: u64, loss: f64, corruption: f64) -> Self {
         let purpose = |way: u64| Random::new(seed, 0x11e0 + way);
         Self { to_companion: purpose(0), to_autopilot: purpose(1), loss, corruption }
     }
 
-    /// What arrives at the companion.
+    /// The bytes that arrive at the companion.
     #[must_use]
     pub fn to_companion(&mut self, bytes: &[u8]) -> Vec<u8> {
         carry(&mut self.to_companion, self.loss, self.corruption, bytes)
     }
 
-    /// What arrives at the autopilot.
+    /// The bytes that arrive at the autopilot.
     #[must_use]
     pub fn to_autopilot(&mut self, bytes: &[u8]) -> Vec<u8> {
         carry(&mut self.to_autopilot, self.loss, self.corruption, bytes)

@@ -1,4 +1,4 @@
-//! Where a socket is.
+//! The address of a socket.
 
 use std::fmt;
 
@@ -18,7 +18,7 @@ pub(super) fn endpoint(text: &str, port_min: u32) -> Result<Endpoint, String> {
     if host.is_empty() {
         return Err("the host is missing: expected HOST:PORT".to_owned());
     }
-    let port: u32 = port.parse().map_err(|_| format!("port `{port}` is no number in {port_min}..=65535"))?;
+    let port: u32 = port.parse().map_err(|_| format!("port `{port}` is not a number in {port_min}..=65535"))?;
     match u16::try_from(port) {
         Ok(number) if port >= port_min => Ok(Endpoint { host: host.to_owned(), port: number }),
         _ => Err(format!("port {port} is outside {port_min}..=65535")),

@@ -25,7 +25,7 @@ pub struct Serial {
 enum Kind {
     /// It may be unplugged and come back.
     Port { device: PathBuf, baud: u32, try_again: Instant },
-    /// It stays; who opens its other end may come and go.
+    /// It stays; programs may open and close its other end.
     Terminal { is_open: bool },
 }
 
@@ -43,7 +43,7 @@ impl Serial {
         rustix::pty::unlockpt(&terminal)?;
         let name = rustix::pty::ptsname(&terminal, Vec::new())?;
         let device = PathBuf::from(name.into_string().map_err(io::Error::other)?);
-        // No echo, whoever opens it; and from now on one can tell that nobody has.
+        // No echo, whoever opens it; and from now on it can be detected that nobody has.
         drop(open_port(&device, 115_200)?);
         let flags = rustix::fs::fcntl_getfl(&terminal)?;
         rustix::fs::fcntl_setfl(&terminal, flags | OFlags::NONBLOCK)?;

@@ -9,7 +9,7 @@ const READ_MAX: usize = 1 << 16;
 #[derive(Debug)]
 pub(super) struct Stream<S> {
     inner: S,
-    /// The rest of a frame of which the beginning is sent.
+    /// The rest of a frame whose beginning has been sent.
     begun: Vec<u8>,
 }
 
@@ -58,7 +58,7 @@ impl<S: Read + Write> Stream<S> {
         Ok(())
     }
 
-    /// Writes as much as is taken now, and says how much.
+    /// Writes as much as is accepted now, and returns how much.
     fn put(&mut self, bytes: &[u8]) -> Result<usize, Gone> {
         let mut sent = 0;
         while sent < bytes.len() {
@@ -74,7 +74,7 @@ impl<S: Read + Write> Stream<S> {
     }
 }
 
-/// Length of the frame that `bytes` begin with; of all of them, where that is no frame.
+/// Length of the frame at the start of `bytes`; of all of them, if it is not a frame.
 pub(super) fn frame_length(bytes: &[u8]) -> usize {
     match bytes {
         [0xFD, payload, flags, ..] => {

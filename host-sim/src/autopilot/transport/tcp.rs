@@ -1,7 +1,7 @@
-//! TCP, calling and called.
+//! TCP, as a client and as a server.
 //!
-//! Calls are made by a thread of their own, since a call may take long. Little is kept in the kernel for an autopilot that
-//! does not read, and one that does not acknowledge for five seconds has hung up.
+//! Connections are made by a thread of their own, since that may take long. The kernel's buffer for an autopilot that
+//! does not read is small, and one that does not acknowledge for five seconds counts as disconnected.
 
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
@@ -25,7 +25,7 @@ pub(super) struct Tcp {
     source: Source,
 }
 
-/// Where the next connection comes from.
+/// The source of the next connection.
 #[derive(Debug)]
 enum Source {
     Calls { addresses: Vec<SocketAddr>, underway: Receiver<TcpStream> },
@@ -98,7 +98,7 @@ fn prepare(stream: &TcpStream) -> io::Result<()> {
     Ok(())
 }
 
-/// Connects again and again until a peer answers, or the caller is gone.
+/// Tries to connect until a peer answers, or the caller is gone.
 fn call(addresses: Vec<SocketAddr>) -> Receiver<TcpStream> {
     let (sender, receiver): (SyncSender<TcpStream>, _) = sync_channel(0);
     spawn(move || {

@@ -139,7 +139,7 @@ fn what_is_wrong_with_an_address_is_said() {
     for (text, words) in [
         ("localhost", "expected tcp:HOST:PORT"),
         ("tpc:localhost:5760", "did you mean `tcp`?"),
-        ("http://localhost:80", "there is no scheme `http`"),
+        ("http://localhost:80", "unknown scheme `http`"),
         ("/dev/ttyACM0", "did you mean `serial:/dev/ttyACM0:115200`?"),
         ("/dev/ttyACM0:57600", "did you mean `serial:/dev/ttyACM0:57600`?"),
         ("/dev/ttyACM0,57600", "did you mean `serial:/dev/ttyACM0:57600`?"),
@@ -152,9 +152,9 @@ fn what_is_wrong_with_an_address_is_said() {
         ("tcp::5760", "the host is missing"),
         ("tcp:localhost:0", "port 0 is outside 1..=65535"),
         ("udp:localhost:65536", "port 65536 is outside 1..=65535"),
-        ("udpin:localhost:-1", "port `-1` is no number"),
+        ("udpin:localhost:-1", "port `-1` is not a number"),
         ("serial:/dev/ttyUSB0", "expected serial:DEVICE:BAUD"),
-        ("serial:/dev/ttyUSB0:fast", "baud rate `fast` is no number"),
+        ("serial:/dev/ttyUSB0:fast", "baud rate `fast` is not a number"),
         ("serial:/dev/ttyUSB0:9", "baud rate 9 is outside"),
         ("serial::57600", "expected serial:DEVICE:BAUD"),
     ] {

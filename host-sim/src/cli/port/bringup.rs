@@ -1,4 +1,4 @@
-//! `foxhound port ... bringup`: looks at a board that runs for the first time, check by check, by what it answers.
+//! `foxhound port ... bringup`: tests a board that runs for the first time, check by check, by its answers.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -16,15 +16,15 @@ use super::super::terminal::{say, warn};
 use super::super::{Cli, json_line};
 use super::{Cable, PATIENCE};
 
-/// Frames that are looked at.
+/// Frames that are examined.
 const FRAMES: u16 = 32;
 /// Heartbeats come once a second.
 const LISTEN: Duration = Duration::from_secs(3);
 /// A self-test takes 1.5 s.
 const EXAMINATION: Duration = Duration::from_secs(6);
-/// A watchdog, a start and a crystal that does not come.
+/// A watchdog timeout, a start, and a crystal that does not start.
 const RESTART: Duration = Duration::from_secs(20);
-/// A tone in one channel: its codes move so much more than those of the others.
+/// A tone in one channel: its samples vary this many times as much as those of the others.
 const TONE_RATIO: f64 = 10.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -45,16 +45,16 @@ struct Check {
 #[derive(Debug, Default, Serialize)]
 struct BringUp {
     checks: Vec<Check>,
-    /// All that the board has answered.
+    /// All answers of the board.
     answers: Vec<String>,
 }
 
-/// Runs all checks and prints what they have found.
+/// Runs all checks and prints their results.
 pub(super) fn bring_up(cli: &Cli, mut cable: Cable, out: Option<&Path>) -> Result<ExitCode, InputError> {
     let mut report = BringUp::default();
     let status = report.ask(&mut cable, "status", PATIENCE)?;
     if status.is_empty() {
-        warn("nobody answered: is it the right port, at the right speed, and does the board run?");
+        warn("no answer: check the port, the baud rate, and whether the board runs");
         return Ok(ExitCode::from(1));
     }
     report.add("port", Verdict::Passed, "answers: both directions of the maintenance port work".to_owned());
@@ -74,7 +74,7 @@ pub(super) fn bring_up(cli: &Cli, mut cable: Cable, out: Option<&Path>) -> Resul
     Ok(ExitCode::from(u8::from(has_failed)))
 }
 
-/// What follows a word in one of the lines.
+/// The text that follows a word in one of the lines.
 fn after<'a>(lines: &'a [String], word: &str) -> Option<&'a str> {
     lines.iter().find_map(|line| line.split_once(word)).map(|(_, rest)| rest)
 }
@@ -116,11 +116,11 @@ impl BringUp {
         self.add("steps", verdict, format!("steps {}", after(status, "steps ").unwrap_or("not told")));
     }
 
-    /// Noise and offset of each channel, and in which there is a tone; whether there are frames.
+    /// Noise and offset of each channel, and which channel has a tone; returns whether there are frames.
     fn frames(&mut self, cable: &mut Cable, out: Option<&Path>) -> Result<bool, InputError> {
         let frames = cable.dump(FRAMES)?;
         if frames.is_empty() {
-            self.add("frames", Verdict::Failed, "none came: converters, timer or DMA do not run".to_owned());
+            self.add("frames", Verdict::Failed, "no frames: converters, timer or DMA do not run".to_owned());
             return Ok(false);
         }
         if let Some(out) = out {
@@ -136,7 +136,9 @@ impl BringUp {
             others.map(|(_, other)| other.noise_codes).fold(0.0, f64::max) * TONE_RATIO < channels[at].noise_codes
         };
         let (verdict, found) = match (0..CHANNELS).find(|at| loud(*at)) {
-            Some(at) => (Verdict::Passed, format!("a tone in {} alone: is that the input it goes to?", CHANNEL[at])),
+            Some(at) => {
+                (Verdict::Passed, format!("a tone in {} only: check that it is connected to that input", CHANNEL[at]))
+            }
             None => {
                 (Verdict::NotChecked, "put a tone into one input at a time, and run this again for each".to_owned())
             }
@@ -145,7 +147,7 @@ impl BringUp {
         Ok(true)
     }
 
-    /// The board's own tone, by the self-test.
+    /// The board's own tone, tested by the self-test.
     fn tone(&mut self, cable: &mut Cable, has_frames: bool) -> Result<(), InputError> {
         if !has_frames {
             self.add("tone", Verdict::NotChecked, "no frames".to_owned());
@@ -167,7 +169,7 @@ impl BringUp {
         Ok(())
     }
 
-    /// What comes by the autopilot's line, from an autopilot or from the board itself.
+    /// What arrives on the autopilot's line, from an autopilot or from the board itself.
     fn line(&mut self, cable: &mut Cable, before: &[String]) -> Result<(), InputError> {
         sleep(LISTEN);
         let after = self.ask(cable, "status", PATIENCE)?;
@@ -176,16 +178,17 @@ impl BringUp {
         let (verdict, found) = match (frames, damaged) {
             (0, 0) => (
                 Verdict::NotChecked,
-                "nothing came: join PA9 and PA10 (D8 and D2), and the board hears its own heartbeats".to_owned(),
+                "nothing received: join PA9 and PA10 (D8 and D2), so that the board receives its own heartbeats"
+                    .to_owned(),
             ),
-            (0, _) => (Verdict::Failed, format!("{damaged} damaged frames and no sound one")),
+            (0, _) => (Verdict::Failed, format!("{damaged} damaged frames and no intact one")),
             _ => (Verdict::Passed, format!("{frames} frames, {damaged} damaged")),
         };
         self.add("autopilot's line", verdict, found);
         Ok(())
     }
 
-    /// Restarts the board one way or another; its number of this start.
+    /// Restarts the board in one of two ways; returns the number of this start.
     fn restarts(
         &mut self,
         cable: &mut Cable,
@@ -230,13 +233,13 @@ impl BringUp {
 const READ_EVERY_START: Duration = Duration::from_millis(300);
 const CHANNEL: [&str; CHANNELS] = ["channel A1", "channel A2", "channel A3", "channel A4"];
 
-/// What the codes of one channel come to.
+/// Statistics of the samples of one channel.
 struct Channel {
     offset_codes: f64,
     noise_codes: f64,
     lowest: i16,
     highest: i16,
-    /// Codes at a rail, as a part of all.
+    /// Share of samples at a rail.
     clipped: f64,
 }
 

@@ -1,4 +1,4 @@
-//! One mission of the campaign: what happens to it, and what becomes of that.
+//! One mission of the campaign: its faults, and their results.
 
 use std::os::unix::fs::FileExt as _;
 
@@ -28,19 +28,20 @@ pub(super) const SECOND_US: u64 = 1_000_000;
 const AWAY_STEPS: u32 = 25;
 /// With the computer away the autopilot flies on for a second and brakes.
 const COAST_US: u64 = 2_000_000;
-/// So long the vehicle may take to fly on after the pilot's fresh entry.
+/// Longest time for the vehicle to fly on after the pilot has entered the mode again.
 const RECOVERY_US: u64 = 25 * SECOND_US;
 /// Longest time until the pilot gets the text about a restart.
 const TOLD_US: u64 = 5 * SECOND_US;
 /// Bytes that the line carries in a step at 921 600 baud.
 const LINE_BYTES: usize = 1843;
-/// We hear of a change of the mode with the next heartbeat, a second later at most, and half a step later here.
+/// The computer learns of a change of the mode by the next heartbeat, after a second at most, and half a step later
+/// here.
 const HEARTBEAT_US: u64 = 1_060_000;
-/// Where noise has swallowed that, we stand when we have heard none for 2.5 s (`docs/autopilot.md`).
+/// If noise destroys that heartbeat, the vehicle holds after 2.5 s without one (`docs/autopilot.md`).
 const QUIET_US: u64 = 2_560_000;
 const ARRIVED_M: f64 = 1.0;
 
-/// A mission under way.
+/// A mission in progress.
 pub(super) struct Flight {
     pub(super) trial: Trial<Twin>,
     software: Software,
@@ -51,10 +52,10 @@ pub(super) struct Flight {
     row: Row,
     /// The last outcome that was published.
     last: Option<Outcome>,
-    /// When the autopilot obeyed us last, and could say so.
+    /// When the autopilot last obeyed us, and could report it.
     obeyed_us: u64,
     guard_mps: f64,
-    /// What is going wrong, or went wrong last.
+    /// The present fault, or the last one.
     kind: Option<Kind>,
 }
 
@@ -80,7 +81,7 @@ impl Flight {
         }
     }
 
-    /// One fault, from before it until the vehicle flies on or stands still.
+    /// One fault, from before it until the vehicle flies on or holds.
     pub(super) fn suffer(&mut self, kind: Kind) -> Row {
         self.row = Row { faults: 1, ..Row::default() };
         self.kind = Some(kind);
@@ -93,7 +94,7 @@ impl Flight {
         self.run(0.5);
         let (now_us, manual) = (self.trial.autopilot_us(), manual_mode(self.software));
         self.trial.rig.autopilot.select_mode(now_us, manual);
-        // Long enough for a heartbeat to say so.
+        // Long enough for a heartbeat to report it.
         self.run(1.1);
         let now_us = self.trial.autopilot_us();
         self.trial.rig.autopilot.arm(now_us);
@@ -116,7 +117,7 @@ impl Flight {
             }
             _ => self.row.lost = 1,
         }
-        // A power cut may come late, and the word of it after that.
+        // A power cut may come late, and the text about it after that.
         let until_us = self.trial.time_us() + TOLD_US;
         while self.row.restarts_told < self.trial.computer.restarts - restarts
             && self.trial.time_us() < until_us
@@ -183,7 +184,7 @@ impl Flight {
                     self.trial.pour(&bytes);
                 }
                 Kind::WrongLength => {
-                    // The head of a frame with any length, and less than that of it.
+                    // The head of a frame with any length, and fewer bytes than that.
                     let length = (256.0 * self.random.uniform()) as u8;
                     let mut frame = vec![0xfd, length, 0, 0, 0, 1, 1, 30, 0, 0];
                     frame.resize(10 + usize::from(length) / 2, 0x55);
@@ -220,11 +221,11 @@ impl Flight {
         self.trial.computer.qemu.inject(fault);
     }
 
-    /// Turns bits of the flash, or fills pages of it with rubbish.
+    /// Flips bits of the flash, or fills pages of it with random bytes.
     fn spoil(&mut self) {
         let memory = self.trial.computer.qemu.memory();
         let mut flash = vec![0; STORE_BYTES];
-        // What cannot be read or written shows as a flash that is not spoiled.
+        // If it cannot be read or written, it shows as a flash that is not damaged.
         if memory.read_exact_at(&mut flash, twin::STORE_AT as u64).is_err() {
             return;
         }
@@ -251,7 +252,7 @@ impl Flight {
             return;
         }
         if self.trial.to_source_m() < ARRIVED_M {
-            // To the other end.
+            // To the other place.
             let [first, second] = self.ends;
             self.trial.rig.world.source = if self.trial.rig.world.source == first { second } else { first };
         }
@@ -291,14 +292,14 @@ impl Flight {
     }
 }
 
-/// The firmware, which is away for a while after a restart.
+/// The firmware, which is absent for a while after a restart.
 pub(super) struct Twin {
     pub(super) qemu: QemuComputer,
     setup: Setup,
-    /// Steps until it is there again.
+    /// Steps until it is back.
     away: u32,
     restarts: u32,
-    /// It does not answer any more.
+    /// Set when it does not answer any more.
     pub(super) broken: Option<QemuError>,
     /// Late steps, through all restarts.
     late_steps: u32,
@@ -346,7 +347,7 @@ impl Computer for Twin {
                 match error {
                     QemuError::Restarted => {
                         (self.away, self.restarts) = (AWAY_STEPS, self.restarts + 1);
-                        // At once: it would run freely as long as we take to fly on without it.
+                        // At once: otherwise it would run freely while we fly on without it.
                         self.broken = self.qemu.recover(&self.setup).err();
                     }
                     error => self.broken = Some(error),

@@ -2,47 +2,47 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What goes wrong.
+/// A kind of fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// Bytes are lost and changed, both ways.
+    /// Bytes are lost and changed, in both directions.
     LineNoise,
-    /// Nothing comes through, either way.
+    /// Nothing comes through, in either direction.
     LineCut,
     /// Random bytes come in as fast as the line carries them.
     LineFlood,
     /// Frames are cut short, and their length is wrong.
     WrongLength,
-    /// The autopilot does not say that it is there.
+    /// The autopilot sends no heartbeat.
     NoHeartbeat,
-    /// It does not say where the vehicle is.
+    /// It sends no position.
     NoPosition,
-    /// Nothing is said of obstacles.
+    /// No obstacles are reported.
     NoObstacles,
-    /// Its place jumps.
+    /// Its position jumps.
     PositionJump,
     /// It restarts.
     AutopilotRestart,
     /// The pilot changes the mode to and fro.
     ModeFlapping,
-    /// The converters bring the same codes again and again.
+    /// The converters deliver the same samples again and again.
     FrozenConverters,
-    /// They bring nothing.
+    /// They deliver nothing.
     NoFrames,
     /// Our clock jumps, forward or back.
     ClockJump,
     /// The power is cut at any instruction.
     PowerCut,
-    /// So it is, and the flash is spoiled.
+    /// The power is cut, and the flash is damaged.
     SpoiledFlash,
-    /// Interrupts take the processor away.
+    /// Interrupts take processor time away.
     StolenProcessor,
-    /// The planner does not get to run.
+    /// The planner gets no time.
     StarvedPlanner,
     /// The program panics.
     Panic,
-    /// It executes what is no instruction.
+    /// It executes an invalid instruction.
     UndefinedInstruction,
     /// Its stack overflows.
     StackOverflow,
@@ -76,13 +76,13 @@ pub const KINDS: [Kind; 21] = [
 ];
 
 impl Kind {
-    /// As one says it.
+    /// Its name in text.
     #[must_use]
     pub fn name(self) -> String {
         serde_json::to_value(self).map(|name| name.as_str().unwrap_or_default().replace('_', " ")).unwrap_or_default()
     }
 
-    /// Whether the computer is asked to restart; `None` where it may: late steps one after the other until the watchdog bites.
+    /// Whether the computer must restart; `None` if it may: late steps in a row until the watchdog restarts it.
     #[must_use]
     pub const fn restarts(self) -> Option<bool> {
         match self {
@@ -91,7 +91,7 @@ impl Kind {
         }
     }
 
-    /// Where it may end the program: how the text to the pilot begins.
+    /// If it may end the program: how the text to the pilot begins.
     #[must_use]
     pub const fn restart_words(self) -> Option<&'static str> {
         match self {

@@ -1,7 +1,7 @@
-//! A campaign's file: what was flown, mission by mission, so that a campaign that is ended goes on where it stopped.
+//! The file of a campaign: the results, mission by mission, so that an interrupted campaign continues.
 //!
-//! Every line is a JSON object: first of which image and with how many faults a mission, then for every mission its seed and
-//! its [`Report`]. A last line that was cut short is flown again.
+//! Every line is a JSON object: first the image and the number of faults in a mission, then for every mission its
+//! seed and its [`Report`]. A mission whose line is incomplete is flown again.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -22,7 +22,7 @@ pub struct Head {
 }
 
 impl Head {
-    /// Of an image's bytes.
+    /// For the bytes of an image.
     #[must_use]
     pub fn new(image: &[u8], faults: u32) -> Self {
         let hash = image
@@ -38,7 +38,7 @@ struct Mission {
     report: Report,
 }
 
-/// What was flown, and the file that knows it.
+/// The results, and their file.
 #[derive(Debug)]
 pub struct Record {
     file: File,
@@ -59,7 +59,7 @@ impl Record {
             Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
             text => text?,
         };
-        // What has no end was being written when somebody ended us.
+        // A line without an end was being written when the program was ended.
         let whole = text.rfind('\n').map_or(0, |end| end + 1);
         let mut lines = text[..whole].lines();
         let mut missions = BTreeMap::new();
@@ -82,7 +82,7 @@ impl Record {
         Ok(record)
     }
 
-    /// Notes a mission.
+    /// Adds a mission.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -99,7 +99,7 @@ impl Record {
         self.file.sync_data()
     }
 
-    /// All missions with seeds from 1 to so many, together.
+    /// All missions with seeds from 1 to `missions`, summed up.
     #[must_use]
     pub fn whole(&self, missions: u64) -> Report {
         let mut whole = Report::default();
@@ -164,7 +164,7 @@ mod tests {
     fn a_restart_without_a_word_a_restart_too_few_and_a_touched_pillar_are_complaints() {
         let good = Row { faults: 1, recovered: 1, restarts: 1, restarts_told: 1, ..Row::default() };
         assert_eq!(good.complaints(Kind::Panic), [""; 0]);
-        assert_eq!(good.complaints(Kind::LineNoise).len(), 1, "nobody wanted that restart");
+        assert_eq!(good.complaints(Kind::LineNoise).len(), 1, "an unwanted restart");
         let bad = [
             Row { restarts_told: 0, ..good.clone() },
             Row { restarts: 0, restarts_told: 0, ..good.clone() },

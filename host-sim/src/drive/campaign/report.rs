@@ -1,4 +1,4 @@
-//! What came of the faults, and what was asked of them and was not so.
+//! Results of the faults, and violated requirements.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
@@ -8,30 +8,30 @@ use serde::{Deserialize, Serialize};
 use super::kind::Kind;
 use crate::drive::qemu::Worst;
 
-/// What became of the faults of one kind.
+/// Results of the faults of one kind.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Row {
-    /// How many there were.
+    /// Number of faults.
     pub faults: u32,
-    /// After so many the vehicle flew on.
+    /// After this many the vehicle flew on.
     pub recovered: u32,
-    /// After so many it stood still, by the outcome that was published.
+    /// After this many it held, by the outcome that was published.
     pub safe: BTreeMap<String, u32>,
-    /// After so many it did neither.
+    /// After this many it did neither.
     pub lost: u32,
-    /// Pillars touched under our control.
+    /// Collisions under our control.
     pub collisions: u32,
-    /// Pillars touched while the computer was away.
+    /// Collisions while the computer was absent.
     pub collisions_away: u32,
     /// Restarts of the computer.
     pub restarts: u32,
-    /// Those that the pilot got the text about that belongs to the fault.
+    /// Those for which the pilot got the right text.
     pub restarts_told: u32,
     /// Steps that were late.
     pub late_steps: u32,
     /// Setpoints that were too fast or not finite.
     pub outside_limits: u32,
-    /// Setpoints that would have moved the vehicle where the autopilot would not obey us.
+    /// Setpoints with motion while the autopilot would not obey us.
     pub uninvited: u32,
 }
 
@@ -52,7 +52,7 @@ impl Row {
         self.uninvited += other.uninvited;
     }
 
-    /// What is asked of one fault of this kind and is not so.
+    /// Requirements for one fault of this kind that are violated.
     #[must_use]
     pub fn complaints(&self, kind: Kind) -> Vec<String> {
         let mut complaints = Vec::new();
@@ -66,7 +66,7 @@ impl Row {
         ask(self.collisions_away == 0, &"a pillar was touched with the computer away");
         ask(self.outside_limits == 0, &format_args!("{} setpoints outside the limits", self.outside_limits));
         ask(self.uninvited == 0, &format_args!("{} setpoints that nobody had invited", self.uninvited));
-        // A mission that ended with a pillar has no more to say.
+        // A mission that ended with a collision has no further requirements.
         if self.collisions + self.collisions_away == 0 {
             let expected = kind.restarts().map_or(self.restarts, u32::from);
             ask(self.restarts == expected, &format_args!("{} restarts instead of {expected}", self.restarts));
@@ -78,14 +78,14 @@ impl Row {
     }
 }
 
-/// Something that was asked and was not so.
+/// A violated requirement.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Complaint {
-    /// Which fault of the mission it was, from 1 on.
+    /// Number of the fault in the mission, from 1 on.
     pub fault: u32,
-    /// What it was.
+    /// Its kind.
     pub kind: Kind,
-    /// What was not as it should be.
+    /// The violated requirement.
     pub what: String,
 }
 
@@ -95,31 +95,31 @@ impl Display for Complaint {
     }
 }
 
-/// What came of some missions.
+/// Results of some missions.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Report {
-    /// How many.
+    /// Number of missions.
     pub missions: u32,
     /// Simulated seconds.
     pub seconds: u64,
     /// By kind.
     pub rows: BTreeMap<Kind, Row>,
-    /// The worst that was seen.
+    /// The worst values.
     pub worst: Worst,
-    /// Missions in which the firmware did not answer any more.
+    /// Missions in which the firmware stopped answering.
     pub broken: u32,
-    /// All that was not as it should be.
+    /// All violated requirements.
     pub complaints: Vec<Complaint>,
 }
 
 impl Report {
-    /// Takes in one fault.
+    /// Adds one fault.
     pub(super) fn note(&mut self, fault: u32, kind: Kind, row: &Row) {
         self.rows.entry(kind).or_default().add(row);
         self.complaints.extend(row.complaints(kind).into_iter().map(|what| Complaint { fault, kind, what }));
     }
 
-    /// Takes in another one.
+    /// Adds another report.
     pub fn add(&mut self, other: &Self) {
         self.missions += other.missions;
         self.seconds += other.seconds;

@@ -3,10 +3,10 @@
 use foxhound_computer::log::ring::Ring;
 use foxhound_computer::log::{Log, State};
 
-/// Room for all that one step brings.
+/// Space for the records of one step.
 const RING_BYTES: usize = 1 << 16;
 
-/// A log that is being written.
+/// A log in progress.
 #[derive(Debug, Default)]
 pub(super) struct Recording {
     ring: Box<Ring<RING_BYTES>>,
@@ -15,7 +15,7 @@ pub(super) struct Recording {
 }
 
 impl Recording {
-    /// Lets something be written.
+    /// Writes with the log.
     pub(super) fn write<T>(&mut self, with: impl FnOnce(&mut Log<'_>) -> T) -> T {
         let (producer, mut consumer) = self.ring.ends();
         let mut log = Log::resume(producer, self.state);
@@ -31,7 +31,7 @@ impl Recording {
         }
     }
 
-    /// What was written since the last call.
+    /// The bytes written since the last call.
     pub(super) fn take(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.bytes)
     }

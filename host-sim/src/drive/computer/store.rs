@@ -1,8 +1,8 @@
-//! The parameters of the computer in this process, kept in a file that people write, too.
+//! Stores the parameters of the computer in this process in a file that people write, too.
 
 use std::path::{Path, PathBuf};
 
-use foxhound_computer::flight::Mapper;
+use foxhound_computer::flight::ParameterStore;
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::Values;
 
@@ -10,7 +10,7 @@ use super::HostComputer;
 use crate::scenario::input::InputError;
 use crate::scenario::params::{self, Given};
 
-/// A file of parameters, and what holds where it says nothing.
+/// A file of parameters, and the values for those that it does not have.
 #[derive(Clone, Debug)]
 pub(super) struct Store {
     path: PathBuf,
@@ -18,8 +18,8 @@ pub(super) struct Store {
 }
 
 impl HostComputer {
-    /// A computer that was just switched on, with the parameters of a file, which overrule the configuration. Who stores
-    /// parameters by `MAV_CMD_PREFLIGHT_STORAGE` stores them all there.
+    /// A computer that has just been switched on, with the parameters of a file, which override the configuration.
+    /// Parameters stored by `MAV_CMD_PREFLIGHT_STORAGE` are written to that file.
     ///
     /// # Errors
     /// What is wrong with the file, or the field of the configuration that is refused.
@@ -34,7 +34,7 @@ impl HostComputer {
 }
 
 impl Store {
-    /// The parameters that hold with the file.
+    /// The parameters with those of the file.
     fn read(&self) -> Result<Values, InputError> {
         let mut given = Given::default();
         given.read(&self.path)?;
@@ -46,7 +46,7 @@ impl Store {
     }
 }
 
-impl Mapper for Store {
+impl ParameterStore for Store {
     fn save(&mut self, values: &Values) -> bool {
         params::write(&self.path, values).is_ok()
     }
@@ -69,7 +69,7 @@ mod tests {
 
     const PREFLIGHT_STORAGE: u16 = 245;
 
-    /// Tells the computer something as a ground station, and says how its command was answered.
+    /// Sends a message to the computer as a ground station, and returns the answer to its command.
     fn tell<D: MessageData>(computer: &mut HostComputer, now: &mut Instant, data: &D) -> Option<u8> {
         let mut frame = [0; FRAME_MAX];
         let length = encode_data(Header { system_id: 255, component_id: 190, sequence: 0 }, data, &mut frame);
@@ -135,7 +135,7 @@ mod tests {
         let given = HostComputer::with_store(&config, &path).unwrap();
         assert_eq!(given.companion.parameters(), &Values::DEFAULT);
 
-        // A file that somebody spoiled is not loaded, and what held goes on to hold.
+        // A damaged file is not loaded, and the parameters stay as they were.
         std::fs::write(&path, "FH_SPD_MAX = 99\n").unwrap();
         assert_ne!(tell(&mut again, &mut now, &storage(0.0)), Some(0));
         assert_eq!(again.companion.parameters(), &Values::DEFAULT);

@@ -1,4 +1,4 @@
-//! Flights in wind, with a position that drifts, towards a beacon that sounds in pulses.
+//! Flights in wind, with a position that drifts, towards a beacon that transmits in pulses.
 
 use foxhound_core::guidance::mission::Outcome;
 
@@ -36,7 +36,7 @@ fn obstacles_are_remembered_where_the_autopilot_believes_them_to_be() {
         let circle = flown(&text).remembered[0].center_ned_m;
         libm::hypotf(circle.east - 5.0, circle.north - 1.5)
     };
-    // A drift of 1.5 m in 20 s is more than guidance believes: it holds.
+    // A drift of 1.5 m in 20 s is more than guidance accepts: it holds.
     let (still_m, drifted_m) = (off_m("0"), off_m("0.3"));
     assert!(still_m < 1e-3 && drifted_m > 0.03, "{still_m} {drifted_m}");
 }

@@ -1,4 +1,4 @@
-//! What a flight leaves behind: how it ended, where it went, what was planned.
+//! The record of a flight: its end, its path, its plans.
 
 use std::fmt;
 use std::io;
@@ -24,13 +24,13 @@ pub enum Ending {
     Reached,
     /// Standing still, with a reason.
     Hold,
-    /// The hull met a pillar.
+    /// The hull touched a pillar.
     Collision,
-    /// Still under way at the end of the time.
+    /// Not ended by the time limit.
     Timeout,
 }
 
-/// What a flight came to: the object that is printed.
+/// The result of a flight: the object that is printed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// The scenario's name.
@@ -45,13 +45,13 @@ pub struct Report {
     pub time_s: f64,
     /// Length of the path flown.
     pub path_length_m: f64,
-    /// Distance from the start to the goal's place at the end.
+    /// Distance from the start to the goal's position at the end.
     pub straight_line_m: f64,
     /// Smallest distance between hull and pillars; `None` in a world without pillars.
     pub min_clearance_m: Option<f64>,
-    /// Collisions, 0 or 1: the first one ends the flight; `None` where nobody can know.
+    /// Collisions, 0 or 1: the first one ends the flight; `None` where the true obstacles are unknown.
     pub collisions: Option<u32>,
-    /// Who provided the obstacles, beside an autopilot.
+    /// Who provided the obstacles, with an autopilot.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub obstacles: Option<&'static str>,
     /// Plans made.
@@ -60,13 +60,13 @@ pub struct Report {
     pub bearing_rms_deg: Option<f64>,
     /// Hash over every bearing, plan and setpoint.
     pub trace_hash: String,
-    /// How the landing went, where there was to be one.
+    /// Result of the landing, if the scenario has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub landing: Option<Landing>,
-    /// Carried through from the scenario.
+    /// Copied from the scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expect: Option<Value>,
-    /// Carried through from the scenario.
+    /// Copied from the scenario.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference_length_m: Option<Value>,
 }
@@ -76,15 +76,15 @@ pub struct Report {
 pub struct Sample {
     /// When.
     pub time_s: f64,
-    /// Where the vehicle was.
+    /// Position of the vehicle.
     pub position: Horizontal,
-    /// Where its nose pointed.
+    /// Direction of its nose.
     pub yaw_rad: f64,
-    /// How far below the origin it was; negative above.
+    /// Its depth below the origin; negative above.
     pub down_m: f64,
-    /// How fast it was, horizontally.
+    /// Its horizontal speed.
     pub speed_mps: f64,
-    /// What guidance said.
+    /// Outcome of the step.
     pub outcome: Outcome,
 }
 
@@ -93,47 +93,47 @@ pub struct Sample {
 pub struct Replan {
     /// When.
     pub time_s: f64,
-    /// The temporary target that it was made for.
+    /// Its temporary target.
     pub target: Option<Horizontal>,
     /// The plan and its samples.
     pub plan: Planned,
 }
 
-/// One step as it happens.
+/// One step while it happens.
 #[derive(Clone, Copy)]
 pub struct Moment<'a> {
-    /// The world as it is.
+    /// The true world.
     pub world: &'a World,
-    /// How the vehicle really moves.
+    /// The true motion of the vehicle.
     pub motion: &'a Motion,
-    /// The step as the record has it.
+    /// The step in the record.
     pub sample: &'a Sample,
-    /// What guidance published.
+    /// Output of guidance.
     pub output: &'a guidance::Output,
-    /// The computer that flies, to look into.
+    /// The computer, whose state may be read.
     pub computer: &'a dyn Computer,
-    /// What the camera that looks down has just seen, now and then.
+    /// The latest picture of the camera that looks down, now and then.
     pub picture: Option<&'a Picture>,
 }
 
-/// Everything that a picture of the flight needs.
+/// The data for a picture of the flight.
 #[derive(Clone, Debug)]
 pub struct Record {
-    /// What was flown.
+    /// The scenario.
     pub scenario: Scenario,
-    /// What it came to.
+    /// The result.
     pub report: Report,
-    /// Where it went.
+    /// The path.
     pub path: Vec<Sample>,
-    /// The plans on the way.
+    /// The plans.
     pub replans: Vec<Replan>,
-    /// The obstacles that the computer remembers at the end.
+    /// The circles of the obstacle map at the end.
     pub remembered: Vec<Circle>,
-    /// The world, and which ways people went in it.
+    /// The world, with the paths of people.
     pub world: World,
 }
 
-/// Why a flight could not be flown to its end.
+/// Why a flight was not completed.
 #[derive(Debug)]
 pub enum FlightError {
     /// The computer failed.

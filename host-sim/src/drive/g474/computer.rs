@@ -15,22 +15,22 @@ use super::{Board, G474Error, Needs, Options, Report, timing};
 use crate::drive::computer::{BLOCK, Computer, ComputerError, StepReport};
 use crate::drive::replay::{Followed, Follower};
 
-/// The station that sets parameters before take-off, and the computer that it speaks to.
+/// The station that sets parameters before take-off, and its target.
 const STATION: Header = Header { system_id: 255, component_id: 190, sequence: 0 };
 const TARGET: (u8, u8) = (1, 191);
 /// A parameter is 32 bits of a float.
 const REAL32: u8 = 9;
-/// Steps after which a parameter must hold.
+/// Steps after which a parameter must be in use.
 const PATIENCE: u32 = 100;
 /// From the middle of a block to its end: 127.5 samples.
 const HALF_BLOCK_US: f64 = 127.5 * 1660.0 / 170.0;
 
-/// What the image was given in a step, as its log says, and what that came to.
+/// The image's input of a step, by its log, and its result.
 #[derive(Clone, Debug)]
 pub struct Received {
     /// The time of the step.
     pub now: Instant,
-    /// What the antennas brought.
+    /// The frame of the antennas.
     pub snapshot: Option<Box<AdcFrame<BLOCK>>>,
     /// Bytes of the autopilot.
     pub rx: Vec<u8>,
@@ -38,7 +38,7 @@ pub struct Received {
     pub trace_hash: u64,
 }
 
-/// The board, and this process's own computer beside it.
+/// The board, and this process's own computer, which repeats its steps.
 pub struct G474Computer {
     board: Board,
     report: Report,
@@ -48,16 +48,16 @@ pub struct G474Computer {
     /// Bytes of a lidar for the next step.
     lidar: Vec<u8>,
     flight_log: Option<Vec<u8>>,
-    /// What was received, if it is wanted.
+    /// The received input, if it is recorded.
     heard: Option<Vec<Received>>,
     output: Option<Output>,
 }
 
 impl G474Computer {
-    /// Switches a board on, and sets what its flight needs.
+    /// Switches a board on, and sets the parameters of its flight.
     ///
     /// # Errors
-    /// The board does not start, or takes a parameter that it should.
+    /// The board does not start, or refuses a parameter.
     pub fn start(elf: &Path, options: Options, needs: &Needs) -> Result<Self, ComputerError> {
         let (board, report) = Board::start(elf, options).map_err(lost)?;
         let mut computer = Self {
@@ -79,17 +79,17 @@ impl G474Computer {
         &mut self.board
     }
 
-    /// Keeps what is heard from now on.
+    /// Records the input from now on.
     pub fn keep_heard(&mut self) {
         self.heard = Some(Vec::new());
     }
 
-    /// What was heard, from the beginning or since the last call.
+    /// The input recorded since the start or the last call.
     pub fn take_heard(&mut self) -> Vec<Received> {
         self.heard.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// The configuration that the image says it began with.
+    /// The image's configuration at its start.
     #[must_use]
     pub fn config(&self) -> Option<&guidance::Config> {
         self.follower.begun_with()
@@ -114,7 +114,7 @@ impl G474Computer {
             while !holds(self.follower.parameters()) {
                 waited += 1;
                 if waited > PATIENCE {
-                    return Err(ComputerError(format!("the image does not take {} = {value}", id.name())));
+                    return Err(ComputerError(format!("the image refuses {} = {value}", id.name())));
                 }
                 self.advance(None, &[])?;
             }
@@ -152,7 +152,7 @@ impl G474Computer {
         for step in &steps {
             if step.output.trace_hash != step.trace_hash {
                 return Err(ComputerError(format!(
-                    "the image and this computer part at step {}, {:.6} s: trace {:016x} there, {:016x} here",
+                    "the image and this computer differ from step {}, {:.6} s: trace {:016x} there, {:016x} here",
                     step.number,
                     step.output.time.0 as f64 * 1e-6,
                     step.trace_hash,
@@ -188,15 +188,15 @@ impl Computer for G474Computer {
             FrontEnd::Frame(snapshot) => Some(snapshot),
             FrontEnd::Nothing => None,
             FrontEnd::Measured(_) | FrontEnd::Bearing(_) => {
-                return Err(ComputerError("the board hears waveforms, no bearings".to_owned()));
+                return Err(ComputerError("the board needs waveforms, not bearings".to_owned()));
             }
         };
         if circles.is_some() {
-            return Err(ComputerError("the board is told of obstacles by MAVLink, not as circles".to_owned()));
+            return Err(ComputerError("the board receives obstacles by MAVLink, not as circles".to_owned()));
         }
         let (tx, steps) = self.advance(snapshot, rx)?;
         let plan = steps.iter().rev().find_map(|step| step.plan.clone());
-        // While its log is behind by the codes of a frame the last step still holds.
+        // If its log is delayed by the samples of a frame, the last step's output is used.
         self.output = steps.last().map(|step| step.output).or(self.output);
         let output = self.output.ok_or_else(|| ComputerError("the image has made no step".to_owned()))?;
         Ok(StepReport { output, plan, tx })

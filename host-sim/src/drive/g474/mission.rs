@@ -1,4 +1,4 @@
-//! Which missions the image can be sent on: it has the configuration that it was built with, and what FH_ parameters change.
+//! The missions that the image can fly: it has its built-in configuration, changed by FH_ parameters.
 
 use foxhound_core::guidance;
 use foxhound_core::guidance::param::{Id, Values};
@@ -7,16 +7,17 @@ use crate::drive::flight::Mission;
 use crate::scenario::input::InputError;
 use crate::scenario::{BearingModel, SensorModel};
 
-/// What a mission needs of the image.
+/// The parameters that a mission needs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Needs(Vec<(Id, f32)>);
 
 impl Needs {
-    /// What is to be set over MAVLink before take-off for this mission, whose configuration may have been overruled. A sensor
-    /// of circles becomes one of scans, which travel as `OBSTACLE_DISTANCE`; a lidar stays one.
+    /// The parameters to be set over MAVLink before take-off for this mission, whose configuration may have been
+    /// overridden. A sensor of circles is replaced by one of scans, which are sent as `OBSTACLE_DISTANCE`; a lidar is
+    /// kept.
     ///
     /// # Errors
-    /// The key that asks for what no parameter sets.
+    /// The key of a setting without a parameter.
     pub fn of(mission: &mut Mission, config: &guidance::Config) -> Result<Self, InputError> {
         if mission.scenario.sensor.model == SensorModel::Circles {
             mission.scenario.sensor.model = SensorModel::Scan;
@@ -24,10 +25,10 @@ impl Needs {
         let scenario = &mission.scenario;
         let refuse = |key: &str, why: &str| Err(InputError::new(format!("--via g474: {key}: {why}")));
         if scenario.bearing_model() != BearingModel::Rf {
-            return refuse("bearing.model", "the image hears waveforms (rf; --snr-db chooses them)");
+            return refuse("bearing.model", "the image needs waveforms (rf; --snr-db selects them)");
         }
         if scenario.faults.nan_bearing.is_some() {
-            return refuse("faults.nan_bearing", "the image takes no bearings from outside");
+            return refuse("faults.nan_bearing", "the image accepts no bearings from outside");
         }
         if scenario.faults.clock_back_s.is_some() {
             return refuse("faults.clock_back_s", "the board keeps its own time");
@@ -35,7 +36,7 @@ impl Needs {
         let values = Values::of(config);
         let reached = reached_with(values, config);
         match first_difference(config, &reached) {
-            Some(key) => refuse(key, "no parameter of the image sets it"),
+            Some(key) => refuse(key, "no parameter of the image sets this"),
             None => Ok(Self(
                 Id::all()
                     .map(|id| (id, values.get(id)))
@@ -52,7 +53,7 @@ impl Needs {
     }
 }
 
-/// What the image comes to with these values. Its seeds are its own.
+/// The image's configuration with these values. It has its own seeds.
 fn reached_with(values: Values, wanted: &guidance::Config) -> guidance::Config {
     let mut reached = guidance::Config::default();
     values.apply(&mut reached);
@@ -63,7 +64,7 @@ fn reached_with(values: Values, wanted: &guidance::Config) -> guidance::Config {
     reached
 }
 
-/// The key of a mission by which they differ.
+/// The key of a mission in which they differ.
 fn first_difference(wanted: &guidance::Config, reached: &guidance::Config) -> Option<&'static str> {
     let keys = [
         ("--planner", wanted.planner.kind != reached.planner.kind),

@@ -1,4 +1,4 @@
-//! What the board spent its time on, as a table.
+//! A table of the use of the board's time.
 
 use std::fmt::Write as _;
 
@@ -6,10 +6,10 @@ use serde_json::Value;
 
 /// From one frame to the next.
 const PERIOD_MS: f64 = 19.998;
-/// After so long without food the watchdog restarts the board.
+/// The watchdog restarts the board if it is not fed for this long.
 const WATCHDOG_MS: f64 = 500.0;
 
-/// The answer of [`Board::timing`](super::Board::timing) in Markdown.
+/// The answer of [`Board::timing`](super::Board::timing) as Markdown.
 #[must_use]
 pub fn table(timing: &Value) -> String {
     let number = |value: &Value| value.as_f64().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! One mission by the image, beside the desktop and QEMU.
+//! One mission of the image, compared with the desktop and QEMU.
 
 use std::path::Path;
 
@@ -14,25 +14,25 @@ use crate::drive::qemu::QemuComputer;
 use crate::drive::replay::{self, Summary};
 use crate::scenario::Scenario;
 
-/// What it came to. That the desktop's hash was the image's at every step goes without saying: a flight ends where it is not.
+/// Its result. The desktop's hash was the image's at every step: a flight ends where they differ.
 #[derive(Debug)]
 pub struct Trial {
     /// The flight.
     pub report: flight::Report,
-    /// Its log, flown again.
+    /// The result of replaying its log.
     pub replayed: Summary,
-    /// Steps that QEMU's twin made of the same inputs, with the same hash at every one.
+    /// Steps of QEMU's twin with the same input, with the same hash at every one.
     pub twin_steps: usize,
     /// Steps of the flight.
     pub steps: usize,
-    /// What the board's time was spent on.
+    /// The use of the board's time.
     pub timing: Value,
 }
 
-/// Flies the built-in mission by the image and, on what that heard, by the twin, where there is one.
+/// Flies the built-in mission with the image and, with the same input, with the twin, if there is one.
 ///
 /// # Errors
-/// What went wrong, or the first step that came to something else.
+/// The error, or the first step with a different result.
 pub fn fly(elf: &Path, twin: Option<&Path>, seed: u64) -> Result<Trial, String> {
     let (planner, estimator) = (planner::Config::default(), Estimator::default());
     let mut mission = Mission { scenario: Scenario::built_in(), seed, planner, estimator };
@@ -55,7 +55,7 @@ pub fn fly(elf: &Path, twin: Option<&Path>, seed: u64) -> Result<Trial, String> 
     Ok(Trial { report: record.report, replayed, twin_steps, steps: heard.len(), timing })
 }
 
-/// The same inputs, in the twin.
+/// Repeats the same input in the twin.
 fn repeat(twin: &Path, setup: &Setup, heard: &[Received]) -> Result<usize, String> {
     let mut twin = QemuComputer::start(twin, setup).map_err(|error| error.to_string())?;
     for (number, step) in heard.iter().enumerate() {
@@ -63,7 +63,7 @@ fn repeat(twin: &Path, setup: &Setup, heard: &[Received]) -> Result<usize, Strin
         let report = twin.step(step.now, front_end, None, &step.rx).map_err(|error| error.to_string())?;
         let (here, there) = (report.output.trace_hash, step.trace_hash);
         if here != there {
-            return Err(format!("QEMU and the image part at step {number}: trace {here:016x} and {there:016x}"));
+            return Err(format!("QEMU and the image differ from step {number}: trace {here:016x} and {there:016x}"));
         }
     }
     Ok(heard.len())

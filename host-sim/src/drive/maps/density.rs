@@ -79,7 +79,7 @@ fn disc_in_square_m2([x, y, r]: Pillar, [west, south, east, north]: [f64; 4]) ->
 /// Area of the unit disc at the origin where neither coordinate is beyond `(x, y)`.
 fn unit_disc_in_quadrant(x: f64, y: f64) -> f64 {
     let (x, y) = (x.clamp(-1.0, 1.0), y.clamp(-1.0, 1.0));
-    // Half of what is left of a chord at t, less a quarter disc.
+    // Half of the rest of a chord at t, minus a quarter disc.
     let half = |t: f64| (t * libm::sqrt(1.0 - t * t) + libm::asin(t)) / 2.0;
     let left_of = |t: f64| FRAC_PI_2 + 2.0 * half(t);
     if x * x + y * y < 1.0 {

@@ -1,9 +1,9 @@
-//! The shortest way of a disc-shaped vehicle among pillars that are all known, exactly.
+//! The shortest path of a disc-shaped vehicle among known pillars, exactly.
 //!
-//! A shortest way is made of straight pieces that touch the inflated pillars and of arcs on them: it is found with
-//! Dijkstra's algorithm on the tangent graph, whose nodes are the points of contact of all common tangents. No grid, so
-//! the length is exact but for rounding (1e-9 m). The way stays inside the bounds; because they are convex it never
-//! bends at them.
+//! A shortest path consists of straight pieces that touch the inflated pillars and of arcs on them: it is found with
+//! Dijkstra's algorithm on the tangent graph, whose nodes are the points of contact of all common tangents. There is
+//! no grid, so the length is exact except for rounding (1e-9 m). The path stays inside the bounds; because they are
+//! convex it never bends at them.
 
 use std::f64::consts::{PI, TAU};
 
@@ -25,7 +25,7 @@ pub struct Forest {
     tangents: Vec<Tangent>,
 }
 
-/// A straight piece that touches two discs: where, as disc and angle, and how long it is.
+/// A straight piece that touches two discs: the contacts, as disc and angle, and its length.
 #[derive(Clone, Copy, Debug)]
 struct Tangent {
     contacts: [(usize, f64); 2],
@@ -33,11 +33,11 @@ struct Tangent {
 }
 
 impl Forest {
-    /// The forest for a vehicle of which the center must keep `inflation_m` from every pillar.
+    /// The forest for a vehicle whose centre must keep `inflation_m` from every pillar.
     #[must_use]
     pub fn new(bounds: [f64; 4], pillars: &[Pillar], inflation_m: f64) -> Self {
         let inflated: Vec<Pillar> = pillars.iter().map(|[x, y, r]| [*x, *y, r + inflation_m]).collect();
-        // What is inside another disc is never touched; of equal ones the first stays.
+        // A disc inside another is never touched; of equal ones the first is kept.
         let is_inside = |k: usize, j: usize| {
             let gap = inflated[j][2] - inflated[k][2] - distance(inflated[k], inflated[j]);
             gap > 0.0 || (gap == 0.0 && j < k)
@@ -72,7 +72,7 @@ impl Forest {
         x >= west - ROUNDING_M && x <= east + ROUNDING_M && y >= south - ROUNDING_M && y <= north + ROUNDING_M
     }
 
-    /// Whether a straight piece stays inside the bounds and outside all discs but those that it touches.
+    /// Whether a straight piece stays inside the bounds and outside all discs except those that it touches.
     fn is_free(&self, from: Pillar, to: Pillar, touched: [usize; 2]) -> bool {
         let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
         let length2 = (dx * dx + dy * dy).max(f64::MIN_POSITIVE);
@@ -126,7 +126,7 @@ impl Forest {
             for (index, (from_rad, from)) in around.iter().enumerate() {
                 let (to_rad, to) = around[(index + 1) % around.len()];
                 let arc_rad = libm::fmod(to_rad - from_rad + TAU, TAU);
-                // Both contacts are open, so a closed arc is between them as a whole or not at all.
+                // Both contacts are open, so a closed arc is either completely between them or not at all.
                 let is_between = |closed: &f64| libm::fmod(closed - from_rad + 2.0 * TAU, TAU) < arc_rad;
                 if *from != to && !self.closed_rad[k].iter().any(is_between) {
                     graph.add_edge(*from, to, self.discs[k][2] * arc_rad);
@@ -244,7 +244,8 @@ mod tests {
         assert_eq!(plain.shortest_m(start, goal), doubled.shortest_m(start, goal));
     }
 
-    /// Dijkstra on a grid with the 32 nearest directions: at most 0.7 % longer than the shortest way, and some cells.
+    /// Dijkstra on a grid with the 32 nearest directions: at most 0.7 % longer than the shortest path, plus some
+    /// cells.
     fn grid_m(pillars: &[Pillar], inflation_m: f64, start: [f64; 2], goal: [f64; 2]) -> Option<f64> {
         const STEP_M: f64 = 0.02;
         const SIDE: i32 = 501;

@@ -1,14 +1,14 @@
-//! Rows of pillars across the way north: walls with a gap somewhere, or walls to fly around.
+//! Rows of pillars across the path north: walls with a gap, or walls to fly around.
 
 use super::parts::Pillar;
 use crate::world::random::Random;
 
-/// What the rows are like.
+/// Dimensions of the rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rows {
-    /// How many.
+    /// Number of rows.
     pub count: u32,
-    /// How far north of the origin the first is, and each from the one before.
+    /// Distance of the first row north of the origin, and from each row to the next.
     pub first_m: f64,
     /// See [`Rows::first_m`].
     pub apart_m: f64,
@@ -16,9 +16,9 @@ pub struct Rows {
     pub radius_m: f64,
     /// Least and greatest distance of a row's ends from its middle.
     pub half_m: [f64; 2],
-    /// How far the middle, or the gap, is from the straight way at most.
+    /// Largest offset of the middle, or of the gap, from the straight path.
     pub aside_m: f64,
-    /// Least and greatest width that is free in the gap; zero: none.
+    /// Least and greatest free width of the gap; zero: no gap.
     pub gap_m: [f64; 2],
 }
 

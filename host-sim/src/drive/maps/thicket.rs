@@ -1,9 +1,9 @@
 //! Dense worlds: a corridor of 4.5 m in which a cellular automaton has grown clumps of thin pillars, as in the BARN benchmark
 //! (Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", 2020).
 //!
-//! Cells of 0.15 m are filled at random, then smoothed: a cell with five full neighbours or more becomes full, one with at most one
-//! becomes empty. Every full cell holds a pillar as wide as the cell. As there, a world has a path for a hull of 0.25 m; those that
-//! have none are drawn again.
+//! Cells of 0.15 m are filled at random, then smoothed: a cell with five full neighbours or more becomes full, one
+//! with at most one becomes empty. Every full cell holds a pillar as wide as the cell. As in BARN, a world has a path
+//! for a hull of 0.25 m; a world without one is drawn again.
 
 use super::parts::{Pair, Pillar};
 use super::route::Forest;
@@ -22,11 +22,11 @@ const ROUNDS: [u32; 2] = [1, 4];
 /// Full neighbours that fill a cell, and those that empty it.
 const BIRTH: usize = 5;
 const DEATH: usize = 1;
-/// The field begins so far north of the start, and the goal is as far north of its end.
+/// The field begins this far north of the start, and the goal is as far north of its end.
 const MARGIN_M: f64 = 2.0;
 /// Radius of the hull for which there is a path.
 const PASSAGE_M: f64 = 0.25;
-/// Worlds that are drawn before a seed counts as one without a path.
+/// Worlds drawn before a seed counts as one without a path.
 const DRAWS: u64 = 200;
 
 /// West, south, east, north of the world.

@@ -4,13 +4,13 @@ use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
-/// The name that an image of the twin carries in its `.foxhound_board` section.
+/// The board's name in the `.foxhound_board` section of a twin's image.
 pub(super) const BOARD: &str = "mps2_an386";
 
 /// Why the firmware does not fly.
 #[derive(Debug)]
 pub enum QemuError {
-    /// The file is no image for the twin.
+    /// The file is not an image for the twin.
     Image {
         /// The file.
         path: PathBuf,
@@ -21,15 +21,15 @@ pub enum QemuError {
     Start(io::Error),
     /// A file, a socket or a pipe failed.
     Io(io::Error),
-    /// The firmware refused, in its own words.
+    /// The firmware refused, with its text.
     Refused(String),
     /// The firmware has restarted and wants a setup.
     Restarted,
-    /// No answer, or none that can be read.
+    /// No answer, or an unreadable one.
     Lost {
-        /// What was awaited and what came.
+        /// The expected and the received answer.
         what: String,
-        /// What QEMU and the firmware (by semihosting) had printed.
+        /// Output of QEMU and the firmware (by semihosting).
         console: String,
     },
 }
@@ -38,7 +38,7 @@ impl fmt::Display for QemuError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Image { path, why } => {
-                write!(f, "{} is no firmware image for {BOARD}: {why}", path.display())
+                write!(f, "{} is not a firmware image for {BOARD}: {why}", path.display())
             }
             Self::Start(error) => write!(f, "qemu-system-arm cannot be started: {error}"),
             Self::Io(error) => write!(f, "the connection to QEMU failed: {error}"),

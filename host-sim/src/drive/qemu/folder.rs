@@ -1,4 +1,4 @@
-//! Where the files lie through which QEMU is spoken with.
+//! The folder of the files for the communication with QEMU.
 
 use std::fs::DirBuilder;
 use std::io;
@@ -6,7 +6,7 @@ use std::os::unix::fs::DirBuilderExt as _;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A folder of our own for sockets, the shared memory and what is printed; removed with everything in it.
+/// A temporary folder for sockets, the shared memory and output; removed with everything in it.
 #[derive(Debug)]
 pub(super) struct Folder(PathBuf);
 
@@ -28,7 +28,7 @@ impl Folder {
         self.0.join(name)
     }
 
-    /// What has been printed, as far as it is text.
+    /// The output so far, if it is text.
     pub(super) fn console(&self) -> String {
         let text = |name| {
             let bytes = std::fs::read(self.file(name)).unwrap_or_default();
@@ -41,7 +41,7 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // Whoever cleans the temporary folder finds the rest.
+        // Leftovers are removed when the temporary folder is cleaned.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }

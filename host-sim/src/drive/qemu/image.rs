@@ -1,4 +1,4 @@
-//! Whether a file is a firmware image for the twin.
+//! Checks whether a file is a firmware image for the twin.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ const BOARD_SECTION: &str = ".foxhound_board";
 /// The twin's memories for program and data: QEMU's, not the smaller ones that the linker may use.
 const MEMORIES: [std::ops::Range<u64>; 2] = [0..0x0040_0000, 0x2000_0000..0x2040_0000];
 
-/// Refuses every file that is not a firmware image for the twin, and says what the file is.
+/// Refuses every file that is not a firmware image for the twin, and reports what it is.
 pub(super) fn check_image(path: &Path) -> Result<(), QemuError> {
     let refuse = |why: String| QemuError::Image { path: path.to_owned(), why };
     let bytes = std::fs::read(path).map_err(|error| refuse(format!("it cannot be read ({error})")))?;
@@ -38,7 +38,7 @@ pub(super) fn check_image(path: &Path) -> Result<(), QemuError> {
     for segment in image.segments().filter(|segment| segment.size() > 0) {
         let (start, end) = (segment.address(), segment.address() + segment.size());
         if !inside(start, end) {
-            return Err(refuse(format!("it wants memory at {start:#010x}..{end:#010x}, where the board has none")));
+            return Err(refuse(format!("it needs memory at {start:#010x}..{end:#010x}, where the board has none")));
         }
     }
     if !inside(image.entry(), image.entry() + 1) {

@@ -14,25 +14,25 @@ use super::{Folder, LOOK_ROUND, PATIENCE, QemuComputer};
 pub(super) struct Port {
     from: File,
     to: File,
-    /// What it has sent, while it is wanted or may still be.
+    /// Its output, while it is wanted or may be.
     kept: Option<Vec<u8>>,
     is_wanted: bool,
 }
 
 impl Port {
-    /// The pipes, to be opened before QEMU does.
+    /// The pipes, to be opened before QEMU opens them.
     pub(super) fn create(folder: &Folder) -> io::Result<Self> {
         let pipe = |name| {
             let path = folder.file(name);
             rustix::fs::mknodat(CWD, &path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)?;
-            // Whoever has both ends open waits for nobody.
+            // A process that opens both ends does not wait for another.
             let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
             Ok::<_, io::Error>(File::from(rustix::fs::open(&path, flags, Mode::empty())?))
         };
         Ok(Self { from: pipe("port.out")?, to: pipe("port.in")?, kept: Some(Vec::new()), is_wanted: false })
     }
 
-    /// Takes out what is there.
+    /// Reads what is available.
     pub(super) fn drain(&mut self) -> io::Result<()> {
         let mut bytes = [0; 4096];
         loop {
@@ -65,7 +65,7 @@ impl Port {
         Ok(())
     }
 
-    /// A step begins: from now on it is known whether what the port sends is wanted.
+    /// A step begins: from now on it is known whether the port's output is wanted.
     pub(super) fn settle(&mut self) {
         if !self.is_wanted {
             self.kept = None;
@@ -74,12 +74,12 @@ impl Port {
 }
 
 impl QemuComputer {
-    /// Keeps what the maintenance port sends, from the start; to be said before the first step.
+    /// Keeps the output of the maintenance port, from the start; call it before the first step.
     pub fn keep_port(&mut self) {
         self.port.is_wanted = true;
     }
 
-    /// What the maintenance port has sent since the last call.
+    /// Output of the maintenance port since the last call.
     pub fn take_port(&mut self) -> Vec<u8> {
         self.port.kept.as_mut().map(std::mem::take).unwrap_or_default()
     }

@@ -1,4 +1,4 @@
-//! What the flights of a suite come to.
+//! Summaries of the flights of a suite.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -11,16 +11,16 @@ use crate::drive::flight::Ending;
 /// Two-sided 95 % of the normal distribution.
 const Z_95: f64 = 1.959_963_985;
 
-/// Flights summed up.
+/// A summary of flights.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tally {
     /// Flights.
     pub runs: usize,
     /// Those that reached the beacon.
     pub success: usize,
-    /// Those that hit a pillar.
+    /// Those that collided with a pillar.
     pub collisions: usize,
-    /// Mean of path flown over reference way, of those that reached the beacon.
+    /// Mean of path flown over reference path, of those that reached the beacon.
     pub mean_length_ratio: Option<f64>,
     /// Least clearance of all flights.
     pub min_clearance_m: Option<f64>,
@@ -32,12 +32,12 @@ pub struct Tally {
     pub mean_whole_length_ratio: Option<f64>,
     /// Mean time of those that reached the beacon.
     pub mean_time_s: Option<f64>,
-    /// How many ended how.
+    /// Number of flights by outcome.
     pub outcomes: BTreeMap<String, usize>,
 }
 
 impl Tally {
-    /// Sums up.
+    /// Makes a summary.
     #[must_use]
     pub fn of<'a>(flights: impl IntoIterator<Item = &'a Flown>) -> Self {
         let flights: Vec<&Flown> = flights.into_iter().collect();
@@ -77,7 +77,7 @@ pub fn wilson_95(success: usize, runs: usize) -> Option<[f64; 2]> {
     Some([((center - half) / scale).max(0.0), ((center + half) / scale).min(1.0)])
 }
 
-/// A row's flights summed up.
+/// Summary of a row.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// The row.
@@ -87,17 +87,17 @@ pub struct Row {
     pub tally: Tally,
 }
 
-/// What a suite came to: the object that is printed.
+/// Result of a suite: the object that is printed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// By row.
     pub rows: Vec<Row>,
-    /// All together.
+    /// Summary of all rows.
     pub all: Tally,
 }
 
 impl Report {
-    /// Sums up.
+    /// Makes the summaries.
     #[must_use]
     pub fn of(flights: &[Flown]) -> Self {
         let mut rows: BTreeMap<u32, Vec<&Flown>> = BTreeMap::new();

@@ -1,12 +1,12 @@
-//! A suite in parts, each flown by a process of its own, on whatever machine.
+//! A suite in parts, each flown by its own process, on any machine.
 //!
-//! Part K of N takes every Nth flight from the Kth on, so that the parts take about as long as each other whatever the order
-//! of the maps. Sums of floating-point numbers depend on their order: a part therefore keeps its flights, and
-//! [`merge`] puts them back in the order of the suite before they are summed up. The sums are then, to the last bit, those
-//! of the suite flown in one piece.
+//! Part K of N has every Nth flight from the Kth on, so that the parts take about equally long whatever the order of
+//! the maps. Sums of floating-point numbers depend on their order: a part therefore stores its flights, and [`merge`]
+//! restores the order of the suite before they are summed up. The sums are then, to the last bit, those of the suite
+//! flown in one piece.
 //!
-//! A part is a file of JSON lines: a [`Header`], then a line for each flight. The header's fingerprint tells parts of
-//! another suite, seed, planner or release apart.
+//! A part is a file of JSON lines: a [`Header`], then a line for each flight. The header's fingerprint distinguishes
+//! parts of another suite, seed, planner or release.
 
 use std::fmt;
 use std::str::FromStr;
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::{Flown, Selection, Suite};
 use crate::scenario::input::InputError;
 
-/// Most parts of a suite.
+/// Largest number of parts of a suite.
 const PARTS_MAX: usize = 100_000;
 
 /// Part K of N.
@@ -48,13 +48,13 @@ impl fmt::Display for Shard {
 }
 
 impl Shard {
-    /// Whether the suite's flight of this number, from 0 on, is one of its own.
+    /// Whether the suite's flight of this number, from 0 on, belongs to it.
     #[must_use]
     pub const fn takes(self, flight: usize) -> bool {
         flight % self.of == self.number - 1
     }
 
-    /// How many flights of so many are its own.
+    /// How many of `flights` belong to it.
     const fn share(self, flights: usize) -> usize {
         (flights + self.of - self.number) / self.of
     }
@@ -65,7 +65,7 @@ impl Shard {
         format!("shard-{}-of-{}.jsonl", self.number, self.of)
     }
 
-    /// The first line of its file, for a suite of so many flights.
+    /// The first line of its file, for a suite of this many flights.
     #[must_use]
     pub const fn header(self, flights: usize, fingerprint: String) -> Header {
         Header { shard: self.number, of: self.of, flights, fingerprint }
@@ -76,17 +76,17 @@ impl Shard {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Header {
-    /// Which part, from 1 on.
+    /// Number of the part, from 1 on.
     pub shard: usize,
-    /// Of how many.
+    /// Number of parts.
     pub of: usize,
     /// Flights of all parts together.
     pub flights: usize,
-    /// Hash over all that decides what is flown.
+    /// Hash over everything that determines the flights.
     pub fingerprint: String,
 }
 
-/// Hash over all that decides what is flown: release, suite, selection, seed, planner, estimator.
+/// Hash over everything that determines the flights: release, suite, selection, seed, planner, estimator.
 ///
 /// # Errors
 /// The suite holds a number that JSON cannot express.
@@ -120,7 +120,7 @@ impl Part {
     /// Reads a part's file.
     ///
     /// # Errors
-    /// The line, and what is wrong with it, or how many are missing.
+    /// The line and its error, or how many are missing.
     pub fn parse(text: &str) -> Result<Self, InputError> {
         let in_line = |line: usize, error: serde_json::Error| InputError::new(format!("line {line}: {error}"));
         let mut lines = text.lines();
@@ -148,7 +148,7 @@ impl Part {
 pub fn merge(mut parts: Vec<Part>) -> Result<Vec<Flown>, InputError> {
     parts.sort_by_key(|part| part.shard.number);
     let Some(first) = parts.first().map(|part| part.header.clone()) else {
-        return Err(InputError::new("there is no shard"));
+        return Err(InputError::new("no shards given"));
     };
     for part in &parts {
         let Header { of, flights, fingerprint, .. } = &part.header;
@@ -160,7 +160,7 @@ pub fn merge(mut parts: Vec<Part>) -> Result<Vec<Flown>, InputError> {
         }
     }
     if let Some(twice) = parts.windows(2).find(|pair| pair[0].shard == pair[1].shard) {
-        return Err(InputError::new(format!("shard {} is there twice", twice[0].shard)));
+        return Err(InputError::new(format!("shard {} was given twice", twice[0].shard)));
     }
     if parts.len() != first.of {
         let missing = (1..=first.of).find(|number| parts.iter().all(|part| part.shard.number != *number));

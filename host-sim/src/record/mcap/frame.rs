@@ -1,4 +1,5 @@
-//! From north-east-down and forward-right-down to what viewers draw: east-north-up and forward-left-up. Here and nowhere else.
+//! Conversion from north-east-down and forward-right-down to the frames of viewers: east-north-up and
+//! forward-left-up. Here and nowhere else.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -6,7 +7,7 @@ use serde::Serialize;
 
 use crate::world::Pose;
 
-/// East, north, up, in the fields that viewers know.
+/// East, north, up, with the field names of viewers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Enu {
     pub(super) x: f64,
@@ -24,11 +25,11 @@ pub(super) struct Rotation {
 }
 
 impl Rotation {
-    /// None.
+    /// No rotation.
     pub(super) const IDENTITY: Self = Self { x: 0.0, y: 0.0, z: 0.0, w: 1.0 };
 
-    /// The attitude of a body. Seen from forward-left-up the nose goes up with a negative pitch; yaw is counted from the east,
-    /// to the left.
+    /// The attitude of a body. In forward-left-up, nose up is a negative pitch; yaw is counted from the east, to the
+    /// left.
     pub(super) fn of(pose: &Pose) -> Self {
         Self::by(pose.roll_rad, -pose.pitch_rad, FRAC_PI_2 - pose.yaw_rad)
     }

@@ -1,4 +1,4 @@
-//! Our own messages, from what the recorder has: x is east, y is north.
+//! Our own messages, from the recorder's data: x is east, y is north.
 
 use serde_json::{Value, json};
 
@@ -6,7 +6,7 @@ use super::frame::{Enu, enu};
 use crate::record::report::record::{Bearing, Gains, Plan, Step, Track, Tracks, Xy};
 use crate::world::vehicle::Motion;
 
-/// The fields that are there.
+/// A message with the optional fields that have values.
 fn with(mut message: Value, fields: &[(&str, Option<f64>)]) -> Value {
     if let Value::Object(object) = &mut message {
         for (name, value) in fields {
@@ -82,7 +82,7 @@ pub(super) fn tracks(tracks: &Tracks) -> Value {
     json!({ "tracks": tracks.tracks.iter().map(one).collect::<Vec<_>>() })
 }
 
-/// What is believed of the source; `truth` is where it really is.
+/// The estimate of the source; `truth` is its true position.
 pub(super) fn source(step: &Step, truth: Enu) -> Value {
     let believed = step.source_m;
     let error_m = believed.map(|[east_m, north_m]| libm::hypot(east_m - truth.x, north_m - truth.y));

@@ -1,15 +1,16 @@
-//! A flight as an MCAP file, which Foxglove and its kin open: map, 3-D, plots (`docs/simulator.md`).
+//! Writes a flight as an MCAP file for Foxglove and similar viewers: map, 3-D, plots (`docs/simulator.md`).
 //!
-//! A [`Log`] watches the flight as the report does, and writes what its [`Recorder`] makes of each step as messages in JSON,
-//! every topic with its schema. Where Foxglove has a message of its own, that is taken. Times are those of the flight, from
-//! its first step. It is written in chunks as it is flown: those of a program that is stopped can be had back by `mcap recover`.
+//! A [`Log`] watches the flight as the report does, and writes the [`Recorder`]'s records of each step as JSON
+//! messages, every topic with its schema. Foxglove's own message types are used where they exist. Times are those of
+//! the flight, from its first step. The file is written in chunks during the flight: `mcap recover` restores those of
+//! an interrupted program.
 //!
-//! | file | what |
+//! | file | content |
 //! |---|---|
 //! | `frame.rs` | NED and forward-right-down to the east-north-up and forward-left-up of viewers |
-//! | `schema.rs` | what is in a message |
+//! | `schema.rs` | schemas of the messages |
 //! | `message.rs` | our messages |
-//! | `scene.rs` | what is drawn |
+//! | `scene.rs` | drawings |
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -33,12 +34,12 @@ mod message;
 mod scene;
 mod schema;
 
-/// What is drawn of the moment: 10 Hz.
+/// Steps between drawings of the moment: 10 Hz.
 const MOMENT_STEPS: u64 = 5;
-/// The way so far: 1 Hz, of at most so many points.
+/// Steps between drawings of the path flown: 1 Hz, and its largest number of points.
 const WAY_STEPS: u64 = 50;
 const WAY_POINTS: usize = 500;
-/// Pillars are drawn so many times as high as the vehicle flies, and no lower than that.
+/// Height of drawn pillars, in heights of the flight, and its minimum.
 const PILLAR_HEIGHTS: f64 = 2.0;
 const PILLAR_MIN_M: f64 = 2.0;
 
@@ -68,7 +69,7 @@ enum Topic {
     Plan,
 }
 
-/// A topic, its name, the name of its schema, and that. In the order of [`Topic`].
+/// A topic, its name, the name of its schema, and the schema. In the order of [`Topic`].
 type Row = (Topic, &'static str, &'static str, fn() -> Value);
 const TOPICS: [Row; 21] = [
     (Topic::Transform, "/tf", "foxglove.FrameTransform", schema::frame_transform),
@@ -98,7 +99,7 @@ const TOPICS: [Row; 21] = [
 pub struct Log {
     file: Mcap,
     recorder: Recorder,
-    /// What was said of it last, so that it is said again only when it has changed.
+    /// The last outcome, which is written again only when it has changed.
     outcome: &'static str,
     pillars: Option<Vec<[f64; 3]>>,
     way: Way,
@@ -108,7 +109,7 @@ pub struct Log {
 }
 
 impl Log {
-    /// Begins a file; `command` is what flies it again.
+    /// Begins a file; `command` is the command that repeats the flight.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -136,7 +137,7 @@ impl Log {
         Ok(log)
     }
 
-    /// Takes in a step. What cannot be written is told by [`Self::end`].
+    /// Adds a step. [`Self::end`] reports an error.
     pub fn watch(&mut self, moment: &Moment<'_>) {
         self.recorder.watch(moment);
         let place = enu(moment.motion.pose.position_ned_m);
@@ -151,7 +152,7 @@ impl Log {
         }
     }
 
-    /// Ends with what the flight came to.
+    /// Ends with the result of the flight.
     ///
     /// # Errors
     /// The file could not be written.
@@ -271,7 +272,7 @@ fn height_m(place: Enu) -> f64 {
     (PILLAR_HEIGHTS * place.z).max(PILLAR_MIN_M)
 }
 
-/// The way so far, every so many steps; where it gets long every other point goes.
+/// The path flown so far, sampled; when it gets long every other point is dropped.
 #[derive(Debug)]
 struct Way {
     places: Vec<Enu>,
@@ -306,9 +307,9 @@ impl Way {
 struct Mcap {
     path: PathBuf,
     writer: Writer<BufWriter<File>>,
-    /// Per topic: its channel, and how many messages it has had.
+    /// Per topic: its channel, and its number of messages.
     channels: Vec<(u16, u32)>,
-    /// The first thing that went wrong; nothing is written after it.
+    /// The first error; nothing is written after it.
     failed: Option<McapError>,
 }
 

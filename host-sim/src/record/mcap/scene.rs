@@ -1,7 +1,7 @@
-//! What the 3-D panel draws: pillars, what is remembered of them, plans, the way, and what is known at the moment.
+//! Drawings of the 3-D panel: pillars, the obstacle map, plans, the path, and the state of the moment.
 //!
-//! An entity takes the place of the earlier one with its name, and each topic says all that it has to say in every message: so
-//! the picture is right wherever one jumps to.
+//! An entity replaces the earlier one with its name, and every message of a topic is complete: so the picture is
+//! right at any time of the replay.
 
 use serde_json::{Value, json};
 
@@ -13,7 +13,7 @@ pub(super) const MAP: &str = "map";
 /// The frame of the vehicle.
 pub(super) const VEHICLE: &str = "vehicle";
 
-/// Red, green, blue, and how opaque.
+/// Red, green, blue, and opacity.
 type Color = [f64; 4];
 
 const PILLAR: Color = [0.45, 0.47, 0.50, 0.9];
@@ -33,22 +33,22 @@ const BELIEVED: Color = [0.85, 0.15, 0.15, 0.25];
 
 const BEACON_M: f64 = 0.3;
 const TARGET_M: f64 = 0.12;
-/// What is followed is drawn as flat as this, and two standard deviations wide.
+/// Height of a drawn track, which is two standard deviations wide.
 const TRACK_M: f64 = 0.05;
 const TRACK_SIGMAS: f64 = 2.0;
 const ARROW_M: f64 = 1.0;
 const ARROW_WIDTH_M: f64 = 0.03;
 const LINE_M: f64 = 0.02;
 const FOLLOWED_M: f64 = 0.05;
-/// A place that is known no better than this is drawn as if it were.
+/// A larger sigma is drawn as this one.
 const SIGMA_MAX_M: f64 = 20.0;
-/// The raster lies a bit below the flight, so that it covers nothing.
+/// The raster is a little below the flight, so that it covers nothing.
 const GRID_BELOW_M: f64 = 0.3;
 /// Bytes of a value of the raster, and Foxglove's name for its type.
 const VALUE_BYTES: usize = 4;
 const FLOAT32: u8 = 7;
 
-/// A time in the fields that Foxglove knows.
+/// A time in Foxglove's fields.
 pub(super) fn stamp(time_ns: u64) -> Value {
     json!({ "sec": time_ns / 1_000_000_000, "nsec": time_ns % 1_000_000_000 })
 }
@@ -57,7 +57,7 @@ pub(super) fn pose(position: Enu, orientation: Rotation) -> Value {
     json!({ "position": position, "orientation": orientation })
 }
 
-/// One message with one entity, which is all that a topic has.
+/// One message with one entity, the only one of its topic.
 fn scene(time_ns: u64, id: &str, [arrows, spheres, cylinders, lines]: [Vec<Value>; 4]) -> Value {
     let entity = json!({
         "timestamp": stamp(time_ns), "frame_id": MAP, "id": id, "lifetime": stamp(0), "frame_locked": false,
@@ -80,7 +80,7 @@ fn sphere(center: Enu, diameter_m: f64, of: Color) -> Value {
     json!({ "pose": pose(center, Rotation::IDENTITY), "size": size, "color": color(of) })
 }
 
-/// Stands on the ground.
+/// A cylinder on the ground.
 fn cylinder([east_m, north_m, radius_m]: [f64; 3], height_m: f64, of: Color) -> Value {
     let size = Enu { x: 2.0 * radius_m, y: 2.0 * radius_m, z: height_m };
     json!({
@@ -104,19 +104,19 @@ fn line(points: impl Iterator<Item = Enu>, thickness_m: f64, of: Color) -> Value
     })
 }
 
-/// The truth: pillars, as high as is drawn, and the beacon.
+/// The truth: pillars, up to the drawn height, and the beacon.
 pub(super) fn world(time_ns: u64, pillars: &[[f64; 3]], beacon: Enu, height_m: f64) -> Value {
     let cylinders = pillars.iter().map(|pillar| cylinder(*pillar, height_m, PILLAR)).collect();
     scene(time_ns, "world", [Vec::new(), vec![sphere(beacon, BEACON_M, BEACON)], cylinders, Vec::new()])
 }
 
-/// What the computer remembers, a bit lower.
+/// The circles of the obstacle map, a little lower.
 pub(super) fn remembered(time_ns: u64, circles: &[[f64; 3]], height_m: f64) -> Value {
     let cylinders = circles.iter().map(|circle| cylinder(*circle, 0.9 * height_m, REMEMBERED)).collect();
     scene(time_ns, "remembered", [Vec::new(), Vec::new(), cylinders, Vec::new()])
 }
 
-/// The plan: everything that was drawn, and what is followed.
+/// The plan: all samples, and the trajectory that is followed.
 pub(super) fn plan(time_ns: u64, plan: &Plan, up_m: f64) -> Value {
     let strip = |waypoints: &[Xy], thickness_m, of| {
         let all = std::iter::once(plan.start_m).chain(waypoints.iter().copied());
@@ -130,19 +130,19 @@ pub(super) fn plan(time_ns: u64, plan: &Plan, up_m: f64) -> Value {
     scene(time_ns, "plan", [Vec::new(), vec![sphere(at(plan.target_m, up_m), TARGET_M, FOLLOWED)], Vec::new(), lines])
 }
 
-/// The way so far.
+/// The path flown so far.
 pub(super) fn way(time_ns: u64, places: &[Enu]) -> Value {
     let lines = vec![line(places.iter().copied(), LINE_M, WAY)];
     scene(time_ns, "way", [Vec::new(), Vec::new(), Vec::new(), lines])
 }
 
-/// An arrow of a metre for 1 m/s; none for none.
+/// An arrow of a metre for 1 m/s; `None` for zero.
 fn velocity(from: Enu, [east_mps, north_mps]: Xy, of: Color) -> Option<Value> {
     let speed_mps = libm::hypot(east_mps, north_mps);
     (speed_mps > 0.0).then(|| arrow(from, libm::atan2(east_mps, north_mps).to_degrees(), speed_mps, of))
 }
 
-/// The bodies that are followed and move: how well their places are known, and where they are going.
+/// The tracked bodies that move: the accuracy of their positions, and their velocities.
 pub(super) fn tracks(time_ns: u64, tracks: &Tracks, up_m: f64) -> Value {
     let cylinders = tracks.tracks.iter().map(|track| {
         let sigmas_m = TRACK_SIGMAS * libm::sqrt(track.covariance[0].max(0.0));
@@ -155,7 +155,7 @@ pub(super) fn tracks(time_ns: u64, tracks: &Tracks, up_m: f64) -> Value {
     scene(time_ns, "tracks", [arrows.collect(), Vec::new(), cylinders.collect(), Vec::new()])
 }
 
-/// What is known and told at the moment: hull, bearing, setpoint, how it gives way, source, target.
+/// The state of the moment: hull, bearing, setpoint, evasion, source, target.
 pub(super) fn moment(time_ns: u64, place: Enu, step: &Step, radius_m: f64) -> Value {
     let bearing = step.heard.as_ref().filter(|heard| heard.valid).and_then(|heard| heard.bearing_deg);
     let mut arrows: Vec<Value> = bearing.map(|deg| arrow(place, deg, ARROW_M, HEARD)).into_iter().collect();
@@ -178,7 +178,7 @@ pub(super) fn potential(time_ns: u64, field: &Field, up_m: f64) -> Value {
         .flat_map(|pair| [pair.0, pair.1])
         .flat_map(|value| (*value as f32).to_le_bytes())
         .collect();
-    // A value stands for the cell around its place.
+    // A value belongs to the cell around its position.
     let corner = field.south_west_m.map(|metres| metres - 0.5 * field.step_m);
     let cell_stride = 2 * VALUE_BYTES;
     json!({
@@ -194,7 +194,7 @@ pub(super) fn potential(time_ns: u64, field: &Field, up_m: f64) -> Value {
     })
 }
 
-/// Bytes as text, after RFC 4648.
+/// Bytes as Base64, after RFC 4648.
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);

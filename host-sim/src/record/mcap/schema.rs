@@ -1,12 +1,12 @@
-//! What is in a message, as JSON Schema: Foxglove's own messages, as far as they are used, and ours.
+//! JSON Schemas of the messages: Foxglove's own messages, as far as they are used, and ours.
 //!
-//! Foxglove knows its messages by their names. The fields are those of <https://docs.foxglove.dev/docs/sdk/schemas>;
-//! `tests/cli/logs.rs` compares each with the definitions that Foxglove publishes. A schema is exact: all fields are
-//! there, but for those that may be missing, and no others.
+//! Foxglove identifies its messages by name. The fields are those of <https://docs.foxglove.dev/docs/sdk/schemas>;
+//! `tests/cli/logs.rs` compares each with the definitions that Foxglove publishes. A schema is exact: it has all
+//! fields, with optional ones marked, and no others.
 
 use serde_json::{Map, Value, json};
 
-/// A schema of an object; a name that ends in `?` is that of a field that may be missing.
+/// A schema of an object; a name that ends in `?` is that of an optional field.
 fn object(title: &str, fields: &[(&str, Value)]) -> Value {
     let properties: Map<String, Value> =
         fields.iter().map(|(name, of)| (name.trim_end_matches('?').to_owned(), of.clone())).collect();
@@ -40,12 +40,12 @@ fn list(of: &Value) -> Value {
     json!({ "type": "array", "items": of })
 }
 
-/// Nothing of the kind is ever sent.
+/// An array that is always empty.
 fn none() -> Value {
     json!({ "type": "array", "items": { "type": "object" }, "maxItems": 0 })
 }
 
-/// A time, or a span of it.
+/// A time, or a duration.
 fn time(title: &str) -> Value {
     let nsec = json!({ "type": "integer", "minimum": 0, "maximum": 999_999_999 });
     let sec = json!({ "type": "integer", "minimum": 0 });
@@ -95,9 +95,9 @@ pub(super) fn log() -> Value {
         "foxglove.Log",
         &[
             ("timestamp", time("time")),
-            ("level", whole("2: as it should be; 3: a warning; 4: an error.")),
+            ("level", whole("2: information; 3: a warning; 4: an error.")),
             ("message", text("In words.")),
-            ("name", text("Who says so.")),
+            ("name", text("Name of the source.")),
             ("file", text("")),
             ("line", whole("")),
         ],
@@ -168,7 +168,7 @@ pub(super) fn scene_update() -> Value {
         &[
             ("timestamp", time("time")),
             ("frame_id", text("")),
-            ("id", text("A later one with the same name takes its place.")),
+            ("id", text("A later one with the same name replaces it.")),
             ("lifetime", time("duration")),
             ("frame_locked", flag("")),
             ("metadata", list(&pair)),
@@ -189,16 +189,16 @@ pub(super) fn vehicle() -> Value {
     object(
         "foxhound.Vehicle",
         &[
-            ("east_m", number("Where it really is; beside an autopilot, where that says it is.")),
+            ("east_m", number("True position; with a real autopilot, the reported one.")),
             ("north_m", number("")),
             ("up_m", number("")),
             ("roll_deg", number("Right side down positive.")),
             ("pitch_deg", number("Nose up positive.")),
             ("yaw_deg", number("From north, clockwise.")),
-            ("east_mps", number("How it really moves.")),
+            ("east_mps", number("True velocity.")),
             ("north_mps", number("")),
             ("up_mps", number("")),
-            ("clearance_m?", number("From the hull to the nearest pillar; none in a world without.")),
+            ("clearance_m?", number("From the hull to the nearest pillar; missing in a world without pillars.")),
         ],
     )
 }
@@ -207,8 +207,8 @@ pub(super) fn beacon() -> Value {
     object(
         "foxhound.Beacon",
         &[
-            ("bearing_deg", number("Where it really is, seen from the vehicle: from north, clockwise.")),
-            ("range_m", number("How far off.")),
+            ("bearing_deg", number("True bearing from the vehicle: from north, clockwise.")),
+            ("range_m", number("True distance.")),
         ],
     )
 }
@@ -218,11 +218,11 @@ pub(super) fn bearing() -> Value {
         "foxhound.Bearing",
         &[
             ("valid", flag("Whether it may be used.")),
-            ("bearing_deg?", number("From north, clockwise; none without a sane attitude.")),
-            ("error_deg?", number("The bearing less the true one, within half a turn.")),
-            ("sigma_deg", number("Its standard deviation, as it says itself.")),
-            ("snr_db", number("Signal to noise.")),
-            ("flags", list(&text("What is wrong with it."))),
+            ("bearing_deg?", number("From north, clockwise; missing without a valid attitude.")),
+            ("error_deg?", number("The bearing minus the true one, within half a turn.")),
+            ("sigma_deg", number("Its estimated standard deviation.")),
+            ("snr_db", number("Signal-to-noise ratio.")),
+            ("flags", list(&text("Its flags."))),
         ],
     )
 }
@@ -231,7 +231,7 @@ pub(super) fn setpoint() -> Value {
     object(
         "foxhound.Setpoint",
         &[
-            ("east_mps", number("How it is told to move.")),
+            ("east_mps", number("Commanded velocity.")),
             ("north_mps", number("")),
             ("speed_mps", number("")),
             ("yaw_rate_degps", number("Clockwise.")),
@@ -242,7 +242,7 @@ pub(super) fn setpoint() -> Value {
 pub(super) fn outcome() -> Value {
     object(
         "foxhound.Outcome",
-        &[("outcome", text("What the step came to; core/src/guidance/mission.rs says what is done then."))],
+        &[("outcome", text("Outcome of the step; core/src/guidance/mission.rs lists the behaviour."))],
     )
 }
 
@@ -254,8 +254,8 @@ pub(super) fn evader() -> Value {
     object(
         "foxhound.Evader",
         &[
-            ("evades", flag("Whether it gives way to what moves.")),
-            ("east_mps?", number("With which velocity, before the guard; none where it does not.")),
+            ("evades", flag("Whether it gives way to moving obstacles.")),
+            ("east_mps?", number("The velocity for that, before the guard; missing if it does not.")),
             ("north_mps?", number("")),
         ],
     )
@@ -266,10 +266,10 @@ pub(super) fn source() -> Value {
         "foxhound.Source",
         &[
             ("followed_deg?", number("The bearing that is followed: from north, clockwise.")),
-            ("east_m?", number("Where the source is believed to be.")),
+            ("east_m?", number("Estimated position of the source.")),
             ("north_m?", number("")),
-            ("sigma_m?", number("How well that is known.")),
-            ("error_m?", number("From there to where it really is.")),
+            ("sigma_m?", number("Its standard deviation.")),
+            ("error_m?", number("Distance from the estimate to the true position.")),
         ],
     )
 }
@@ -282,14 +282,14 @@ pub(super) fn tracks() -> Value {
     let track = object(
         "foxhound.Track",
         &[
-            ("east_m", number("Where it is thought to be.")),
+            ("east_m", number("Estimated position.")),
             ("north_m", number("")),
-            ("east_mps", number("How it is thought to move.")),
+            ("east_mps", number("Estimated velocity.")),
             ("north_mps", number("")),
-            ("place_m2", number("Covariance of place and place, the same along both axes.")),
-            ("place_velocity_m2ps", number("Of place and velocity.")),
+            ("place_m2", number("Covariance of position and position, the same along both axes.")),
+            ("place_velocity_m2ps", number("Of position and velocity.")),
             ("velocity_m2ps2", number("Of velocity and velocity.")),
-            ("unseen_s", number("How long ago it was seen.")),
+            ("unseen_s", number("Time since it was last seen.")),
         ],
     );
     object("foxhound.Tracks", &[("tracks", list(&track))])
@@ -309,8 +309,8 @@ pub(super) fn plan() -> Value {
         "foxhound.Plan",
         &[
             ("id", whole("Counts the requests.")),
-            ("origin", text("How it came about: sampled, straight, bent, initial or brake.")),
-            ("searches", flag("It is to look for the signal.")),
+            ("origin", text("How it was made: sampled, straight, bent, initial or brake.")),
+            ("searches", flag("Whether it searches for the signal.")),
             ("start", place()),
             ("target", place()),
             ("waypoints", list(&place())),

@@ -1,4 +1,5 @@
-//! A computer that one cannot look into, and beside it one that one can: it is given the same and comes to the same.
+//! Pairs a computer whose state is not accessible with one in this process, which gets the same input and gives the
+//! same result.
 
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::obstacle::Circle;
@@ -8,7 +9,7 @@ use foxhound_core::mapping::tracks::Track;
 
 use crate::drive::computer::{BLOCK, Computer, ComputerError, Considered, HostComputer, StepReport};
 
-/// A firmware image in QEMU flies; the computer in this process takes every step with it, for the report alone.
+/// A firmware image in QEMU flies; the computer in this process repeats every step, only for the report.
 #[derive(Debug)]
 pub struct Beside<C> {
     flies: C,
@@ -16,7 +17,7 @@ pub struct Beside<C> {
 }
 
 impl<C: Computer> Beside<C> {
-    /// Both have just been switched on, with the same configuration.
+    /// Both have just started, with the same configuration.
     pub const fn new(flies: C, looked_into: HostComputer) -> Self {
         Self { flies, looked_into }
     }
@@ -34,7 +35,7 @@ impl<C: Computer> Computer for Beside<C> {
         let beside = self.looked_into.step(now, front_end, circles, rx)?;
         if beside.output.trace_hash != report.output.trace_hash {
             return Err(ComputerError(
-                "it does not do what the same program does here: no report can be made".to_owned(),
+                "its results differ from those of the same program here: no report can be made".to_owned(),
             ));
         }
         Ok(report)

@@ -1,27 +1,28 @@
-//! The report of a flight under way: the same page, served to browsers on this machine only, and the records as they are
-//! made.
+//! The live report: the same page during the flight, served only to browsers on this machine, with the records as
+//! they are made.
 //!
-//! | asked for | answered |
+//! | request | answer |
 //! |---|---|
 //! | `/` | the page, without records; its script `page/live.js` fetches them |
-//! | `/records?from=N` | the records from the `N`th on, a line of JSON each; `None` where there are no more yet |
+//! | `/records?from=N` | the records from the `N`th on, one line of JSON each; `None` if there are no more yet |
 //!
-//! A page asks ten times a second until it has the last record. So a browser that comes late has the whole flight so far, and
-//! one that falls behind misses nothing. Whoever asks by another name than that of this machine is refused: a foreign page
-//! could have its own name lead here.
+//! A page asks ten times a second until it has the last record. So a browser that comes late gets the whole flight so
+//! far, and one that falls behind misses nothing. A request with another host name than this machine's is refused: a
+//! foreign page could point its own name here.
 //!
-//! Whoever asks must not matter to the flight, whatever he sends and however slowly he reads. The pages are served by a thread
-//! of a lower priority, which waits for no other, nor does any wait for it: the flight hands its records over by a channel
-//! without a bound. Only GET is answered, once on a connection, and no body is read. So much there is for a connection:
+//! A client must not affect the flight, whatever it sends and however slowly it reads. The pages are served by a
+//! thread of a lower priority; it waits for no other thread, and none waits for it: the flight passes its records on
+//! by an unbounded channel. Only GET is answered, once per connection, and no body is read. The limits of a
+//! connection:
 //!
-//! | what | at most |
+//! | resource | limit |
 //! |---|---|
-//! | connections that are open; more wait to be accepted | [`CONNECTIONS`] |
+//! | open connections; more wait to be accepted | [`CONNECTIONS`] |
 //! | bytes of the head of a request | [`HEAD_BYTES`] |
 //! | headers | [`HEADERS`] |
-//! | time until the head is there | [`HEAD_TIME`] |
-//! | time until the answer is taken | [`LIFE`] |
-//! | bytes of the answer that are copied before they are taken | [`CHUNK_BYTES`] |
+//! | time until the head has arrived | [`HEAD_TIME`] |
+//! | time until the answer has been read | [`LIFE`] |
+//! | bytes of the answer that are copied before they are read | [`CHUNK_BYTES`] |
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -49,22 +50,22 @@ use tokio::time::{sleep, timeout};
 use super::Contact;
 use crate::scenario::input::InputError;
 
-/// Connections that are open at the same time.
+/// Largest number of open connections.
 const CONNECTIONS: usize = 128;
 const HEAD_BYTES: usize = 8 * 1024;
 const HEADERS: usize = 32;
 const HEAD_TIME: Duration = Duration::from_secs(2);
 const LIFE: Duration = Duration::from_secs(10);
 const CHUNK_BYTES: usize = 16 * 1024;
-/// How often the server looks whether it is still wanted.
+/// How often the server checks whether it is still needed.
 const ROUND: Duration = Duration::from_millis(100);
-/// How long the last records are offered after all have been stopped: some rounds of a page's questions.
+/// How long the last records are offered after the end: some requests of a page.
 const GRACE: Duration = Duration::from_millis(500);
 const PAGE: &str = "text/html; charset=utf-8";
 const LINES: &str = "application/x-ndjson";
 const TEXT: &str = "text/plain; charset=utf-8";
 
-/// A served flight. With it the service ends.
+/// A served flight. The service ends when it is dropped.
 pub struct Live {
     records: Sender<String>,
     shown: usize,
@@ -72,22 +73,22 @@ pub struct Live {
 }
 
 impl Live {
-    /// Serves at a port of this machine; 0 is any that is free.
+    /// Serves at a port of this machine; 0 for any free one.
     ///
     /// # Errors
-    /// The port is taken, or not ours to take.
+    /// The port is taken, or needs privileges.
     pub fn open(port: u16) -> Result<Self, InputError> {
         let refused = |error: io::Error| {
             let why = match error.kind() {
                 io::ErrorKind::AddrInUse => {
-                    "is taken by another program; give another, or 0 for any that is free".to_owned()
+                    "is taken by another program; use another, or 0 for any free one".to_owned()
                 }
                 io::ErrorKind::PermissionDenied => {
-                    "is not for everybody; give one above 1023, or 0 for any that is free".to_owned()
+                    "needs privileges; use one above 1023, or 0 for any free one".to_owned()
                 }
                 _ => format!("cannot be served at: {error}"),
             };
-            InputError::new(format!("--port {port}: it {why}"))
+            InputError::new(format!("--port {port}: {why}"))
         };
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(refused)?;
         let port = listener.local_addr().map_err(refused)?.port();
@@ -100,22 +101,22 @@ impl Live {
         Ok(Self { records, shown: 0, port })
     }
 
-    /// Where the page is.
+    /// Address of the page.
     #[must_use]
     pub fn address(&self) -> String {
         format!("http://127.0.0.1:{}/", self.port)
     }
 
-    /// Offers the records that are new among all those so far.
+    /// Offers the new records among all those so far.
     pub fn show(&mut self, lines: &[String]) {
         for line in lines.iter().skip(self.shown) {
-            // Where nobody serves any more nobody is shown anything, and the flight goes on.
+            // If the server has ended nothing is shown, and the flight continues.
             let _ = self.records.send(line.clone());
         }
         self.shown = self.shown.max(lines.len());
     }
 
-    /// Goes on serving until it is stopped; for a moment longer where that was before.
+    /// Keeps serving until it is stopped; for a moment longer if that was before.
     pub fn linger(&self, stop: &AtomicBool) {
         let since = Instant::now();
         while !stop.load(Ordering::Relaxed) || since.elapsed() < GRACE {
@@ -124,7 +125,7 @@ impl Live {
     }
 }
 
-/// What there is to be served.
+/// The records to be served.
 struct Served {
     port: u16,
     page: Bytes,
@@ -133,7 +134,7 @@ struct Served {
 }
 
 impl Served {
-    /// Takes over what is new; false when there will be no more, and serving ends.
+    /// Takes new records; false when there will be no more, and serving ends.
     fn follow(&mut self) -> bool {
         loop {
             match self.new.try_recv() {
@@ -147,7 +148,7 @@ impl Served {
 
 /// Serves as long as the flight has its [`Live`].
 fn serve(runtime: &Runtime, listener: TcpListener, served: Served) {
-    // Of this thread alone; elsewhere it would be that of the whole process.
+    // Of this thread alone; on other systems it would be that of the whole process.
     #[cfg(target_os = "linux")]
     let _ = rustix::process::setpriority_process(None, 10);
     let served = Rc::new(RefCell::new(served));
@@ -181,7 +182,7 @@ async fn converse(stream: TcpStream, served: Rc<RefCell<Served>>) {
     let mut builder = http1::Builder::new();
     builder.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).max_buf_size(HEAD_BYTES).max_headers(HEADERS);
     let connection = builder.keep_alive(false).serve_connection(TokioIo::new(stream), service);
-    // Who asked may have gone, may have sent nonsense, or may not read.
+    // The client may have gone, may have sent nonsense, or may not read.
     let _ = timeout(LIFE, connection).await;
 }
 
@@ -194,13 +195,13 @@ fn answer<B>(request: &Request<B>, served: &Rc<RefCell<Served>>) -> Response<Ans
     let (status, kind, body) = if !host.is_some_and(|host| ours.iter().any(|name| name.as_bytes() == host)) {
         text(StatusCode::FORBIDDEN, "this page is for browsers on this machine\n")
     } else if request.method() != Method::GET {
-        text(StatusCode::METHOD_NOT_ALLOWED, "there is nothing here but to be read\n")
+        text(StatusCode::METHOD_NOT_ALLOWED, "only GET is supported\n")
     } else {
         match (path, query.strip_prefix("from=").map(str::parse::<usize>)) {
             ("/", _) => (StatusCode::OK, PAGE, Answer::Whole(served.borrow().page.clone())),
             ("/records", Some(Ok(from))) => (StatusCode::OK, LINES, Answer::lines(served, from)),
             ("/records", _) => text(StatusCode::BAD_REQUEST, "expected /records?from=N\n"),
-            _ => text(StatusCode::NOT_FOUND, "there are / and /records?from=N\n"),
+            _ => text(StatusCode::NOT_FOUND, "use / or /records?from=N\n"),
         }
     };
     let mut response = Response::new(body);
@@ -212,7 +213,7 @@ fn answer<B>(request: &Request<B>, served: &Rc<RefCell<Served>>) -> Response<Ans
     response
 }
 
-/// The body of an answer. Records are copied as they are taken: so a slow reader costs no more than a fast one.
+/// The body of an answer. Records are copied as they are read, so that a slow client costs no more than a fast one.
 enum Answer {
     Whole(Bytes),
     Lines { served: Rc<RefCell<Served>>, next: usize, end: usize, left_bytes: u64 },
@@ -267,7 +268,7 @@ mod tests {
 
     use super::*;
 
-    /// What is answered to a request, head and body.
+    /// The answer to a request, head and body.
     fn ask(live: &Live, request: &str) -> (String, String) {
         let mut stream = TcpStream::connect(("127.0.0.1", live.port)).unwrap();
         write!(stream, "{request}\r\nConnection: close\r\n\r\n").unwrap();
@@ -330,7 +331,7 @@ mod tests {
         let port = live.port;
         assert_eq!(live.address(), format!("http://127.0.0.1:{port}/"));
         let error = Live::open(port).err().unwrap().to_string();
-        assert!(error.starts_with(&format!("--port {port}: it is taken by another program")), "{error}");
+        assert!(error.starts_with(&format!("--port {port}: is taken by another program")), "{error}");
     }
 
     #[test]

@@ -1,18 +1,18 @@
-//! The report of a flight: one HTML file that opens from disk, with everything in it and nothing fetched.
+//! The report of a flight: one self-contained HTML file that works offline.
 //!
-//! A [`Recorder`] watches the flight and writes records, one line of JSON each ([`record`] says what is in them); [`page`]
-//! puts them into the page, whose script takes them one by one with its function `add`. It does not ask how they come: those
-//! of a file stand in the page, those of a flight under way arrive as they are made ([`Live`]).
+//! A [`Recorder`] watches the flight and writes records, one line of JSON each ([`record`] defines them); [`page`]
+//! puts them into the page, whose script takes them one by one with its function `add`. It does not matter where they
+//! come from: those of a file are in the page, those of a live flight arrive as they are made ([`Live`]).
 //!
-//! | file | what |
+//! | file | content |
 //! |---|---|
-//! | `page/page.html`, `page.css` | what stands where, and how it looks: light, dark, narrow |
-//! | `page/data.js` | `add(record)`, and what is known at a time |
+//! | `page/page.html`, `page.css` | layout and style: light, dark, narrow |
+//! | `page/data.js` | `add(record)`, and the state at a time |
 //! | `page/draw.js`, `map.js`, `field.js`, `charts.js` | the pictures, on plain canvases |
-//! | `page/tables.js`, `main.js` | words and numbers; playing, keys, themes |
-//! | `page/live.js` | fetches the records of a flight under way; in no other page |
+//! | `page/tables.js`, `main.js` | text and numbers; playback, keys, themes |
+//! | `page/live.js` | fetches the records of a live flight; only in the live page |
 //!
-//! Most of a page is the potential of its plans. That of the built-in mission has less than 1.5 MB
+//! Most of a page is the potential of its plans. That of the built-in mission is below 1.5 MB
 //! (`tests/cli/report.rs`).
 
 use std::fs;
@@ -31,7 +31,7 @@ pub use recorder::Recorder;
 
 const HTML: &str = include_str!("page/page.html");
 const STYLE: &str = include_str!("page/page.css");
-/// In the order in which they need one another.
+/// In the order of their dependencies.
 const SCRIPTS: [&str; 7] = [
     include_str!("page/data.js"),
     include_str!("page/draw.js"),
@@ -42,16 +42,16 @@ const SCRIPTS: [&str; 7] = [
     include_str!("page/main.js"),
 ];
 
-/// Only in the page of a flight under way.
+/// Only in the live page.
 const LIVE_SCRIPT: &str = include_str!("page/live.js");
 const LIVE_POLICY: &str = "; connect-src 'self'";
 
-/// Whom a page may ask.
+/// The hosts that a page may contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Contact {
-    /// Nobody: everything is in it.
+    /// None: the page is self-contained.
     None,
-    /// Where it came from.
+    /// Its own server.
     Live,
 }
 
@@ -62,9 +62,9 @@ pub fn page(lines: &[String]) -> String {
 }
 
 fn page_of(lines: &[String], contact: Contact) -> String {
-    // Inside a script element only this could end it; in JSON it stands in strings alone.
+    // Inside a script element only this could end it; in JSON it occurs in strings only.
     let records = lines.join(",\n").replace('<', "\\u003c");
-    // One pass over the template: what is put in is not looked through again.
+    // One pass over the template: inserted text is not scanned again.
     let mut page = String::with_capacity(HTML.len() + STYLE.len() + records.len() + (1 << 16));
     let mut rest = HTML;
     while let Some((before, behind)) = rest.split_once("<!--") {

@@ -1,9 +1,9 @@
-//! What is recorded: a header, then steps, what is remembered, plans, and the end. One line of JSON each, told apart by
+//! The records: a header, then steps, the obstacle map, plans, and the end. One line of JSON each, distinguished by
 //! `kind`.
 //!
-//! In the frame of a scenario file: x east and y north, metres, seconds, degrees from north clockwise. Numbers are rounded
-//! to what a picture can show, a millimetre and a hundredth of a degree; a number that there is not is left out, so that a
-//! record never holds NaN.
+//! In the frame of a scenario file: x east and y north, metres, seconds, degrees from north clockwise. Numbers are
+//! rounded to what a picture can show, a millimetre and a hundredth of a degree; a missing number is left out, so
+//! that a record never holds NaN.
 
 use foxhound_core::base::ned;
 use foxhound_core::base::obstacle::Disc;
@@ -27,9 +27,9 @@ pub enum Record {
     Begin(Box<Begin>),
     /// A step of the fast loop.
     Step(Step),
-    /// What the computer remembers of the obstacles has changed.
+    /// The obstacle map has changed.
     Remembered(Remembered),
-    /// Who walks about, as they are.
+    /// The people at their true positions.
     People(People),
     /// The objects that are tracked.
     Tracks(Tracks),
@@ -41,48 +41,48 @@ pub enum Record {
     End(End),
 }
 
-/// A place or a vector: east, north.
+/// A position or a vector: east, north.
 pub type Xy = [f64; 2];
 
-/// What is flown.
+/// The flight's conditions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Begin {
     /// [`VERSION`].
     pub version: u32,
     /// Version of the program.
     pub program: &'static str,
-    /// The command that flies it again.
+    /// The command that repeats the flight.
     pub command: String,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Which planner, by its name.
+    /// Name of the planner.
     pub planner: &'static str,
     /// Length of a step.
     pub tick_s: f64,
-    /// Mean of the gains that are drawn.
+    /// Mean of the random gains.
     pub gains: Gains,
     /// Farthest temporary target.
     pub horizon_m: f64,
-    /// Clearance that the planner keeps, and the least that it puts up with.
+    /// Clearance that the planner keeps, and the least that it accepts.
     pub margins_m: [f64; 2],
     /// Fastest setpoint.
     pub speed_max_mps: f64,
     /// World and vehicle.
     pub scenario: Scenario,
-    /// The pillars that walls are made of, as they stand: x, y, radius.
+    /// The pillars that walls are made of, at their true positions: x, y, radius.
     pub walls: Vec<[f64; 3]>,
     /// All parameters.
     pub parameters: Vec<Parameter>,
 }
 
-/// A parameter as a ground station has it.
+/// A parameter as a ground station shows it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Parameter {
     /// Its name.
     pub name: &'static str,
     /// Its value in this flight.
     pub value: Value,
-    /// Without anybody's doing.
+    /// Its default.
     pub default: Value,
     /// Its unit.
     pub unit: &'static str,
@@ -90,45 +90,45 @@ pub struct Parameter {
     pub what: &'static str,
 }
 
-/// A step of the fast loop: the truth, and what guidance made of what it heard.
+/// A step of the fast loop: the truth, and guidance's results.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Step {
-    /// Since the first step.
+    /// Time since the first step.
     pub time_s: f64,
-    /// Where the vehicle really is; beside an autopilot that is not modelled, where that says it is.
+    /// True position of the vehicle; with a real autopilot, the reported one.
     pub place_m: Xy,
-    /// Where its nose points.
+    /// Direction of its nose.
     pub yaw_deg: f64,
-    /// How it really moves.
+    /// Its true velocity.
     pub velocity_mps: Xy,
-    /// Commanded.
+    /// Commanded velocity.
     pub setpoint_mps: Xy,
     /// Commanded yaw rate, clockwise.
     pub yaw_rate_degps: f64,
-    /// With which velocity it would give way to what moves; `None` where it need not.
+    /// The velocity with which it would give way to moving obstacles; `None` if it need not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub evasion_mps: Option<Xy>,
-    /// What the step came to.
+    /// Outcome of the step.
     pub outcome: &'static str,
-    /// What the guard did.
+    /// Action of the guard.
     pub guard: &'static str,
     /// From the hull to the nearest pillar.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clearance_m: Option<f64>,
-    /// Where the beacon really is, seen from the vehicle, and how far off.
+    /// True bearing of the beacon from the vehicle, and its distance.
     pub truth_deg: f64,
     /// See `truth_deg`.
     pub truth_m: f64,
-    /// The bearing that was heard, if one was.
+    /// The bearing measured in this step, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub heard: Option<Bearing>,
     /// The bearing that guidance follows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub followed_deg: Option<f64>,
-    /// Where the source is believed to be.
+    /// Estimated position of the source.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source_m: Option<Xy>,
-    /// How well that is known.
+    /// Its standard deviation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source_sigma_m: Option<f64>,
     /// The temporary target.
@@ -141,19 +141,19 @@ pub struct Step {
 pub struct Bearing {
     /// Whether it may be used.
     pub valid: bool,
-    /// Where it points; `None` without a sane attitude.
+    /// Its direction; `None` without a valid attitude.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bearing_deg: Option<f64>,
     /// Its standard deviation.
     pub sigma_deg: f64,
     /// Signal to noise.
     pub snr_db: f64,
-    /// What is wrong with it.
+    /// Its flags.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flags: Vec<&'static str>,
 }
 
-/// The remembered obstacles.
+/// The obstacle map.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Remembered {
     /// When.
@@ -162,7 +162,7 @@ pub struct Remembered {
     pub circles_m: Vec<[f64; 3]>,
 }
 
-/// The people who are there.
+/// The people who are present.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct People {
     /// When.
@@ -183,17 +183,18 @@ pub struct Tracks {
 /// An object that is tracked.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Track {
-    /// Where it is thought to be.
+    /// Its estimated position.
     pub place_m: Xy,
-    /// How it is thought to move.
+    /// Its estimated velocity.
     pub velocity_mps: Xy,
-    /// Covariance of place and place (m2), place and velocity (m2/s), velocity and velocity (m2/s2): the same along both axes.
+    /// Covariance of position and position (m2), position and velocity (m2/s), velocity and velocity (m2/s2): the
+    /// same along both axes.
     pub covariance: [f64; 3],
-    /// How long ago it was seen.
+    /// Time since it was last seen.
     pub unseen_s: f64,
 }
 
-/// How a plan came about.
+/// How a plan was made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Origin {
@@ -201,44 +202,44 @@ pub enum Origin {
     Sampled,
     /// None of them was clear: straight to the target.
     Straight,
-    /// Bent to learn the range.
+    /// Bent to measure the range.
     Bent,
     /// The field's own trajectory, with the mean gains.
     Initial,
-    /// Nothing is clear: stay.
+    /// No path is clear: stay.
     Brake,
 }
 
 /// A replan.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Plan {
-    /// When it was asked for and answered; it takes effect some steps later.
+    /// When it was requested and answered; it takes effect some steps later.
     pub time_s: f64,
     /// Counts the requests.
     pub id: u32,
-    /// How it came about.
+    /// How it was made.
     pub origin: Origin,
-    /// It is to look for the signal.
+    /// Whether it searches for the signal.
     pub searches: bool,
-    /// Where it begins.
+    /// Its start.
     pub start_m: Xy,
-    /// Where it leads.
+    /// Its target.
     pub target_m: Xy,
     /// The trajectory to follow.
     pub waypoints_m: Vec<Xy>,
     /// Its cost (eq. 41).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
-    /// The gains behind it.
+    /// Its gains.
     pub gains: Gains,
-    /// What was drawn.
+    /// The samples.
     pub samples: Vec<Sample>,
     /// Which of them is followed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chosen: Option<usize>,
     /// The obstacles in the planner's request: x, y, radius.
     pub circles_m: Vec<[f64; 3]>,
-    /// Where the source may be, the likelier ones: x, y, weight.
+    /// Likely positions of the source: x, y, weight.
     pub particles: Vec<[f64; 3]>,
     /// Their mean and covariance: xx, xy, yy.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -267,7 +268,7 @@ pub struct Gains {
 pub struct Sample {
     /// Its waypoints.
     pub waypoints_m: Vec<Xy>,
-    /// The gains behind it.
+    /// Its gains.
     pub gains: Gains,
     /// Its cost (eq. 41).
     pub cost: f64,
@@ -275,7 +276,7 @@ pub struct Sample {
     pub feasible: bool,
 }
 
-/// Mean and covariance of where the source may be.
+/// Mean and covariance of the source's position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Belief {
     /// Mean.
@@ -287,7 +288,7 @@ pub struct Belief {
 /// The potential on a raster, row by row from the south, each from the west; without the swirl, which has no potential.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Field {
-    /// The first value's place.
+    /// Position of the first value.
     pub south_west_m: Xy,
     /// From value to value.
     pub step_m: f64,
@@ -304,19 +305,19 @@ pub struct Field {
 pub struct Picture {
     /// When.
     pub time_s: f64,
-    /// From how high.
+    /// Height of the camera.
     pub height_m: f64,
     /// Pixels in a line.
     pub columns: usize,
     /// Red, green and blue of each, two digits of base 16 each, line by line.
     pub pixels: String,
-    /// What the detector makes of it, in words.
+    /// The detector's result, as text.
     pub seen: &'static str,
-    /// The pad, where it sees one: column, line, radius, in pixels.
+    /// The pad, if detected: column, line, radius, in pixels.
     pub pad: Option<[f64; 3]>,
 }
 
-/// How it ended.
+/// The end of the flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct End {
     /// The object that `fly --json` prints.
@@ -341,7 +342,7 @@ pub(super) fn degrees(angle_rad: f64) -> f64 {
     rounded(angle_rad.to_degrees(), 2)
 }
 
-/// A number as it is, but without the noise of its single precision; `None` if it is none.
+/// A number without the noise of its single precision; `None` if it is not finite.
 pub(super) fn finite(value: f32) -> Option<f64> {
     value.is_finite().then(|| rounded(f64::from(value), 4))
 }

@@ -1,4 +1,4 @@
-//! Watches a flight and writes it down, record by record.
+//! Watches a flight and makes its records.
 
 use std::fmt::Write as _;
 
@@ -25,24 +25,24 @@ use crate::drive::flight::{self, Mission, Moment, Report, TICK_S};
 use crate::world::camera::watch;
 use crate::world::{Horizontal, Pillar};
 
-/// What is remembered is looked at every so many steps: 5 Hz.
+/// The obstacle map is recorded every so many steps: 5 Hz.
 const REMEMBERED_STEPS: u64 = 10;
-/// What moves is looked at every so many steps: 10 Hz.
+/// Moving objects are recorded every so many steps: 10 Hz.
 const MOVING_STEPS: u64 = 5;
-/// Half the side of the raster of the potential, in steps, and the step: what is within the horizon, and a bit more.
+/// Half the side of the raster of the potential, in steps, and the step: a little more than the horizon.
 const FIELD_HALF: i32 = 22;
 const FIELD_STEP_M: f32 = 0.1;
 /// Particles with less than this share of the largest weight are left out.
 const PARTICLE_MIN: f32 = 1e-2;
 
-/// Writes a flight down.
+/// Makes the records of a flight.
 #[derive(Debug)]
 pub struct Recorder {
     config: planner::Config,
-    /// What looks at the camera's pictures, and the focal length over a picture's width.
+    /// The detector for the camera's pictures, and the focal length over a picture's width.
     detector: Option<Detector>,
     focal_widths: f64,
-    /// When the first step was: a flight with an autopilot waits for it.
+    /// Time of the first step: a flight with an autopilot waits for it.
     begun_s: Option<f64>,
     steps: u64,
     drawn: Drawn,
@@ -52,11 +52,11 @@ pub struct Recorder {
     records: Vec<Record>,
 }
 
-/// What the planner drew last: a plan that needs no samples leaves those of an earlier one where they are.
+/// The planner's last samples: a plan without samples leaves the earlier ones in place.
 type Drawn = Option<([field::Gains; SAMPLES], [Trajectory; SAMPLES])>;
 
 impl Recorder {
-    /// Begins with the header; `command` is what flies it again.
+    /// Begins with the header; `command` is the command that repeats the flight.
     #[must_use]
     pub fn new(mission: &Mission, config: &guidance::Config, command: String) -> Self {
         let planner = config.planner;
@@ -77,7 +77,7 @@ impl Recorder {
         recorder
     }
 
-    /// Takes in a step.
+    /// Takes a step.
     pub fn watch(&mut self, moment: &Moment<'_>) {
         let time_s = milli(moment.sample.time_s - *self.begun_s.get_or_insert(moment.sample.time_s));
         let step = step(moment, self.config.vehicle_radius_m);
@@ -107,7 +107,7 @@ impl Recorder {
         self.steps += 1;
     }
 
-    /// Who walks about, and who is followed, where that has changed.
+    /// Records people and tracks, if they have changed.
     fn watch_moving(&mut self, moment: &Moment<'_>, time_s: f64) {
         let one = |pillar: Pillar| {
             let [x, y] = xy(pillar.center);
@@ -125,19 +125,19 @@ impl Recorder {
         }
     }
 
-    /// Ends with what the flight came to.
+    /// Ends with the result of the flight.
     pub fn end(&mut self, report: &Report) {
         let steps = self.steps;
         self.records.push(Record::End(End { report: report.clone(), steps }));
     }
 
-    /// Takes out the records that have come since the last time, a line of JSON each.
+    /// Removes the records since the last call, one line of JSON each.
     pub fn take_lines(&mut self) -> Vec<String> {
         // Numbers, text and lists of them always have a JSON form.
         self.take().iter().flat_map(serde_json::to_string).collect()
     }
 
-    /// The same as they are, for other formats.
+    /// The same as values, for other formats.
     pub fn take(&mut self) -> Vec<Record> {
         std::mem::take(&mut self.records)
     }
@@ -176,7 +176,7 @@ fn begin(mission: &Mission, config: &guidance::Config, command: String) -> Begin
     }
 }
 
-/// A step, but for its time.
+/// A step, without its time.
 fn step(moment: &Moment<'_>, radius_m: f32) -> Step {
     let Moment { world, motion, sample, output, computer, .. } = moment;
     let to_source = world.source_at(sample.time_s).minus(sample.position);
@@ -220,7 +220,7 @@ fn track(body: &tracks::Track) -> Track {
     }
 }
 
-/// A picture, but for its time.
+/// A picture, without its time.
 fn picture(detector: Option<&Detector>, focal_widths: f64, shown: &flight::Picture) -> Picture {
     let flight::Picture { height_m, ref frame, .. } = *shown;
     let (width, height) = (usize::from(frame.size.width_px), usize::from(frame.size.height_px));
@@ -236,7 +236,7 @@ fn picture(detector: Option<&Detector>, focal_widths: f64, shown: &flight::Pictu
             }
         }
     }
-    // The detector's tangents, in pixels of the picture as it is shown.
+    // The detector's tangents, in pixels of the reduced picture.
     let focal_px = 0.5 * focal_widths * width as f64;
     let pad = match seen {
         Some(Seen::Pad(pad)) => Some([
@@ -255,7 +255,7 @@ fn picture(detector: Option<&Detector>, focal_widths: f64, shown: &flight::Pictu
     Picture { time_s: 0.0, height_m: milli(height_m), columns: width.div_ceil(2), pixels, seen: words, pad }
 }
 
-/// A plan, but for its time and trace.
+/// A plan, without its time and trace.
 fn plan(config: &planner::Config, considered: &Considered<'_>, draws: bool) -> Plan {
     let Considered { known, plan, workspace } = considered;
     let chosen = (0..SAMPLES).find(|index| {

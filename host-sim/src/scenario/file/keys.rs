@@ -1,6 +1,6 @@
-//! The keys that are known.
+//! The known keys.
 
-/// The keys that a scenario file and a suite file share, with their paths.
+/// The keys that scenario files and suite files share, with their paths.
 pub(crate) const FLIGHT_KEYS: [&str; 35] = [
     "name",
     "why",
@@ -39,7 +39,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 35] = [
     "max_time_s",
 ];
 
-/// The others of a scenario file.
+/// The other keys of a scenario file.
 pub(in crate::scenario) const KEYS: [&str; 85] = [
     "$schema",
     "start",

@@ -27,7 +27,7 @@ pub struct Obstacle {
     #[serde(default)]
     #[schemars(range(min = -20.0, max = 20.0))]
     pub vy: f64,
-    /// It turns back after so many seconds, and again: somebody who walks to and fro. Zero: never.
+    /// It reverses after this many seconds, again and again. Zero: never.
     #[serde(default, skip_serializing_if = "is_zero")]
     #[schemars(range(min = 0.0, max = 3600.0))]
     pub turns_s: f64,
@@ -37,7 +37,7 @@ fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
 
-/// A vertical wall. It is as thick as the pillars that it is made of.
+/// A vertical wall, a row of pillars that touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Wall {
@@ -57,11 +57,11 @@ pub struct Wall {
     #[serde(default = "half_a_wall")]
     #[schemars(range(min = 0.02, max = 10.0))]
     pub r: f64,
-    /// What a wave loses that is reflected.
+    /// Loss of a wave on reflection.
     #[serde(default = "reflection_loss")]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub reflection_db: f64,
-    /// What a wave loses that goes through.
+    /// Loss of a wave on its passage through the wall.
     #[serde(default = "passage_loss")]
     #[schemars(range(min = 0.0, max = 100.0))]
     pub passage_db: f64,
@@ -87,22 +87,22 @@ pub struct Sensor {
     /// Width of the field of view.
     #[schemars(range(min = 6.0, max = 360.0))]
     pub fov_deg: f64,
-    /// How far it sees.
+    /// Range.
     #[schemars(range(min = 0.1, max = 100.0))]
     pub range_m: f64,
     /// Whether pillars hide what is behind them.
     pub occlusion: bool,
-    /// What it delivers.
+    /// Form of its data.
     pub model: SensorModel,
     /// Sectors of a scan.
     #[schemars(range(min = 8, max = 360))]
     pub rays: u32,
-    /// How long a scan takes; the vehicle moves meanwhile.
+    /// Duration of a scan, during which the vehicle moves.
     #[schemars(range(min = 0.0, max = 0.1))]
     pub turn_s: f64,
 }
 
-/// What the obstacle sensor delivers.
+/// Form of the obstacle sensor's data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SensorModel {
@@ -111,7 +111,8 @@ pub enum SensorModel {
     Circles,
     /// Distances in sectors, as `OBSTACLE_DISTANCE` messages of 72 each.
     Scan,
-    /// The bytes of a lidar on a line of the computer's own: 450 points in a turn of 0.1 s, whatever `rays` and `turn_s` say.
+    /// The bytes of a lidar on a serial line of the flight computer: 450 points in a turn of 0.1 s; `rays` and
+    /// `turn_s` have no effect.
     Lidar,
 }
 
@@ -120,7 +121,7 @@ pub enum SensorModel {
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct Bearing {
-    /// The goal is never given to the planner; else it is told its place, unless that moves.
+    /// The planner is never given the goal; otherwise it knows the goal's place, unless that moves.
     pub only: bool,
     /// Antenna waveforms, or bearings with noise.
     pub model: Option<BearingModel>,
@@ -132,16 +133,16 @@ pub struct Bearing {
     pub snr_db: Option<f64>,
     /// Wrong bearings.
     pub outlier: Outlier,
-    /// From when to when nothing is received.
+    /// Time span without any signal.
     #[schemars(inner(range(min = 0.0, max = 1e6)))]
     pub dropout: Option<[f64; 2]>,
-    /// The beacon's frequency is known: no other is listened to.
+    /// The beacon's frequency is known: tones on other frequencies are ignored.
     pub tone_known: bool,
-    /// The beacon sounds in pulses only.
+    /// The beacon transmits in pulses only.
     pub pulses: Option<Pulses>,
 }
 
-/// Where bearings come from.
+/// Source of the bearings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BearingModel {
@@ -159,33 +160,34 @@ pub struct Outlier {
     /// Share of the bearings.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub rate: f64,
-    /// By how much they are off.
+    /// Their error.
     #[schemars(range(min = -360.0, max = 360.0))]
     pub offset_deg: f64,
 }
 
-/// Directional antennas: with one of them, or with fewer than three of four, a vehicle seeks by turning.
+/// Directional antennas: with one of them, or with fewer than three of four, the vehicle finds the beacon by
+/// turning.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct Antenna {
-    /// There is one antenna only, on the first channel.
+    /// There is only one antenna, on the first channel.
     pub single: bool,
     /// Exponent of the raised cosine: 2 is a cardioid, more a narrower lobe.
     #[schemars(range(min = 0.5, max = 8.0))]
     pub exponent: f64,
-    /// Gain to the front over that to the back.
+    /// Gain to the front relative to the back.
     #[schemars(range(min = 3.0, max = 40.0))]
     pub front_to_back_db: f64,
-    /// Where each antenna points, from the nose, clockwise.
+    /// Direction of each antenna, from the nose, clockwise.
     #[schemars(inner(range(min = -360.0, max = 360.0)))]
     pub boresight_deg: [f64; CHANNELS],
-    /// How fast the vehicle turns when it seeks by turning; to the right.
+    /// Turn rate when it seeks by turning; to the right.
     #[schemars(range(min = 23.0, max = 140.0))]
     pub turn_deg_per_s: f64,
 }
 
-/// Limits that the guard keeps.
+/// Limits that the guard enforces.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
@@ -203,16 +205,16 @@ pub struct Limits {
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
 pub struct Vehicle {
-    /// Which model.
+    /// Name of the model.
     pub model: VehicleModel,
     /// Velocity lag of the point mass, s.
     #[schemars(range(min = 0.0, max = 5.0))]
     pub lag_s: f64,
-    /// Which autopilot flies it.
+    /// Autopilot of the vehicle.
     pub autopilot: Software,
 }
 
-/// Which software the autopilot runs.
+/// Software of the autopilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Software {
@@ -223,7 +225,7 @@ pub enum Software {
     Px4,
 }
 
-/// Which vehicle model.
+/// Model of the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum VehicleModel {
@@ -234,7 +236,7 @@ pub enum VehicleModel {
     Arducopter,
 }
 
-/// Faults to inject; each from when to when.
+/// Faults to inject, each with its time span.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 #[serde(default)]
@@ -242,16 +244,16 @@ pub struct Faults {
     /// Bearings are NaN.
     #[schemars(inner(range(min = 0.0, max = 1e6)))]
     pub nan_bearing: Option<[f64; 2]>,
-    /// The obstacle sensor is silent.
+    /// The obstacle sensor sends nothing.
     #[schemars(inner(range(min = 0.0, max = 1e6)))]
     pub stale_obstacles: Option<[f64; 2]>,
     /// The autopilot's clock jumps back by a second at this time.
     #[schemars(range(min = 0.0, max = 1000000.0))]
     pub clock_back_s: Option<f64>,
-    /// The autopilot's position and attitude are silent.
+    /// The autopilot sends no position and attitude.
     #[schemars(inner(range(min = 0.0, max = 1e6)))]
     pub stale_ownship: Option<[f64; 2]>,
-    /// A channel hears nothing at all; for each of the four.
+    /// A channel receives nothing at all; for each of the four.
     #[schemars(inner(inner(range(min = 0.0, max = 1e6))))]
     pub dead_channels: [Option<[f64; 2]>; CHANNELS],
 }

@@ -54,17 +54,20 @@ fn people_have_one_way_each_and_do_not_start_where_the_vehicle_does() {
     let one = |text: &str| refused(&format!(r#"{{"people":[{{"route":[[5,5],[6,6]]}},{{{text}}}]}}"#));
     for (text, why) in [
         ("", "needs a route or a track"),
-        (r#""route":[[5,5]]"#, "needs a heading_deg, or a second place of its route"),
-        (r#""route":[[5,5],[6,6]],"heading_deg":0"#, "heading_deg is for a route of one place"),
-        (r#""route":[[5,5],[6,6]],"turn_every_s":5"#, "turn_every_s is for a route of one place"),
-        (r#""route":[[5,5],[5,5]]"#, "two places of its route are the same"),
+        (r#""route":[[5,5]]"#, "needs a heading_deg, or a second point in its route"),
+        (r#""route":[[5,5],[6,6]],"heading_deg":0"#, "heading_deg needs a route of one point"),
+        (r#""route":[[5,5],[6,6]],"turn_every_s":5"#, "turn_every_s needs a route of one point"),
+        (r#""route":[[5,5],[5,5]]"#, "two successive points of its route are the same"),
         (r#""route":[[5,5],[6,6]],"track":[[0,5,5],[1,6,6]]"#, "has both a route and a track"),
-        (r#""track":[[0,5,5]]"#, "a track has two points at least"),
-        (r#""track":[[0,5,5],[0,6,6]]"#, "the times of a track increase"),
-        (r#""track":[[0,5,5],[1,6,6]],"sway_m":0.1"#, "who has a track does nothing but to follow it"),
-        (r#""route":[[2,2],[6,6]]"#, "starts 1.41 m from where the vehicle does; 1.5 m at least"),
-        (r#""track":[[-1,0,2],[1,2,2]]"#, "starts 1.00 m from where the vehicle does; 1.5 m at least"),
-        (r#""route":[[2.8,1]],"heading_deg":0,"group":3"#, "starts 1.10 m from where the vehicle does; 1.5 m at least"),
+        (r#""track":[[0,5,5]]"#, "a track needs at least two points"),
+        (r#""track":[[0,5,5],[0,6,6]]"#, "the times of a track must increase"),
+        (r#""track":[[0,5,5],[1,6,6]],"sway_m":0.1"#, "a person with a track can only follow it"),
+        (r#""route":[[2,2],[6,6]]"#, "starts 1.41 m from the vehicle's start; at least 1.5 m is required"),
+        (r#""track":[[-1,0,2],[1,2,2]]"#, "starts 1.00 m from the vehicle's start; at least 1.5 m is required"),
+        (
+            r#""route":[[2.8,1]],"heading_deg":0,"group":3"#,
+            "starts 1.10 m from the vehicle's start; at least 1.5 m is required",
+        ),
     ] {
         assert_eq!(one(text), format!("people[1]: {why}"), "{text}");
     }
@@ -88,7 +91,7 @@ fn a_file_of_tracks_lies_beside_the_scenario_and_its_people_become_those_of_the_
     let wrong = with("time_s,person,x,y\n0,a,5,?\n").unwrap_err();
     assert!(wrong.contains("tracks.csv: line 2, column y: expected a number, not `?`"), "{wrong}");
     let near = with("time_s,person,x,y\n0,a,1,2\n1,a,6,5\n").unwrap_err();
-    assert!(near.contains("tracks.csv: person a: starts 1.00 m from where the vehicle does"), "{near}");
+    assert!(near.contains("tracks.csv: person a: starts 1.00 m from the vehicle's start"), "{near}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -176,13 +179,13 @@ fn values_of_the_wrong_kind_are_named_with_their_path() {
     }
     assert_eq!(
         refused(r#"{"antenna":{}}"#),
-        "antenna: there are channels only where bearing.model is `rf`",
+        "antenna: needs bearing.model `rf`; other models have no channels",
         "there is nothing to hear with"
     );
     let dead = refused(r#"{"faults":{"dead_channels":[null,[1,2],null,null]}}"#);
-    assert!(dead.starts_with("faults.dead_channels[1]: there are channels only"), "{dead}");
+    assert!(dead.starts_with("faults.dead_channels[1]: needs bearing.model `rf`"), "{dead}");
     let others = refused(r#"{"other_beacons":[{"x":1,"y":1,"offset_hz":3000}]}"#);
-    assert!(others.starts_with("other_beacons[0]: there are channels only"), "{others}");
+    assert!(others.starts_with("other_beacons[0]: needs bearing.model `rf`"), "{others}");
     assert!(refused(r#"{"wind":{"gusts_mps":2}}"#).contains("`gust_mps`"));
     assert!(refused(r#"{"antenna":{"exponents":2}}"#).contains("`exponent`"));
     assert_eq!(refused(r#"{"sensor":null}"#), "sensor: expected an object {...}");

@@ -1,5 +1,5 @@
 //! Flights in gusts, on held-out seeds, and the constants of `core/src/control/wind.rs`, each around its value, on
-//! development seeds: the page `docs/results/gusts.md`. On development seeds the flights are flown when it is asked for.
+//! development seeds: the page `docs/results/gusts.md`. With `development`, development seeds only.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -129,7 +129,7 @@ fn line(
     Ok(row)
 }
 
-/// What the flights come to with a constant changed.
+/// Results of the flights with one constant changed.
 fn value(
     text: &mut String,
     tell: fn(&str),

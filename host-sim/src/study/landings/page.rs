@@ -11,7 +11,7 @@ use crate::scenario::input::InputError;
 use crate::study::{Campaign, Study, Watch, seeds};
 
 /// Scenes in which constants are tried, and flights of each for each value.
-const TRIED: [&str; 2] = ["camera, gusts of 3 m/s", "camera, gusts of 3 m/s, PX4, no range estimator"];
+const TRIED: [&str; 2] = ["camera, gusts of 3 m/s", "camera, gusts of 3 m/s, PX4, no range finder"];
 const FOR_A_VALUE: u64 = 60;
 
 /// A constant, two values, and how it is set.
@@ -92,7 +92,7 @@ fn line(text: &mut String, name: &str, row: &Row) {
     );
 }
 
-/// What the flights come to with one constant changed.
+/// Results of the flights with one constant changed.
 fn constants(flights: u64, tell: fn(&str)) -> Result<String, InputError> {
     let mut text = format!(
         "## The constants\n\n\

@@ -1,4 +1,4 @@
-//! How often the classifier is right, beside what the level alone tells.
+//! How often the classifier is right, beside the received level alone.
 
 use std::fmt::Write as _;
 
@@ -18,7 +18,7 @@ const DRAWS: usize = 1000;
 /// Lead of the strongest path from which a moment counts as clear.
 const CLEAR_DB: f64 = 6.0;
 
-/// What fresh scenes say of a classifier.
+/// Results of a classifier on fresh scenes.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
     /// Seed of the scenes.
@@ -142,7 +142,7 @@ fn best_thresholds(scenes: &[Vec<Sample>]) -> [f64; CLASSES - 1] {
     found.map(|k| f64::from(LOW_DB + k as i32))
 }
 
-/// The middle 95 of a hundred.
+/// The middle 95 %.
 fn interval(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values.get((share * values.len() as f64) as usize).copied().unwrap_or(f64::NAN);
@@ -183,7 +183,7 @@ impl Report {
         }
     }
 
-    /// The report for people.
+    /// The report as text.
     #[must_use]
     pub fn table(&self) -> String {
         let mut text = format!("{} moments in {} scenes (seed {})\n", self.samples, self.scenes, self.seed);
@@ -239,7 +239,7 @@ impl Outcome {
     }
 }
 
-/// 95 % intervals of the balanced accuracy, and of what it is above another's, by drawing scenes anew.
+/// 95 % intervals of the balanced accuracy, and of what it is above another's, by drawing the scenes again.
 fn bootstrap(counts: &[Confusion], others: &[Confusion], seed: u64) -> ([f64; 2], [f64; 2]) {
     let mut random = Random::new(seed, 9);
     let (mut own, mut above) = (Vec::with_capacity(DRAWS), Vec::with_capacity(DRAWS));

@@ -1,4 +1,4 @@
-//! Short flights through a scene, heard with the chain of the product, and what its classifier would see.
+//! Short flights through a scene, received with the product's chain, and the inputs of its classifier.
 
 use std::f64::consts::{PI, TAU};
 
@@ -23,15 +23,15 @@ const N: usize = 256;
 pub const NONE_BELOW_DB: f64 = -13.0;
 /// Paths that lose more are not traced.
 const LOSS_MAX_DB: f64 = 45.0;
-/// Distance that the vehicle flies between looks.
+/// Distance that the vehicle flies between observations.
 const STEP_M: f64 = 0.082;
-/// Looks of a leg, at most.
+/// Observations of a leg, at most.
 const LOOKS: usize = 80;
 /// From sample to sample.
 const EVERY: usize = 6;
 /// Legs of a scene.
 const LEGS: usize = 4;
-/// Numbers that several looks in two directions would add (`foxhound_papers::multipath`).
+/// Numbers that several observations in two directions would add (`foxhound_papers::multipath`).
 pub(super) const MUSIC: usize = 3;
 
 /// A moment of a leg.

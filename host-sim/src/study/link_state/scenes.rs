@@ -1,4 +1,4 @@
-//! Random places to be lost in: yards with some walls, and floors of rooms.
+//! Random scenes: yards with some walls, and floors of rooms.
 
 use crate::world::Horizontal;
 use crate::world::random::Random;

@@ -25,7 +25,7 @@ pub struct Settings {
     pub barn: PathBuf,
     /// Part of the names of those settings that are flown.
     pub only: String,
-    /// Hears what is flown next.
+    /// Called with what is flown next.
     pub tell: fn(&str),
 }
 

@@ -75,7 +75,7 @@ pub fn thickets(seeds: Range<u64>) -> Result<Vec<World>, InputError> {
     seeds.map(world).collect()
 }
 
-/// Pillars thrown anywhere.
+/// Pillars at random places.
 ///
 /// # Errors
 /// One of the seeds has no world.
@@ -117,7 +117,7 @@ pub fn traps(folder: &Path, seeds: &Range<u64>) -> Result<Vec<World>, InputError
     Ok(worlds)
 }
 
-/// Hulls for which the shortest ways through BARN's worlds are known.
+/// Hulls for which the shortest paths through BARN's worlds are known.
 const BARN_HULLS_M: [f64; 4] = [0.15, 0.20, 0.215, 0.25];
 
 /// Every `nth` of BARN's worlds from a folder; `None` where there is no such folder.

@@ -26,7 +26,7 @@ const COLORS: [RGBColor; 5] = [
     RGBColor(21, 128, 61),
 ];
 
-/// Share of the room for a number that its bars take.
+/// Share of the width for a number that its bars take.
 const BARS: f64 = 0.84;
 
 /// Charts under one title.
@@ -84,7 +84,7 @@ impl Axis {
         Self { label, from, to, first: from, step: Some(step) }
     }
 
-    /// For bars: room for the numbers from 1 to `count`.
+    /// For bars: space for the numbers from 1 to `count`.
     pub(super) fn counted(label: &'static str, count: u32) -> Self {
         Self { label, from: 0.5, to: f64::from(count) + 0.5, first: 1.0, step: Some(1.0) }
     }

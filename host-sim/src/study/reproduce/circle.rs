@@ -2,7 +2,7 @@
 //! (Exactly ahead, the paper's half-plane rule compares two angles that are equal.)
 //!
 //! Once with the exact phases of the spherical wave, as the paper's simulator has them, and once through frames: 12-bit
-//! codes, the default tone, its frequency not told. The heights above the array are ours: at the same height the repaired
+//! codes, the default tone, its frequency unknown. The heights above the array are ours: at the same height the repaired
 //! rule is nearly exact, at 0.83 m its mean error is the paper's 1.48 deg.
 
 use std::f64::consts::TAU;

@@ -1,6 +1,6 @@
 //! `aoa-crb`: how close to the physical limit whole frames come, over signal-to-noise ratio, length and azimuth.
 //!
-//! Each frame stands alone: the tone is acquired in it, its frequency not told. A source at our height, far away, in the
+//! Each frame stands alone: the tone is acquired in it, its frequency unknown. A source at our height, far away, in the
 //! middle of every degree of the circle; 2880 frames a case. Frames without a valid bearing are counted as missed and do
 //! not enter the rms.
 

@@ -1,7 +1,7 @@
 //! `apf-density`: the main paper's comparison of planners on maps of growing obstacle density (Table I, fig. 9 and 10).
 //!
 //! The paper prints mean and variance of its five maps and flies each seven times; [`crate::drive::maps`] draws maps to
-//! these numbers, four to each, and pairs of starts and goals between which there is a way. Every pair is flown by
+//! these numbers, four to each, and pairs of starts and goals between which there is a path. Every pair is flown by
 //!
 //! - the paper's planner and its baseline as published: a kinematic point, by [`Rules`];
 //! - both once more, and ours, as the product flies: dynamics, tracker and guard, [`crate::drive::flight`].
@@ -125,7 +125,7 @@ impl Printed {
     }
 }
 
-/// How many flights an experiment of so many pairs a row is.
+/// How many flights an experiment with that many pairs a row has.
 #[must_use]
 pub fn flights(pairs: u32) -> u64 {
     (3 + 2 + 2 * READINGS.len() as u64) * TABLE_I.len() as u64 * u64::from(pairs)

@@ -1,4 +1,4 @@
-//! The experiments by name, and one way to run any of them.
+//! The experiments by name, and one function to run any of them.
 
 use std::path::{Path, PathBuf};
 
@@ -9,14 +9,14 @@ use super::{circle, crb, density, localize, mmwave, multipath, stretch, variants
 use crate::scenario::input::InputError;
 use crate::study::{Beside, Study, Watch};
 
-/// What an experiment came to.
+/// The result of an experiment.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// A line of JSON.
     pub json: String,
-    /// The rows for people.
+    /// The table as text.
     pub table: String,
-    /// What was published, and what became of it here.
+    /// What was published, and what was measured here.
     pub beside: Vec<Beside>,
     /// The pictures that were drawn.
     pub pictures: Vec<PathBuf>,
@@ -71,7 +71,7 @@ impl Experiment {
         Self::ALL.into_iter().find(|experiment| experiment.name == name)
     }
 
-    /// Runs it on all cores and draws its pictures, if there is a folder; `watch` hears that one more of [`Self::length`]
+    /// Runs it on all cores and draws its pictures, if there is a folder; `watch` is called when one more of [`Self::length`]
     /// is done, or several.
     ///
     /// # Errors

@@ -1,8 +1,8 @@
 //! A planner flown as published: a point that moves exactly along the waypoints.
 //!
-//! No dynamics, no tracker, no guard. At each replan the point turns to the bearing it heard, true but for the noise, and
-//! looks; what it sees it remembers, exactly and for good. It follows the plan up to the fifth waypoint (main paper, section
-//! IV), looking at each. Nothing hides what is behind it.
+//! No dynamics, no tracker, no guard. At each replan the point turns to the measured bearing, true but for the noise, and
+//! senses; what it sees it keeps, exactly and for good. It follows the plan up to the fifth waypoint (main paper, section
+//! IV) and senses at each. Pillars do not hide one another.
 //!
 //! What the paper leaves open is in [`Rules`].
 
@@ -31,7 +31,7 @@ pub enum Sight {
     /// Come into the field of view of a nose that points to the source.
     #[default]
     ToSource,
-    /// Come into the field of view of a nose that points along the way.
+    /// Come into the field of view of a nose that points along the path.
     AlongWay,
     /// Nothing: all are known from the start.
     Everything,
@@ -56,7 +56,7 @@ impl Default for Rules {
     }
 }
 
-/// What a flight came to.
+/// The result of a flight.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Flown {
     /// Reached, collision, or timeout: not there after all replans.
@@ -79,7 +79,7 @@ struct Known<'a> {
 }
 
 impl Known<'_> {
-    /// Looks around; sees a pillar if any part of it is within the field of view, and its near side within range.
+    /// Senses once; sees a pillar if any part of it is within the field of view, and its near side within range.
     fn look(&mut self, from: Horizontal, yaw_rad: f64) {
         let sensor = &self.scenario.sensor;
         for (pillar, seen) in self.pillars.iter().zip(&mut self.seen) {

@@ -76,7 +76,7 @@ pub enum Chain {
 
 const CHAINS: [Chain; 2] = [Chain::Without, Chain::With];
 
-/// What the flights of one kind came to.
+/// Results of the flights of one kind.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// The kind of scenes.
@@ -97,7 +97,7 @@ pub struct Row {
     pub min_clearance_m: f64,
 }
 
-/// What all of it came to.
+/// Results of all flights.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Seed.

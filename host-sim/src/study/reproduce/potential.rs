@@ -89,7 +89,7 @@ impl Scene {
         1.8 + 1.5 * self.paths.len().saturating_sub(1 + index) as f64
     }
 
-    /// Place of a share of the way from one side to the other.
+    /// Coordinate at a share of the width, from one side to the other.
     fn at(&self, share_x: f64, share_y: f64) -> [f64; 2] {
         let [west, south, east, north] = self.bounds;
         [west + (east - west) * share_x, south + (north - south) * share_y]
@@ -211,7 +211,7 @@ fn heat<B: DrawingBackend>(area: &Sheet<'_, B>, scene: &Scene, [left, top]: [f64
     Ok(())
 }
 
-/// A patch of the surface and how far it is from who looks.
+/// A patch of the surface and its distance from the viewer.
 struct Patch {
     depth: i32,
     corners: Vec<(f64, f64, f64)>,

@@ -1,8 +1,8 @@
-//! `stretch`: path over straight line of a vehicle that flies along what its turning antenna hears, outliers among it (fig. 3
-//! and 4 of the paper of the rotating vehicle).
+//! `stretch`: path over straight line of a vehicle that flies along the bearings of its turning antenna, outliers among them
+//! (fig. 3 and 4 of the paper of the rotating vehicle).
 //!
 //! From (50, 50) m to within 1 m of the source in steps of 0.1 m, [`TRIALS`] times for each outlier rate and noise. Three
-//! rules: the paper's, which follows each direction that it hears; a filter of the direction, which needs no position as the
+//! rules: the paper's, which follows each direction that it measures; a filter of the direction, which needs no position as the
 //! paper's needs none; and our default, which fuses the directions with the vehicle's own positions. All of them walk under
 //! the same draws. The filters know the noise, as a bearing brings its sigma with it, and take four in ten for outliers
 //! whatever the rate is.

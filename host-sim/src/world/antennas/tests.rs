@@ -32,7 +32,7 @@ fn a_directional_antenna_hears_by_the_angle_off_its_boresight_whatever_the_attit
     let all_round = clean();
     let directional = Antennas { pattern, ..clean() };
     for (yaw_deg, azimuth_deg) in [(0.0_f64, 0.0_f64), (50.0, 50.0), (200.0, -70.0), (-45.0, 135.0)] {
-        // Far off, so that all antennas see the same direction.
+        // Far away, so that all antennas have the same direction to it.
         let azimuth_rad = azimuth_deg.to_radians();
         let source = [5000.0 * azimuth_rad.cos(), 5000.0 * azimuth_rad.sin(), 0.0];
         let pose = Pose { yaw_rad: yaw_deg.to_radians(), ..Pose::default() };
@@ -48,7 +48,7 @@ fn a_directional_antenna_hears_by_the_angle_off_its_boresight_whatever_the_attit
             assert!((heard_db - expected_db).abs() < 0.05, "{yaw_deg} {azimuth_deg} {channel}: {heard_db}");
         }
     }
-    // Straight up is a right angle off whatever the yaw, unless the vehicle tilts.
+    // Straight up is at a right angle to all boresights, unless the vehicle tilts.
     let up = |pose: Pose| {
         let frame = directional.frame::<256>(Instant(0), &pose, [0.0, 0.0, -5000.0], &mut Random::new(1, 1));
         20.0 * (phasor(&frame.codes[0], 37.0).1 / 1500.0).log10()

@@ -3,7 +3,7 @@
 use foxhound_core::base::time::Instant;
 use foxhound_pad::{Format, Header};
 
-/// What a camera delivers.
+/// Format of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
     /// Columns.
@@ -15,7 +15,7 @@ pub struct Size {
 }
 
 impl Size {
-    /// What the firmware's camera is set to: 160 by 120 in colour.
+    /// The default of the firmware's camera: 160 by 120 in colour.
     pub const USUAL: Self = Self { width_px: 160, height_px: 120, format: Format::Rgb565 };
 }
 
@@ -24,12 +24,12 @@ impl Size {
 pub struct Frame {
     /// Its size.
     pub size: Size,
-    /// Line for line.
+    /// Line by line.
     pub bytes: Vec<u8>,
 }
 
 impl Frame {
-    /// How it is announced.
+    /// Its header.
     #[must_use]
     pub fn header(&self, time: Instant) -> Header {
         Header { time, width_px: self.size.width_px, height_px: self.size.height_px, format: self.size.format }

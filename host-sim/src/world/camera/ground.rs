@@ -1,8 +1,8 @@
-//! Grounds, made of noise.
+//! Textures of the ground, made of noise.
 
 use super::light::Colour;
 
-/// What the ground is made of.
+/// Material of the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ground {
     /// Blades of two greens, with dry patches.
@@ -30,10 +30,10 @@ pub enum Ground {
 }
 
 impl Ground {
-    /// The colour of a place, as a pixel so wide sees it.
+    /// The colour of a point, averaged over a pixel of that width.
     pub(super) fn colour(&self, north_m: f32, east_m: f32, pixel_m: f32, seed: u64) -> Colour {
         let noise = |size_m: f32, kind: u32| {
-            // What is smaller than the pixel is averaged away.
+            // Structures smaller than the pixel are averaged out.
             let seen = 1.0 / (1.0 + (pixel_m / size_m) * (pixel_m / size_m));
             seen * smooth(north_m / size_m, east_m / size_m, seed as u32 ^ kind.wrapping_mul(0x9e37_79b9))
         };
@@ -80,7 +80,7 @@ fn mix(from: Colour, to: Colour, part: f32) -> Colour {
     [0, 1, 2].map(|k| from[k] + part * (to[k] - from[k]))
 }
 
-/// A number of a lattice's place, -1 to 1.
+/// A random number of a lattice point, -1 to 1.
 fn lattice(x: i32, y: i32, seed: u32) -> f32 {
     let mut z = (x as u32).wrapping_mul(0x85eb_ca6b) ^ (y as u32).wrapping_mul(0xc2b2_ae35) ^ seed;
     z = (z ^ (z >> 16)).wrapping_mul(0x7feb_352d);
@@ -88,7 +88,7 @@ fn lattice(x: i32, y: i32, seed: u32) -> f32 {
     (z ^ (z >> 16)) as f32 / 2_147_483_648.0 - 1.0
 }
 
-/// Noise between the lattice's places.
+/// Noise interpolated between lattice points.
 fn smooth(x: f32, y: f32, seed: u32) -> f32 {
     let (x0, y0) = (x.floor(), y.floor());
     let ease = |t: f32| t * t * (3.0 - 2.0 * t);

@@ -1,4 +1,4 @@
-//! The light over the ground, and what lens and sensor take from it.
+//! The light on the ground, and the effects of lens and sensor.
 
 /// Linear red, green and blue.
 pub type Colour = [f32; 3];
@@ -6,30 +6,30 @@ pub type Colour = [f32; 3];
 /// A shadow's straight edge across the picture: dark on one side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shadow {
-    /// A place on its edge.
+    /// A point on its edge.
     pub north_m: f32,
-    /// A place on its edge.
+    /// A point on its edge.
     pub east_m: f32,
     /// The direction into the dark.
     pub turn_rad: f32,
-    /// How wide it is; what is behind is lit again.
+    /// Its width; the ground behind it is lit again.
     pub width_m: f32,
-    /// How much of the light is left.
+    /// The remaining share of the light.
     pub left: f32,
 }
 
-/// The light and what lens and sensor make of it.
+/// The light and the effects of lens and sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
     /// 1: white is just not clipped.
     pub exposure: f32,
-    /// Gains of red, green and blue: the lamp's colour, as far as the camera does not balance it.
+    /// Gains of red, green and blue: the lamp's colour, minus the camera's white balance.
     pub gains: Colour,
     /// How much darker the corners are.
     pub vignette: f32,
     /// How much the light changes from one side of the picture to the other, and in which direction.
     pub gradient: [f32; 2],
-    /// Of trees, masts, the vehicle.
+    /// Shadows of trees, masts, the vehicle.
     pub shadows: Vec<Shadow>,
     /// The part of the mean light that is all over the picture.
     pub flare: f32,
@@ -41,7 +41,7 @@ pub struct Lighting {
     pub read_noise: f32,
     /// Electrons of white.
     pub full_well: f32,
-    /// Pixels that are stuck, a million.
+    /// Stuck pixels per million.
     pub dead_ppm: f32,
 }
 
@@ -63,7 +63,7 @@ impl Default for Lighting {
     }
 }
 
-/// A lamp's red, green and blue beside those of daylight of 6500 K, linear, green 1: Planck's law at 600, 540 and 450 nm.
+/// A lamp's red, green and blue relative to daylight of 6500 K, linear, green 1: Planck's law at 600, 540 and 450 nm.
 #[must_use]
 pub fn lamp(kelvin: f32) -> Colour {
     let planck = |nanometres: f32, kelvin: f32| 1.0 / ((14_387_770.0 / (nanometres * kelvin)).exp() - 1.0);

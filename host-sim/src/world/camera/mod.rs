@@ -1,9 +1,9 @@
-//! A cheap camera that looks down: the picture of a ground with a pad, or without, from a pose.
+//! A cheap camera that looks down: the picture of the ground, with or without a pad, from a pose.
 //!
-//! A pinhole at the body's place, along its down axis; perspective of the flat ground, four samples a pixel. Things
-//! lie on the ground, later ones over earlier ones. The light has a colour, a gradient and hard shadows;
-//! the lens a vignette, flare, focus and motion blur; the sensor shot and read noise, dead pixels, gamma and 5, 6, 5 bits or
-//! 8 of grey. Reflectances are linear, as measured ones are. The same seed gives the same picture.
+//! A pinhole at the body's position, along its down axis; perspective of the flat ground, four samples per pixel.
+//! Objects lie on the ground, later ones over earlier ones. The light has a colour, a gradient and hard shadows; the
+//! lens a vignette, flare, focus and motion blur; the sensor shot and read noise, dead pixels, gamma and 5, 6, 5 bits
+//! or 8 of grey. Reflectances are linear, as measured ones are. The same seed gives the same picture.
 
 mod frame;
 mod ground;
@@ -22,47 +22,47 @@ pub use light::{Colour, Lighting, Shadow, lamp};
 
 /// The red of a pad: a matt paint.
 pub const PAD_RED: Colour = [0.52, 0.06, 0.05];
-/// A white ring's.
+/// The white of a ring.
 pub const WHITE: Colour = [0.80, 0.80, 0.78];
 
-/// Outline of a thing, in its own length of one: half of its width.
+/// Outline of an object, in units of half of its width.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// All round.
     Disc,
-    /// So many times as long as wide.
+    /// This many times as long as wide.
     Rectangle(f32),
     /// Three equal sides.
     Triangle,
-    /// With a hole of this part of its radius.
+    /// With a hole of this share of its radius.
     Ring(f32),
-    /// A sector of a disc, this part of the full turn.
+    /// A sector of a disc, this share of the full turn.
     Sector(f32),
-    /// A pointed leaf, so many times as long as wide.
+    /// A pointed leaf, this many times as long as wide.
     Leaf(f32),
-    /// No edge at all: a bell.
+    /// No edge at all: a Gaussian.
     Glow,
 }
 
-/// Something flat on the ground.
+/// A flat object on the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thing {
     /// Its outline.
     pub shape: Shape,
-    /// Where its middle is.
+    /// North position of its centre.
     pub north_m: f32,
-    /// Where its middle is.
+    /// East position of its centre.
     pub east_m: f32,
     /// Half of its width.
     pub radius_m: f32,
-    /// Turned by, clockwise.
+    /// Its rotation, clockwise.
     pub turn_rad: f32,
     /// Its colour.
     pub colour: Colour,
 }
 
 impl Thing {
-    /// How much of a point it covers, 0 to 1.
+    /// Its coverage of a point, 0 to 1.
     fn cover(&self, north_m: f32, east_m: f32) -> f32 {
         let (dn, de) = (north_m - self.north_m, east_m - self.east_m);
         let square = dn * dn + de * de;
@@ -102,32 +102,32 @@ impl Thing {
 /// The pad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
-    /// Its middle.
+    /// North position of its centre.
     pub north_m: f32,
-    /// Its middle.
+    /// East position of its centre.
     pub east_m: f32,
-    /// Of the red disc.
+    /// Radius of the red disc.
     pub radius_m: f32,
-    /// How wide the white ring round it is, 0 for none.
+    /// Width of the white ring around it, 0 for none.
     pub ring_m: f32,
     /// Its paint.
     pub colour: Colour,
 }
 
-/// What lies under the camera.
+/// The scene under the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// The ground itself.
     pub ground: Ground,
-    /// What lies below the pad, if there is one, or beside it.
+    /// Objects below the pad, if there is one, or beside it.
     pub things: Vec<Thing>,
     /// The pad.
     pub target: Option<Target>,
-    /// What lies on it.
+    /// Objects on the pad.
     pub covers: Vec<Thing>,
 }
 
-/// Where the camera is: north, east, above the ground, and how the body stands.
+/// Pose of the camera: north, east, above the ground, and the body's attitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// North.
@@ -156,12 +156,12 @@ impl Pose {
         ]
     }
 
-    /// A ray of the body, forward and right a unit of down, in north, east, down.
+    /// A ray of the body, with forward and right per unit of down, in north, east, down.
     fn ray(axes: &[[f32; 3]; 3], forward: f32, right: f32) -> [f32; 3] {
         [0, 1, 2].map(|k| axes[0][k] * forward + axes[1][k] * right + axes[2][k])
     }
 
-    /// A place on the ground as the tangents forward and right of the body, and how deep it lies along down.
+    /// A point on the ground as the body's tangents forward and right, and its depth along down.
     #[must_use]
     pub fn see(&self, north_m: f32, east_m: f32) -> [f32; 3] {
         let away = [north_m - self.north_m, east_m - self.east_m, self.height_m];
@@ -169,7 +169,7 @@ impl Pose {
         [forward / down, right / down, down]
     }
 
-    /// Where up is, as tangents of the body.
+    /// The vertical, as tangents of the body.
     #[must_use]
     pub fn up(&self) -> [f32; 2] {
         let axes = self.axes();
@@ -177,7 +177,7 @@ impl Pose {
     }
 }
 
-/// Where samples lie in a pixel: none in a line with another.
+/// Positions of the samples in a pixel: no two in a row or a column.
 const SAMPLES: [[f32; 2]; 4] = [[0.125, 0.625], [0.375, 0.125], [0.625, 0.875], [0.875, 0.375]];
 
 /// The picture of a scene.
@@ -190,7 +190,7 @@ pub fn render(scene: &Scene, camera: &Camera, pose: &Pose, lighting: &Lighting, 
     let place = |x: f32, y: f32| {
         let [north, east, down] =
             Pose::ray(&axes, (0.5 * height as f32 - y) / focal_px, (x - 0.5 * width as f32) / focal_px);
-        // Above the horizon there is haze, far away.
+        // Above the horizon: distant haze.
         let far = pose.height_m / down.max(0.02);
         (pose.north_m + north * far, pose.east_m + east * far, far)
     };
@@ -212,7 +212,7 @@ pub fn render(scene: &Scene, camera: &Camera, pose: &Pose, lighting: &Lighting, 
     sensor::expose(&mut image, lighting, size, seed)
 }
 
-/// How much light falls on a place.
+/// The share of light on a point.
 fn lit(shadows: &[Shadow], north_m: f32, east_m: f32) -> f32 {
     let mut lit = 1.0_f32;
     for shadow in shadows {
@@ -225,7 +225,7 @@ fn lit(shadows: &[Shadow], north_m: f32, east_m: f32) -> f32 {
     lit
 }
 
-/// The colour of a place: the ground, or what lies on it.
+/// The colour of a point: the ground, or the objects on it.
 fn surface(scene: &Scene, ground: Colour, north_m: f32, east_m: f32) -> Colour {
     let mut colour = ground;
     let mut lay = |thing: &Thing| {
@@ -253,7 +253,7 @@ fn surface(scene: &Scene, ground: Colour, north_m: f32, east_m: f32) -> Colour {
     colour
 }
 
-/// What there is to find.
+/// The true position of the pad in the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
     /// The pad's centre.
@@ -262,13 +262,13 @@ pub struct Truth {
     pub right: f32,
     /// From its left end to its right end.
     pub width_px: f32,
-    /// The part of the disc inside of the picture.
+    /// The share of the disc inside the picture.
     pub inside: f32,
-    /// The part of the disc that things cover.
+    /// The share of the disc that objects cover.
     pub hidden: f32,
 }
 
-/// Where the pad of a scene is.
+/// The true position of the pad of a scene.
 #[must_use]
 pub fn truth(scene: &Scene, camera: &Camera, pose: &Pose, size: Size) -> Option<Truth> {
     let target = scene.target?;

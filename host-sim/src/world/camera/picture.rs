@@ -1,4 +1,4 @@
-//! Pictures from files and into files.
+//! Reads and writes pictures.
 
 use std::io::{BufRead, Seek};
 use std::path::Path;
@@ -9,7 +9,7 @@ use foxhound_pad::{Format, HEIGHT_MAX, WIDTH_MAX};
 use super::frame::{Frame, Size};
 use crate::scenario::input::InputError;
 
-/// Most pixels of a file that are read.
+/// Largest number of pixels of a file.
 const PIXELS_MAX: u64 = 100_000_000;
 
 /// Red, green and blue of eight bits.
@@ -33,7 +33,7 @@ impl Picture {
         if u64::from(info.width) * u64::from(info.height) > PIXELS_MAX {
             return Err(format!("{}x{} pixels are too many", info.width, info.height));
         }
-        let mut bytes = vec![0; reader.output_buffer_size().ok_or("it is too large")?];
+        let mut bytes = vec![0; reader.output_buffer_size().ok_or("the picture is too large")?];
         let info = reader.next_frame(&mut bytes).map_err(|error| format!("no PNG: {error}"))?;
         let channels = info.color_type.samples();
         let rgb = bytes
@@ -45,7 +45,7 @@ impl Picture {
         Ok(Self { width: info.width as usize, height: info.height as usize, rgb })
     }
 
-    /// Scaled to a size: each pixel is the mean of those that it covers. Without one, to 160 columns at most.
+    /// Scaled to a size: each pixel is the mean of those that it covers. Without a size, to at most 160 columns.
     #[must_use]
     pub fn frame(&self, size: Option<[u16; 2]>, format: Format) -> Frame {
         let [width_px, height_px] = size.unwrap_or_else(|| {
@@ -103,7 +103,7 @@ impl Picture {
     }
 }
 
-/// The picture, twice as large, with a circle where the pad was seen.
+/// The picture, twice as large, with a circle around the detected pad.
 #[must_use]
 pub fn mark(frame: &Frame, seen: Seen, focal_widths: f32) -> Picture {
     let (width, height) = (2 * usize::from(frame.size.width_px), 2 * usize::from(frame.size.height_px));

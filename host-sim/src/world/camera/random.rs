@@ -1,4 +1,4 @@
-//! Scenes as they come: any ground, light and clutter, with a pad and without.
+//! Random scenes: any ground, light and clutter, with a pad or without.
 
 use std::f32::consts::{PI, TAU};
 
@@ -8,22 +8,22 @@ use super::{
 };
 use crate::world::random::Random;
 
-/// Of what a picture is to be.
+/// Conditions of a random picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recipe {
     /// Whether there is a pad.
     pub has_pad: bool,
-    /// Heights, evenly in their logarithm.
+    /// Range of heights, uniform in their logarithm.
     pub height_m: [f32; 2],
-    /// Most lean.
+    /// Largest lean.
     pub lean_rad: f32,
     /// Radius of the pad.
     pub pad_radius_m: f32,
-    /// Most of the pad that things cover.
+    /// Largest share of the pad that objects cover.
     pub hidden: f32,
-    /// Whether all of the pad is in the picture; otherwise its centre is, about.
+    /// Whether the whole pad is in the picture; otherwise about its centre is.
     pub is_whole: bool,
-    /// What the camera delivers.
+    /// Format of the camera.
     pub size: Size,
 }
 
@@ -42,18 +42,18 @@ impl Recipe {
     pub const CLUTTER: Self = Self { has_pad: false, ..Self::PAD };
 }
 
-/// A picture, and what is in it.
+/// A picture, and its truth.
 #[derive(Clone, Debug)]
 pub struct Shot {
-    /// What was there.
+    /// The scene.
     pub scene: Scene,
-    /// From where.
+    /// Pose of the camera.
     pub pose: Pose,
-    /// In what light.
+    /// The lighting.
     pub lighting: Lighting,
     /// The picture.
     pub frame: Frame,
-    /// Where the pad is.
+    /// Position of the pad.
     pub truth: Option<Truth>,
 }
 
@@ -72,7 +72,7 @@ impl Draw {
         self.0.uniform() < part
     }
 
-    /// Evenly in the logarithm.
+    /// Uniform in the logarithm.
     fn scale(&mut self, low: f32, high: f32) -> f32 {
         (self.between(low.ln(), high.ln())).exp()
     }
@@ -178,7 +178,7 @@ fn cover(draw: &mut Draw, scene: &mut Scene, most: f32) {
     }
 }
 
-/// What is red, round, or both, and no pad.
+/// Objects that are red, round, or both, but not a pad.
 fn clutter(draw: &mut Draw, scene: &mut Scene, height_m: f32, camera: &Camera, share: f64) {
     let reach_m = 0.6 * height_m / camera.focal_widths;
     let count = if draw.chance(share) { 1 + draw.one_of(3) } else { 0 };
@@ -241,7 +241,7 @@ fn clutter(draw: &mut Draw, scene: &mut Scene, height_m: f32, camera: &Camera, s
     }
 }
 
-/// Lays a thing down where it does not touch the pad; a glow or the earth may be under it.
+/// Adds an object where it does not touch the pad; a glow or soil may be under it.
 fn push(scene: &mut Scene, thing: Thing) {
     let is_under = matches!(thing.shape, Shape::Glow) || thing.colour[0] < 0.3;
     let is_clear = scene.target.is_none_or(|target| {

@@ -6,7 +6,7 @@ use super::frame::{Frame, Size};
 use super::light::{Colour, Lighting};
 use crate::world::random::Random;
 
-/// Makes a frame of the light that each pixel gets.
+/// Makes a frame from the light of each pixel.
 pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, seed: u64) -> Frame {
     let (width, height) = (usize::from(size.width_px), usize::from(size.height_px));
     if lighting.motion_px.iter().any(|motion| motion.abs() > 0.2) {
@@ -46,7 +46,7 @@ pub(super) fn expose(image: &mut Vec<Colour>, lighting: &Lighting, size: Size, s
                     [1.0, 0.0, 0.0]
                 };
             }
-            // Half of a code is added before the bits below are cut off.
+            // Half a step is added before the lower bits are cut off.
             let coded = |value: f32, most: f32| (gamma(value) * most + 0.5) as u16;
             match size.format {
                 Format::Rgb565 => {
@@ -67,7 +67,7 @@ fn gamma(value: f32) -> f32 {
     if value <= 0.003_130_8 { 12.92 * value } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Blurs by a bell.
+/// Blurs by a Gaussian.
 fn blur(image: &mut [Colour], width: usize, height: usize, sigma_px: f32) {
     let reach = (2.5 * sigma_px).ceil().min(8.0) as isize;
     let mut weights: Vec<f32> =

@@ -1,4 +1,4 @@
-//! Frames through the detector.
+//! Runs frames through the detector.
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::landing::observation::{Bad, PadObservation, Seen};
@@ -6,13 +6,13 @@ use foxhound_pad::{Candidate, Detector, State, WEIGHTS};
 
 use super::frame::Frame;
 
-/// What the detector sees in a frame, after those that the state has seen.
+/// The detector's result for a frame, after those before it.
 #[must_use]
 pub fn watch(detector: &Detector, state: &mut State, frame: &Frame, height_m: Option<f32>) -> PadObservation {
     watch_by(detector, state, frame, height_m, |candidate| WEIGHTS.score(&candidate.measures))
 }
 
-/// The same by another score.
+/// The same with another score.
 fn watch_by(
     detector: &Detector,
     state: &mut State,
@@ -30,13 +30,13 @@ fn watch_by(
     look
 }
 
-/// What it sees in a frame alone: shown so many times, the last of them counts.
+/// The result for a frame by itself: it is processed `times` times, and the last result counts.
 #[must_use]
 pub fn alone(detector: &Detector, frame: &Frame, height_m: Option<f32>, times: u32) -> PadObservation {
     alone_by(detector, frame, height_m, times, |_, candidate| WEIGHTS.score(&candidate.measures))
 }
 
-/// The same by another score, which gets the index of the observation, from 0.
+/// The same with another score, which gets the index of the observation, from 0.
 #[must_use]
 pub fn alone_by(
     detector: &Detector,

@@ -1,8 +1,8 @@
 //! Lines of reflection as mirrors, one after another: eq. 9 of the mmWave paper without its system of equations.
 //!
-//! A ray off the lines `1..n`, in this order from the source, goes straight from the source's image in line 1, mirrored in
-//! line 2, and so on. The other way round, the vehicle mirrored in line `n`, then `n - 1`, down to 1, hears the source
-//! directly. That is exact, has no singular walls and costs a few products a line.
+//! A ray off the lines `1..n`, in this order from the source, goes straight from the source's image in line 1,
+//! mirrored in line 2, and so on. Conversely, the vehicle mirrored in line `n`, then `n - 1`, down to 1, receives the
+//! source directly. That is exact, has no singular walls and costs a few products per line.
 
 use super::{Degenerate, Sighting};
 use foxhound_core::base::ned::Horizontal;
@@ -10,14 +10,14 @@ use foxhound_core::mapping::walls::Wall;
 
 /// Least sine of the angle between ray and line.
 const GRAZING: f32 = 1e-3;
-/// Nearer to a line the vehicle is on it.
+/// Nearer to a line the vehicle counts as on it.
 const ON_LINE_M: f32 = 1e-3;
 
-/// A sighting off known lines, given in the order from the source, as the sighting of the source that it amounts to.
+/// A sighting off known lines, in the order from the source, converted to a direct sighting of the source.
 ///
 /// The lines are taken as unbounded: near the ends of a wall noise moves the ray off it, not the reflection.
 ///
-/// # Errors
+/// If the ray meets no line.
 /// Where the ray meets no line.
 #[inline]
 pub fn fold(lines: &[Wall], sighting: &Sighting) -> Result<Sighting, Degenerate> {
@@ -45,7 +45,7 @@ pub fn fold(lines: &[Wall], sighting: &Sighting) -> Result<Sighting, Degenerate>
 /// the paper (9), here the crossings of straight rays.
 ///
 /// # Errors
-/// When no ray takes this way.
+/// If there is no such ray.
 pub fn points<const N: usize>(
     lines: &[Wall; N],
     source_ned_m: Horizontal,

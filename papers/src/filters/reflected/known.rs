@@ -1,4 +1,4 @@
-//! Lines of reflection that are known: the line-of-sight filter, told what its mirror image hears.
+//! Known lines of reflection: the line-of-sight filter with the sightings of the vehicle's mirror image.
 //!
 //! There is nothing to linearise that [`polar`] does not linearise already, so a reflection costs no accuracy over a direct
 //! signal of the same length of path, and a source that moves is followed through its reflection.
@@ -19,10 +19,10 @@ pub struct Known<const N: usize> {
 }
 
 impl<const N: usize> Known<N> {
-    /// Takes in a sighting off the last line.
+    /// Updates with a sighting off the last line.
     ///
     /// # Errors
-    /// Where the ray meets no line; the state is as it was.
+    /// If the ray meets no line; the state is unchanged.
     pub fn step<const S: usize>(&self, state: &mut polar::State<S>, sighting: &Sighting) -> Result<Update, Degenerate> {
         if !sighting.is_plausible() {
             return Ok(Update::Refused);
@@ -30,7 +30,7 @@ impl<const N: usize> Known<N> {
         Ok(self.filter.step(state, &fold(&self.lines, sighting)?))
     }
 
-    /// What is known of the source, its bearing and range from the vehicle straight through the walls.
+    /// The estimate of the source, with bearing and range from the vehicle straight through the walls.
     #[must_use]
     pub fn estimate<const S: usize>(&self, state: &polar::State<S>, vehicle_ned_m: Horizontal) -> Option<Estimate> {
         let direct = state.estimate()?;
@@ -40,10 +40,10 @@ impl<const N: usize> Known<N> {
 }
 
 impl Known<1> {
-    /// [`Self::step`] for a source that may move, compiled with this crate and not with the caller, perhaps for size.
+    /// [`Self::step`] for a source that may move, compiled with this crate (for speed) and not with the caller.
     ///
     /// # Errors
-    /// Where the ray meets no line; the state is as it was.
+    /// If the ray meets no line; the state is unchanged.
     #[inline(never)]
     pub fn step_moving(&self, state: &mut polar::Moving, sighting: &Sighting) -> Result<Update, Degenerate> {
         if !sighting.is_plausible() {

@@ -10,15 +10,15 @@
 //!     p_r,x = (e a + d b) / ((1 + m^2) (d + e))
 //! ```
 //!
-//! (similar triangles). The absolute values are eq. 4's own: it has parts along the line and distances only, and so cannot
-//! tell a transponder from its mirror image.
+//! (similar triangles). The absolute values are eq. 4's own: it uses only parts along the line and distances, and so
+//! cannot distinguish a transponder from its mirror image.
 
 use super::Degenerate;
 use foxhound_core::base::math::sqrt;
 
 /// Beyond this slope a line is vertical.
 const SLOPE_MAX: f32 = 1e3;
-/// Nearer to the point of reflection than this the robot is on the line.
+/// Nearer to the point of reflection than this the robot counts as on the line.
 const ON_LINE_M: f32 = 1e-3;
 
 /// The reflected ray at the robot.

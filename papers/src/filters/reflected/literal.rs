@@ -3,8 +3,8 @@
 //! - the line is known (eq. 8): the state is robot and transponder, `(p, p_tx)`, in the map's frame;
 //! - it is unknown: the transponder is the origin, the state `(p, m, c)`; `m` and `c` walk at random.
 //!
-//! Both measure eq. 7 ([`law`](super::law)), x east and y north, with the sign of the ray turned round against eq. 3, as the
-//! paper prints it. Vertical walls they cannot have.
+//! Both measure eq. 7 ([`law`](super::law)), x east and y north, with the sign of the ray opposite to eq. 3, as the
+//! paper prints it. They cannot handle vertical walls.
 
 use super::law::reflect;
 use super::{Degenerate, Estimate, Sighting, Update, kalman};
@@ -13,11 +13,11 @@ use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::units::between;
 use foxhound_core::localize::source::covariance::keep_positive;
 
-/// What the filters need to know.
+/// Configuration of the filters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Sightings are not believed to be better than this.
+    /// Smallest sigma assumed for a sighting.
     pub sigma_floor_rad: f32,
     /// Process noise of the position: a random walk with this variance a second, along each axis.
     pub walk_m2_per_s: f32,
@@ -60,11 +60,11 @@ pub struct Filter {
 /// How a filter begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guess {
-    /// Where the vehicle is.
+    /// Position of the vehicle.
     pub vehicle_ned_m: Horizontal,
     /// Its standard deviation along each axis; when the line is unknown it counts as that of the source.
     pub vehicle_sigma_m: f32,
-    /// Where the source may be.
+    /// Prior position of the source.
     pub source_ned_m: Horizontal,
     /// Its standard deviation along each axis.
     pub source_sigma_m: f32,
@@ -74,7 +74,7 @@ pub struct Guess {
     pub slope_intercept_sigma: [f32; 2],
 }
 
-/// What a filter knows: `(p, p_tx)` or `(p, m, c)`.
+/// State of a filter: `(p, p_tx)` or `(p, m, c)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     x: [f32; 4],
@@ -85,14 +85,14 @@ pub struct State {
 }
 
 impl State {
-    /// Nothing is known.
+    /// Before it has begun.
     #[must_use]
     pub const fn new() -> Self {
         let place_ned_m = Horizontal { north: 0.0, east: 0.0 };
         Self { x: [0.0; 4], p: [[0.0; 4]; 4], line: None, place_ned_m, started: false }
     }
 
-    /// What is known of the source, as of the last sighting; `None` before [`Filter::begin_known`] or
+    /// The estimate of the source, as of the last sighting; `None` before [`Filter::begin_known`] or
     /// [`Filter::begin_unknown`].
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
@@ -135,7 +135,7 @@ impl State {
 }
 
 impl Filter {
-    /// Begins with a line that is known (eq. 8).
+    /// Begins with a known line (eq. 8).
     ///
     /// # Errors
     /// [`Degenerate::Vertical`]: there is no such slope.
@@ -145,7 +145,7 @@ impl Filter {
         begin(state, guess, [p[0], p[1], t[0], t[1]], sigma, Some(guess.slope_intercept))
     }
 
-    /// Begins with a line that is not, and the transponder as the origin.
+    /// Begins with an unknown line, and the transponder as the origin.
     ///
     /// # Errors
     /// [`Degenerate::Vertical`]: there is no such slope.
@@ -156,10 +156,10 @@ impl Filter {
         begin(state, guess, [x - tx, y - ty, m, c - ty + m * tx], sigma, None)
     }
 
-    /// Takes in a sighting off the line.
+    /// Updates with a sighting off the line.
     ///
     /// # Errors
-    /// Where eq. 7 has no value: the state has moved with the vehicle and taken in nothing.
+    /// If eq. 7 has no value: the state has moved with the vehicle but was not updated.
     pub fn step(&self, state: &mut State, sighting: &Sighting) -> Result<Update, Degenerate> {
         if !sighting.is_plausible() {
             return Ok(Update::Refused);

@@ -2,9 +2,9 @@
 //!
 //! - [`fold`]: lines of reflection as mirrors, of any order (eq. 9 of the mmWave paper). A sighting off lines that are known
 //!   becomes a sighting of the source itself.
-//! - [`Known`]: lines that are known, the default: [`polar`](foxhound_core::localize::source::polar) behind the mirrors.
-//! - [`Unknown`]: a line that is not quite known, the default: the mirror image in modified polar coordinates, which is all
-//!   that bearings tell, and the line by its angle and offset, which only a prior can tell.
+//! - [`Known`]: known lines, the default: [`polar`](foxhound_core::localize::source::polar) behind the mirrors.
+//! - [`Unknown`]: an uncertain line, the default: the mirror image in modified polar coordinates, which is all that
+//!   bearings determine, and the line by its angle and offset, which only a prior determines.
 //! - [`law`]: the law of reflection as the paper has it (eq. 4-7), and [`literal`] its two filters, the baselines.
 
 use super::kalman;
@@ -19,7 +19,7 @@ pub mod unknown;
 pub use known::Known;
 pub use unknown::Unknown;
 
-/// Where a reflection has no geometry. The filter is as it was.
+/// Degenerate geometry of a reflection. The filter is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -28,9 +28,9 @@ pub enum Degenerate {
     Vertical,
     /// The vehicle is on the line, and the point of reflection where it is.
     OnLine,
-    /// The ray runs along a line, or away from it: nothing comes from there.
+    /// The ray runs along a line, or away from it: there is no reflection.
     NoReflection,
-    /// It is no line: its normal is no unit vector, or its offset none.
+    /// Not a line: its normal is not a unit vector, or its offset is not finite.
     NoLine,
     /// The filter has not begun.
     NotBegun,

@@ -1,19 +1,19 @@
-//! A line of reflection that is not quite known.
+//! A filter for a line of reflection that is not exactly known.
 //!
-//! Bearings tell the mirror image `q` of the source, and nothing more: all lines with all the sources that they mirror into
-//! `q` sound alike. So the state is the image, in modified polar coordinates as in
-//! [`polar`](foxhound_core::localize::source::polar), and the line, by the bearing `phi` of its normal and its offset from an
-//! anchor,
+//! Bearings determine the mirror image `q` of the source, and nothing more: all lines and sources with this image
+//! give the same bearings. So the state is the image, in modified polar coordinates as in
+//! [`polar`](foxhound_core::localize::source::polar), and the line, by the bearing `phi` of its normal and its offset
+//! from an anchor,
 //!
 //! ```text
 //!     x = (beta, rho, phi, offset),   n(phi) . (q - anchor) = offset  on the line
 //! ```
 //!
-//! which has no vertical walls; the measurement is the first state itself. What is known of the source and of the line when
-//! the filter begins correlates the image with the line. That alone lets bearings improve on the line, and on the source
-//! `s = q - 2 n (n . (q - anchor) - offset)`. The rest stays as uncertain as it was, and the filter says so.
+//! which allows vertical walls; the measurement is the first state itself. Prior knowledge of the source and of the
+//! line correlates the image with the line. Only by that do bearings improve the line, and the source `s = q - 2 n (n
+//! . (q - anchor) - offset)`. The rest stays as uncertain as it was, and so does the covariance.
 //!
-//! The anchor is where the filter begins: near to what matters, so that an error of `phi` moves the line where it is of use.
+//! The anchor is where the filter begins, so that an error of `phi` moves the line least near there.
 #![expect(clippy::needless_range_loop, reason = "symmetric matrices are filled by row and column")]
 
 use super::{Degenerate, Estimate, Sighting, Update, kalman};
@@ -24,24 +24,24 @@ use foxhound_core::base::units::{between, sin_cos, wrap_pi};
 use foxhound_core::localize::source::covariance::keep_positive;
 use foxhound_core::mapping::walls::Wall;
 
-/// Below this fraction of the range that is left after a step, the vehicle is at the image.
+/// Below this share of the range after a step, the vehicle is at the image.
 const OVERHEAD: f32 = 1e-3;
-/// Nearer to the line the vehicle is on it.
+/// Nearer to the line the vehicle counts as on it.
 const ON_LINE_M: f32 = 1e-3;
 /// A uniform bearing has this standard deviation, and nothing a larger one.
 const BEARING_SIGMA_MAX_RAD: f32 = 1.813_8;
 
-/// What the filter needs to know.
+/// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
-    /// Nearest and farthest image that is believed.
+    /// Nearest and farthest valid image.
     pub range_min_m: f32,
     /// See `range_min_m`.
     pub range_max_m: f32,
-    /// Share of sightings that mean nothing.
+    /// Share of outliers among sightings.
     pub outlier_rate: f32,
-    /// Sightings are not believed to be better than this.
+    /// Smallest sigma assumed for a sighting.
     pub sigma_floor_rad: f32,
     /// Error of the vehicle's own position, a random walk with this variance a second.
     pub odometry_m2_per_s: f32,
@@ -88,13 +88,13 @@ impl Default for Config {
 /// How the filter begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guess {
-    /// Where the vehicle is.
+    /// Position of the vehicle.
     pub vehicle_ned_m: Horizontal,
-    /// Where the source may be.
+    /// Prior position of the source.
     pub source_ned_m: Horizontal,
     /// Its standard deviation along each axis.
     pub source_sigma_m: f32,
-    /// Where the line may be; its ends do not matter.
+    /// Prior of the line; its ends are ignored.
     pub line: Wall,
     /// Standard deviation of its angle.
     pub angle_sigma_rad: f32,
@@ -108,7 +108,7 @@ pub struct Unknown {
     config: Config,
 }
 
-/// What it knows.
+/// State of the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Bearing and inverse range of the image, bearing of the line's normal, its offset from the anchor.
@@ -120,14 +120,14 @@ pub struct State {
 }
 
 impl State {
-    /// Nothing is known.
+    /// Before it has begun.
     #[must_use]
     pub const fn new() -> Self {
         const ORIGIN: Horizontal = Horizontal { north: 0.0, east: 0.0 };
         Self { x: [0.0; 4], p: [[0.0; 4]; 4], place_ned_m: ORIGIN, anchor_ned_m: ORIGIN, started: false }
     }
 
-    /// What is known of the source, as of the last sighting; `None` before [`Unknown::begin`].
+    /// The estimate of the source, as of the last sighting; `None` before [`Unknown::begin`].
     #[must_use]
     pub fn estimate(&self) -> Option<Estimate> {
         if !self.started {
@@ -139,7 +139,7 @@ impl State {
         Some(kalman::seen(self.place_ned_m, source, covariance_m2, 1e-3))
     }
 
-    /// The image that is heard, as a source of its own.
+    /// The image, as a source of its own.
     #[must_use]
     pub fn image(&self) -> Option<Estimate> {
         if !self.started {
@@ -263,7 +263,7 @@ impl Unknown {
         Ok(())
     }
 
-    /// Takes in a sighting off the line.
+    /// Updates with a sighting off the line.
     ///
     /// # Errors
     /// [`Degenerate::NotBegun`] before [`Unknown::begin`], and again after [`Update::Overhead`].
@@ -283,7 +283,7 @@ impl Unknown {
         Ok(self.update(state, sighting.direction_ned.bearing_rad(), sigma_rad))
     }
 
-    /// Carries the state to where the vehicle is now; false when it is at the image.
+    /// Moves the state to the vehicle's present position; false when it is at the image.
     fn predict(&self, state: &mut State, place_ned_m: Horizontal, dt_s: f32) -> bool {
         let config = &self.config;
         let moved = place_ned_m.minus(state.place_ned_m);
@@ -330,7 +330,7 @@ impl Unknown {
         true
     }
 
-    /// Weighs a bearing, as [`polar`](foxhound_core::localize::source::polar) does.
+    /// Updates with a bearing, as [`polar`](foxhound_core::localize::source::polar) does.
     fn update(&self, state: &mut State, bearing_ned_rad: f32, sigma_rad: f32) -> Update {
         let config = &self.config;
         let r = sigma_rad * sigma_rad;

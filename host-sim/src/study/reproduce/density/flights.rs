@@ -234,7 +234,7 @@ impl Pictured {
     }
 }
 
-/// Who flew how.
+/// Which planner, with which model of motion.
 #[derive(Clone, Debug, Serialize)]
 pub struct Columns {
     /// The paper's baseline as published.

@@ -3,13 +3,13 @@
 //! ```text
 //!  DIR/index.html            what was published beside ours, tables and figures; opens from disk, asks no network
 //!  DIR/NAME/report.json      what `foxhound reproduce NAME --json` prints
-//!  DIR/NAME/table.txt        the same for people
+//!  DIR/NAME/table.txt        the same as text
 //!  DIR/NAME/*.svg            its figures
 //!  DIR/NAME/made.json        what it was made with, written last: a list of the files with their sizes and hashes
 //! ```
 //!
 //! An experiment whose list is there and true, and was made by this very program with these settings, is not run again. So
-//! a run that was ended goes on where it was, and a file that was cut or changed is made anew.
+//! a run that was ended goes on where it was, and a file that was cut or changed is made again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -36,7 +36,7 @@ struct Part {
     hash: String,
 }
 
-/// What an experiment was made with, and what it came to.
+/// What an experiment was made with, and its result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Made {
     program: String,

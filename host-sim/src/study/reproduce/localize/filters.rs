@@ -1,8 +1,8 @@
 //! How well filters localize: fig. 2 and 3 of the mmWave paper, and what it leaves out.
 //!
-//! The robot moves at random along both axes, up to the paper's control limit of 1 m, and hears the source with 0.05 rad at
-//! each of 200 places. The paper shows one run a figure and prints neither its map nor its covariances; here each row is
-//! many runs, on geometries drawn anew, sources 10-30 m away.
+//! The robot moves at random along both axes, up to the paper's control limit of 1 m, and measures the source's
+//! direction with 0.05 rad at each of 200 places. The paper shows one run a figure and prints neither its map nor its
+//! covariances; here each row is many runs, each on a new geometry, sources 10-30 m away.
 //!
 //! - `los_fig_2`: line of sight, 40 m initial error. The paper's filter begins with a guess that is 40 m off in any
 //!   direction, with a covariance that says so. Ours takes the direction from the first bearing; its range is 40 m off.
@@ -67,7 +67,7 @@ pub struct Report {
 pub struct Row {
     /// Its name.
     pub name: &'static str,
-    /// The same for people.
+    /// The same as text.
     pub label: &'static str,
     /// What the paper's filter, as printed, makes of it; `None` where it has none.
     pub paper: Option<Outcome>,
@@ -86,7 +86,7 @@ pub struct Outcome {
     pub p90_m: f64,
     /// Share of the runs that converged; of unknown walls only.
     pub converged: Option<f64>,
-    /// Runs that lost their way.
+    /// Runs whose filter diverged.
     pub lost: usize,
     /// Normalised innovations squared: one on average.
     pub nis: Normalised,
@@ -189,7 +189,7 @@ fn run_with(seed: u64, runs: usize) -> Result<Report, InputError> {
 }
 
 impl Report {
-    /// The rows for people.
+    /// The table as text.
     #[must_use]
     pub fn table(&self) -> String {
         let mut text =

@@ -1,12 +1,12 @@
-//! How well the range to the source is known after 6 m of a leg of 12 m: flown straight, and on the way that the belief-space
+//! How well the range to the source is known after 6 m of a leg of 12 m: flown straight, and on the path that the belief-space
 //! planner finds within a bound on the extra length.
 //!
 //! Bearings of 1.86 deg at 10 Hz and 1 m/s, so one every 0.1 m; the filter is the product's (`source::polar`) but for its
 //! prior, which is drawn: the inverse range that the first bearing is taken to mean has a mean of 1/12 m and a deviation of
 //! [`PRIOR_SIGMA_PER_M`], which the filter is given, and it accepts no range beyond 50 m. (A filter that begins at 12 m would be
-//! right by luck.) The vehicle keeps to its way exactly.
+//! right by luck.) The vehicle follows its path exactly.
 //!
-//! The planner is asked anew after every metre, with what the filter believes by then, and begins with the last way. Length is
+//! The planner runs again after every metre, with the filter's state by then, and starts from the last path. Length is
 //! what has been flown and what is left from there to the source in a straight line.
 
 use std::f64::consts::PI;
@@ -24,21 +24,21 @@ pub const LEG_M: f64 = 12.0;
 const FLOWN_M: f32 = 6.0;
 /// Noise of the bearings.
 pub const BEARING_SIGMA_RAD: f64 = 1.86 * PI / 180.0;
-/// Deviation of the inverse range before anything is heard.
+/// Deviation of the inverse range before the first bearing.
 pub const PRIOR_SIGMA_PER_M: f64 = 0.025;
 /// From bearing to bearing.
 const SPACING_M: f32 = 0.1;
 /// From plan to plan.
 const REPLAN_M: f32 = 1.0;
-/// Planned steps: of the whole way, and their length where it is straight.
+/// Planned steps: of the whole path, and their length where it is straight.
 const STEPS: usize = 20;
 const STRIDE_M: f32 = FLOWN_M / STEPS as f32;
 /// How much longer than the straight one the flown part may be; the rest of the tenth is for where it ends.
 const STRETCH: f32 = 0.07;
-/// Farthest range that is believed.
+/// Farthest range that the filter accepts.
 const RANGE_MAX_M: f32 = 50.0;
 
-/// One way of flying it, over all runs.
+/// One path, over all runs.
 #[derive(Clone, Debug, Serialize)]
 pub struct Way {
     /// `straight` or `planned`.
@@ -58,7 +58,7 @@ pub struct Way {
 /// The experiment's result.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Runs of each way.
+    /// Runs of each path.
     pub runs: u32,
     /// Straight ahead.
     pub straight: Way,
@@ -66,7 +66,7 @@ pub struct Report {
     pub planned: Way,
 }
 
-/// How the planner is asked; `stretch` is how much longer than the straight one the flown part may be.
+/// The planner's settings; `stretch` is how much longer than the straight one the flown part may be.
 fn planner(stretch: f32) -> Option<Planner> {
     // Several bearings a step tell as much as a better one.
     let per_step = STRIDE_M / SPACING_M;
@@ -89,7 +89,7 @@ struct Run {
     bearings: u32,
 }
 
-/// A way to be flown, point by point.
+/// A path to be flown, point by point.
 struct Route {
     points: Vec<Core>,
 }
@@ -201,7 +201,7 @@ fn way(name: &'static str, planner: Option<&Planner>, seed: u64, runs: u32) -> W
     }
 }
 
-/// Flies both ways `runs` times each.
+/// Flies both paths `runs` times each.
 #[must_use]
 pub fn run(seed: u64, runs: u32) -> Report {
     let planned = planner(STRETCH);
@@ -209,7 +209,7 @@ pub fn run(seed: u64, runs: u32) -> Report {
 }
 
 impl Report {
-    /// The rows for people.
+    /// The table as text.
     #[must_use]
     pub fn table(&self) -> String {
         let mut out = format!(

@@ -1,7 +1,7 @@
 //! Paths on which bearings tell more: the mmWave paper's path planning among three obstacles (its section V-B, fig. 4 and
 //! Table 2).
 //!
-//! From (0, 0) to (100, 0) m, x east and y north, in 100 steps, past three obstacles; the source at (0, 110) m, heard
+//! From (0, 0) to (100, 0) m, x east and y north, in 100 steps, past three obstacles; the source at (0, 110) m, measured
 //! directly or by way of the line y = 100 m. Printed: `Q = 50`, `R = 0.01`, `T = 50` or 0, `u_max = 1 m` along each axis,
 //! `P = 0.1 I`, and the noise of the bearings, 0.05 rad, for the filters. Not printed, and ours: the process noise, a
 //! variance of [`PROCESS_NOISE_M2`] a step on the vehicle's place, the obstacles, and `n_std = 1`.
@@ -11,7 +11,7 @@
 //! there with 1 m and with [`FREE_STEP_M`].
 //!
 //! `Xi` is the sum over the steps of the trace of the position's covariance; two rows of 0.1 make the printed 20 before
-//! anything is heard.
+//! the first measurement.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -53,7 +53,7 @@ pub struct Report {
     pub process_noise_m2: f32,
     /// Noise of the bearings.
     pub bearing_sigma_rad: f32,
-    /// `Xi` if nothing were heard and nothing added.
+    /// `Xi` without any measurement and without added noise.
     pub xi_initial_m2: f64,
     /// One case with one weight each.
     pub rows: Vec<Row>,
@@ -221,7 +221,7 @@ impl Report {
         Some(xi(0.0)? / xi(50.0)?)
     }
 
-    /// The rows for people.
+    /// The table as text.
     #[must_use]
     pub fn table(&self) -> String {
         let mut out = format!(
@@ -389,7 +389,7 @@ mod tests {
         }
         assert!(report.ratio("line_of_sight", FREE_STEP_M).unwrap() >= 2.3, "{}", report.table());
         assert!(report.ratio("reflected", FREE_STEP_M).unwrap() > 1.0, "{}", report.table());
-        // What a hundred steps of 1 m leave room for.
+        // What a hundred steps of 1 m allow.
         let printed = report.ratio("line_of_sight", PRINTED_STEP_M).unwrap();
         assert!(printed > 1.0 && printed < 1.5, "{}", report.table());
     }

@@ -1,4 +1,4 @@
-//! Who looks for the transmitter: goals for the navigation that all agents share.
+//! The agents that search for the transmitter: each gives goals to the navigation that all share.
 
 use foxhound_core::ConfigError;
 use foxhound_core::localize::source::Sighting;
@@ -147,7 +147,7 @@ impl Agent {
         Some(target)
     }
 
-    /// There is no way to where it wanted to go.
+    /// There is no path to its goal.
     pub(super) fn blocked(&mut self) {
         self.explorer.blocked();
     }
@@ -158,13 +158,13 @@ struct Seeker {
     /// Whether higher orders are followed from point of reflection to point of reflection.
     climbs: bool,
     bank: FilterBank,
-    /// What is heard directly, by one reflection, and by more.
+    /// What is received directly, by one reflection, and by more.
     ears: [Ear; 3],
     extractor: Extractor,
     workspace: Box<walls::Workspace>,
     walls: Walls,
     sigma_rad: f64,
-    /// Where to, and the order of the link when that was said.
+    /// The goal, and the order of the link when it was set.
     goal: Option<(Horizontal, usize)>,
     heard: Option<Answer>,
     link: Link,
@@ -177,11 +177,11 @@ const SIGMA_MIN_RAD: f64 = 0.03;
 const REACHED_M: f64 = 0.6;
 /// Farthest that a goal is from the point of reflection.
 const OFF_LINE_M: f64 = 2.5;
-/// While the bearing is known no better than this, it stays to hear more,
+/// While the bearing is known no better than this, it stays to measure more,
 const LISTEN_RAD: f64 = 0.14;
 /// but not for more cycles.
 const LISTEN_CYCLES: u32 = 8;
-/// Sightings in a row that no filter explains, before all begin anew.
+/// Sightings in a row that no filter explains, before all start again.
 const UNEXPLAINED_MAX: u32 = 2;
 /// How far ahead to go where no line is known.
 const LOOK_M: f64 = 5.0;
@@ -211,7 +211,7 @@ impl Seeker {
         })
     }
 
-    /// How many reflections there are in what is heard, if that is of use.
+    /// How many reflections there are in what is received, if that is of use.
     fn order(&self, link: Link) -> Option<usize> {
         match link {
             Link::LineOfSight => Some(0),
@@ -221,12 +221,12 @@ impl Seeker {
         }
     }
 
-    /// Whether to heed what is heard now: not, on the way to where the link was of a lower order.
+    /// Whether to use what is received now: not on the path to where the link was of a lower order.
     fn heeds(&self, order: usize) -> bool {
         self.goal.is_none_or(|(_, of)| order <= of)
     }
 
-    /// Takes in what is seen and heard; whether to stay and listen on.
+    /// Takes in what is seen and received; whether to stay and go on measuring.
     fn listens(&mut self, view: &View<'_>) -> bool {
         let points: Vec<_> = view.scan.iter().step_by(2).map(|point| point.to_core()).collect();
         for line in self.extractor.find(&mut self.workspace, &points) {
@@ -234,7 +234,7 @@ impl Seeker {
         }
         if view.link != self.link {
             (self.link, self.listened) = (view.link, 0);
-            // The transmitter stays where it is, but the image that is heard next may be another one.
+            // The transmitter stays where it is, but the image that is received next may be another one.
             self.ears[1] = Ear::new();
             self.ears[2] = Ear::new();
         }
@@ -278,7 +278,7 @@ fn image_of(answer: &Answer) -> Horizontal {
     })
 }
 
-/// A bank of filters, begun anew when it explains nothing any more.
+/// A bank of filters, started again when it explains nothing any more.
 struct Ear {
     state: bank::State,
     unexplained: u32,
@@ -337,7 +337,7 @@ fn in_sight(view: &View<'_>, answer: &Answer) -> Horizontal {
     view.place.along(best.0, best.1.max(0.5))
 }
 
-/// From the point of reflection the source is in sight, and all along the way from there to the source.
+/// From the point of reflection the source is in sight, and all along the path from there to the source.
 fn around_the_corner(view: &View<'_>, answer: &Answer, lines: &[Wall]) -> Horizontal {
     let direction = Horizontal::from_bearing(image_of(answer).minus(view.place).bearing_rad());
     let ahead = |range_m: f64, from: Horizontal, direction: Horizontal| {

@@ -58,7 +58,7 @@ impl Bend {
         })
     }
 
-    /// Where to go next on the way to a goal.
+    /// Where to go next on the path to a goal.
     pub(super) fn towards(&mut self, view: &View<'_>, goal: Horizontal, answer: &Answer) -> Horizontal {
         self.age += 1;
         if self.age >= PERIOD || self.path.is_empty() {

@@ -33,7 +33,7 @@ impl Explorer {
         Ok(Self { explorer: config.build()?, state: explore::State::new() })
     }
 
-    /// There is no way to the target.
+    /// There is no path to the target.
     pub(super) fn blocked(&mut self) {
         self.state.blocked();
     }

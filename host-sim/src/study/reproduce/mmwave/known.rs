@@ -1,4 +1,4 @@
-//! What is known of a plan: a grid that a range sensor fills in, its points, and the shortest way by it.
+//! What is known of a plan: a grid that a range sensor fills in, its points, and the shortest path on it.
 //!
 //! Unknown ground counts as free. The same for all agents.
 

@@ -1,9 +1,9 @@
-//! `mmwave`: agents that look for a transmitter indoors by its angle of arrival, after K. Pfeiffer et al., "Path Planning
+//! `mmwave`: agents that search for a transmitter indoors by its angle of arrival, after K. Pfeiffer et al., "Path Planning
 //! Under Uncertainty to Localize mmWave Sources" (the paper here), sections IV and V, table 3 and fig. 6.
 //!
 //! The paper's maps and ray tracings are not at hand: `plan` draws flats of rooms, corridors, doors and furniture,
 //! `radio` traces the strongest path. A robot of which only the place counts (`trial`) discovers the walls with a range
-//! sensor and goes by A* on what it knows (`known`); where nothing of use is heard, it explores (`explore`). All of that
+//! sensor and goes by A* on what it knows (`known`); where nothing of use is received, it explores (`explore`). All of that
 //! is the same for all agents (`agent`), which differ in where they want to go:
 //!
 //! - one knows the transmitter, for reference;
@@ -48,7 +48,7 @@ const NOISES: [Noise; 3] = [
     Noise { sigma_rad: 0.35, link_error_rate: 0.1 },
 ];
 
-/// How many searches an experiment of so many scenarios is.
+/// How many searches an experiment with that many scenarios has.
 #[must_use]
 pub fn searches(scenarios: u32) -> u64 {
     (NOISES.len() * Kind::ALL.len()) as u64 * u64::from(scenarios)

@@ -1,4 +1,4 @@
-//! What is heard of the transmitter: the strongest path's angle of arrival and how often it was reflected.
+//! What is received of the transmitter: the strongest path's angle of arrival and how often it was reflected.
 
 use serde::Serialize;
 
@@ -6,9 +6,9 @@ use crate::world::Horizontal;
 use crate::world::random::Random;
 use crate::world::rays::{self, Wall};
 
-/// Weaker than this, over the free wave at one metre, nothing is heard: two reflections reach 25 m, one 63 m.
+/// Weaker than this, over the free wave at one metre, nothing is received: two reflections reach 25 m, one 63 m.
 pub(super) const FLOOR_DB: f64 = -44.0;
-/// Reflections that are traced. Three would lose 24 dB and be heard within 10 m of way only.
+/// Reflections that are traced. Three would lose 24 dB and be received within a path of 10 m only.
 pub(super) const ORDER_MAX: usize = 2;
 
 /// The state of the link, of the strongest path.
@@ -40,22 +40,22 @@ impl Link {
     }
 }
 
-/// What is heard.
+/// The measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reception {
-    /// By what way.
+    /// By what path.
     pub(super) link: Link,
-    /// From where, from north, clockwise; of no meaning when nothing is heard.
+    /// From where, from north, clockwise; of no meaning when nothing is received.
     pub(super) bearing_rad: f64,
 }
 
-/// What a listener hears.
+/// What a receiver measures.
 pub(super) fn hear(walls: &[Wall], source: Horizontal, listener: Horizontal) -> Reception {
     let strongest = |order_max| {
         let found = rays::paths(walls, source, listener, order_max, -FLOOR_DB).into_iter().next();
         found.filter(|path| path.gain_db() >= FLOOR_DB)
     };
-    // Nothing is shorter than the direct way, or loses less.
+    // Nothing is shorter than the direct path, or loses less.
     match strongest(0).or_else(|| strongest(ORDER_MAX)) {
         None => Reception { link: Link::None, bearing_rad: 0.0 },
         Some(path) => {

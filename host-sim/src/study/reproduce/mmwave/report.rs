@@ -75,7 +75,7 @@ pub struct Rules {
     pub period_cycles: u32,
     /// How far ahead the baseline's target is.
     pub offset_m: f64,
-    /// Range of the sensor, which looks all around.
+    /// Range of the sensor, which sees all around.
     pub sensor_range_m: f64,
     /// The transmitter is found within this distance, in sight.
     pub found_m: f64,
@@ -402,8 +402,8 @@ fn number(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
 }
 
-/// The scenario behind a reflection on which all find the transmitter, and the baseline goes farthest out of its way of
-/// those where it needs no more than four times the way.
+/// The scenario behind a reflection on which all find the transmitter, and the baseline's path is the longest of
+/// those where it needs no more than four times the shortest path.
 fn pictured(plans: &[Plan], scenarios: &[Scenario], at: &Searched) -> Option<Pictured> {
     let [reference, baseline, ours] = [Kind::Reference, Kind::Follow, Kind::Estimate].map(index_of);
     let detour = |k: &usize| at.trials[baseline][*k].length_m / at.trials[reference][*k].length_m.max(1.0);

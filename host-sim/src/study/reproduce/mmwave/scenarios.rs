@@ -14,7 +14,7 @@ pub(super) const PLANS: u32 = 10;
 const STARTS: usize = 2;
 /// Nearest that a start is to its transmitter.
 pub(super) const DISTANCE_MIN_M: f64 = 8.0;
-/// Room around a transmitter and a start.
+/// Free space around a transmitter and a start.
 const ROOM_M: f64 = 0.5;
 /// Starts that are tried with one transmitter.
 const TRIES: usize = 40;
@@ -41,7 +41,7 @@ fn seed_of(seed: u64, plan: usize) -> u64 {
     seed.wrapping_mul(1000).wrapping_add(plan as u64)
 }
 
-/// Draws so many scenarios, as many of each class and on each plan as it goes, all with a way to the transmitter.
+/// Draws so many scenarios, as many of each class and on each plan as it goes, all with a path to the transmitter.
 pub(super) fn scenarios(plans: &[Plan], seed: u64, count: usize) -> Vec<Scenario> {
     let of_plan = |plan: usize| {
         let quota = |class: usize| {

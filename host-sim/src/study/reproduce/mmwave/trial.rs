@@ -15,7 +15,7 @@ use crate::world::random::Random;
 pub(super) const CYCLES_MAX: u32 = 500;
 /// The transmitter is found within this distance, in sight.
 pub(super) const FOUND_M: f64 = 1.0;
-/// A way is planned anew when the goal has moved by this much.
+/// A path is planned again when the goal has moved by this much.
 const GOAL_MOVED_M: f64 = 0.3;
 /// The robot's hull keeps this from walls that it has not seen.
 const HULL_M: f64 = 0.1;
@@ -57,14 +57,14 @@ pub(super) struct Trial {
     pub(super) points: Vec<Horizontal>,
 }
 
-/// Follows ways on what is known.
+/// Follows paths on the known map.
 struct Navigator {
     way: Vec<Horizontal>,
     goal: Option<Horizontal>,
 }
 
 impl Navigator {
-    /// The next place; `None` when there is no way.
+    /// The next place; `None` when there is no path.
     fn step(&mut self, known: &Known, place: Horizontal, goal: Horizontal) -> Option<Horizontal> {
         let moved = self.goal.is_none_or(|old| old.minus(goal).norm() > GOAL_MOVED_M);
         if moved || self.next(known, place).is_none() {
@@ -79,7 +79,7 @@ impl Navigator {
         if length_m <= STEP_M { Some(next) } else { Some(place.along(leg, STEP_M / length_m)) }
     }
 
-    /// The farthest point of the way that can be gone to straight; the ones before are dropped.
+    /// The farthest point of the path that can be reached in a straight line; the ones before are dropped.
     fn next(&mut self, known: &Known, place: Horizontal) -> Option<Horizontal> {
         while self.way.first().is_some_and(|first| first.minus(place).norm() < 1e-6) {
             self.way.remove(0);

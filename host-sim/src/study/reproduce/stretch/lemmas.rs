@@ -64,7 +64,7 @@ pub struct Row {
     pub filtered_stretch: Stretch,
 }
 
-/// What a walk came to.
+/// The result of a walk.
 struct Returns {
     all: bool,
     longest_steps: u32,

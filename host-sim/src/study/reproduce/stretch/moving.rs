@@ -54,7 +54,7 @@ const COURSES: [Course; 2] = [
 ];
 
 impl Course {
-    /// Where the source is after so many steps.
+    /// Where the source is after `steps` steps.
     fn at(&self, steps: u32) -> Horizontal {
         let mut left = steps;
         let mut here = Horizontal::from_xy(self.corners_m[0]);

@@ -1,4 +1,4 @@
-//! The paper's model of a vehicle that flies along what it hears (eq. 2-3), and the rules that may say along what.
+//! The paper's model of a vehicle that flies along a measured direction (eq. 2-3), and the rules that choose it.
 
 use std::f64::consts::{PI, TAU};
 
@@ -26,7 +26,7 @@ pub(super) enum Outliers {
     Away,
 }
 
-/// What is heard.
+/// The measurement.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Model {
     pub(super) outlier_rate: f64,
@@ -35,7 +35,7 @@ pub(super) struct Model {
 }
 
 impl Model {
-    /// A direction as it is heard (eq. 2). The same numbers are drawn whatever comes of them.
+    /// A measured direction (eq. 2). The same numbers are drawn whatever comes of them.
     pub(super) fn heard_rad(&self, source_rad: f64, random: &mut Random) -> f64 {
         let (coin, noise, anywhere) = (random.uniform(), random.gaussian(), random.uniform());
         let outlier_rad = match self.outliers {
@@ -49,7 +49,7 @@ impl Model {
 /// Who says where to fly.
 #[derive(Clone, Debug)]
 pub(super) enum Rule {
-    /// The paper: along the last direction heard.
+    /// The paper: along the last measured direction.
     Greedy,
     /// The direction filter: neither position nor range.
     Direction(direction::Filter, Box<direction::State>),
@@ -91,7 +91,7 @@ impl Rule {
     }
 }
 
-/// A vehicle on its way.
+/// A vehicle in flight.
 pub(super) struct Walk {
     pub(super) place: Horizontal,
     pub(super) steps: u32,
@@ -105,7 +105,7 @@ impl Walk {
         Self { place: start, steps: 0, rule: rule.clone(), model, random }
     }
 
-    /// Hears the source and takes a step (eq. 3); the distance to it then.
+    /// Measures the direction and takes a step (eq. 3); returns the distance to the source then.
     pub(super) fn step(&mut self, source: Horizontal) -> f64 {
         let heard_rad = self.model.heard_rad(source.minus(self.place).bearing_rad(), &mut self.random);
         let course_rad = self.rule.course_rad(self.steps, self.place, heard_rad, self.model.sigma_rad);

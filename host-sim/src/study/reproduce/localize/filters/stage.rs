@@ -189,7 +189,7 @@ impl Stage {
             let walls = vec![first, Wall::new(turned, uniform(&mut self.random, 6.0, 12.0))];
             let source = draw_before(&walls, &mut self.random);
             let Some(course) = Course::random(walls, source, &mut self.random) else { continue };
-            // Only robots that the ray takes this way to.
+            // Only robots that the ray reaches by this reflection.
             let lines = [0, 1].map(|k| course.walls[k].to_core());
             let reached = |k: usize| {
                 let ends = [source, course.robot[k]].map(Horizontal::to_core);
@@ -311,7 +311,7 @@ impl Gathered {
     }
 }
 
-/// Gives a filter what is heard, and gathers how it fares; its NEES too, when it began with a place.
+/// Gives a filter the measurements, and gathers its errors; its NEES too, when it began with a place.
 fn follow(
     gathered: &mut Gathered,
     course: &Course,

@@ -126,7 +126,7 @@ impl Course {
         self.walls.iter().rev().fold(self.robot[k], |robot, wall| wall.mirror(robot))
     }
 
-    /// What is heard.
+    /// The measurement.
     pub(super) fn hear(&self, random: &mut Random) -> Vec<Sighting> {
         let sighting = |k: usize| {
             let bearing = self.image(k).minus(self.robot[k]).bearing_rad() + SIGMA_RAD * random.gaussian();
@@ -164,7 +164,7 @@ pub(super) struct Gathered {
 }
 
 impl Gathered {
-    /// Takes in what came of a sighting; false when the filter has lost its way.
+    /// Records the outcome of a sighting; false when the filter has diverged.
     pub(super) fn heard<E>(&mut self, heard: Result<Update, E>) -> bool {
         match heard {
             Ok(Update::Fused { nis, .. }) => self.nis.add(nis, 1),

@@ -1,4 +1,4 @@
-//! The speaking half: setpoints, heartbeats, requests, and what is told about the search.
+//! The sending half: setpoints, heartbeats, requests, and telemetry about the search.
 
 use foxhound_core::base::ned::Ned;
 use foxhound_core::base::obstacle::Circle;
@@ -24,11 +24,11 @@ use crate::landing;
 use crate::params::Reply;
 use crate::surroundings;
 
-/// With more damaged frames than this the ground is warned.
+/// With more damaged frames than this the ground station is warned.
 const NOISE_WARN_PERCENT: u32 = 5;
-/// Warnings that may wait.
+/// Warnings that may queue.
 const WARNINGS: usize = 4;
-/// One value of the list in turn: each of the fifteen every 0.6 s.
+/// One value of the list at a time: each of the fifteen every 0.6 s.
 const TELEMETRY_PERIOD_US: u32 = 40_000;
 static VALUES: [[u8; 10]; 15] = [
     *b"FH_BRG\0\0\0\0",
@@ -47,26 +47,26 @@ static VALUES: [[u8; 10]; 15] = [
     *b"FH_OB0\0\0\0\0",
     *b"FH_OB1\0\0\0\0",
 ];
-/// In the place of the last, where obstacles are taken from a lidar of our own.
+/// Takes the place of the last value where obstacles come from a lidar of our own.
 const LIDAR_VALUE: [u8; 10] = *b"FH_LDR\0\0\0\0";
 /// Bytes of a `STATUSTEXT`.
 pub const NOTICE_BYTES: usize = 50;
-/// What holds for less is not told.
+/// A state that lasts for less is not reported.
 const SETTLED_S: f32 = 0.5;
 const TEXT_PERIOD_US: u64 = 1_000_000;
 const LANDING_PERIOD_US: u32 = 100_000;
 const SURROUNDINGS_PERIOD_US: u64 = 200_000;
 /// A bearing older than this is not reported any more.
 const BEARING_AGE_MAX_S: f32 = 0.5;
-/// So vague a range is no landing target.
+/// A range less certain than this is not sent as a landing target.
 const LANDING_SIGMA_MAX: f32 = 0.5;
-/// An outcome that lasts so long is told again, in plain words.
+/// An outcome that lasts this long is reported again, with advice for the pilot.
 const NO_SIGNAL_LONG_S: f32 = 30.0;
 const STALE_OBSTACLES_LONG_S: f32 = 15.0;
-/// The yaw that is commanded runs at most so far ahead of the vehicle's.
+/// The commanded yaw may lead the vehicle's by this much.
 const YAW_AHEAD_MAX_RAD: f32 = 0.5;
 
-/// What was told, and when.
+/// What was reported, and when.
 #[derive(Clone, Debug)]
 pub(super) struct Telemetry {
     due: Instant,
@@ -76,9 +76,9 @@ pub(super) struct Telemetry {
     outcome: Option<(Outcome, Instant)>,
     stale: Option<Stale>,
     lasting_told: bool,
-    /// What somebody else wants told, once there is somebody to hear it.
+    /// A text from the application, sent once there is an autopilot.
     notice: Option<String<NOTICE_BYTES>>,
-    /// What holds now, and since when.
+    /// The current cause, and since when.
     cause: (Cause, Instant),
     /// What was announced last.
     announced: Option<&'static str>,
@@ -126,7 +126,7 @@ impl Telemetry {
         }
     }
 
-    /// Something happened that is to be told once. Where there is no room, those that wait say enough.
+    /// Something happened that is to be reported once. It is dropped if the queue is full of others.
     #[inline(never)]
     pub(super) fn warn(&mut self, text: &'static str) {
         if self.warnings.iter().all(|waiting| *waiting != text) {
@@ -149,7 +149,7 @@ impl Companion {
             && libm::fabsf(setpoint.yaw_rate_radps) <= self.config.yaw_rate_max_radps
     }
 
-    /// Posts the setpoint that is due, or takes back the one that must not leave any more.
+    /// Queues the setpoint that is due, or withdraws the one that must not be sent any more.
     #[inline(never)]
     pub(super) fn stream(&mut self, autopilot: &Autopilot, cause: Cause) {
         let now = self.now;
@@ -201,7 +201,7 @@ impl Companion {
         }
     }
 
-    /// The yaw to command: it moves on at the rate that is asked for, and waits for the vehicle.
+    /// The yaw to command: it moves on at the commanded rate, and waits for the vehicle.
     fn yaw_ahead_rad(&mut self, yaw_rate_radps: f32) -> f32 {
         let actual_rad = self.attitude.map_or(0.0, |attitude| attitude.yaw_rad);
         let last_rad = self.yaw_rad.unwrap_or(actual_rad);
@@ -270,7 +270,7 @@ impl Companion {
 
 /// Telemetry.
 impl Companion {
-    /// Parameters wait for everything else.
+    /// Parameters are sent when nothing else waits.
     #[inline(never)]
     pub(super) fn tell_parameters(&mut self) {
         let now = self.now;
@@ -285,7 +285,7 @@ impl Companion {
         }
     }
 
-    /// One value of the list, when its turn has come and there is something to tell, and what has a period of its own.
+    /// Sends the next value of the list when it is due and available, and the messages that have a period of their own.
     #[inline(never)]
     pub(super) fn report(&mut self, output: &guidance::Output) {
         let now = self.now;
@@ -339,7 +339,7 @@ impl Companion {
         }
     }
 
-    /// How far the source is believed to be.
+    /// Estimated range of the source.
     fn range_m(&self, output: &guidance::Output) -> Option<f32> {
         let here = self.ownship()?.position_ned_m.horizontal();
         output.source.map(|source| source.place_ned_m.minus(here).norm())
@@ -357,7 +357,7 @@ impl Companion {
         self.outbox.post_landing(message.as_ref());
     }
 
-    /// The pad where it is seen; else the source, where it is heard now and its range is known.
+    /// The pad where it is seen; else the source, while its signal is received and its range is known.
     fn landing_target(&self, output: &guidance::Output) -> Option<landing::Target> {
         let ownship = self.ownship()?;
         if let Some(pad) = output.landing.and_then(|landing| landing.target).filter(|target| target.is_pad) {
@@ -374,7 +374,7 @@ impl Companion {
         }
         let (sin_elevation, cos_elevation) = sin_cos(libm::fabsf(bearing.elevation_rad));
         let (sin_azimuth, cos_azimuth) = sin_cos(bearing.azimuth_rad);
-        // Steeper than 84 degrees the height says more than the range does; nobody needs it here.
+        // Beyond 84 degrees the height is more accurate than the range; nobody needs it here.
         let distance_m = range_m / if cos_elevation > 0.1 { cos_elevation } else { 0.1 };
         let ahead = [cos_azimuth * cos_elevation, sin_azimuth * cos_elevation, sin_elevation];
         let place = Ned {
@@ -400,8 +400,8 @@ impl Companion {
         self.outbox.post_surroundings(&surroundings::message(now.0, ownship, circles));
     }
 
-    /// A text when what we do changes, or something happened; at most one a second, and neither a change that did not last nor
-    /// what a change begins with, such as the wait for the first plan, is told.
+    /// Sends a text when our state changes or something happened, at most one a second. A change that did not last is
+    /// not reported, nor how a change begins, such as the wait for the first plan.
     #[inline(never)]
     pub(super) fn announce(&mut self, cause: Cause) {
         let now = self.now;
@@ -430,7 +430,7 @@ impl Companion {
         let text = cause.text().or(outcome.map(|(outcome, _)| text(outcome, stale)));
         let is_settled = is_over(now, self.telemetry.cause.1, SETTLED_S);
         let is_quiet = self.autopilot.is_none() || cause == Cause::Paused && self.paused_aboard || !is_settled;
-        // In turns, so that neither hides the other.
+        // In turns, so that neither suppresses the other.
         let text = text.filter(|text| !is_quiet && self.telemetry.announced != Some(*text));
         let warns_first = text.is_none() || !self.telemetry.warned_last;
         let warning = if warns_first { self.telemetry.warnings.pop_front() } else { None };
@@ -459,28 +459,28 @@ impl Companion {
         });
     }
 
-    /// What is to be told in words once an autopilot is there; a newer notice replaces one that waits.
+    /// Queues a text, to be sent once there is an autopilot; a newer one replaces one that waits.
     pub fn notify(&mut self, text: String<NOTICE_BYTES>) {
         self.telemetry.notice = Some(text);
     }
 
-    /// The same of a text, where it fits.
+    /// The same for a `&str`; false where it is too long.
     pub fn notify_text(&mut self, text: &str) -> bool {
         String::try_from(text).map(|text| self.notify(text)).is_ok()
     }
 
-    /// Whether a notice waits.
+    /// Whether such a text waits.
     #[must_use]
     pub const fn has_notice(&self) -> bool {
         self.telemetry.notice.is_some()
     }
 
-    /// How long the steps of guidance take, for telemetry.
+    /// Sets how long the steps of guidance take, for telemetry.
     pub const fn note_pace(&mut self, pace: Pace) {
         self.pace = Some(pace);
     }
 
-    /// What is to be said of an outcome that has lasted.
+    /// The text for an outcome that has lasted.
     #[inline(never)]
     fn lasting(&self, cause: Cause) -> Option<&'static str> {
         let now = self.now;

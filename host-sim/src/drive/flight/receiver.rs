@@ -1,4 +1,4 @@
-//! What the direction finding of a flight receives: bearings with noise, or the antennas' waveforms.
+//! The input of the direction finding in a flight: bearings with noise, or the antennas' waveforms.
 
 use foxhound_core::base::time::Instant;
 use foxhound_core::doa::bearing::{self, Flags};
@@ -11,14 +11,14 @@ use crate::world::antennas::{Antennas, Fault, Interferer, Pattern, Reflection};
 use crate::world::random::Random;
 use crate::world::{Horizontal, Pose, World, horizontal, rays, wrap_pi};
 
-/// What the direction finding receives.
-pub(super) struct Ears<'a> {
+/// The simulated receiver of a flight.
+pub(super) struct Receiver<'a> {
     mission: &'a Mission,
     antennas: Antennas,
     random: Random,
 }
 
-/// What it received in one step.
+/// The reception of one step.
 pub(super) enum Reception {
     Frame(Box<foxhound_core::base::adc::AdcFrame<BLOCK>>),
     Bearing(bearing::Bearing),
@@ -35,7 +35,7 @@ impl Reception {
     }
 }
 
-impl<'a> Ears<'a> {
+impl<'a> Receiver<'a> {
     pub(super) fn new(mission: &'a Mission) -> Self {
         let snr_db = mission.scenario.bearing.snr_db.unwrap_or(DEFAULT_SNR_DB);
         let pattern = mission.scenario.antenna.map(|antenna| Pattern {
@@ -48,7 +48,7 @@ impl<'a> Ears<'a> {
         Self { mission, antennas, random: Random::new(mission.seed, 1) }
     }
 
-    pub(super) fn hear(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
+    pub(super) fn receive(&mut self, world: &World, vehicle: &Pose, now: Instant, time_s: f64) -> Reception {
         let scenario = &self.mission.scenario;
         let settings = &scenario.bearing;
         let from = horizontal(vehicle);
@@ -75,7 +75,7 @@ impl<'a> Ears<'a> {
             if is_dead { Fault::Dead } else { Fault::None }
         });
         match scenario.bearing_model() {
-            _ if !world.walls.is_empty() => self.hear_among_walls(world, vehicle, now, time_s, is_silent),
+            _ if !world.walls.is_empty() => self.receive_among_walls(world, vehicle, now, time_s, is_silent),
             BearingModel::Noise if is_silent => Reception::Nothing,
             BearingModel::Noise => {
                 let sigma_rad = settings.sigma_deg.to_radians();
@@ -92,10 +92,10 @@ impl<'a> Ears<'a> {
     }
 }
 
-impl Ears<'_> {
-    /// By all the ways that a wave finds among walls. The receiver's gain follows the strongest one; the scenario's
-    /// signal-to-noise ratio holds at [`REFERENCE_M`].
-    fn hear_among_walls(
+impl Receiver<'_> {
+    /// By all the paths of a wave among walls. The receiver's gain follows the strongest one; the scenario's
+    /// signal-to-noise ratio is that at [`REFERENCE_M`].
+    fn receive_among_walls(
         &mut self,
         world: &World,
         vehicle: &Pose,
@@ -136,18 +136,18 @@ impl Ears<'_> {
     }
 }
 
-/// Reflections that are followed.
+/// Largest number of reflections of a path.
 const REFLECTIONS_MAX: usize = 3;
-/// Paths that lose more than this are not heard.
+/// Paths with a larger loss are ignored.
 const LOSS_MAX_DB: f64 = 60.0;
-/// The distance at which a scenario with walls has its signal-to-noise ratio.
+/// The distance to which the signal-to-noise ratio of a scenario with walls refers.
 const REFERENCE_M: f64 = 10.0;
-/// The best that the receiver gets, however near.
+/// Largest signal-to-noise ratio, however near.
 const SNR_MAX_DB: f64 = 40.0;
-/// Below this the noise model hears nothing.
+/// Below this the noise model receives nothing.
 const SNR_MIN_DB: f64 = -5.0;
 
-/// Signal-to-noise ratio of waveforms when the scenario names none.
+/// Signal-to-noise ratio of waveforms if the scenario does not give one.
 const DEFAULT_SNR_DB: f64 = 20.0;
 
 fn bearing_of(time: Instant, azimuth_rad: f64, sigma_rad: f64) -> bearing::Bearing {

@@ -1,4 +1,4 @@
-//! The listening half: what each message changes.
+//! The receiving half: what each message changes.
 
 use foxhound_core::base::ned::Horizontal;
 use foxhound_core::base::time::Instant;
@@ -12,7 +12,7 @@ use crate::advice::Advice;
 use crate::autopilot::{Attitude, Autopilot, Position, Software};
 use crate::beams::Beams;
 use crate::clock::{PeerClock, is_over, nanos};
-use crate::continuity::{Continuity, Turn, Way};
+use crate::continuity::{Continuity, Displacement, Turn};
 use crate::dialect::{
     self as d, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavLandedState, MavResult, OBSTACLE_DISTANCE_DATA,
     SETUP_SIGNING_DATA, TIMESYNC_DATA,
@@ -24,21 +24,21 @@ use crate::requests::{WISHES, Wish};
 use crate::signing::{Setup, set_up};
 use crate::sources::Source;
 
-/// Our link to the autopilot, among those that sign with one key.
+/// Our link to the autopilot, among the links that sign with one key.
 const LINK_ID: u8 = 0;
 
-/// From a point of a wide beam to the next.
+/// From one point of a wide beam to the next.
 const ARC_STEP_RAD: f32 = 0.0873;
 /// North-aligned obstacles need a yaw at most this old.
 const YAW_AGE_MAX_S: f32 = 0.5;
-/// After a jump of this the vehicle holds, or after jumps that add up to it, forgotten with a time constant.
+/// After a jump of this the vehicle holds; also after smaller jumps that add up to it, forgotten with a time constant.
 const JUMP_MIN_M: f32 = 0.4;
 const JUMPS_S: f32 = 1.0;
-/// A yaw rate may rise by this between two words of it.
+/// A yaw rate may change by this between two messages.
 const YAW_RATE_MARGIN_RADPS: f32 = 2.0;
-/// Messages of one autopilot may overtake each other by less than this; more is a restart.
+/// Messages of one autopilot may overtake each other by less than this; a larger step back is a restart.
 const BOOT_CLOCK_SLACK_MS: u32 = 1_000;
-/// It passes its end, and has not restarted, if no more than this was missed.
+/// The clock has wrapped, and the autopilot has not restarted, if no more than this was missed.
 const BOOT_CLOCK_GAP_MAX_MS: u32 = 60_000;
 
 impl Companion {
@@ -53,7 +53,7 @@ impl Companion {
         if is_autopilot {
             self.requests.heard(content.message_id());
         }
-        // Most are not, and whether we seek takes some looking.
+        // Most messages are not, and whether we seek takes some work to find out.
         if Params::may_hear(content.message_id()) {
             let is_seeking = self.control(self.now) == Control::Granted;
             if self.params.hear(us, header, content, is_seeking) {
@@ -61,7 +61,7 @@ impl Companion {
             }
         }
         // Any component of our system may see obstacles.
-        // An autopilot that is told of obstacles by us tells us of them.
+        // An autopilot to which we report obstacles may report them back to us.
         let is_aboard = header.system_id == us.0 && !(is_autopilot && self.config.surroundings);
         match content.message_id() {
             d::HEARTBEAT_DATA::ID => self.on_heartbeat(header, content),
@@ -90,7 +90,7 @@ impl Companion {
         }
     }
 
-    /// A key: taken on a local link while the vehicle is disarmed, and nowhere else.
+    /// A key: accepted on a local link while the vehicle is disarmed, and nowhere else.
     #[inline(never)]
     fn on_key(&mut self, content: &Content) {
         let now = self.now;
@@ -158,7 +158,8 @@ impl Companion {
         }
     }
 
-    /// What we want to hear of an autopilot. `GLOBAL_ORIGIN` and the health come seldom, the rest at the configured rates.
+    /// The messages that we want from an autopilot. `GLOBAL_ORIGIN` and health come seldom, the rest at the configured
+    /// rates.
     pub(super) fn wish(&mut self, software: Software) {
         let now = self.now;
         const IDS: [u32; WISHES] = [
@@ -261,16 +262,16 @@ impl Companion {
         let Some(position) = Position::from_message(made, &message) else { return count(&mut self.counters.rejected) };
         if let Some(last) = &self.position {
             let dt_s = seconds_between((last.time_boot_ms, last.time), (position.time_boot_ms, position.time));
-            let way = Way {
+            let moved = Displacement {
                 from_m: last.position_ned_m,
                 to_m: position.position_ned_m,
                 from_mps: last.velocity_ned_mps,
                 to_mps: position.velocity_ned_mps,
                 dt_s,
             };
-            // What is less is followed on the way, unless there is much of it: then it is not the estimate that jumps.
-            self.jumped_m *= 1.0 - way.dt_s.min(JUMPS_S) / JUMPS_S;
-            if let Some(jumped_m) = self.continuity.follow_place(&way) {
+            // A smaller jump is followed without holding, unless many add up: then it is not the estimate that jumps.
+            self.jumped_m *= 1.0 - moved.dt_s.min(JUMPS_S) / JUMPS_S;
+            if let Some(jumped_m) = self.continuity.follow_place(&moved) {
                 self.jumped_m += jumped_m;
                 if self.jumped_m > JUMP_MIN_M {
                     self.jumped_m = 0.0;
@@ -302,10 +303,11 @@ impl Companion {
             let dt_s = seconds_between((last.time_boot_ms, last.time), (attitude.time_boot_ms, attitude.time));
             let at_m = self.position.map_or_else(Default::default, |position| position.position_ned_m);
             let rate_radps = 0.5 * (last.yaw_rate_radps + attitude.yaw_rate_radps);
-            // A gyroscope never says exactly nothing: who does tells no rates, and then the vehicle may turn as it was told.
+            // A gyroscope never reads exactly zero: an autopilot that sends zero reports no rates, and the vehicle may
+            // turn as commanded.
             let tells_rates = last.yaw_rate_radps != 0.0 || attitude.yaw_rate_radps != 0.0;
             let unknown_radps = if tells_rates {
-                // Between the two it may have been either, and a little more.
+                // Between the two messages it may have been either rate, and a little more.
                 YAW_RATE_MARGIN_RADPS + 0.5 * libm::fabsf(attitude.yaw_rate_radps - last.yaw_rate_radps)
             } else {
                 self.config.yaw_rate_max_radps
@@ -330,7 +332,7 @@ impl Companion {
         self.yaw_rad = None;
     }
 
-    /// When a message of the autopilot was made, by its clock, which is looked at first.
+    /// When a message of the autopilot was made, by its clock, which is checked first.
     #[inline(never)]
     fn made(&mut self, time_boot_ms: u32) -> Instant {
         let now = self.now;
@@ -338,13 +340,13 @@ impl Companion {
         self.clock.made(now, time_boot_ms)
     }
 
-    /// The autopilot's clock running backwards means that it restarted: nothing that it said before counts. Its frame
-    /// begins anew, and nobody knows how the vehicle moved meanwhile, so what guidance remembers is of no use either.
+    /// The autopilot's clock running backwards means that it restarted: nothing that it sent before counts. Its frame
+    /// begins anew, and how the vehicle moved meanwhile is unknown, so guidance's memory is of no use either.
     #[inline(never)]
     fn follow_boot_clock(&mut self, time_boot_ms: u32) {
         let now = self.now;
         if let Some(last) = self.boot_ms {
-            // After 49.7 days it begins at zero again.
+            // The clock wraps after 49.7 days.
             if time_boot_ms < last && time_boot_ms.wrapping_sub(last) < BOOT_CLOCK_GAP_MAX_MS {
                 self.boot_ms = Some(time_boot_ms);
                 return;
@@ -369,7 +371,7 @@ impl Companion {
             self.turns.clear();
             self.beams = Beams::new();
             self.points = None;
-            // Whatever was known of its mode: only a heartbeat out of the mode that is heard from now on lifts it.
+            // Whatever the mode was: only a heartbeat in another mode, received from now on, lifts it.
             self.entry_needed = true;
             if let Some(autopilot) = &mut self.autopilot {
                 autopilot.armed = false;
@@ -423,7 +425,7 @@ impl Companion {
         let now = self.now;
         let waits = self.turns.scan().is_some() && self.turns.component_id() != component_id;
         if waits && self.last_scan_of == component_id {
-            // Two sensors between two steps: it is the other one's turn.
+            // Two sensors report between two steps: it is the other one's turn.
             return;
         }
         match reading.and_then(|reading| obstacles::part(sectors, reading)) {
@@ -432,7 +434,7 @@ impl Companion {
         }
     }
 
-    /// A beam: the ground below, a sector of a sensor that looks all round, or one of its own.
+    /// A beam: the distance to the ground, a sector of a sensor that covers all directions, or a single beam.
     #[inline(never)]
     fn on_beam(&mut self, header: Header, content: &Content) {
         let beam: d::DISTANCE_SENSOR_DATA = content.read();
@@ -454,7 +456,7 @@ impl Companion {
         }
     }
 
-    /// Something that stands at a point, or as far away up to so far on either side of it.
+    /// An obstacle at a point, or anywhere at that distance within an angle on either side.
     #[inline(never)]
     fn on_point(&mut self, heard: Return, half_width_rad: f32) {
         let now = self.now;
@@ -464,7 +466,7 @@ impl Companion {
             Return::Nothing => return,
             Return::Absurd => return count(&mut self.counters.rejected),
         };
-        // Their time is that of the first, so that none of them seems younger than it is.
+        // The time is that of the first point, so that none seems younger than it is.
         let empty = || Points { time: now, frame: Frame::Body, ..Points::default() };
         let points = &mut self.points.get_or_insert_with(empty).points_m;
         let Some(point) = point else { return };
@@ -480,7 +482,8 @@ impl Companion {
         }
     }
 
-    /// Every command for us is answered: we pause and go on, examine ourselves, never arm, never change the mode.
+    /// Every command addressed to us is answered. We can pause, go on, and test the receiver; we never arm and never
+    /// change the mode.
     #[inline(never)]
     fn on_command(&mut self, header: Header, target: (u8, u8), command: u16, params: [f32; 2]) {
         if target != (self.system_id(), self.config.component_id) {
@@ -491,7 +494,7 @@ impl Companion {
         let result = if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) || is(MavCmd::MAV_CMD_DO_SET_MODE) {
             MavResult::MAV_RESULT_DENIED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && !self.obeys() {
-            // It would be forgotten at the entry into the mode.
+            // It would be forgotten when the mode is entered.
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED
         } else if is(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE) && (param1 == 0.0 || param1 == 1.0) {
             self.paused = param1 == 0.0;
@@ -507,7 +510,7 @@ impl Companion {
         self.acknowledge((header.system_id, header.component_id), command, result);
     }
 
-    /// Whether what names a target names us, or everybody.
+    /// Whether a target address is ours or a broadcast.
     #[inline(never)]
     fn is_for_us(&self, system_id: u8, component_id: u8) -> bool {
         (system_id == 0 || system_id == self.system_id())
@@ -546,13 +549,13 @@ impl Companion {
     }
 }
 
-/// Whether a state is that of a vehicle on the ground; `None` where it says nothing.
+/// Whether a landed state means that the vehicle is on the ground; `None` where it is undefined.
 pub(super) fn landed(landed_state: u8) -> Option<bool> {
     (landed_state != MavLandedState::MAV_LANDED_STATE_UNDEFINED as u8)
         .then_some(landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND as u8)
 }
 
-/// On the autopilot's clock, or on ours where that stands still; none backwards.
+/// By the autopilot's clock, or by ours where that stands still; never negative.
 fn seconds_between(from: (u32, Instant), to: (u32, Instant)) -> f32 {
     match to.0.saturating_sub(from.0) {
         0 => to.1.seconds_since(from.1),
