@@ -54,7 +54,7 @@ const JUMP_MAX_M: f32 = 0.30;
 const REACH_M: f32 = 0.03;
 /// Largest angle between rays, slightly more than 1.25 degrees: a wider sector reports the nearest of several rays.
 const RAY_STEP_MAX_RAD: f32 = 0.0219;
-/// A sensor farther from the origin than this is refused.
+/// Largest plausible range of a sensor, and distance of a hit.
 const RANGE_MAX_M: f32 = 1e3;
 /// Largest range of a ray: it is stored in millimetres, in two bytes.
 pub const RAY_MAX_M: f32 = 65.5;
