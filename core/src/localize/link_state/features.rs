@@ -51,7 +51,7 @@ const SIGMA_MIN_RAD: f32 = 0.01;
 const PRIOR_PER_M: f32 = 0.08;
 /// See `PRIOR_PER_M`.
 const PRIOR_PRECISION_M2: f32 = 1.0 / (0.12 * 0.12);
-/// Standard deviation of the range of a wall, as inverse range.
+/// Standard deviation of a wall's range, from its own and the vehicle's position, as inverse range.
 const WALL_SIGMA_PER_M: f32 = 0.02;
 /// Positions farther than this from the origin are refused.
 const FAR_M: f32 = 1e6;
