@@ -89,7 +89,7 @@ impl Config {
         check("explore.stick_m", self.stick_m, 0.0, 100.0)?;
         check("explore.patience_s", self.patience_s, 0.5, 600.0)?;
         if self.radius_m > (MIDDLE - 1) as f32 * self.cell_m {
-            let why = Why::Inconsistent("the grid reaches no farther than 15 explore.cell_m");
+            let why = Why::Inconsistent("must not be greater than 15 explore.cell_m, the reach of the grid");
             return Err(ConfigError { field: "explore.radius_m", value: self.radius_m, why });
         }
         Ok(Explorer { config: *self })

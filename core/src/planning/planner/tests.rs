@@ -74,10 +74,10 @@ fn gusts_make_the_way_wider_and_a_narrow_gap_none() {
         let (plan, _) = plan(&PlanRequest { gust_margin_m, ..request() }, &known);
         swept_clearance_m(plan.start_ned_m, &plan.waypoints_ned_m, &obstacles(&known))
     };
-    // Between them, there is 0.15 m on either side; with gusts it goes round, or does not come near.
+    // Between them there is 0.15 m on either side; with gusts the path leads around them, or stays away.
     assert!(least_m(0.0, 0.6) < 0.16);
     assert!(least_m(0.3, 0.6) >= 0.3);
-    // Where there is room for both.
+    // Where there is space for both.
     assert!((0.3..0.46).contains(&least_m(0.3, 1.2)), "{}", least_m(0.3, 1.2));
 }
 

@@ -1,4 +1,4 @@
-//! Trajectories through the field and what they cost.
+//! Trajectories through the field and their cost.
 //!
 //! The main paper descends the gradient for 15 steps (section IV) and does not define the step. In flight each step is
 //! one force evaluation and 2 m / 15 of path in its direction ([`Waypoint`]): two metres of target distance in fifteen
