@@ -1,4 +1,4 @@
-//! Which places the obstacle sensor has seen: the guard lets the vehicle go only there.
+//! Which places the obstacle sensor has seen: the guard allows motion only into these.
 //!
 //! A sensor with a narrow field of view does not see obstacles beside it, and a moving disc comes nearer to everything
 //! up to 90 degrees off its path. So the places that the obstacle sensor has seen are stored in a grid of bits around

@@ -11,8 +11,8 @@
 //! - two pieces, cut at the hit farthest from the circle, if the circle does not pass near all hits;
 //! - a chain of small circles, if it is flat, hollow or short: walls, corners, partly hidden obstacles.
 //!
-//! In every case each hit lies in a circle or within 2 cm of it. A direction without a hit yields no circle. At this
-//! point of the chain, the main paper fits circles to the points of a cloud (section IV) and does not describe how.
+//! In every case each hit lies in a circle or within 2 cm of it. A direction without a hit yields no circle. In this
+//! processing step the main paper fits circles to the points of a cloud (section IV) and does not describe how.
 //!
 //! The cost is bounded: circles are fitted to 160 points of a scan at most; the rest becomes chains.
 
