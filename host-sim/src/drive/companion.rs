@@ -3,7 +3,7 @@
 //!
 //! ```text
 //!  autopilot --bytes--> computer (in this process, or the firmware in QEMU) --bytes--> autopilot
-//!      `--telemetry--> senses --codes, obstacles--^
+//!      `--telemetry--> senses --samples, obstacles--^
 //! ```
 //!
 //! The caller gives the positions of the beacon and the pillars in the autopilot's local frame; the signals and

@@ -2,7 +2,8 @@
 //!
 //! A beacon usually lies below the vehicle, and a tilted array then measures a wrong azimuth. The depression angle is
 //! estimated from the wavenumber, whose square is one minus the square of the direction's vertical component, while the
-//! array is not tilted towards the source. (A flat array cannot tell below from above; above is not expected.)
+//! array is not tilted towards the source. (A flat array cannot distinguish below from above; a source above is not
+//! expected.)
 //!
 //! Bearings are averaged as unit vectors in the NED frame, weighted by their precision. The noisier they are, the
 //! longer the memory of the average: a tenth of a second for good ones, a second or two for bearings of 10 or 20
