@@ -134,6 +134,13 @@ pub fn read_yaw(path: &Path, frames: usize) -> Result<Vec<f64>, InputError> {
     parse().map_err(|error: InputError| error.in_file(path))
 }
 
+/// The type of a `.npy` file's values, as NumPy writes it; none where it is no such file.
+pub(super) fn npy_type(bytes: &[u8]) -> Option<String> {
+    refuse_absurd_shape(bytes).ok()?;
+    let header = npyz::NpyHeader::from_reader(&mut Cursor::new(bytes)).ok()?;
+    Some(header.dtype().descr().trim_matches('\'').to_owned())
+}
+
 /// Reads a `.npy` file of one type: its shape and its values in C order.
 pub(super) fn read_npy<T: npyz::Deserialize>(bytes: &[u8], dtype: &str) -> Result<(Vec<u64>, Vec<T>), InputError> {
     refuse_absurd_shape(bytes)?;

@@ -1,7 +1,7 @@
 //! Recorded complex samples of several coherent channels in, bearings out: what `foxhound bearing --iq` does.
 //!
 //! A frame's spectrum inside the occupied band gives the covariance, bin by bin; without a band its samples do. Whatever is
-//! outside of the band is kept out by a window whose first and last tenth are tapered.
+//! outside of the band is kept out by a window that is tapered at both ends. Of real samples the frequencies above zero are used.
 
 use std::path::Path;
 
@@ -13,15 +13,17 @@ use num_complex::Complex32;
 use rustfft::FftPlanner;
 
 use super::bearings::ArrayLine;
-use super::frames::read_npy;
+use super::frames::{npy_type, read_npy};
 use super::radio_array::RadioArray;
-use super::sigmf;
+use super::{sigmf, wav};
 use crate::scenario::input::InputError;
 
+/// Samples of a channel that make one frame of a recording that has none of its own; a shorter one is one frame.
+pub(super) const FRAME: usize = 1024;
 /// Samples of a channel in a frame.
 const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 /// Share of a frame at either end that the window tapers.
-const TAPER: f64 = 0.1;
+const TAPER: f64 = 0.07;
 /// A tone without a band: this many bins either side.
 const TONE_BINS: f64 = 4.0;
 
@@ -31,18 +33,32 @@ pub struct Frames {
     channels: usize,
     samples: usize,
     values: Vec<Complex32>,
+    /// The samples are real: half of the spectrum says all.
+    is_real: bool,
+    kind: String,
 }
 
 impl Frames {
-    /// Reads complex64 of shape (frames, channels, N), or a SigMF recording, for an array.
+    /// Reads complex64 of shape (frames, channels, N), whole numbers of shape (frames, channels, N, 2), or a SigMF or WAV recording, for an array.
     ///
     /// # Errors
     /// Names the file and what is wrong with it.
     pub fn read(path: &Path, array: &RadioArray) -> Result<Self, InputError> {
         let antennas = array.beam.count;
-        let is_sigmf = path.extension().is_some_and(|extension| extension == "sigmf-meta" || extension == "sigmf-data");
-        let (channels, samples, values) =
-            if is_sigmf { sigmf::read(path, array.sample_rate_hz)? } else { read_frames(path)? };
+        let ends = |endings: &[&str]| {
+            let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+            endings.iter().any(|ending| extension.eq_ignore_ascii_case(ending))
+        };
+        let (channels, samples, values, is_real, kind) = if ends(&["sigmf-meta", "sigmf-data"]) {
+            let (channels, samples, values, kind) = sigmf::read(path, array.sample_rate_hz)?;
+            (channels, samples, values, false, kind.to_owned())
+        } else if ends(&["wav"]) {
+            let recording = wav::read(path, antennas, array.sample_rate_hz)?;
+            let wav::Recording { channels, samples, values, is_real, kind } = recording;
+            (channels, samples, values, is_real, kind)
+        } else {
+            read_frames(path)?
+        };
         let wrong = |text: String| Err(InputError::new(text).in_file(path));
         if channels != antennas {
             return wrong(format!("channels = {channels}: antennas_m has {antennas}, shape (frames, channels, N)"));
@@ -53,7 +69,13 @@ impl Frames {
         if values.len() < channels * samples {
             return wrong("no frames".to_owned());
         }
-        Ok(Self { channels, samples, values })
+        Ok(Self { channels, samples, values, is_real, kind })
+    }
+
+    /// What was read.
+    #[must_use]
+    pub fn taken(&self) -> String {
+        format!("{} frames of {} channels of {} samples, {}", self.count(), self.channels, self.samples, self.kind)
     }
 
     /// How many.
@@ -63,17 +85,41 @@ impl Frames {
     }
 }
 
-fn read_frames(path: &Path) -> Result<(usize, usize, Vec<Complex32>), InputError> {
+type Read = (usize, usize, Vec<Complex32>, bool, String);
+
+fn read_frames(path: &Path) -> Result<Read, InputError> {
     let parse = || {
         let bytes = std::fs::read(path).map_err(|error| InputError::new(error.to_string()))?;
+        match npy_type(&bytes).as_deref() {
+            Some("<i2") => return whole::<i16>(&bytes, "int16", 32_768.0),
+            Some("|i1") => return whole::<i8>(&bytes, "int8", 128.0),
+            _ => {}
+        }
         let (shape, values) = read_npy::<Complex32>(&bytes, "complex64")?;
         let [_, channels, samples] = shape[..] else {
             return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N)")));
         };
-        let size = |value: u64| usize::try_from(value).unwrap_or(usize::MAX);
-        Ok((size(channels), size(samples), values))
+        Ok((size(channels), size(samples), values, false, "complex64".to_owned()))
     };
     parse().map_err(|error: InputError| error.in_file(path))
+}
+
+fn size(value: u64) -> usize {
+    usize::try_from(value).unwrap_or(usize::MAX)
+}
+
+/// Whole numbers, real part and imaginary part in turn.
+fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32) -> Result<Read, InputError> {
+    let (shape, values) = read_npy::<T>(bytes, dtype)?;
+    let [_, channels, samples, 2] = shape[..] else {
+        return Err(InputError::new(format!("shape {shape:?}: expected (frames, channels, N, 2) of {dtype}")));
+    };
+    let mut parts = values.into_iter().map(|part| part.into() / full);
+    let mut complex = Vec::with_capacity(parts.len() / 2);
+    while let (Some(re), Some(im)) = (parts.next(), parts.next()) {
+        complex.push(Complex32::new(re, im));
+    }
+    Ok((size(channels), size(samples), complex, false, format!("{dtype}, I and Q")))
 }
 
 /// The answers, one for each `looks` frames.
@@ -127,7 +173,16 @@ impl Band {
         let (samples, rate_hz) = (frames.samples, array.sample_rate_hz);
         let bin_hz = rate_hz / samples as f64;
         let around_tone = |tone_hz: f64| [tone_hz - TONE_BINS * bin_hz, tone_hz + TONE_BINS * bin_hz];
-        let band_hz = array.band_hz.or(array.tone_hz.map(around_tone));
+        let mut band_hz = array.band_hz.or(array.tone_hz.map(around_tone));
+        if frames.is_real {
+            if let Some([low_hz, high_hz]) = array.band_hz.filter(|[low_hz, _]| *low_hz < 0.0) {
+                let text = format!("tone_band_hz = [{low_hz}, {high_hz}]: real samples have no frequencies below zero");
+                return Err(InputError::new(text));
+            }
+            // Neither the mean nor the middle of the spectrum, which have no phase.
+            let [low_hz, high_hz] = band_hz.unwrap_or([bin_hz, 0.5 * rate_hz]);
+            band_hz = Some([low_hz.max(bin_hz), high_hz.min(0.5 * rate_hz - bin_hz)]);
+        }
         let hz = |bin: usize| if 2 * bin < samples { bin as f64 } else { bin as f64 - samples as f64 } * bin_hz;
         let bins = band_hz.map(|[low_hz, high_hz]| {
             let all = (0..samples).map(|bin| (bin, hz(bin)));

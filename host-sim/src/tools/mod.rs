@@ -7,13 +7,15 @@
 //! | [`radio_array`] | the description of an array heard by another receiver: behind a switch, or complex samples |
 //! | [`switched`] | `foxhound bearing --switched` |
 //! | [`iq`] | `foxhound bearing --iq` |
-//! | [`sigmf`] | reads SigMF recordings |
+//! | [`sigmf`], `wav`, `hci` | read SigMF and WAV recordings, and Bluetooth IQ reports |
 //! | [`calibrate`] | `foxhound calibrate` |
 
 pub mod bearings;
 pub mod calibrate;
 pub mod frames;
+pub(crate) mod hci;
 pub mod iq;
 pub mod radio_array;
 pub mod sigmf;
 pub mod switched;
+mod wav;
