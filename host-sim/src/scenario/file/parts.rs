@@ -139,6 +139,12 @@ pub struct Bearing {
     pub tone_known: bool,
     /// The beacon sounds in pulses only.
     pub pulses: Option<Pulses>,
+    /// Bearings a second of the noise model, as of a radio that is slower than the flight [default: one every step].
+    #[schemars(range(min = 0.2, max = 50.0))]
+    pub rate_hz: Option<f64>,
+    /// Standard deviation of an error of the noise model that stays the same within two metres.
+    #[schemars(range(min = 0.0, max = 45.0))]
+    pub place_bias_deg: f64,
 }
 
 /// Where bearings come from.
@@ -162,6 +168,8 @@ pub struct Outlier {
     /// By how much they are off.
     #[schemars(range(min = -360.0, max = 360.0))]
     pub offset_deg: f64,
+    /// They come from any direction instead.
+    pub anywhere: bool,
 }
 
 /// Directional antennas: with one of them, or with fewer than three of four, a vehicle seeks by turning.
@@ -273,6 +281,8 @@ impl Default for Bearing {
             dropout: None,
             tone_known: false,
             pulses: None,
+            rate_hz: None,
+            place_bias_deg: 0.0,
         }
     }
 }
