@@ -8,6 +8,7 @@ use std::path::Path;
 use foxhound_sim::tools::iq::{self, Frames};
 use foxhound_sim::tools::radio_array::RadioArray;
 use foxhound_sim::tools::switched::{self, Packets};
+use foxhound_tests::{run, run_json};
 use serde_json::Value;
 
 use crate::other_radios::{Files, has, npy, number, ring};
@@ -348,4 +349,49 @@ fn damaged_recordings_are_refused_or_give_finite_lines() {
         std::fs::write(files.path(name), &good).unwrap();
     }
     assert!(refused > 1000 && read > 200, "{refused} refused, {read} read");
+}
+
+/// `foxhound listen` makes a page of a recording that asks nobody for anything: bearings, eigenvalues, and the spectrum where there is one; and of a
+/// radio that runs.
+#[test]
+fn listen_makes_a_page_of_a_recording_and_of_a_radio() {
+    let files = Files::new();
+    wav(&files.path("a.wav"), 6, 48_000, 16, false, &samples(4096));
+    let mut radio = Reports { offset_hz: 9e3, random: Random::new(8) };
+    let events: Vec<Vec<u8>> = (0..24).map(|k| radio.event(1 + k % 2, 0.7, 90.0)).collect();
+    std::fs::write(files.path("b.h4"), h4(&events)).unwrap();
+    let page = |name: &str, array: &str, more: &[&str]| {
+        let (array, file, out) = (files.text("array.toml", array), files.path(name), files.path("page.html"));
+        let path = |path: &Path| path.to_string_lossy().into_owned();
+        let all = ["listen", &path(&file), "--array", &path(&array), "--out", &path(&out), "--json"];
+        let (code, summary) = run_json(&[&all[..], more].concat());
+        assert_eq!(code, 0, "{summary}");
+        let html = std::fs::read_to_string(&out).unwrap();
+        assert!(!html.contains("<script") && !html.contains("http") && !html.contains("NaN"), "{name}");
+        (summary, html)
+    };
+    let (summary, html) = page("a.wav", &format!("{}tone_band_hz = [-2e4, 2e4]\n", array()), &[]);
+    assert_eq!((&summary["answers"], &summary["valid"]), (&4.into(), &4.into()), "{summary}");
+    assert_eq!((html.matches("<svg").count(), html.matches("<circle").count()), (3, 4));
+    // A line of the spectrum and three eigenvalues.
+    assert_eq!(html.matches("<polyline").count(), 4);
+    let (summary, html) = page("b.h4", &Reports::array(), &["--looks", "4"]);
+    assert_eq!((&summary["answers"], &summary["valid"]), (&6.into(), &6.into()), "{summary}");
+    assert_eq!((html.matches("<svg").count(), html.matches("<polyline").count()), (2, 8));
+
+    let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let sender = std::thread::spawn(move || {
+        let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        for _ in 0..60 {
+            let _ = socket.send_to(b"{\"azimuth_deg\": 30, \"sigma_deg\": 5}", ("127.0.0.1", port));
+            std::thread::sleep(std::time::Duration::from_millis(50));
+        }
+    });
+    let (source, out) = (format!("udp:127.0.0.1:{port}"), files.path("live.html").to_string_lossy().into_owned());
+    let (code, summary) = run_json(&["listen", "--bearings", &source, "--seconds", "2", "--out", &out, "--json"]);
+    assert!(code == 0 && summary["valid"].as_u64().unwrap() >= 3, "{summary}");
+    sender.join().unwrap();
+    let refused = |arguments: &[&str]| String::from_utf8(run(arguments).stderr).unwrap();
+    assert!(refused(&["listen"]).contains("--bearings"));
+    assert!(refused(&["listen", "a.wav"]).contains("--array"));
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use foxhound_core::base::adc::ANTENNAS_MAX;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::beam::{Covariance, Source, Vector};
+use foxhound_core::doa::beam::{Arrival, Beam, Covariance, Source, Vector};
 use foxhound_core::signal::phase::Complex;
 use num_complex::Complex32;
 use rustfft::FftPlanner;
@@ -15,7 +15,7 @@ use rustfft::FftPlanner;
 use super::bearings::ArrayLine;
 use super::frames::{npy_type, read_npy};
 use super::radio_array::RadioArray;
-use super::{sigmf, wav};
+use super::{eigen, sigmf, wav};
 use crate::scenario::input::InputError;
 
 /// Samples of a channel that make one frame of a recording that has none of its own; a shorter one is one frame.
@@ -78,6 +78,16 @@ impl Frames {
         format!("{} frames of {} channels of {} samples, {}", self.count(), self.channels, self.samples, self.kind)
     }
 
+    /// Samples of a channel in a frame.
+    pub(super) fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// The channels of all frames, one after the other.
+    pub(super) fn channels(&self) -> impl Iterator<Item = &[Complex32]> {
+        self.values.chunks_exact(self.samples)
+    }
+
     /// How many.
     #[must_use]
     pub fn count(&self) -> usize {
@@ -127,23 +137,74 @@ fn whole<T: npyz::Deserialize + Into<f32>>(bytes: &[u8], dtype: &str, full: f32)
 /// # Errors
 /// A key of the array file that is missing or that the core refuses.
 pub fn find(frames: &Frames, array: &RadioArray, looks: usize) -> Result<Vec<ArrayLine>, InputError> {
+    find_and(frames, array, looks, |_| ())
+}
+
+/// The answers, and the eigenvalues of the covariance of each.
+pub(super) fn find_with_eigenvalues(
+    frames: &Frames,
+    array: &RadioArray,
+    looks: usize,
+) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
+    let mut all = Vec::new();
+    let lines = find_and(frames, array, looks, |covariance| all.push(eigen::values(covariance, frames.channels)))?;
+    Ok((lines, all))
+}
+
+fn find_and(
+    frames: &Frames,
+    array: &RadioArray,
+    looks: usize,
+    mut watch: impl FnMut(&Covariance),
+) -> Result<Vec<ArrayLine>, InputError> {
     if array.switch.is_some() {
         return Err(InputError::new("switch: channels of --iq are heard at the same instants; take --switched"));
     }
-    let beam = array.beam.build()?;
-    let source = Source { floor_rad: array.sigma_floor_rad.unwrap_or(0.0) }.build()?;
-    let band = Band::of(frames, array)?;
+    let mut finder = Finder::new(array, frames.samples, frames.is_real)?;
     let mut lines = Vec::with_capacity(frames.count() / looks);
-    let (mut covariance, mut centre) = (Covariance::default(), Centre::default());
     for (frame, values) in frames.values.chunks_exact(frames.channels * frames.samples).enumerate() {
-        band.add(values, frames.samples, &mut covariance, &mut centre);
+        finder.add(values);
         if (frame + 1) % looks == 0 {
-            let arrival = source.bearing(&beam, &covariance, centre.hz() as f32, Instant(frame as u64));
-            lines.push(ArrayLine::new(frame, None, &arrival));
-            (covariance, centre) = (Covariance::default(), Centre::default());
+            watch(&finder.covariance);
+            lines.push(ArrayLine::new(frame, None, &finder.take(frame as u64)));
         }
     }
     Ok(lines)
+}
+
+/// Frames in, bearings out.
+pub(super) struct Finder {
+    beam: Beam,
+    source: Source,
+    band: Band,
+    samples: usize,
+    covariance: Covariance,
+    centre: Centre,
+}
+
+impl Finder {
+    /// For frames of so many samples of each channel.
+    pub(super) fn new(array: &RadioArray, samples: usize, is_real: bool) -> Result<Self, InputError> {
+        Ok(Self {
+            beam: array.beam.build()?,
+            source: Source { floor_rad: array.sigma_floor_rad.unwrap_or(0.0) }.build()?,
+            band: Band::of(samples, is_real, array)?,
+            samples,
+            covariance: Covariance::default(),
+            centre: Centre::default(),
+        })
+    }
+
+    /// Takes a frame, channel after channel.
+    pub(super) fn add(&mut self, values: &[Complex32]) {
+        self.band.add(values, self.samples, &mut self.covariance, &mut self.centre);
+    }
+
+    /// The bearing of the frames since the last one.
+    pub(super) fn take(&mut self, time: u64) -> Arrival {
+        let (covariance, centre) = (std::mem::take(&mut self.covariance), std::mem::take(&mut self.centre));
+        self.source.bearing(&self.beam, &covariance, centre.hz() as f32, Instant(time))
+    }
 }
 
 /// Centre of the power in the band.
@@ -169,12 +230,12 @@ struct Band {
 }
 
 impl Band {
-    fn of(frames: &Frames, array: &RadioArray) -> Result<Self, InputError> {
-        let (samples, rate_hz) = (frames.samples, array.sample_rate_hz);
+    fn of(samples: usize, is_real: bool, array: &RadioArray) -> Result<Self, InputError> {
+        let rate_hz = array.sample_rate_hz;
         let bin_hz = rate_hz / samples as f64;
         let around_tone = |tone_hz: f64| [tone_hz - TONE_BINS * bin_hz, tone_hz + TONE_BINS * bin_hz];
         let mut band_hz = array.band_hz.or(array.tone_hz.map(around_tone));
-        if frames.is_real {
+        if is_real {
             if let Some([low_hz, high_hz]) = array.band_hz.filter(|[low_hz, _]| *low_hz < 0.0) {
                 let text = format!("tone_band_hz = [{low_hz}, {high_hz}]: real samples have no frequencies below zero");
                 return Err(InputError::new(text));
