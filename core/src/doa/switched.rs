@@ -134,6 +134,14 @@ pub struct Group {
     snr_db: f32,
 }
 
+impl Group {
+    /// Covariance of the antennas over the packets that were clean.
+    #[must_use]
+    pub fn covariance(&self) -> &Covariance {
+        &self.covariance
+    }
+}
+
 /// The offset of a packet, and whether no other is nearly as likely.
 struct Followed {
     offset_rad: f32,

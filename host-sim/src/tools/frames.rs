@@ -41,6 +41,9 @@ use crate::scenario::input::{InputError, check, parse_strictly, read_text};
 /// Block lengths that the core is built for.
 pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];
 
+/// Samples of a channel that make one frame of a recording that has none of its own; a shorter one is one frame.
+pub(super) const FRAME: usize = 1024;
+
 /// Frames of four channels of signed 12-bit codes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recording {

@@ -7,7 +7,6 @@ use foxhound_core::signal::phase::Complex;
 use foxhound_link::radio::hci::{self, IqReport, Refused};
 
 use super::radio_array::RadioArray;
-use super::switched::Packet;
 use crate::scenario::input::InputError;
 
 const MAGIC: &[u8] = b"btsnoop\0";
@@ -17,6 +16,16 @@ const REFERENCE_HZ: f64 = 1e6;
 const RECORD_MAX: usize = 1 << 20;
 /// What the monitor calls an event.
 const MONITOR_EVENT: u32 = 3;
+
+/// A packet of an array behind a switch. Without samples it holds nothing to be used.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Packet {
+    pub(super) emitter: i32,
+    /// Samples of the reference period, if there are any.
+    pub(super) reference: Vec<Complex>,
+    /// Of the slots.
+    pub(super) values: Vec<Complex>,
+}
 
 /// What a file holds.
 pub(super) struct Reports {

@@ -18,8 +18,6 @@ use super::radio_array::RadioArray;
 use super::{eigen, sigmf, wav};
 use crate::scenario::input::InputError;
 
-/// Samples of a channel that make one frame of a recording that has none of its own; a shorter one is one frame.
-pub(super) const FRAME: usize = 1024;
 /// Samples of a channel in a frame.
 const SAMPLES: std::ops::RangeInclusive<usize> = 8..=1 << 20;
 /// Share of a frame at either end that the window tapers.

@@ -7,7 +7,7 @@ use std::path::Path;
 use num_complex::Complex32;
 use serde_json::Value;
 
-use super::iq::FRAME;
+use super::frames::FRAME;
 use crate::scenario::input::{InputError, read_text};
 
 /// Reads a recording: channels, samples of a frame, the frames' values, channel after channel, and their type.

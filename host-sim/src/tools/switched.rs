@@ -11,8 +11,9 @@ use num_complex::Complex32;
 
 use super::bearings::ArrayLine;
 use super::frames::read_npy;
-use super::hci;
+use super::hci::Packet;
 use super::radio_array::RadioArray;
+use super::{eigen, hci};
 use crate::scenario::input::InputError;
 
 /// Packets of slots of complex samples, and the transmitter of each.
@@ -22,16 +23,6 @@ pub struct Packets {
     samples: usize,
     packets: Vec<Packet>,
     taken: String,
-}
-
-/// One of them. Without samples it holds nothing to be used.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Packet {
-    pub(super) emitter: i32,
-    /// Samples of the reference period, if there are any.
-    pub(super) reference: Vec<Complex>,
-    /// Of the slots.
-    pub(super) values: Vec<Complex>,
 }
 
 impl Packets {
@@ -143,6 +134,27 @@ impl<'a> Estimators<'a> {
 /// # Errors
 /// A key of the array file that is missing or that the core refuses.
 pub fn find(packets: &Packets, array: &RadioArray, looks: usize) -> Result<(Vec<ArrayLine>, usize), InputError> {
+    find_and(packets, array, looks, |_| ())
+}
+
+/// The answers, and the eigenvalues of the covariance of each.
+pub(super) fn find_with_eigenvalues(
+    packets: &Packets,
+    array: &RadioArray,
+    looks: usize,
+) -> Result<(Vec<ArrayLine>, Vec<Vec<f64>>), InputError> {
+    let mut all = Vec::new();
+    let (lines, _) =
+        find_and(packets, array, looks, |group| all.push(eigen::values(group.covariance(), array.beam.count)))?;
+    Ok((lines, all))
+}
+
+fn find_and(
+    packets: &Packets,
+    array: &RadioArray,
+    looks: usize,
+    mut watch: impl FnMut(&Group),
+) -> Result<(Vec<ArrayLine>, usize), InputError> {
     let mut estimators = Estimators::new(array, packets.samples);
     let mut states: HashMap<i32, (Emitter, Group, usize)> = HashMap::new();
     let mut lines = Vec::with_capacity(packets.count() / looks);
@@ -161,6 +173,7 @@ pub fn find(packets: &Packets, array: &RadioArray, looks: usize) -> Result<(Vec<
         if *taken == looks {
             let arrival = estimator.bearing(group, Instant(frame as u64));
             lines.push(ArrayLine::new(frame, Some(packet.emitter), &arrival));
+            watch(group);
             (*group, *taken) = (Group::default(), 0);
         }
     }

@@ -6,7 +6,7 @@ use std::path::Path;
 use hound::{SampleFormat, WavReader};
 use num_complex::Complex32;
 
-use super::iq::FRAME;
+use super::frames::FRAME;
 use crate::scenario::input::InputError;
 
 /// A recording in frames, channel after channel.
