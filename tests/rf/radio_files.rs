@@ -392,6 +392,6 @@ fn listen_makes_a_page_of_a_recording_and_of_a_radio() {
     assert!(code == 0 && summary["valid"].as_u64().unwrap() >= 3, "{summary}");
     sender.join().unwrap();
     let refused = |arguments: &[&str]| String::from_utf8(run(arguments).stderr).unwrap();
-    assert!(refused(&["listen"]).contains("--bearings"));
+    assert!(refused(&["listen"]).contains("<FILE>"));
     assert!(refused(&["listen", "a.wav"]).contains("--array"));
 }

@@ -6,7 +6,7 @@
 //!
 //! They hold: the tag's address, received power in dBm, azimuth and elevation in degrees from the board's normal, a reserved number, the radio
 //! channel, the anchor's address, a text of the user's, milliseconds since the board started, and, from newer versions, a sequence number. Azimuth is
-//! positive to the right of the board as one looks along its normal; `bearing` of a board that is mounted otherwise is for the caller to turn.
+//! positive to the right of the board as one looks along its normal; a board that is mounted otherwise is for the caller to turn.
 
 use heapless::Vec;
 
