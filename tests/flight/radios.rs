@@ -1,7 +1,5 @@
 //! Flights by the bearings of radios that can be bought: few a second, some of them lies, all off together at one place.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
-
 use foxhound_sim::study::seeds;
 use foxhound_tests::run_json;
 use serde_json::{Value, json};
