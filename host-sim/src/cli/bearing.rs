@@ -25,11 +25,13 @@ Array file (TOML): wavelength_m, side_m or antennas_m = [[x,y],...] (forward, ri
 optional tone_hz, tone_band_hz = [lo, hi], skew_s = [...], require_calibration, [calibration] \
 (written by `foxhound calibrate`).
 
---switched: complex64, (packets, slots, samples of a slot). Array file: wavelength_m, antennas_m of 2 to 8 antennas, \
+--switched: complex64, (packets, slots, samples of a slot), or Bluetooth IQ reports: a btsnoop file, or the bytes of an \
+H4 line (sample_rate_hz = 1e6, that of the reference period; the handle is the transmitter). Array file: wavelength_m, antennas_m of 2 to 8 antennas, \
 sample_rate_hz, tone_hz (in the samples), [switch] with slot_s (from slot to slot) and pattern (the antenna of each slot \
 from 1 on, repeated; 0: not used), optional sigma_floor_deg.
 
---iq: complex64, (frames, channels, N), or SigMF (ci16_le, ci8, cu8, cf32_le). Array file: wavelength_m, antennas_m, \
+--iq: complex64, (frames, channels, N); int16 or int8, (frames, channels, N, 2); SigMF (ci16_le, ci8, cu8, cf32_le); WAV of \
+as many channels as antennas (real samples) or twice as many (I and Q of each). Array file: wavelength_m, antennas_m, \
 sample_rate_hz, optional tone_band_hz (the occupied band, about zero), sigma_floor_deg.
 
 Looks: of an array that moves, from 4 on, direct path and one reflection are told apart (MUSIC over the looks); others are \
@@ -44,6 +46,7 @@ Examples:
   foxhound bearing --adc frames.npy --array array.toml
   foxhound bearing --adc frames.npy --array array.toml --looks 4 --yaw yaw.npy --json
   foxhound bearing --switched packets.npy --array ring.toml --emitter beacons.npy
+  foxhound bearing --switched capture.btsnoop --array ring.toml --looks 8
   foxhound bearing --iq recording.sigmf-meta --array array.toml";
 
 #[derive(Args, Debug)]
@@ -53,10 +56,10 @@ pub(super) struct BearingCommand {
     /// Recorded frames of four converters.
     #[arg(long, value_name = "FILE")]
     adc: Option<PathBuf>,
-    /// Recorded packets of an array behind a switch.
+    /// Recorded packets of an array behind a switch: .npy, btsnoop, or an H4 line's bytes.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
     switched: Option<PathBuf>,
-    /// Recorded complex samples of all channels: .npy or .sigmf-meta.
+    /// Recorded complex samples of all channels: .npy, .sigmf-meta or .wav.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["estimator", "yaw", "independent"])]
     iq: Option<PathBuf>,
     /// Which transmitter sent each packet: .npy, int32, one per packet.
@@ -146,7 +149,8 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     let looks = args.looks as usize;
     if let Some(path) = &args.switched {
         let array = RadioArray::read(&args.array)?;
-        let packets = Packets::read(path, args.emitter.as_deref())?;
+        let packets = Packets::read(path, args.emitter.as_deref(), &array)?;
+        cli.note(&format!("note: read {}", packets.taken()));
         let (lines, left) = switched::find(&packets, &array, looks)?;
         note_left(cli, left, packets.count(), looks);
         return print(cli, &lines, |line| &line.line);
@@ -154,6 +158,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     if let Some(path) = &args.iq {
         let array = RadioArray::read(&args.array)?;
         let frames = Frames::read(path, &array)?;
+        cli.note(&format!("note: read {}", frames.taken()));
         let lines = iq::find(&frames, &array, looks)?;
         note_left(cli, frames.count() % looks, frames.count(), looks);
         return print(cli, &lines, |line| &line.line);

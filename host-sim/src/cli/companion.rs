@@ -24,6 +24,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::fly::{EstimatorName, Via, look, planner_parser};
 use super::live::{LiveArgs, Watched};
+use super::radio::RadioArgs;
 use super::terminal::{say, show_as, stop_flag, warn};
 use super::value::number;
 use super::{Cli, check_writable, command_line, json_line};
@@ -49,6 +50,15 @@ Obstacles: what the autopilot and its system tell is always heard (DISTANCE_SENS
                          and then blind
   (not given)            the autopilot, if it tells anything within 1.5 s or later;
                          else a simulated sensor sees an empty world
+With --bearings a radio that runs is flown by, and nothing of the beacon is simulated (docs/hardware/radios.md):
+  kraken:HOST[:PORT]    KrakenSDR: its DoA software's CSV over HTTP, port 8081
+  heimdall:HOST[:PORT]  KrakenSDR: heimdall's samples over TCP, port 5000; needs --array
+  hci:DEVICE:BAUD       a Bluetooth controller's IQ reports over serial; needs --array
+  uudf:DEVICE:BAUD      u-blox +UUDF lines over serial
+  udp:HOST:PORT         JSON lines that come to this port of ours:
+                        {\"azimuth_deg\": 12.5, \"sigma_deg\": 5, \"age_s\": 0.1}
+The azimuth is from the antennas' zero, clockwise. A radio that stops makes the flight hold.
+
 Who it is stands in \"obstacles\" of the report, and the pilot is told. \"collisions\" is null where nobody can know.
 
 Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
@@ -60,9 +70,18 @@ pub(super) struct CompanionCommand {
     /// there), or serial:DEVICE:BAUD. It may start later, or restart.
     #[arg(long, value_name = "ADDRESS")]
     autopilot: Address,
-    /// Where the beacon is, in metres of the autopilot's local frame: north, east, down.
-    #[arg(long, value_name = "N,E,D", value_parser = triple, allow_hyphen_values = true)]
-    source: [f64; 3],
+    /// Where the beacon is, in metres of the autopilot's local frame: north, east, down. With --bearings it only says how near
+    /// the flight came, and may be left out.
+    #[arg(
+        long,
+        value_name = "N,E,D",
+        value_parser = triple,
+        allow_hyphen_values = true,
+        required_unless_present = "bearings"
+    )]
+    source: Option<[f64; 3]>,
+    #[command(flatten)]
+    radio: RadioArgs,
     /// Who provides obstacles: a file of them, in the same frame, `autopilot` or `none`; see below.
     #[arg(long, value_name = "FILE|autopilot|none")]
     obstacles: Option<PathBuf>,
@@ -154,7 +173,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         None => None,
     };
     let config = Config {
-        source_ned_m: args.source,
+        source_ned_m: args.source.unwrap_or_default(),
+        is_source_known: args.source.is_some(),
         obstacles,
         v_max_mps: args.v_max.unwrap_or(2.0),
         ends: Ends::Near,
@@ -206,6 +226,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
 
     let watcher = |path: &PathBuf| mcap::Log::create(path, &config.mission(), &guidance, command_line());
     let mut foxglove = args.mcap.as_ref().map(watcher).transpose()?;
+    let mut radio = args.radio.open()?;
     let stop = stop_flag()?;
     let mut progress = Progress::new(cli, args.autopilot.clone());
     progress.text("waits for the autopilot");
@@ -226,7 +247,8 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
                 &mut host
             }
         };
-        let flown = companion::fly(&config, computer, &mut line, log.as_mut(), &stop, |news, moment| {
+        let bearings = radio.as_mut().map(|radio| radio as &mut dyn companion::Bearings);
+        let flown = companion::fly(&config, computer, &mut line, log.as_mut(), bearings, &stop, |news, moment| {
             progress.tell_eyes(news.eyes, &guidance);
             progress.show(news);
             if let (Some(watched), Some(moment)) = (&mut watched, moment) {
@@ -237,6 +259,9 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             }
         })?;
         progress.clear();
+        if let Some(radio) = &radio {
+            cli.note(&radio.summary());
+        }
         for complaint in &flown.complaints {
             warn(&format!("error: {complaint}"));
         }

@@ -6,6 +6,7 @@ mod bearing;
 mod companion;
 mod fly;
 mod link_state;
+mod listen;
 mod live;
 mod maps;
 mod merge;
@@ -13,6 +14,7 @@ mod pad;
 mod pages;
 mod params;
 mod port;
+mod radio;
 mod replay;
 mod reproduce;
 mod suite;
@@ -101,6 +103,8 @@ enum Command {
     Bearing(BearingCommand),
     /// Measures the channels with a known source and writes them into the array file.
     Calibrate(CalibrateCommand),
+    /// Shows what a recording, or a radio that runs, tells: bearings, spectrum, eigenvalues, as a page.
+    Listen(listen::ListenCommand),
     /// Counts the MAVLink frames of a telemetry log.
     Tlog(TlogCommand),
     /// Flies a flight log again, and compares every step bit for bit.
@@ -161,6 +165,7 @@ pub(crate) fn run() -> ExitCode {
         Some(Command::Autopilot(args)) => autopilot::autopilot(&cli, args),
         Some(Command::Bearing(args)) => bearing::bearing(&cli, args),
         Some(Command::Calibrate(args)) => bearing::calibration(&cli, args),
+        Some(Command::Listen(args)) => listen::listen(&cli, args),
         Some(Command::Tlog(args)) => read_log(&cli, args),
         Some(Command::Replay(args)) => replay::replay(&cli, args),
         Some(Command::Port(args)) => port::port(&cli, args),

@@ -20,26 +20,23 @@ use std::time::{Duration, Instant as WallInstant, SystemTime, UNIX_EPOCH};
 
 use foxhound_core::ConfigError;
 use foxhound_core::base::time::Instant;
-use foxhound_core::doa::bearing::Estimator;
+use foxhound_core::doa::bearing::{Bearing, Estimator};
 use foxhound_core::guidance::mission::{Behaviour, Outcome};
 use foxhound_core::guidance::{self, FrontEnd};
 use foxhound_core::planning::planner;
 use foxhound_link::companion::Autopilot;
 use foxhound_link::signing::Key;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::computer::{Computer, StepReport};
 use super::flight::{Ending, Mission, Moment, Report, TICK_S};
 use crate::autopilot::tlog;
 use crate::autopilot::transport::Line;
-use crate::scenario::input::{
-    DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, check, check_within, parse_strictly,
-};
+use crate::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, check, check_within};
 use crate::scenario::{self, Obstacle, Scenario, VehicleModel};
 use crate::world::Horizontal;
 
 mod key;
+mod obstacle_file;
 mod pace;
 mod provider;
 mod senses;
@@ -47,6 +44,7 @@ mod tally;
 mod wire;
 
 pub use key::{parse_key, signing};
+pub use obstacle_file::parse_obstacles;
 pub use pace::Pace;
 pub use provider::{Eyes, Provider};
 use senses::{Fix, Senses};
@@ -116,6 +114,8 @@ impl Ends {
 pub struct Config {
     /// The beacon, in the autopilot's local frame.
     pub source_ned_m: [f64; 3],
+    /// Where it is is known, if only to say how near the flight came.
+    pub is_source_known: bool,
     /// Who provides the obstacles; those of a file are in the same frame.
     pub obstacles: Provider,
     /// Horizontal speed of the fastest setpoint.
@@ -203,39 +203,10 @@ impl Config {
     }
 }
 
-#[derive(Default, Deserialize, Serialize)]
-struct ObstacleFile {
-    obstacles: Vec<Cylinder>,
-}
-
-#[derive(Deserialize, Serialize)]
-struct Cylinder {
-    x: f64,
-    y: f64,
-    r: f64,
-}
-
-/// Reads an obstacle file: `{"obstacles": [{"x", "y", "r"}]}`, vertical cylinders, x east, y north, metres.
-///
-/// # Errors
-/// The path of the first key that is unknown, missing, of the wrong type or out of range.
-pub fn parse_obstacles(text: &str) -> Result<Vec<Obstacle>, InputError> {
-    // A derived reader would take a list for an object; what is no JSON at all is refused below, with its place.
-    if let Ok(value) = serde_json::from_str::<Value>(text) {
-        let entries = value.get("obstacles").and_then(Value::as_array).into_iter().flatten().enumerate();
-        let mut places = entries.map(|(index, entry)| (format!("obstacles[{index}]"), entry));
-        let first = Some(("the file".to_owned(), &value));
-        if let Some((path, _)) = first.into_iter().chain(&mut places).find(|(_, value)| !value.is_object()) {
-            return Err(InputError::new(format!("{path}: expected an object {{...}}")));
-        }
-    }
-    let known = ["obstacles", "obstacles[].x", "obstacles[].y", "obstacles[].r"];
-    let mut document = serde_json::Deserializer::from_str(text);
-    let file: ObstacleFile = parse_strictly(&mut document, &known)?;
-    document.end().map_err(|error| InputError::new(error.to_string()))?;
-    let obstacle = |Cylinder { x, y, r }| Obstacle { x, y, r, ..Obstacle::default() };
-    let obstacles = file.obstacles.into_iter().map(obstacle).collect();
-    Ok(Scenario { obstacles, ..Scenario::default() }.checked()?.obstacles)
+/// Bearings of a radio, in place of the antennas that are simulated.
+pub trait Bearings {
+    /// The newest since the last call, if there is one to be used.
+    fn poll(&mut self, now: Instant) -> Option<Bearing>;
 }
 
 /// How things stand, once a step.
@@ -299,7 +270,8 @@ pub fn nobody_there(config: &Config) -> Report {
 }
 
 /// Flies with a computer until the flight has an end; `stop` ends it at any time. `watch` is called with the state, and, while
-/// the autopilot says where it is, shown the step as if that were the truth.
+/// the autopilot says where it is, shown the step as if that were the truth. With `bearings` these are flown by, and nothing is
+/// heard of the beacon by the antennas that are simulated.
 ///
 /// # Errors
 /// The field of the link's configuration that is refused.
@@ -308,6 +280,7 @@ pub fn fly(
     computer: &mut dyn Computer,
     line: &mut Line,
     log: Option<&mut tlog::Writer>,
+    bearings: Option<&mut dyn Bearings>,
     stop: &AtomicBool,
     watch: impl FnMut(&News, Option<&Moment<'_>>),
 ) -> Result<Flown, ConfigError> {
@@ -319,6 +292,7 @@ pub fn fly(
         config,
         line,
         log,
+        bearings,
         source,
         senses: Senses::new(config.source_ned_m, config.snr_db, world, config.seed, sign(), &config.obstacles)?,
         tally: Tally::new(source, config.drone_radius_m),
@@ -334,10 +308,11 @@ pub fn fly(
     Ok(Flown { report, complaints: flight.complaints, missed_steps: pace.missed })
 }
 
-struct Flight<'a> {
+struct Flight<'a, 'b> {
     config: &'a Config,
     line: &'a mut Line,
     log: Option<&'a mut tlog::Writer>,
+    bearings: Option<&'a mut (dyn Bearings + 'b)>,
     source: Horizontal,
     senses: Senses,
     tally: Tally,
@@ -391,7 +366,7 @@ struct Brake {
     pause_due: Instant,
 }
 
-impl Flight<'_> {
+impl Flight<'_, '_> {
     fn fly(
         &mut self,
         computer: &mut dyn Computer,
@@ -446,7 +421,9 @@ impl Flight<'_> {
                 hears_mavlink_1: self.senses.hears_mavlink_1(),
                 outcome,
                 eyes: self.senses.eyes(),
-                distance_m: fix.map(|fix| self.source.minus(fix.place()).norm()),
+                distance_m: fix
+                    .filter(|_| self.config.is_source_known)
+                    .map(|fix| self.source.minus(fix.place()).norm()),
                 ending: brake.map(|brake| brake.ending),
             };
             let moves = fix.map(|fix| fix.moves(time_s, outcome));
@@ -486,7 +463,8 @@ impl Flight<'_> {
         outcome: Outcome,
         stop: &AtomicBool,
     ) -> Option<Brake> {
-        let is_near = |fix: &Fix| self.source.minus(fix.place()).norm() <= ARRIVED_M;
+        let is_known = self.config.is_source_known;
+        let is_near = |fix: &Fix| is_known && self.source.minus(fix.place()).norm() <= ARRIVED_M;
         let has_ended = self.arrival.has_ended(now, in_control);
         let arrived = |fix: &Fix| if self.config.ends == Ends::Near { in_control && is_near(fix) } else { has_ended };
         let is_late = |limit_s: f64| now.0 as f64 * 1e-6 >= limit_s;
@@ -543,13 +521,17 @@ impl Flight<'_> {
         fix: Option<&Fix>,
         rx: &[u8],
     ) -> Result<StepReport, String> {
-        let snapshot = fix.map(|fix| self.senses.hear(now, fix));
-        let front_end = snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame);
+        let heard = self.bearings.as_deref_mut().map(|bearings| bearings.poll(now));
+        let snapshot = fix.filter(|_| heard.is_none()).map(|fix| self.senses.hear(now, fix));
+        let front_end = match heard {
+            Some(bearing) => bearing.map_or(FrontEnd::Nothing, FrontEnd::Bearing),
+            None => snapshot.as_deref().map_or(FrontEnd::Nothing, FrontEnd::Frame),
+        };
         let circles = fix.and_then(|fix| self.senses.look(now, fix));
         let report = computer.step(now, front_end, circles.as_deref(), rx).map_err(|error| error.to_string())?;
         self.wire.watch(now, &report.tx);
         self.say(now, &report.tx);
-        self.tally.hear(&report.output, fix, report.plan.is_some());
+        self.tally.hear(&report.output, fix.filter(|_| self.config.is_source_known), report.plan.is_some());
         Ok(report)
     }
 

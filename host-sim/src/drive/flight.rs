@@ -53,6 +53,9 @@ const EXPLORE_MARGIN_M: f64 = 0.05;
 /// Sigma of a bearing that is known exactly, so that no weight is infinite.
 const SIGMA_FLOOR_RAD: f64 = 1e-3;
 
+/// Bearings of a slow radio may be so many periods old.
+const RATE_PATIENCE: f32 = 3.5;
+
 /// A flight to be flown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mission {
@@ -78,6 +81,10 @@ impl Mission {
         config.guard.a_max_mps2 = scenario.limits.a_max as f32;
         if scenario.bearing.tone_known {
             config.phase.tone_hz = Some(Antennas::default().tone_hz as f32);
+        }
+        if let Some(rate_hz) = scenario.bearing.rate_hz {
+            // As a pilot with such a radio sets FH_BRG_AGE: two bearings may fail to come.
+            config.mission.bearing_age_max_s = config.mission.bearing_age_max_s.max(RATE_PATIENCE / rate_hz as f32);
         }
         let moves = scenario.goal_velocity.iter().any(|speed| *speed != 0.0);
         if !scenario.bearing.only && !moves {

@@ -253,6 +253,19 @@ impl Scenario {
         }
         check("bearing.outlier.rate", self.bearing.outlier.rate, 0.0, 1.0)?;
         check("bearing.outlier.offset_deg", self.bearing.outlier.offset_deg, -360.0, 360.0)?;
+        check("bearing.place_bias_deg", self.bearing.place_bias_deg, 0.0, 45.0)?;
+        if let Some(rate_hz) = self.bearing.rate_hz {
+            check("bearing.rate_hz", rate_hz, 0.2, 50.0)?;
+        }
+        let needs_noise = [
+            ("bearing.place_bias_deg", self.bearing.place_bias_deg != 0.0),
+            ("bearing.rate_hz", self.bearing.rate_hz.is_some()),
+        ];
+        if let (Some((field, _)), BearingModel::Rf) =
+            (needs_noise.iter().find(|(_, is_set)| *is_set), self.bearing_model())
+        {
+            return Err(InputError::new(format!("{field}: only where bearing.model is `noise`")));
+        }
         if let Some(antenna) = self.antenna {
             check("antenna.exponent", antenna.exponent, 0.5, 8.0)?;
             check("antenna.front_to_back_db", antenna.front_to_back_db, 3.0, 40.0)?;

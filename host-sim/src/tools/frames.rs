@@ -41,6 +41,9 @@ use crate::scenario::input::{InputError, check, parse_strictly, read_text};
 /// Block lengths that the core is compiled for.
 pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];
 
+/// Samples of a channel that make one frame of a recording that has none of its own; a shorter one is one frame.
+pub(super) const FRAME: usize = 1024;
+
 /// Frames of four channels of signed 12-bit samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recording {
@@ -132,6 +135,13 @@ pub fn read_yaw(path: &Path, frames: usize) -> Result<Vec<f64>, InputError> {
         Ok(yaw)
     };
     parse().map_err(|error: InputError| error.in_file(path))
+}
+
+/// The type of a `.npy` file's values, as NumPy writes it; none where it is no such file.
+pub(super) fn npy_type(bytes: &[u8]) -> Option<String> {
+    refuse_absurd_shape(bytes).ok()?;
+    let header = npyz::NpyHeader::from_reader(&mut Cursor::new(bytes)).ok()?;
+    Some(header.dtype().descr().trim_matches('\'').to_owned())
 }
 
 /// Reads a `.npy` file of one type: its shape and its values in C order.

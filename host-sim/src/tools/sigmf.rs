@@ -9,20 +9,19 @@ use std::path::Path;
 use num_complex::Complex32;
 use serde_json::Value;
 
+use super::frames::FRAME;
 use crate::scenario::input::{InputError, read_text};
 
-/// Samples of a channel that make one frame; a shorter recording is one.
-const FRAME: usize = 1024;
-
-/// Reads a recording: channels, samples of a frame, and the frames' values, channel after channel.
+/// Reads a recording: channels, samples of a frame, the frames' values, channel after channel, and their type.
 ///
 /// # Errors
 /// Names the file, the key and its value.
-pub fn read(path: &Path, sample_rate_hz: f64) -> Result<(usize, usize, Vec<Complex32>), InputError> {
+pub fn read(path: &Path, sample_rate_hz: f64) -> Result<(usize, usize, Vec<Complex32>, &'static str), InputError> {
     let (meta, data) = (path.with_extension("sigmf-meta"), path.with_extension("sigmf-data"));
     let about = Meta::parse(&read_text(&meta)?, sample_rate_hz).map_err(|error| error.in_file(&meta))?;
     let bytes = std::fs::read(&data).map_err(|error| InputError::new(error.to_string()).in_file(&data))?;
-    about.frames(&bytes).map_err(|error| error.in_file(&data))
+    let (channels, samples, values) = about.frames(&bytes).map_err(|error| error.in_file(&data))?;
+    Ok((channels, samples, values, about.datatype.name()))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,6 +30,17 @@ enum Datatype {
     I8,
     U8,
     F32,
+}
+
+impl Datatype {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::I16 => "SigMF ci16_le",
+            Self::I8 => "SigMF ci8",
+            Self::U8 => "SigMF cu8",
+            Self::F32 => "SigMF cf32_le",
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

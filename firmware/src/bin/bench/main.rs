@@ -44,6 +44,7 @@ mod landing;
 mod link;
 mod looks;
 mod pad;
+mod radios;
 mod receiver;
 mod rollouts;
 mod source;
@@ -93,6 +94,7 @@ fn main() -> ! {
     link::rows(&measure);
     landing::rows(&measure);
     pad::rows(&measure);
+    radios::rows(&measure);
     semihosting::process::exit(0)
 }
 
