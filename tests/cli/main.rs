@@ -3,6 +3,7 @@
 //! Browsers and a Ray cluster start many processes: their tests take the machine one after the other.
 
 mod command_line;
+mod hands;
 mod live;
 mod logs;
 mod maps_and_suites;

@@ -35,7 +35,7 @@ sample_rate_hz, optional tone_band_hz (the occupied band, about zero), sigma_flo
 Looks: of an array that moves, from 4 on, direct path and one reflection are told apart (MUSIC over the looks); others are \
 averaged. Where nothing moves and most looks do not fit a plane wave the answer is their median. --yaw gives the heading of the \
 array; the azimuth is that in the body frame of the last look. --switched joins packets of one transmitter, --iq \
-frames. Frames left over at the end give no bearing.
+frames. Frames left over at the end are an error (with --emitter a note).
 
 Lines of --switched and --iq also have mirror_deg (the other answer of antennas on a line) and ambiguities (how many \
 directions fit nearly as well).
@@ -148,14 +148,20 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         let array = RadioArray::read(&args.array)?;
         let packets = Packets::read(path, args.emitter.as_deref())?;
         let (lines, left) = switched::find(&packets, &array, looks)?;
-        note_left(cli, left, packets.count(), looks);
+        let count = packets.count();
+        // Who sends when is not the user's choice: what is left of each transmitter's packets is no error.
+        if args.emitter.is_none() || lines.is_empty() {
+            refuse_left(left, count, "packets", looks)?;
+        } else if left != 0 {
+            cli.note(&format!("note: {left} of {count} packets make no group of {looks} of one transmitter"));
+        }
         return print(cli, &lines, |line| &line.line);
     }
     if let Some(path) = &args.iq {
         let array = RadioArray::read(&args.array)?;
         let frames = Frames::read(path, &array)?;
         let lines = iq::find(&frames, &array, looks)?;
-        note_left(cli, frames.count() % looks, frames.count(), looks);
+        refuse_left(frames.count() % looks, frames.count(), "frames", looks)?;
         return print(cli, &lines, |line| &line.line);
     }
     let Some(adc) = &args.adc else { return Err(InputError::new("--adc: missing")) };
@@ -174,14 +180,17 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     };
     let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
     let lines = bearings::find(&recording, &description, &options)?;
-    note_left(cli, frames % looks, frames, looks);
+    refuse_left(frames % looks, frames, "frames", looks)?;
     print(cli, &lines, |line| line)
 }
 
-fn note_left(cli: &Cli, left: usize, frames: usize, looks: usize) {
-    if left != 0 {
-        cli.note(&format!("note: the last {left} of {frames} frames make no group of {looks} and are not answered"));
+/// Nothing of a recording is left out.
+fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Result<(), InputError> {
+    if left == 0 {
+        return Ok(());
     }
+    let text = format!("--looks {looks}: the last {left} of {count} {what} make no group of {looks}; cut them off");
+    Err(InputError::new(text))
 }
 
 /// Prints the lines of any recording.
