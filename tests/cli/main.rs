@@ -4,6 +4,7 @@
 
 mod command_line;
 mod hands;
+mod interrupted;
 mod live;
 mod logs;
 mod maps_and_suites;

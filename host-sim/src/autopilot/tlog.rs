@@ -4,18 +4,19 @@
 //! those, and a ground station writes what it hears.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 
 use foxhound_link::framer::{Framer, MavlinkVersion};
 use foxhound_link::signing::is_secret;
 use serde::Serialize;
 
+use crate::scenario::input::InputError;
+use crate::scenario::output::Output;
+
 /// Writes a log.
 #[derive(Debug)]
 pub struct Writer {
-    file: BufWriter<File>,
+    file: Output,
     framers: [Framer; 2],
 }
 
@@ -33,15 +34,15 @@ impl Writer {
     ///
     /// # Errors
     /// The file cannot be created.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { file: BufWriter::new(File::create(path)?), framers: [Framer::new(), Framer::new()] })
+    pub fn create(path: &Path) -> Result<Self, InputError> {
+        Ok(Self { file: Output::create(path)?, framers: [Framer::new(), Framer::new()] })
     }
 
     /// Takes in bytes of one direction; whole frames are written as they complete, but for those that carry a key.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn bytes(&mut self, time_us: u64, direction: Direction, mut bytes: &[u8]) -> io::Result<()> {
+    pub fn bytes(&mut self, time_us: u64, direction: Direction, mut bytes: &[u8]) -> Result<(), InputError> {
         let framer = &mut self.framers[direction as usize];
         while !bytes.is_empty() {
             bytes = &bytes[framer.push(bytes)..];
@@ -49,8 +50,8 @@ impl Writer {
                 if is_secret(frame.message_id) {
                     continue;
                 }
-                self.file.write_all(&time_us.to_be_bytes())?;
-                self.file.write_all(frame.bytes)?;
+                self.file.put(&time_us.to_be_bytes())?;
+                self.file.put(frame.bytes)?;
             }
         }
         Ok(())
@@ -60,8 +61,8 @@ impl Writer {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.file.flush()
+    pub fn finish(self) -> Result<(), InputError> {
+        self.file.finish()
     }
 }
 

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use clap::{ArgGroup, Args};
 use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
+use foxhound_sim::scenario::output;
 use foxhound_sim::tools::bearings::{self, Line, Options};
 use foxhound_sim::tools::calibrate::{self, calibrate};
 use foxhound_sim::tools::frames::{ArrayDescription, Recording, read_yaw};
@@ -225,7 +226,7 @@ pub(super) fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode
         skew: args.skew,
     };
     let (text, report) = calibrate(&recording, &text, &options)?;
-    std::fs::write(&args.array, text).map_err(|error| InputError::new(error.to_string()).in_file(&args.array))?;
+    output::write(&args.array, text.as_bytes())?;
     if report.interferer_frames > 0 {
         warn(&format!("warning: in {} frames another line stands within 10 dB of the tone", report.interferer_frames));
     }

@@ -1,7 +1,7 @@
 //! Who is shown a flight: a file gets its report at the end, browsers get it as it runs.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -109,9 +109,12 @@ impl Pace {
         Self { since: Instant::now(), speed }
     }
 
-    /// Waits until it is that late.
-    pub(super) fn wait(&self, time_s: f64) {
+    /// Waits until it is that late, or told to stop.
+    pub(super) fn wait(&self, time_s: f64, stop: &AtomicBool) {
         let due = Duration::from_secs_f64(time_s / self.speed);
-        sleep(due.saturating_sub(self.since.elapsed()));
+        // A step of a slow flight is long.
+        while !stop.load(Ordering::Relaxed) && self.since.elapsed() < due {
+            sleep(due.saturating_sub(self.since.elapsed()).min(Duration::from_millis(50)));
+        }
     }
 }

@@ -8,6 +8,8 @@
 //! Where the scenario has a landing the flight goes on until the vehicle has landed, or hovers and hands over: *reached* then
 //! is the ground within the pad, or the air within the goal tolerance of the beacon.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use foxhound_core::base::time::Instant;
 use foxhound_core::control::vehicle_model;
 use foxhound_core::doa::bearing::Estimator;
@@ -146,7 +148,21 @@ pub fn fly(
 pub fn fly_watched(
     mission: &Mission,
     computer: &mut dyn Computer,
+    log: Option<&mut tlog::Writer>,
+    watch: impl FnMut(&Moment<'_>),
+) -> Result<Record, FlightError> {
+    fly_until(mission, computer, log, &AtomicBool::new(false), watch)
+}
+
+/// The same, until `stop` is set: then the flight ends as [`Ending::Interrupted`].
+///
+/// # Errors
+/// The computer fails, or the log cannot be written.
+pub fn fly_until(
+    mission: &Mission,
+    computer: &mut dyn Computer,
     mut log: Option<&mut tlog::Writer>,
+    stop: &AtomicBool,
     mut watch: impl FnMut(&Moment<'_>),
 ) -> Result<Record, FlightError> {
     let scenario = &mission.scenario;
@@ -242,6 +258,8 @@ pub fn fly_watched(
             ending = Some(if is_reached { Ending::Reached } else { Ending::Hold });
         } else if output.outcome == Outcome::GoalUnreachable && is_still(&path) {
             ending = Some(Ending::Hold);
+        } else if stop.load(Ordering::Relaxed) {
+            ending = Some(Ending::Interrupted);
         }
     }
 

@@ -7,11 +7,13 @@
 //! | `schema` | the same as a JSON schema |
 //! | [`params`] | parameters of the flight computer |
 //! | [`input`] | any input: how it is read, and how it is refused |
+//! | [`output`] | any result: how it is written, whole or not at all |
 
 mod disturbed;
 mod file;
 pub mod input;
 mod landing;
+pub mod output;
 pub mod params;
 mod people;
 mod random;

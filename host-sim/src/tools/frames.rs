@@ -24,8 +24,7 @@
 //! Written by hand, `gain` and `phase_rad` are enough and then hold at all frequencies. A table whose `crc` does not match
 //! holds nowhere.
 
-use std::fs::File;
-use std::io::{BufWriter, Cursor};
+use std::io::Cursor;
 use std::path::Path;
 
 use foxhound_core::base::adc::{AdcFrame, CHANNELS, CODE_MAX, CODE_MIN};
@@ -37,6 +36,7 @@ use npyz::{NpyFile, Order, WriterBuilder as _};
 use serde::Deserialize;
 
 use crate::scenario::input::{Exactly, InputError, check, parse_strictly, read_text, refuse_lists_for_tables};
+use crate::scenario::output::{self, Output};
 
 /// Block lengths that the core is built for.
 pub const BLOCK_LENGTHS: [usize; 5] = [64, 128, 256, 512, 1024];
@@ -73,13 +73,14 @@ impl Recording {
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         let frames = self.codes.len() / (CHANNELS * self.block_length);
         let shape = [frames, CHANNELS, self.block_length].map(|length| length as u64);
-        let write = || {
-            let file = BufWriter::new(File::create(path)?);
+        let mut file = Output::create(path)?;
+        let write = |file: &mut Output| {
             let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
             writer.extend(&self.codes)?;
             writer.finish()
         };
-        write().map_err(|error: std::io::Error| InputError::new(error.to_string()).in_file(path))
+        write(&mut file).map_err(|error: std::io::Error| output::failed(path, &error))?;
+        file.finish()
     }
 
     fn parse(bytes: &[u8]) -> Result<Self, InputError> {

@@ -1,7 +1,6 @@
 //! What a flight leaves behind: how it ended, where it went, what was planned.
 
 use std::fmt;
-use std::io;
 
 use foxhound_computer::twin::Planned;
 use foxhound_core::base::obstacle::Circle;
@@ -13,6 +12,7 @@ use serde_json::Value;
 use crate::drive::computer::{Computer, ComputerError};
 use crate::drive::landing::{Landing, Picture};
 use crate::scenario::Scenario;
+use crate::scenario::input::InputError;
 use crate::world::vehicle::Motion;
 use crate::world::{Horizontal, World};
 
@@ -28,6 +28,8 @@ pub enum Ending {
     Collision,
     /// Still under way at the end of the time.
     Timeout,
+    /// Still under way when the program was told to end.
+    Interrupted,
 }
 
 /// What a flight came to: the object that is printed.
@@ -139,14 +141,14 @@ pub enum FlightError {
     /// The computer failed.
     Computer(ComputerError),
     /// The telemetry log could not be written.
-    Log(io::Error),
+    Log(InputError),
 }
 
 impl fmt::Display for FlightError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Computer(error) => error.fmt(f),
-            Self::Log(error) => write!(f, "telemetry log: {error}"),
+            Self::Log(error) => write!(f, "--tlog {error}"),
         }
     }
 }
@@ -159,8 +161,8 @@ impl From<ComputerError> for FlightError {
     }
 }
 
-impl From<io::Error> for FlightError {
-    fn from(error: io::Error) -> Self {
+impl From<InputError> for FlightError {
+    fn from(error: InputError) -> Self {
         Self::Log(error)
     }
 }

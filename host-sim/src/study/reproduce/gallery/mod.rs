@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Experiment, Settings};
 use crate::scenario::input::InputError;
+use crate::scenario::output;
 use crate::study::Beside;
 
 mod page;
@@ -199,8 +200,7 @@ fn hash(bytes: &[u8]) -> String {
 }
 
 fn write(path: &Path, text: &str) -> Result<(), InputError> {
-    let folder = path.parent().map_or(Ok(()), fs::create_dir_all);
-    folder.and_then(|()| fs::write(path, text)).map_err(|error| InputError::new(error.to_string()).in_file(path))
+    output::write(path, text.as_bytes())
 }
 
 #[cfg(test)]
