@@ -13,6 +13,7 @@
 //! | [`replay`] | a flight log once more |
 
 pub mod campaign;
+mod child;
 pub mod companion;
 pub mod computer;
 pub mod flight;
