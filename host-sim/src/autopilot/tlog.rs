@@ -80,11 +80,25 @@ pub struct Summary {
     pub mavlink_1: u64,
     /// Frames per message id.
     pub counts: BTreeMap<u32, u64>,
+    /// Names of these ids, where they have one.
+    pub names: BTreeMap<u32, &'static str>,
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
 const fn is_zero(count: &u64) -> bool {
     *count == 0
+}
+
+/// Number and name of every message of MAVLink's ArduPilot dialect, as of pymavlink 2.4.50.
+const NAMES: &str = include_str!("messages.txt");
+
+/// The name of a message; none where the dialect has no message of that number.
+#[must_use]
+pub fn name(message_id: u32) -> Option<&'static str> {
+    NAMES.lines().find_map(|line| {
+        let (id, name) = line.split_once(' ')?;
+        (id.parse() == Ok(message_id)).then_some(name)
+    })
 }
 
 const STAMP_BYTES: usize = 8;
@@ -97,7 +111,13 @@ const MAVLINK_1_MIN: u64 = 3;
 #[must_use]
 pub fn read_raw(bytes: &[u8]) -> Summary {
     let both = read_versions(bytes, true);
-    if both.mavlink_1 < MAVLINK_1_MIN { read_versions(bytes, false) } else { both }
+    named(if both.mavlink_1 < MAVLINK_1_MIN { read_versions(bytes, false) } else { both })
+}
+
+/// With the names of its messages.
+fn named(mut summary: Summary) -> Summary {
+    summary.names = summary.counts.keys().filter_map(|id| Some((*id, name(*id)?))).collect();
+    summary
 }
 
 fn read_versions(mut bytes: &[u8], accept_v1: bool) -> Summary {
@@ -123,6 +143,10 @@ fn read_versions(mut bytes: &[u8], accept_v1: bool) -> Summary {
 /// skipped one by one until that holds again, as the framer does.
 #[must_use]
 pub fn read_stamped(bytes: &[u8]) -> Summary {
+    named(count_stamped(bytes))
+}
+
+fn count_stamped(bytes: &[u8]) -> Summary {
     let mut summary = Summary::default();
     let mut at = 0;
     while let Some(record) = bytes.get(at + STAMP_BYTES..).filter(|record| !record.is_empty()) {
@@ -264,6 +288,16 @@ mod tests {
         let summary = read_stamped(&log);
         assert_eq!((summary.frames, summary.bad_crc), (2, 1));
         assert_eq!(summary.skipped_bytes, frames()[1].len() as u64);
+    }
+
+    #[test]
+    fn messages_have_names_beside_their_numbers() {
+        let all: Vec<u32> = NAMES.lines().map(|line| line.split_once(' ').unwrap().0.parse().unwrap()).collect();
+        assert!(all.is_sorted() && all.len() > 300);
+        let [heartbeat, attitude] = frames();
+        let summary = read_raw(&[&heartbeat[..], &attitude].concat());
+        assert_eq!(summary.names, BTreeMap::from([(0, "HEARTBEAT"), (30, "ATTITUDE")]));
+        assert_eq!((name(84), name(16_000_000)), (Some("SET_POSITION_TARGET_LOCAL_NED"), None));
     }
 
     #[test]

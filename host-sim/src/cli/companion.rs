@@ -409,8 +409,10 @@ fn word(ending: Ending) -> &'static str {
 fn summary(report: &Report) -> String {
     let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
     let mut text = format!("{}{reason} after {:.1} s in control\n", word(report.result), report.time_s);
-    text +=
-        &format!("  path             {:.2} m, straight line {:.2} m\n", report.path_length_m, report.straight_line_m);
+    text += &format!(
+        "  path             {:.2} m to {:.2} m from the beacon, straight line to the beacon {:.2} m\n",
+        report.path_length_m, report.to_beacon_m, report.straight_line_m
+    );
     if let Some(clearance_m) = report.min_clearance_m {
         text += &format!("  least clearance  {clearance_m:.3} m\n");
     }

@@ -267,6 +267,15 @@ pub(super) fn fly(cli: &Cli, args: &Fly) -> Result<ExitCode, InputError> {
     if let Some(table) = computer.time_spent() {
         cli.note(&table);
     }
+    if let Some(overlap_m) = record.report.min_clearance_m.filter(|clearance_m| *clearance_m < 0.0)
+        && record.report.result != Ending::Collision
+    {
+        cli.note(&format!(
+            "note: the hull overlapped something by {:.3} m at the start; while that does not grow by a millimetre it is no \
+             collision",
+            -overlap_m
+        ));
+    }
     // A file that cannot be written costs neither the others nor the result that is printed.
     let mut written = Written { cli, has_failed: false };
     if let Some(log) = log {
@@ -348,8 +357,8 @@ fn summary(record: &Record, plot: Option<&Path>, page: Option<&Path>) -> String 
     let _ = writeln!(text, "{}: {word}{reason} after {:.1} s", report.name, report.time_s);
     let _ = writeln!(
         text,
-        "  path             {:.2} m, straight line {:.2} m",
-        report.path_length_m, report.straight_line_m
+        "  path             {:.2} m to {:.2} m from the beacon, straight line to the beacon {:.2} m",
+        report.path_length_m, report.to_beacon_m, report.straight_line_m
     );
     if let Some(clearance_m) = report.min_clearance_m {
         let _ = writeln!(text, "  least clearance  {clearance_m:.3} m");

@@ -274,7 +274,8 @@ fn read_log(cli: &Cli, args: &TlogCommand) -> Result<ExitCode, InputError> {
             let _ = writeln!(text, "{:>8}  of them MAVLink 1", summary.mavlink_1);
         }
         for (id, count) in &summary.counts {
-            let _ = writeln!(text, "{count:>8}  message {id}");
+            let name = summary.names.get(id).copied().unwrap_or("unknown to the ArduPilot dialect");
+            let _ = writeln!(text, "{count:>8}  message {id:<5} {name}");
         }
         show(&text);
     }

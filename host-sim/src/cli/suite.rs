@@ -258,7 +258,8 @@ fn journal_of(cli: &Cli, args: &SuiteCommand, header: &shard::Header) -> Result<
         cli.note(&format!("note: {}: {error}: what is flown is not kept if this is ended", folder.display()));
         return Ok(None);
     }
-    let before = match (args.resume, cli.force) {
+    // A shard is the same every time: who hands it out again need not know that it was begun.
+    let before = match (args.resume || args.shard.is_some(), cli.force) {
         (true, _) => Before::Resume,
         (false, true) => Before::Discard,
         (false, false) => Before::Refuse,

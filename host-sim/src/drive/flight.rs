@@ -282,6 +282,7 @@ pub fn fly_until(
         time_s,
         path_length_m,
         straight_line_m: rig.world.source_at(time_s).minus(start).norm(),
+        to_beacon_m: rig.world.source_at(time_s).minus(horizontal(&rig.vehicle.motion.pose)).norm(),
         min_clearance_m: Some(rig.hull.min_clearance_m).filter(|clearance| clearance.is_finite()),
         collisions: Some(u32::from(result == Ending::Collision)),
         obstacles: None,

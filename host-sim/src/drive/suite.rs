@@ -184,6 +184,12 @@ impl Suite {
                     check(&format!("maps[{k}].pairs[{n}][{axis}]"), *value, -far, far)?;
                 }
                 check(&format!("maps[{k}].pairs[{n}][4]"), pair[4], 0.0, 10.0 * far)?;
+                let is_inside = |[x, y, r]: &Pillar| libm::hypot(x - pair[0], y - pair[1]) < *r;
+                if let Some(pillar) = map.obstacles.iter().position(is_inside) {
+                    let [x, y, ..] = pair;
+                    let text = format!("maps[{k}].pairs[{n}]: the start [{x}, {y}] is inside obstacles[{pillar}]");
+                    return Err(InputError::new(text));
+                }
             }
         }
         Ok(self)

@@ -49,6 +49,9 @@ pub struct Report {
     pub path_length_m: f64,
     /// Distance from the start to the goal's place at the end.
     pub straight_line_m: f64,
+    /// Horizontal distance to the beacon at the end: a flight ends within the goal tolerance of it. With it the path is never
+    /// shorter than the straight line.
+    pub to_beacon_m: f64,
     /// Smallest distance between hull and pillars; `None` in a world without pillars.
     pub min_clearance_m: Option<f64>,
     /// Collisions, 0 or 1: the first one ends the flight; `None` where nobody can know.

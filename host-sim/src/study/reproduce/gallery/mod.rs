@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::{Experiment, Settings};
 use crate::scenario::input::InputError;
 use crate::scenario::output;
-use crate::study::Beside;
+use crate::study::{Beside, Judgement};
 
 mod page;
 
@@ -44,6 +44,7 @@ struct Made {
     settings: serde_json::Value,
     seconds: f64,
     beside: Vec<Beside>,
+    judgements: Vec<Judgement>,
     files: Vec<Part>,
 }
 
@@ -84,6 +85,8 @@ pub struct Summary {
     pub experiments: Vec<Shown>,
     /// What was published, beside ours.
     pub beside: Vec<Beside>,
+    /// Figure by figure, whether it comes out here.
+    pub judgements: Vec<Judgement>,
 }
 
 impl Gallery {
@@ -134,6 +137,7 @@ impl Gallery {
             settings: (experiment.chosen)(&self.settings),
             seconds,
             beside: outcome.beside,
+            judgements: outcome.judgements,
             files: names.into_iter().map(part).collect::<Result<_, _>>()?,
         };
         let list = serde_json::to_string(&made).map_err(|error| InputError::new(error.to_string()))?;
@@ -160,8 +164,9 @@ impl Gallery {
     #[must_use]
     pub fn summary(self) -> Summary {
         let beside = self.shown.iter().flat_map(|shown| shown.made.beside.clone()).collect();
+        let judgements = self.shown.iter().flat_map(|shown| shown.made.judgements.clone()).collect();
         let seconds = self.shown.iter().map(|shown| shown.seconds).sum();
-        Summary { index: self.folder.join(INDEX), seconds, experiments: self.shown, beside }
+        Summary { index: self.folder.join(INDEX), seconds, experiments: self.shown, beside, judgements }
     }
 
     fn show(&mut self, experiment: Experiment, made: Made, table: String, kept: bool) {
