@@ -98,8 +98,9 @@ impl Cable {
         let address = Address::Serial { device: args.serial.clone(), baud: args.baud };
         let line = Line::open(&address).map_err(|error| failed(&error).in_file(&args.serial))?;
         // Written as it comes, record for record: what is there when it is ended is a log.
-        let begun =
-            |path: &PathBuf| Ok((path.clone(), File::create(path).map_err(|error| output::failed(path, &error))?));
+        let begun = |path: &PathBuf| {
+            File::create(path).map(|file| (path.clone(), file)).map_err(|error| output::failed(path, &error))
+        };
         let log = args.log.as_ref().map(begun).transpose()?;
         Ok(Self { line, log, deframer: Box::new(LogDeframer::new()) })
     }
