@@ -18,6 +18,8 @@ use crate::scenario::output::Output;
 pub struct Writer {
     file: Output,
     framers: [Framer; 2],
+    /// The first thing that went wrong; nothing is written after it.
+    failed: Option<InputError>,
 }
 
 /// Which way bytes went.
@@ -35,14 +37,17 @@ impl Writer {
     /// # Errors
     /// The file cannot be created.
     pub fn create(path: &Path) -> Result<Self, InputError> {
-        Ok(Self { file: Output::create(path)?, framers: [Framer::new(), Framer::new()] })
+        Ok(Self { file: Output::create(path)?, framers: [Framer::new(), Framer::new()], failed: None })
     }
 
     /// Takes in bytes of one direction; whole frames are written as they complete, but for those that carry a key.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// The file cannot be written; [`finish`](Self::finish) says so once more.
     pub fn bytes(&mut self, time_us: u64, direction: Direction, mut bytes: &[u8]) -> Result<(), InputError> {
+        if let Some(error) = &self.failed {
+            return Err(error.clone());
+        }
         let framer = &mut self.framers[direction as usize];
         while !bytes.is_empty() {
             bytes = &bytes[framer.push(bytes)..];
@@ -50,8 +55,11 @@ impl Writer {
                 if is_secret(frame.message_id) {
                     continue;
                 }
-                self.file.put(&time_us.to_be_bytes())?;
-                self.file.put(frame.bytes)?;
+                let put = self.file.put(&time_us.to_be_bytes()).and_then(|()| self.file.put(frame.bytes));
+                if let Err(error) = put {
+                    self.failed = Some(error.clone());
+                    return Err(error);
+                }
             }
         }
         Ok(())
@@ -62,6 +70,7 @@ impl Writer {
     /// # Errors
     /// The file cannot be written.
     pub fn finish(self) -> Result<(), InputError> {
+        self.failed.map_or(Ok(()), Err)?;
         self.file.finish()
     }
 }

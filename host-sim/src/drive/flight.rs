@@ -131,7 +131,7 @@ impl Mission {
 /// Flies a mission with a computer; `watch` is called with the time as it passes.
 ///
 /// # Errors
-/// The computer fails, or the log cannot be written.
+/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
 pub fn fly(
     mission: &Mission,
     computer: &mut dyn Computer,
@@ -144,7 +144,7 @@ pub fn fly(
 /// The same; `watch` is shown every step.
 ///
 /// # Errors
-/// The computer fails, or the log cannot be written.
+/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
 pub fn fly_watched(
     mission: &Mission,
     computer: &mut dyn Computer,
@@ -157,7 +157,7 @@ pub fn fly_watched(
 /// The same, until `stop` is set: then the flight ends as [`Ending::Interrupted`].
 ///
 /// # Errors
-/// The computer fails, or the log cannot be written.
+/// The computer fails. What becomes of the log, its [`finish`](tlog::Writer::finish) says.
 pub fn fly_until(
     mission: &Mission,
     computer: &mut dyn Computer,
@@ -215,8 +215,9 @@ pub fn fly_until(
             let heard = ears.hear(&rig.world, &motion.pose, now, time_s);
             let report = computer.step(now, heard.front_end(), sensed.circles.as_deref(), &sensed.rx)?;
             if let Some(log) = log.as_deref_mut() {
-                log.bytes(now_us, tlog::Direction::ToCompanion, &sensed.rx)?;
-                log.bytes(now_us, tlog::Direction::ToAutopilot, &report.tx)?;
+                // Its end says what went wrong; the flight goes on without it.
+                let _ = log.bytes(now_us, tlog::Direction::ToCompanion, &sensed.rx);
+                let _ = log.bytes(now_us, tlog::Direction::ToAutopilot, &report.tx);
             }
             if let Some(bearing_ned_rad) = report.output.bearing_ned_rad {
                 let truth_rad = rig.world.source_at(time_s).minus(position).bearing_rad();

@@ -12,7 +12,6 @@ use serde_json::Value;
 use crate::drive::computer::{Computer, ComputerError};
 use crate::drive::landing::{Landing, Picture};
 use crate::scenario::Scenario;
-use crate::scenario::input::InputError;
 use crate::world::vehicle::Motion;
 use crate::world::{Horizontal, World};
 
@@ -143,15 +142,12 @@ pub struct Record {
 pub enum FlightError {
     /// The computer failed.
     Computer(ComputerError),
-    /// The telemetry log could not be written.
-    Log(InputError),
 }
 
 impl fmt::Display for FlightError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Computer(error) => error.fmt(f),
-            Self::Log(error) => write!(f, "--tlog {error}"),
         }
     }
 }
@@ -161,11 +157,5 @@ impl std::error::Error for FlightError {}
 impl From<ComputerError> for FlightError {
     fn from(error: ComputerError) -> Self {
         Self::Computer(error)
-    }
-}
-
-impl From<InputError> for FlightError {
-    fn from(error: InputError) -> Self {
-        Self::Log(error)
     }
 }

@@ -343,8 +343,8 @@ impl Study for Report {
         );
         let (their_length, our_length) = (longer(all.relative_length.paper), longer(all.relative_length.ours));
         let lengths = format!(
-            "Where all reach, the path of the paper's planner is {} % longer than the baseline's where {length:+.1} % \
-             are printed; Foxhound's {} %.",
+            "Where all reach, the path of the paper's planner differs from the baseline's by {} % where {length:+.1} % are \
+             printed; Foxhound's by {} %.",
             signed(their_length, 1),
             signed(our_length, 1)
         );

@@ -384,7 +384,7 @@ impl Study for Report {
             let cells: Vec<&Cell> = self.beside.cells.iter().filter(|cell| cell.scene == scene.name).collect();
             let agreeing = cells.iter().filter(|cell| cell.printed_time_s.is_some() == cell.time_s.is_some()).count();
             let why = format!(
-                "{agreeing} of the {} fields end as printed, from 5 cm beside the printed start and with gains that are ours: the \
+                "{agreeing} of {} fields end as printed, from 5 cm beside the printed start and with gains that are ours: the \
                  paper prints none.",
                 cells.len()
             );
