@@ -46,7 +46,7 @@ fn a_list_with_a_value_too_many_is_an_error_that_names_the_key() {
         ("antennas_m = [[0.07,0.07,1],[0.07,-0.07],[-0.07,-0.07],[-0.07,0.07]]\n", "antennas_m[0]"),
         ("side_m = 0.138\ntone_band_hz = [2000, 9000, 10000]\n", "tone_band_hz"),
         ("side_m = 0.138\nskew_s = [0, 0, 0, 0, 0]\n", "skew_s"),
-        ("side_m = 0.138\ntone_hz = 3000\ntone_band_hz = [2000, 9000]\n", "tone_hz and tone_band_hz"),
+        ("side_m = 0.138\ntone_hz = 9500\ntone_band_hz = [2000, 9000]\n", "tone_hz, beside tone_band_hz,"),
         ("side_m = 0.138\ncalibration = [[1, 1, 1, 1], [0, 0, 0, 0]]\n", "calibration: expected a table"),
     ] {
         let text = refusal(&format!("{ARRAY}{keys}"), &[]);

@@ -386,9 +386,6 @@ impl ArrayDescription {
         let mut phase = phase::Config { sample_rate_hz: file.sample_rate_hz as f32, ..phase::Config::default() };
         // Nothing is known of the tone: it may be anywhere that the spectrum can tell it from its own image.
         phase.tone_band_hz = [0.0, phase.sample_rate_hz / 2.0];
-        if file.tone_hz.is_some() && file.tone_band_hz.is_some() {
-            return Err(InputError::new("tone_hz and tone_band_hz: give one of the two"));
-        }
         if let Some(tone_hz) = file.tone_hz {
             check("tone_hz", tone_hz, 0.0, nyquist_hz)?;
             phase.tone_hz = Some(tone_hz as f32);
@@ -396,7 +393,10 @@ impl ArrayDescription {
         if let Some(Exactly([low_hz, high_hz])) = file.tone_band_hz {
             check("tone_band_hz[0]", low_hz, 0.0, nyquist_hz)?;
             check("tone_band_hz[1]", high_hz, low_hz, nyquist_hz)?;
-            // The tone may be anywhere in it.
+            // A band says that the tone may be elsewhere in it: what is given of the tone must at least agree.
+            if let Some(tone_hz) = file.tone_hz {
+                check("tone_hz, beside tone_band_hz,", tone_hz, low_hz, high_hz)?;
+            }
             phase.tone_hz = None;
             phase.tone_band_hz = [low_hz as f32, high_hz as f32];
         }
@@ -501,7 +501,8 @@ mod tests {
         assert!(refused(&format!("{GOOD}tone_hz = 60e3\n")).contains("tone_hz"));
         assert!(refused(&format!("{GOOD}tone_band_hz = [9e3, 8e3]\n")).contains("tone_band_hz[1]"));
         assert!(
-            refused(&format!("{GOOD}tone_hz = 9e3\ntone_band_hz = [8e3, 1e4]\n")).contains("tone_hz and tone_band_hz")
+            refused(&format!("{GOOD}tone_hz = 12e3\ntone_band_hz = [8e3, 1e4]\n"))
+                .contains("tone_hz, beside tone_band_hz,")
         );
         assert!(refused(&format!("{GOOD}tone_band_hz = [8e3, 9e3, 1e4]\n")).contains("tone_band_hz: "));
         assert!(refused(&format!("{GOOD}skew_s = [0.0, 0.0, 0.0, 0.0, 0.0]\n")).contains("skew_s: "));

@@ -95,14 +95,15 @@ impl RadioArray {
         if let Some(tone_hz) = file.tone_hz {
             check("tone_hz", tone_hz, -nyquist_hz, nyquist_hz)?;
         }
-        if file.tone_band_hz.is_some() && file.tone_hz.is_some() {
-            let other =
-                if file.switch.is_some() { "is of no use with [switch]" } else { "and tone_hz: give one of the two" };
-            return Err(InputError::new(format!("tone_band_hz: {other}")));
+        if file.tone_band_hz.is_some() && file.switch.is_some() {
+            return Err(InputError::new("tone_band_hz: is of no use with [switch]"));
         }
         if let Some(Exactly([low_hz, high_hz])) = file.tone_band_hz {
             check("tone_band_hz[0]", low_hz, -nyquist_hz, nyquist_hz)?;
             check("tone_band_hz[1]", high_hz, low_hz, nyquist_hz)?;
+            if let Some(tone_hz) = file.tone_hz {
+                check("tone_hz, beside tone_band_hz,", tone_hz, low_hz, high_hz)?;
+            }
         }
         if let Some(floor_deg) = file.sigma_floor_deg {
             check("sigma_floor_deg", floor_deg, 0.0, 30.0)?;
