@@ -252,7 +252,10 @@ mod tests {
         assert_eq!((summary.frames, summary.bad_crc, summary.skipped_bytes), (3, 0, 0));
         assert_eq!(summary.counts, BTreeMap::from([(0, 1), (30, 2)]));
         let json = serde_json::to_string(&summary).unwrap();
-        assert_eq!(json, r#"{"frames":3,"bad_crc":0,"skipped_bytes":0,"counts":{"0":1,"30":2}}"#);
+        assert_eq!(
+            json,
+            r#"{"frames":3,"bad_crc":0,"skipped_bytes":0,"counts":{"0":1,"30":2},"names":{"0":"HEARTBEAT","30":"ATTITUDE"}}"#
+        );
     }
 
     #[test]
