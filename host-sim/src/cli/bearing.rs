@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use clap::{ArgGroup, Args};
 use foxhound_sim::scenario::input::{AZIMUTH_DEG, ELEVATION_DEG, InputError, RANGE_M, TEMPERATURE_C, read_text};
+use foxhound_sim::scenario::output;
 use foxhound_sim::tools::bearings::{self, Line, Options};
 use foxhound_sim::tools::calibrate::{self, calibrate};
 use foxhound_sim::tools::frames::{ArrayDescription, Recording, read_yaw};
@@ -37,7 +38,7 @@ sample_rate_hz, optional tone_band_hz (the occupied band, about zero), sigma_flo
 Looks: of an array that moves, from 4 on, direct path and one reflection are told apart (MUSIC over the looks); others are \
 averaged. Where nothing moves and most looks do not fit a plane wave the answer is their median. --yaw gives the heading of the \
 array; the azimuth is that in the body frame of the last look. --switched joins packets of one transmitter, --iq \
-frames. Frames left over at the end give no bearing.
+frames. Frames left over at the end are an error (with --emitter a note).
 
 Lines of --switched and --iq also have mirror_deg (the other answer of antennas on a line) and ambiguities (how many \
 directions fit nearly as well).
@@ -152,7 +153,13 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         let packets = Packets::read(path, args.emitter.as_deref(), &array)?;
         cli.note(&format!("note: read {}", packets.taken()));
         let (lines, left) = switched::find(&packets, &array, looks)?;
-        note_left(cli, left, packets.count(), looks);
+        let count = packets.count();
+        // Who sends when is not the user's choice: what is left of each transmitter's packets is no error.
+        if args.emitter.is_none() || lines.is_empty() {
+            refuse_left(left, count, "packets", looks)?;
+        } else if left != 0 {
+            cli.note(&format!("note: {left} of {count} packets make no group of {looks} of one transmitter"));
+        }
         return print(cli, &lines, |line| &line.line);
     }
     if let Some(path) = &args.iq {
@@ -160,7 +167,7 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
         let frames = Frames::read(path, &array)?;
         cli.note(&format!("note: read {}", frames.taken()));
         let lines = iq::find(&frames, &array, looks)?;
-        note_left(cli, frames.count() % looks, frames.count(), looks);
+        refuse_left(frames.count() % looks, frames.count(), "frames", looks)?;
         return print(cli, &lines, |line| &line.line);
     }
     let Some(adc) = &args.adc else { return Err(InputError::new("--adc: missing")) };
@@ -179,14 +186,17 @@ pub(super) fn bearing(cli: &Cli, args: &BearingCommand) -> Result<ExitCode, Inpu
     };
     let options = Options { estimator: args.estimator.into(), looks, yaw_rad, independent: args.independent };
     let lines = bearings::find(&recording, &description, &options)?;
-    note_left(cli, frames % looks, frames, looks);
+    refuse_left(frames % looks, frames, "frames", looks)?;
     print(cli, &lines, |line| line)
 }
 
-fn note_left(cli: &Cli, left: usize, frames: usize, looks: usize) {
-    if left != 0 {
-        cli.note(&format!("note: the last {left} of {frames} frames make no group of {looks} and are not answered"));
+/// Nothing of a recording is left out.
+fn refuse_left(left: usize, count: usize, what: &str, looks: usize) -> Result<(), InputError> {
+    if left == 0 {
+        return Ok(());
     }
+    let text = format!("--looks {looks}: the last {left} of {count} {what} make no group of {looks}; cut them off");
+    Err(InputError::new(text))
 }
 
 /// Prints the lines of any recording.
@@ -221,7 +231,7 @@ pub(super) fn calibration(cli: &Cli, args: &CalibrateCommand) -> Result<ExitCode
         skew: args.skew,
     };
     let (text, report) = calibrate(&recording, &text, &options)?;
-    std::fs::write(&args.array, text).map_err(|error| InputError::new(error.to_string()).in_file(&args.array))?;
+    output::write(&args.array, text.as_bytes())?;
     if report.interferer_frames > 0 {
         warn(&format!("warning: in {} frames another line stands within 10 dB of the tone", report.interferer_frames));
     }

@@ -22,10 +22,10 @@ use foxhound_sim::record::report::Recorder;
 use foxhound_sim::scenario::input::{DRONE_RADIUS_M, InputError, MAX_TIME_S, SNR_DB, V_MAX_MPS, read_text};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::fly::{EstimatorName, Via, look, planner_parser};
+use super::fly::{EstimatorName, Via, Written, look, planner_parser};
 use super::live::{LiveArgs, Watched};
 use super::radio::RadioArgs;
-use super::terminal::{say, show_as, stop_flag, warn};
+use super::terminal::{interrupted, say, show_as, stop_flag, warn};
 use super::value::number;
 use super::{Cli, check_writable, command_line, json_line};
 
@@ -61,7 +61,8 @@ The azimuth is from the antennas' zero, clockwise. A radio that stops makes the 
 
 Who it is stands in \"obstacles\" of the report, and the pilot is told. \"collisions\" is null where nobody can know.
 
-Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input.";
+Exit status: 0 reached; 1 flown, but not reached; 2 bad usage or input, or a file that could not be written; 130 ended by \
+Ctrl-C, 143 by SIGTERM.";
 
 #[derive(Args, Debug)]
 #[command(after_help = COMPANION_HELP)]
@@ -217,10 +218,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         warn(&format!("{}: cannot listen there; calls it instead, as {turned}", args.autopilot));
     }
     let mut log = match &args.tlog {
-        Some(path) => Some(
-            tlog::Writer::create(path)
-                .map_err(|error| InputError::new(format!("--tlog {}: {error}", path.display())))?,
-        ),
+        Some(path) => Some(tlog::Writer::create(path).map_err(|error| InputError::new(format!("--tlog {error}")))?),
         None => None,
     };
 
@@ -231,6 +229,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     let mut progress = Progress::new(cli, args.autopilot.clone());
     progress.text("waits for the autopilot");
     let waited = Instant::now();
+    let mut written = Written { cli, has_failed: false };
     let report = if companion::wait_for_line(&mut line, &stop, config.max_time_s) {
         let waited_s = waited.elapsed().as_secs_f64();
         let config = Config { max_time_s: config.max_time_s.map(|limit_s| limit_s - waited_s), ..config };
@@ -263,7 +262,7 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
             cli.note(&radio.summary());
         }
         for complaint in &flown.complaints {
-            warn(&format!("error: {complaint}"));
+            written.file(None, Err(InputError::new(complaint.clone())));
         }
         if flown.missed_steps > 0 {
             cli.note(&format!("{} steps were left out: the machine was busy", flown.missed_steps));
@@ -273,17 +272,13 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
         companion::nobody_there(&config)
     };
     if let Some(log) = log {
-        log.finish().map_err(|error| InputError::new(format!("--tlog: {error}")))?;
+        written.file(None, log.finish().map_err(|error| InputError::new(format!("--tlog {error}"))));
     }
     if let Some(watched) = &mut watched {
-        watched.end(&report)?;
-    }
-    if let Some(path) = &args.report {
-        cli.note(&format!("report: {}", path.display()));
+        written.file(args.report.as_ref().map(|path| format!("report: {}", path.display())), watched.end(&report));
     }
     if let (Some(foxglove), Some(path)) = (foxglove, &args.mcap) {
-        foxglove.end(&report)?;
-        cli.note(&format!("MCAP: {}", path.display()));
+        written.file(Some(format!("MCAP: {}", path.display())), foxglove.end(&report));
     }
     if cli.json {
         say(&json_line(&report)?);
@@ -293,7 +288,12 @@ pub(super) fn companion(cli: &Cli, args: &CompanionCommand) -> Result<ExitCode, 
     if let Some(watched) = watched.filter(|_| args.live.is_on()) {
         watched.linger(cli, &stop);
     }
-    Ok(if report.result == Ending::Reached { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(match report.result {
+        _ if written.has_failed => ExitCode::from(2),
+        Ending::Reached => ExitCode::SUCCESS,
+        Ending::Interrupted => interrupted(),
+        Ending::Hold | Ending::Collision | Ending::Timeout => ExitCode::from(1),
+    })
 }
 
 fn refused(error: foxhound_sim::drive::qemu::QemuError) -> InputError {
@@ -426,6 +426,7 @@ fn word(ending: Ending) -> &'static str {
         Ending::Hold => "holds",
         Ending::Collision => "collided",
         Ending::Timeout => "ended on the way",
+        Ending::Interrupted => "was interrupted",
     }
 }
 
@@ -433,8 +434,10 @@ fn word(ending: Ending) -> &'static str {
 fn summary(report: &Report) -> String {
     let reason = if report.result == Ending::Reached { String::new() } else { format!(" ({})", report.reason) };
     let mut text = format!("{}{reason} after {:.1} s in control\n", word(report.result), report.time_s);
-    text +=
-        &format!("  path             {:.2} m, straight line {:.2} m\n", report.path_length_m, report.straight_line_m);
+    text += &format!(
+        "  path             {:.2} m to {:.2} m from the beacon, straight line to the beacon {:.2} m\n",
+        report.path_length_m, report.to_beacon_m, report.straight_line_m
+    );
     if let Some(clearance_m) = report.min_clearance_m {
         text += &format!("  least clearance  {clearance_m:.3} m\n");
     }

@@ -353,7 +353,7 @@ const fn parting(ending: Ending) -> &'static str {
         Ending::Reached => "Foxhound: reached the beacon, take over",
         Ending::Hold => "Foxhound: gives up and holds, take over",
         Ending::Collision => "Foxhound: simulated collision, take over",
-        Ending::Timeout => "Foxhound: ends on the way, take over",
+        Ending::Timeout | Ending::Interrupted => "Foxhound: ends on the way, take over",
     }
 }
 
@@ -475,7 +475,9 @@ impl Flight<'_, '_> {
             (Ending::Reached, Outcome::Nominal)
         } else if outcome == Outcome::GoalUnreachable && self.tally.is_still(now) {
             (Ending::Hold, outcome)
-        } else if stop.load(Ordering::Relaxed) || self.config.max_time_s.is_some_and(is_late) {
+        } else if stop.load(Ordering::Relaxed) {
+            (Ending::Interrupted, outcome)
+        } else if self.config.max_time_s.is_some_and(is_late) {
             (if holds { Ending::Hold } else { Ending::Timeout }, outcome)
         } else {
             return None;
@@ -559,7 +561,7 @@ impl Flight<'_, '_> {
         if let Some(log) = self.log.as_deref_mut()
             && let Err(error) = log.bytes(self.started_us + now.0, direction, bytes)
         {
-            self.complaints.push(format!("--tlog: {error}"));
+            self.complaints.push(format!("--tlog {error}"));
             self.log = None;
         }
     }

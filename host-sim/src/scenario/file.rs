@@ -226,6 +226,7 @@ impl Scenario {
                 check(&path("turns_s"), obstacle.turns_s, 0.5, 3600.0)?;
             }
         }
+        self.refuse_start_inside()?;
         for (index, person) in self.people.iter().enumerate() {
             person.check(&format!("people[{index}]"), self.start)?;
         }
@@ -321,6 +322,25 @@ impl Scenario {
             check("faults.clock_back_s", at, 0.0, 1e6)?;
         }
         Ok(self)
+    }
+
+    /// Nothing flies that begins inside of something. A hull that only touches may part from it.
+    fn refuse_start_inside(&self) -> Result<(), InputError> {
+        let [x, y] = self.start;
+        let pillars = self.obstacles.iter().enumerate().map(|(index, obstacle)| {
+            (format!("obstacles[{index}]"), libm::hypot(obstacle.x - x, obstacle.y - y) < obstacle.r)
+        });
+        let walls = self.walls.iter().enumerate().map(|(index, wall)| {
+            let [along_x, along_y] = [wall.x1 - wall.x0, wall.y1 - wall.y0];
+            let squared = (along_x * along_x + along_y * along_y).max(1e-12);
+            let share = (((x - wall.x0) * along_x + (y - wall.y0) * along_y) / squared).clamp(0.0, 1.0);
+            let away = libm::hypot(wall.x0 + share * along_x - x, wall.y0 + share * along_y - y);
+            (format!("walls[{index}]"), away < wall.r)
+        });
+        match pillars.chain(walls).find(|(_, is_inside)| *is_inside) {
+            Some((what, _)) => Err(InputError::new(format!("start = [{x}, {y}] is inside {what}"))),
+            None => Ok(()),
+        }
     }
 
     /// The same, with the people of its CSV file added.

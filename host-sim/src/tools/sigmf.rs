@@ -1,8 +1,8 @@
 //! SigMF recordings: `NAME.sigmf-meta` (JSON) describes `NAME.sigmf-data`, with interleaved samples of all
 //! channels.
 //!
-//! It reads `core:datatype` `ci16_le`, `ci8`, `cu8` and `cf32_le`, `core:num_channels` and `core:sample_rate` of
-//! `global`.
+//! Frames are 1024 samples long, the last one ends with the recording. It reads `core:datatype` `ci16_le`, `ci8`, `cu8`
+//! and `cf32_le`, `core:num_channels` and `core:sample_rate` of `global`.
 
 use std::path::Path;
 
@@ -82,6 +82,11 @@ impl Meta {
             }
         }
         let captures = document["captures"].as_array().map_or(&[][..], Vec::as_slice);
+        if captures.len() > 1 {
+            let text =
+                format!("captures: {} segments; a frame would span two, cut the recording there", captures.len());
+            return Err(InputError::new(text));
+        }
         for (at, capture) in captures.iter().enumerate() {
             if capture["core:header_bytes"].as_u64().unwrap_or(0) > 0 {
                 let bytes = &capture["core:header_bytes"];
@@ -111,7 +116,10 @@ impl Meta {
         };
         let samples = (bytes.len() / one).min(FRAME);
         let mut values = Vec::with_capacity(bytes.len() / item);
-        for frame in bytes.chunks_exact(one * samples) {
+        let frame_bytes = one * samples;
+        // The last frame is the last samples, some of which may be in the one before as well: none is left out.
+        let starts = (0..bytes.len().div_ceil(frame_bytes)).map(|k| (k * frame_bytes).min(bytes.len() - frame_bytes));
+        for frame in starts.map(|start| &bytes[start..start + frame_bytes]) {
             for channel in 0..self.channels {
                 values.extend(frame.chunks_exact(one).map(|sample| {
                     let (re, im) = sample[channel * item..(channel + 1) * item].split_at(item / 2);
