@@ -46,7 +46,7 @@ use ring::{Full, Producer};
 use secret::Mask;
 
 /// Version of the records.
-pub const LAYOUT: u8 = 6;
+pub const LAYOUT: u8 = 7;
 /// From the codes of one frame to those of the next.
 const CODES_EVERY: u8 = 50;
 /// Bytes of the codes of one frame: 12 bits each.

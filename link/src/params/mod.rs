@@ -78,7 +78,7 @@ struct Errand {
 #[derive(Clone, Copy, Debug)]
 struct Marks {
     /// One bit for each.
-    marked: u64,
+    marked: u128,
     /// The one that was taken last.
     last: u8,
 }
@@ -86,7 +86,7 @@ struct Marks {
 impl Marks {
     const NONE: Self = Self { marked: 0, last: LAST };
     /// From the first one on.
-    const ALL: Self = Self { marked: u64::MAX >> (64 - COUNT), last: LAST };
+    const ALL: Self = Self { marked: u128::MAX >> (128 - COUNT), last: LAST };
 
     #[inline(never)]
     fn add(&mut self, id: Id) {
@@ -100,7 +100,7 @@ impl Marks {
 
     #[inline(never)]
     fn take(&mut self) -> Option<Id> {
-        let behind = self.marked & !(u64::MAX >> (63 - self.last));
+        let behind = self.marked & !(u128::MAX >> (127 - self.last));
         let from = if behind == 0 { self.marked } else { behind };
         let id = Id::at(from.trailing_zeros() as usize)?;
         self.last = id.index() as u8;

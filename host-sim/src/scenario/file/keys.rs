@@ -1,7 +1,7 @@
 //! The keys that are known.
 
 /// The keys that a scenario file and a suite file share, with their paths.
-pub(crate) const FLIGHT_KEYS: [&str; 35] = [
+pub(crate) const FLIGHT_KEYS: [&str; 36] = [
     "name",
     "why",
     "frame",
@@ -30,6 +30,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 35] = [
     "bearing.pulses.length_s",
     "limits",
     "limits.v_max",
+    "limits.v_evade",
     "limits.a_max",
     "vehicle",
     "vehicle.model",
