@@ -80,6 +80,7 @@ impl Mission {
         config.set_vehicle_radius_m(scenario.drone_radius as f32);
         config.bearing.estimator = self.estimator;
         config.guard.v_max_mps = scenario.limits.v_max as f32;
+        config.guard.evade_max_mps = scenario.limits.v_evade as f32;
         config.guard.a_max_mps2 = scenario.limits.a_max as f32;
         if scenario.bearing.tone_known {
             config.phase.tone_hz = Some(Antennas::default().tone_hz as f32);

@@ -300,6 +300,7 @@ impl Scenario {
             landing.check()?;
         }
         check("limits.v_max", self.limits.v_max, 0.05, 20.0)?;
+        check("limits.v_evade", self.limits.v_evade, 0.0, 20.0)?;
         check("limits.a_max", self.limits.a_max, 0.1, 20.0)?;
         check("vehicle.lag_s", self.vehicle.lag_s, 0.0, 5.0)?;
         if self.explore_s != 0.0 {

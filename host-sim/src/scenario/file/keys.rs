@@ -1,7 +1,7 @@
 //! The known keys.
 
 /// The keys that scenario files and suite files share, with their paths.
-pub(crate) const FLIGHT_KEYS: [&str; 38] = [
+pub(crate) const FLIGHT_KEYS: [&str; 39] = [
     "name",
     "why",
     "frame",
@@ -33,6 +33,7 @@ pub(crate) const FLIGHT_KEYS: [&str; 38] = [
     "bearing.pulses.length_s",
     "limits",
     "limits.v_max",
+    "limits.v_evade",
     "limits.a_max",
     "vehicle",
     "vehicle.model",

@@ -203,6 +203,9 @@ pub struct Limits {
     /// Speed, m/s.
     #[schemars(range(min = 0.05, max = 20.0))]
     pub v_max: f64,
+    /// Speed while giving way to what moves, m/s, where that is above `v_max`.
+    #[schemars(range(min = 0.0, max = 20.0))]
+    pub v_evade: f64,
     /// Acceleration, m/s^2.
     #[schemars(range(min = 0.1, max = 20.0))]
     pub a_max: f64,
@@ -303,7 +306,7 @@ impl Default for Antenna {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { v_max: 1.0, a_max: 2.0 }
+        Self { v_max: 1.0, v_evade: 0.0, a_max: 2.0 }
     }
 }
 
